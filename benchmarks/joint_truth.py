@@ -126,7 +126,7 @@ def judged(name: str, joint: AntagonistJoint, **given: Any) -> Result:
     begun = time.perf_counter()
     fit = fit_joint(**given, geometry=joint.geometry, leave_one_out=False, choices=False)
     seconds = time.perf_counter() - begun
-    from allocator.identification.joint.gradients import stiffness
+    from allocator.identification.joint.relative import stiffness
 
     at = (np.array([0.0]), np.array([P]), np.array([P]))
     K = stiffness(fit.joint, *at)

@@ -12,8 +12,8 @@ from allocator.errors import InvalidInput
 from allocator.files import toml
 from allocator.identification.columns import parse_columns
 from allocator.identification.motion.fit import STEPS, fit_motion
-from allocator.identification.motion.reading import read_motion_log
 from allocator.identification.motion.result import LABELS, MotionFit
+from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.muscle.cli import columns_option
 from allocator.identification.options import DropSpikes, SkipRows
 from allocator.machine_file import joint_from, scale_known_in

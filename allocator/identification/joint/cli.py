@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -14,9 +14,8 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
 from allocator.identification.joint.comparison import JointComparison, Model, compare_joint_models
-from allocator.identification.joint.dead_band import estimate_dead_band
-from allocator.identification.joint.doubt.report import choice_lines, choice_values, found_std
-from allocator.identification.joint.fit import fit_joint
+from allocator.identification.joint.doubt.covariance import Choice
+from allocator.identification.joint.fit import estimate_dead_band, fit_joint
 from allocator.identification.joint.reading import JointLog, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
@@ -28,6 +27,9 @@ from allocator.shell.options import numbers, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, MM
+
+if TYPE_CHECKING:
+    from allocator.identification.joint.result import JointFit
 
 
 def fit_joint_command(
@@ -277,3 +279,35 @@ def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object
         ]
         values["failures"] = compared.failures
     return values
+
+
+def found_std(fit: "JointFit") -> dict[str, float]:
+    """Return how far ratio [-], zero [rad] and friction [-] of a `JointFit` are known; 0 for what was not fitted."""
+    std = fit.standard_deviations
+    found = {name: std.get(name, 0.0) for name in ("zero", "friction")}
+    return found | {"ratio": fit.ratio * std.get("log_ratio", 0.0)}
+
+
+def choice_lines(fit: "JointFit") -> list[str]:
+    """Return a line on each other choice of a `JointFit`, and one on laws that predict the angles better."""
+    K = "K/K_ref" if fit.scale is None else "K"
+    lines = [
+        f"with {c.name} instead: {c.rms / DEG:.2f}°, zero {c.zero / DEG:+.2f}°, ratio {c.ratio:.3f}, "
+        f"μ = {c.friction:.3f}, {K} other by {c.stiffness:.1%}"
+        for c in fit.doubt.choices
+    ]
+    better = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < 0.8 * fit.rms]
+    return lines + ([f"{' and '.join(better)} predict(s) these angles better: try --model"] if better else [])
+
+
+def choice_values(choice: Choice) -> dict[str, object]:
+    """Return what `--json` prints of a choice."""
+    return {
+        "choice": choice.name,
+        "kind": choice.kind,
+        "rms_deg": choice.rms / DEG,
+        "encoder_zero_deg": choice.zero / DEG,
+        "antagonist_over_agonist": choice.ratio,
+        "friction": choice.friction,
+        "stiffness_change": choice.stiffness if np.isfinite(choice.stiffness) else None,
+    }

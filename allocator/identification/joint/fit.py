@@ -1,25 +1,31 @@
-"""A joint is fitted to measured equilibria here."""
+"""Fit of a joint to measured equilibria: what is refused, the problem, and the dead band that the data show."""
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.identification.joint.mistakes import check_data
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.result import JointFit, first_search, solved
 from allocator.identification.joint.samples import Geometries, JointSamples, SlackReadings
-from allocator.identification.joint.start import starting_muscle
+from allocator.identification.joint.search import starting_muscle
+from allocator.identification.least_squares import rms
 from allocator.muscles import MODELS, Muscle, Recipe
-from allocator.units import BAR
+from allocator.units import BAR, DEG
 
 DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
 SLACK_NOISE = 0.1 * BAR  # standard deviation of the pressures of a sag test [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
 _MOST_SAMPLES = 1000  # more are put into cells
+_FIRST = 2.0 * BAR  # of the dead bands tried
+_STEP = 0.25 * BAR
+_AS_GOOD = 1.5  # times the error of the fit
+_FEWEST = 3  # samples that tell how they are predicted
+_ONE_LEVEL = 0.03  # of the mean co-contraction
 
 
 def fit_joint(
@@ -100,7 +106,7 @@ def fit_joint(
     dead = checks.not_negative("dead_band", checks.pressure("dead_band", dead_band), "Pa")
     slack_by_pressure = (samples.P1 < dead) | (samples.P2 < dead)
     samples = samples.without(slack_by_pressure, f"a pressure below the dead band of {dead / BAR:g} bar")
-    check_data(samples, friction and not average)
+    _check_data(samples, friction and not average)
     samples = samples.binned(_MOST_SAMPLES)
     if average:
         samples = samples.averaged()
@@ -188,3 +194,78 @@ def _problem(
             f"{samples.n} equilibria cannot determine the {len(problem.names)} unknowns {', '.join(problem.names)}"
         )
     return problem
+
+
+def estimate_dead_band(theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, **options: Any) -> float:
+    """Return the dead band [Pa] that the equilibria show, to 0.25 bar; arguments are those of `fit_joint`.
+
+    A joint is fitted to the samples whose lower pressure is at least 2 bar (or the median, if that is less). Then the
+    dead band is lowered by 0.25 bar at a time, as long as the samples that this adds are predicted, before they are
+    fitted, to at most 1.5 times the RMS error of the fit.
+
+    Raises InvalidInput for what makes no sense, and where even the highest pressures cannot be fitted.
+    """
+    options = {name: value for name, value in options.items() if name != "dead_band"}
+    low = np.minimum(*checks.broadcast(P1=checks.pressure("P1", P1), P2=checks.pressure("P2", P2))).ravel()
+    told = {name: options[name] for name in ("geometry", "torque", "direction", "group") if name in options}
+    everything = JointSamples.checked(theta, P1, P2, **told)
+    slack = options.get("slack")
+    resting = np.ones(low.size, bool) if slack is None else np.ravel(slack) == 0  # the others are of a sag test
+    level = float(_STEP * np.floor(min(_FIRST, np.median(low[resting])) / _STEP))
+    while level > 0:
+        fit = fit_joint(theta, P1, P2, **options | {"dead_band": level, "leave_one_out": False, "choices": False})
+        added = everything.where(resting & (low >= level - _STEP) & (low < level))
+        if added.n >= _FEWEST and _error(fit, added) > _AS_GOOD * fit.rms:
+            break
+        level -= _STEP
+    return max(level, 0.0)
+
+
+def _error(fit: JointFit, added: JointSamples) -> float:
+    """Return the RMS error [rad] of samples that were not fitted, a missed equilibrium counting as a radian."""
+    problem = replace(fit.problem, samples=added)
+    _, reached = problem.equilibrium(problem.unknowns(fit.x))
+    if fit.samples.groups != added.groups:
+        raise InvalidInput("a group has no sample with both pressures above 2 bar: give the dead band")
+    return rms(np.where(reached, problem.angle_error(fit.x), 1.0))
+
+
+def _check_data(samples: JointSamples, friction: bool) -> None:
+    """Refuse slack joints, swapped muscles, one co-contraction only; with `friction` one direction of motion only."""
+    if not samples.n:
+        reasons = "; ".join(f"{n} with {reason}" for reason, n in samples.dropped.items())
+        raise InvalidInput(f"no equilibrium is left in which both muscles can be taut ({reasons})")
+    _check_signs(samples)
+    total = samples.P1 + samples.P2
+    if np.ptp(total) <= _ONE_LEVEL * np.abs(total).mean():
+        raise InvalidInput(
+            f"all equilibria are at one co-contraction, P1 + P2 = {total.mean() / BAR:.3g} bar: they cannot tell how "
+            "stiffness grows with pressure; repeat the sweep at two other sums"
+        )
+    moving = samples.direction[samples.direction != 0]
+    if friction and moving.size and np.ptp(moving) == 0:
+        way = "rising" if moving[0] > 0 else "falling"
+        raise InvalidInput(
+            f"all equilibria were reached with {way} θ: friction cannot be told from the force laws; add the sweep the "
+            "other way, or pass friction=False and take the hysteresis as error"
+        )
+
+
+def _check_signs(samples: JointSamples) -> None:
+    """Refuse data in which P1 does not raise θ or P2 does not lower it."""
+    groups = np.eye(len(samples.groups))[samples.group]
+    columns = np.column_stack([samples.P1 / BAR, samples.P2 / BAR, samples.torque, groups])
+    if np.ptp(samples.P1) == 0 or np.ptp(samples.P2) == 0:
+        held = "P1" if np.ptp(samples.P1) == 0 else "P2"
+        raise InvalidInput(f"{held} was never changed: both pressures have to be swept")
+    rise1, rise2 = np.linalg.lstsq(columns, samples.theta)[0][:2]
+    if rise1 < 0 < rise2:
+        raise InvalidInput(
+            f"θ falls with P1 ({rise1 / DEG:.2g} deg/bar) and rises with P2 ({rise2 / DEG:.2g} deg/bar): the muscles "
+            "are swapped, or the angle has the other sign"
+        )
+    if not rise1 > 0 > rise2:
+        raise InvalidInput(
+            f"θ changes by {rise1 / DEG:.2g} deg/bar with P1 and {rise2 / DEG:.2g} deg/bar with P2: in an antagonistic "
+            "pair P1 raises and P2 lowers it"
+        )

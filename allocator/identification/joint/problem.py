@@ -28,8 +28,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array, Mask, falling_root
-from allocator.identification.joint.sag import weighed
-from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings
+from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings, weighed
 from allocator.muscles import Muscle, force_gradient
 
 CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P where nothing tells the force scale

@@ -8,12 +8,10 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.identifiability import determine
-from allocator.identification.joint import gradients
 from allocator.identification.joint.problem import JointProblem, Unknowns
-from allocator.identification.joint.relative import with_joint_covariance
+from allocator.identification.joint.relative import stiffness_with_gradient, with_joint_covariance
 from allocator.identification.joint.search import minimise
-from allocator.identification.least_squares import rms
+from allocator.identification.least_squares import determine, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
 from allocator.units import BAR, DEG
@@ -135,7 +133,7 @@ def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
     i = int(np.bincount(s.group).argmax())
     here = s.group == i
     joint = AntagonistJoint(s.groups[i].geometry, u.muscle, scaled(u.muscle, u.ratio), min_contraction=-0.3)
-    K = gradients.stiffness(joint, s.theta[here] - u.zero, s.P1[here], s.P2[here])
+    K = stiffness_with_gradient(joint, s.theta[here] - u.zero, s.P1[here], s.P2[here])
     return float(np.median(K.relative_std(J @ covariance @ J.T)))
 
 

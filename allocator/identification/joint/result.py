@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.joint import gradients, report
+from allocator.identification.joint import report
 from allocator.identification.joint.doubt.common_force import (
     CommonForce,
     Prior,
@@ -19,14 +19,18 @@ from allocator.identification.joint.doubt.common_force import (
     with_free_friction,
 )
 from allocator.identification.joint.doubt.covariance import Doubt, doubt
-from allocator.identification.joint.doubt.forces import ForceIntervals, force_intervals
-from allocator.identification.joint.doubt.prediction import Prediction, angle_std, predict
+from allocator.identification.joint.doubt.prediction import (
+    ForceIntervals,
+    Prediction,
+    angle_std,
+    force_intervals,
+    predict,
+)
 from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
-from allocator.identification.joint.relative import WHY, RelativeJoint
+from allocator.identification.joint.relative import WHY, Quantity, RelativeJoint, stiffness_with_gradient
 from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.search import best_start, minimise, scale_shape
-from allocator.identification.joint.start import starts
+from allocator.identification.joint.search import best_start, minimise, scale_shape, starts
 from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
@@ -130,14 +134,14 @@ class JointFit:
         """
         return predict(self, P1, P2, torque, direction, geometry)
 
-    def stiffness(self) -> gradients.Quantity:
+    def stiffness(self) -> Quantity:
         """Return K (n,) [N·m/rad] at the samples and its gradient.
 
         Raises InvalidInput where the force scale is unknown.
         """
         if self.scale is None:
             raise InvalidInput(f"stiffness of this joint {WHY}")
-        return self._at_samples(gradients.stiffness)
+        return self._at_samples(stiffness_with_gradient)
 
     def stiffness_ratio_std(self) -> Array:
         """Return the standard deviation of K/K_ref (n,) [-] at the samples, K_ref as in `RelativeJoint.reference`."""
@@ -169,14 +173,12 @@ class JointFit:
         assert isinstance(joint, AntagonistJoint)  # its scale is known
         return force_intervals(self, joint, theta, P1, P2)
 
-    def _at_samples(
-        self, quantity: Callable[[AntagonistJoint, Array, Array, Array], gradients.Quantity]
-    ) -> gradients.Quantity:
+    def _at_samples(self, quantity: Callable[[AntagonistJoint, Array, Array, Array], Quantity]) -> Quantity:
         s = self.samples
         value, gradient = np.empty(s.n), np.empty((s.n, 2 * len(self.muscle.parameters)))
         for here, joint in self._by_group():
             value[here], gradient[here] = quantity(joint, s.theta[here] - self.zero, s.P1[here], s.P2[here])
-        return gradients.Quantity(value, gradient)
+        return Quantity(value, gradient)
 
     def _by_group(self) -> list[tuple[Mask, AntagonistJoint]]:
         return [(self.samples.group == i, joint) for i, joint in enumerate(self.shapes.values())]

@@ -1,4 +1,4 @@
-"""Measured equilibria of a joint are angle, two pressures, the torque of a weight, and from where the joint came."""
+"""Measured equilibria of a joint (angle, pressures, torque of a weight, direction of motion), and sag tests."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,10 +16,10 @@ from allocator.units import BAR
 Geometries = Geometry | Mapping[str, Geometry] | Mapping[int, Geometry] | Mapping[float, Geometry]
 Routes = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
 
-
 _CELL = 0.05 * BAR  # [Pa]
 _WIDER = 2**0.5
 _WIDEST = 2 * BAR  # what does not go into so few cells has many torques or groups
+THRESHOLD = 0.3 * BAR  # P_t of home-made muscles [Pa]
 
 
 class Group(NamedTuple):
@@ -283,3 +283,22 @@ def _grouped(geometry: Geometries, group: ArrayLike | None, n: int) -> tuple[NDA
     if missing:
         raise InvalidInput(f"geometry has no {missing[0]!r}; it has {', '.join(map(repr, geometry))}")
     return index.ravel(), tuple(Group(str(label), geometry[label]) for label in found.tolist())
+
+
+def weighed(sag: SlackReadings, error: Array, has_threshold: bool) -> Array:
+    """Return errors (k,) [Pa] of the pressures, as independent ones of the standard deviation `sag.noise`.
+
+    The bladder of a home-made muscle presses on the braid only above a threshold pressure P_t of 0.1 to 0.3 bar. A law
+    that knows none, fitted to equilibria far above it, is off by about b = P_t e^{-P/P_t} where a cable goes slack at
+    P: the same way in all rows, whose covariance is therefore σ² I + b bᵀ. A law that has a threshold itself is held to
+    the readings alone. Complex where `error` is.
+    """
+    if has_threshold:
+        return error
+    s = sag.samples
+    b = THRESHOLD * np.exp(-np.where(sag.agonist, s.P1, s.P2) / THRESHOLD) / sag.noise
+    square = float(b @ b)
+    if square == 0:
+        return error
+    shrunk = 1 - 1 / np.sqrt(1 + square)  # (I + b bᵀ)^(-1/2) = I - shrunk b bᵀ/(bᵀ b)
+    return np.asarray(error - shrunk * b * (b @ error) / square)

@@ -9,13 +9,12 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.motion.bands import Bands
+from allocator.identification.motion.doubt import Bands, possible_changes
 from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, MotionProblem, Prediction
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, extended, search, without
 from allocator.identification.motion.static import Difference, Equilibrium
-from allocator.identification.motion.unexplained import possible_changes
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import BAR, DEG
 

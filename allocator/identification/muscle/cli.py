@@ -15,9 +15,8 @@ from typer.models import OptionInfo
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.identification.columns import parse_columns
-from allocator.identification.muscle.datasets import DATASETS
 from allocator.identification.muscle.ranking import Ranking, rank_models
-from allocator.identification.muscle.reading import read_samples
+from allocator.identification.muscle.reading import DATASETS, read_samples
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples
 from allocator.identification.options import SkipRows

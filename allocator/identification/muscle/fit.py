@@ -10,14 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.identifiability import Determination, determine
-from allocator.identification.least_squares import rms
-from allocator.identification.muscle.hysteresis import hysteresis
-from allocator.identification.muscle.load_cell import weighted, zeroed
+from allocator.identification.least_squares import Determination, determine, rms
+from allocator.identification.muscle.load_cell import hysteresis, weighted, zeroed
 from allocator.identification.muscle.problem import MuscleProblem, Solution
 from allocator.identification.muscle.result import Fit, Level
-from allocator.identification.muscle.samples import Samples
-from allocator.identification.muscle.thinning import thinned
+from allocator.identification.muscle.samples import Samples, thinned
 from allocator.muscles import Muscle, Recipe, monotonicity_failure
 from allocator.muscles.base import Covariance
 from allocator.muscles.measured import MeasuredRegion

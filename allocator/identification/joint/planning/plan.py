@@ -2,7 +2,7 @@
 
 The unknowns x of the fit have the information matrix M = M0 + Σ Bᵀ B/σ², B the two rows ∂θ_eq/∂x of a setpoint that is
 visited from above and from below, M0 a loose prior (a parameter is known to five times itself, the zero to 10°, μ to
-0.3). `allocator.identification.joint.planning.choice` adds setpoints until the standard deviation of K over the
+0.3). `allocator.identification.joint.planning.information` adds setpoints until the standard deviation of K over the
 unloaded setpoints, √(g M⁻¹ gᵀ) in the mean square, is what is wanted, and there are three times as many setpoints
 as unknowns: the guess differs from the joint, so some setpoints are lost at a stop, and with fewer the fit follows the
 error of its force law. A plan has one weight: plans are made for several, and the one with the fewest setpoints that
@@ -11,7 +11,7 @@ reaches the accuracy is taken.
 A candidate has to survive a joint that differs from the guess, with muscles whose forces are 20 % off and whose
 strengths differ by 10 %. It stays two standard deviations of its angle away from the stops, in addition to the turn
 that the friction of a real joint, μ = 0.13, causes, and its stiffness two standard deviations away from zero.
-`allocator.identification.joint.planning.supplements` says what equilibria do not show, and which further measurement
+`allocator.identification.joint.planning.information` says what equilibria do not show, and which further measurement
 would show it.
 """
 
@@ -25,11 +25,18 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.joint import gradients
 from allocator.identification.joint.doubt.discrepancy import RMS_OF_FIELD, ForceField, angle_effect
-from allocator.identification.joint.planning.choice import Candidates, Goal
-from allocator.identification.joint.planning.supplements import Known, Supplement, sag_table, spread, supplements
+from allocator.identification.joint.planning.information import (
+    Candidates,
+    Goal,
+    Known,
+    Supplement,
+    sag_table,
+    spread,
+    supplements,
+)
 from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
 from allocator.joint.antagonist import AntagonistJoint
@@ -303,6 +310,6 @@ def _goal(
     modelled = AntagonistJoint(
         joint.geometry, u.muscle, scaled(u.muscle, u.ratio), joint.pressure_limits, joint.min_contraction
     )
-    K = gradients.stiffness(modelled, angle[here], s.P1[here], s.P2[here])
+    K = stiffness_with_gradient(modelled, angle[here], s.P1[here], s.P2[here])
     by_law, *_ = field.effects(joint.geometry, u, angle[here], s.P1[here], s.P2[here])
     return Goal(K.gradient / K.value[:, None] @ parameter_jacobian(problem, u), by_law / K.value[:, None])

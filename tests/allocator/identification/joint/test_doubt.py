@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from allocator import Lever
-from allocator.identification.joint.dead_band import estimate_dead_band
 from allocator.identification.joint.doubt import discrepancy as model
-from allocator.identification.joint.doubt.effects import Effects
-from allocator.identification.joint.fit import fit_joint
+from allocator.identification.joint.doubt.covariance import Effects
+from allocator.identification.joint.fit import estimate_dead_band, fit_joint
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples

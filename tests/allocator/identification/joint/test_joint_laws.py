@@ -12,8 +12,7 @@ from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.search import minimise
-from allocator.identification.joint.start import first_guess
+from allocator.identification.joint.search import first_guess, minimise
 from allocator.machine_file import load_joint, save_machine
 from allocator.muscles import Muscle, scaled
 from allocator.muscles.base import NOT_A_NUMBER
