@@ -1,7 +1,7 @@
 """A muscle is found from measured forces, a joint from measured angles at rest, and what moves it from a log."""
 
 from allocator.identification.joint.comparison import compare_joint_models
-from allocator.identification.joint.fit import estimate_dead_band, fit_joint
+from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.relative import RelativeJoint
@@ -27,7 +27,6 @@ __all__ = [
     "RelativeJoint",
     "Samples",
     "compare_joint_models",
-    "estimate_dead_band",
     "fit",
     "fit_gas",
     "fit_joint",

@@ -1,29 +1,26 @@
 """`antagonist fit-joint` finds a joint from a log of angles and pressures."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import Progress, TimeElapsedColumn, track
 from rich.table import Table
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
-from allocator.identification.joint.comparison import JointComparison, Model, compare_joint_models
+from allocator.identification.joint.comparison import JointComparison, compare_joint_models
 from allocator.identification.joint.doubt.covariance import Choice
-from allocator.identification.joint.fit import estimate_dead_band, fit_joint
+from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import JointLog, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
-from allocator.identification.muscle.cli import columns_option
-from allocator.identification.options import DropSpikes, SkipRows
+from allocator.identification.options import DropSpikes, SkipRows, assigned, clock, columns_option, each, print_lines
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.presentation.plotting import save_figure
-from allocator.shell.options import numbers, within
+from allocator.shell.options import within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, MM
@@ -52,9 +49,7 @@ def fit_joint_command(
     every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
     average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
     friction: Annotated[bool, typer.Option(help="Fit the friction μ, if the log has directions.")] = True,
-    dead_band: Annotated[
-        str, typer.Option(help="Leave out samples with a pressure below [bar]; auto: what the data show.")
-    ] = "0.5",
+    dead_band: Annotated[float, typer.Option(help="Leave out samples with a pressure below [bar].")] = 0.5,
     sweep: Annotated[
         list[str] | None, typer.Option(help="Direction of a number in the column sweep: 1=-1, 2=+1. Repeatable.")
     ] = None,
@@ -75,6 +70,7 @@ def fit_joint_command(
     phi [rad]). With a column time [s] the file is a raw log: what was steady for a second is used.
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
+    within("--dead-band", dead_band, "bar", 0, 100)
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(log,), force=force)
     console = Console(stderr=as_json)
@@ -91,12 +87,11 @@ def fit_joint_command(
         "slack": data.slack,
         "average": average,
         "friction": friction,
+        "dead_band": dead_band * BAR,
     }
     measured = (data.theta, data.P1, data.P2)
-    auto = dead_band == "auto"
-    options["dead_band"] = estimate_dead_band(*measured, model=model, **options) if auto else _dead_band(dead_band)
-    compared = compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options) if every else None
-    with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
+    compared = compare_joint_models(*measured, progress=lambda m: each(m, console), **options) if every else None
+    with clock(console) as bar:
         bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
         fit = fit_joint(*measured, model=model, **options)
     if as_json:
@@ -109,28 +104,17 @@ def fit_joint_command(
         fit.save(out, group)
         say(console, f"written: {out}")
     if plot is not None:
-        _draw(fit, plot)
+        from allocator.identification.joint.plotting import plot_joint_fit
+
+        save_figure(plot_joint_fit(fit), plot, dpi=120)
         say(console, f"written: {plot}")
 
 
-def _dead_band(text: str) -> float:
-    """Return the dead band [Pa] that is given."""
-    (given,) = numbers("--dead-band", text, 1, 1, "0.5, or auto")
-    within("--dead-band", given, "bar", 0, 100)
-    return given * BAR
-
-
 def _sweeps(settings: list[str]) -> dict[float, float]:
-    sweeps = {}
-    for setting in settings:
-        number, _, way = setting.partition("=")
-        try:
-            sweeps[float(number)] = float(way)
-        except ValueError:
-            raise InvalidInput(f"--sweep {setting}: expected NUMBER=DIRECTION, such as 1=-1") from None
-        if abs(sweeps[float(number)]) != 1:
-            raise InvalidInput(f"--sweep {setting}: the direction is +1 (θ rises) or -1 (θ falls)")
-    return sweeps
+    ways = assigned("--sweep", settings, "NUMBER=DIRECTION, such as 1=-1")
+    if wrong := [f"{name}={way:g}" for name, way in ways.items() if abs(way) != 1]:
+        raise InvalidInput(f"--sweep {wrong[0]}: the direction is +1 (θ rises) or -1 (θ falls)")
+    return {_numbers("--sweep", name, (1,))[0]: way for name, way in ways.items()}
 
 
 def _geometry(
@@ -163,10 +147,6 @@ def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
     return numbers
 
 
-def _progress(models: Iterable[Model], console: Console) -> Iterable[Model]:
-    return track(tuple(models), "fitting", console=console, transient=True)
-
-
 def _describe_log(log: JointLog, console: Console) -> None:
     for note in log.notes:
         say(console, note)
@@ -188,10 +168,8 @@ def _report(comparison: JointComparison, console: Console) -> None:
         left_out = "–" if np.isnan(fit.left_out) else f"{fit.left_out / DEG:.2f}"
         table.add_row(name, f"{fit.rms / DEG:.2f}", left_out, f"{low:.3f}", f"{high:.3f}")
     console.print(table)
-    for sentence in comparison.sentences:
-        console.print(sentence, markup=False)
-    for name, why in comparison.failures.items():
-        console.print(f"{name}: not fitted, {why}", markup=False)
+    failures = (f"{name}: not fitted, {why}" for name, why in comparison.failures.items())
+    print_lines(console, (*comparison.sentences, *failures))
 
 
 def _describe(fit: JointFit, console: Console) -> None:
@@ -219,8 +197,7 @@ def _describe(fit: JointFit, console: Console) -> None:
     lines.append(_stiffness_line(fit))
     lines += [f"  not seen by these data: {direction}" for direction in fit.unseen]
     lines += [f"  beware: {warning}" for warning in fit.warnings]
-    for line in lines:
-        console.print(line, markup=False, highlight=False)
+    print_lines(console, lines)
 
 
 def _stiffness_line(fit: JointFit) -> str:
@@ -235,12 +212,6 @@ def _stiffness_line(fit: JointFit) -> str:
 
 def _plus_minus(std: float) -> str:
     return f" ± {std:.2g}" if std else ""
-
-
-def _draw(fit: JointFit, path: Path) -> None:
-    from allocator.identification.joint.plotting import plot_joint_fit
-
-    save_figure(plot_joint_fit(fit), path, dpi=120)
 
 
 def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:

@@ -183,35 +183,12 @@ class JointFit:
     def _by_group(self) -> list[tuple[Mask, AntagonistJoint]]:
         return [(self.samples.group == i, joint) for i, joint in enumerate(self.shapes.values())]
 
-    def with_scale(
-        self,
-        *,
-        theta: ArrayLike | None = None,
-        P1: ArrayLike | None = None,
-        P2: ArrayLike | None = None,
-        torque: ArrayLike | None = None,
-        direction: ArrayLike | None = None,
-        group: ArrayLike | None = None,
-        T_P: float | None = None,
-        at: tuple[float, float, float] | None = None,
-        std: float = 0.0,
-    ) -> "JointFit":
-        """Complete the force scale, from weights or from a torque per pressure.
+    def with_scale(self, T_P: float, at: tuple[float, float, float], std: float = 0.0) -> "JointFit":
+        """Complete the force scale from the torque per pressure P1 `T_P` ± `std` [N·m/Pa].
 
-        Either equilibria under a weight, as in `fit_joint` (everything is fitted again, with them), or `T_P` ± `std`
-        [N·m/Pa], the torque per pressure P1 measured `at` (θ, P1, P2) [rad, Pa, Pa], at θ as the encoder shows it.
+        It was measured `at` (θ, P1, P2) [rad, Pa, Pa], at θ as the encoder shows it. Equilibria under a weight, which
+        tell the scale as well, are fitted together with the others by `fit_joint`.
         """
-        if T_P is not None and at is not None and torque is None:
-            return self._with_gain(T_P, at, std)
-        if T_P is None and theta is not None and P1 is not None and P2 is not None and torque is not None:
-            samples = self.samples.loaded_with(theta, P1, P2, torque, direction, group)
-            loaded = replace(self.problem, samples=samples, conventional=False)
-            return solved(loaded, scale_shape(loaded, self.x), prior=self.common.prior)
-        raise InvalidInput(
-            "with_scale takes either theta, P1, P2 and torque of a weight, or T_P and at=(theta, P1, P2)"
-        )
-
-    def _with_gain(self, T_P: float, at: tuple[float, float, float], std: float) -> "JointFit":
         if self.scale is not None:
             raise InvalidInput("the force scale is known already, from the weight in the data")
         if len(self.shapes) > 1:

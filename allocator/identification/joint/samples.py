@@ -16,6 +16,7 @@ from allocator.units import BAR
 Geometries = Geometry | Mapping[str, Geometry] | Mapping[int, Geometry] | Mapping[float, Geometry]
 Routes = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
 
+_COLUMNS = ("theta", "P1", "P2", "torque", "direction", "group")
 _CELL = 0.05 * BAR  # [Pa]
 _WIDER = 2**0.5
 _WIDEST = 2 * BAR  # what does not go into so few cells has many torques or groups
@@ -90,45 +91,13 @@ class JointSamples:
 
     def where(self, keep: Mask | NDArray[np.intp]) -> Self:
         """Return the samples marked in `keep`, or those of these indices."""
-        return replace(self, **{name: getattr(self, name)[keep] for name in _ARRAYS})
+        return replace(self, **{name: getattr(self, name)[keep] for name in _COLUMNS})
 
     def without(self, drop: Mask, reason: str) -> Self:
         """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
-
-    def loaded_with(
-        self,
-        theta: ArrayLike,
-        P1: ArrayLike,
-        P2: ArrayLike,
-        torque: ArrayLike,
-        direction: ArrayLike | None,
-        group: ArrayLike | None,
-    ) -> Self:
-        """Return these samples and equilibria under a weight, as in `checked`; the mechanisms are known already."""
-        geometries = {g.label: g.geometry for g in self.groups}
-        one = len(geometries) == 1 and group is None
-        more = self.checked(
-            theta,
-            P1,
-            P2,
-            geometry=next(iter(geometries.values())) if one else geometries,
-            torque=torque,
-            direction=direction,
-            group=None if one or group is None else [str(g) for g in np.ravel(group).tolist()],
-        )
-        labels = [g.label for g in self.groups]
-        index = more.group if one else [labels.index(more.groups[i].label) for i in more.group]
-        return self.joined(replace(more, group=np.asarray(index, np.intp), groups=self.groups))
-
-    def joined(self, other: "JointSamples") -> Self:
-        """Return these samples and others of the same groups."""
-        if other.groups != self.groups:
-            raise InvalidInput("the samples belong to other geometries than those of the fit")
-        theta, P1, P2, torque, way, group = (np.append(getattr(self, n), getattr(other, n)) for n in _ARRAYS)
-        return replace(self, theta=theta, P1=P1, P2=P2, torque=torque, direction=way, group=group)
 
     def routes(self, theta: Array) -> Routes:
         """Return (ε, a, a') of agonist and antagonist at the true angles `theta` (n,), and the rest lengths (n,)."""
@@ -256,7 +225,6 @@ class SlackReadings:
         return np.where(self.agonist, s.P1, s.P2), eps if np.imag(zero) else np.real(eps)
 
 
-_ARRAYS = ("theta", "P1", "P2", "torque", "direction", "group")
 _CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
 
 
