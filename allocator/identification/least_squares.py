@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 
 _RANK_TOLERANCE = 1e-9
 
@@ -33,6 +33,13 @@ def rms(error: ArrayLike) -> float:
     """Return the root of the mean square, NaN of nothing."""
     error = np.asarray(error)
     return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+
+
+def at_bound(x: Array, lower: Array, upper: Array, near: float, of_width: float) -> Mask:
+    """Return which of x (m,) are at a bound: within the share `near` of x or of the part `of_width` of the interval."""
+    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    margin = near * np.maximum(np.abs(x), of_width * width)
+    return np.asarray((x - lower < margin) | (upper - x < margin))
 
 
 class Determination(NamedTuple):

@@ -1,6 +1,6 @@
 """The fit of a joint gives this back."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
 
@@ -31,7 +31,7 @@ from allocator.identification.joint.relative import WHY, Quantity, RelativeJoint
 from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
 from allocator.identification.joint.search import best_start, minimise, scale_shape, starts
-from allocator.identification.least_squares import rms
+from allocator.identification.least_squares import at_bound, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
 from allocator.machine_file import save_machine
@@ -141,7 +141,13 @@ class JointFit:
         """
         if self.scale is None:
             raise InvalidInput(f"stiffness of this joint {WHY}")
-        return self._at_samples(stiffness_with_gradient)
+        s = self.samples
+        value, gradient = np.empty(s.n), np.empty((s.n, 2 * len(self.muscle.parameters)))
+        for here, joint in self._by_group():
+            value[here], gradient[here] = stiffness_with_gradient(
+                joint, s.theta[here] - self.zero, s.P1[here], s.P2[here]
+            )
+        return Quantity(value, gradient)
 
     def stiffness_ratio_std(self) -> Array:
         """Return the standard deviation of K/K_ref (n,) [-] at the samples, K_ref as in `RelativeJoint.reference`."""
@@ -172,13 +178,6 @@ class JointFit:
         joint = self.joint if group is None else self.joint_of(group)
         assert isinstance(joint, AntagonistJoint)  # its scale is known
         return force_intervals(self, joint, theta, P1, P2)
-
-    def _at_samples(self, quantity: Callable[[AntagonistJoint, Array, Array, Array], Quantity]) -> Quantity:
-        s = self.samples
-        value, gradient = np.empty(s.n), np.empty((s.n, 2 * len(self.muscle.parameters)))
-        for here, joint in self._by_group():
-            value[here], gradient[here] = quantity(joint, s.theta[here] - self.zero, s.P1[here], s.P2[here])
-        return Quantity(value, gradient)
 
     def _by_group(self) -> list[tuple[Mask, AntagonistJoint]]:
         return [(self.samples.group == i, joint) for i, joint in enumerate(self.shapes.values())]
@@ -247,7 +246,11 @@ class JointFit:
         Raises InvalidInput where μ is negative beyond doubt: friction would drive the joint.
         """
         noise = dict(zip(self.problem.names, np.sqrt(np.diag(self.doubt.formal)).tolist(), strict=True))
-        report.check_friction(self.friction, noise.get("friction", 0.0))
+        if self.friction < -max(report.NO_FRICTION, 4 * noise.get("friction", 0.0)):
+            raise InvalidInput(
+                f"friction μ = {self.friction:.3g} is negative, which no joint has, so nothing was written: "
+                "direction has to be +1 where θ was rising, -1 where falling; turn its sign"
+            )
         chosen = self.joint if group is None else self.joint_of(group)
         joint = chosen.shape if isinstance(chosen, RelativeJoint) else chosen
         source: dict[str, str | float] = {
@@ -284,7 +287,8 @@ def solved(
     x, converged = minimise(problem, x)
     u = report.checked(problem, x)
     error = problem.angle_error(x)
-    doubted = doubt(problem, x, ~report.at_bound(problem, x), common, choices)
+    inside = ~at_bound(x, problem.lower, problem.upper, 1e-5, 1e-2)
+    doubted = doubt(problem, x, inside, common, choices)
     covariance = doubted.covariance
     joints = report.joints(problem, u, covariance, common.unseen)
     found = report.findings(problem, u, joints.values(), covariance, converged)

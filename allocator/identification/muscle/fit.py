@@ -1,6 +1,6 @@
 """A muscle is fitted to measured forces here."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.least_squares import Determination, determine, rms
+from allocator.identification.least_squares import Determination, at_bound, determine, rms
 from allocator.identification.muscle.load_cell import hysteresis, weighted, zeroed
 from allocator.identification.muscle.problem import MuscleProblem, Solution
 from allocator.identification.muscle.result import Fit, Level
@@ -27,6 +27,7 @@ Range = tuple[float, float]
 _EVERYTHING: Range = (-np.inf, np.inf)
 _MOST_LEVELS = 40  # more different pressures than this are put into classes
 _CLASSES = 10
+_PULLS = 0.02  # of full scale: a pull of the model where the muscle was slack that is to be named
 
 
 def fit(
@@ -176,25 +177,18 @@ def conclude(
     """Solve, and say everything about the solution; it is cross-validated on the samples `common` (default: all)."""
     solution = problem.solve(starts)
     samples, slack, x = problem.samples, problem.slack, solution.x
-    bare = problem.muscle(x)
     try:
-        muscle = replace(bare)  # checks it
+        muscle = replace(problem.muscle(x))  # checks it
     except InvalidInput as error:
         raise InvalidInput(f"the best {model.__name__} makes no sense as a muscle: {error}") from None
-    at_bound = _at_bound(problem, x)
-    determined = _determination(problem, solution, ~at_bound)
+    inside = ~at_bound(x, problem.lower, problem.upper, 1e-6, 1e-3)
+    determined = _determination(problem, x, inside)
     region = MeasuredRegion.of(samples.contraction, samples.pressure)
-    muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, ~at_bound), measured=region)
-    residual = (muscle.law(samples.pressure, samples.contraction) - samples.force)[~slack]
-    failure = monotonicity_failure(muscle, *_domain(muscle, samples))
-    pulls = muscle.law(samples.pressure, samples.contraction)[slack]
-    warnings = (
-        *(f"{name} ended at the limit of its search, {v:g}" for name, v in _named(problem, x, at_bound)),
-        *(() if solution.converged else ("the search stopped before it converged",)),
-        *(f"collinear: {direction} changes no force" for direction in determined.collinear),
-        *((f"[M] fails: {failure}",) if failure else ()),
-        *_slack_warning(pulls, samples.full_scale),
-    )
+    muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, inside), measured=region)
+    pulls = muscle.law(samples.pressure, samples.contraction)
+    residual = (pulls - samples.force)[~slack]
+    eps = max(0.0, float(samples.contraction.min())), float(samples.contraction.max())
+    failure = monotonicity_failure(muscle, float(samples.pressure.max()), eps)
     return Fit(
         muscle=muscle,  # type: ignore[arg-type]  # the prototype is a `model`, which MuscleProblem does not say
         samples=samples,
@@ -207,29 +201,18 @@ def conclude(
         levels=_levels(samples.pressure[~slack], residual),
         collinear=determined.collinear,
         monotone=not failure,
-        warnings=warnings,
+        warnings=tuple(_warnings(problem, solution, inside, determined.collinear, failure, pulls[slack])),
     )
 
 
-def _at_bound(problem: MuscleProblem, x: Array) -> Mask:
-    """Return which parameters the search left at a bound, which it only approaches from inside."""
-    width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
-    near = 1e-6 * np.maximum(np.abs(x), 1e-3 * width)
-    return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
-
-
-def _named(problem: MuscleProblem, x: Array, mask: Mask) -> list[tuple[str, float]]:
-    return [(name, float(v)) for name, v, m in zip(problem.free, x, mask, strict=True) if m]
-
-
-def _determination(problem: MuscleProblem, solution: Solution, inside: Mask) -> Determination:
+def _determination(problem: MuscleProblem, x: Array, inside: Mask) -> Determination:
     names = tuple(name for name, i in zip(problem.free, inside, strict=True) if i)
-    J = problem.jacobian(solution.x)[:, inside]
+    J, r = problem.jacobian(x)[:, inside], problem.residual(x)
     tell = (J != 0).any(axis=1)
-    cost = problem.residual(solution.x)[tell] @ problem.residual(solution.x)[tell]
+    cost = r[tell] @ r[tell]
     if problem.samples.scatter is not None:
         cost += (problem.samples.weights * problem.samples.scatter**2)[tell].sum()
-    return determine(J, float(cost), names, solution.x[inside])
+    return determine(J, float(cost), names, x[inside])
 
 
 def _embedded(problem: MuscleProblem, covariance: Array, inside: Mask) -> Covariance:
@@ -241,15 +224,20 @@ def _embedded(problem: MuscleProblem, covariance: Array, inside: Mask) -> Covari
     return tuple(map(tuple, full.tolist()))
 
 
-def _domain(muscle: Muscle, samples: Samples) -> tuple[float, tuple[float, float]]:
-    """Return the highest pressure, and contractions, between which [M] is looked at."""
-    return float(samples.pressure.max()), (max(0.0, float(samples.contraction.min())), float(samples.contraction.max()))
-
-
-def _slack_warning(pulls: Array, full_scale: float) -> tuple[str, ...]:
-    """Return a sentence if the model pulls with more than 2 % of full scale where the muscle was slack."""
-    wrong = pulls > 0.02 * full_scale
-    return (f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples",) if wrong.any() else ()
+def _warnings(
+    problem: MuscleProblem, solution: Solution, inside: Mask, collinear: tuple[str, ...], failure: str, pulls: Array
+) -> Iterator[str]:
+    """Yield what is to be known before the fit is used; `pulls` are the model's forces [N] where it was slack."""
+    for name, value, free in zip(problem.free, solution.x, inside, strict=True):
+        if not free:
+            yield f"{name} ended at the limit of its search, {value:g}"
+    if not solution.converged:
+        yield "the search stopped before it converged"
+    yield from (f"collinear: {direction} changes no force" for direction in collinear)
+    if failure:
+        yield f"[M] fails: {failure}"
+    if (wrong := pulls > _PULLS * problem.samples.full_scale).any():
+        yield f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples"
 
 
 def _cross_validated_on(
