@@ -148,7 +148,6 @@ def _values(table: Table, column: Column, drop_missing: bool | None) -> Array:
 
 
 def _fault(table: Table, sentence: str, column: str | None = None) -> InvalidFile:
-    """Return the error that says what is wrong with the names of the columns."""
     return InvalidFile(table.path, sentence, line=table.names_line, column=column)
 
 
@@ -184,10 +183,10 @@ def _choose(
 ) -> dict[str, Column]:
     """Choose the column of every group, the first `n_wanted` of which have to be there."""
     if not mapping and all(_is_number(name) for name in table.names):
+        examples = ", ".join(f"{quantity} [{_usual(quantity)}]" for quantity, *_ in groups[:n_wanted])
         raise _fault(
             table,
-            f"has no column names: name them, such as {_examples(groups[:n_wanted])}; or leave lines out by "
-            "--skip-rows",
+            f"has no column names: name them, such as {examples}; or leave lines out by --skip-rows",
         )
     chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
     if strange := [quantity for quantity in chosen if not any(quantity in group for group in groups)]:
@@ -313,12 +312,7 @@ def _without_unit(table: Table, unclear: list[tuple[str, str]]) -> InvalidFile:
     )
 
 
-def _examples(groups: Sequence[tuple[str, ...]]) -> str:
-    return ", ".join(f"{group[0]} [{_usual(group[0])}]" for group in groups)
-
-
 def _usual(quantity: str) -> str:
-    """Return the unit to name as an example."""
     return next(iter(UNITS[quantity]))
 
 

@@ -130,7 +130,6 @@ def longest_stretch(measured: Measured) -> Measured:
 
 
 def _spikes(measured: Measured) -> dict[str, list[int]]:
-    """Return the rows of spikes by quantity."""
     t = measured.values["time"]
     found = {}
     for quantity in _LOG:

@@ -12,7 +12,6 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
 from allocator.identification.joint.comparison import JointComparison, compare_joint_models
-from allocator.identification.joint.doubt.covariance import Choice
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import JointLog, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
@@ -174,16 +173,16 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 def _describe(fit: JointFit, console: Console) -> None:
     """Print what was found, how far to trust it, and what the data do not tell."""
-    s, std, found = fit.samples, found_std(fit), fit.doubt.discrepancy
+    s, std, found = fit.samples, fit.standard_deviations, fit.doubt.discrepancy
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
         f"{fit.model}, {s.n} equilibria{means}: {fit.rms / DEG:.2f}° RMS",
-        f"  encoder zero {fit.zero / DEG:+.2f}{_plus_minus(std['zero'] / DEG)}°, antagonist "
-        f"{fit.ratio:.3f}{_plus_minus(std['ratio'])} times as strong as the agonist, "
-        f"friction μ = {fit.friction:.3f}{_plus_minus(std['friction'])}",
+        f"  encoder zero {fit.zero / DEG:+.2f}{_plus_minus(std.get('zero', 0.0) / DEG)}°, antagonist "
+        f"{fit.ratio:.3f}{_plus_minus(fit.ratio_std)} times as strong as the agonist, "
+        f"friction μ = {fit.friction:.3f}{_plus_minus(std.get('friction', 0.0))}",
         f"  ± is one standard deviation. It allows for a smooth error of the force law ({found.law:.1%} of the mean "
         f"force) and reading noise of {found.noise / DEG:.2f}°, both estimated from the residuals",
-        *(f"  {line}" for line in choice_lines(fit)),
+        *_choice_lines(fit),
     ]
     if not np.isnan(fit.hysteresis_share):
         lines.append(f"  {fit.hysteresis_share:.0%} of the squared error without friction is hysteresis")
@@ -214,71 +213,45 @@ def _plus_minus(std: float) -> str:
     return f" ± {std:.2g}" if std else ""
 
 
-def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:
-    """Return what `--json` prints."""
-    std = found_std(fit)
-    values: dict[str, object] = {
-        "model": fit.model,
-        "equilibria": fit.samples.n,
-        "rms_deg": fit.rms / DEG,
-        "left_out_deg": fit.left_out / DEG,
-        "encoder_zero_deg": fit.zero / DEG,
-        "encoder_zero_std_deg": std["zero"] / DEG,
-        "antagonist_over_agonist": fit.ratio,
-        "antagonist_over_agonist_std": std["ratio"],
-        "friction": fit.friction,
-        "friction_std": std["friction"],
-        "force_scale": fit.scale,
-        "force_scale_std": None if fit.scale is None else fit.scale_std,
-        "samples_left_out": fit.samples.dropped,
-        "law_error": fit.doubt.discrepancy.law,
-        "noise_deg": fit.doubt.discrepancy.noise / DEG,
-        "choices": [choice_values(choice) for choice in fit.doubt.choices],
-        "unseen": fit.unseen,
-        "warnings": fit.warnings,
-    }
-    if compared is not None:
-        values["models"] = [
-            {
-                "model": name,
-                "rms_deg": other.rms / DEG,
-                "left_out_deg": other.left_out / DEG,
-                "stiffness_low_over_reference": compared.stiffness[name][0],
-                "stiffness_high_over_reference": compared.stiffness[name][2],
-            }
-            for name, other in compared.fits.items()
-        ]
-        values["failures"] = compared.failures
-    return values
-
-
-def found_std(fit: "JointFit") -> dict[str, float]:
-    """Return how far ratio [-], zero [rad] and friction [-] of a `JointFit` are known; 0 for what was not fitted."""
-    std = fit.standard_deviations
-    found = {name: std.get(name, 0.0) for name in ("zero", "friction")}
-    return found | {"ratio": fit.ratio * std.get("log_ratio", 0.0)}
-
-
-def choice_lines(fit: "JointFit") -> list[str]:
-    """Return a line on each other choice of a `JointFit`, and one on laws that predict the angles better."""
+def _choice_lines(fit: JointFit) -> list[str]:
+    """Return a line on each other choice, and one on laws that predict the angles better."""
     K = "K/K_ref" if fit.scale is None else "K"
     lines = [
-        f"with {c.name} instead: {c.rms / DEG:.2f}°, zero {c.zero / DEG:+.2f}°, ratio {c.ratio:.3f}, "
+        f"  with {c.name} instead: {c.rms / DEG:.2f}°, zero {c.zero / DEG:+.2f}°, ratio {c.ratio:.3f}, "
         f"μ = {c.friction:.3f}, {K} other by {c.stiffness:.1%}"
         for c in fit.doubt.choices
     ]
     better = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < 0.8 * fit.rms]
-    return lines + ([f"{' and '.join(better)} predict(s) these angles better: try --model"] if better else [])
+    return lines + ([f"  {' and '.join(better)} predict(s) these angles better: try --model"] if better else [])
 
 
-def choice_values(choice: Choice) -> dict[str, object]:
-    """Return what `--json` prints of a choice."""
-    return {
-        "choice": choice.name,
-        "kind": choice.kind,
-        "rms_deg": choice.rms / DEG,
-        "encoder_zero_deg": choice.zero / DEG,
-        "antagonist_over_agonist": choice.ratio,
-        "friction": choice.friction,
-        "stiffness_change": choice.stiffness if np.isfinite(choice.stiffness) else None,
+def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:
+    """Return what `--json` prints."""
+    values: dict[str, object] = {
+        **fit.to_dict(),
+        "samples_left_out": fit.samples.dropped,
+        "law_error": fit.doubt.discrepancy.law,
+        "noise_deg": fit.doubt.discrepancy.noise / DEG,
+        "choices": [
+            {
+                "choice": choice.name,
+                "kind": choice.kind,
+                "rms_error_deg": choice.rms / DEG,
+                "encoder_zero_deg": choice.zero / DEG,
+                "antagonist_ratio": choice.ratio,
+                "friction": choice.friction,
+                "stiffness_change": choice.stiffness,
+            }
+            for choice in fit.doubt.choices
+        ],
+        "unseen": fit.unseen,
+        "warnings": fit.warnings,
     }
+    if compared is not None:
+        ends = {name: (low, high) for name, (low, _, high) in compared.stiffness.items()}
+        values["models"] = [
+            {**other.to_dict(), "model": name, "stiffness_over_reference": ends[name]}
+            for name, other in compared.fits.items()
+        ]
+        values["failures"] = compared.failures
+    return values

@@ -120,11 +120,9 @@ def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
 
 
 def _predicted(fit: JointFit, samples: JointSamples) -> Array:
-    """Return the angles (n,) [rad] that the fit predicts at these samples."""
     return samples.theta - replace(fit.problem, samples=samples).angle_error(fit.x)
 
 
 def _ratios(fit: JointFit, samples: JointSamples) -> Array:
-    """Return K/K_ref at the samples of the first geometry."""
     joint, here = RelativeJoint(_first(fit)), samples.group == 0
     return joint.relative_stiffness(samples.theta[here] - fit.zero, samples.P1[here], samples.P2[here])

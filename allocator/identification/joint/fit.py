@@ -112,7 +112,6 @@ def fit_joint(
 
 
 def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tuple[JointSamples, SlackReadings | None]:
-    """Return the equilibria, and the readings of a sag test."""
     if slack is None:
         return samples, None
     (which,) = checks.broadcast(slack=checks.real("slack", slack, "0, 1, 2 or 3"))

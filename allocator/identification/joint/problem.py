@@ -202,7 +202,6 @@ class JointProblem:
         return gradient
 
     def _angle_gradient(self, u: Unknowns) -> Array:
-        """Return ∂(z + θ_eq)/∂x (n, m)."""
         s = self.samples
         theta, reached = self.equilibrium(u)
         routes = s.routes(theta)
@@ -221,7 +220,6 @@ class JointProblem:
         return np.asarray(gradient)
 
     def _force_gradient(self, u: Unknowns, P: Array, eps: Array) -> Array:
-        """Return ∂F/∂(free) (n, …) of the agonist's law."""
         with np.errstate(all="ignore"):
             return force_gradient(u.muscle, P, eps, self.free)
 
@@ -293,6 +291,5 @@ class JointProblem:
 
 
 def _usual(K: Array, reached: Mask) -> float:
-    """Return a stiffness [N·m/rad] of the usual size."""
     known = K[reached & np.isfinite(K)]
     return float(np.median(known)) if known.size else 1.0

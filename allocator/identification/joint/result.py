@@ -96,6 +96,11 @@ class JointFit:
         return RelativeJoint(joint) if self.scale is None else joint
 
     @property
+    def ratio_std(self) -> float:
+        """Return the standard deviation of the ratio [-]; 0 if it was not fitted."""
+        return self.ratio * self.standard_deviations.get("log_ratio", 0.0)
+
+    @property
     def left_out(self) -> float:
         """Return the RMS angle error [rad] of groups that were kept from the fit in turn; NaN with one group."""
         squares = [g.left_out**2 * g.samples for g in self.groups]
@@ -204,16 +209,21 @@ class JointFit:
 
         Parameters are in SI units.
         """
+        std = self.standard_deviations
         return {
             "model": self.model,
             "samples": self.samples.n,
             "rms_error_deg": self.rms / DEG,
             "left_out_deg": self.left_out / DEG,
             "encoder_zero_deg": self.zero / DEG,
+            "encoder_zero_std_deg": std.get("zero", 0.0) / DEG,
             "friction": self.friction,
+            "friction_std": std.get("friction", 0.0),
             "antagonist_ratio": self.ratio,
-            "force_scale_known": self.scale is not None,
-            **{f"{name}_std": std for name, std in self.standard_deviations.items()},
+            "antagonist_ratio_std": self.ratio_std,
+            "force_scale": self.scale,
+            "force_scale_std": self.scale_std,
+            **{f"{name}_std": std[name] for name in self.problem.free},
         }
 
     def __repr__(self) -> str:

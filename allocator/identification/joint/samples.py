@@ -238,7 +238,6 @@ def _combined(*columns: Array | NDArray[np.intp]) -> NDArray[np.int64]:
 
 
 def _grouped(geometry: Geometries, group: ArrayLike | None, n: int) -> tuple[NDArray[np.intp], tuple[Group, ...]]:
-    """Return the index (n,) of each sample's group, and the groups that occur."""
     labels = np.full(n, "all") if group is None else np.asarray(group).ravel()
     if labels.size != n:
         raise InvalidInput(f"group has {labels.size} labels for {n} samples")

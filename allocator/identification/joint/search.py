@@ -19,7 +19,6 @@ to its forces as if they had been measured, which puts its parameters where the 
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -96,7 +95,6 @@ def _searched(problem: JointProblem, x: Array, evaluations: int) -> Array:
 
 
 def _improved(problem: JointProblem, x: Array) -> Array | None:
-    """Return what a Gauss–Newton step makes of `x`, or None where the search has converged."""
     r = problem.residual(x)
     cost, rows = float(r @ r), max(problem.samples.n - x.size, 1)
     enough = max(_GAIN * cost / rows, _EXACT * rows)
@@ -138,16 +136,8 @@ def scale_shape(problem: JointProblem, x: Array) -> Array:
     return np.array([values.get(name, value) for name, value in zip(problem.names, x.tolist(), strict=True)])
 
 
-class PseudoForces(NamedTuple):
-    """Pseudo-forces are those that explain the equilibria roughly."""
-
-    contraction: Array  # (k,) [-]
-    pressure: Array  # (k,) [Pa]
-    force: Array  # (k,) [N]
-
-
-def pseudo_forces(samples: JointSamples) -> PseudoForces:
-    """Return the forces of both muscles at the samples."""
+def _pseudo_forces(samples: JointSamples) -> tuple[Array, Array, Array]:
+    """Return contraction [-], pressure [Pa] and force [N] of both muscles (2n,) that explain the equilibria roughly."""
     (eps1, a1, _), (eps2, a2, _), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
     one, two = _basis(samples.P1, eps1), _basis(samples.P2, eps2)  # (n, 3)
     still = samples.torque == 0 if (samples.torque == 0).sum() > 3 else np.ones(samples.n, bool)
@@ -159,7 +149,7 @@ def pseudo_forces(samples: JointSamples) -> PseudoForces:
     b = np.append(np.zeros(still.sum()), _CONVENTION_WEIGHT * scale)
     p = np.linalg.lstsq(A / size, b, rcond=1e-9)[0] / size
     F = np.concatenate([one @ p, two @ p]) * CONVENTIONAL_AREA
-    return PseudoForces(np.concatenate([eps1, eps2]), np.concatenate([samples.P1, samples.P2]), F)
+    return np.concatenate([eps1, eps2]), np.concatenate([samples.P1, samples.P2]), F
 
 
 def _basis(P: Array | float, eps: Array) -> Array:
@@ -168,7 +158,7 @@ def _basis(P: Array | float, eps: Array) -> Array:
 
 def starting_muscle(model: type[Muscle], samples: JointSamples, hold: Mapping[str, float]) -> Muscle:
     """Return the muscle of this model that comes nearest to the pseudo-forces."""
-    eps, P, F = pseudo_forces(samples)
+    eps, P, F = _pseudo_forces(samples)
     every = max(1, eps.size // _MOST_SAMPLES)
     try:
         return fit(model, eps[::every], P[::every], F[::every], hold=hold, folds=0).muscle

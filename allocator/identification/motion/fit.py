@@ -182,7 +182,6 @@ def _if_better(found: Found, used: Mask, **more: float) -> Found:
 
 
 def _taken(found: Found, run: Prediction) -> list[str]:
-    """Return the sentences about what was taken for granted."""
     sentences, log = [], found.problem.log
     if _at_most(found, run):
         sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")

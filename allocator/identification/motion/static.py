@@ -70,7 +70,6 @@ class Equilibrium:
 
     @cached_property
     def _splines(self) -> tuple["RectBivariateSpline", "RectBivariateSpline"]:
-        """Return those of the angle at rest and of the stiffness there."""
         from scipy.interpolate import NearestNDInterpolator, RectBivariateSpline
 
         wide = replace(self.joint, angle_limits=None, covariance=None)

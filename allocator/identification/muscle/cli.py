@@ -109,7 +109,6 @@ def _models(name: str | None) -> tuple[type[Muscle], ...]:
 
 
 def _report(ranking: Ranking, console: Console) -> None:
-    """Print the table of all fits, the best first."""
     caption = (
         f"samples the model takes, of {ranking.samples}; RMS error [N] of those fitted; RMS error of samples kept from "
         f"the fit (cross-validation in 5 parts, the same {ranking.judged} samples for all models, weighted as in the "
@@ -173,27 +172,10 @@ def _greatest(fit: Fit[Muscle]) -> str:
 def _values(ranking: Ranking, best: Fit[Muscle]) -> dict[str, object]:
     """Return what `--json` prints; parameters are in SI units, as in the file that --out writes."""
     return {
-        "ranking": [
-            {
-                "model": fit.model,
-                "rms_N": fit.rms,
-                "unseen_rms_N": fit.cross_validated,
-                "fitted_parameters": len(fit.free),
-                "determined_parameters": fit.rank,
-                "monotone": fit.monotone,
-                "closed_form_inverse": fit.closed_form,
-            }
-            for fit in ranking.fits
-        ],
+        "ranking": [fit.to_dict() for fit in ranking.fits],
         "failures": ranking.failures,
         "best": {
-            "model": best.model,
-            "parameters_SI": best.muscle.parameters,
-            "standard_deviations_SI": best.standard_deviations,
-            "taut_samples": best.n_taut,
-            "slack_samples": best.slack.sum(),
-            "rms_N": best.rms,
-            "max_error_N": best.max_error,
+            **best.to_dict(),
             "samples_left_out": best.samples.dropped,
             "notes": best.samples.notes,
             "measured": None if best.muscle.measured is None else vars(best.muscle.measured),

@@ -223,7 +223,6 @@ def hysteresis(samples: Samples) -> tuple[Branches, ...]:
 
 
 def _signs(samples: Samples) -> dict[str, Array]:
-    """Return +1, -1 or 0 (n,) of both quantities."""
     moves = {"pressure": _steps(samples.pressure), "contraction": _steps(samples.contraction)}
     further = np.abs(moves["pressure"]) >= np.abs(moves["contraction"])
     signs = {}

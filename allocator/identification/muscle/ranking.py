@@ -100,6 +100,5 @@ def _sorted(fits: list[Fit[Muscle]], common: Samples) -> tuple[Fit[Muscle], ...]
 
 
 def _error(muscle: Muscle, samples: Samples) -> float:
-    """Return the weighted sum of squared errors [N²] at the taut samples."""
     error = muscle.law(samples.pressure, samples.contraction) - samples.force
     return float(samples.weights @ np.where(samples.slack, 0.0, error) ** 2)

@@ -129,14 +129,12 @@ class Samples:
 
 
 def _normal(z: Array) -> Array:
-    """Return Φ(z), the normal distribution."""
     from scipy.special import ndtr
 
     return np.asarray(ndtr(z))
 
 
 def _frozen(array: Array) -> Array:
-    """Return a read-only copy in one row."""
     array = np.array(array).ravel()
     array.flags.writeable = False
     return array

@@ -154,7 +154,6 @@ def settle(problem: JointProblem, x: Array, prior: Prior | None) -> tuple[JointP
 
 
 def _seen(profile: "Profile", low: float, high: float) -> CommonForce:
-    """Return the common force that a sag test shows, φ being between `low` and `high`."""
     best = profile.best
     less, more = ((share - best.share) * _per_share(profile.problem, best.x) for share in (low, high))
     std = (high - low) / (2 * _NORMAL)
@@ -200,7 +199,6 @@ def _bounds(problem: JointProblem, x: Array) -> tuple[float, float]:
 
 
 def _per_share(problem: JointProblem, x: Array) -> float:
-    """Return ∂C/∂φ [N]."""
     u = problem.unknowns(x)
     given = problem.measured_forces(u).sum() / problem.pull_share(u).real
     return float(given / problem.common_weight.sum())

@@ -150,7 +150,6 @@ class Effects:
 
 
 def _joints(problem: JointProblem, u: Unknowns) -> list[tuple[Mask, AntagonistJoint]]:
-    """Return the samples and the joint of each group."""
     s, antagonist = problem.samples, scaled(u.muscle, float(u.ratio))
     return [
         (s.group == i, AntagonistJoint(group.geometry, u.muscle, antagonist, min_contraction=-0.3))
@@ -159,7 +158,6 @@ def _joints(problem: JointProblem, u: Unknowns) -> list[tuple[Mask, AntagonistJo
 
 
 def _values(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Array:
-    """Return K, F1 and F2 (3, n)."""
     one, two = joint.sides(theta)
     with np.errstate(all="ignore"):
         F1, F2 = one.force(P1), two.force(P2)
@@ -286,7 +284,6 @@ def _with_law(problem: JointProblem, x: Array, model: type[Muscle]) -> tuple[Joi
 
 
 def _choice(effects: Effects, name: str, kind: str, other: JointProblem, there: Array) -> Choice:
-    """Return the choice with the solution `there` of the problem `other`."""
     u, n = other.unknowns(there), effects.problem.samples.n
     error, change = other.angle_error(there), effects.difference(other, there)[:n]
     return Choice(name, kind, rms(error), u.ratio, u.zero, u.friction, rms(change))

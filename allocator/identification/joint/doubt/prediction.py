@@ -105,7 +105,6 @@ def force_intervals(
 
 
 def _plain(F: Array) -> Array | float:
-    """Return a float for a scalar call."""
     return F if np.ndim(F) else float(F)
 
 

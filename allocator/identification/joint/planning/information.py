@@ -162,8 +162,8 @@ def _sag_test(joint: AntagonistJoint, known: Known) -> tuple[tuple[SagPoint, ...
             dF[: len(problem.free)] = strength * force_gradient(u.muscle, P[i], eps[i], problem.free)
             dF[-1] = mean * arm / np.asarray(side.moment_arm)[i]
             rows.append(-dF / gain / _SLACK_NOISE)
-    points = tuple(SagPoint(*map(float, values)) for values in zip(angles, *pressures, strict=True))
-    points = tuple(SagPoint(p.theta, *(q if np.isfinite(q) else np.nan for q in p[1:])) for p in points)
+    P1, P2 = (np.where(np.isfinite(P), P, np.nan).tolist() for P in pressures)
+    points = [SagPoint(*values) for values in zip(angles.tolist(), P1, P2, strict=True)]
     return tuple(p for p in points if p.slack), np.array(rows).reshape(-1, known.x.size + 1)
 
 
