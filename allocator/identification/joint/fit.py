@@ -104,7 +104,9 @@ def fit_joint(
     samples = samples.binned(_MOST_SAMPLES)
     if average:
         samples = samples.averaged()
-    extra = _extra(samples, friction=friction, ratio=ratio, zero=zero)
+    told = bool((samples.direction != 0).any())
+    used = {"log_ratio": ratio, "zero": zero, "friction": friction and told}
+    extra = tuple(name for name, fitted in used.items() if fitted)
     prototype, recipe, free = _prototype(model, samples, hold or {}, start)
     samples = _within(samples, prototype)
     problem = replace(_problem(prototype, recipe, samples, free, extra, taut_min), sag=sag)
@@ -125,12 +127,6 @@ def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tup
         raise InvalidInput(f"slack_noise = {error:g} Pa has to be positive")
     codes = np.broadcast_to(which.ravel(), samples.n).astype(np.intp)
     return samples.where(codes == 0), SlackReadings.of(samples, codes, float(error))
-
-
-def _extra(samples: JointSamples, **wanted: bool) -> tuple[str, ...]:
-    known = bool((samples.direction != 0).any())
-    used = {"log_ratio": wanted["ratio"], "zero": wanted["zero"], "friction": wanted["friction"] and known}
-    return tuple(name for name, fitted in used.items() if fitted)
 
 
 def _prototype(

@@ -202,6 +202,7 @@ class JointProblem:
         return gradient
 
     def _angle_gradient(self, u: Unknowns) -> Array:
+        """Return ∂(z + θ_eq)/∂x (n, m)."""
         s = self.samples
         theta, reached = self.equilibrium(u)
         routes = s.routes(theta)

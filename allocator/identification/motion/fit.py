@@ -80,18 +80,10 @@ def fit_motion(
     """
     log = MotionLog.checked(t, theta, P1, P2)
     tell = progress or (lambda step: None)
-    greatest = log.greatest_pressure
-    if joint is not None:
-        _check_supply(joint.pressure_limits[1], greatest)
-    static = Difference(greatest) if joint is None else Equilibrium(joint, greatest)
     every = log.settled
     early = every & (np.arange(log.n) < TRAINED * log.n)
-    trained, unseen = _seen(MotionProblem.of(log, static), early, tell)
-    if _slope(trained, early) < 0:
-        raise InvalidInput(
-            "θ falls with P1 and rises with P2: the muscles are swapped, or the angle has the other sign; pass P2 as "
-            "P1 and P1 as P2, or -theta"
-        )
+    trained, unseen = _seen(MotionProblem.of(log, _static(joint, log.greatest_pressure)), early, tell)
+    _check_sign(trained, early)
     tell("all rows")
     found = trained.again(every)
     left_out = [_left_out(found, rows & every, every & ~rows, tell) for rows in _blocks(log.n, LEFT_OUT)]
@@ -121,12 +113,23 @@ def fit_motion(
     )
 
 
-def _check_supply(supply: float, greatest: float) -> None:
-    """Refuse pressures [Pa] of the log that the joint's supply does not give."""
-    if greatest > _MOST_SUPPLY * supply:
+def _static(joint: AntagonistJoint | None, greatest: float) -> Difference | Equilibrium:
+    """Return what the static angle is a polynomial of, for pressures up to `greatest` [Pa]."""
+    if joint is None:
+        return Difference(greatest)
+    if greatest > _MOST_SUPPLY * (supply := joint.pressure_limits[1]):
         raise InvalidInput(
-            f"the pressures of the log go up to {greatest / BAR:.3g} bar, those of the joint up to "
-            f"{supply / BAR:.3g} bar: check the unit of P1 and P2 [Pa], or the joint's supply"
+            f"the pressures of the log go up to {greatest / BAR:.3g} bar, those of the joint up to {supply / BAR:.3g} "
+            "bar: check the unit of P1 and P2 [Pa], or the joint's supply"
+        )
+    return Equilibrium(joint, greatest)
+
+
+def _check_sign(found: Found, used: Mask) -> None:
+    if _slope(found, used) < 0:
+        raise InvalidInput(
+            "θ falls with P1 and rises with P2: the muscles are swapped, or the angle has the other sign; pass P2 as "
+            "P1 and P1 as P2, or -theta"
         )
 
 

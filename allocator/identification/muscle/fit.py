@@ -24,7 +24,7 @@ from allocator.units import BAR
 M = TypeVar("M", bound=Muscle)
 Range = tuple[float, float]
 
-_EVERYTHING: Range = (-np.inf, np.inf)
+EVERYTHING: Range = (-np.inf, np.inf)
 _MOST_LEVELS = 40  # more different pressures than this are put into classes
 _CLASSES = 10
 _PULLS = 0.02  # of full scale: a pull of the model where the muscle was slack that is to be named
@@ -40,8 +40,8 @@ def fit(
     taut_only: bool = True,
     hold: Mapping[str, float] | None = None,
     start: M | None = None,
-    pressure_range: Range = _EVERYTHING,
-    contraction_range: Range = _EVERYTHING,
+    pressure_range: Range = EVERYTHING,
+    contraction_range: Range = EVERYTHING,
     folds: int = 5,
     zero_noise: float | None = None,
 ) -> Fit[M]:
@@ -84,8 +84,8 @@ def fit(
 
 def prepared(
     samples: Samples,
-    pressure_range: Range = _EVERYTHING,
-    contraction_range: Range = _EVERYTHING,
+    pressure_range: Range = EVERYTHING,
+    contraction_range: Range = EVERYTHING,
     zero_noise: float | None = None,
     *,
     taut_only: bool = True,
@@ -95,7 +95,10 @@ def prepared(
     """
     if zero_noise is not None:
         zero_noise = checks.not_negative("zero_noise", zero_noise, "N")
-    samples = _within(samples, pressure_range, contraction_range)
+    ranges = (("pressure", pressure_range, BAR, " bar"), ("contraction", contraction_range, 1.0, ""))
+    for name, (low, high), unit, suffix in ranges:
+        samples = samples.without(getattr(samples, name) < low, f"{name} below {low / unit:g}{suffix}")
+        samples = samples.without(getattr(samples, name) > high, f"{name} above {high / unit:g}{suffix}")
     if not samples.n:
         raise InvalidInput("no samples are left to fit")
     if not taut_only:
@@ -130,13 +133,6 @@ def build_problem(
     problem = _problem(recipe, inside, hold or {}, taut_only)
     _check_sufficient(problem)
     return BuiltProblem(problem, recipe.starts, takes)
-
-
-def _within(samples: Samples, pressure: Range, contraction: Range) -> Samples:
-    for name, (low, high), unit, suffix in (("pressure", pressure, BAR, " bar"), ("contraction", contraction, 1.0, "")):
-        samples = samples.without(getattr(samples, name) < low, f"{name} below {low / unit:g}{suffix}")
-        samples = samples.without(getattr(samples, name) > high, f"{name} above {high / unit:g}{suffix}")
-    return samples
 
 
 def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str, float]) -> Recipe[M]:
@@ -197,7 +193,7 @@ def conclude(
         rank=determined.rank,
         rms=rms(residual),
         max_error=float(np.abs(residual).max()),
-        cross_validated=_cross_validated_on(problem, starts, muscle, folds, common),
+        cross_validated=_cross_validated(problem, starts, muscle, folds, common),
         levels=_levels(samples.pressure[~slack], residual),
         collinear=determined.collinear,
         monotone=not failure,
@@ -240,21 +236,16 @@ def _warnings(
         yield f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples"
 
 
-def _cross_validated_on(
+def _cross_validated(
     problem: MuscleProblem, starts: tuple[Muscle, ...], muscle: Muscle, folds: int, common: Mask | None
 ) -> float:
-    """Return the cross-validated error within the samples `common`, as if there were no others."""
-    if common is None or common.all():
-        return _cross_validated(problem, muscle, folds)
-    part = problem.on(common)
-    return _cross_validated(part, part.muscle(part.solve(starts).x), folds)
-
-
-def _cross_validated(problem: MuscleProblem, muscle: Muscle, folds: int) -> float:
-    """Return the weighted RMS error of taut samples predicted from a fit to the others.
+    """Return the weighted RMS error of taut samples predicted from a fit to the others, as if only the `common` were.
 
     It is NaN if there are not enough for that.
     """
+    if common is not None and not common.all():
+        problem = problem.on(common)
+        muscle = problem.muscle(problem.solve(starts).x)
     taut = np.flatnonzero(~problem.slack)
     if folds < 2 or taut.size - taut.size // folds < len(problem.free) + 1:
         return float("nan")

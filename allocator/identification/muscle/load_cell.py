@@ -59,8 +59,13 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
 
     `zero_noise` [N] is estimated from the slack readings if it is not given.
     """
-    samples = _positive(samples)
-    zero = find_zero(samples.where(_evenly(samples.n)))
+    F = tension(samples.contraction, samples.pressure, samples.force)
+    if F is not samples.force:
+        samples = replace(samples, force=F)
+        samples = samples.noted("the forces are negative where the muscle pulls: taken with the other sign")
+    looked_at = np.zeros(samples.n, bool)
+    looked_at[:: -(-samples.n // _MOST_READINGS)] = True  # evenly spread
+    zero = find_zero(samples.where(looked_at))
     if zero is None:
         return replace(samples, zero_noise=zero_noise or 0.0)
     noise = zero.noise if zero_noise is None else zero_noise
@@ -69,23 +74,6 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
         return samples
     note = f"slack readings lie round {zero.offset:.3g} N: taken for the load cell's zero and subtracted"
     return replace(samples, force=samples.force - zero.offset).noted(note)
-
-
-def _positive(samples: Samples) -> Samples:
-    """Turn the sign of forces whose greatest magnitude is negative and which fall as pressure rises, as of another load
-    cell.
-    """
-    F = tension(samples.contraction, samples.pressure, samples.force)
-    if F is samples.force:
-        return samples
-    return replace(samples, force=F).noted("the forces are negative where the muscle pulls: taken with the other sign")
-
-
-def _evenly(n: int) -> Mask:
-    """Return at most 2000 of n, evenly spread."""
-    chosen = np.zeros(n, bool)
-    chosen[:: -(-n // _MOST_READINGS)] = True
-    return chosen
 
 
 def find_zero(samples: Samples) -> Zero | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Mask
@@ -242,7 +242,10 @@ def thinned(samples: Samples) -> Samples:
     if samples.n <= MOST_ROWS:
         return samples
     rows = samples.where(samples.weights > 0)
-    places = [_part(q, n) for q, n in zip((rows.contraction, rows.pressure), _CELLS, strict=True)]
+    places = [
+        np.minimum((q - q.min()) / max(float(np.ptp(q)), 1e-300) * parts, parts - 1).astype(np.intp)
+        for q, parts in zip((rows.contraction, rows.pressure), _CELLS, strict=True)
+    ]
     _, cell = np.unique(places[0] * _CELLS[1] + places[1], return_inverse=True)
     total = np.bincount(cell, rows.weights)
     weight = rows.weights / total[cell]
@@ -267,12 +270,6 @@ def thinned(samples: Samples) -> Samples:
         f"{samples.n} rows became {total.size} samples, means over cells of contraction and pressure (loading and "
         "unloading averaged), each counted as one reading"
     )
-
-
-def _part(q: Array, parts: int) -> NDArray[np.intp]:
-    """Return which of the equal parts of its range each number is in."""
-    width = max(float(np.ptp(q)), 1e-300)
-    return np.asarray(np.minimum((q - q.min()) / width * parts, parts - 1), np.intp)
 
 
 def _scatter(moments: Array) -> Array:

@@ -158,6 +158,7 @@ def _joints(problem: JointProblem, u: Unknowns) -> list[tuple[Mask, AntagonistJo
 
 
 def _values(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Array:
+    """Return K, F1 and F2 (3, n)."""
     one, two = joint.sides(theta)
     with np.errstate(all="ignore"):
         F1, F2 = one.force(P1), two.force(P2)
@@ -222,7 +223,9 @@ def _choices(problem: JointProblem, x: Array, effects: Effects) -> Iterator[Choi
         keep = lowest >= start + further
         if keep.all() or keep.sum() < max(_LEFT * s.n, x.size + 1):
             continue
-        kept = _with_same_forces(problem.on(keep), x)
+        kept = problem.on(keep)
+        if kept.pull is not None:  # the pull share that the muscles of x have here: the common force is not in doubt
+            kept = replace(kept, pull=kept.pull._replace(value=kept.pull_share(kept.unknowns(x)).real))
         there, _ = minimise(kept, x)
         yield _choice(effects, f"pressures from {(start + further) / BAR:.2g} bar", "dead band", kept, there)
     most = _AS_GOOD * rms(problem.angle_error(x))
@@ -242,16 +245,6 @@ def _choices(problem: JointProblem, x: Array, effects: Effects) -> Iterator[Choi
         choice = _choice(effects, name, "law", other, there)
         if choice.rms <= most:
             yield choice
-
-
-def _with_same_forces(problem: JointProblem, x: Array) -> JointProblem:
-    """Return the problem on fewer samples with the pull share that the muscles of `x` have on these, if one is held.
-
-    The common force is not doubted here but in `allocator.identification.joint.doubt.common_force`.
-    """
-    if problem.pull is None:
-        return problem
-    return replace(problem, pull=problem.pull._replace(value=problem.pull_share(problem.unknowns(x)).real))
 
 
 def _with_constant_hysteresis(problem: JointProblem, x: Array) -> tuple[JointProblem, Array]:

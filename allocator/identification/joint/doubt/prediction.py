@@ -88,29 +88,18 @@ def force_intervals(
     """Return the intervals of a `JointFit` at angles [rad] and pressures [Pa], which broadcast."""
     given = checks.pressures_or_symbols(P1, P2)
     theta, *pressures = checks.broadcast(theta=checks.angle("theta", theta), P1=given[0], P2=given[1])
-    contractions = (joint.geometry.agonist(theta).contraction, joint.geometry.antagonist(theta).contraction)
     held, intervals, values = _held(fit, joint), [], []
-    arms = joint.geometry.agonist(theta).arm, joint.geometry.antagonist(theta).arm
-    k = len(joint.agonist.parameters)
-    for i, (muscle, P, eps, arm) in enumerate(
-        zip((joint.agonist, joint.antagonist), pressures, contractions, arms, strict=True)
-    ):
-        gradient = force_gradient(muscle, P, eps)
+    scale = fit.scale / CONVENTIONAL_AREA if fit.scale and fit.problem.conventional else 1.0  # in that of the problem
+    at, k = (joint.geometry.agonist(theta), joint.geometry.antagonist(theta)), len(joint.agonist.parameters)
+    for i, (muscle, P, there) in enumerate(zip((joint.agonist, joint.antagonist), pressures, at, strict=True)):
         C = held[i * k : (i + 1) * k, i * k : (i + 1) * k]
-        half = _NORMAL * deviation(gradient, C)
-        F, common = np.asarray(muscle.law(P, eps)), _scale(fit) * fit.problem.mean_arm / arm
-        values.append(_plain(F))
-        intervals.append((_plain(F + fit.common.low * common - half), _plain(F + fit.common.high * common + half)))
+        half = _NORMAL * deviation(force_gradient(muscle, P, there.contraction), C)
+        F, common = np.asarray(muscle.law(P, there.contraction)), scale * fit.problem.mean_arm / there.arm
+        ends = F + fit.common.low * common - half, F + fit.common.high * common + half
+        value, low, high = (a if np.ndim(a) else float(a) for a in (F, *ends))
+        values.append(value)
+        intervals.append((low, high))
     return ForceIntervals(values[0], values[1], intervals[0], intervals[1], fit.common.seen)
-
-
-def _plain(F: Array) -> Array | float:
-    return F if np.ndim(F) else float(F)
-
-
-def _scale(fit: "JointFit") -> float:
-    """Return the force scale of the fit in that of its problem."""
-    return fit.scale / CONVENTIONAL_AREA if fit.scale and fit.problem.conventional else 1.0
 
 
 def _held(fit: "JointFit", joint: AntagonistJoint) -> Array:
