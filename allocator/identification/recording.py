@@ -5,6 +5,8 @@ usually do, and the rows around lie on a parabola in comparison. A commanded pre
 spike only if it leaves the range of the others, or reads zero for less than 60 ms, which is rare.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -129,15 +131,14 @@ def longest_stretch(measured: Measured) -> Measured:
     return measured.where(keep, note)
 
 
+def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, list[int]]:
+    """Return the rows of spikes by column, if it has any; `theta` is an angle [rad], the others are pressures [Pa]."""
+    masks = {q: angle_spikes(t, a) if q == "theta" else pressure_spikes(t, a) for q, a in columns.items()}
+    return {quantity: np.flatnonzero(mask).tolist() for quantity, mask in masks.items() if mask.any()}
+
+
 def _spikes(measured: Measured) -> dict[str, list[int]]:
-    t = measured.values["time"]
-    found = {}
-    for quantity in _LOG:
-        values = measured.values[quantity]
-        mask = angle_spikes(t, values) if quantity == "theta" else pressure_spikes(t, values)
-        if mask.any():
-            found[quantity] = np.flatnonzero(mask).tolist()
-    return found
+    return spikes_of(measured.values["time"], {quantity: measured.values[quantity] for quantity in _LOG})
 
 
 def _once(measured: Measured) -> Measured:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.relative import stiffness_with_gradient, with_joint_covariance
@@ -120,12 +120,19 @@ def joints(
     return joints
 
 
+def rough_joints(problem: JointProblem, u: Unknowns) -> list[tuple[Mask, AntagonistJoint]]:
+    """Return the samples (n,) and the joint of each group, whose limits are wider than those of its samples."""
+    s, antagonist = problem.samples, scaled(u.muscle, float(u.ratio))
+    return [
+        (s.group == i, AntagonistJoint(group.geometry, u.muscle, antagonist, min_contraction=-0.3))
+        for i, group in enumerate(s.groups)
+    ]
+
+
 def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
     """Return the relative standard deviation of K at the samples, in the mean: dominated by that of the scale."""
     J, s = parameter_jacobian(problem, u), problem.samples
-    i = int(np.bincount(s.group).argmax())
-    here = s.group == i
-    joint = AntagonistJoint(s.groups[i].geometry, u.muscle, scaled(u.muscle, u.ratio), min_contraction=-0.3)
+    here, joint = rough_joints(problem, u)[int(np.bincount(s.group).argmax())]
     K = stiffness_with_gradient(joint, s.theta[here] - u.zero, s.P1[here], s.P2[here])
     return float(np.median(K.relative_std(J @ covariance @ J.T)))
 

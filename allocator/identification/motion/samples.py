@@ -23,12 +23,11 @@ from allocator.files.text import FilePath
 from allocator.identification.columns import read_columns
 from allocator.identification.recording import (
     GAP,
-    angle_spikes,
     in_time,
     longest_stretch,
-    pressure_spikes,
     refuse_spikes,
     refuse_turns,
+    spikes_of,
     without_spikes,
 )
 from allocator.units import BAR, DEG
@@ -184,12 +183,8 @@ class MotionLog:
 
     def _check_readings(self) -> None:
         """Refuse angles and pressures that no joint goes through: rows that jump there and back, turns within a row."""
-        spikes = {
-            "theta": angle_spikes(self.t, self.theta),
-            "P1": pressure_spikes(self.t, self.P1),
-            "P2": pressure_spikes(self.t, self.P2),
-        }
-        if wrong := [f"{name}[{i}]" for name, mask in spikes.items() for i in np.flatnonzero(mask)]:
+        spikes = spikes_of(self.t, {"theta": self.theta, "P1": self.P1, "P2": self.P2})
+        if wrong := [f"{name}[{i}]" for name, rows in spikes.items() for i in rows]:
             more = f" and {len(wrong) - _SHOWN} more" if len(wrong) > _SHOWN else ""
             raise InvalidInput(
                 f"spikes in {', '.join(wrong[:_SHOWN])}{more}, which jump there and back as no joint does; "

@@ -22,14 +22,14 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.joint.doubt.common_force import CommonForce
 from allocator.identification.joint.doubt.discrepancy import Discrepancy, discrepancy
-from allocator.identification.joint.problem import JointProblem, Unknowns
+from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.relative import stiffness_with_gradient
-from allocator.identification.joint.report import parameter_jacobian
+from allocator.identification.joint.report import parameter_jacobian, rough_joints
 from allocator.identification.joint.search import minimise
 from allocator.identification.least_squares import determine, rms, solve, unit_columns
 from allocator.identification.muscle.fit import fit
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.muscles import MODELS, Muscle, force_gradient, scaled
+from allocator.muscles import MODELS, Muscle, force_gradient
 from allocator.units import BAR
 
 LAWS = ("Sarosi2012", "AffinePolynomial", "Hildebrandt2005", "MartensBoblan2017")  # compared as choices
@@ -73,7 +73,7 @@ class Effects:
         theta = s.theta - u.zero
         values, slopes = np.empty((3, s.n)), np.empty((3, s.n, x.size))
         J = parameter_jacobian(problem, u)
-        for here, joint in _joints(problem, u):
+        for here, joint in rough_joints(problem, u):
             at = theta[here], s.P1[here], s.P2[here]
             K = stiffness_with_gradient(joint, *at)
             values[0, here], slopes[0, here] = K.value, K.gradient @ J
@@ -91,7 +91,7 @@ class Effects:
         """Return what another fit, or another law, changes (3n + extra,)."""
         now, u, s = self.problem.unknowns(self.x), other.unknowns(there), self.problem.samples
         changes = np.empty((3, s.n))
-        for (here, one), (_, two) in zip(_joints(self.problem, now), _joints(self.problem, u), strict=True):
+        for (here, one), (_, two) in zip(rough_joints(self.problem, now), rough_joints(self.problem, u), strict=True):
             at = self.theta[here], s.P1[here], s.P2[here]
             changes[:, here] = _values(two, *at) - _values(one, *at)
         extra = [np.log(u.ratio / now.ratio)] if "log_ratio" in self.problem.extra else []
@@ -147,14 +147,6 @@ class Effects:
         place = np.flatnonzero(self.inside)[muscle]
         even[np.ix_(place, place)] = C
         return even
-
-
-def _joints(problem: JointProblem, u: Unknowns) -> list[tuple[Mask, AntagonistJoint]]:
-    s, antagonist = problem.samples, scaled(u.muscle, float(u.ratio))
-    return [
-        (s.group == i, AntagonistJoint(group.geometry, u.muscle, antagonist, min_contraction=-0.3))
-        for i, group in enumerate(s.groups)
-    ]
 
 
 def _values(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Array:
