@@ -170,19 +170,12 @@ def _refuse_torque(
 
 
 def _choose(
-    table: Table,
-    groups: Sequence[tuple[str, ...]],
-    n_wanted: int,
-    mapping: Mapping[str, str],
-    ignored: set[int],
+    table: Table, groups: Sequence[tuple[str, ...]], n_wanted: int, mapping: Mapping[str, str], ignored: set[int]
 ) -> dict[str, Column]:
     """Choose the column of every group, the first `n_wanted` of which have to be there."""
     if not mapping and all(_is_number(name) for name in table.names):
         examples = ", ".join(f"{quantity} [{_usual(quantity)}]" for quantity, *_ in groups[:n_wanted])
-        raise _fault(
-            table,
-            f"has no column names: name them, such as {examples}; or leave lines out by --skip-rows",
-        )
+        raise _fault(table, f"has no column names: name them, such as {examples}; or leave lines out by --skip-rows")
     chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
     if strange := [quantity for quantity in chosen if not any(quantity in group for group in groups)]:
         known = ", ".join(q for group in groups for q in group)

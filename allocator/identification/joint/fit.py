@@ -130,10 +130,7 @@ def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tup
 
 
 def _prototype(
-    model: str | type[Muscle] | Muscle,
-    samples: JointSamples,
-    hold: Mapping[str, float],
-    start: Muscle | None,
+    model: str | type[Muscle] | Muscle, samples: JointSamples, hold: Mapping[str, float], start: Muscle | None
 ) -> tuple[Muscle, Recipe[Muscle], tuple[str, ...]]:
     """Return the muscle to start from, the model's recipe, and the names of the parameters that are fitted."""
     if isinstance(model, Muscle):

@@ -28,11 +28,7 @@ _WANTED = (_CONTRACTION, ("pressure",), ("force",))
 
 
 def read_samples(
-    path: FilePath,
-    rest_length: float | None = None,
-    columns: Mapping[str, str] | None = None,
-    *,
-    skip_rows: int = 0,
+    path: FilePath, rest_length: float | None = None, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0
 ) -> Samples:
     """Read measured forces; `rest_length` [m] is needed for a length or a shortening.
 

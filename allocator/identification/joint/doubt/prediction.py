@@ -33,12 +33,7 @@ class Prediction(NamedTuple):
 
 
 def predict(
-    fit: "JointFit",
-    P1: ArrayLike,
-    P2: ArrayLike,
-    torque: ArrayLike,
-    direction: ArrayLike,
-    geometry: Geometry | None,
+    fit: "JointFit", P1: ArrayLike, P2: ArrayLike, torque: ArrayLike, direction: ArrayLike, geometry: Geometry | None
 ) -> Prediction:
     """Return the prediction of a `JointFit`, as its method of this name does."""
     known = {shape.geometry for shape in fit.shapes.values()}
