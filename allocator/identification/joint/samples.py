@@ -120,15 +120,18 @@ class JointSamples:
         ends = np.array([geometry.reach for _, geometry in self.groups])
         return ends[self.group, 0], ends[self.group, 1]
 
-    def pairs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Return the index arrays (rising, falling) of samples at the same pressures (in one `cell`), torque and
-        group.
-        """
+    @property
+    def setpoints(self) -> NDArray[np.intp]:
+        """Return the number (n,) of each sample's setpoint: the same pressures (in one `cell`), torque and group."""
         P1, P2 = np.round(self.P1 / self.cell), np.round(self.P2 / self.cell)
         key = np.stack([self.group, P1, P2, np.round(self.torque, 6)])
-        _, place = np.unique(key, axis=1, return_inverse=True)
-        order = np.argsort(place.ravel(), kind="stable")
-        members = np.split(order, np.flatnonzero(np.diff(place.ravel()[order])) + 1)
+        return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), np.intp)
+
+    def pairs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Return the index arrays (rising, falling) of samples at the same setpoint."""
+        place = self.setpoints
+        order = np.argsort(place, kind="stable")
+        members = np.split(order, np.flatnonzero(np.diff(place[order])) + 1)
         both = [(m[self.direction[m] > 0], m[self.direction[m] < 0]) for m in members]
         return [(up, down) for up, down in both if up.size and down.size]
 

@@ -228,7 +228,8 @@ class Profile:
         wide = with_free_friction(replace(problem, pull=None, taut_min=-np.inf))
         first = _point(wide, np.append(x, np.zeros(len(wide.names) - x.size)))
         first = _fixed(wide, float(np.clip(first.share, _PLAUSIBLE, _MOST)), first.x)  # the law may prefer nonsense
-        freedom = max(_cells(problem) - len(wide.names), 1)
+        cells = int(problem.samples.setpoints.max()) + 1 + (problem.sag.n if problem.sag is not None else 0)
+        freedom = max(cells - len(wide.names), 1)
         points = [first]
         for side in (-1, 1):
             points = _walked(wide, points, side, freedom)
@@ -340,10 +341,3 @@ def _fixed(wide: JointProblem, share: float, x: Array) -> Point:
 def _point(wide: JointProblem, x: Array) -> Point:
     r = wide.residual(x)
     return Point(wide.pull_share(wide.unknowns(x)).real, x, float(r @ r))
-
-
-def _cells(problem: JointProblem) -> int:
-    """Return how many different setpoints there are, and readings of the sag test."""
-    s = problem.samples
-    key = np.stack([s.group, *(np.round(P / s.cell) for P in (s.P1, s.P2)), np.round(s.torque, 6)])
-    return int(np.unique(key, axis=1).shape[1]) + (problem.sag.n if problem.sag is not None else 0)
