@@ -139,22 +139,23 @@ def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray
     return [np.arange(end, end + width) for end in ends]
 
 
+def _codes(measured: Measured, quantity: str, known: tuple[int, ...], sentence: str) -> Array | None:
+    """Return the column (n,) of these numbers, None if there is none; refuses any other number."""
+    codes = measured.values.get(quantity)
+    if codes is not None and (wrong := ~np.isin(codes, known)).any():
+        raise measured.mistake(quantity, f"has to be {sentence}", int(np.argmax(wrong)))
+    return codes
+
+
 def _slack(measured: Measured) -> Array | None:
-    """Return which cables just went slack in each row, None without such a column."""
-    slack = measured.values.get("slack")
-    if slack is not None and (wrong := ~np.isin(slack, (0, 1, 2, 3))).any():
-        sentence = "has to be 1 (the agonist goes slack), 2 (the antagonist), 3 (both) or 0 (an equilibrium)"
-        raise measured.mistake("slack", sentence, int(np.argmax(wrong)))
-    return slack
+    codes = "1 (the agonist goes slack), 2 (the antagonist), 3 (both) or 0 (an equilibrium)"
+    return _codes(measured, "slack", (0, 1, 2, 3), codes)
 
 
 def _directions(measured: Measured, sweeps: Mapping[float, float]) -> Array:
     values = measured.values
-    if "direction" in values:
-        way = values["direction"]
-        if (wrong := ~np.isin(way, (-1, 0, 1))).any():
-            sentence = "has to be +1 (rising), -1 (falling) or 0 (not known)"
-            raise measured.mistake("direction", sentence, int(np.argmax(wrong)))
+    way = _codes(measured, "direction", (-1, 0, 1), "+1 (rising), -1 (falling) or 0 (not known)")
+    if way is not None:
         return way
     if not sweeps:
         return np.zeros(values["theta"].size)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,8 +78,8 @@ def fit(
     """
     samples = Samples.checked(contraction, pressure, force, weights)
     samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
-    built = build_problem(model, samples, hold, start, taut_only=taut_only)
-    return conclude(model, built.problem, folds, built.starts)
+    problem, starts, _ = build_problem(model, samples, hold, start, taut_only=taut_only)
+    return conclude(model, problem, folds, starts)
 
 
 def prepared(
@@ -109,14 +109,6 @@ def prepared(
     return weighted(thinned(samples))
 
 
-class BuiltProblem(NamedTuple):
-    """A built problem is that of fitting one model, with where to start."""
-
-    problem: MuscleProblem
-    starts: tuple[Muscle, ...]
-    takes: Mask  # (n,) which of the samples are in the model's domain
-
-
 def build_problem(
     model: type[M],
     samples: Samples,
@@ -124,15 +116,22 @@ def build_problem(
     start: M | None = None,
     *,
     taut_only: bool = True,
-) -> BuiltProblem:
-    """Build the problem of fitting `model` to those of the prepared samples that are in its domain."""
+) -> tuple[MuscleProblem, tuple[Muscle, ...], Mask]:
+    """Build the problem of fitting `model` to those of the prepared samples that are in its domain.
+
+    Returns the problem, where to start, and which samples (n,) are in the domain.
+    """
     recipe = _recipe(model, samples, start, hold or {})
     least = max(s.min_contraction for s in recipe.starts)
     takes = samples.contraction >= least
     inside = samples.without(~takes, f"contraction below {least:g}, where {model.__name__} ends")
-    problem = _problem(recipe, inside, hold or {}, taut_only)
+    prototype = recipe.starts[0]
+    free = recipe.free(prototype.parameters, hold or {})
+    linear = tuple(n for n in free if among(n, recipe.linear))
+    slack = inside.slack if taut_only else np.zeros(inside.n, bool)
+    problem = MuscleProblem(prototype, free, linear, *recipe.limits(free), inside, slack)
     _check_sufficient(problem)
-    return BuiltProblem(problem, recipe.starts, takes)
+    return problem, recipe.starts, takes
 
 
 def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str, float]) -> Recipe[M]:
@@ -143,15 +142,6 @@ def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str
     if not recipe.starts:
         raise InvalidInput(f"{model.__name__} does not say from where to search; pass start=")
     return replace(recipe, starts=tuple(s.with_parameters(hold) for s in recipe.starts))
-
-
-def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], taut_only: bool) -> MuscleProblem:
-    prototype = recipe.starts[0]
-    free = recipe.free(prototype.parameters, hold)
-    linear = tuple(n for n in free if among(n, recipe.linear))
-    lower, upper = recipe.limits(free)
-    slack = samples.slack if taut_only else np.zeros(samples.n, bool)
-    return MuscleProblem(prototype, free, linear, lower, upper, samples, slack)
 
 
 def _check_sufficient(problem: MuscleProblem) -> None:

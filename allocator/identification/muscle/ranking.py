@@ -68,7 +68,7 @@ def rank_models(
             built[model] = build_problem(model, samples, held, taut_only=taut_only)
         except InvalidInput as error:
             failures[model.__name__] = str(error)
-    common = np.logical_and.reduce([np.ones(samples.n, bool), *(p.takes for p in built.values())])
+    common = np.logical_and.reduce([np.ones(samples.n, bool), *(takes for *_, takes in built.values())])
     fits = []
     for model in progress(models):
         if model not in built:
