@@ -50,10 +50,11 @@ def assigned(option: str, settings: Sequence[str], expected: str) -> dict[str, f
 
 
 def each(models: Iterable[T], console: "Console") -> Iterable[T]:
-    """Yield the models, a bar showing how many are fitted."""
+    """Return the models to go through; a bar shows how many of several are fitted."""
     from rich.progress import track
 
-    return track(tuple(models), "fitting", console=console, transient=True)
+    models = tuple(models)
+    return track(models, "fitting", console=console, transient=True) if len(models) > 1 else models
 
 
 def clock(console: "Console") -> "Progress":
