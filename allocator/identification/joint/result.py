@@ -196,7 +196,7 @@ class JointFit:
         if self.scale is not None:
             raise InvalidInput("the force scale is known already, from the weight in the data")
         if len(self.shapes) > 1:
-            raise InvalidInput("T_P belongs to one geometry; this fit is of several: complete it with weights")
+            raise InvalidInput("T_P belongs to one geometry, and this fit is of several: fit them with a known weight")
         (label, shape), (theta, P1, P2) = next(iter(self.shapes.items())), at
         joint = RelativeJoint(shape).with_scale(T_P, (theta - self.zero, P1, P2), std)
         names, powers = list(shape.agonist.parameters), strength_powers(shape.agonist)
