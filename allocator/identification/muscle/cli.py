@@ -32,8 +32,9 @@ def fit_command(
     data: Annotated[
         str, typer.Argument(help=f"CSV file, or a table of the package: {', '.join(DATASETS)}.", metavar="DATA")
     ] = _DEFAULT,
-    model: Annotated[str | None, typer.Option(help="Fit this model only; see --all for their names.")] = None,
-    every: Annotated[bool, typer.Option("--all", help="Fit all models and rank them (default).")] = False,
+    model: Annotated[
+        str | None, typer.Option(help="Fit this model only; by default all are, and ranked by name.")
+    ] = None,
     rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
     columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
     skip_rows: SkipRows = 0,
@@ -56,8 +57,6 @@ def fit_command(
     Columns by name with unit: contraction [%], length or shortening [mm], pressure [bar] (gauge), force [N], in these
     or other units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used.
     """
-    if every and model:
-        raise InvalidInput("--all fits every model; leave out --model, or leave out --all")
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--min-pressure", min_pressure, "bar", -1, 100)
     within("--min-contraction", min_contraction, "(a ratio, not percent)", -1, 1)
