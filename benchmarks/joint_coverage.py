@@ -28,7 +28,8 @@ from allocator import AntagonistJoint, Lever, Pulley
 from allocator.calculus import Array, increasing_root
 from allocator.errors import InvalidInput
 from allocator.identification import JointFit, fit, fit_joint, load_dataset
-from allocator.identification.joint import gradients, report
+from allocator.identification.joint import report
+from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.muscles import Hildebrandt2005, Muscle, scaled
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
@@ -161,7 +162,7 @@ def covered(m: Made) -> Covered:
     at = free[np.linspace(0, free.size - 1, _POINTS).astype(int)]
     theta, P1, P2 = m.theta[at] - m.zero, m.P1[at], m.P2[at]
     found = fitted.joint
-    K, true = gradients.stiffness(found, theta, P1, P2), m.joint.stiffness(theta, P1, P2)
+    K, true = stiffness_with_gradient(found, theta, P1, P2), m.joint.stiffness(theta, P1, P2)
     ratio = float(m.joint.antagonist.force(3 * BAR, 0.1) / m.joint.agonist.force(3 * BAR, 0.1))
     others = {
         "ratio": (fitted.ratio / ratio - 1, fitted.standard_deviations["log_ratio"]),

@@ -22,8 +22,8 @@ from allocator import AntagonistJoint, Lever, Pulley
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification import fit_joint
-from allocator.identification.joint import gradients
 from allocator.identification.joint.planning.plan import plan_joint_experiment
+from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
@@ -63,7 +63,7 @@ def kept(seed: int) -> Kept:
     shown = theta + NOISE * rng.standard_normal(theta.size)
     options = {"geometry": geometry, "torque": torque, "direction": direction, "leave_one_out": False, "choices": False}
     fit = fit_joint(shown, P1, P2, **options)
-    K = gradients.stiffness(fit.joint, theta, P1, P2)
+    K = stiffness_with_gradient(fit.joint, theta, P1, P2)
     true = joint.stiffness(theta, P1, P2)
     stated = float(np.median(K.std(np.asarray(fit.joint.covariance)) / true))
     return Kept(plan.accuracy, plan.expected, stated, np.asarray(K.value / true - 1))

@@ -126,10 +126,10 @@ def judged(name: str, joint: AntagonistJoint, **given: Any) -> Result:
     begun = time.perf_counter()
     fit = fit_joint(**given, geometry=joint.geometry, leave_one_out=False, choices=False)
     seconds = time.perf_counter() - begun
-    from allocator.identification.joint.gradients import stiffness
+    from allocator.identification.joint.relative import stiffness_with_gradient
 
     at = (np.array([0.0]), np.array([P]), np.array([P]))
-    K = stiffness(fit.joint, *at)
+    K = stiffness_with_gradient(fit.joint, *at)
     half = 1.96 * float(K.std(np.asarray(fit.joint.covariance))[0])
     F, true = fit.forces(0.0, P, P), joint.forces(0.0, P, P)
     forces = tuple(

@@ -1,19 +1,17 @@
 """A muscle is found from measured forces, a joint from measured angles at rest, and what moves it from a log."""
 
 from allocator.identification.joint.comparison import compare_joint_models
-from allocator.identification.joint.dead_band import estimate_dead_band
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit
 from allocator.identification.motion.fit import fit_motion
-from allocator.identification.motion.reading import read_motion_log
 from allocator.identification.motion.result import MotionFit
-from allocator.identification.muscle.datasets import DATASETS, Dataset, load_dataset
+from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.muscle.fit import fit
 from allocator.identification.muscle.ranking import rank_models
-from allocator.identification.muscle.reading import read_samples
+from allocator.identification.muscle.reading import DATASETS, Dataset, load_dataset, read_samples
 from allocator.identification.muscle.result import Fit, Level, has_closed_form_inverse
 from allocator.identification.muscle.samples import Samples
 from allocator.identification.trapped_gas import GasFit, fit_gas
@@ -29,7 +27,6 @@ __all__ = [
     "RelativeJoint",
     "Samples",
     "compare_joint_models",
-    "estimate_dead_band",
     "fit",
     "fit_gas",
     "fit_joint",

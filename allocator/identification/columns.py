@@ -93,7 +93,7 @@ def read_columns(
     """
     table = read_table(path, skip_rows=skip_rows, is_unit=is_unit)
     mapping = dict(columns or {})
-    ignored = _ignored(table, mapping.pop(_IGNORE, ""))
+    ignored = {_place(table, name.strip()) for name in mapping.pop(_IGNORE, "").split(";") if name.strip()}
     groups = [*wanted, *((quantity,) for quantity in optional)]
     chosen = _choose(table, groups, len(wanted), mapping, ignored)
     unused = [i for i, name in enumerate(table.names) if name and i not in {c.place for c in chosen.values()}]
@@ -148,13 +148,7 @@ def _values(table: Table, column: Column, drop_missing: bool | None) -> Array:
 
 
 def _fault(table: Table, sentence: str, column: str | None = None) -> InvalidFile:
-    """Return the error that says what is wrong with the names of the columns."""
     return InvalidFile(table.path, sentence, line=table.names_line, column=column)
-
-
-def _ignored(table: Table, text: str) -> set[int]:
-    """Return the places of the columns that the caller leaves unread, `a` or `a;b`."""
-    return {_place(table, name.strip()) for name in text.split(";") if name.strip()}
 
 
 def _refuse_torque(
@@ -176,19 +170,12 @@ def _refuse_torque(
 
 
 def _choose(
-    table: Table,
-    groups: Sequence[tuple[str, ...]],
-    n_wanted: int,
-    mapping: Mapping[str, str],
-    ignored: set[int],
+    table: Table, groups: Sequence[tuple[str, ...]], n_wanted: int, mapping: Mapping[str, str], ignored: set[int]
 ) -> dict[str, Column]:
     """Choose the column of every group, the first `n_wanted` of which have to be there."""
     if not mapping and all(_is_number(name) for name in table.names):
-        raise _fault(
-            table,
-            f"has no column names: name them, such as {_examples(groups[:n_wanted])}; or leave lines out by "
-            "--skip-rows",
-        )
+        examples = ", ".join(f"{quantity} [{_usual(quantity)}]" for quantity, *_ in groups[:n_wanted])
+        raise _fault(table, f"has no column names: name them, such as {examples}; or leave lines out by --skip-rows")
     chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
     if strange := [quantity for quantity in chosen if not any(quantity in group for group in groups)]:
         known = ", ".join(q for group in groups for q in group)
@@ -313,12 +300,7 @@ def _without_unit(table: Table, unclear: list[tuple[str, str]]) -> InvalidFile:
     )
 
 
-def _examples(groups: Sequence[tuple[str, ...]]) -> str:
-    return ", ".join(f"{group[0]} [{_usual(group[0])}]" for group in groups)
-
-
 def _usual(quantity: str) -> str:
-    """Return the unit to name as an example."""
     return next(iter(UNITS[quantity]))
 
 
@@ -342,8 +324,10 @@ def _check_unit(measured: Measured, kind: str) -> None:
     values = {q: v for q, v in measured.values.items() if q in (kind, f"{kind}1", f"{kind}2")}
     if not values:
         return
-    if "time" in measured.values:
-        values = {q: _without_single_rows(v) for q, v in values.items()}
+    if "time" in measured.values:  # what less than four rows of a log show may be a spike
+        from scipy.ndimage import median_filter
+
+        values = {q: median_filter(v, 7, mode="nearest") for q, v in values.items()}
     quantity = max(values, key=lambda q: float(np.abs(values[q]).max()))
     column, (low, high) = measured.columns[quantity], _PLAUSIBLE[kind]
     row = int(np.argmax(np.abs(values[quantity])))
@@ -359,13 +343,6 @@ def _check_unit(measured: Measured, kind: str) -> None:
     what = f"{read} is too much" if greatest > high else f"never exceeds {read}, too little"
     sentence = f'{what}; was {shown} meant? If not, say --columns "{quantity}={column.name}:{unit}"'
     raise measured.mistake(quantity, sentence, row)
-
-
-def _without_single_rows(values: Array) -> Array:
-    """Return the values (n,) of a log without what less than four rows show, such as spikes."""
-    from scipy.ndimage import median_filter
-
-    return np.asarray(median_filter(values, 7, mode="nearest"))
 
 
 def _with_unit(number: float, unit: str) -> str:

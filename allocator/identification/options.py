@@ -1,8 +1,18 @@
-"""Options of the commands that read measured data."""
+"""Options of the commands that read measured data, and what these commands show while they fit."""
 
-from typing import Annotated
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
+from typer.models import OptionInfo
+
+from allocator.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+T = TypeVar("T")
 
 SkipRows = Annotated[
     int, typer.Option("--skip-rows", min=0, help="Leave out so many lines at the beginning of the file.")
@@ -14,3 +24,47 @@ DropSpikes = Annotated[
         help="Leave out the rows of a log in which a reading jumps there and back, drops out, or is missing.",
     ),
 ]
+
+
+def columns_option(example: str) -> OptionInfo:
+    """Return the option --columns with an example of the command's own quantities."""
+    option: OptionInfo = typer.Option(
+        help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
+        ":bar(abs) takes the atmosphere off; ignore=NAME leaves a column out)."
+    )
+    return option
+
+
+def assigned(option: str, settings: Sequence[str], expected: str) -> dict[str, float]:
+    """Return the numbers in NAME=NUMBER by name; `expected` says in an error what would be right."""
+    numbers: dict[str, float] = {}
+    for setting in settings:
+        name, _, value = (part.strip() for part in setting.partition("="))
+        if name in numbers:
+            raise InvalidInput(f"{option} {setting}: {name} is given twice")
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise InvalidInput(f"{option} {setting}: expected {expected}") from None
+    return numbers
+
+
+def each(models: Iterable[T], console: "Console") -> Iterable[T]:
+    """Return the models to go through; a bar shows how many of several are fitted."""
+    from rich.progress import track
+
+    models = tuple(models)
+    return track(models, "fitting", console=console, transient=True) if len(models) > 1 else models
+
+
+def clock(console: "Console") -> "Progress":
+    """Return a line with the time that has gone by, for work of unknown length."""
+    from rich.progress import Progress, TimeElapsedColumn
+
+    return Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True)
+
+
+def print_lines(console: "Console", lines: Iterable[str]) -> None:
+    """Print lines as they are, without colours."""
+    for line in lines:
+        console.print(line, markup=False, highlight=False)

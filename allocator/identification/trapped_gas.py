@@ -67,6 +67,16 @@ class TrappedGas:
         volume = kappa / self.ratio.value
         return Uncertain(volume - self.swell, volume * self.ratio.std / self.ratio.value)
 
+    def __str__(self) -> str:
+        """Say what the log tells of it."""
+        at = f"κ/V^eff = {self.stiffening} 1/m³ at {self.P / BAR:.2g} bar"
+        if self.kappa and self.rest_volume:
+            cm3 = Uncertain(*(1e6 * value for value in self.rest_volume))
+            return f"{at}; κ = {self.kappa}, V_0 = {cm3} cm³."
+        low, high = (1e6 * self.volume_for(kappa).value for kappa in (1.0, 1.4))
+        apart = f"κ and V_0 are not told apart: V_0 = {low:.3g} cm³ if κ = 1, {high:.3g} cm³ if κ = 1.4"
+        return f"{at}; {apart}; turn the joint farther."
+
 
 @dataclass(frozen=True)
 class GasFit:
@@ -103,10 +113,7 @@ class GasFit:
     @property
     def message(self) -> str:
         """Say what the log tells, in a sentence for each muscle."""
-        return " ".join(
-            f"{name.capitalize()}: {_told(gas)}"
-            for name, gas in (("agonist", self.agonist), ("antagonist", self.antagonist))
-        )
+        return f"Agonist: {self.agonist} Antagonist: {self.antagonist}"
 
 
 def fit_gas(
@@ -139,11 +146,9 @@ def fit_gas(
     if kept.sum() < _LEAST:
         raise InvalidInput(f"only {kept.sum()} samples have shut valves; {_LEAST} are needed")
     free = _without_drift(rest[kept], t[kept].astype(float))
-    found = [
-        _fitted(side, P[kept], free, joint.gas) for side, P in zip(joint.sides(theta[kept]), (P1, P2), strict=True)
-    ]
+    sides = zip(joint.sides(theta[kept]), (P1, P2), strict=True)
     middle = float(np.median(theta[kept]))
-    return GasFit(joint, *(replace(gas, theta=middle) for gas in found))
+    return GasFit(joint, *(_fitted(side, middle, P[kept], free, joint.gas) for side, P in sides))
 
 
 def at_rest(commands: ArrayLike, P1: ArrayLike, P2: ArrayLike, dead_band: float) -> Array:
@@ -181,8 +186,8 @@ def _without_drift(rest: Array, t: Array) -> Callable[[Array], Array]:
     return free
 
 
-def _fitted(side: OneMuscle, P: Array, free: Callable[[Array], Array], gas: Gas) -> TrappedGas:
-    """Return what a muscle tells, held at the angles of the log with the pressures `P` (n,)."""
+def _fitted(side: OneMuscle, theta: float, P: Array, free: Callable[[Array], Array], gas: Gas) -> TrappedGas:
+    """Return what a muscle tells at `theta` [rad], held at the angles of the log with the pressures `P` (n,)."""
     from scipy.optimize import least_squares
 
     swell = side.rest_length * side.muscle.gain_integral(P, side.contraction)
@@ -205,7 +210,7 @@ def _fitted(side: OneMuscle, P: Array, free: Callable[[Array], Array], gas: Gas)
     apart = w > _APART * w_std
     by_both = np.array([1 / w, -rho / w**2]) if apart else np.zeros(2)  # of κ = ρ/w
     return TrappedGas(
-        theta=np.nan,
+        theta=theta,
         P=at,
         stiffening=Uncertain(float(rho / stretch), float(rho_std / stretch**2)),
         ratio=Uncertain(float(rho), float(rho_std)),
@@ -232,13 +237,3 @@ def _log(w: float, delta: Array) -> Array:
     if np.abs(x).max() < _SMALL:
         return np.asarray(delta * (1 - x / 2))
     return np.asarray(np.log1p(np.maximum(x, -0.999)) / w)
-
-
-def _told(gas: TrappedGas) -> str:
-    at = f"κ/V^eff = {gas.stiffening} 1/m³ at {gas.P / BAR:.2g} bar"
-    if gas.kappa and gas.rest_volume:
-        cm3 = Uncertain(*(1e6 * value for value in gas.rest_volume))
-        return f"{at}; κ = {gas.kappa}, V_0 = {cm3} cm³."
-    low, high = (1e6 * gas.volume_for(kappa).value for kappa in (1.0, 1.4))
-    apart = f"κ and V_0 are not told apart: V_0 = {low:.3g} cm³ if κ = 1, {high:.3g} cm³ if κ = 1.4"
-    return f"{at}; {apart}; turn the joint farther."

@@ -5,17 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import Progress, TimeElapsedColumn
 from rich.table import Table
 
 from allocator.errors import InvalidInput
 from allocator.files import toml
 from allocator.identification.columns import parse_columns
 from allocator.identification.motion.fit import STEPS, fit_motion
-from allocator.identification.motion.reading import read_motion_log
 from allocator.identification.motion.result import LABELS, MotionFit
-from allocator.identification.muscle.cli import columns_option
-from allocator.identification.options import DropSpikes, SkipRows
+from allocator.identification.motion.samples import read_motion_log
+from allocator.identification.options import DropSpikes, SkipRows, clock, columns_option
 from allocator.machine_file import joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
@@ -62,7 +60,7 @@ def fit_motion_command(
         say(console, note)
     content = None if machine is None else toml.Table.read(machine)
     given = None if content is None else joint_from(content, scale_needed=False)
-    with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
+    with clock(console) as bar:
         task = bar.add_task("fitting", total=STEPS)
         fit = fit_motion(
             data.t,
@@ -82,7 +80,9 @@ def fit_motion_command(
         plant.save(out)
         say(console, f"written: {out}")
     if plot is not None:
-        _draw(fit, plot)
+        from allocator.identification.motion.plotting import plot_motion_fit
+
+        save_figure(plot_motion_fit(fit), plot, dpi=120)
         say(console, f"written: {plot}")
 
 
@@ -145,9 +145,3 @@ def _values(fit: MotionFit, plant: "IdentifiedPlant | None") -> dict[str, Any]:
     of_file = {"rms": plant.errors, "rms_last_40_percent": plant.last, "held_out": plant.held_out}
     told = {f"plant_{name}_deg": errors.every / DEG for name, errors in of_file.items()}
     return {**values, **told, "plant_assumed": plant.assumed}
-
-
-def _draw(fit: MotionFit, path: Path) -> None:
-    from allocator.identification.motion.plotting import plot_motion_fit
-
-    save_figure(plot_motion_fit(fit), path, dpi=120)

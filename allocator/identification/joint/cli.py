@@ -1,33 +1,31 @@
 """`antagonist fit-joint` finds a joint from a log of angles and pressures."""
 
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import Progress, TimeElapsedColumn, track
 from rich.table import Table
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
-from allocator.identification.joint.comparison import JointComparison, Model, compare_joint_models
-from allocator.identification.joint.dead_band import estimate_dead_band
-from allocator.identification.joint.doubt.report import choice_lines, choice_values, found_std
+from allocator.identification.joint.comparison import JointComparison, compare_joint_models
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import JointLog, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
-from allocator.identification.muscle.cli import columns_option
-from allocator.identification.options import DropSpikes, SkipRows
+from allocator.identification.options import DropSpikes, SkipRows, assigned, clock, columns_option, each, print_lines
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.presentation.plotting import save_figure
-from allocator.shell.options import numbers, within
+from allocator.shell.options import within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, MM
+
+if TYPE_CHECKING:
+    from allocator.identification.joint.result import JointFit
 
 
 def fit_joint_command(
@@ -50,9 +48,7 @@ def fit_joint_command(
     every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
     average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
     friction: Annotated[bool, typer.Option(help="Fit the friction μ, if the log has directions.")] = True,
-    dead_band: Annotated[
-        str, typer.Option(help="Leave out samples with a pressure below [bar]; auto: what the data show.")
-    ] = "0.5",
+    dead_band: Annotated[float, typer.Option(help="Leave out samples with a pressure below [bar].")] = 0.5,
     sweep: Annotated[
         list[str] | None, typer.Option(help="Direction of a number in the column sweep: 1=-1, 2=+1. Repeatable.")
     ] = None,
@@ -73,6 +69,7 @@ def fit_joint_command(
     phi [rad]). With a column time [s] the file is a raw log: what was steady for a second is used.
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
+    within("--dead-band", dead_band, "bar", 0, 100)
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(log,), force=force)
     console = Console(stderr=as_json)
@@ -89,12 +86,11 @@ def fit_joint_command(
         "slack": data.slack,
         "average": average,
         "friction": friction,
+        "dead_band": dead_band * BAR,
     }
     measured = (data.theta, data.P1, data.P2)
-    auto = dead_band == "auto"
-    options["dead_band"] = estimate_dead_band(*measured, model=model, **options) if auto else _dead_band(dead_band)
-    compared = compare_joint_models(*measured, progress=lambda m: _progress(m, console), **options) if every else None
-    with Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True) as bar:
+    compared = compare_joint_models(*measured, progress=lambda m: each(m, console), **options) if every else None
+    with clock(console) as bar:
         bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
         fit = fit_joint(*measured, model=model, **options)
     if as_json:
@@ -107,28 +103,17 @@ def fit_joint_command(
         fit.save(out, group)
         say(console, f"written: {out}")
     if plot is not None:
-        _draw(fit, plot)
+        from allocator.identification.joint.plotting import plot_joint_fit
+
+        save_figure(plot_joint_fit(fit), plot, dpi=120)
         say(console, f"written: {plot}")
 
 
-def _dead_band(text: str) -> float:
-    """Return the dead band [Pa] that is given."""
-    (given,) = numbers("--dead-band", text, 1, 1, "0.5, or auto")
-    within("--dead-band", given, "bar", 0, 100)
-    return given * BAR
-
-
 def _sweeps(settings: list[str]) -> dict[float, float]:
-    sweeps = {}
-    for setting in settings:
-        number, _, way = setting.partition("=")
-        try:
-            sweeps[float(number)] = float(way)
-        except ValueError:
-            raise InvalidInput(f"--sweep {setting}: expected NUMBER=DIRECTION, such as 1=-1") from None
-        if abs(sweeps[float(number)]) != 1:
-            raise InvalidInput(f"--sweep {setting}: the direction is +1 (θ rises) or -1 (θ falls)")
-    return sweeps
+    ways = assigned("--sweep", settings, "NUMBER=DIRECTION, such as 1=-1")
+    if wrong := [f"{name}={way:g}" for name, way in ways.items() if abs(way) != 1]:
+        raise InvalidInput(f"--sweep {wrong[0]}: the direction is +1 (θ rises) or -1 (θ falls)")
+    return {_numbers("--sweep", name, (1,))[0]: way for name, way in ways.items()}
 
 
 def _geometry(
@@ -161,10 +146,6 @@ def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
     return numbers
 
 
-def _progress(models: Iterable[Model], console: Console) -> Iterable[Model]:
-    return track(tuple(models), "fitting", console=console, transient=True)
-
-
 def _describe_log(log: JointLog, console: Console) -> None:
     for note in log.notes:
         say(console, note)
@@ -186,24 +167,22 @@ def _report(comparison: JointComparison, console: Console) -> None:
         left_out = "–" if np.isnan(fit.left_out) else f"{fit.left_out / DEG:.2f}"
         table.add_row(name, f"{fit.rms / DEG:.2f}", left_out, f"{low:.3f}", f"{high:.3f}")
     console.print(table)
-    for sentence in comparison.sentences:
-        console.print(sentence, markup=False)
-    for name, why in comparison.failures.items():
-        console.print(f"{name}: not fitted, {why}", markup=False)
+    failures = (f"{name}: not fitted, {why}" for name, why in comparison.failures.items())
+    print_lines(console, (*comparison.sentences, *failures))
 
 
 def _describe(fit: JointFit, console: Console) -> None:
     """Print what was found, how far to trust it, and what the data do not tell."""
-    s, std, found = fit.samples, found_std(fit), fit.doubt.discrepancy
+    s, std, found = fit.samples, fit.standard_deviations, fit.doubt.discrepancy
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
         f"{fit.model}, {s.n} equilibria{means}: {fit.rms / DEG:.2f}° RMS",
-        f"  encoder zero {fit.zero / DEG:+.2f}{_plus_minus(std['zero'] / DEG)}°, antagonist "
-        f"{fit.ratio:.3f}{_plus_minus(std['ratio'])} times as strong as the agonist, "
-        f"friction μ = {fit.friction:.3f}{_plus_minus(std['friction'])}",
+        f"  encoder zero {fit.zero / DEG:+.2f}{_plus_minus(std.get('zero', 0.0) / DEG)}°, antagonist "
+        f"{fit.ratio:.3f}{_plus_minus(fit.ratio_std)} times as strong as the agonist, "
+        f"friction μ = {fit.friction:.3f}{_plus_minus(std.get('friction', 0.0))}",
         f"  ± is one standard deviation. It allows for a smooth error of the force law ({found.law:.1%} of the mean "
         f"force) and reading noise of {found.noise / DEG:.2f}°, both estimated from the residuals",
-        *(f"  {line}" for line in choice_lines(fit)),
+        *_choice_lines(fit),
     ]
     if not np.isnan(fit.hysteresis_share):
         lines.append(f"  {fit.hysteresis_share:.0%} of the squared error without friction is hysteresis")
@@ -217,8 +196,7 @@ def _describe(fit: JointFit, console: Console) -> None:
     lines.append(_stiffness_line(fit))
     lines += [f"  not seen by these data: {direction}" for direction in fit.unseen]
     lines += [f"  beware: {warning}" for warning in fit.warnings]
-    for line in lines:
-        console.print(line, markup=False, highlight=False)
+    print_lines(console, lines)
 
 
 def _stiffness_line(fit: JointFit) -> str:
@@ -235,44 +213,44 @@ def _plus_minus(std: float) -> str:
     return f" ± {std:.2g}" if std else ""
 
 
-def _draw(fit: JointFit, path: Path) -> None:
-    from allocator.identification.joint.plotting import plot_joint_fit
-
-    save_figure(plot_joint_fit(fit), path, dpi=120)
+def _choice_lines(fit: JointFit) -> list[str]:
+    """Return a line on each other choice, and one on laws that predict the angles better."""
+    K = "K/K_ref" if fit.scale is None else "K"
+    lines = [
+        f"  with {c.name} instead: {c.rms / DEG:.2f}°, zero {c.zero / DEG:+.2f}°, ratio {c.ratio:.3f}, "
+        f"μ = {c.friction:.3f}, {K} other by {c.stiffness:.1%}"
+        for c in fit.doubt.choices
+    ]
+    better = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < 0.8 * fit.rms]
+    return lines + ([f"  {' and '.join(better)} predict(s) these angles better: try --model"] if better else [])
 
 
 def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:
     """Return what `--json` prints."""
-    std = found_std(fit)
     values: dict[str, object] = {
-        "model": fit.model,
-        "equilibria": fit.samples.n,
-        "rms_deg": fit.rms / DEG,
-        "left_out_deg": fit.left_out / DEG,
-        "encoder_zero_deg": fit.zero / DEG,
-        "encoder_zero_std_deg": std["zero"] / DEG,
-        "antagonist_over_agonist": fit.ratio,
-        "antagonist_over_agonist_std": std["ratio"],
-        "friction": fit.friction,
-        "friction_std": std["friction"],
-        "force_scale": fit.scale,
-        "force_scale_std": None if fit.scale is None else fit.scale_std,
+        **fit.to_dict(),
         "samples_left_out": fit.samples.dropped,
         "law_error": fit.doubt.discrepancy.law,
         "noise_deg": fit.doubt.discrepancy.noise / DEG,
-        "choices": [choice_values(choice) for choice in fit.doubt.choices],
+        "choices": [
+            {
+                "choice": choice.name,
+                "kind": choice.kind,
+                "rms_error_deg": choice.rms / DEG,
+                "encoder_zero_deg": choice.zero / DEG,
+                "antagonist_ratio": choice.ratio,
+                "friction": choice.friction,
+                "stiffness_change": choice.stiffness,
+            }
+            for choice in fit.doubt.choices
+        ],
         "unseen": fit.unseen,
         "warnings": fit.warnings,
     }
     if compared is not None:
+        ends = {name: (low, high) for name, (low, _, high) in compared.stiffness.items()}
         values["models"] = [
-            {
-                "model": name,
-                "rms_deg": other.rms / DEG,
-                "left_out_deg": other.left_out / DEG,
-                "stiffness_low_over_reference": compared.stiffness[name][0],
-                "stiffness_high_over_reference": compared.stiffness[name][2],
-            }
+            {**other.to_dict(), "model": name, "stiffness_over_reference": ends[name]}
             for name, other in compared.fits.items()
         ]
         values["failures"] = compared.failures

@@ -18,7 +18,6 @@ from allocator.errors import InvalidInput
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit
-from allocator.identification.joint.samples import JointSamples
 from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import MODELS, Muscle
@@ -74,57 +73,39 @@ def compare_joint_models(
     fits: dict[str, JointFit] = {}
     failures: dict[str, str] = {}
     for model in progress(tuple(models)):
-        name = _free_name(_name(model), fits)
+        kind = model if isinstance(model, str | type) else type(model)
+        name = kind if isinstance(kind, str) else kind.__name__
+        number = sum(other.partition(" #")[0] == name for other in fits)
+        name = f"{name} #{number + 1}" if number else name
         try:
             fits[name] = fit_joint(theta, P1, P2, model=model, **options)
         except InvalidInput as error:
             failures[name] = str(error)
-    stiffness = {name: _levels(_first(fit)) for name, fit in fits.items()}
+    stiffness = {}
+    for name, fit in fits.items():
+        relative = RelativeJoint(_first(fit))
+        theta, P, _ = relative.reference
+        stiffness[name] = relative.relative_stiffness(theta, np.array(_LEVELS) * P, np.array(_LEVELS) * P)
     return JointComparison(fits, failures, stiffness, _twins(fits))
-
-
-def _name(model: Model) -> str:
-    if isinstance(model, str):
-        return model
-    return model.__name__ if isinstance(model, type) else type(model).__name__
-
-
-def _free_name(name: str, taken: Iterable[str]) -> str:
-    number = sum(other.partition(" #")[0] == name for other in taken)
-    return f"{name} #{number + 1}" if number else name
 
 
 def _first(fit: JointFit) -> AntagonistJoint:
     return next(iter(fit.shapes.values()))
 
 
-def _levels(joint: AntagonistJoint) -> Array:
-    relative = RelativeJoint(joint)
-    theta, P, _ = relative.reference
-    pressures = np.array(_LEVELS) * P
-    return relative.relative_stiffness(theta, pressures, pressures)
-
-
 def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
     scatter = min((fit.rms for fit in fits.values()), default=0.0)
     found = []
     for first, second in combinations(fits, 2):
-        samples = min((fits[first].samples, fits[second].samples), key=lambda s: s.n)  # some laws leave some out
-        one, other = (_predicted(fits[name], samples) for name in (first, second))
-        angle = rms(one - other)
-        ratio = _ratios(fits[first], samples) / _ratios(fits[second], samples)
-        K = float(np.quantile(np.abs(ratio - 1), 0.95))
+        both = fits[first], fits[second]
+        s = min((fit.samples for fit in both), key=lambda s: s.n)  # some laws leave some out
+        here = s.group == 0
+        one, other = (replace(fit.problem, samples=s).angle_error(fit.x) for fit in both)
+        K1, K2 = (
+            RelativeJoint(_first(fit)).relative_stiffness(s.theta[here] - fit.zero, s.P1[here], s.P2[here])
+            for fit in both
+        )
+        angle, K = rms(one - other), float(np.quantile(np.abs(K1 / K2 - 1), 0.95))
         if angle <= _TOLD_APART * scatter and K > _DIFFERENT:
             found.append(Twins(first, second, angle, K))
     return tuple(found)
-
-
-def _predicted(fit: JointFit, samples: JointSamples) -> Array:
-    """Return the angles (n,) [rad] that the fit predicts at these samples."""
-    return samples.theta - replace(fit.problem, samples=samples).angle_error(fit.x)
-
-
-def _ratios(fit: JointFit, samples: JointSamples) -> Array:
-    """Return K/K_ref at the samples of the first geometry."""
-    joint, here = RelativeJoint(_first(fit)), samples.group == 0
-    return joint.relative_stiffness(samples.theta[here] - fit.zero, samples.P1[here], samples.P2[here])

@@ -1,4 +1,4 @@
-"""A joint is fitted to measured equilibria here."""
+"""Fit of a joint to measured equilibria: what is refused, and the problem."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -8,18 +8,18 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.identification.joint.mistakes import check_data
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.result import JointFit, first_search, solved
 from allocator.identification.joint.samples import Geometries, JointSamples, SlackReadings
-from allocator.identification.joint.start import starting_muscle
+from allocator.identification.joint.search import starting_muscle
 from allocator.muscles import MODELS, Muscle, Recipe
-from allocator.units import BAR
+from allocator.units import BAR, DEG
 
 DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
 SLACK_NOISE = 0.1 * BAR  # standard deviation of the pressures of a sag test [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
 _MOST_SAMPLES = 1000  # more are put into cells
+_ONE_LEVEL = 0.03  # of the mean co-contraction
 
 
 def fit_joint(
@@ -100,11 +100,13 @@ def fit_joint(
     dead = checks.not_negative("dead_band", checks.pressure("dead_band", dead_band), "Pa")
     slack_by_pressure = (samples.P1 < dead) | (samples.P2 < dead)
     samples = samples.without(slack_by_pressure, f"a pressure below the dead band of {dead / BAR:g} bar")
-    check_data(samples, friction and not average)
+    _check_data(samples, friction and not average)
     samples = samples.binned(_MOST_SAMPLES)
     if average:
         samples = samples.averaged()
-    extra = _extra(samples, friction=friction, ratio=ratio, zero=zero)
+    told = bool((samples.direction != 0).any())
+    used = {"log_ratio": ratio, "zero": zero, "friction": friction and told}
+    extra = tuple(name for name, fitted in used.items() if fitted)
     prototype, recipe, free = _prototype(model, samples, hold or {}, start)
     samples = _within(samples, prototype)
     problem = replace(_problem(prototype, recipe, samples, free, extra, taut_min), sag=sag)
@@ -112,7 +114,6 @@ def fit_joint(
 
 
 def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tuple[JointSamples, SlackReadings | None]:
-    """Return the equilibria, and the readings of a sag test."""
     if slack is None:
         return samples, None
     (which,) = checks.broadcast(slack=checks.real("slack", slack, "0, 1, 2 or 3"))
@@ -128,17 +129,8 @@ def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tup
     return samples.where(codes == 0), SlackReadings.of(samples, codes, float(error))
 
 
-def _extra(samples: JointSamples, **wanted: bool) -> tuple[str, ...]:
-    known = bool((samples.direction != 0).any())
-    used = {"log_ratio": wanted["ratio"], "zero": wanted["zero"], "friction": wanted["friction"] and known}
-    return tuple(name for name, fitted in used.items() if fitted)
-
-
 def _prototype(
-    model: str | type[Muscle] | Muscle,
-    samples: JointSamples,
-    hold: Mapping[str, float],
-    start: Muscle | None,
+    model: str | type[Muscle] | Muscle, samples: JointSamples, hold: Mapping[str, float], start: Muscle | None
 ) -> tuple[Muscle, Recipe[Muscle], tuple[str, ...]]:
     """Return the muscle to start from, the model's recipe, and the names of the parameters that are fitted."""
     if isinstance(model, Muscle):
@@ -188,3 +180,44 @@ def _problem(
             f"{samples.n} equilibria cannot determine the {len(problem.names)} unknowns {', '.join(problem.names)}"
         )
     return problem
+
+
+def _check_data(samples: JointSamples, friction: bool) -> None:
+    """Refuse slack joints, swapped muscles, one co-contraction only; with `friction` one direction of motion only."""
+    if not samples.n:
+        reasons = "; ".join(f"{n} with {reason}" for reason, n in samples.dropped.items())
+        raise InvalidInput(f"no equilibrium is left in which both muscles can be taut ({reasons})")
+    _check_signs(samples)
+    total = samples.P1 + samples.P2
+    if np.ptp(total) <= _ONE_LEVEL * np.abs(total).mean():
+        raise InvalidInput(
+            f"all equilibria are at one co-contraction, P1 + P2 = {total.mean() / BAR:.3g} bar: they cannot tell how "
+            "stiffness grows with pressure; repeat the sweep at two other sums"
+        )
+    moving = samples.direction[samples.direction != 0]
+    if friction and moving.size and np.ptp(moving) == 0:
+        way = "rising" if moving[0] > 0 else "falling"
+        raise InvalidInput(
+            f"all equilibria were reached with {way} θ: friction cannot be told from the force laws; add the sweep the "
+            "other way, or pass friction=False and take the hysteresis as error"
+        )
+
+
+def _check_signs(samples: JointSamples) -> None:
+    """Refuse data in which P1 does not raise θ or P2 does not lower it."""
+    groups = np.eye(len(samples.groups))[samples.group]
+    columns = np.column_stack([samples.P1 / BAR, samples.P2 / BAR, samples.torque, groups])
+    if np.ptp(samples.P1) == 0 or np.ptp(samples.P2) == 0:
+        held = "P1" if np.ptp(samples.P1) == 0 else "P2"
+        raise InvalidInput(f"{held} was never changed: both pressures have to be swept")
+    rise1, rise2 = np.linalg.lstsq(columns, samples.theta)[0][:2]
+    if rise1 < 0 < rise2:
+        raise InvalidInput(
+            f"θ falls with P1 ({rise1 / DEG:.2g} deg/bar) and rises with P2 ({rise2 / DEG:.2g} deg/bar): the muscles "
+            "are swapped, or the angle has the other sign"
+        )
+    if not rise1 > 0 > rise2:
+        raise InvalidInput(
+            f"θ changes by {rise1 / DEG:.2g} deg/bar with P1 and {rise2 / DEG:.2g} deg/bar with P2: in an antagonistic "
+            "pair P1 raises and P2 lowers it"
+        )

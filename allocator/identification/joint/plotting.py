@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.identification.joint import gradients
-from allocator.identification.joint.relative import RelativeJoint
+from allocator.identification.joint.relative import RelativeJoint, stiffness_with_gradient
 from allocator.identification.joint.result import JointFit
 from allocator.presentation.plotting import new_figure
 from allocator.units import BAR, DEG
@@ -87,7 +86,7 @@ def _stiffness(fit: JointFit, axes: "Axes") -> None:
             K = relative.relative_stiffness(theta, P, P)
             std = 0 * K if joint.covariance is None else relative.relative_stiffness_std(theta, P, P)
         else:
-            quantity = gradients.stiffness(joint, theta, P, P)
+            quantity = stiffness_with_gradient(joint, theta, P, P)
             K = quantity.value
             std = 0 * K if joint.covariance is None else quantity.std(np.asarray(joint.covariance))
         axes.plot(theta / DEG, K, color=colour, label=f"P1 = P2 = {P[0] / BAR:.2g} bar")

@@ -28,8 +28,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array, Mask, falling_root
-from allocator.identification.joint.sag import weighed
-from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings
+from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings, weighed
 from allocator.muscles import Muscle, force_gradient
 
 CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P where nothing tells the force scale
@@ -222,13 +221,18 @@ class JointProblem:
         return np.asarray(gradient)
 
     def _force_gradient(self, u: Unknowns, P: Array, eps: Array) -> Array:
-        """Return ∂F/∂(free) (n, …) of the agonist's law."""
         with np.errstate(all="ignore"):
             return force_gradient(u.muscle, P, eps, self.free)
 
     @cached_property
-    def _measured(self) -> Routes:
-        return self.samples.routes(np.clip(self.samples.theta, *self._searched))
+    def _measured(self) -> tuple[Array, Array, Array]:
+        """Return pressures [Pa], contractions and moment arms [m] (2n,) at the measured angles, the agonist's first."""
+        s = self.samples
+        (eps1, a1, _), (eps2, a2, _), _ = s.routes(np.clip(s.theta, *self._searched))
+        return np.concatenate([s.P1, s.P2]), np.concatenate([eps1, eps2]), np.concatenate([a1, a2])
+
+    def _strength(self, u: Unknowns) -> Array:
+        return np.repeat([1.0, u.ratio], self.samples.n)
 
     def shares(self, u: Unknowns) -> Array:
         """Return F/F̄ (2n,) at the measured angles."""
@@ -237,20 +241,16 @@ class JointProblem:
 
     def measured_forces(self, u: Unknowns) -> Array:
         """Return F1, F2 (2n,) [N] at the measured angles."""
-        (eps1, *_), (eps2, *_), _ = self._measured
+        P, eps, _ = self._measured
         with np.errstate(all="ignore"):
-            F1, F2 = u.muscle.law(self.samples.P1, eps1), u.ratio * u.muscle.law(self.samples.P2, eps2)
-        return np.concatenate([F1, F2])
+            return np.asarray(self._strength(u) * u.muscle.law(P, eps))
 
     def _taut_gradient(self, u: Unknowns) -> Array:
-        (eps1, *_), (eps2, *_), _ = self._measured
-        F = self.measured_forces(u)
+        P, eps, _ = self._measured
+        F, n = self.measured_forces(u), self.samples.n
         mean = np.abs(F).mean()
-        n, m = self.samples.n, len(self.names)
-        dF = np.zeros((2 * n, m))
-        k = len(self.free)
-        dF[:n, :k] = self._force_gradient(u, self.samples.P1, eps1)
-        dF[n:, :k] = u.ratio * self._force_gradient(u, self.samples.P2, eps2)
+        dF = np.zeros((2 * n, len(self.names)))
+        dF[:, : len(self.free)] = self._strength(u)[:, None] * self._force_gradient(u, P, eps)
         if "log_ratio" in self.extra:
             dF[n:, self.names.index("log_ratio")] = F[n:]
         dmean = (np.sign(F)[:, None] * dF).mean(axis=0)
@@ -259,30 +259,27 @@ class JointProblem:
 
     def mean_area(self, u: Unknowns) -> complex:
         """Return the mean ∂F/∂P of the agonist [m²]; complex if a parameter is."""
-        (eps1, *_), _, _ = self._measured
+        P, eps, _ = self._measured
         with np.errstate(all="ignore"):
-            return np.mean(u.muscle.gain(self.samples.P1, eps1)).item()
+            return np.mean(u.muscle.gain(P[: self.samples.n], eps[: self.samples.n])).item()
 
     def pull_share(self, u: Unknowns) -> complex:
         """Return φ [-] at the measured angles; complex if an unknown is."""
-        (eps1, *_), (eps2, *_), _ = self._measured
-        s = self.samples
+        P, eps, _ = self._measured
         with np.errstate(all="ignore"):
-            given = s.P1 * u.muscle.gain(s.P1, eps1) + u.ratio * s.P2 * u.muscle.gain(s.P2, eps2)
+            given = np.add(*np.split(self._strength(u) * P * u.muscle.gain(P, eps), 2))
         share: complex = np.divide(self.measured_forces(u).sum(), given.sum()).item()
         return share
 
     @cached_property
     def common_weight(self) -> Array:
         """Return ā/a (2n,) of agonist and antagonist at the measured angles: forces in these ratios move no angle."""
-        (_, a1, _), (_, a2, _), _ = self._measured
-        return np.asarray(self.mean_arm / np.concatenate([a1, a2]))
+        return np.asarray(self.mean_arm / self._measured[2])
 
-    @cached_property
+    @property
     def mean_arm(self) -> float:
         """Return ā [m], the mean moment arm at the measured angles."""
-        (_, a1, _), (_, a2, _), _ = self._measured
-        return float(np.concatenate([a1, a2]).mean())
+        return float(self._measured[2].mean())
 
     def sag_error(self, u: Unknowns) -> Array:
         """Return by how much the pressure of the sag test is above that at which the muscle goes slack (k,) [Pa]."""
@@ -294,6 +291,5 @@ class JointProblem:
 
 
 def _usual(K: Array, reached: Mask) -> float:
-    """Return a stiffness [N·m/rad] of the usual size."""
     known = K[reached & np.isfinite(K)]
     return float(np.median(known)) if known.size else 1.0

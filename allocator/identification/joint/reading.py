@@ -37,6 +37,7 @@ _STILL_PRESSURE = 0.05 * BAR
 _STILL_ANGLE = 0.3 * DEG
 _MOST_STEP = 0.5  # [s] between samples
 _WANTED = (("theta",), ("pressure1",), ("pressure2",))
+_GIVEN = {"theta": "theta", "P1": "pressure1", "P2": "pressure2"}
 _OPTIONAL = ("torque", "direction", "sweep", "slack", "rest_length", "time")
 
 
@@ -82,22 +83,15 @@ def read_joint_log(
     if "time" in measured.values:
         measured = in_time(measured)
         measured = without_spikes(measured) if drop_spikes else note_spikes(measured)
-    values = measured.values
-    rows = values["theta"].size
-    given = {
-        "theta": values["theta"],
-        "P1": values["pressure1"],
-        "P2": values["pressure2"],
-        "torque": values.get("torque", np.zeros(rows)),
-    }
-    lengths = values.get("rest_length")
-    if "time" not in values:
-        way = _directions(measured, sweeps or {})
-        slack = _slack(measured)
-        return JointLog(
-            **given, direction=way, rest_length=lengths, rows=rows, used=rows, slack=slack, notes=measured.notes
-        )
-    return _rests(measured, given)
+    values, rows = measured.values, measured.values["theta"].size
+    given = {name: values[quantity] for name, quantity in _GIVEN.items()}
+    given["torque"] = values.get("torque", np.zeros(rows))
+    if "time" in values:
+        return _rests(measured, given)
+    way, slack, lengths = _directions(measured, sweeps or {}), _slack(measured), values.get("rest_length")
+    return JointLog(
+        **given, direction=way, rest_length=lengths, rows=rows, used=rows, slack=slack, notes=measured.notes
+    )
 
 
 def _rests(measured: Measured, given: Mapping[str, Array]) -> JointLog:
@@ -118,9 +112,15 @@ def _rests(measured: Measured, given: Mapping[str, Array]) -> JointLog:
     if not runs:
         raise InvalidFile(measured.table.path, "never is steady for a second: hold the pressures until the angle rests")
     means = {name: np.array([a[run].mean() for run in runs]) for name, a in given.items()}
-    way = np.concatenate([_ways(np.array([given["theta"][run].mean() for run in part])) for part in parts])
+    ways = []
+    for part in parts:
+        rests = np.array([given["theta"][run].mean() for run in part])
+        turned = np.diff(rests, prepend=rests[:1])
+        ways.append(np.where(np.abs(turned) < _STILL_ANGLE, 0.0, np.sign(turned)))
+    used = int(np.unique(np.concatenate(runs)).size)
     lengths = None if lengths is None else np.array([lengths[run[-1]] for run in runs])
-    return JointLog(**means, direction=way, rest_length=lengths, rows=t.size, used=_rows(runs), notes=measured.notes)
+    way = np.concatenate(ways)
+    return JointLog(**means, direction=way, rest_length=lengths, rows=t.size, used=used, notes=measured.notes)
 
 
 def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray[np.intp]]:
@@ -139,31 +139,23 @@ def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray
     return [np.arange(end, end + width) for end in ends]
 
 
-def _rows(runs: list[NDArray[np.intp]]) -> int:
-    return int(np.unique(np.concatenate(runs)).size)
+def _codes(measured: Measured, quantity: str, known: tuple[int, ...], sentence: str) -> Array | None:
+    """Return the column (n,) of these numbers, None if there is none; refuses any other number."""
+    codes = measured.values.get(quantity)
+    if codes is not None and (wrong := ~np.isin(codes, known)).any():
+        raise measured.mistake(quantity, f"has to be {sentence}", int(np.argmax(wrong)))
+    return codes
 
 
 def _slack(measured: Measured) -> Array | None:
-    """Return which cables just went slack in each row, None without such a column."""
-    slack = measured.values.get("slack")
-    if slack is not None and (wrong := ~np.isin(slack, (0, 1, 2, 3))).any():
-        sentence = "has to be 1 (the agonist goes slack), 2 (the antagonist), 3 (both) or 0 (an equilibrium)"
-        raise measured.mistake("slack", sentence, int(np.argmax(wrong)))
-    return slack
-
-
-def _ways(theta: Array) -> Array:
-    way = np.diff(theta, prepend=theta[:1])
-    return np.where(np.abs(way) < _STILL_ANGLE, 0.0, np.sign(way))
+    codes = "1 (the agonist goes slack), 2 (the antagonist), 3 (both) or 0 (an equilibrium)"
+    return _codes(measured, "slack", (0, 1, 2, 3), codes)
 
 
 def _directions(measured: Measured, sweeps: Mapping[float, float]) -> Array:
     values = measured.values
-    if "direction" in values:
-        way = values["direction"]
-        if (wrong := ~np.isin(way, (-1, 0, 1))).any():
-            sentence = "has to be +1 (rising), -1 (falling) or 0 (not known)"
-            raise measured.mistake("direction", sentence, int(np.argmax(wrong)))
+    way = _codes(measured, "direction", (-1, 0, 1), "+1 (rising), -1 (falling) or 0 (not known)")
+    if way is not None:
         return way
     if not sweeps:
         return np.zeros(values["theta"].size)

@@ -1,24 +1,71 @@
-"""A joint may be known but for its force scale: what equilibria without a weight can tell, and nothing else."""
+"""A joint that is known but for its force scale, which is what equilibria without a weight can tell, and nothing else.
+
+Gradients are with respect to q = (parameters of the agonist, parameters of the antagonist), the order of
+`AntagonistJoint.covariance`.
+"""
 
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
-from allocator.identification.joint import gradients
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.one_muscle import OneMuscle
 from allocator.machine_file import save_machine
-from allocator.muscles import scaled, strength_powers
+from allocator.muscles import parameter_sensitivities, scaled, strength_powers
+from allocator.muscles.uncertainty import deviation, parameter_gradient
 from allocator.units import BAR, DEG
 
 WHY = (
     "needs the force scale, which equilibria without a weight cannot tell: pass torque= of a known weight to "
     "fit_joint, or complete the fit by with_scale(...)"
 )
+
+
+class Quantity(NamedTuple):
+    """A quantity has values and their gradients."""
+
+    value: Array  # (n,)
+    gradient: Array  # (n, m) per parameter
+
+    def std(self, covariance: Array) -> Array:
+        """Return the standard deviation (n,)."""
+        return deviation(self.gradient, covariance)
+
+    def relative_std(self, covariance: Array) -> Array:
+        """Return the standard deviation of the logarithm (n,)."""
+        return deviation(self.gradient / self.value[:, None], covariance)
+
+    def ratio(self, other: "Quantity") -> "Quantity":
+        """Return the value divided by the other, element by element or by one value for all."""
+        value = self.value / other.value
+        logarithm = self.gradient / self.value[:, None] - other.gradient / other.value[:, None]
+        return Quantity(value, value[:, None] * logarithm)
+
+
+def stiffness_with_gradient(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
+    """Return K [N·m/rad] (n,) and ∂K/∂q."""
+    one, two = joint.sides(theta)
+    K = one.stiffness(P1) + two.stiffness(P2)
+    return Quantity(K, np.hstack([_stiffness_gradient(one, P1), _stiffness_gradient(two, P2)]))
+
+
+def _stiffness_gradient(side: OneMuscle, P: Array) -> Array:
+    _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
+    arm, bend = np.asarray(side.arm)[:, None], np.asarray(side.bend)[:, None]
+    return np.asarray(-(arm**2) / side.rest_length * slope + bend * force)
+
+
+def gain_with_gradient(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
+    """Return ∂T/∂P1 [N·m/Pa] (n,) and its gradient in q."""
+    one, two = joint.sides(theta)
+    of_agonist = parameter_gradient(one.muscle, lambda m: one.arm * m.gain(P1, one.contraction), theta.shape)
+    of_antagonist = np.zeros((theta.size, len(two.muscle.parameters)))
+    return Quantity(np.asarray(one.torque_gain(P1)), np.hstack([of_agonist, of_antagonist]))
 
 
 @dataclass(frozen=True)
@@ -37,7 +84,7 @@ class RelativeJoint:
     def stiffness_per_gain(self, theta: Value, P1: Value, P2: Value) -> Array:
         """Return K/T_P1 = 1/(∂θ/∂P1) [Pa/rad]: pressure P1 per angle at equilibrium, in which the scale cancels."""
         theta, P1, P2 = _flat(theta, P1, P2)
-        K = gradients.stiffness(self.shape, theta, P1, P2).value
+        K = stiffness_with_gradient(self.shape, theta, P1, P2).value
         return np.asarray(K / self.shape.sides(theta)[0].torque_gain(P1))
 
     def relative_stiffness(self, theta: Value, P1: Value, P2: Value) -> Array:
@@ -53,9 +100,9 @@ class RelativeJoint:
             raise InvalidInput("this joint has no covariance: it was not fitted")
         return self._ratio(theta, P1, P2).std(np.asarray(self.shape.covariance))
 
-    def _ratio(self, theta: Value, P1: Value, P2: Value) -> gradients.Quantity:
-        K = gradients.stiffness(self.shape, *_flat(theta, P1, P2))
-        return K.ratio(gradients.stiffness(self.shape, *_flat(*self.reference)))
+    def _ratio(self, theta: Value, P1: Value, P2: Value) -> Quantity:
+        K = stiffness_with_gradient(self.shape, *_flat(theta, P1, P2))
+        return K.ratio(stiffness_with_gradient(self.shape, *_flat(*self.reference)))
 
     @property
     def unseen(self) -> tuple[str, ...]:
@@ -86,7 +133,7 @@ class RelativeJoint:
             raise InvalidInput(f"T_P = {measured:g} N·m/Pa has to be positive: P1 raises the torque")
         if measured > 1e-2:
             raise InvalidInput(f"T_P = {measured:g} N·m/Pa is beyond any joint; if N·m/bar was meant, divide by 1e5")
-        gain = gradients.torque_gain(self.shape, *_flat(*at))
+        gain = gain_with_gradient(self.shape, *_flat(*at))
         return _rescaled(self.shape, measured / gain.value[0], -gain.gradient[0] / gain.value[0], error / measured)
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -1,6 +1,6 @@
 """Everything that is said about the solution of a joint's fit is worked out here, number by number."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -8,12 +8,10 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.identifiability import determine
-from allocator.identification.joint import gradients
 from allocator.identification.joint.problem import JointProblem, Unknowns
-from allocator.identification.joint.relative import with_joint_covariance
+from allocator.identification.joint.relative import stiffness_with_gradient, with_joint_covariance
 from allocator.identification.joint.search import minimise
-from allocator.identification.least_squares import rms
+from allocator.identification.least_squares import at_bound, determine, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
 from allocator.units import BAR, DEG
@@ -24,7 +22,7 @@ _POOR_SCALE = 0.25
 _LARGE_ZERO = 15.0  # [deg] an encoder is set to zero better than that
 _MOST_AREA = 0.05  # [m²] mean ∂F/∂P, five times that of the strongest that are sold
 _SAG_MISSED = 5.0  # times their standard deviation, root mean square
-_NO_FRICTION = 1e-3  # a μ below this is none, whatever its sign
+NO_FRICTION = 1e-3  # a μ below this is none, whatever its sign
 
 
 class GroupError(NamedTuple):
@@ -61,13 +59,6 @@ def checked(problem: JointProblem, x: Array) -> Unknowns:
         return u._replace(muscle=replace(u.muscle))
     except InvalidInput as error:
         raise InvalidInput(f"the best {name} makes no sense as a muscle: {error}") from None
-
-
-def at_bound(problem: JointProblem, x: Array) -> Mask:
-    """Return which unknowns ended at a bound of the search (m,)."""
-    width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
-    near = 1e-5 * np.maximum(np.abs(x), 1e-2 * width)
-    return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
 
 
 def unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
@@ -129,32 +120,32 @@ def joints(
     return joints
 
 
+def rough_joints(problem: JointProblem, u: Unknowns) -> list[tuple[Mask, AntagonistJoint]]:
+    """Return the samples (n,) and the joint of each group, whose limits are wider than those of its samples."""
+    s, antagonist = problem.samples, scaled(u.muscle, float(u.ratio))
+    return [
+        (s.group == i, AntagonistJoint(group.geometry, u.muscle, antagonist, min_contraction=-0.3))
+        for i, group in enumerate(s.groups)
+    ]
+
+
 def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
     """Return the relative standard deviation of K at the samples, in the mean: dominated by that of the scale."""
     J, s = parameter_jacobian(problem, u), problem.samples
-    i = int(np.bincount(s.group).argmax())
-    here = s.group == i
-    joint = AntagonistJoint(s.groups[i].geometry, u.muscle, scaled(u.muscle, u.ratio), min_contraction=-0.3)
-    K = gradients.stiffness(joint, s.theta[here] - u.zero, s.P1[here], s.P2[here])
+    here, joint = rough_joints(problem, u)[int(np.bincount(s.group).argmax())]
+    K = stiffness_with_gradient(joint, s.theta[here] - u.zero, s.P1[here], s.P2[here])
     return float(np.median(K.relative_std(J @ covariance @ J.T)))
 
 
 def groups(problem: JointProblem, x: Array, error: Array, leave_one_out: bool) -> tuple[GroupError, ...]:
     """Return the errors of each group; with `leave_one_out` also where it was kept from the fit."""
-    s = problem.samples
     found = []
-    for i, (label, _) in enumerate(s.groups):
-        here = s.group == i
-        left_out = _left_out(problem, x, here) if leave_one_out else float("nan")
+    for i, (label, _) in enumerate(problem.samples.groups):
+        here, left_out = problem.samples.group == i, float("nan")
+        if leave_one_out and not here.all() and (~here).sum() > x.size:
+            left_out = rms(problem.on(here).angle_error(minimise(problem.on(~here), x)[0]))
         found.append(GroupError(label, int(here.sum()), rms(error[here]), left_out))
     return tuple(found)
-
-
-def _left_out(problem: JointProblem, x: Array, here: Mask) -> float:
-    if here.all() or (~here).sum() < x.size + 1:
-        return float("nan")
-    others, _ = minimise(problem.on(~here), x)
-    return rms(problem.on(here).angle_error(others))
 
 
 def _hysteresis_share(problem: JointProblem, u: Unknowns) -> float:
@@ -181,19 +172,14 @@ def _determinant_positive(joint: AntagonistJoint) -> bool:
     return bool((det[taut] > 0).all())
 
 
-def _domain(problem: JointProblem) -> tuple[float, tuple[float, float]]:
-    """Return the greatest pressure [Pa] and the contractions [-] of the data, on which [M] is checked."""
-    P, eps = problem.samples.muscles()
-    return float(P.max()), (max(0.0, float(eps.min())), float(eps.max()))
-
-
 def findings(
     problem: JointProblem, u: Unknowns, joints: Iterable[AntagonistJoint], covariance: Array, converged: bool
 ) -> Findings:
     """Return what is to be warned of; `covariance` is that of the unknowns."""
+    P, eps = problem.samples.muscles()
     return Findings(
         converged=converged,
-        failure=monotonicity_failure(u.muscle, *_domain(problem)),
+        failure=monotonicity_failure(u.muscle, float(P.max()), (max(0.0, float(eps.min())), float(eps.max()))),
         determinant_positive=all(_determinant_positive(joint) for joint in joints),
         slack=int((problem.shares(u) < problem.taut_min).sum()),
         hysteresis_share=_hysteresis_share(problem, u),
@@ -203,71 +189,44 @@ def findings(
 
 def warnings(problem: JointProblem, x: Array, u: Unknowns, found: Findings) -> tuple[str, ...]:
     """Return what is to be known before the fit is used."""
-    bounded = (n for n, b in zip(problem.names, at_bound(problem, x), strict=True) if b)
-    forces, positive = 2 * problem.samples.n, found.determinant_positive
-    slack = found.slack if problem.pull is None else 0  # where the pull share is assumed so are slack cables
-    return (
-        *(() if found.converged else ("the search stopped before it converged",)),
-        *(f"{name} ended at the limit of its search" for name in bounded),
-        *((f"[M] fails: {found.failure}",) if found.failure else ()),
-        *(() if positive else ("det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere",)),
-        *((f"{slack} of {forces} muscle forces are below {problem.taut_min:.0%} of the mean",) if slack else ()),
-        *_zero_warning(u.zero / DEG),
-        *_friction_warnings(problem, u, found.hysteresis_share),
-        *_scale_warning(problem, found.scale_std),
-        *_area_warning(problem, u),
-        *_sag_warning(problem, u),
-    )
+    return (*_of_the_model(problem, x, found), *_of_the_data(problem, u, found))
 
 
-def _zero_warning(zero: float) -> tuple[str, ...]:
-    if abs(zero) < _LARGE_ZERO:
-        return ()
-    return (
-        f"the encoder's zero would be off by {zero:.3g}°: is the geometry that of the joint, and are the equilibria at "
-        "rest and taut? pass zero=False if the encoder was set to zero",
-    )
+def _of_the_model(problem: JointProblem, x: Array, found: Findings) -> Iterator[str]:
+    if not found.converged:
+        yield "the search stopped before it converged"
+    bounded = at_bound(x, problem.lower, problem.upper, 1e-5, 1e-2)
+    yield from (f"{n} ended at the limit of its search" for n, b in zip(problem.names, bounded, strict=True) if b)
+    if found.failure:
+        yield f"[M] fails: {found.failure}"
+    if not found.determinant_positive:
+        yield "det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere"
+    if found.slack and problem.pull is None:  # where the pull share is assumed so are slack cables
+        yield f"{found.slack} of {2 * problem.samples.n} muscle forces are below {problem.taut_min:.0%} of the mean"
 
 
-def check_friction(friction: float, noise: float) -> None:
-    """Refuse a μ that is negative by more than four standard deviations of the readings' noise."""
-    if friction < -max(_NO_FRICTION, 4 * noise):
-        raise InvalidInput(
-            f"friction μ = {friction:.3g} is negative, which no joint has, so nothing was written: "
-            "direction has to be +1 where θ was rising, -1 where falling; turn its sign"
+def _of_the_data(problem: JointProblem, u: Unknowns, found: Findings) -> Iterator[str]:
+    s, zero = problem.samples, u.zero / DEG
+    if abs(zero) >= _LARGE_ZERO:
+        yield (
+            f"the encoder's zero would be off by {zero:.3g}°: is the geometry that of the joint, and are the "
+            "equilibria at rest and taut? pass zero=False if the encoder was set to zero"
         )
-
-
-def _friction_warnings(problem: JointProblem, u: Unknowns, share: float) -> tuple[str, ...]:
-    if "friction" in problem.extra and u.friction < -_NO_FRICTION:
-        return (f"μ = {u.friction:.3g} is negative: the directions look swapped",)
-    if not (problem.samples.direction != 0).any():
-        return ("no direction of motion: hysteresis, if there is any, sits in the error",)
-    if "friction" not in problem.extra and share > 0.5:
-        return (f"{share:.0%} of the squared error is hysteresis: friction=True explains most of it",)
-    return ()
-
-
-def _scale_warning(problem: JointProblem, std: float | None) -> tuple[str, ...]:
-    if std is None or std < _POOR_SCALE:
-        return ()
-    W = float(np.abs(problem.samples.torque).max())
-    needed = f"5 % would take {W * std / 0.05:.2g} instead of {W:.2g} N·m, if the joint holds it"
-    return (f"K is known to {std:.0%} only: {needed}",)
-
-
-def _area_warning(problem: JointProblem, u: Unknowns) -> tuple[str, ...]:
-    if problem.conventional or (area := problem.mean_area(u).real) < _MOST_AREA:
-        return ()
-    return (
-        f"by the weight the muscles pull with {area * BAR:.3g} N/bar, more than any is known to: is the torque in N·m?",
-    )
-
-
-def _sag_warning(problem: JointProblem, u: Unknowns) -> tuple[str, ...]:
-    if problem.sag is None or (error := rms(problem.sag_error(u))) < _SAG_MISSED * problem.sag.noise:
-        return ()
-    return (
-        f"the sag test contradicts the law or the equilibria: its pressures are {error / BAR:.2g} bar from those at "
-        f"which the cables go slack here, slack_noise = {problem.sag.noise / BAR:.2g} bar",
-    )
+    if "friction" in problem.extra and u.friction < -NO_FRICTION:
+        yield f"μ = {u.friction:.3g} is negative: the directions look swapped"
+    elif not (s.direction != 0).any():
+        yield "no direction of motion: hysteresis, if there is any, sits in the error"
+    elif "friction" not in problem.extra and found.hysteresis_share > 0.5:
+        yield f"{found.hysteresis_share:.0%} of the squared error is hysteresis: friction=True explains most of it"
+    if found.scale_std is not None and found.scale_std >= _POOR_SCALE:
+        W = float(np.abs(s.torque).max())
+        needed = f"5 % would take {W * found.scale_std / 0.05:.2g} instead of {W:.2g} N·m, if the joint holds it"
+        yield f"K is known to {found.scale_std:.0%} only: {needed}"
+    if not problem.conventional and (area := problem.mean_area(u).real) >= _MOST_AREA:
+        pull = f"{area * BAR:.3g} N/bar"
+        yield f"by the weight the muscles pull with {pull}, more than any is known to: is the torque in N·m?"
+    if problem.sag is not None and (error := rms(problem.sag_error(u))) >= _SAG_MISSED * problem.sag.noise:
+        yield (
+            f"the sag test contradicts the law or the equilibria: its pressures are {error / BAR:.2g} bar from those "
+            f"at which the cables go slack here, slack_noise = {problem.sag.noise / BAR:.2g} bar"
+        )

@@ -1,6 +1,6 @@
 """The fit of a joint gives this back."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.joint import gradients, report
+from allocator.identification.joint import report
 from allocator.identification.joint.doubt.common_force import (
     CommonForce,
     Prior,
@@ -19,15 +19,19 @@ from allocator.identification.joint.doubt.common_force import (
     with_free_friction,
 )
 from allocator.identification.joint.doubt.covariance import Doubt, doubt
-from allocator.identification.joint.doubt.forces import ForceIntervals, force_intervals
-from allocator.identification.joint.doubt.prediction import Prediction, angle_std, predict
+from allocator.identification.joint.doubt.prediction import (
+    ForceIntervals,
+    Prediction,
+    angle_std,
+    force_intervals,
+    predict,
+)
 from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
-from allocator.identification.joint.relative import WHY, RelativeJoint
+from allocator.identification.joint.relative import WHY, Quantity, RelativeJoint, stiffness_with_gradient
 from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.search import best_start, minimise, scale_shape
-from allocator.identification.joint.start import starts
-from allocator.identification.least_squares import rms
+from allocator.identification.joint.search import best_start, minimise, scale_shape, starts
+from allocator.identification.least_squares import at_bound, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
 from allocator.machine_file import save_machine
@@ -92,6 +96,11 @@ class JointFit:
         return RelativeJoint(joint) if self.scale is None else joint
 
     @property
+    def ratio_std(self) -> float:
+        """Return the standard deviation of the ratio [-]; 0 if it was not fitted."""
+        return self.ratio * self.standard_deviations.get("log_ratio", 0.0)
+
+    @property
     def left_out(self) -> float:
         """Return the RMS angle error [rad] of groups that were kept from the fit in turn; NaN with one group."""
         squares = [g.left_out**2 * g.samples for g in self.groups]
@@ -130,14 +139,20 @@ class JointFit:
         """
         return predict(self, P1, P2, torque, direction, geometry)
 
-    def stiffness(self) -> gradients.Quantity:
+    def stiffness(self) -> Quantity:
         """Return K (n,) [N·m/rad] at the samples and its gradient.
 
         Raises InvalidInput where the force scale is unknown.
         """
         if self.scale is None:
             raise InvalidInput(f"stiffness of this joint {WHY}")
-        return self._at_samples(gradients.stiffness)
+        s = self.samples
+        value, gradient = np.empty(s.n), np.empty((s.n, 2 * len(self.muscle.parameters)))
+        for here, joint in self._by_group():
+            value[here], gradient[here] = stiffness_with_gradient(
+                joint, s.theta[here] - self.zero, s.P1[here], s.P2[here]
+            )
+        return Quantity(value, gradient)
 
     def stiffness_ratio_std(self) -> Array:
         """Return the standard deviation of K/K_ref (n,) [-] at the samples, K_ref as in `RelativeJoint.reference`."""
@@ -169,51 +184,19 @@ class JointFit:
         assert isinstance(joint, AntagonistJoint)  # its scale is known
         return force_intervals(self, joint, theta, P1, P2)
 
-    def _at_samples(
-        self, quantity: Callable[[AntagonistJoint, Array, Array, Array], gradients.Quantity]
-    ) -> gradients.Quantity:
-        s = self.samples
-        value, gradient = np.empty(s.n), np.empty((s.n, 2 * len(self.muscle.parameters)))
-        for here, joint in self._by_group():
-            value[here], gradient[here] = quantity(joint, s.theta[here] - self.zero, s.P1[here], s.P2[here])
-        return gradients.Quantity(value, gradient)
-
     def _by_group(self) -> list[tuple[Mask, AntagonistJoint]]:
         return [(self.samples.group == i, joint) for i, joint in enumerate(self.shapes.values())]
 
-    def with_scale(
-        self,
-        *,
-        theta: ArrayLike | None = None,
-        P1: ArrayLike | None = None,
-        P2: ArrayLike | None = None,
-        torque: ArrayLike | None = None,
-        direction: ArrayLike | None = None,
-        group: ArrayLike | None = None,
-        T_P: float | None = None,
-        at: tuple[float, float, float] | None = None,
-        std: float = 0.0,
-    ) -> "JointFit":
-        """Complete the force scale, from weights or from a torque per pressure.
+    def with_scale(self, T_P: float, at: tuple[float, float, float], std: float = 0.0) -> "JointFit":
+        """Complete the force scale from the torque per pressure P1 `T_P` ± `std` [N·m/Pa].
 
-        Either equilibria under a weight, as in `fit_joint` (everything is fitted again, with them), or `T_P` ± `std`
-        [N·m/Pa], the torque per pressure P1 measured `at` (θ, P1, P2) [rad, Pa, Pa], at θ as the encoder shows it.
+        It was measured `at` (θ, P1, P2) [rad, Pa, Pa], at θ as the encoder shows it. Equilibria under a weight, which
+        tell the scale as well, are fitted together with the others by `fit_joint`.
         """
-        if T_P is not None and at is not None and torque is None:
-            return self._with_gain(T_P, at, std)
-        if T_P is None and theta is not None and P1 is not None and P2 is not None and torque is not None:
-            samples = self.samples.loaded_with(theta, P1, P2, torque, direction, group)
-            loaded = replace(self.problem, samples=samples, conventional=False)
-            return solved(loaded, scale_shape(loaded, self.x), prior=self.common.prior)
-        raise InvalidInput(
-            "with_scale takes either theta, P1, P2 and torque of a weight, or T_P and at=(theta, P1, P2)"
-        )
-
-    def _with_gain(self, T_P: float, at: tuple[float, float, float], std: float) -> "JointFit":
         if self.scale is not None:
             raise InvalidInput("the force scale is known already, from the weight in the data")
         if len(self.shapes) > 1:
-            raise InvalidInput("T_P belongs to one geometry; this fit is of several: complete it with weights")
+            raise InvalidInput("T_P belongs to one geometry, and this fit is of several: fit them with a known weight")
         (label, shape), (theta, P1, P2) = next(iter(self.shapes.items())), at
         joint = RelativeJoint(shape).with_scale(T_P, (theta - self.zero, P1, P2), std)
         names, powers = list(shape.agonist.parameters), strength_powers(shape.agonist)
@@ -226,16 +209,21 @@ class JointFit:
 
         Parameters are in SI units.
         """
+        std = self.standard_deviations
         return {
             "model": self.model,
             "samples": self.samples.n,
             "rms_error_deg": self.rms / DEG,
             "left_out_deg": self.left_out / DEG,
             "encoder_zero_deg": self.zero / DEG,
+            "encoder_zero_std_deg": std.get("zero", 0.0) / DEG,
             "friction": self.friction,
+            "friction_std": std.get("friction", 0.0),
             "antagonist_ratio": self.ratio,
-            "force_scale_known": self.scale is not None,
-            **{f"{name}_std": std for name, std in self.standard_deviations.items()},
+            "antagonist_ratio_std": self.ratio_std,
+            "force_scale": self.scale,
+            "force_scale_std": self.scale_std,
+            **{f"{name}_std": std[name] for name in self.problem.free},
         }
 
     def __repr__(self) -> str:
@@ -268,7 +256,11 @@ class JointFit:
         Raises InvalidInput where μ is negative beyond doubt: friction would drive the joint.
         """
         noise = dict(zip(self.problem.names, np.sqrt(np.diag(self.doubt.formal)).tolist(), strict=True))
-        report.check_friction(self.friction, noise.get("friction", 0.0))
+        if self.friction < -max(report.NO_FRICTION, 4 * noise.get("friction", 0.0)):
+            raise InvalidInput(
+                f"friction μ = {self.friction:.3g} is negative, which no joint has, so nothing was written: "
+                "direction has to be +1 where θ was rising, -1 where falling; turn its sign"
+            )
         chosen = self.joint if group is None else self.joint_of(group)
         joint = chosen.shape if isinstance(chosen, RelativeJoint) else chosen
         source: dict[str, str | float] = {
@@ -305,7 +297,8 @@ def solved(
     x, converged = minimise(problem, x)
     u = report.checked(problem, x)
     error = problem.angle_error(x)
-    doubted = doubt(problem, x, ~report.at_bound(problem, x), common, choices)
+    inside = ~at_bound(x, problem.lower, problem.upper, 1e-5, 1e-2)
+    doubted = doubt(problem, x, inside, common, choices)
     covariance = doubted.covariance
     joints = report.joints(problem, u, covariance, common.unseen)
     found = report.findings(problem, u, joints.values(), covariance, converged)

@@ -1,4 +1,4 @@
-"""Measured equilibria of a joint are angle, two pressures, the torque of a weight, and from where the joint came."""
+"""Measured equilibria of a joint (angle, pressures, torque of a weight, direction of motion), and sag tests."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,10 +16,11 @@ from allocator.units import BAR
 Geometries = Geometry | Mapping[str, Geometry] | Mapping[int, Geometry] | Mapping[float, Geometry]
 Routes = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
 
-
+_COLUMNS = ("theta", "P1", "P2", "torque", "direction", "group")
 _CELL = 0.05 * BAR  # [Pa]
 _WIDER = 2**0.5
 _WIDEST = 2 * BAR  # what does not go into so few cells has many torques or groups
+THRESHOLD = 0.3 * BAR  # P_t of home-made muscles [Pa]
 
 
 class Group(NamedTuple):
@@ -90,45 +91,13 @@ class JointSamples:
 
     def where(self, keep: Mask | NDArray[np.intp]) -> Self:
         """Return the samples marked in `keep`, or those of these indices."""
-        return replace(self, **{name: getattr(self, name)[keep] for name in _ARRAYS})
+        return replace(self, **{name: getattr(self, name)[keep] for name in _COLUMNS})
 
     def without(self, drop: Mask, reason: str) -> Self:
         """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
-
-    def loaded_with(
-        self,
-        theta: ArrayLike,
-        P1: ArrayLike,
-        P2: ArrayLike,
-        torque: ArrayLike,
-        direction: ArrayLike | None,
-        group: ArrayLike | None,
-    ) -> Self:
-        """Return these samples and equilibria under a weight, as in `checked`; the mechanisms are known already."""
-        geometries = {g.label: g.geometry for g in self.groups}
-        one = len(geometries) == 1 and group is None
-        more = self.checked(
-            theta,
-            P1,
-            P2,
-            geometry=next(iter(geometries.values())) if one else geometries,
-            torque=torque,
-            direction=direction,
-            group=None if one or group is None else [str(g) for g in np.ravel(group).tolist()],
-        )
-        labels = [g.label for g in self.groups]
-        index = more.group if one else [labels.index(more.groups[i].label) for i in more.group]
-        return self.joined(replace(more, group=np.asarray(index, np.intp), groups=self.groups))
-
-    def joined(self, other: "JointSamples") -> Self:
-        """Return these samples and others of the same groups."""
-        if other.groups != self.groups:
-            raise InvalidInput("the samples belong to other geometries than those of the fit")
-        theta, P1, P2, torque, way, group = (np.append(getattr(self, n), getattr(other, n)) for n in _ARRAYS)
-        return replace(self, theta=theta, P1=P1, P2=P2, torque=torque, direction=way, group=group)
 
     def routes(self, theta: Array) -> Routes:
         """Return (ε, a, a') of agonist and antagonist at the true angles `theta` (n,), and the rest lengths (n,)."""
@@ -151,15 +120,18 @@ class JointSamples:
         ends = np.array([geometry.reach for _, geometry in self.groups])
         return ends[self.group, 0], ends[self.group, 1]
 
-    def pairs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Return the index arrays (rising, falling) of samples at the same pressures (in one `cell`), torque and
-        group.
-        """
+    @property
+    def setpoints(self) -> NDArray[np.intp]:
+        """Return the number (n,) of each sample's setpoint: the same pressures (in one `cell`), torque and group."""
         P1, P2 = np.round(self.P1 / self.cell), np.round(self.P2 / self.cell)
         key = np.stack([self.group, P1, P2, np.round(self.torque, 6)])
-        _, place = np.unique(key, axis=1, return_inverse=True)
-        order = np.argsort(place.ravel(), kind="stable")
-        members = np.split(order, np.flatnonzero(np.diff(place.ravel()[order])) + 1)
+        return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), np.intp)
+
+    def pairs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Return the index arrays (rising, falling) of samples at the same setpoint."""
+        place = self.setpoints
+        order = np.argsort(place, kind="stable")
+        members = np.split(order, np.flatnonzero(np.diff(place[order])) + 1)
         both = [(m[self.direction[m] > 0], m[self.direction[m] < 0]) for m in members]
         return [(up, down) for up, down in both if up.size and down.size]
 
@@ -256,7 +228,6 @@ class SlackReadings:
         return np.where(self.agonist, s.P1, s.P2), eps if np.imag(zero) else np.real(eps)
 
 
-_ARRAYS = ("theta", "P1", "P2", "torque", "direction", "group")
 _CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
 
 
@@ -270,7 +241,6 @@ def _combined(*columns: Array | NDArray[np.intp]) -> NDArray[np.int64]:
 
 
 def _grouped(geometry: Geometries, group: ArrayLike | None, n: int) -> tuple[NDArray[np.intp], tuple[Group, ...]]:
-    """Return the index (n,) of each sample's group, and the groups that occur."""
     labels = np.full(n, "all") if group is None else np.asarray(group).ravel()
     if labels.size != n:
         raise InvalidInput(f"group has {labels.size} labels for {n} samples")
@@ -283,3 +253,22 @@ def _grouped(geometry: Geometries, group: ArrayLike | None, n: int) -> tuple[NDA
     if missing:
         raise InvalidInput(f"geometry has no {missing[0]!r}; it has {', '.join(map(repr, geometry))}")
     return index.ravel(), tuple(Group(str(label), geometry[label]) for label in found.tolist())
+
+
+def weighed(sag: SlackReadings, error: Array, has_threshold: bool) -> Array:
+    """Return errors (k,) [Pa] of the pressures, as independent ones of the standard deviation `sag.noise`.
+
+    The bladder of a home-made muscle presses on the braid only above a threshold pressure P_t of 0.1 to 0.3 bar. A law
+    that knows none, fitted to equilibria far above it, is off by about b = P_t e^{-P/P_t} where a cable goes slack at
+    P: the same way in all rows, whose covariance is therefore σ² I + b bᵀ. A law that has a threshold itself is held to
+    the readings alone. Complex where `error` is.
+    """
+    if has_threshold:
+        return error
+    s = sag.samples
+    b = THRESHOLD * np.exp(-np.where(sag.agonist, s.P1, s.P2) / THRESHOLD) / sag.noise
+    square = float(b @ b)
+    if square == 0:
+        return error
+    shrunk = 1 - 1 / np.sqrt(1 + square)  # (I + b bᵀ)^(-1/2) = I - shrunk b bᵀ/(bᵀ b)
+    return np.asarray(error - shrunk * b * (b @ error) / square)

@@ -2,20 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.motion.bands import Bands
+from allocator.identification.motion.doubt import Bands, possible_changes
 from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, MotionProblem, Prediction
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.search import Found, extended, search, without
+from allocator.identification.motion.search import Found, search
 from allocator.identification.motion.static import Difference, Equilibrium
-from allocator.identification.motion.unexplained import possible_changes
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import BAR, DEG
 
@@ -42,11 +40,6 @@ _LOOPS = ("loop_width", "stuck_slope", "base")
 _TIMES = ("dead_time", "lag_up", "lag_down")  # that pass for each other within a sample
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
 STEPS = 5 + LEFT_OUT + _JACKKNIFE + len(_SIGNS)  # of `progress`
-
-
-class _Task(NamedTuple):
-    problem: MotionProblem
-    x: Array
 
 
 def fit_motion(
@@ -87,127 +80,122 @@ def fit_motion(
     """
     log = MotionLog.checked(t, theta, P1, P2)
     tell = progress or (lambda step: None)
-    greatest = log.greatest_pressure
-    if joint is not None:
-        _check_supply(joint.pressure_limits[1], greatest)
-    static = Difference(greatest) if joint is None else Equilibrium(joint, greatest)
     every = log.settled
     early = every & (np.arange(log.n) < TRAINED * log.n)
-    trained, unseen = _seen(MotionProblem.of(log, static), early, tell)
+    trained, unseen = _seen(MotionProblem.of(log, _static(joint, log.greatest_pressure)), early, tell)
     _check_sign(trained, early)
     tell("all rows")
-    found = search(trained.problem, every, trained.x)
-    task = _Task(trained.problem, found.x)
-    left_out = [_left_out(task, rows & every, every & ~rows, tell) for rows in _blocks(log.n, LEFT_OUT)]
-    jackknife = [_fit_without(task, rows & every, tell) for rows in _blocks(log.n, _JACKKNIFE)]
-    choices = _other_choices(task, MotionLog.checked(t, theta, P1, P2, medians=False), found.rms, tell)
-    run = task.problem.run(task.x, every)
-    changes = possible_changes(task.problem, task.x, every, lambda x: _named(_Task(task.problem, x), every))
+    found = trained.again(every)
+    left_out = [_left_out(found, rows & every, every & ~rows, tell) for rows in _blocks(log.n, LEFT_OUT)]
+    jackknife = []
+    for rows in _blocks(log.n, _JACKKNIFE):
+        tell("intervals")
+        jackknife.append(_named(found.again(rows & every), rows & every))
+    tell("other choices")
+    choices = _other_choices(found, MotionLog.checked(t, theta, P1, P2, medians=False))
+    run = found.run(every)
+    changes = possible_changes(found.problem, found.x, every, lambda x: _named(found._replace(x=x), every))
     errors = np.where(every, np.nansum([error for _, error in left_out], axis=0), np.nan)
     return MotionFit(
-        operator=task.problem.operator(task.x, run.weights),
-        parameters=_estimates(_named(task, every), jackknife, choices, changes, log, found.rms * DEG),
-        error=_errors(task, every, every),
+        operator=found.problem.operator(found.x, run.weights),
+        parameters=_estimates(_named(found, every), jackknife, choices, changes, log, found.rms * DEG),
+        error=_errors(found, every, every),
         held_out=_errors(trained, early, every & ~early),
         blocks=tuple(errors for errors, _ in left_out),
-        bands=Bands.of(errors, _block(log.n, LEFT_OUT), task.problem.taut(run)),
-        unseen=(*unseen, *_taken(task, run)),
+        bands=Bands.of(errors, _block(log.n, LEFT_OUT), found.problem.taut(run)),
+        unseen=(*unseen, *_taken(found, run)),
         converged=found.converged,
         given=joint,
         scale_known=scale_known,
-        problem=task.problem,
-        x=task.x,
+        problem=found.problem,
+        x=found.x,
         x_early=trained.x,
     )
 
 
-def _check_supply(supply: float, greatest: float) -> None:
-    """Refuse pressures [Pa] of the log that the joint's supply does not give."""
-    if greatest > _MOST_SUPPLY * supply:
+def _static(joint: AntagonistJoint | None, greatest: float) -> Difference | Equilibrium:
+    """Return what the static angle is a polynomial of, for pressures up to `greatest` [Pa]."""
+    if joint is None:
+        return Difference(greatest)
+    if greatest > _MOST_SUPPLY * (supply := joint.pressure_limits[1]):
         raise InvalidInput(
-            f"the pressures of the log go up to {greatest / BAR:.3g} bar, those of the joint up to "
-            f"{supply / BAR:.3g} bar: check the unit of P1 and P2 [Pa], or the joint's supply"
+            f"the pressures of the log go up to {greatest / BAR:.3g} bar, those of the joint up to {supply / BAR:.3g} "
+            "bar: check the unit of P1 and P2 [Pa], or the joint's supply"
         )
+    return Equilibrium(joint, greatest)
 
 
-def _check_sign(task: _Task, used: Mask) -> None:
-    """Refuse a static angle that falls where P1 rises, or P2 falls."""
-    if _slope(task.problem, task.problem.run(task.x, used)) < 0:
+def _check_sign(found: Found, used: Mask) -> None:
+    if _slope(found, used) < 0:
         raise InvalidInput(
             "θ falls with P1 and rises with P2: the muscles are swapped, or the angle has the other sign; pass P2 as "
             "P1 and P1 as P2, or -theta"
         )
 
 
-def _slope(problem: MotionProblem, run: Prediction) -> float:
+def _slope(found: Found, used: Mask) -> float:
     """Return by how much the static angle [rad] rises with q, in the mean over the rows."""
-    return float(np.polyfit(problem.static(run.P1, run.P2), run.static, 1)[0])
+    run = found.run(used)
+    return float(np.polyfit(found.problem.static(run.P1, run.P2), run.static, 1)[0])
 
 
-def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> tuple[_Task, list[str]]:
+def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> tuple[Found, list[str]]:
     """Return the fit with what the rows `used` show, and the sentences about what they do not."""
     tell("first rows")
-    found = search(problem, used)
-    unseen: list[str] = []
+    found, unseen = search(problem, used), []
     tell("inertia and damping")
-    problem, found = _if_better(problem, found, used, **_DYNAMIC)
+    found = _if_better(found, used, **_DYNAMIC)
     tell("filling")
     if "lag_up" in problem.free:
-        problem, found = _if_better(problem, found, used, **_FILLING)
-    if "filling" not in problem.free:
+        found = _if_better(found, used, **_FILLING)
+    if "filling" not in found.problem.free:
         unseen.append("how fast the valves can fill the muscles: great steps of the pressures would show it")
     best = found.rms
     for names, sentence in _SIGNS.items():
         tell("what is seen")
-        if not any(name in problem.free for name in names):
+        if set(names) & set(found.problem.free):
+            found = _if_needed(found, best, used, names)
+        if not set(names) & set(found.problem.free):
             unseen.append(sentence)
-            continue
-        problem, found = _if_needed(problem, found, best, used, names)
-        if not any(name in problem.free for name in names):
-            unseen.append(sentence)
-    if not problem.swings:
-        problem, found = _if_better(problem, found, used, **_DYNAMIC)
-    if not problem.swings:
+    if not found.problem.swings:
+        found = _if_better(found, used, **_DYNAMIC)
+    if not found.problem.swings:
         unseen.append("inertia and damping: faster steps, of a joint that swings, show them")
     else:
-        problem, found = _if_needed(problem, found, best, used, ("inertia",))
-        if "inertia" not in problem.free:
+        found = _if_needed(found, best, used, ("inertia",))
+        if "inertia" not in found.problem.free:
             unseen.append("the inertia: faster steps, of a joint that swings, show it")
-    return _Task(problem, found.x), unseen
+    return found, unseen
 
 
-def _if_needed(
-    problem: MotionProblem, found: Found, best: float, used: Mask, names: tuple[str, ...]
-) -> tuple[MotionProblem, Found]:
+def _if_needed(found: Found, best: float, used: Mask, names: tuple[str, ...]) -> Found:
     """Return the fit without these unknowns, unless its error is greater than `best` then."""
-    less, x = without(problem, found.x, *names)
+    less, x = found.without(*names)
     other = search(less, used, x)
-    return (less, other) if other.rms < _WORSE * best else (problem, found)
+    return other if other.rms < _WORSE * best else found
 
 
-def _if_better(problem: MotionProblem, found: Found, used: Mask, **more: float) -> tuple[MotionProblem, Found]:
+def _if_better(found: Found, used: Mask, **more: float) -> Found:
     """Return the fit with these unknowns besides, which begin at these values, if the log shows them."""
-    if not problem.log.varies_speed:
-        return problem, found
-    richer, x = extended(problem, found.x, used, **more)
+    if not found.problem.log.varies_speed:
+        return found
+    richer, x = found.extended(used, **more)
     other = search(richer, used, x)
-    return (richer, other) if other.rms * _MUCH_WORSE < found.rms else (problem, found)
+    return other if other.rms * _MUCH_WORSE < found.rms else found
 
 
-def _taken(task: _Task, run: Prediction) -> list[str]:
-    """Return the sentences about what was taken for granted."""
-    sentences = []
-    if _at_most(task, run):
+def _taken(found: Found, run: Prediction) -> list[str]:
+    sentences, log = [], found.problem.log
+    if _at_most(found, run):
         sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")
-    if not task.problem.log.varies_sum:
-        total = float(np.mean(task.problem.log.P1 + task.problem.log.P2))
-        sentences.append(f"what depends on P1 + P2, which stays at {total / BAR:.3g} bar")
+    if not log.varies_sum:
+        sentences.append(f"what depends on P1 + P2, which stays at {np.mean(log.P1 + log.P2) / BAR:.3g} bar")
     return sentences
 
 
-def _at_most(task: _Task, run: Prediction) -> bool:
+def _at_most(found: Found, run: Prediction) -> bool:
     """Return whether the plays have all the weight that they may have."""
-    return task.problem.operator(task.x, run.weights).weights[0] <= STIFFEST * (1 + 1e-6)
+    return found.problem.operator(found.x, run.weights).weights[0] <= STIFFEST * (1 + 1e-6)
 
 
 def _blocks(n: int, count: int) -> list[Mask]:
@@ -216,72 +204,57 @@ def _blocks(n: int, count: int) -> list[Mask]:
 
 
 def _block(n: int, count: int) -> Array:
-    """Return in which of `count` contiguous blocks each row (n,) is."""
     return np.asarray(np.arange(n) * count // n, float)
 
 
-def _fitted(task: _Task, used: Mask) -> _Task:
-    return _Task(task.problem, search(task.problem, used, task.x).x)
-
-
-def _fit_without(task: _Task, rows: Mask, tell: Callable[[str], object]) -> dict[str, float]:
-    tell("intervals")
-    return _named(_fitted(task, rows), rows)
-
-
-def _left_out(task: _Task, rows: Mask, judged: Mask, tell: Callable[[str], object]) -> tuple[Errors, Array]:
+def _left_out(found: Found, rows: Mask, judged: Mask, tell: Callable[[str], object]) -> tuple[Errors, Array]:
     """Return the errors of the rows `judged` (n,) predicted from `rows`: RMS, and each one (n,) [rad], else NaN."""
     tell("left-out blocks")
-    fitted = _fitted(task, rows)
-    error = task.problem.log.theta - fitted.problem.run(fitted.x, rows).theta
+    fitted = found.again(rows)
+    error = fitted.problem.log.theta - fitted.run(rows).theta
     return _errors(fitted, rows, judged), np.where(judged, error, np.nan)
 
 
-def _errors(task: _Task, used: Mask, judged: Mask) -> Errors:
-    run = task.problem.run(task.x, used)
-    return Errors.of(task.problem.log.theta - run.theta, judged, task.problem.taut(run))
+def _errors(found: Found, used: Mask, judged: Mask) -> Errors:
+    run = found.run(used)
+    return Errors.of(found.problem.log.theta - run.theta, judged, found.problem.taut(run))
 
 
 # --- parameters and their intervals ---------------------------------------------------------------------------------
 
 
-def _named(task: _Task, used: Mask) -> dict[str, float]:
+def _named(found: Found, used: Mask) -> dict[str, float]:
     """Return all that is told about the motion, by name."""
-    problem, run = task.problem, task.problem.run(task.x, used)
-    H, values = problem.operator(task.x, run.weights), problem.values(task.x)
+    problem, run = found.problem, found.run(used)
+    H, values = problem.operator(found.x, run.weights), problem.values(found.x)
     named = {name: values[name] for name in problem.free}
     named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
-    if not _at_most(task, run):
+    if not _at_most(found, run):
         named["stuck_slope"] = H.weights[0]
     if isinstance(problem.static, Equilibrium):
-        named["gain"] = _slope(problem, run)
+        named["gain"] = _slope(found, used)
     return named
 
 
-def _other_choices(task: _Task, noisy: MotionLog, rms: float, tell: Callable[[str], object]) -> list[dict[str, float]]:
+def _other_choices(here: Found, noisy: MotionLog) -> list[dict[str, float]]:
     """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
     directions if it explains the log as well, less of a dead band where it looks like hysteresis, and widths that are
     less at the ends of the range, as those of friction are where muscles stiffen.
     """
-    tell("other choices")
-    problem, every = task.problem, task.problem.log.settled
-    others = [_fitted(_Task(replace(problem, finest=problem.finest * 1.3), task.x), every)]
+    problem, every = here.problem, here.problem.log.settled
+    others = [here.again(every, replace(problem, finest=problem.finest * 1.3))]
     if not (np.array_equal(noisy.P1, problem.log.P1) and np.array_equal(noisy.P2, problem.log.P2)):
-        others.append(_fitted(_Task(replace(problem, log=noisy), task.x), every))
-    if "lag_up" in problem.free:
-        found = search(replace(problem, one_lag=True), every, task.x)
-        if found.rms < _WORSE * rms:
-            others.append(_Task(replace(problem, one_lag=True), found.x))
+        others.append(here.again(every, replace(problem, log=noisy)))
+    as_good = [replace(problem, one_lag=True)] if "lag_up" in problem.free else []
+    for other in (*as_good, replace(problem, taper=_TAPER)):
+        if (found := here.again(every, other)).rms < _WORSE * here.rms:
+            others.append(found)
     if "dead_band" in problem.free and problem.log.swept:  # in sweeps it looks like hysteresis
-        less, x = without(problem, task.x, "dead_band")
-        less = replace(less, assumed=(("dead_band", (1 - _TRADED) * problem.values(task.x)["dead_band"]),))
+        less, x = here.without("dead_band")
+        less = replace(less, assumed=(("dead_band", (1 - _TRADED) * problem.values(here.x)["dead_band"]),))
         found = search(less, every, x)
-        if found.rms < (1 + _TRADED) * rms:  # what is left is the error of the model, which proves no more
-            others.append(_Task(less, found.x))
-    tapered = replace(problem, taper=_TAPER)
-    found = search(tapered, every, task.x)
-    if found.rms < _WORSE * rms:
-        others.append(_Task(tapered, found.x))
+        if found.rms < (1 + _TRADED) * here.rms:  # what is left is the error of the model, which proves no more
+            others.append(found)
     return [_named(other, every) | dict(other.problem.assumed) for other in others]
 
 

@@ -12,10 +12,10 @@ from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.least_squares import rms
-from allocator.identification.motion.bands import AngleBand, Bands
-from allocator.identification.motion.muscles import fit_muscles
+from allocator.identification.motion.doubt import AngleBand, Bands
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
+from allocator.identification.motion.static import fit_muscles
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.presentation.tables import html_table, number

@@ -1,5 +1,15 @@
-"""The log of a moving joint is checked here: rows in time, and whether they move enough to tell anything."""
+"""Logs of a moving joint: CSV files, rows in time, and whether they move enough to tell anything.
 
+Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in any order; others are listed in the notes:
+
+    time [s, ms, us, ns, min]   increasing; s without a unit; also clock times (12:03:04.567, ISO 8601)
+    theta [deg, rad]            as the encoder shows it
+    pressure1, pressure2 [bar, mbar, kPa, MPa, Pa, psi], gauge, commanded or measured
+
+Of a log with gaps of more than a second the longest part is used.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -8,9 +18,18 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array, Mask
-from allocator.errors import InvalidInput
-from allocator.identification.recording import GAP
-from allocator.identification.spikes import angle_spikes, pressure_spikes
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.files.text import FilePath
+from allocator.identification.columns import read_columns
+from allocator.identification.recording import (
+    GAP,
+    in_time,
+    longest_stretch,
+    refuse_spikes,
+    refuse_turns,
+    spikes_of,
+    without_spikes,
+)
 from allocator.units import BAR, DEG
 
 TAUT_FROM = 1.5 * BAR  # both pressures, above which muscles of this kind are taut
@@ -27,6 +46,7 @@ _MEDIAN_OVER = 0.25  # [s]
 _SHOWN = 10  # spikes that are listed
 _UNEVEN = 0.05  # standard deviation of the steps in their median, above which rows are put at even times
 _MOST_ROWS = 15_000  # of more, every second, third … is used
+_WANTED = (("time",), ("theta",), ("pressure1",), ("pressure2",))
 
 
 @dataclass(frozen=True)
@@ -163,12 +183,8 @@ class MotionLog:
 
     def _check_readings(self) -> None:
         """Refuse angles and pressures that no joint goes through: rows that jump there and back, turns within a row."""
-        spikes = {
-            "theta": angle_spikes(self.t, self.theta),
-            "P1": pressure_spikes(self.t, self.P1),
-            "P2": pressure_spikes(self.t, self.P2),
-        }
-        if wrong := [f"{name}[{i}]" for name, mask in spikes.items() for i in np.flatnonzero(mask)]:
+        spikes = spikes_of(self.t, {"theta": self.theta, "P1": self.P1, "P2": self.P2})
+        if wrong := [f"{name}[{i}]" for name, rows in spikes.items() for i in rows]:
             more = f" and {len(wrong) - _SHOWN} more" if len(wrong) > _SHOWN else ""
             raise InvalidInput(
                 f"spikes in {', '.join(wrong[:_SHOWN])}{more}, which jump there and back as no joint does; "
@@ -229,3 +245,29 @@ def even_times(t: Array) -> Array:
     """Return times [s] from the first to the last of t (n,), with its median step or a longer one."""
     step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
     return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
+
+
+def read_motion_log(
+    path: FilePath, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0, drop_spikes: bool = False
+) -> MotionLog:
+    """Read the log of a moving joint; `columns` as for `read_joint_log`: ``{"theta": "phi:deg"}``.
+
+    `skip_rows` lines are left out at the beginning of the file. With `drop_spikes`, rows are left out in which a
+    reading is missing, jumps there and back, or is a pressure that drops out. `MotionLog.notes` lists what was not
+    used.
+
+    Raises `InvalidFile`, with line and column where one is at fault, also where the log moves too little.
+    """
+    measured = in_time(read_columns(path, _WANTED, (), columns, skip_rows=skip_rows, drop_missing=drop_spikes))
+    if drop_spikes:
+        measured = without_spikes(measured)
+    else:
+        refuse_spikes(measured)
+    measured = longest_stretch(measured)
+    refuse_turns(measured)
+    t, theta, P1, P2 = (measured.values[quantity] for (quantity,) in _WANTED)
+    try:
+        MotionLog.checked(t, theta, P1, P2)
+    except InvalidInput as error:
+        raise InvalidFile(path, "; ".join((str(error), *measured.notes))) from None
+    return MotionLog(t, theta, P1, P2, notes=measured.notes)

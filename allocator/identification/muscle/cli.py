@@ -1,6 +1,5 @@
 """`antagonist fit` finds a muscle from a table of measured forces."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -9,18 +8,15 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import track
 from rich.table import Table
-from typer.models import OptionInfo
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.identification.columns import parse_columns
-from allocator.identification.muscle.datasets import DATASETS
 from allocator.identification.muscle.ranking import Ranking, rank_models
-from allocator.identification.muscle.reading import read_samples
+from allocator.identification.muscle.reading import DATASETS, read_samples
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples
-from allocator.identification.options import SkipRows
+from allocator.identification.options import SkipRows, assigned, columns_option, each, print_lines
 from allocator.muscles import MODELS, Muscle
 from allocator.presentation.plotting import save_figure
 from allocator.shell.options import within
@@ -32,21 +28,13 @@ _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _DEFAULT = "dmsp-20-300-map"
 
 
-def columns_option(example: str) -> OptionInfo:
-    """Return the option --columns with an example of the command's own quantities."""
-    option: OptionInfo = typer.Option(
-        help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
-        ":bar(abs) takes the atmosphere off; ignore=NAME leaves a column out)."
-    )
-    return option
-
-
 def fit_command(
     data: Annotated[
         str, typer.Argument(help=f"CSV file, or a table of the package: {', '.join(DATASETS)}.", metavar="DATA")
     ] = _DEFAULT,
-    model: Annotated[str | None, typer.Option(help="Fit this model only; see --all for their names.")] = None,
-    every: Annotated[bool, typer.Option("--all", help="Fit all models and rank them (default).")] = False,
+    model: Annotated[
+        str | None, typer.Option(help="Fit this model only; by default all are, and ranked by name.")
+    ] = None,
     rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
     columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
     skip_rows: SkipRows = 0,
@@ -69,8 +57,6 @@ def fit_command(
     Columns by name with unit: contraction [%], length or shortening [mm], pressure [bar] (gauge), force [N], in these
     or other units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used.
     """
-    if every and model:
-        raise InvalidInput("--all fits every model; leave out --model, or leave out --all")
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--min-pressure", min_pressure, "bar", -1, 100)
     within("--min-contraction", min_contraction, "(a ratio, not percent)", -1, 1)
@@ -82,8 +68,8 @@ def fit_command(
     ranking = rank_models(
         samples,
         _models(model),
-        progress=lambda models: _progress(models, console),
-        hold=_held(hold or []),
+        progress=lambda models: each(models, console),
+        hold=assigned("--hold", hold or [], "NAME=VALUE, such as r0=0.0109"),
         pressure_range=(-np.inf if min_pressure is None else min_pressure * BAR, np.inf),
         contraction_range=(-np.inf if min_contraction is None else min_contraction, np.inf),
         zero_noise=zero_noise,
@@ -100,7 +86,9 @@ def fit_command(
         best.save(out, {"data": Path(data).name.encode(errors="replace").decode()})
         say(console, f"written: {out}")
     if plot is not None:
-        _draw(best, plot)
+        from allocator.identification.muscle.plotting import fit_figure
+
+        save_figure(fit_figure(best), plot, dpi=150)
         say(console, f"written: {plot}")
 
 
@@ -119,26 +107,7 @@ def _models(name: str | None) -> tuple[type[Muscle], ...]:
     return (MODELS[name],)
 
 
-def _held(settings: list[str]) -> dict[str, float]:
-    held = {}
-    for setting in settings:
-        name, _, value = (part.strip() for part in setting.partition("="))
-        if name in held:
-            raise InvalidInput(f"--hold {setting}: {name} is held twice")
-        try:
-            held[name] = float(value)
-        except ValueError:
-            raise InvalidInput(f"--hold {setting}: expected NAME=VALUE, such as r0=0.0109") from None
-    return held
-
-
-def _progress(models: Iterable[type[Muscle]], console: Console) -> Iterable[type[Muscle]]:
-    models = tuple(models)
-    return track(models, "fitting", console=console, transient=True) if len(models) > 1 else models
-
-
 def _report(ranking: Ranking, console: Console) -> None:
-    """Print the table of all fits, the best first."""
     caption = (
         f"samples the model takes, of {ranking.samples}; RMS error [N] of those fitted; RMS error of samples kept from "
         f"the fit (cross-validation in 5 parts, the same {ranking.judged} samples for all models, weighted as in the "
@@ -165,34 +134,27 @@ def _report(ranking: Ranking, console: Console) -> None:
         )
     if ranking.fits:
         console.print(table)
-    for name, why in ranking.failures.items():
-        console.print(f"{name}: not fitted, {why}", markup=False)
+    print_lines(console, (f"{name}: not fitted, {why}" for name, why in ranking.failures.items()))
 
 
 def _describe(fit: Fit[Muscle], console: Console) -> None:
     """Print the chosen muscle: parameters with their standard deviations, and what to beware of."""
-    slack = int(fit.slack.sum())
-    console.print(
-        f"{fit.model}, {fit.n_taut} taut samples and {slack} slack ones: {fit.rms:.2f} N RMS, greatest error "
-        f"{fit.max_error:.2f} N ({fit.max_error_percent:.1f} % of full scale)",
-        markup=False,
-    )
+    samples = fit.samples
+    lines = [
+        f"{fit.model}, {fit.n_taut} taut samples and {fit.slack.sum()} slack ones: {fit.rms:.2f} N RMS, greatest error "
+        f"{fit.max_error:.2f} N ({fit.max_error_percent:.1f} % of full scale)"
+    ]
     for name, std in fit.standard_deviations.items():
         spread = f"± {std:.2g}" if name in fit.free else "(held)"
-        console.print(f"  {name} = {fit.muscle.parameters[name]:.6g} {spread}", markup=False, highlight=False)
-    console.print(f"  measured at {fit.muscle.measured}; {_greatest(fit)}", markup=False, highlight=False)
-    if fit.samples.zero_noise > 0:
-        console.print(
-            f"  slack is a force below {fit.samples.slack_limit:.3g} N, three times the zero noise", markup=False
-        )
-    if not fit.samples.zero_seen:
-        console.print("  the load cell's zero was not seen: no plateau of slack readings shows it", markup=False)
-    for note in fit.samples.notes:
-        console.print(f"  {note}", markup=False)
-    for reason, n in fit.samples.dropped.items():
-        console.print(f"  {n} samples left out: {reason}", markup=False)
-    for warning in fit.warnings:
-        console.print(f"  beware: {warning}", markup=False)
+        lines.append(f"  {name} = {fit.muscle.parameters[name]:.6g} {spread}")
+    lines.append(f"  measured at {fit.muscle.measured}; {_greatest(fit)}")
+    if samples.zero_noise > 0:
+        lines.append(f"  slack is a force below {samples.slack_limit:.3g} N, three times the zero noise")
+    if not samples.zero_seen:
+        lines.append("  the load cell's zero was not seen: no plateau of slack readings shows it")
+    lines += [f"  {note}" for note in samples.notes]
+    lines += [f"  {n} samples left out: {reason}" for reason, n in samples.dropped.items()]
+    print_lines(console, [*lines, *(f"  beware: {warning}" for warning in fit.warnings)])
 
 
 def _greatest(fit: Fit[Muscle]) -> str:
@@ -206,36 +168,13 @@ def _greatest(fit: Fit[Muscle]) -> str:
     return f"{at} {eps[slack[0]]:.3g}{'' if eps[slack[0]] <= most else ', by extrapolation'}"
 
 
-def _draw(fit: Fit[Muscle], path: Path) -> None:
-    from allocator.identification.muscle.plotting import fit_figure
-
-    save_figure(fit_figure(fit), path, dpi=150)
-
-
 def _values(ranking: Ranking, best: Fit[Muscle]) -> dict[str, object]:
     """Return what `--json` prints; parameters are in SI units, as in the file that --out writes."""
     return {
-        "ranking": [
-            {
-                "model": fit.model,
-                "rms_N": fit.rms,
-                "unseen_rms_N": fit.cross_validated,
-                "fitted_parameters": len(fit.free),
-                "determined_parameters": fit.rank,
-                "monotone": fit.monotone,
-                "closed_form_inverse": fit.closed_form,
-            }
-            for fit in ranking.fits
-        ],
+        "ranking": [fit.to_dict() for fit in ranking.fits],
         "failures": ranking.failures,
         "best": {
-            "model": best.model,
-            "parameters_SI": best.muscle.parameters,
-            "standard_deviations_SI": best.standard_deviations,
-            "taut_samples": best.n_taut,
-            "slack_samples": best.slack.sum(),
-            "rms_N": best.rms,
-            "max_error_N": best.max_error,
+            **best.to_dict(),
             "samples_left_out": best.samples.dropped,
             "notes": best.samples.notes,
             "measured": None if best.muscle.measured is None else vars(best.muscle.measured),

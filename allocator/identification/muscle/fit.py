@@ -1,8 +1,8 @@
 """A muscle is fitted to measured forces here."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,14 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.identifiability import Determination, determine
-from allocator.identification.least_squares import rms
-from allocator.identification.muscle.hysteresis import hysteresis
-from allocator.identification.muscle.load_cell import weighted, zeroed
+from allocator.identification.least_squares import Determination, at_bound, determine, rms
+from allocator.identification.muscle.load_cell import hysteresis, weighted, zeroed
 from allocator.identification.muscle.problem import MuscleProblem, Solution
 from allocator.identification.muscle.result import Fit, Level
-from allocator.identification.muscle.samples import Samples
-from allocator.identification.muscle.thinning import thinned
+from allocator.identification.muscle.samples import Samples, thinned
 from allocator.muscles import Muscle, Recipe, monotonicity_failure
 from allocator.muscles.base import Covariance
 from allocator.muscles.measured import MeasuredRegion
@@ -27,9 +24,10 @@ from allocator.units import BAR
 M = TypeVar("M", bound=Muscle)
 Range = tuple[float, float]
 
-_EVERYTHING: Range = (-np.inf, np.inf)
+EVERYTHING: Range = (-np.inf, np.inf)
 _MOST_LEVELS = 40  # more different pressures than this are put into classes
 _CLASSES = 10
+_PULLS = 0.02  # of full scale: a pull of the model where the muscle was slack that is to be named
 
 
 def fit(
@@ -42,8 +40,8 @@ def fit(
     taut_only: bool = True,
     hold: Mapping[str, float] | None = None,
     start: M | None = None,
-    pressure_range: Range = _EVERYTHING,
-    contraction_range: Range = _EVERYTHING,
+    pressure_range: Range = EVERYTHING,
+    contraction_range: Range = EVERYTHING,
     folds: int = 5,
     zero_noise: float | None = None,
 ) -> Fit[M]:
@@ -80,14 +78,14 @@ def fit(
     """
     samples = Samples.checked(contraction, pressure, force, weights)
     samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
-    built = build_problem(model, samples, hold, start, taut_only=taut_only)
-    return conclude(model, built.problem, folds, built.starts)
+    problem, starts, _ = build_problem(model, samples, hold, start, taut_only=taut_only)
+    return conclude(model, problem, folds, starts)
 
 
 def prepared(
     samples: Samples,
-    pressure_range: Range = _EVERYTHING,
-    contraction_range: Range = _EVERYTHING,
+    pressure_range: Range = EVERYTHING,
+    contraction_range: Range = EVERYTHING,
     zero_noise: float | None = None,
     *,
     taut_only: bool = True,
@@ -97,7 +95,10 @@ def prepared(
     """
     if zero_noise is not None:
         zero_noise = checks.not_negative("zero_noise", zero_noise, "N")
-    samples = _within(samples, pressure_range, contraction_range)
+    ranges = (("pressure", pressure_range, BAR, " bar"), ("contraction", contraction_range, 1.0, ""))
+    for name, (low, high), unit, suffix in ranges:
+        samples = samples.without(getattr(samples, name) < low, f"{name} below {low / unit:g}{suffix}")
+        samples = samples.without(getattr(samples, name) > high, f"{name} above {high / unit:g}{suffix}")
     if not samples.n:
         raise InvalidInput("no samples are left to fit")
     if not taut_only:
@@ -108,14 +109,6 @@ def prepared(
     return weighted(thinned(samples))
 
 
-class BuiltProblem(NamedTuple):
-    """A built problem is that of fitting one model, with where to start."""
-
-    problem: MuscleProblem
-    starts: tuple[Muscle, ...]
-    takes: Mask  # (n,) which of the samples are in the model's domain
-
-
 def build_problem(
     model: type[M],
     samples: Samples,
@@ -123,22 +116,22 @@ def build_problem(
     start: M | None = None,
     *,
     taut_only: bool = True,
-) -> BuiltProblem:
-    """Build the problem of fitting `model` to those of the prepared samples that are in its domain."""
+) -> tuple[MuscleProblem, tuple[Muscle, ...], Mask]:
+    """Build the problem of fitting `model` to those of the prepared samples that are in its domain.
+
+    Returns the problem, where to start, and which samples (n,) are in the domain.
+    """
     recipe = _recipe(model, samples, start, hold or {})
     least = max(s.min_contraction for s in recipe.starts)
     takes = samples.contraction >= least
     inside = samples.without(~takes, f"contraction below {least:g}, where {model.__name__} ends")
-    problem = _problem(recipe, inside, hold or {}, taut_only)
+    prototype = recipe.starts[0]
+    free = recipe.free(prototype.parameters, hold or {})
+    linear = tuple(n for n in free if among(n, recipe.linear))
+    slack = inside.slack if taut_only else np.zeros(inside.n, bool)
+    problem = MuscleProblem(prototype, free, linear, *recipe.limits(free), inside, slack)
     _check_sufficient(problem)
-    return BuiltProblem(problem, recipe.starts, takes)
-
-
-def _within(samples: Samples, pressure: Range, contraction: Range) -> Samples:
-    for name, (low, high), unit, suffix in (("pressure", pressure, BAR, " bar"), ("contraction", contraction, 1.0, "")):
-        samples = samples.without(getattr(samples, name) < low, f"{name} below {low / unit:g}{suffix}")
-        samples = samples.without(getattr(samples, name) > high, f"{name} above {high / unit:g}{suffix}")
-    return samples
+    return problem, recipe.starts, takes
 
 
 def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str, float]) -> Recipe[M]:
@@ -149,15 +142,6 @@ def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str
     if not recipe.starts:
         raise InvalidInput(f"{model.__name__} does not say from where to search; pass start=")
     return replace(recipe, starts=tuple(s.with_parameters(hold) for s in recipe.starts))
-
-
-def _problem(recipe: Recipe[M], samples: Samples, hold: Mapping[str, float], taut_only: bool) -> MuscleProblem:
-    prototype = recipe.starts[0]
-    free = recipe.free(prototype.parameters, hold)
-    linear = tuple(n for n in free if among(n, recipe.linear))
-    lower, upper = recipe.limits(free)
-    slack = samples.slack if taut_only else np.zeros(samples.n, bool)
-    return MuscleProblem(prototype, free, linear, lower, upper, samples, slack)
 
 
 def _check_sufficient(problem: MuscleProblem) -> None:
@@ -179,25 +163,18 @@ def conclude(
     """Solve, and say everything about the solution; it is cross-validated on the samples `common` (default: all)."""
     solution = problem.solve(starts)
     samples, slack, x = problem.samples, problem.slack, solution.x
-    bare = problem.muscle(x)
     try:
-        muscle = replace(bare)  # checks it
+        muscle = replace(problem.muscle(x))  # checks it
     except InvalidInput as error:
         raise InvalidInput(f"the best {model.__name__} makes no sense as a muscle: {error}") from None
-    at_bound = _at_bound(problem, x)
-    determined = _determination(problem, solution, ~at_bound)
+    inside = ~at_bound(x, problem.lower, problem.upper, 1e-6, 1e-3)
+    determined = _determination(problem, x, inside)
     region = MeasuredRegion.of(samples.contraction, samples.pressure)
-    muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, ~at_bound), measured=region)
-    residual = (muscle.law(samples.pressure, samples.contraction) - samples.force)[~slack]
-    failure = monotonicity_failure(muscle, *_domain(muscle, samples))
-    pulls = muscle.law(samples.pressure, samples.contraction)[slack]
-    warnings = (
-        *(f"{name} ended at the limit of its search, {v:g}" for name, v in _named(problem, x, at_bound)),
-        *(() if solution.converged else ("the search stopped before it converged",)),
-        *(f"collinear: {direction} changes no force" for direction in determined.collinear),
-        *((f"[M] fails: {failure}",) if failure else ()),
-        *_slack_warning(pulls, samples.full_scale),
-    )
+    muscle = replace(muscle, covariance=_embedded(problem, determined.covariance, inside), measured=region)
+    pulls = muscle.law(samples.pressure, samples.contraction)
+    residual = (pulls - samples.force)[~slack]
+    eps = max(0.0, float(samples.contraction.min())), float(samples.contraction.max())
+    failure = monotonicity_failure(muscle, float(samples.pressure.max()), eps)
     return Fit(
         muscle=muscle,  # type: ignore[arg-type]  # the prototype is a `model`, which MuscleProblem does not say
         samples=samples,
@@ -206,33 +183,22 @@ def conclude(
         rank=determined.rank,
         rms=rms(residual),
         max_error=float(np.abs(residual).max()),
-        cross_validated=_cross_validated_on(problem, starts, muscle, folds, common),
+        cross_validated=_cross_validated(problem, starts, muscle, folds, common),
         levels=_levels(samples.pressure[~slack], residual),
         collinear=determined.collinear,
         monotone=not failure,
-        warnings=warnings,
+        warnings=tuple(_warnings(problem, solution, inside, determined.collinear, failure, pulls[slack])),
     )
 
 
-def _at_bound(problem: MuscleProblem, x: Array) -> Mask:
-    """Return which parameters the search left at a bound, which it only approaches from inside."""
-    width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
-    near = 1e-6 * np.maximum(np.abs(x), 1e-3 * width)
-    return np.asarray((x - problem.lower < near) | (problem.upper - x < near))
-
-
-def _named(problem: MuscleProblem, x: Array, mask: Mask) -> list[tuple[str, float]]:
-    return [(name, float(v)) for name, v, m in zip(problem.free, x, mask, strict=True) if m]
-
-
-def _determination(problem: MuscleProblem, solution: Solution, inside: Mask) -> Determination:
+def _determination(problem: MuscleProblem, x: Array, inside: Mask) -> Determination:
     names = tuple(name for name, i in zip(problem.free, inside, strict=True) if i)
-    J = problem.jacobian(solution.x)[:, inside]
+    J, r = problem.jacobian(x)[:, inside], problem.residual(x)
     tell = (J != 0).any(axis=1)
-    cost = problem.residual(solution.x)[tell] @ problem.residual(solution.x)[tell]
+    cost = r[tell] @ r[tell]
     if problem.samples.scatter is not None:
         cost += (problem.samples.weights * problem.samples.scatter**2)[tell].sum()
-    return determine(J, float(cost), names, solution.x[inside])
+    return determine(J, float(cost), names, x[inside])
 
 
 def _embedded(problem: MuscleProblem, covariance: Array, inside: Mask) -> Covariance:
@@ -244,32 +210,32 @@ def _embedded(problem: MuscleProblem, covariance: Array, inside: Mask) -> Covari
     return tuple(map(tuple, full.tolist()))
 
 
-def _domain(muscle: Muscle, samples: Samples) -> tuple[float, tuple[float, float]]:
-    """Return the highest pressure, and contractions, between which [M] is looked at."""
-    return float(samples.pressure.max()), (max(0.0, float(samples.contraction.min())), float(samples.contraction.max()))
+def _warnings(
+    problem: MuscleProblem, solution: Solution, inside: Mask, collinear: tuple[str, ...], failure: str, pulls: Array
+) -> Iterator[str]:
+    """Yield what is to be known before the fit is used; `pulls` are the model's forces [N] where it was slack."""
+    for name, value, free in zip(problem.free, solution.x, inside, strict=True):
+        if not free:
+            yield f"{name} ended at the limit of its search, {value:g}"
+    if not solution.converged:
+        yield "the search stopped before it converged"
+    yield from (f"collinear: {direction} changes no force" for direction in collinear)
+    if failure:
+        yield f"[M] fails: {failure}"
+    if (wrong := pulls > _PULLS * problem.samples.full_scale).any():
+        yield f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples"
 
 
-def _slack_warning(pulls: Array, full_scale: float) -> tuple[str, ...]:
-    """Return a sentence if the model pulls with more than 2 % of full scale where the muscle was slack."""
-    wrong = pulls > 0.02 * full_scale
-    return (f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples",) if wrong.any() else ()
-
-
-def _cross_validated_on(
+def _cross_validated(
     problem: MuscleProblem, starts: tuple[Muscle, ...], muscle: Muscle, folds: int, common: Mask | None
 ) -> float:
-    """Return the cross-validated error within the samples `common`, as if there were no others."""
-    if common is None or common.all():
-        return _cross_validated(problem, muscle, folds)
-    part = problem.on(common)
-    return _cross_validated(part, part.muscle(part.solve(starts).x), folds)
-
-
-def _cross_validated(problem: MuscleProblem, muscle: Muscle, folds: int) -> float:
-    """Return the weighted RMS error of taut samples predicted from a fit to the others.
+    """Return the weighted RMS error of taut samples predicted from a fit to the others, as if only the `common` were.
 
     It is NaN if there are not enough for that.
     """
+    if common is not None and not common.all():
+        problem = problem.on(common)
+        muscle = problem.muscle(problem.solve(starts).x)
     taut = np.flatnonzero(~problem.slack)
     if folds < 2 or taut.size - taut.size // folds < len(problem.free) + 1:
         return float("nan")

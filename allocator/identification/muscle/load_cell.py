@@ -1,4 +1,4 @@
-"""A load cell adds something to a force: a sign, an offset, noise at no force, and noise in proportion to the force.
+"""What measured forces carry beside the muscle's: sign, offset and noise of the load cell, and hysteresis.
 
 Where a muscle must be slack is seen without any model, since its force falls with contraction and rises with pressure:
 one sample is beyond another if it is contracted further at no higher pressure, or is at lower pressure and contracted
@@ -9,6 +9,14 @@ cut off at zero: half of a normal distribution has the same mean square as the w
 The variance of a reading is that of Rocke & Lorenzato (Technometrics 37:176-184, 1995), σ² = a² + (ρF)², here with
 a ≥ σ0. Its two numbers maximise the likelihood of the residuals of a polynomial in contraction and pressure, so that
 they belong to the samples and are the same for every model. Without zero noise all weights stay as they are.
+
+Hysteresis is the difference between the branches of rising and falling pressure or contraction,
+
+    F = f(ε, P) - s_P h_P/2 - s_ε h_ε/2        s = +1 on a rising branch, -1 on a falling one, 0 where it rests
+
+f being a polynomial and h the mean by which the falling branch pulls harder, by least squares. A law without memory
+runs between the branches. They follow from a column of directions or from the order of the rows, each of which is a
+step of the quantity that moves further in its range.
 """
 
 from dataclasses import replace
@@ -26,10 +34,16 @@ _BEYOND = 0.005  # of the range: what counts as further contracted, or as less p
 _SPREAD = 0.05  # of full scale: readings that scatter more are no plateau
 _SPREAD_OFF_ZERO = 0.01  # the same, where the plateau is not at zero
 _SHARE_OFF_ZERO = 0.05  # of the samples that such a plateau has at least
-_SURE = 4.0  # standard deviations of its mean that an offset has to be off zero, and no slope may reach
+_SURE = 4.0  # standard deviations from which on an offset, a slope or a difference is there
 _DEGREES = ((6, 2), (4, 2), (3, 1), (2, 1), (1, 1))  # of the polynomial in contraction and in pressure
 _SAMPLES_PER_TERM = 4
 _PASSES = 4  # of weighting and fitting the polynomial
+_STILL = 1e-3  # of the range: a smaller step is rest
+_WINDOWS = 500  # of a log, over each of which it is seen what moves
+_JUMP = 0.3  # of the range: a greater step is a new row of a table rather than a motion
+_LEAST_RUN = 3  # rows of one branch after each other
+_LEAST_ROWS = 5  # on either branch
+_LEAST = 0.005  # of full scale: a smaller difference is not worth a sentence
 
 
 class Zero(NamedTuple):
@@ -45,8 +59,13 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
 
     `zero_noise` [N] is estimated from the slack readings if it is not given.
     """
-    samples = _positive(samples)
-    zero = find_zero(samples.where(_evenly(samples.n)))
+    F = tension(samples.contraction, samples.pressure, samples.force)
+    if F is not samples.force:
+        samples = replace(samples, force=F)
+        samples = samples.noted("the forces are negative where the muscle pulls: taken with the other sign")
+    looked_at = np.zeros(samples.n, bool)
+    looked_at[:: -(-samples.n // _MOST_READINGS)] = True  # evenly spread
+    zero = find_zero(samples.where(looked_at))
     if zero is None:
         return replace(samples, zero_noise=zero_noise or 0.0)
     noise = zero.noise if zero_noise is None else zero_noise
@@ -55,23 +74,6 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
         return samples
     note = f"slack readings lie round {zero.offset:.3g} N: taken for the load cell's zero and subtracted"
     return replace(samples, force=samples.force - zero.offset).noted(note)
-
-
-def _positive(samples: Samples) -> Samples:
-    """Turn the sign of forces whose greatest magnitude is negative and which fall as pressure rises, as of another load
-    cell.
-    """
-    F = tension(samples.contraction, samples.pressure, samples.force)
-    if F is samples.force:
-        return samples
-    return replace(samples, force=F).noted("the forces are negative where the muscle pulls: taken with the other sign")
-
-
-def _evenly(n: int) -> Mask:
-    """Return at most 2000 of n, evenly spread."""
-    chosen = np.zeros(n, bool)
-    chosen[:: -(-n // _MOST_READINGS)] = True
-    return chosen
 
 
 def find_zero(samples: Samples) -> Zero | None:
@@ -163,3 +165,75 @@ def _most_likely(square: Array, F: Array, zero_noise: float) -> tuple[float, flo
     loss = (np.log(variance) + square / variance).sum(axis=-1)
     i, j = np.unravel_index(loss.argmin(), loss.shape)
     return float(a[i]), float(share[j])
+
+
+class Branches(NamedTuple):
+    """Difference between falling and rising branches of one quantity."""
+
+    quantity: str  # "pressure" or "contraction"
+    difference: float  # h, mean force on falling branches less that on rising ones [N]
+    std: float  # of h [N]
+    percent: float  # h in percent of the mean force of the taut samples
+
+    def __str__(self) -> str:
+        """Return a sentence without a full stop."""
+        return (
+            f"hysteresis: with falling {self.quantity} it pulls {self.difference:+.2g} ± {self.std:.1g} N "
+            f"({self.percent:+.2g} % of the mean force) against rising {self.quantity}; a law without memory lies "
+            "between"
+        )
+
+
+def hysteresis(samples: Samples) -> tuple[Branches, ...]:
+    """Return the differences between branches that the taut samples, in their order, show beyond doubt."""
+    taut = ~samples.slack
+    terms = polynomial(samples, int(taut.sum()))
+    if terms is None:
+        return ()
+    signs = _signs(samples)
+    both = {q: s for q, s in signs.items() if min((s[taut] > 0).sum(), (s[taut] < 0).sum()) >= _LEAST_ROWS}
+    if not both:
+        return ()
+    A = np.column_stack([*(-s[taut] / 2 for s in both.values()), terms[taut]])
+    found, _, rank, _ = np.linalg.lstsq(A, samples.force[taut], rcond=1e-10)
+    freedom = int(taut.sum()) - rank
+    if freedom < _LEAST_ROWS:
+        return ()
+    residual = samples.force[taut] - A @ found
+    variance = np.diag(np.linalg.pinv(A.T @ A)) * (residual @ residual) / freedom
+    mean = float(samples.force[taut].mean())
+    every = [
+        Branches(q, float(h), float(std), 100 * float(h) / mean)
+        for q, h, std in zip(both, found, np.sqrt(np.maximum(variance, 0.0)), strict=False)
+    ]
+    least = _LEAST * samples.full_scale
+    return tuple(b for b in every if abs(b.difference) > max(_SURE * b.std, least))
+
+
+def _signs(samples: Samples) -> dict[str, Array]:
+    moves = {"pressure": _steps(samples.pressure), "contraction": _steps(samples.contraction)}
+    further = np.abs(moves["pressure"]) >= np.abs(moves["contraction"])
+    signs = {}
+    for quantity, step in moves.items():
+        moving = (further == (quantity == "pressure")) & (np.abs(step) > _STILL)
+        signs[quantity] = np.where(moving, np.sign(step), 0.0)
+    if samples.direction is None:
+        return {q: np.where(_in_a_branch(s) & (np.abs(moves[q]) < _JUMP), s, 0.0) for q, s in signs.items()}
+    moved = max(signs, key=lambda q: int((signs[q] != 0).sum()))
+    return {moved: np.array(samples.direction)}
+
+
+def _in_a_branch(sign: Array) -> Mask:
+    """Return which rows (n,) lie in a run of rows of one sign that is long enough for a branch."""
+    run = np.cumsum(np.diff(sign, prepend=sign[:1]) != 0)
+    return np.asarray(np.bincount(run)[run] >= _LEAST_RUN)
+
+
+def _steps(q: Array) -> Array:
+    """Return by how much of its range q (n,) changes about each row."""
+    width = max(1, q.size // _WINDOWS)
+    after, before = np.minimum(np.arange(q.size) + width - 1, q.size - 1), np.maximum(np.arange(q.size) - width, 0)
+    step = (q[after] - q[before]) / max(float(np.ptp(q)), 1e-300)
+    if q.size > 1:
+        step[0] = step[1]
+    return np.asarray(step)

@@ -77,7 +77,6 @@ class MuscleProblem:
         return np.asarray((np.sqrt(self.samples.weights) * slope)[:, None] * self._gradient(x))
 
     def _gradient(self, x: Array) -> Array:
-        """Return ∂F/∂p (n, m), in the order of `free`."""
         with np.errstate(all="ignore"):
             J = force_gradient(self.muscle(x), self.samples.pressure, self.samples.contraction, self.free)
         return np.nan_to_num(J)
@@ -101,7 +100,7 @@ class MuscleProblem:
         if not places.size:
             return x
         J = self._gradient(x)[:, places]  # constant in the linear parameters
-        rest = self.force(_zeroed(x, places))
+        rest = self.force(np.where(np.isin(np.arange(x.size), places), 0.0, x))
         target = np.where(self.slack, self.samples.floored, self.samples.force) - rest
         root = np.sqrt(self.samples.weights)
         active = ~self.slack
@@ -120,21 +119,14 @@ class MuscleProblem:
             gradient = self.jacobian(x).T @ self.residual(x)
             scale = np.linalg.norm(self.jacobian(x), axis=0) * np.linalg.norm(self.residual(x))
             if (np.abs(gradient) <= 1e-8 * scale + 1e-300).all():  # the active set settled: this is the minimum
-                return Solution(x, _cost(self.residual(x)), True)
+                return Solution(x, float(self.residual(x) @ self.residual(x)), True)
         from scipy.optimize import least_squares
 
         scale = 1 / self.samples.full_scale  # makes the cost of order one
-
-        def residual(x: Array) -> Array:
-            return scale * self.residual(x)
-
-        def jacobian(x: Array) -> Array:
-            return scale * self.jacobian(x)
-
         found = least_squares(
-            residual,
+            lambda x: scale * self.residual(x),
             _inside(x, self.lower, self.upper),
-            jacobian,
+            lambda x: scale * self.jacobian(x),
             bounds=(self.lower, self.upper),
             x_scale="jac",
             ftol=_TOLERANCE,
@@ -142,17 +134,7 @@ class MuscleProblem:
             gtol=_TOLERANCE,
             max_nfev=evaluations,
         )
-        return Solution(found.x, _cost(self.residual(found.x)), found.status > 0)
-
-
-def _cost(residual: Array) -> float:
-    return float(residual @ residual)
-
-
-def _zeroed(x: Array, places: Array) -> Array:
-    x = x.copy()
-    x[places] = 0.0
-    return x
+        return Solution(found.x, float(self.residual(found.x) @ self.residual(found.x)), found.status > 0)
 
 
 def _inside(x: Array, lower: Array, upper: Array) -> Array:

@@ -7,13 +7,12 @@ parts. A model that leaves out more than a tenth of the samples is never called 
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from allocator import checks
 from allocator.errors import InvalidInput
-from allocator.identification.muscle.fit import build_problem, conclude, prepared
+from allocator.identification.muscle.fit import EVERYTHING, Range, build_problem, conclude, prepared
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples
 from allocator.muscles import MODELS, Muscle
@@ -50,23 +49,26 @@ def rank_models(
     hold: Mapping[str, float] | None = None,
     folds: int = 5,
     taut_only: bool = True,
+    pressure_range: Range = EVERYTHING,
+    contraction_range: Range = EVERYTHING,
+    zero_noise: float | None = None,
     progress: Callable[[Iterable[type[Muscle]]], Iterable[type[Muscle]]] = lambda models: models,
-    **options: Any,
 ) -> Ranking:
-    """Fit every model to `samples`; `hold` applies where a model has the parameter, `options` are those of `prepared`.
+    """Fit every model to `samples`; `hold` applies where a model has the parameter, other options are those of `fit`.
 
     Raises `InvalidInput` if no samples are left, and for a parameter to hold that no model has.
     """
     models = tuple(models)
     _check_held(models, hold or {})
-    samples = prepared(samples, taut_only=taut_only, **options)
+    samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
     built, failures = {}, {}
     for model in models:
+        held = {name: value for name, value in (hold or {}).items() if among(name, model.parameter_fields())}
         try:
-            built[model] = build_problem(model, samples, _held(model, hold or {}), taut_only=taut_only)
+            built[model] = build_problem(model, samples, held, taut_only=taut_only)
         except InvalidInput as error:
             failures[model.__name__] = str(error)
-    common = np.logical_and.reduce([np.ones(samples.n, bool), *(p.takes for p in built.values())])
+    common = np.logical_and.reduce([np.ones(samples.n, bool), *(takes for *_, takes in built.values())])
     fits = []
     for model in progress(models):
         if model not in built:
@@ -76,7 +78,13 @@ def rank_models(
             fits.append(conclude(model, problem, folds, starts, common[takes]))
         except InvalidInput as error:
             failures[model.__name__] = str(error)
-    return Ranking(_sorted(fits, samples.where(common)), failures, samples.n, int(common.sum()))
+    judged = samples.where(common)
+    errors = np.array([fit.cross_validated for fit in fits])
+    if np.isnan(errors).any():  # by the weighted squares at the taut ones of the samples that all models take
+        left = [f.muscle.law(judged.pressure, judged.contraction) - judged.force for f in fits]
+        errors = np.array([judged.weights @ np.where(judged.slack, 0.0, error) ** 2 for error in left])
+    ranked = tuple(fits[i] for i in np.argsort(errors, kind="stable"))
+    return Ranking(ranked, failures, samples.n, judged.n)
 
 
 def _check_held(models: Iterable[type[Muscle]], hold: Mapping[str, float]) -> None:
@@ -85,21 +93,3 @@ def _check_held(models: Iterable[type[Muscle]], hold: Mapping[str, float]) -> No
         if not among(name, known):
             raise InvalidInput(f"hold: there is no parameter {name!r} to hold; there are {', '.join(known)}")
         checks.real(f"hold: {name}", value, "SI units")
-
-
-def _held(model: type[Muscle], hold: Mapping[str, float]) -> dict[str, float]:
-    return {name: value for name, value in hold.items() if among(name, model.parameter_fields())}
-
-
-def _sorted(fits: list[Fit[Muscle]], common: Samples) -> tuple[Fit[Muscle], ...]:
-    """Sort by cross-validated errors; by the errors at the `common` samples if any fit has no cross-validated one."""
-    errors = np.array([fit.cross_validated for fit in fits])
-    if np.isnan(errors).any():
-        errors = np.array([_error(fit.muscle, common) for fit in fits])
-    return tuple(fits[i] for i in np.argsort(errors, kind="stable"))
-
-
-def _error(muscle: Muscle, samples: Samples) -> float:
-    """Return the weighted sum of squared errors [N²] at the taut samples."""
-    error = muscle.law(samples.pressure, samples.contraction) - samples.force
-    return float(samples.weights @ np.where(samples.slack, 0.0, error) ** 2)

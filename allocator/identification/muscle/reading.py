@@ -1,4 +1,4 @@
-"""CSV tables of measured forces.
+"""Tables of measured forces: CSV files, and those that come with the package, whose sources stand at their top.
 
 One line of column names, one sample a line (`allocator.files.csv_table`). Columns, in any order; others are listed in
 the notes:
@@ -12,12 +12,13 @@ in the words of `headers`: `eps [%]`, `Pressure (kPa)`, `force_N`, `Kraft [N]`, 
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from importlib.resources import as_file, files
 
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidInput, MissingBackend
 from allocator.files.text import FilePath
 from allocator.identification.columns import Measured, read_columns
 from allocator.identification.muscle.samples import Samples, find_mistake
@@ -27,11 +28,7 @@ _WANTED = (_CONTRACTION, ("pressure",), ("force",))
 
 
 def read_samples(
-    path: FilePath,
-    rest_length: float | None = None,
-    columns: Mapping[str, str] | None = None,
-    *,
-    skip_rows: int = 0,
+    path: FilePath, rest_length: float | None = None, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0
 ) -> Samples:
     """Read measured forces; `rest_length` [m] is needed for a length or a shortening.
 
@@ -66,3 +63,33 @@ def _contraction(measured: Measured, rest_length: float | None) -> Array:
         what = f"lengths around {np.median(length):.4g} m do not belong to a muscle of {rest_length:.4g} m"
         raise measured.mistake("length", f"{what}; mm for m?")
     return np.asarray((rest_length - length) / rest_length)
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A data set is a table of measured forces in the package."""
+
+    file: str
+    about: str
+    rest_length: float | None = None  # l0 [m], where the table gives lengths
+
+    def samples(self) -> Samples:
+        """Read the table."""
+        with as_file(files("allocator") / "data" / self.file) as path:
+            return read_samples(path, self.rest_length)
+
+
+DATASETS = {
+    "dmsp-20-300-map": Dataset(
+        "force_map_dmsp_20_300.csv", "Festo DMSP-20-300, measured (Martens & Boblan 2017)", rest_length=0.300
+    ),
+    "dmsp-20-sheet": Dataset("force_sheet_dmsp_20.csv", "Festo DMSP-20, read off the manufacturer's data sheet"),
+}
+"""Every table, by the name that the command line takes."""
+
+
+def load_dataset(name: str) -> Samples:
+    """Load the measured forces of the table `name` (see `DATASETS`)."""
+    if name not in DATASETS:
+        raise MissingBackend("data set", name, DATASETS)
+    return DATASETS[name].samples()

@@ -117,8 +117,10 @@ class Fit(Generic[M_co]):
             "rms_error_percent": self.rms_percent,
             "max_error_N": self.max_error,
             "cross_validated_N": self.cross_validated,
+            "parameters_fitted": len(self.free),
             "parameters_determined": self.rank,
             "monotone": self.monotone,
+            "closed_form_inverse": self.closed_form,
             **self.muscle.parameters,
             **{f"{name}_std": std for name, std in self.standard_deviations.items()},
         }

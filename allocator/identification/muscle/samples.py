@@ -1,4 +1,4 @@
-"""Measured forces are kept here, and the mistakes found that can be seen in them."""
+"""Measured forces, the mistakes that can be seen in them, and the means that stand for a long log."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,6 +19,8 @@ _ZERO_PRESSURE = 0.05 * BAR  # [Pa] what a sensor may be off
 _SLACK = 3.0  # times the zero noise: a force that is not distinguishable from zero
 _FAR = 40.0  # standard deviations, from where on a normal distribution is over
 _ATMOSPHERE = (0.95 * BAR, 1.10 * BAR)  # [Pa] what an absolute sensor shows on an empty muscle
+MOST_ROWS = 2000  # more are averaged over cells
+_CELLS = (64, 32)  # of contraction, of pressure
 
 
 @dataclass(frozen=True)
@@ -127,14 +129,12 @@ class Samples:
 
 
 def _normal(z: Array) -> Array:
-    """Return Φ(z), the normal distribution."""
     from scipy.special import ndtr
 
     return np.asarray(ndtr(z))
 
 
 def _frozen(array: Array) -> Array:
-    """Return a read-only copy in one row."""
     array = np.array(array).ravel()
     array.flags.writeable = False
     return array
@@ -229,3 +229,53 @@ def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
             "absolute; subtract the atmosphere (about 1.013 bar), gauge pressure is expected",
         )
     return None
+
+
+def thinned(samples: Samples) -> Samples:
+    """Return the means over cells where there are more than 2000 rows; a note says so.
+
+    A cell is 1/64 of the range of contractions times 1/32 of that of pressures, loading and unloading together. Its
+    weight is that of its rows, at most that of the median cell: a log that rests somewhere tells no more about the
+    muscle by that. Neighbouring rows are correlated, so a cell counts as one reading however many rows it has. The
+    scatter of its rows beyond the slope of the force is kept for the variance of the parameters.
+    """
+    if samples.n <= MOST_ROWS:
+        return samples
+    rows = samples.where(samples.weights > 0)
+    places = [
+        np.minimum((q - q.min()) / max(float(np.ptp(q)), 1e-300) * parts, parts - 1).astype(np.intp)
+        for q, parts in zip((rows.contraction, rows.pressure), _CELLS, strict=True)
+    ]
+    _, cell = np.unique(places[0] * _CELLS[1] + places[1], return_inverse=True)
+    total = np.bincount(cell, rows.weights)
+    weight = rows.weights / total[cell]
+
+    def mean(q: Array) -> Array:
+        return np.asarray(np.bincount(cell, weight * q), float)
+
+    quantities = (rows.contraction, rows.pressure, rows.force)
+    means = [mean(q) for q in quantities]
+    apart = [(q - m[cell]) / max(np.ptp(q), 1e-300) for q, m in zip(quantities, means, strict=True)]
+    moments = np.stack([np.stack([mean(a * b) for b in apart], axis=-1) for a in apart], axis=-1)  # (cells, 3, 3)
+    cells = replace(
+        rows,
+        contraction=means[0],
+        pressure=means[1],
+        force=means[2],
+        weights=np.minimum(total / np.median(total), 1.0),
+        scatter=np.ptp(rows.force) * _scatter(moments),
+        direction=None,  # both branches are in a cell
+    )
+    return cells.noted(
+        f"{samples.n} rows became {total.size} samples, means over cells of contraction and pressure (loading and "
+        "unloading averaged), each counted as one reading"
+    )
+
+
+def _scatter(moments: Array) -> Array:
+    """Return the standard deviation (cells,) of the last quantity about its plane over the others, from second
+    moments.
+    """
+    C, c = moments[:, :2, :2], moments[:, :2, 2]  # among the first two, and of them with the last
+    explained = np.einsum("ki,kij,kj->k", c, np.linalg.pinv(C, rcond=1e-9, hermitian=True), c)
+    return np.asarray(np.sqrt(np.maximum(moments[:, 2, 2] - explained, 0.0)))

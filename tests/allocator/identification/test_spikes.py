@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator.identification.spikes import angle_spikes, pressure_spikes
+from allocator.identification.recording import angle_spikes, pressure_spikes
 from allocator.units import BAR, DEG
 
 T = 0.02 * np.arange(2000)

@@ -11,7 +11,7 @@ from allocator import DEG, Pulley, fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.motion.fit import fit_motion
-from allocator.identification.motion.reading import read_motion_log
+from allocator.identification.motion.samples import read_motion_log
 from allocator.joint.antagonist import report_joint
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N

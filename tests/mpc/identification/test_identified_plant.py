@@ -9,8 +9,7 @@ import pytest
 
 from allocator import BAR, DEG, AntagonistJoint, Lever, PrandtlIshlinskii, fit_motion, load_joint
 from allocator.errors import InvalidFile
-from allocator.identification.motion.reading import read_motion_log
-from allocator.identification.motion.samples import MotionLog
+from allocator.identification.motion.samples import MotionLog, read_motion_log
 from allocator.machine_file import save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, Plant, RealPlant

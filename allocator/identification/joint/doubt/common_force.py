@@ -148,17 +148,11 @@ def settle(problem: JointProblem, x: Array, prior: Prior | None) -> tuple[JointP
     best, variance = profile.best, profile.variance
     (low, low_rises), (high, high_rises) = (profile.end(side, _RISE * variance) for side in (-1, 1))
     if problem.sag is not None and low_rises and high_rises:
-        found = _seen(profile, low, high)
+        less, more = ((share - best.share) * _per_share(profile.problem, best.x) for share in (low, high))
+        std, ends = (high - low) / (2 * _NORMAL), profile.ends(low, high)
+        found = CommonForce(best.share, less, more, True, "the sag test", ends, share_std=std)
         return _held(problem, profile, found.share), best.x[: x.size], found
     return _set(problem, profile, prior)
-
-
-def _seen(profile: "Profile", low: float, high: float) -> CommonForce:
-    """Return the common force that a sag test shows, φ being between `low` and `high`."""
-    best = profile.best
-    less, more = ((share - best.share) * _per_share(profile.problem, best.x) for share in (low, high))
-    std = (high - low) / (2 * _NORMAL)
-    return CommonForce(best.share, less, more, True, "the sag test", profile.ends(low, high), share_std=std)
 
 
 def _held(problem: JointProblem, profile: "Profile", share: float) -> JointProblem:
@@ -183,20 +177,14 @@ def _set(problem: JointProblem, profile: "Profile", prior: Prior | None) -> tupl
 def _assumed(problem: JointProblem, x: Array, source: str, prior: Prior | None) -> CommonForce:
     """Return what stands for a common force that is not seen; the interval of a prior is four deviations wide."""
     share = problem.pull_share(problem.unknowns(x)).real
-    low, high = _bounds(problem, x)
-    if prior is not None:
+    if prior is None:  # the bounds of physics; what the fit has lies between them
+        forces = problem.measured_forces(problem.unknowns(x)) / problem.common_weight
+        low = min(-float(np.quantile(forces, _NEGATIVE)), 0.0)
+        high = max((_MOST - share) * _per_share(problem, x), 0.0)
+    else:
         off, half = ((part * _per_share(problem, x)) for part in (prior.share - share, 2 * prior.std))
         low, high = min(off, 0.0) - half, max(off, 0.0) + half
     return CommonForce(share, low, high, False, source, None, prior, _ASSUMED if prior is None else prior.std)
-
-
-def _bounds(problem: JointProblem, x: Array) -> tuple[float, float]:
-    """Return the bounds of physics on C [N]; what the fit has lies between them."""
-    u = problem.unknowns(x)
-    F, weight = problem.measured_forces(u), problem.common_weight
-    low = -float(np.quantile(F / weight, _NEGATIVE))
-    high = (_MOST - problem.pull_share(u).real) * _per_share(problem, x)
-    return min(low, 0.0), max(high, 0.0)
 
 
 def _per_share(problem: JointProblem, x: Array) -> float:
@@ -240,7 +228,8 @@ class Profile:
         wide = with_free_friction(replace(problem, pull=None, taut_min=-np.inf))
         first = _point(wide, np.append(x, np.zeros(len(wide.names) - x.size)))
         first = _fixed(wide, float(np.clip(first.share, _PLAUSIBLE, _MOST)), first.x)  # the law may prefer nonsense
-        freedom = max(_cells(problem) - len(wide.names), 1)
+        cells = int(problem.samples.setpoints.max()) + 1 + (problem.sag.n if problem.sag is not None else 0)
+        freedom = max(cells - len(wide.names), 1)
         points = [first]
         for side in (-1, 1):
             points = _walked(wide, points, side, freedom)
@@ -327,7 +316,11 @@ def _walked(wide: JointProblem, points: list[Point], side: int, freedom: int) ->
     edge = max(points, key=lambda p: side * p.share)
     share = edge.share
     for _ in range(_STEPS):
-        if (share >= _MOST) if side > 0 else (share < _STEP or _negative(wide, edge.x) > _NEGATIVE):
+        if (
+            (share >= _MOST)
+            if side > 0
+            else (share < _STEP or (wide.measured_forces(wide.unknowns(edge.x)) < 0).mean() > _NEGATIVE)
+        ):
             break
         share = min(share + _STEP, _MOST) if side > 0 else share - _STEP
         edge = _fixed(wide, share, edge.x)
@@ -348,14 +341,3 @@ def _fixed(wide: JointProblem, share: float, x: Array) -> Point:
 def _point(wide: JointProblem, x: Array) -> Point:
     r = wide.residual(x)
     return Point(wide.pull_share(wide.unknowns(x)).real, x, float(r @ r))
-
-
-def _negative(problem: JointProblem, x: Array) -> float:
-    return float(np.mean(problem.measured_forces(problem.unknowns(x)) < 0))
-
-
-def _cells(problem: JointProblem) -> int:
-    """Return how many different setpoints there are, and readings of the sag test."""
-    s = problem.samples
-    key = np.stack([s.group, *(np.round(P / s.cell) for P in (s.P1, s.P2)), np.round(s.torque, 6)])
-    return int(np.unique(key, axis=1).shape[1]) + (problem.sag.n if problem.sag is not None else 0)

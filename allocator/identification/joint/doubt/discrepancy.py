@@ -194,7 +194,9 @@ def _evidence(problem: JointProblem, x: Array, inside: Mask, field: ForceField, 
     r, X = np.append(problem.residual(x), 0.0), np.vstack([-problem.jacobian(x), -share])[:, inside]
     B = np.zeros((r.size, _I.size))
     B[: s.n] = angle_effect(problem, x, field)
-    B[-1] = -weight * _share_effect(problem, u, field)
+    g1, g2 = np.split(field.values(*s.muscles())[0], 2)
+    given = problem.measured_forces(u).sum() / np.real(problem.pull_share(u))
+    B[-1] = -weight * ((g1.sum(axis=0) + u.ratio * g2.sum(axis=0)) / given)  # ∂φ/∂c, the gain of the law held
     if problem.sag is not None:
         P, eps = problem.sag.muscles(u.zero)
         B[-1 - P.size : -1] = -problem.sag_weight * field.values(P, eps)[0] / u.muscle.gain(P, eps)[:, None]
@@ -206,14 +208,6 @@ def _evidence(problem: JointProblem, x: Array, inside: Mask, field: ForceField, 
     free = int((X != 0).any(axis=1).sum()) - m - 6
     X, N = np.vstack([X, np.diag(prior)[:, :m]]), np.vstack([N, np.diag(prior)[:, m:]])
     return Evidence(np.append(r, 0 * prior), X, np.vstack([B, np.zeros((m + 6, _I.size))]), N, max(free, 1))
-
-
-def _share_effect(problem: JointProblem, u: Unknowns, field: ForceField) -> Array:
-    """Return ∂φ/∂c (k,), the gain of the law held."""
-    g1, g2 = np.split(field.values(*problem.samples.muscles())[0], 2)
-    g = g1.sum(axis=0) + u.ratio * g2.sum(axis=0)
-    given = problem.measured_forces(u).sum() / np.real(problem.pull_share(u))
-    return np.asarray(g / given)
 
 
 def _posterior(e: Evidence) -> tuple[Array, float, float]:

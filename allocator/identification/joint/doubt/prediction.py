@@ -1,4 +1,4 @@
-"""The angle that a fitted joint will show at other pressures is predicted here, with an interval that is to hold."""
+"""Angles that a fitted joint will show and forces that it has, with intervals that are to hold."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -6,17 +6,23 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
+from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
+from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
+from allocator.muscles import force_gradient
+from allocator.muscles.uncertainty import deviation
 
 if TYPE_CHECKING:
     from allocator.identification.joint.result import JointFit
 
 _GROWTH = 20.0  # of the error, per half width of the measured region outside it: seen on lengths that were left out
 _MOST_BEYOND = 0.35  # [rad] beyond the measured angles that equilibria are looked for
+_NORMAL = 1.96  # standard deviations of an interval of 95 %
 
 
 class Prediction(NamedTuple):
@@ -27,12 +33,7 @@ class Prediction(NamedTuple):
 
 
 def predict(
-    fit: "JointFit",
-    P1: ArrayLike,
-    P2: ArrayLike,
-    torque: ArrayLike,
-    direction: ArrayLike,
-    geometry: Geometry | None,
+    fit: "JointFit", P1: ArrayLike, P2: ArrayLike, torque: ArrayLike, direction: ArrayLike, geometry: Geometry | None
 ) -> Prediction:
     """Return the prediction of a `JointFit`, as its method of this name does."""
     known = {shape.geometry for shape in fit.shapes.values()}
@@ -64,3 +65,47 @@ def angle_std(fit: "JointFit", problem: JointProblem, new_group: bool) -> Array:
     found = fit.doubt.discrepancy
     error = error * (1 + _GROWTH * found.outside(problem, fit.x))
     return np.asarray(np.sqrt(found.angle_variance(problem, fit.x) + error**2))
+
+
+class ForceIntervals(NamedTuple):
+    """Force intervals are what each muscle pulls with, and between which forces that lies; arrays (…) [N]."""
+
+    agonist: Array | float
+    antagonist: Array | float
+    agonist_interval: tuple[Array | float, Array | float]
+    antagonist_interval: tuple[Array | float, Array | float]
+    seen: bool  # False: the common force is assumed, and the intervals are what the data leave of it
+
+
+def force_intervals(
+    fit: "JointFit", joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike
+) -> ForceIntervals:
+    """Return the intervals of a `JointFit` at angles [rad] and pressures [Pa], which broadcast."""
+    given = checks.pressures_or_symbols(P1, P2)
+    theta, *pressures = checks.broadcast(theta=checks.angle("theta", theta), P1=given[0], P2=given[1])
+    held, intervals, values = _held(fit, joint), [], []
+    scale = fit.scale / CONVENTIONAL_AREA if fit.scale and fit.problem.conventional else 1.0  # in that of the problem
+    at, k = (joint.geometry.agonist(theta), joint.geometry.antagonist(theta)), len(joint.agonist.parameters)
+    for i, (muscle, P, there) in enumerate(zip((joint.agonist, joint.antagonist), pressures, at, strict=True)):
+        C = held[i * k : (i + 1) * k, i * k : (i + 1) * k]
+        half = _NORMAL * deviation(force_gradient(muscle, P, there.contraction), C)
+        F, common = np.asarray(muscle.law(P, there.contraction)), scale * fit.problem.mean_arm / there.arm
+        ends = F + fit.common.low * common - half, F + fit.common.high * common + half
+        value, low, high = (a if np.ndim(a) else float(a) for a in (F, *ends))
+        values.append(value)
+        intervals.append((low, high))
+    return ForceIntervals(values[0], values[1], intervals[0], intervals[1], fit.common.seen)
+
+
+def _held(fit: "JointFit", joint: AntagonistJoint) -> Array:
+    """Return the covariance of the parameters of both muscles, φ of `problem` held where the scale was fitted."""
+    n = len(joint.agonist.parameters) + len(joint.antagonist.parameters)
+    if joint.covariance is None:
+        return np.zeros((n, n))
+    if fit.problem.conventional:
+        return np.asarray(joint.covariance)
+    C = fit.doubt.covariance
+    gradient = fit.problem.gradient(lambda u: np.array([fit.problem.pull_share(u)]), fit.x)[0]
+    share, variance = C @ gradient, float(gradient @ C @ gradient)
+    J = parameter_jacobian(fit.problem, fit.problem.unknowns(fit.x))
+    return np.asarray(J @ (C - np.outer(share, share) / max(variance, 1e-300)) @ J.T)

@@ -114,14 +114,10 @@ def _values(plan: "JointPlan") -> dict[str, object]:
                 "stiffness_std": s.stiffness,
                 "gain": s.gain,
                 "sag_test": [
-                    {"theta_deg": p.theta / DEG, "pressure1_bar": _bar(p.P1), "pressure2_bar": _bar(p.P2)}
+                    {"theta_deg": p.theta / DEG, "pressure1_bar": p.P1 / BAR, "pressure2_bar": p.P2 / BAR}
                     for p in s.sag
                 ],
             }
             for s in plan.further
         ],
     }
-
-
-def _bar(P: float) -> float | None:
-    return P / BAR if P == P else None

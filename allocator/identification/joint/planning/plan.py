@@ -2,7 +2,7 @@
 
 The unknowns x of the fit have the information matrix M = M0 + Σ Bᵀ B/σ², B the two rows ∂θ_eq/∂x of a setpoint that is
 visited from above and from below, M0 a loose prior (a parameter is known to five times itself, the zero to 10°, μ to
-0.3). `allocator.identification.joint.planning.choice` adds setpoints until the standard deviation of K over the
+0.3). `allocator.identification.joint.planning.information` adds setpoints until the standard deviation of K over the
 unloaded setpoints, √(g M⁻¹ gᵀ) in the mean square, is what is wanted, and there are three times as many setpoints
 as unknowns: the guess differs from the joint, so some setpoints are lost at a stop, and with fewer the fit follows the
 error of its force law. A plan has one weight: plans are made for several, and the one with the fewest setpoints that
@@ -11,7 +11,7 @@ reaches the accuracy is taken.
 A candidate has to survive a joint that differs from the guess, with muscles whose forces are 20 % off and whose
 strengths differ by 10 %. It stays two standard deviations of its angle away from the stops, in addition to the turn
 that the friction of a real joint, μ = 0.13, causes, and its stiffness two standard deviations away from zero.
-`allocator.identification.joint.planning.supplements` says what equilibria do not show, and which further measurement
+`allocator.identification.joint.planning.information` says what equilibria do not show, and which further measurement
 would show it.
 """
 
@@ -25,11 +25,18 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.joint import gradients
 from allocator.identification.joint.doubt.discrepancy import RMS_OF_FIELD, ForceField, angle_effect
-from allocator.identification.joint.planning.choice import Candidates, Goal
-from allocator.identification.joint.planning.supplements import Known, Supplement, sag_table, spread, supplements
+from allocator.identification.joint.planning.information import (
+    Candidates,
+    Goal,
+    Known,
+    Supplement,
+    sag_table,
+    spread,
+    supplements,
+)
 from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
 from allocator.joint.antagonist import AntagonistJoint
@@ -73,45 +80,36 @@ class JointPlan:
 
     def __str__(self) -> str:
         """Return the table to follow, and after an empty line what a further measurement would tell."""
-        n = len(self.setpoints)
-        head = (
+        n, usual = len(self.setpoints), _PER_UNKNOWN * self.unknowns
+        few = f" are few: with fewer than {usual} a fit follows the errors of its force law."
+        enough = ": with fewer it follows the errors of its force law, and some may end at a stop."
+        lines = [
             f"{n} setpoints, each visited twice, with a weight of {self.weight:.3g} N·m; K will be known to about "
-            f"{self.expected:.0%} for muscles\nthat differ by {_LAW:.0%} from their force law, with hysteresis of "
-            f"unknown form; the readings' noise alone leaves {self.accuracy:.1%}"
-            + ("." if self.reached else ",\nwhich is less accurate than was wanted.")
-            + f"\n{self._number(n)}"
-        )
-        how = (
-            "falling: come from a P1 0.5 bar higher, then lower P1 to its value (where the supply ends: from a P2\n"
-            "0.5 bar lower, then raise P2); rising: from a P1 0.5 bar lower.\n"
-            "Wait until nothing moves and note θ, P1, P2, the torque (> 0 where it pulls θ down) and the direction."
-        )
-        rows = [" no.  torque [N·m]  P1 [bar]  P2 [bar]   θ falling   θ rising"]
-        rows += [
+            f"{self.expected:.0%} for muscles",
+            f"that differ by {_LAW:.0%} from their force law, with hysteresis of unknown form; the readings' noise "
+            f"alone leaves {self.accuracy:.1%}"
+            + ("." if self.reached else ",\nwhich is less accurate than was wanted."),
+            f"{n} setpoints for the {self.unknowns} unknowns of the fit{few if n < usual else enough}",
+            "falling: come from a P1 0.5 bar higher, then lower P1 to its value (where the supply ends: from a P2",
+            "0.5 bar lower, then raise P2); rising: from a P1 0.5 bar lower.",
+            "Wait until nothing moves and note θ, P1, P2, the torque (> 0 where it pulls θ down) and the direction.",
+            " no.  torque [N·m]  P1 [bar]  P2 [bar]   θ falling   θ rising",
+        ]
+        lines += [
             f"{i:4d}  {s.torque:+12.3g}  {s.P1 / BAR:8.2f}  {s.P2 / BAR:8.2f}"
             f"  {s.falling / DEG:9.1f}°  {s.rising / DEG:8.1f}°"
             for i, s in enumerate(self.setpoints, 1)
         ]
-        return "\n".join([head, how, *rows, *self._further()])
-
-    def _number(self, n: int) -> str:
-        """Return why there are as many setpoints as there are, in a sentence."""
-        counted, usual = f"{n} setpoints for the {self.unknowns} unknowns of the fit", _PER_UNKNOWN * self.unknowns
-        if n < usual:
-            return f"{counted} are few: with fewer than {usual} a fit follows the errors of its force law."
-        return f"{counted}: with fewer it follows the errors of its force law, and some may end at a stop."
+        return "\n".join([*lines, *self._further()])
 
     def _further(self) -> list[str]:
         if not self.further:
             return []
         best, *others = self.further
-        why = (
-            "Equilibria do not show a force common to both muscles, hence not where cables go slack. "
-            if best.sag
-            else ""
-        )
+        unseen = "Equilibria do not show a force common to both muscles, hence not where cables go slack. "
         table = sag_table(best.sag) if best.sag else []
-        return [f"\n{why}What tells most beside them:", f"  {best}", *table, *(f"  (or {other})" for other in others)]
+        said = f"\n{unseen if best.sag else ''}What tells most beside them:"
+        return [said, f"  {best}", *table, *(f"  (or {other})" for other in others)]
 
 
 def plan_joint_experiment(
@@ -157,11 +155,7 @@ def plan_joint_experiment(
     levels = np.linspace(min(_LOWEST, supply / 3), supply, LEVELS) if pressures is None else pressures
     P = np.unique(checks.positive_pressure("pressures", levels))
     plans = [_plan(joint, accuracy, sigma, P, float(W), setpoints) for W in _weights(joint, weights)]
-    return min(plans, key=_rank)
-
-
-def _rank(plan: JointPlan) -> tuple[bool, int, float, float]:
-    return (not plan.reached, len(plan.setpoints) if plan.reached else 0, plan.expected, plan.weight)
+    return min(plans, key=lambda p: (not p.reached, len(p.setpoints) if p.reached else 0, p.expected, p.weight))
 
 
 def _weights(joint: AntagonistJoint, given: Iterable[float] | None) -> list[float]:
@@ -186,12 +180,16 @@ def _plan(
     if not T.any():
         raise InvalidInput(f"a weight of {W:g} N·m is more than the joint holds at any of these pressures; hang less")
     B = problem.jacobian(x)[: problem.samples.n].reshape(2, T.size, x.size).swapaxes(0, 1) / sigma  # (setpoints, 2, m)
-    before = _prior(problem, x)
+    loose = [_EXTRA.get(name, _LOOSE * (abs(v) or 1.0)) for name, v in zip(problem.names, x.tolist(), strict=True)]
+    before = np.array(loose)  # standard deviations (m,) of the unknowns beforehand
     field = ForceField.of(problem, problem.unknowns(x))
     goal = _goal(joint, problem, x, angle, T == 0, field)
     candidates = Candidates.of(problem, x, field, before, goal, _LAW, sigma)
     chosen, C, reached = _chosen(candidates, B, before, goal.by_x, accuracy, setpoints)
-    further = supplements(joint, Known(problem, x, C, goal.by_x, W, sigma), _heavier(joint, levels, 2 * W))
+    twice, there, _ = _candidates(joint, levels, 2 * W)
+    held = (twice.samples.torque != 0) & (twice.samples.P1 == twice.samples.P2)
+    heavier = twice.jacobian(there)[: twice.samples.n][held]
+    further = supplements(joint, Known(problem, x, C, goal.by_x, W, sigma), heavier)
     s = problem.samples
     P1, P2 = s.P1.reshape(2, -1)[0], s.P2.reshape(2, -1)[0]
     falling, rising = angle.reshape(2, -1)
@@ -219,14 +217,6 @@ def _chosen(
     return chosen, C, reached
 
 
-def _heavier(joint: AntagonistJoint, levels: Array, W: float) -> Array:
-    """Return ∂θ_eq/∂x (r, m) of equilibria under the weight W at equal pressures that hold it, from both sides."""
-    problem, x, _ = _candidates(joint, levels, W)
-    s = problem.samples
-    here = (s.torque != 0) & (s.P1 == s.P2)
-    return np.asarray(problem.jacobian(x)[: s.n][here])
-
-
 def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointProblem, Array, Array]:
     """Return the problem of a fit to all candidates, falling first and then rising, its unknowns, and the angles."""
     P1, P2, T = (a.ravel() for a in np.meshgrid(levels, levels, [0.0, -W, W]))
@@ -248,7 +238,9 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
     problem = JointProblem(
         muscle, free, extra, -unbounded, unbounded, start, 0.02, conventional=False, margin=(right - left) / 2
     )
-    x = np.array([*(muscle.parameters[p] for p in free), np.log(_ratio(joint)), 0.0, joint.friction])
+    P, eps = joint.pressure_limits[1] / 2, 0.1  # where the strengths of muscles of one kind are told
+    ratio = float(joint.antagonist.force(P, eps) / muscle.force(P, eps))
+    x = np.array([*(muscle.parameters[p] for p in free), np.log(ratio), 0.0, joint.friction])
     angle, there = problem.equilibrium(problem.unknowns(x))
     forces = np.minimum(*problem.balance(problem.unknowns(x), angle).forces)
     good = there & (forces > 0.02 * forces.max()) & (angle > left) & (angle < right)
@@ -279,21 +271,6 @@ def _surviving(joint: AntagonistJoint, problem: JointProblem, x: Array, angle: A
     return np.tile(share >= min(_ROOM, np.sort(share)[-enough]), 2)
 
 
-def _ratio(joint: AntagonistJoint) -> float:
-    """Return the strength of the antagonist in that of the agonist, if it is of the same kind.
-
-    It is told by the forces at half the supply.
-    """
-    P, eps = joint.pressure_limits[1] / 2, 0.1
-    return float(joint.antagonist.force(P, eps) / joint.agonist.force(P, eps))
-
-
-def _prior(problem: JointProblem, x: Array) -> Array:
-    """Return the standard deviations (m,) of the unknowns beforehand."""
-    loose = [_EXTRA.get(name, _LOOSE * (abs(v) or 1.0)) for name, v in zip(problem.names, x.tolist(), strict=True)]
-    return np.array(loose)
-
-
 def _goal(
     joint: AntagonistJoint, problem: JointProblem, x: Array, angle: Array, unloaded: Array, field: ForceField
 ) -> Goal:
@@ -303,6 +280,6 @@ def _goal(
     modelled = AntagonistJoint(
         joint.geometry, u.muscle, scaled(u.muscle, u.ratio), joint.pressure_limits, joint.min_contraction
     )
-    K = gradients.stiffness(modelled, angle[here], s.P1[here], s.P2[here])
+    K = stiffness_with_gradient(modelled, angle[here], s.P1[here], s.P2[here])
     by_law, *_ = field.effects(joint.geometry, u, angle[here], s.P1[here], s.P2[here])
     return Goal(K.gradient / K.value[:, None] @ parameter_jacobian(problem, u), by_law / K.value[:, None])

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from allocator import Lever
-from allocator.identification.joint.dead_band import estimate_dead_band
 from allocator.identification.joint.doubt import discrepancy as model
-from allocator.identification.joint.doubt.effects import Effects
+from allocator.identification.joint.doubt.covariance import Effects
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.report import parameter_jacobian
@@ -121,18 +120,6 @@ def test_a_prediction_says_how_far_it_may_be_off(wrong, all_twins, truth_of):
     assert np.median(wrong.angle_std()) < 1.5 * wrong.rms
     with pytest.raises(ValueError, match="no group was left out in turn"):
         wrong.predict(P1, P2, geometry=Lever(0.30, 0.25, 0.03, 0.0175))
-
-
-def test_the_dead_band_is_found_where_muscles_begin_to_act(all_twins, log_maker):
-    """Rows with a pressure below 1.7 bar are 6° off, as where a muscle does not act yet."""
-    joint = all_twins["martens-pulley"]
-    log = log_maker(joint, 3, noise=0.1 * DEG)
-    (theta, P1, P2), given = log.fit_arguments()
-    dull = np.minimum(P1, P2) < 1.7 * BAR
-    shown = theta + np.where(dull, 6 * DEG * np.sign(P1 - P2), 0.0)
-    options = {"geometry": joint.geometry, "model": joint.agonist, **given}
-    assert estimate_dead_band(shown, P1, P2, **options) == pytest.approx(1.75 * BAR)
-    assert estimate_dead_band(theta, P1, P2, **options) == 0
 
 
 @pytest.mark.slow

@@ -12,8 +12,7 @@ from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.search import minimise
-from allocator.identification.joint.start import first_guess
+from allocator.identification.joint.search import first_guess, minimise
 from allocator.machine_file import load_joint, save_machine
 from allocator.muscles import Muscle, scaled
 from allocator.muscles.base import NOT_A_NUMBER
@@ -141,10 +140,9 @@ def test_a_torque_per_pressure_completes_the_scale(unloaded):
 
 @pytest.mark.slow
 def test_weights_added_later_complete_the_scale(unloaded):
-    joint, log, fit = unloaded
-    hung = log.torque != 0
-    given = {name: getattr(log, name)[hung] for name in ("theta", "P1", "P2", "torque", "direction")}
-    done = fit.with_scale(**given)
+    joint, log, _ = unloaded
+    arrays, given = log.fit_arguments()
+    done = fit_joint(*arrays, **given, geometry=joint.geometry, model="MartensBoblan2017")
     P = 3 * BAR
     assert abs(done.joint.stiffness(0.0, P, P) / joint.stiffness(0.0, P, P) - 1) < 3 * done.scale_std
     assert done.scale_std < 0.08

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from allocator.cli import app
+from allocator.identification.joint.planning import information
 from allocator.identification.joint.planning import plan as planning
-from allocator.identification.joint.planning import supplements
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.joint.antagonist import report_joint
@@ -65,14 +65,14 @@ def test_the_rows_of_the_sag_test_are_how_its_pressures_move_with_the_unknowns(a
     """Against roots found again with every unknown moved."""
     joint = all_twins["sarosi-lever"]
     problem, x, _ = planning._candidates(joint, np.array([2.0, 3.0]) * BAR, 0.5)
-    known = supplements.Known(problem, x, np.eye(x.size), np.zeros((1, x.size)), 0.5, DEG)
-    points, rows = supplements._sag_test(joint, known)
+    known = information.Known(problem, x, np.eye(x.size), np.zeros((1, x.size)), 0.5, DEG)
+    points, rows = information._sag_test(joint, known)
     slack = np.array([[p.P1 for p in points], [p.P2 for p in points]]).ravel()
     for i in range(len(problem.free)):
         step = 1e-5 * x[i]
-        moved, _ = supplements._sag_test(joint, known._replace(x=x + step * (np.arange(x.size) == i)))
+        moved, _ = information._sag_test(joint, known._replace(x=x + step * (np.arange(x.size) == i)))
         change = np.array([[p.P1 for p in moved], [p.P2 for p in moved]]).ravel() - slack
-        np.testing.assert_allclose(rows[:, i] * supplements._SLACK_NOISE, change / step, rtol=2e-3)
+        np.testing.assert_allclose(rows[:, i] * information._SLACK_NOISE, change / step, rtol=2e-3)
 
 
 def test_the_command_writes_a_table_that_fit_joint_reads_once_it_is_filled_in(tmp_path):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from allocator.identification import fit_joint
-from allocator.identification.joint.sag import THRESHOLD, weighed
-from allocator.identification.joint.samples import JointSamples, SlackReadings
+from allocator.identification.joint.samples import THRESHOLD, JointSamples, SlackReadings, weighed
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Lever
 from allocator.muscles import ThresholdPolynomial

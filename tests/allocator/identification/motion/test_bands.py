@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG, fit_motion
-from allocator.identification.motion.bands import Bands
+from allocator.identification.motion.doubt import Bands, possible_changes, structured
 from allocator.identification.motion.problem import MotionProblem
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Difference
-from allocator.identification.motion.unexplained import possible_changes, structured
 from benchmarks import motion_truth_strangers as strangers
 
 

@@ -9,8 +9,7 @@ import pytest
 from allocator import BAR, DEG, fit_motion
 from allocator.errors import InvalidInput
 from allocator.identification.motion import fit as motion_fit
-from allocator.identification.motion.reading import read_motion_log
-from allocator.identification.motion.samples import MotionLog
+from allocator.identification.motion.samples import MotionLog, read_motion_log
 
 from ....rigs.moving_joint import DEAD_TIME, JOINT, LAG, WIDTH
 

@@ -74,9 +74,8 @@ def test_what_was_done_to_the_readings_is_said(tmp_path):
     ("arguments", "said"),
     [
         (["--model", "Magic2030"], "unknown model 'Magic2030'; available: AffinePolynomial, "),
-        (["--model", "Hogan1984", "--all"], "--all fits every model"),
         (["--hold", "r0"], "--hold r0: expected NAME=VALUE, such as r0=0.0109"),
-        (["--hold", "r0=0.01", "--hold", "r0 = 0.02"], "--hold r0 = 0.02: r0 is held twice"),
+        (["--hold", "r0=0.01", "--hold", "r0 = 0.02"], "--hold r0 = 0.02: r0 is given twice"),
         (
             ["--hold", "radius=0.01", "--model", "TonduLopez1995"],
             "there is no parameter 'radius' to hold; there are r0",

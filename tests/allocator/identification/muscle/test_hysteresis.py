@@ -8,7 +8,7 @@ import pytest
 from allocator.errors import InvalidFile
 from allocator.identification import load_dataset
 from allocator.identification.muscle.fit import prepared
-from allocator.identification.muscle.hysteresis import hysteresis
+from allocator.identification.muscle.load_cell import hysteresis
 from allocator.identification.muscle.reading import read_samples
 from allocator.identification.muscle.samples import Samples
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N

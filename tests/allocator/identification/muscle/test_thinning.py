@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from allocator.identification import Samples, fit
-from allocator.identification.identifiability import determine
-from allocator.identification.muscle.thinning import MOST_ROWS, thinned
+from allocator.identification.least_squares import determine
+from allocator.identification.muscle.samples import MOST_ROWS, thinned
 from allocator.muscles import Sarosi2012
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR

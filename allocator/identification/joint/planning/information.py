@@ -1,4 +1,14 @@
-"""What equilibria under one weight leave open is shown by a further measurement: here they are compared.
+"""What planned measurements tell: the error of K after a fit to setpoints, and further measurements compared.
+
+A least-squares fit to the visits of the chosen setpoints estimates y = (dx, b), the unknowns and the friction error of
+`allocator.identification.joint.doubt.discrepancy`, from θ = R y + B c + e and takes c, the error of the law, for zero.
+With y in units of its standard deviations beforehand and R, B over σ, the error of the quantity G_y y + G_c c has
+
+    E[error²] = Σ (τ (G_c - G_y S Rᵀ B))² + G_y S G_yᵀ,   S = (I + Rᵀ R)⁻¹                             (E1)
+
+The first part does not decrease with the number of readings: setpoints decide by their places. The greedy choice takes
+the greatest gain log det(I + R_i S R_iᵀ) until there are as many setpoints as unknowns, and then the setpoint after
+which (E1) is least in the mean over the unloaded setpoints.
 
 Beside the unknowns x of the fit stands a force common to both muscles, ΔF_i = τ F̄ ā/a_i(θ): a1 ΔF1 = a2 ΔF2 at every
 angle, so that no equilibrium, no weight and no stiffness shows τ. Before a further measurement it is known to ± 1, or
@@ -13,11 +23,13 @@ The one that tells most has the greatest gain log(before/after) of the standard 
 not been seen of F as well.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array, increasing_root
+from allocator.identification.joint.doubt.discrepancy import RMS_OF_FIELD, ForceField, FrictionError, angle_effect
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
@@ -30,6 +42,7 @@ _PUSH_NOISE = 0.1  # σ_K, relative [-]
 _ANGLES = 5  # of the sag test
 _INNER = 0.8  # share of the angle range in which they lie
 _SEEN, _UNSEEN = 0.05, 1.0  # standard deviation of τ beforehand [-]
+_FRICTION = 0.1  # standard deviation of b beforehand [rad]
 
 
 class SagPoint(NamedTuple):
@@ -149,8 +162,8 @@ def _sag_test(joint: AntagonistJoint, known: Known) -> tuple[tuple[SagPoint, ...
             dF[: len(problem.free)] = strength * force_gradient(u.muscle, P[i], eps[i], problem.free)
             dF[-1] = mean * arm / np.asarray(side.moment_arm)[i]
             rows.append(-dF / gain / _SLACK_NOISE)
-    points = tuple(SagPoint(*map(float, values)) for values in zip(angles, *pressures, strict=True))
-    points = tuple(SagPoint(p.theta, *(q if np.isfinite(q) else np.nan for q in p[1:])) for p in points)
+    P1, P2 = (np.where(np.isfinite(P), P, np.nan).tolist() for P in pressures)
+    points = [SagPoint(*values) for values in zip(angles.tolist(), P1, P2, strict=True)]
     return tuple(p for p in points if p.slack), np.array(rows).reshape(-1, known.x.size + 1)
 
 
@@ -159,3 +172,69 @@ def sag_table(points: tuple[SagPoint, ...]) -> list[str]:
     lines = ["        θ   P1 slack [bar]   P2 slack [bar]"]
     shown = ("        -" if np.isnan(P) else f"{P / BAR:9.2f}" for p in points for P in (p.P1, p.P2))
     return lines + [f"{p.theta / DEG:8.1f}°  {next(shown):>14s}   {next(shown):>14s}" for p in points]
+
+
+class Goal(NamedTuple):
+    """Gradients of log K at the unloaded setpoints."""
+
+    by_x: Array  # (g, m)
+    by_law: Array  # (g, k)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Model (E1) of n candidate setpoints, each visited from both sides."""
+
+    rows: Array  # R (n, 2, p)
+    law: Array  # τ B (n, 2, k)
+    by_y: Array  # G_y (g, p)
+    by_law: Array  # τ G_c (g, k)
+
+    @classmethod
+    def of(
+        cls, problem: JointProblem, x: Array, field: ForceField, std: Array, goal: Goal, law: float, noise: float
+    ) -> "Candidates":
+        """Return the model of the samples of `problem`: all setpoints as they fall, then all as they rise.
+
+        `std` (m,) are the standard deviations of x beforehand, `law` the RMS error of the law in its mean force [-] and
+        `noise` σ [rad].
+        """
+        s = problem.samples
+        X = -problem.jacobian(x)[: s.n] * std
+        N = FrictionError.of(s).columns(s) * _FRICTION
+        tau = law / RMS_OF_FIELD
+        return cls(
+            _paired(np.hstack([X, N]) / noise),
+            _paired(angle_effect(problem, x, field) * tau / noise),
+            np.pad(goal.by_x * std, ((0, 0), (0, N.shape[1]))),
+            goal.by_law * tau,
+        )
+
+    def error(self, chosen: list[int]) -> float:
+        """Return the RMS error of K [-] after a fit to these setpoints."""
+        R, B = (a[chosen].reshape(-1, a.shape[2]) for a in (self.rows, self.law))
+        return float(self._errors((np.eye(R.shape[1]) + R.T @ R)[None], (R.T @ B)[None])[0])
+
+    def following(self, chosen: list[int], unknowns: int) -> int | None:
+        """Return the setpoint to choose next, or None if all are chosen."""
+        if len(chosen) == len(self.rows):
+            return None
+        R, B = (a[chosen].reshape(-1, a.shape[2]) for a in (self.rows, self.law))
+        A, transposed = np.eye(R.shape[1]) + R.T @ R, self.rows.swapaxes(1, 2)
+        if len(chosen) < unknowns:
+            gain = np.linalg.slogdet(np.eye(2) + self.rows @ np.linalg.solve(A, transposed))[1]
+        else:
+            gain = -self._errors(A + transposed @ self.rows, R.T @ B + transposed @ self.law)
+        gain[chosen] = -np.inf  # a setpoint visited again would show the model's error, not the noise
+        return int(gain.argmax())
+
+    def _errors(self, A: Array, seen: Array) -> Array:
+        """Return the RMS of (E1) (q,) for the matrices I + Rᵀ R (q, p, p) and τ Rᵀ B (q, p, k)."""
+        of_noise = np.linalg.solve(A, np.broadcast_to(self.by_y.T, (len(A), *self.by_y.T.shape)))  # S G_yᵀ
+        of_law = self.by_law - of_noise.swapaxes(1, 2) @ seen
+        noise = (self.by_y.T * of_noise).sum(axis=1)
+        return np.asarray(np.sqrt(np.mean((of_law**2).sum(axis=2) + noise, axis=1)))
+
+
+def _paired(rows: Array) -> Array:
+    return rows.reshape(2, -1, rows.shape[1]).swapaxes(0, 1)
