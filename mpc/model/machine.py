@@ -4,9 +4,17 @@ The state is x = (q [rad], ω [rad/s], P [Pa]) ∈ R^(2n+m). Angles, torques and
 an arm rows (n,) and matrices (k, k); along a motion they have one row or matrix per sample.
 """
 
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
 
 from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from casadi import Function
+
+_SYMMETRIC = 1e-9  # of the greatest entry
 
 
 class Held(NamedTuple):
@@ -60,7 +68,7 @@ class Machine(Protocol):
         """The greatest change of a command [Pa/s]."""
 
     @property
-    def lags(self) -> Any:
+    def lags(self) -> Value:
         """The time constants of the pressures (m,) [s]."""
 
     @property
@@ -68,7 +76,7 @@ class Machine(Protocol):
         """The least and the greatest command [Pa]."""
 
     @property
-    def angle_limits(self) -> tuple[Any, Any]:
+    def angle_limits(self) -> tuple[Value, Value]:
         """The least and the greatest angle [rad]."""
 
     @property
@@ -76,7 +84,7 @@ class Machine(Protocol):
         """Whether the angles are limited by end stops."""
 
     @property
-    def middle(self) -> Any:
+    def middle(self) -> Value:
         """A posture in the middle of the ranges [rad]."""
 
     @property
@@ -102,16 +110,16 @@ class Machine(Protocol):
     def substeps(self, dt: float, resolution: float) -> int:
         """Return how many steps of integration `dt` [s] takes. Raises `InvalidInput` for too many."""
 
-    def discrete(self, dt: float, resolution: float = ...) -> Any:
+    def discrete(self, dt: float, resolution: float = ...) -> "Function":
         """Return the CasADi function (x, u, d) ↦ x after `dt` [s] of constant `u` and `d`."""
 
-    def symbolic_outputs(self, x: Any) -> Any:
+    def symbolic_outputs(self, x: Value) -> Value:
         """Return the CasADi column (svec K, F) in the state `x`."""
 
     def angles(self, x: Array) -> Array:
         """Return the angles [rad] in the states `x` (…, 2n + m)."""
 
-    def tracked_stiffness(self, x: Array) -> Any:
+    def tracked_stiffness(self, x: Array) -> Value:
         """Return the stiffness that is tracked in the states `x` (…, 2n + m)."""
 
     def along(self, x: Array) -> tuple[Array, Array]:
@@ -134,19 +142,19 @@ class Machine(Protocol):
     def matrix(self, svec: Array) -> Array:
         """Return the stiffness (M, …) of rows svec K (M,) or (M, stiffnesses)."""
 
-    def torque_for(self, theta: Value, omega: Value, alpha: Value, d: Value = 0.0) -> Any:
+    def torque_for(self, theta: Value, omega: Value, alpha: Value, d: Value = 0.0) -> Value:
         """Return the muscle torque [N·m] of a motion under the torque `d` from outside."""
 
     def torque_reach(self) -> tuple[Array, Array]:
         """Return the greatest |T| (n,) [N·m] of the muscles in the middle of the ranges, and anywhere."""
 
-    def balance(self, x: Array) -> Any:
+    def balance(self, x: Array) -> Value:
         """Return the torque from outside [N·m] under which the machine is linearised about `x`."""
 
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
         """Return the pressures that give these angles, stiffnesses and torques along a motion, or the nearest."""
 
-    def expansion(self, x: Value) -> Any:
+    def expansion(self, x: Value) -> Value:
         """Return how fast the pressures fall in the states `x` [2n + m, …] as the muscles swell [Pa/s]."""
 
     def check_feed_forward(self) -> None:
@@ -160,3 +168,15 @@ class Machine(Protocol):
 
     def check_stiffness(self, name: str, K: Array) -> None:
         """Raise `InvalidInput` for a reference that cannot be meant."""
+
+
+def check_stiffness(name: str, K: Array, unit: str) -> None:
+    """Raise `InvalidInput` for stiffness matrices (M, k, k) that cannot be meant."""
+    if not np.isfinite(K).all():
+        raise InvalidInput(f"{name} is not finite [{unit}]")
+    if np.abs(K - K.swapaxes(-1, -2)).max() > _SYMMETRIC * np.abs(K).max():
+        raise InvalidInput(f"{name} is not symmetric: a stiffness is, K_ij = K_ji")
+    try:
+        np.linalg.cholesky(K)
+    except np.linalg.LinAlgError:
+        raise InvalidInput(f"{name} is not positive definite: such a posture does not hold itself") from None

@@ -61,6 +61,13 @@ class Noise:
         return np.diag([self.theta] * n + [self.pressure] * m) ** 2
 
 
+CALM_NOISE = Noise(theta=0.02 / 12**0.5 * DEG, d_walk=2.09, pressure_walk=0.00501 * BAR)
+"""What an observer of such an arm thinks of encoders with steps of 0.02° and of sensors with noise of 0.02 bar.
+
+It takes the regulators nearly at their word: most of the sensors' noise would else come back as commands.
+"""
+
+
 class Belief(NamedTuple):
     """A belief is what is thought of ξ."""
 
@@ -169,7 +176,7 @@ class Filter:
         R = self.R / np.outer(measured, measured)
         return np.asarray(scale * solve_discrete_are(A.T, C.T, self.Q / scale, R))
 
-    def _discrete(self, dt: float) -> Callable[[Array, Array, Any], Sequence[Array]]:
+    def _discrete(self, dt: float) -> Callable[[Array, Array, Value], Sequence[Array]]:
         """Return (x, v, d) ↦ x and its derivative (2n + m, 3n + m) by (x, d)."""
         import casadi as ca
 
