@@ -1,7 +1,12 @@
-"""An experiment is what a closed loop is run against: a plant in some state, its sensors, and time going on."""
+"""What machines have in common: the experiments that closed loops are run against, and the values that they answer.
+
+An experiment is a plant in some state, its sensors, and time going on.
+"""
 
 from math import ceil
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
@@ -12,6 +17,7 @@ if TYPE_CHECKING:
 
 FINE = 0.02  # resolution of simulations, see `Plant.discrete`
 RESOLUTION = 0.5  # of a controller's model
+_SYMMETRIC = 1e-9  # of the greatest entry of a stiffness
 
 
 def substeps(machine: str, dt: float, fastest: float, resolution: float, most: int, check: str) -> int:
@@ -58,3 +64,34 @@ class ExactExperiment:
     def advance(self, u: Array, d: Value = 0.0) -> None:
         """Advance by one sample with the commands `u` (m,) [Pa] and the torque `d` [N·m] from outside."""
         self.x = self._integrate(self.x, u, d)[0][0]
+
+
+class Held(NamedTuple):
+    """Pressures that hold postures, from `allocate`."""
+
+    P: Array  # (M, m) [Pa]
+    K: Array  # (M, stiffnesses) svec of the stiffness that they give
+    K_error: Array  # from what was asked
+    T_error: Array  # [N·m]
+
+
+class Labels(NamedTuple):
+    """Names of the columns of a table, without their units."""
+
+    angles: tuple[str, ...]
+    speeds: tuple[str, ...]
+    stiffness: tuple[str, ...]  # one per entry of svec K
+    pressures: tuple[str, ...]
+    forces: tuple[str, ...]
+
+
+def check_stiffness(name: str, K: Array, unit: str) -> None:
+    """Raise `InvalidInput` for stiffness matrices (M, k, k) that cannot be meant."""
+    if not np.isfinite(K).all():
+        raise InvalidInput(f"{name} is not finite [{unit}]")
+    if np.abs(K - K.swapaxes(-1, -2)).max() > _SYMMETRIC * np.abs(K).max():
+        raise InvalidInput(f"{name} is not symmetric: a stiffness is, K_ij = K_ji")
+    try:
+        np.linalg.cholesky(K)
+    except np.linalg.LinAlgError:
+        raise InvalidInput(f"{name} is not positive definite: such a posture does not hold itself") from None

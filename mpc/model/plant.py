@@ -28,10 +28,9 @@ from allocator.joint.assumption import assumptions
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
 from allocator.joint.limits import Limits
 from allocator.units import BAR
-from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, substeps
+from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
 from mpc.model.gas import fall, gas_of, trapped
 from mpc.model.integration import integrated
-from mpc.model.machine import Held, Labels
 from mpc.model.storage import load_plant, save_plant
 
 if TYPE_CHECKING:

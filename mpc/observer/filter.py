@@ -97,11 +97,12 @@ class Filter:
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
         self.Q_rest = replace(noise, d_walk=0.0).Q(dt, n, m)  # a load that came would have moved a sensor that repeats
+        angles: tuple[Value, Value] = plant.angle_limits
         fast, much = np.full(n, gate.max_speed), np.full(n, gate.max_torque)
         self.inner, self.outer = (
             tuple(np.concatenate([q * np.ones(n), sign * fast, P * np.ones(m)]) for sign, q, P in ends)
             for ends in (
-                zip((-1, 1), plant.angle_limits, plant.pressure_limits, strict=True),
+                zip((-1, 1), angles, plant.pressure_limits, strict=True),
                 ((-1, gate.lower[:n], gate.lower[n:]), (1, gate.upper[:n], gate.upper[n:])),
             )
         )

@@ -34,9 +34,8 @@ from mpc.model.arm import formulas, ranges
 from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.formulas import Statics
 from mpc.model.arm.pneumatics import Pneumatics
-from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, substeps
+from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, check_stiffness, substeps
 from mpc.model.gas import gas_of
-from mpc.model.machine import Held, Labels, check_stiffness
 
 if TYPE_CHECKING:
     from casadi import SX, Function
