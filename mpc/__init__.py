@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from mpc.model.plant import Plant
     from mpc.model.real_plant import RealPlant
     from mpc.observer.kalman import KalmanObserver
-    from mpc.tracking.controller import TrackingMPC
-    from mpc.tracking.pace import LongStep
+    from mpc.tracking.controller import LongStep, TrackingMPC
     from mpc.tracking.plan import Plan, PlanStatus, Rung
     from mpc.tracking.qp.solvers import DAQP, OSQP, SCS, Clarabel, Riccati
     from mpc.tracking.qp.step import CompilingBeside, SlowStep
@@ -34,7 +33,7 @@ else:
         "IPOPT": "yardsticks.nlp_solvers",
         "IdentifiedPlant": "identification.plant",
         "KalmanObserver": "observer.kalman",
-        "LongStep": "tracking.pace",
+        "LongStep": "tracking.controller",
         "NonlinearMPC": "yardsticks.nonlinear",
         "OSQP": "tracking.qp.solvers",
         "Plan": "tracking.plan",

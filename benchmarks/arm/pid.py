@@ -13,8 +13,8 @@ import numpy as np
 from allocator import allocate
 from allocator.calculus import Array
 from mpc.model.arm.model import Arm
+from mpc.tracking.compiled.arm.inverse_dynamics import CompiledArmFeedForward
 from mpc.tracking.compiled.arm.module import compiled_arm
-from mpc.tracking.compiled.arm.qp_step import CompiledArmFeedForward
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times

@@ -173,9 +173,10 @@ def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
 def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
     """Return a controller, and an observer where the true state is not to be had."""
     from mpc.model.compensation import Compensation
+    from mpc.observer.filter import CALM_NOISE
     from mpc.observer.kalman import KalmanObserver
     from mpc.tracking.controller import TrackingMPC
-    from mpc.tracking.presets import CALM, CALM_NOISE
+    from mpc.tracking.weights import CALM
 
     if kind == _NOMINAL:
         return TrackingMPC(arm, dt=dt, N=horizon), KalmanObserver(arm, dt)

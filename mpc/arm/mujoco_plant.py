@@ -25,7 +25,7 @@ from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.pushing import pushed_stiffness, settle
-from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
+from mpc.model.arm.mechanics.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.integration import NODES, SHARES

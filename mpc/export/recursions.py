@@ -135,7 +135,7 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         "entering",
         "limit",
     )
-    reals += ("low", "high", "step", "last1", "last2", "left", "right", "least")
+    reals += ("low", "high", "step", "unit", "left", "right", "least")
     return {
         **structs,
         **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
@@ -154,7 +154,7 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         },
         **{"S": _array(6, 6), "SA": _array(6, 6), "P": _array(6, 2), "G": _array(2, 2), "F": sweep["feedback"]},
         **{"s": _array(6), "p": _array(6), "slack": _given(4), "last": _given(2, 2)},
-        **dict.fromkeys(("e", "charge"), _given(2)),
+        **dict.fromkeys(("e", "charge", "before"), _given(2)),
         **{"u": _given(_N, 2), "guess": _array(f"2 * {_BLOCKS}", element=_SIDE)},
         **{"z": items["z"], "pushes": items["r"], "there": structs["bounded"].fields["there"]},
         **{"commands": per_u, "states": _given(_AFTER, 4), "forces": _given(_AFTER, 2), "beyond": _array(2)},

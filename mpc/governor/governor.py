@@ -69,7 +69,7 @@ class PressureGovernor:
 
     An arm that differs from its model leaves the range by some degrees: by 10° for a damping that is 20 % less. What is
     not known exactly is therefore given as an `Interval`, and a command passes if it does so at all corners of the
-    intervals (`mpc.governor.scenes`): strength, damping, masses (`inertia` and `gravity` together) and lag. A value
+    intervals (`mpc.governor.model`): strength, damping, masses (`inertia` and `gravity` together) and lag. A value
     that is no interval is taken as exact. The intervals are of constants: what varies in time, such as hysteresis, a
     supply that falls or contacts, needs a `margin` or a `load`. `python -m benchmarks.governor` measures both.
 

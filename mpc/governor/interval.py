@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self, TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,7 +50,7 @@ class Scaled:
         return self.factor * self.function(q)
 
 
-def ends(value: Value | Posed | Interval) -> tuple[Any, Any]:
+def ends(value: Value | Posed | Interval) -> tuple[Value, Value]:
     """Return the least and the greatest of what may be an interval; a value that is none twice."""
     return (value.low, value.high) if isinstance(value, Interval) else (value, value)
 

@@ -13,8 +13,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.limits import BINDS
 from mpc.codegen.python_text import filling
 from mpc.governor import kernel
-from mpc.governor.model import Dynamics, motion_function, potential_function, statics_function
-from mpc.governor.scenes import Corners, corners
+from mpc.governor.model import Corners, Dynamics, corners, motion_function, potential_function, statics_function
 
 if TYPE_CHECKING:
     from casadi import Function

@@ -1,12 +1,37 @@
-"""An experiment is what a closed loop is run against: a plant in some state, its sensors, and time going on."""
+"""What machines have in common: the experiments that closed loops are run against, and the values that they answer.
 
-from typing import Any, Protocol
+An experiment is a plant in some state, its sensors, and time going on.
+"""
 
-from allocator.calculus import Array
+from math import ceil
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
 from mpc.model.buffered import Buffered
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 FINE = 0.02  # resolution of simulations, see `Plant.discrete`
 RESOLUTION = 0.5  # of a controller's model
+_SYMMETRIC = 1e-9  # of the greatest entry of a stiffness
+
+
+def substeps(machine: str, dt: float, fastest: float, resolution: float, most: int, check: str) -> int:
+    """Return how many equal steps h over `dt` [s] it takes for h · `fastest` [1/s] ≤ `resolution`.
+
+    Raises `InvalidInput` for a `machine` that takes more than `most`, with what to `check`.
+    """
+    steps = dt * fastest / resolution
+    if not steps <= most:
+        raise InvalidInput(
+            f"{machine} moves within {1 / fastest:.3g} s, so that dt = {dt:g} s would take {steps:.3g} steps of "
+            f"integration{check}"
+        )
+    return ceil(steps)
 
 
 class Experiment(Protocol):
@@ -19,7 +44,7 @@ class Experiment(Protocol):
     def measure(self) -> Array:
         """Return what the sensors say of it (2n + m,); NaN for what is not measured. To be called once a sample."""
 
-    def advance(self, u: Array, d: Any = 0.0) -> None:
+    def advance(self, u: Array, d: Value = 0.0) -> None:
         """Advance by one sample with the commands `u` (m,) [Pa] and the torque `d` [N·m], (n,) of an arm, from outside
         besides the plant's own.
         """
@@ -28,7 +53,7 @@ class Experiment(Protocol):
 class ExactExperiment:
     """An exact experiment is a plant that is its model, (x, u, d) ↦ x, and whose whole state is measured."""
 
-    def __init__(self, discrete: Any, x0: Array) -> None:
+    def __init__(self, discrete: "Function", x0: Array) -> None:
         self._integrate = Buffered(discrete)
         self.x = x0
 
@@ -36,6 +61,37 @@ class ExactExperiment:
         """Return the true state (2n + m,)."""
         return self.x.copy()
 
-    def advance(self, u: Array, d: Any = 0.0) -> None:
+    def advance(self, u: Array, d: Value = 0.0) -> None:
         """Advance by one sample with the commands `u` (m,) [Pa] and the torque `d` [N·m] from outside."""
         self.x = self._integrate(self.x, u, d)[0][0]
+
+
+class Held(NamedTuple):
+    """Pressures that hold postures, from `allocate`."""
+
+    P: Array  # (M, m) [Pa]
+    K: Array  # (M, stiffnesses) svec of the stiffness that they give
+    K_error: Array  # from what was asked
+    T_error: Array  # [N·m]
+
+
+class Labels(NamedTuple):
+    """Names of the columns of a table, without their units."""
+
+    angles: tuple[str, ...]
+    speeds: tuple[str, ...]
+    stiffness: tuple[str, ...]  # one per entry of svec K
+    pressures: tuple[str, ...]
+    forces: tuple[str, ...]
+
+
+def check_stiffness(name: str, K: Array, unit: str) -> None:
+    """Raise `InvalidInput` for stiffness matrices (M, k, k) that cannot be meant."""
+    if not np.isfinite(K).all():
+        raise InvalidInput(f"{name} is not finite [{unit}]")
+    if np.abs(K - K.swapaxes(-1, -2)).max() > _SYMMETRIC * np.abs(K).max():
+        raise InvalidInput(f"{name} is not symmetric: a stiffness is, K_ij = K_ji")
+    try:
+        np.linalg.cholesky(K)
+    except np.linalg.LinAlgError:
+        raise InvalidInput(f"{name} is not positive definite: such a posture does not hold itself") from None

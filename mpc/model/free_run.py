@@ -5,9 +5,9 @@ plant's file is the error of that file.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
@@ -21,8 +21,9 @@ _HELD = 1e6  # [s] lag of regulators whose pressures are imposed
 
 
 def free_run(
-    process: RealPlant, t: Any, P1: Any, P2: Any, *, begin: float | None = None, commanded: bool = True
-) -> Array:
+    process: RealPlant, t: ArrayLike, P1: ArrayLike, P2: ArrayLike, *, begin: float | None = None,
+    commanded: bool = True,
+) -> Array:  # fmt: skip
     """Return the angle (n,) [rad] of `process` at the times `t` while the pressures of a log act on it.
 
     Parameters

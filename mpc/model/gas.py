@@ -15,7 +15,10 @@ could fill it. It is not meant for that; V^eff is taken as `STABLE` V there, the
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Value
+from allocator.errors import InvalidInput
+from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import STABLE, OneMuscle
 
 
@@ -37,3 +40,12 @@ def fall(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
 def trapped(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
     """Return what the gas behind a shut valve adds to the stiffness, κ (P + p_a) g²/V^eff [N·m/rad]   (G2)"""
     return strength * side.torque_gain(P) * fall(side, P, strength)
+
+
+def gas_of(name: str, given: object, own: Gas) -> Gas | None:
+    """Return the gas that is meant: `own` by True, none by False and None. Raises `InvalidInput` for anything else."""
+    if isinstance(given, Gas):
+        return given
+    if not (given is None or isinstance(given, bool)):
+        raise InvalidInput(f"{name} = {checks.brief(given)} has to be a Gas(kappa, atmosphere), True or None")
+    return own if given else None

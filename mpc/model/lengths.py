@@ -102,7 +102,7 @@ def _frames(links: Sequence[Link], q: "SX") -> list[tuple["SX", "SX"]]:
     return [*frames, ground]
 
 
-_FORMULAS: dict[type[Routes], Callable[[Any, "SX"], Sequence["SX | float"]]] = {
+_FORMULAS: dict[type[Routes], Callable[..., Sequence["SX | float"]]] = {
     Pulleys: _pulleys,
     JointRoutes: _joint,
     FunctionRoutes: _function,

@@ -13,9 +13,9 @@ when it was used.
 
 from dataclasses import dataclass, field, fields, replace
 from itertools import product
-from math import ceil, inf, sqrt
+from math import inf, sqrt
 from os import PathLike
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -28,11 +28,14 @@ from allocator.joint.assumption import assumptions
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
 from allocator.joint.limits import Limits
 from allocator.units import BAR
-from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
-from mpc.model.gas import fall, trapped
+from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
+from mpc.model.gas import fall, gas_of, trapped
 from mpc.model.integration import integrated
-from mpc.model.machine import Held, Labels
 from mpc.model.storage import load_plant, save_plant
+
+if TYPE_CHECKING:
+    from casadi import Function
+    from control import NonlinearIOSystem
 
 STATES = ("theta", "omega", "P1", "P2")
 INPUTS = ("P1_command", "P2_command")
@@ -81,16 +84,14 @@ class Plant:
         if frequency < 0:
             raise InvalidInput(f"frequency = {frequency:g} Hz has to be 0 or more")
         object.__setattr__(self, "frequency", frequency)
-        if isinstance(self.gas, bool):
-            object.__setattr__(self, "gas", self.joint.gas if self.gas else None)
-        if self.gas is None:
+        gas = gas_of("gas", self.gas, self.joint.gas)
+        object.__setattr__(self, "gas", gas)
+        if gas is None:
             if frequency:
                 raise InvalidInput(f"frequency = {frequency:g} Hz: without gas the stiffness has none; say gas=True")
             return
-        if not isinstance(self.gas, Gas):
-            raise InvalidInput(f"gas = {checks.brief(self.gas)} has to be a Gas(kappa, atmosphere), True or None")
-        if self.joint.gas != self.gas:
-            object.__setattr__(self, "joint", replace(self.joint, gas=self.gas))
+        if self.joint.gas != gas:
+            object.__setattr__(self, "joint", replace(self.joint, gas=gas))
         for angle in self.joint.angle_range:  # that there is a volume, and one that is positive
             for side, P in product(self.joint.sides(angle, _ALL), self.joint.pressure_limits):
                 side.volume(P)
@@ -217,7 +218,7 @@ class Plant:
         """Return the angles [rad] in the states `x` (…, 4)."""
         return np.asarray(x[..., 0])
 
-    def tracked_stiffness(self, x: Array) -> Any:
+    def tracked_stiffness(self, x: Array) -> Value:
         """Return the stiffness [N·m/rad] in the states `x` (…, 4)."""
         return self.stiffness(x.T)
 
@@ -238,7 +239,7 @@ class Plant:
         """Return where some pressures give the isobaric stiffness and torque at these angles (M,)."""
         return np.asarray(allocate(theta, K, T, joint=self.joint).success)
 
-    def symbolic_outputs(self, x: Any) -> Any:
+    def symbolic_outputs(self, x: Value) -> Value:
         """Return the CasADi column (K, F1, F2) in the state `x`."""
         import casadi as ca
 
@@ -294,7 +295,7 @@ class Plant:
         )
 
     @property
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """Return what files hold of it besides the joint, by the names of the fields."""
         plain = {name: getattr(self, name) for name in NUMBERS if name not in _GAS}
         return plain if self.gas is None else plain | {"gas": True, "frequency": self.frequency}  # the joint's gas
@@ -338,15 +339,10 @@ class Plant:
 
         Raises `InvalidInput` where there are more than 10 000: nobody means such a plant.
         """
-        steps = dt * self.fastest_rate / resolution
-        if not steps <= MOST_SUBSTEPS:
-            raise InvalidInput(
-                f"this plant moves within {1 / self.fastest_rate:.3g} s, so that dt = {dt:g} s would take {steps:.3g} "
-                f"steps of integration, over {MOST_SUBSTEPS}; check {self.summary}"
-            )
-        return ceil(steps)
+        check = f", over {MOST_SUBSTEPS}; check {self.summary}"
+        return substeps("this plant", dt, self.fastest_rate, resolution, MOST_SUBSTEPS, check)
 
-    def discrete(self, dt: float, resolution: float = RESOLUTION) -> Any:
+    def discrete(self, dt: float, resolution: float = RESOLUTION) -> "Function":
         """Return the CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
 
         Taken in equal substeps h with h · `fastest_rate` ≤ `resolution`. The error is about resolution⁴/120 of the
@@ -355,10 +351,10 @@ class Plant:
         import casadi as ca
 
         x0, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-        x = integrated(lambda x: ca.vertcat(*self.rate(x, u, d)), x0, dt, self.substeps(dt, resolution))
+        x = integrated(lambda x, t: ca.vertcat(*self.rate(x, u, d)), x0, dt, self.substeps(dt, resolution))
         return ca.Function("discrete", [x0, u, d], [x], ["x", "u", "d"], ["x_next"])
 
-    def as_control_system(self) -> Any:
+    def as_control_system(self) -> "NonlinearIOSystem":
         """Return the plant for python-control: inputs (P1_command, P2_command, d), outputs (the states, K)."""
         import control
 
@@ -379,7 +375,7 @@ _ALL = 1.0, 1.0  # shares of the gas that is trapped
 MOST_SUBSTEPS = 10_000  # in a sample
 
 
-def _number(name: str, value: Any, unit: str, *, positive: bool) -> float:
+def _number(name: str, value: object, unit: str, *, positive: bool) -> float:
     number = checks.number(name, value, unit)
     if positive and number <= 0:
         raise InvalidInput(f"{name} = {number:g} {unit} has to be positive and finite")

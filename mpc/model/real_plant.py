@@ -195,7 +195,7 @@ class RealPlant:
         def remembered(now: Value) -> Value:
             return self.friction.moved(memory, now[0] - x[0], Contact(self, now))
 
-        def rate(now: Value) -> Value:
+        def rate(now: Value, t: Value) -> Value:
             return ca.vertcat(*self.rate(now, u, d, self.friction.torque(remembered(now), Contact(self, now))))
 
         after = integrated(rate, x, h, 1)

@@ -37,7 +37,7 @@ _REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "flow")
 _LAGS = ("lag_up", "lag_down")
 
 
-def save_plant(path: FilePath, joint: AntagonistJoint, numbers: Mapping[str, Any]) -> None:
+def save_plant(path: FilePath, joint: AntagonistJoint, numbers: Mapping[str, object]) -> None:
     """Write a joint and the numbers of its plant to `path`, for every command's --machine and for `Plant.load`."""
     plant = section("plant", numbers, "SI units: kg·m², N·m·s/rad, s, N·m, Pa/s")
     write_text(path, dumps(joint) + "\n".join(plant) + "\n")

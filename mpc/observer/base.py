@@ -1,10 +1,10 @@
 """Observers have one interface; the plainest of them takes the difference of angles for the velocity."""
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 
 
 @runtime_checkable
@@ -14,7 +14,7 @@ class Observer(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
-    def estimate(self, y: Array, u: Array) -> tuple[Array, Any]:
+    def estimate(self, y: Array, u: Array) -> tuple[Array, Value]:
         """Return the state (2n + m,) and disturbance torque [N·m], (n,) of an arm, from `y` (2n + m,), NaN where
         unmeasured.
 

@@ -10,7 +10,7 @@ What is remembered as numbers is followed by functions that numba compiles, too 
 
 from collections.abc import Iterator, Sequence
 from math import inf, isfinite, nan
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from mpc.observer.gating import Verdict
 from mpc.observer.health import MUSCLES, SENSORS, WELL, FaultKind, Finding, Health, Part, Suspect
 from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 _FORGETTING = 1.0  # [s]: readings lost longer ago hardly count
 _PARTS = {FaultKind.SUPPLY_DROP: (Part.SUPPLY, Part.SUPPLY), FaultKind.DRIFTING_SENSOR: SENSORS[1:]}  # else the muscle
@@ -71,7 +74,7 @@ class Diagnosis:
         self.lost = [0.0, 0.0, 0.0]  # of each sensor's readings lately [s]
         self.said = [nan, nan, nan]  # by a sensor whose readings are being lost, a sample ago
         self.sensors: list[Finding | None] = [None, None, None]
-        self._known: tuple[Any, ...] = ()
+        self._known: tuple[object, ...] = ()
         self._low_supply = False
         self.torque.reset()
         for pressure in self.pressures:
@@ -83,7 +86,7 @@ class Diagnosis:
         """
         self.t, self.theta, self.lost, self.said = t, theta, lost.tolist(), said.tolist()
         self.sensors = [one if wrong else None for one, wrong in zip(self.sensors, found, strict=True)]
-        parts: tuple[Any, ...] = (*self.pressures, self.torque)
+        parts: tuple[PressureDiagnosis | TorqueDiagnosis, ...] = (*self.pressures, self.torque)
         for part, values in zip(parts, numbers, strict=True):
             part.numbers = values.tolist()
 
@@ -164,8 +167,8 @@ class Diagnosis:
 
 
 def follow(
-    one: Numbers, two: Numbers, torque: Numbers, k: Joint, t: float, read: Any, v: Any, d: float, pulls: Any,
-    moved: bool,
+    one: Numbers, two: Numbers, torque: Numbers, k: Joint, t: float, read: Sequence[float], v: Sequence[float],
+    d: float, pulls: Sequence[float], moved: bool,
 ) -> None:  # fmt: skip
     """Follow both muscles and the torque at `t` [s] by what is remembered of each.
 
@@ -188,7 +191,7 @@ def less_lost(lost: float, dt: float, tolerance: float) -> tuple[float, bool]:
     return (lost if lost > dt / 10 or not little else 0.0), little  # else forgotten
 
 
-def pulling(plant: Plant) -> Any:
+def pulling(plant: Plant) -> "Function":
     """Return the state (4,) ↦ the muscles' torques [N·m], their gains ∂T/∂P [N·m/Pa] and what the motion takes from
     their pressures [Pa/s] (6,), a CasADi function.
     """

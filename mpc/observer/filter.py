@@ -61,6 +61,13 @@ class Noise:
         return np.diag([self.theta] * n + [self.pressure] * m) ** 2
 
 
+CALM_NOISE = Noise(theta=0.02 / 12**0.5 * DEG, d_walk=2.09, pressure_walk=0.00501 * BAR)
+"""What an observer of such an arm thinks of encoders with steps of 0.02° and of sensors with noise of 0.02 bar.
+
+It takes the regulators nearly at their word: most of the sensors' noise would else come back as commands.
+"""
+
+
 class Belief(NamedTuple):
     """A belief is what is thought of ξ."""
 
@@ -90,11 +97,12 @@ class Filter:
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
         self.Q_rest = replace(noise, d_walk=0.0).Q(dt, n, m)  # a load that came would have moved a sensor that repeats
+        angles: tuple[Value, Value] = plant.angle_limits
         fast, much = np.full(n, gate.max_speed), np.full(n, gate.max_torque)
         self.inner, self.outer = (
             tuple(np.concatenate([q * np.ones(n), sign * fast, P * np.ones(m)]) for sign, q, P in ends)
             for ends in (
-                zip((-1, 1), plant.angle_limits, plant.pressure_limits, strict=True),
+                zip((-1, 1), angles, plant.pressure_limits, strict=True),
                 ((-1, gate.lower[:n], gate.lower[n:]), (1, gate.upper[:n], gate.upper[n:])),
             )
         )
@@ -169,7 +177,7 @@ class Filter:
         R = self.R / np.outer(measured, measured)
         return np.asarray(scale * solve_discrete_are(A.T, C.T, self.Q / scale, R))
 
-    def _discrete(self, dt: float) -> Callable[[Array, Array, Any], Sequence[Array]]:
+    def _discrete(self, dt: float) -> Callable[[Array, Array, Value], Sequence[Array]]:
         """Return (x, v, d) ↦ x and its derivative (2n + m, 3n + m) by (x, d)."""
         import casadi as ca
 

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Iterator
 from copy import deepcopy
 from math import isfinite, nan, sqrt
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class KalmanObserver:
         wait: bool = True,
         compiled: bool = True,
     ) -> None:
-        self.plant: Any = plant
+        self.plant = plant
         self.dt, self.tolerance, self.wait = dt, tolerance, wait
         self.noise = Noise() if noise is None else noise
         self.compensation = Compensation() if compensation is None else compensation
@@ -144,7 +144,7 @@ class KalmanObserver:
         """Return what may be broken, as of the last estimate."""
         return self.diagnosis.health
 
-    def estimate(self, y: Array, u: Array) -> tuple[Array, Any]:
+    def estimate(self, y: Array, u: Array) -> tuple[Array, Value]:
         """Return the state (2n + m,) and disturbance torque [N·m], (n,) of an arm, from `y` (2n + m,), NaN where
         unmeasured.
 
@@ -163,7 +163,7 @@ class KalmanObserver:
         return self._estimated(y[self._measured], u)
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
-    def _estimated(self, said: Array, u: Array) -> tuple[Array, Any]:
+    def _estimated(self, said: Array, u: Array) -> tuple[Array, Value]:
         """Return what `estimate` does, whatever the sensors have `said` (n + m,)."""
         if self._belief is None:
             self._begin(said, u)
@@ -212,7 +212,7 @@ class KalmanObserver:
         if self.compiled is not None:
             self.compiled.give()
 
-    def _remembered(self) -> dict[str, Any] | None:
+    def _remembered(self) -> dict[str, object] | None:
         """Return what a compiled estimate goes on from, the fields of `State` and `Tail`; None if what is remembered is
         not ordinary.
         """
@@ -220,13 +220,12 @@ class KalmanObserver:
         quiet = self._rival is None and not self._frozen.any() and all(gate.quiet for gate in self._gates)
         if belief is None or not quiet or not isinstance(diagnosis, Diagnosis):
             return None
-        without = [self._without.get(sensor, belief) for sensor in range(self._measured.size)]
         one, two = diagnosis.pressures
         return {
             "belief": belief, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
             "read": self._read, "repeating": self._repeating, "step": self._step[0], "samples": 0.0,
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
-            "without": without,
+            "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
             "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
             "commands": self._commands, "t": diagnosis.t, "last": diagnosis.theta, "lost": diagnosis.lost,
             "said": diagnosis.said, "found": [found is not None for found in diagnosis.sensors],
@@ -248,17 +247,17 @@ class KalmanObserver:
         diagnosed = state.lost, state.said, state.found, (tail.one, tail.two, tail.torque)
         self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Leave out what is compiled, which each process makes for itself."""
         self._catch_up()
         return self.__dict__ | {"compiled": None}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         """Go on where the copied one was."""
         self.__dict__.update(state)
         self._compile()
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Copy all but what is compiled, which both use."""
         other = object.__new__(type(self))
         memo[id(self)] = other
@@ -390,7 +389,7 @@ class KalmanObserver:
         xi[self.plant.n : 2 * self.plant.n] = xi[self.plant.size :] = 0.0
         return self.filter.unsure_at(Belief(self.filter.within(xi), previous.covariance), read, believed)
 
-    def _answer(self, said: Array, there: Mask) -> tuple[Array, Any]:
+    def _answer(self, said: Array, there: Mask) -> tuple[Array, Value]:
         size, joint = self.plant.size, self.plant.angle_shape == ()
         if self._belief is None:
             x = np.full(size, np.nan)

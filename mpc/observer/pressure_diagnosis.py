@@ -25,8 +25,9 @@ numba compiles them (`mpc.observer.compiled`). Sets of explanations are sums of 
 """
 
 from math import exp, nan
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
+from allocator.calculus import Array
 from mpc.observer.health import FaultKind
 
 SPREAD = 1.3  # of the lag that counts as sound [-]
@@ -66,7 +67,7 @@ _KINDS = {
     PAST,  # and following: (P, r) of the samples within LATELY
 ) = range(22)  # fmt: skip
 
-Numbers = Any  # a list of floats, or an array of them
+Numbers: TypeAlias = list[float] | Array
 
 
 class Sound(NamedTuple):

@@ -4,9 +4,10 @@ import warnings
 from abc import ABC, abstractmethod
 from math import inf
 from time import perf_counter
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
@@ -16,7 +17,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.fallback import Ladder
-from mpc.tracking.feedforward import FeedForward
+from mpc.tracking.feedforward import FeedForward, FeedForwardOf
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
@@ -45,11 +46,6 @@ class Optimised(NamedTuple):
     times: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of linearising, condensing, solving [s]
 
 
-class _FeedForwardOf(Protocol):
-    def __call__(self, theta: Array, K: Array, d: Array, /) -> FeedForward:
-        """Return the feed-forward for references and torques (N+1,)."""
-
-
 class BaseController(ABC):
     """A controller makes a `Plan` of a measured state and references, in stages, each with a noun for its result:
 
@@ -70,7 +66,7 @@ class BaseController(ABC):
     rest: bool = False  # whether commands come to rest at a constant reference, if the compensation knows anything
     machines: ClassVar[tuple[type, ...]] = (Plant,)  # that it can control
     says_moved: ClassVar[bool] = True  # whether its plans say how far the references were moved
-    _feed_forward: _FeedForwardOf
+    _feed_forward: FeedForwardOf
     _first: bool = True  # whether there was no step since the last reset
 
     def _check_model(self) -> None:
@@ -102,7 +98,7 @@ class BaseController(ABC):
         """The samples of preview that `step` takes after the present one."""
         return self._preview.ahead
 
-    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
+    def step(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike = 0.0) -> Plan:
         """Return the plan from the measured state `x` (2n + m,) for references θ [rad] and K [N·m/rad].
 
         A reference is a value, held for the whole horizon, or a preview (ahead + 1, …) that begins now; the values of
@@ -116,7 +112,7 @@ class BaseController(ABC):
             self._point_out_bar(x)
         return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
 
-    def _point_out_bar(self, x: Any) -> None:
+    def _point_out_bar(self, x: object) -> None:
         """Warn of pressures that look like bar. It is no error: those of a vented joint are as low."""
         self._first = False
         state = checks.floats("x", x, "rad, rad/s, Pa")
@@ -129,7 +125,7 @@ class BaseController(ABC):
             warnings.warn(str(wrong), BadNumbers, stacklevel=3)
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder finds what is not finite
-    def _staged(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float) -> Plan:
+    def _staged(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike, began: float) -> Plan:
         """Return the plan, stage by stage."""
         task = self._preview.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
         held = self.rest_mode.pressures(task) if self.rest and self.rest_mode.worthwhile else None
@@ -157,7 +153,9 @@ class BaseController(ABC):
     def _optimise(self, situation: Situation) -> Optimised:
         """Return the commands that are best by the member's lights."""
 
-    def _whole_step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float) -> Plan | None:
+    def _whole_step(
+        self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike, began: float
+    ) -> Plan | None:
         """Return the same plan in a quicker way, None where there is none and all is as it was."""
         return None
 

@@ -14,7 +14,7 @@ grow along the horizon.
 The squares of the first line are weighted, entry by entry, as `mpc.tracking.cost` states; y = (K, F1, F2). θ* and K*
 are the references, brought to the nearest that the joint can reach, u* and the pressures in x* = (θ*, θ*', P1*, P2*)
 what follows them by the closed-form allocation (`mpc.tracking.feedforward`); L is the terminal cost
-(`mpc.tracking.terminal`), and ρ, ρ_F are so dear that a slack is used only where it has to be (`mpc.tracking.penalty`).
+(`mpc.tracking.terminal`), and ρ, ρ_F are so dear that a slack is used only where it has to be (`Weights`).
 f_d, K and F are linearised along the previous plan, shifted by one sample (`mpc.tracking.linearise`), which makes the
 problem a QP in the changes of the commands (`mpc.tracking.qp.condense`); one such QP is solved per sample, or
 `iterations` of them, which converge to the nonlinear problem's solution. With `blocks` the commands leave the previous
@@ -31,20 +31,24 @@ No step is without an answer. If the QP has none that passes the check of its op
 is sent keeps the hard limits exactly.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from itertools import accumulate, chain, repeat
-from time import perf_counter
+from math import inf
+from time import perf_counter, thread_time
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.notices import notice
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
+from mpc.model.experiment import RESOLUTION
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
@@ -52,7 +56,6 @@ from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
-from mpc.tracking.pace import check_pace
 from mpc.tracking.plan import Plan, PlanStatus, Rung
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.named import NamedQP, named
@@ -90,7 +93,7 @@ class TrackingMPC(BaseController):
     dt: float = 0.01  # sample time [s]
     N: int = 20  # horizon [samples]
     weights: Weights = field(default_factory=Weights)
-    solver: str | Mapping[str, Any] | Solver = "riccati"  # or options, or `OSQP(…)`, or a function
+    solver: str | Mapping[str, object] | Solver = "riccati"  # or options, or `OSQP(…)`, or a function
     iterations: int = 1  # QPs per step
     compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
     min_force: float = 0.0  # F_min [N]
@@ -139,7 +142,9 @@ class TrackingMPC(BaseController):
         if self._whole is not None:
             self._whole.behind = True
 
-    def _whole_step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float) -> Plan | None:
+    def _whole_step(
+        self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike, began: float
+    ) -> Plan | None:
         whole = self._whole
         if whole is None:
             return None
@@ -164,7 +169,7 @@ class TrackingMPC(BaseController):
         return self.rest and self.rest_mode.worthwhile
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite is refused below
-    def qp(self, x: Any, theta_ref: Any, K_ref: Any, d: Any = 0.0) -> NamedQP:
+    def qp(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike = 0.0) -> NamedQP:
         """Return the QP that `step` would solve for these arguments, the first one if it solves `iterations` of them.
 
         It is not solved, and the controller does not change. A step that rests or cannot see the angle does not come to
@@ -204,7 +209,7 @@ class TrackingMPC(BaseController):
                 parts = whole.Parts(self._preview, self.ladder, self.rest_mode, self.rest)
                 self._whole = whole.WholeStep(self._qp_step, self._feed_forward, parts, numbers)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Leave out what does the work, which each process makes for itself."""
         kept = {name: value for name, value in self.__dict__.items() if name not in _WORKERS}
         return kept | {"active_set": self._qp_step.active_set}
@@ -217,7 +222,7 @@ class TrackingMPC(BaseController):
         self._qp_step.active_set = active_set
         deepcopy(self)._rehearse()
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Copy all but what does the work, which both use in the same process."""
         other = object.__new__(type(self))
         kept = {name: value for name, value in self.__dict__.items() if name != "_whole"}
@@ -267,6 +272,8 @@ class TrackingMPC(BaseController):
 
 
 _BLOCKS = 1, 1, 2, 4, 6  # lengths of the first blocks of an arm; the others are as long as the last of these
+_TRIES = 5  # calls of a step that are timed
+_STIFF = 20  # steps of integration in a sample that ordinary plants do not need
 _WORKERS = ("_solve", "_qp_step", "_feed_forward", "_whole")
 
 
@@ -279,3 +286,33 @@ def usual_blocks(plant: Machine, N: int) -> tuple[int, ...]:
     while (end := next(ends)) < N:
         starts.append(end)
     return tuple(np.diff([*starts, N]).tolist())
+
+
+class LongStep(UserWarning):
+    """A controller's step takes longer than its sample: its commands come late, unless time is only simulated."""
+
+
+def check_pace(step: Callable[[], object], plant: Machine, dt: float, N: int) -> None:
+    """Warn with `LongStep` where even the quickest of some calls of `step` takes longer than `dt` [s].
+
+    What other programs take of the processor is not the step's: the thread's own time counts. One call, if quick.
+    """
+    took = inf
+    for _ in range(_TRIES):
+        began = thread_time()
+        step()
+        took = min(took, thread_time() - began)
+        if took <= dt:
+            return
+    said = f"a step takes {1e3 * took:.3g} ms, longer than its sample dt = {1e3 * dt:g} ms: {_way_out(plant, dt, N)}"
+    notice(said, LongStep)
+
+
+def _way_out(plant: Machine, dt: float, N: int) -> str:
+    substeps = plant.substeps(dt, RESOLUTION)
+    if substeps > _STIFF:
+        return (
+            f"the plant moves within {1 / plant.fastest_rate:.2g} s, so that every sample takes {substeps} steps of "
+            f"integration; check {plant.summary}"
+        )
+    return f"a horizon shorter than N = {N}, longer blocks or a longer dt take less"

@@ -18,11 +18,11 @@ and the terminal cost is made (`mpc.tracking.terminal`).
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from mpc.model.plant import NU, NX
 from mpc.tracking.weights import Weights
 
@@ -55,17 +55,17 @@ def residuals(n: int = 1, m: int = 2, stiffnesses: int = 1) -> tuple[Residual, .
 class Rows(NamedTuple):
     """The rows of a sample, by kind: residuals (numbers, arrays [size, ...] or symbols) or their weights (size,)."""
 
-    x: Any  # 4
-    y: Any  # 3
-    e: Any  # 2
-    rate: Any  # 2
+    x: Value  # 4
+    y: Value  # 3
+    e: Value  # 2
+    rate: Value  # 2
 
 
 SIZES = Rows(NX, NY, NU, NU)
 STATES, COMMANDS = ("x", "y"), ("e", "rate")  # kinds of rows that the state and the commands have
 
 
-def charges(weights: Weights, rows: Rows, kinds: Iterable[str] = Rows._fields) -> dict[str, Any]:
+def charges(weights: Weights, rows: Rows, kinds: Iterable[str] = Rows._fields) -> dict[str, Value]:
     """Return what each weight charges for the residuals `rows`, as far as these are of the `kinds`."""
     return {
         r.weight: getattr(weights, r.weight) / 2 * sum(getattr(rows, r.rows)[i] ** 2 for i in r.entries)

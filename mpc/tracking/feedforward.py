@@ -11,7 +11,7 @@ is inverted for the commands. q is what the swelling muscles take (`Plant.expans
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -53,6 +53,13 @@ class FeedForward:
         return self.y[:, 0]
 
 
+class FeedForwardOf(Protocol):
+    """`InverseDynamics`, or the same in compiled code."""
+
+    def __call__(self, theta: Array, K: Array, d: Array, /) -> FeedForward:
+        """Return the feed-forward for references and torques (N+1,)."""
+
+
 class InverseDynamics:
     """The inverse dynamics of `plant` are its feed-forward, for previews of N+1 samples, `dt` [s] apart.
 
@@ -77,12 +84,12 @@ class InverseDynamics:
         self.plant.warm_up(self.min_force)
         return self
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         """Compile again: in another process nothing may be compiled yet."""
         self.__dict__.update(state)
         self.ready()
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Return itself: nothing in it changes."""
         return self
 

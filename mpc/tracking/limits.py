@@ -1,32 +1,17 @@
 """The limits are what commands, angles and muscle forces have to keep to."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Self
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from mpc.model.machine import Machine
 
 LONGEST_HORIZON = 1000  # samples; the time of a step grows with its square
 _SHORTEST = 1e-5  # sample time [s]
-
-
-class Limited(Protocol):
-    """What has limits is a plant of one joint or an arm."""
-
-    @property
-    def slew(self) -> float:
-        """Greatest change of a command [Pa/s]."""
-
-    @property
-    def pressure_limits(self) -> tuple[float, float]:
-        """Of every command [Pa]."""
-
-    @property
-    def angle_limits(self) -> tuple[Any, Any]:
-        """Of the angle, or (n,) of the angles [rad]."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +20,11 @@ class Limits:
 
     pressure: tuple[float, float]  # of every command [Pa], hard
     step: float  # greatest |u_k - u_{k-1}| [Pa], hard
-    theta: tuple[Any, Any]  # of the angle, or (n,) of each [rad], soft
+    theta: tuple[Value, Value]  # of the angle, or (n,) of each [rad], soft
     min_force: float = 0.0  # of all muscles [N], soft
 
     @classmethod
-    def of(cls, plant: Limited, dt: float, min_force: float = 0.0) -> Self:
+    def of(cls, plant: Machine, dt: float, min_force: float = 0.0) -> Self:
         """Return the limits of `plant` at the sample time `dt` [s], and the least force [N] of its muscles."""
         if not _SHORTEST <= dt < 1:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time between {_SHORTEST:g} and 1 s")

@@ -13,15 +13,18 @@ for all k in one call; of an arm without formulas they are differences (`mpc.mod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from mpc.model.arm.differences import Differences
 from mpc.model.arm.model import Arm
 from mpc.model.buffered import Buffered
 from mpc.model.machine import Machine
+
+if TYPE_CHECKING:
+    from casadi import MX, Function
 
 
 @dataclass(frozen=True)
@@ -134,14 +137,14 @@ class Predictor:
         A, B = stage_slopes(x[:, : self.N], u, d)
         return Buffered(ca.Function("linearise", [x0, u, d], [x, y, A, B, slope]))
 
-    def _symbols(self, samples: int) -> list[Any]:
+    def _symbols(self, samples: int) -> list[Value]:
         import casadi as ca
 
         plant = self.plant
         made = ("x0", plant.size, 1), ("u", plant.m, samples), ("d", plant.n, samples)
         return [(ca.SX if samples == 1 and plant.angle_shape == () else ca.MX).sym(*each) for each in made]
 
-    def _outputs(self, slopes: bool) -> Any:
+    def _outputs(self, slopes: bool) -> "Function":
         """Return the function x ↦ y = (svec K, F), and with `slopes` also (∂y/∂x)ᵀ."""
         import casadi as ca
 
@@ -149,7 +152,7 @@ class Predictor:
         y = ca.densify(self.plant.symbolic_outputs(x))
         return ca.Function("outputs", [x], [y, ca.densify(ca.jacobian(y, x).T)] if slopes else [y])
 
-    def _states(self, x0: Any, u: Any, d: Any) -> Any:
+    def _states(self, x0: "MX", u: "MX", d: "MX") -> "MX":
         """Return the states (2n + m, N + 1)."""
         import casadi as ca
 

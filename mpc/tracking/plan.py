@@ -8,7 +8,7 @@ Its status comes from whoever knows: `BAD_INPUT` and `BLIND` from the inputs (`m
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 from allocator.calculus import Array
 from mpc.deferred import Deferred
@@ -113,14 +113,14 @@ class Plan(Deferred):
             array.setflags(write=False)
 
     @classmethod
-    def later(cls, fields: Callable[..., dict[str, Any]], *values: Any) -> Self:
+    def later(cls, fields: Callable[..., dict[str, object]], *values: object) -> Self:
         """Return a plan of the fields `fields(*values)`, which are asked for when somebody looks at one of them."""
         plan = object.__new__(cls)
         plan.__dict__["_fill"] = _fill, (fields, values)
         return plan
 
 
-def _fill(plan: Plan, fields: Callable[..., dict[str, Any]], values: tuple[Any, ...]) -> None:
+def _fill(plan: Plan, fields: Callable[..., dict[str, object]], values: tuple[object, ...]) -> None:
     plan.__dict__.update(fields(*values))
     plan.__post_init__()
 

@@ -13,12 +13,12 @@ is told that the angles are not known. References that cannot be meant are refus
 import warnings
 from collections.abc import Callable
 from math import inf, isfinite, pi
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from mpc.deferred import Deferred
 from mpc.model.compensation import Compensation, FrictionState
@@ -58,7 +58,7 @@ class Task(NamedTuple):
     refused: bool  # whether the references cannot be meant: those here are substitutes
     expected: float  # the first angle as it was predicted for now [rad]; NaN at first
     now: float  # its reference now [rad]
-    known: Any  # the torque from outside that is known to act [N·m], (n,) of arms
+    known: Value  # the torque from outside that is known to act [N·m], (n,) of arms
 
     def halted(self, patience: float) -> PlanStatus | None:
         """Return why the pressures have to be held, if they have to; the angle may be predicted for `patience` [s]."""
@@ -149,15 +149,15 @@ class Preview(Deferred):
 
     # --- references and torques -------------------------------------------------------------------------------------
 
-    def _angles(self, given: Any) -> Array:
+    def _angles(self, given: object) -> Array:
         """Return the reference (ahead + 1, …) of the angles. Raises `Meaningless`, as the next two do."""
         return self._reference("theta_ref", given, self.plant.angle_shape, self.plant.check_angles, (-_TURN, _TURN))
 
-    def _stiffness(self, given: Any) -> Array:
+    def _stiffness(self, given: object) -> Array:
         """Return the reference (ahead + 1, …) of the stiffness."""
         return self._reference("K_ref", given, self.plant.stiffness_shape, self.plant.check_stiffness, (_LEAST, inf))
 
-    def _torque(self, d: Any) -> Any:
+    def _torque(self, d: object) -> Value:
         """Return the torque from outside, (n,) of an arm."""
         shape = self.plant.angle_shape
         if type(d) is float and isfinite(d) and shape == ():
@@ -173,9 +173,9 @@ class Preview(Deferred):
     def _reference(
         self,
         name: str,
-        given: Any,
+        given: object,
         shape: tuple[int, ...],
-        check: Callable[[str, Any], None],
+        check: Callable[[str, Value], None],
         usual: tuple[float, float],
     ) -> Array:
         """Return a preview (ahead + 1, *shape) of its own, from one or from a value that is held.
@@ -197,14 +197,14 @@ class Preview(Deferred):
             raise Meaningless(str(wrong)) from None
         return np.broadcast_to(reference, whole).copy()
 
-    def _substitutes(self, x: Array) -> tuple[Array, Array, Any]:
+    def _substitutes(self, x: Array) -> tuple[Array, Array, Value]:
         """Return angles, stiffness and torque in the place of those that cannot be meant."""
         shape, square, rows = self.plant.angle_shape, self.plant.stiffness_shape, (self.ahead + 1,)
         K = np.eye(square[0]) if square else np.ones(())
         angles = np.broadcast_to(x[: self.n].reshape(shape), rows + shape).copy()
         return angles, np.broadcast_to(K, rows + square).copy(), np.zeros(shape) if shape else 0.0
 
-    def _torques(self, x: Array, theta: Array, torque: Any, ringing: bool) -> Array:
+    def _torques(self, x: Array, theta: Array, torque: Value, ringing: bool) -> Array:
         """Return the torque (ahead + 1, …) from outside and of friction."""
         outside = np.broadcast_to(torque, theta.shape)
         return outside - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)

@@ -15,8 +15,8 @@ class Weights:
     Each is written as one over the square of an error that costs ½.
 
     The slacks' are exact penalties: some tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the
-    hard limits have in 250 random states near them (`mpc.tracking.penalty`); far dearer ones would cost the QP solvers
-    digits. Who makes the other weights larger than these defaults makes them larger in proportion.
+    hard limits have in 250 random states near them (`tests/mpc/tracking/hard_limits.py`). Far dearer ones would cost
+    the QP solvers digits. If the other weights exceed these defaults, the slacks' have to grow in proportion.
     """
 
     theta: float = 1 / (0.02 * DEG) ** 2  # w_θ [cost]/[rad]², angle
@@ -47,3 +47,7 @@ class Weights:
         10 % stronger than the model's it hunts at an angle weight of 1/(0.1°)².
         """
         return cls(theta=1 / (0.16 * DEG) ** 2, omega=1 / (10 * DEG) ** 2, rate=1 / (0.5 * BAR) ** 2)
+
+
+CALM = Weights(theta=1 / (0.234 * DEG) ** 2, omega=1 / (10.07 * DEG) ** 2, rate=1 / (1.526 * BAR) ** 2)
+"""Weights for an arm with dead time, noise and muscles some percent off, found by `benchmarks.arm.rough`."""

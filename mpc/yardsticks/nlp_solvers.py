@@ -3,7 +3,8 @@
 What they return is a proposal, to be certified.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
 from typing import Any, ClassVar, NamedTuple
@@ -14,7 +15,6 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.buffered import Buffered
 from mpc.tracking.qp.options import SolverOptions, with_options
-from mpc.yardsticks.interrupts import interruptible
 from mpc.yardsticks.shooting import Given, Shooting
 
 
@@ -116,3 +116,19 @@ class NLPSolver:
     def _widening(self, bound: Array) -> Array:
         size = np.where(np.isfinite(bound), np.maximum(1.0, np.abs(bound)), 0.0)
         return np.asarray(self._free * _WIDENING * size)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise `KeyboardInterrupt` for whatever CasADi makes of it inside the block.
+
+    It becomes a `RuntimeError` whose text names it, or CasADi returns to Python with it still set, which Python reports
+    as a `SystemError` caused by it. Anything else goes through. CasADi's conversions of arrays lose it without a trace:
+    functions are called through `mpc.model.buffered` where an interrupt may come.
+    """
+    try:
+        yield
+    except (RuntimeError, SystemError) as error:
+        if "KeyboardInterrupt" in str(error) or isinstance(error.__cause__, KeyboardInterrupt):
+            raise KeyboardInterrupt from None
+        raise

@@ -117,8 +117,7 @@ class Shooting:
         y = ca.vertcat(self.plant.stiffness(x), *self.plant.forces(x))
         rate = (e - BAR * (chi[NX : NX + NU] - u_star_last)) / self.dt
         rows = Rows(*(ca.vertsplit(row) for row in (x - x_star, y - y_star, e, rate)))
-        cost: SX = sum(charges(self.weights, rows, COMMANDS if first else Rows._fields).values())
-        return cost
+        return ca.SX(sum(charges(self.weights, rows, COMMANDS if first else Rows._fields).values()))
 
     def _end(self, chi: "SX", preview: "SX") -> "SX":
         """Return the terminal cost and the cost of the slacks."""

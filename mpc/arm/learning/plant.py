@@ -235,7 +235,7 @@ def _evaluated(varied: VariedArm) -> Move:
 
     x, u, v, d = varied.symbols()
     h = ca.SX.sym("h")
-    once = ca.Function("step", [x, u, v, d, h], [integrated(lambda x: varied.rate(x, u, v, d), x, h, 1)])
+    once = ca.Function("step", [x, u, v, d, h], [integrated(lambda x, t: varied.rate(x, u, v, d), x, h, 1)])
     step = Buffered(once)
 
     def move(x: Array, u: Array, v: Array, d: Array, h: float, substeps: int) -> None:

@@ -14,7 +14,7 @@ sum over j ≥ i of what belongs to φ_j, times σ_i, because q_i turns all the 
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -265,3 +265,37 @@ def leg37_bodies() -> Bodies:
 
 BODIES = {"arm26": arm26_bodies, "arm48": arm48_bodies, "leg37": leg37_bodies}
 """The bodies of the ready-made machines, which all move in a plane, by the name of the machine."""
+
+
+class MovingBodies(Protocol):
+    """`MovingBodies` are what an arm asks of its bodies, such as `Bodies`, `TreeBodies` or `MujocoBodies`.
+
+    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) where there are formulas.
+    """
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+
+    @property
+    def damping(self) -> ArrayLike:
+        """Return the damping of the hinges (n,) [N·m·s/rad]."""
+
+    @property
+    def summary(self) -> str:
+        """Return what they are, in some words."""
+
+    def mass_matrix(self, q: Value) -> Value:
+        """Return M(q) (…, n, n) [kg·m²]."""
+
+    def bias(self, q: Value, omega: Value) -> Value:
+        """Return the torques (…, n) [N·m] of a motion without acceleration."""
+
+    def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
+        """Return the torques (…, n) [N·m] of a motion."""
+
+    def gravity_torque(self, q: Value) -> Value:
+        """Return the torques (…, n) [N·m] that hold a posture."""
+
+    def gravity_stiffness(self, q: Value) -> Value:
+        """Return the slope (…, n, n) [N·m/rad] of these."""

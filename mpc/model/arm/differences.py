@@ -15,7 +15,7 @@ from allocator.calculus import Array
 from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
-from mpc.model.integration import swung
+from mpc.model.integration import integrated
 
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
 _COARSE = 1.0  # steps of the integration, in times of the fastest eigenvalue
@@ -62,14 +62,13 @@ class Differences:
         return np.array(x)
 
     def _later(self, x: Array, u: Array, d: Array) -> Array:
-        n, lags = self.arm.n, self.arm.lags
-        state = x[:n], x[n : 2 * n], x[2 * n :]
-        later = swung(
-            lambda q, omega, P: self._acceleration(q, omega, P, d),
-            lambda P, t: u + np.exp(-t / lags) * (P - u),
-            state, self.dt / self._substeps, self._substeps,
-        )  # fmt: skip
-        return np.concatenate(later)
+        n, lags, gap = self.arm.n, self.arm.lags, x[2 * self.arm.n :] - u
+
+        def rate(s: Array, t: float) -> Array:
+            return np.concatenate([s[n:], self._acceleration(s[:n], s[n:], u + np.exp(-t / lags) * gap, d)])
+
+        moved = integrated(rate, x[: 2 * n], self.dt, self._substeps)
+        return np.concatenate([moved, u + np.exp(-self.dt / lags) * gap])
 
     def _acceleration(self, q: Array, omega: Array, P: Array, d: Array) -> Array:
         """Return ω' (…, n) of states and torques (…, …)."""

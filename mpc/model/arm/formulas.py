@@ -1,28 +1,39 @@
 """The formulas of an arm in CasADi symbols: statics, outputs, acceleration, and its motion over a sample."""
 
 from math import sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allocator.mechanism import Mechanism
-from mpc.model.arm.gas import gas_motion
-from mpc.model.arm.mechanics.moving_bodies import MovingBodies
-from mpc.model.integration import integrated, swung
-from mpc.model.lengths import symbolic_jacobian, symbolic_lengths
+from allocator.joint.one_muscle import OneMuscle
+from allocator.mechanism import Mechanism, Routes
+from mpc.model.arm.bodies import MovingBodies
+from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
+from mpc.model.gas import fall
+from mpc.model.integration import integrated
+from mpc.model.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
 
 if TYPE_CHECKING:
+    from casadi import MX, SX, Function
+
     from mpc.model.arm.model import Arm
 
 
 class Statics(NamedTuple):
     """The statics are CasADi expressions at a posture: of symbols q (n, 1) and P (m, 1) [Pa]."""
 
-    q: Any
-    P: Any
-    torque: Any  # τ (n, 1) [N·m]
-    stiffness: Any  # K (n, n) [N·m/rad]
-    forces: Any  # F (m, 1) [N]
+    q: "SX"
+    P: "SX"
+    torque: "SX"  # τ (n, 1) [N·m]
+    stiffness: "SX"  # K (n, n) [N·m/rad]
+    forces: "SX"  # F (m, 1) [N]
+
+
+def missing(routes: Routes, bodies: MovingBodies) -> str:
+    """Return what has no formulas, in some words; "" if all has."""
+    found = [] if has_formulas(routes) else [f"{type(routes).__name__}, the muscles' ways,"]
+    found += [type(bodies).__name__] * isinstance(bodies, MujocoBodies)
+    return f"{' and '.join(found)} have no formulas" if found else ""
 
 
 def statics(mechanism: Mechanism) -> Statics:
@@ -32,19 +43,19 @@ def statics(mechanism: Mechanism) -> Statics:
     q, P = ca.SX.sym("q", mechanism.n), ca.SX.sym("P", mechanism.m)
     length, L = symbolic_lengths(mechanism.routes, q), mechanism.routes.rest_length
     laws = (muscle.law(P[j], (L[j] - length[j]) / L[j]) for j, muscle in enumerate(mechanism.muscles))
-    F: Any = ca.vertcat(*laws)
+    F = ca.vertcat(*laws)
     torque = -ca.jacobian(length, q).T @ F  # (M1)
     return Statics(q, P, torque, -ca.jacobian(torque, q), F)  # (M2)
 
 
-def along(name: str, s: Statics, value: Any) -> Any:
+def along(name: str, s: Statics, value: "SX") -> "Function":
     """Return the function (q, P) ↦ `value`."""
     import casadi as ca
 
     return ca.Function(name, [s.q, s.P], [value])
 
 
-def outputs(arm: "Arm") -> Any:
+def outputs(arm: "Arm") -> "SX":
     """Return the column (svec K, F), K being the stiffness that is tracked."""
     import casadi as ca
 
@@ -60,7 +71,7 @@ def outputs(arm: "Arm") -> Any:
     return ca.vertcat(*entries, arm.statics.forces)
 
 
-def joint_svec(s: Statics) -> Any:
+def joint_svec(s: Statics) -> "SX":
     """Return svec of the joints' stiffness as a column."""
     import casadi as ca
 
@@ -69,7 +80,7 @@ def joint_svec(s: Statics) -> Any:
     return ca.vertcat(*(s.stiffness[i, j] if i == j else sqrt(2) * s.stiffness[i, j] for i, j in pairs))
 
 
-def acceleration(s: Statics, bodies: MovingBodies) -> Any:
+def acceleration(s: Statics, bodies: MovingBodies) -> "Function":
     """Return the function (q, ω, P, d) ↦ ω'."""
     import casadi as ca
 
@@ -79,21 +90,37 @@ def acceleration(s: Statics, bodies: MovingBodies) -> Any:
     return ca.Function("acceleration", [s.q, omega, s.P, d], [ca.solve(bodies.mass_matrix(s.q), pushing)])
 
 
-def discrete(arm: "Arm", dt: float, substeps: int) -> Any:
+def discrete(arm: "Arm", dt: float, substeps: int) -> "Function":
     """Return the function (x, u, d) ↦ x after `dt` [s] in `substeps` of the classical Runge–Kutta method."""
     import casadi as ca
 
-    n = arm.n
+    n, lags = arm.n, arm.lags
     x, u, d = ca.MX.sym("x", arm.size), ca.MX.sym("u", arm.m), ca.MX.sym("d", n)
     if arm.gas is not None:
-        rate = gas_motion(arm)
-        later = integrated(lambda z: rate(z, u, d), x, dt, substeps)
+        motion = gas_motion(arm)
+        later = integrated(lambda z, t: motion(z, u, d), x, dt, substeps)
     else:
-        alpha, state = arm.acceleration(), (x[:n], x[n : 2 * n], x[2 * n :])
-        moved = swung(
-            lambda q, omega, P: alpha(q, omega, P, d),
-            lambda P, t: u + ca.DM(np.exp(-t / arm.lags)) * (P - u),
-            state, dt / substeps, substeps,
-        )  # fmt: skip
-        later = ca.vertcat(*moved)
+        alpha, gap = acceleration(arm.statics, arm.bodies), x[2 * n :] - u
+
+        def rate(s: "MX", t: float) -> "MX":
+            return ca.vertcat(s[n:], alpha(s[:n], s[n:], u + ca.DM(np.exp(-t / lags)) * gap, d))
+
+        moved = integrated(rate, x[: 2 * n], dt, substeps)
+        later = ca.vertcat(moved, u + ca.DM(np.exp(-dt / lags)) * gap)
     return ca.Function("discrete", [x, u, d], [later], ["x", "u", "d"], ["x_next"])
+
+
+def gas_motion(arm: "Arm") -> "Function":
+    """Return the function (x, u, d) ↦ x' of an arm with gas, `mpc.model.gas` muscle by muscle   (G3)"""
+    import casadi as ca
+
+    s, mechanism, n = arm.statics, arm.mechanism, arm.n
+    omega, u, d = ca.SX.sym("omega", n), ca.SX.sym("u", arm.m), ca.SX.sym("d", n)
+    length, L = symbolic_lengths(mechanism.routes, s.q), mechanism.routes.rest_length
+    speed, rates = ca.jacobian(length, s.q) @ omega, []
+    for j, muscle in enumerate(mechanism.muscles):
+        side = OneMuscle(muscle, "muscle", L[j], 1 - length[j] / L[j], 1.0, 0.0, 1.0, mechanism.gas)
+        rates.append((u[j] - s.P[j]) / float(arm.lags[j]) + fall(side, s.P[j]) * speed[j])
+    x = ca.vertcat(s.q, omega, s.P)
+    alpha = acceleration(s, arm.bodies)(s.q, omega, s.P, d)
+    return ca.Function("motion", [x, u, d], [ca.vertcat(omega, alpha, *rates)])

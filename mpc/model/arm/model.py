@@ -13,35 +13,35 @@ them; with gas pressures are integrated, too.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from math import ceil, sqrt
-from typing import Any, Self
+from math import sqrt
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.allocation import allocate
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas, Stiffness
 from allocator.joint.limits import Limits
 from allocator.mechanism import Mechanism, machines, warm_up
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
+from allocator.mechanism.routes.mjcf import Source
 from allocator.muscles import Muscle
 from allocator.units import BAR
-from mpc.model.arm import formulas
+from mpc.model.arm import formulas, ranges
 from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.formulas import Statics
-from mpc.model.arm.gas import squeezed
-from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
 from mpc.model.arm.pneumatics import Pneumatics
-from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment
-from mpc.model.lengths import has_formulas
-from mpc.model.machine import Held, Labels
+from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, check_stiffness, substeps
+from mpc.model.gas import gas_of
+
+if TYPE_CHECKING:
+    from casadi import SX, Function
 
 _MOST_SUBSTEPS = 1000  # in a sample
 _MISSED = 1e-6  # of a stiffness, or [N·m]
-_SYMMETRIC = 1e-9  # of the greatest entry
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Arm:
     """An `Arm` is a mechanism with bodies and regulators; immutable. SI units."""
 
     mechanism: Mechanism
-    bodies: Any  # `mechanics.moving_bodies`: `Bodies`, `TreeBodies` or `MujocoBodies`
+    bodies: Any  # `Bodies`, `TreeBodies` or `MujocoBodies`
     lag: float | tuple[float, ...] = 0.1  # τ of the regulators [s], one or m of them
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
     endpoint: Endpoint | None = None  # whose stiffness K_x [N/m] is tracked; None: K of the joints
@@ -63,7 +63,10 @@ class Arm:
         if self.bodies.n != n:
             raise InvalidInput(f"Arm: bodies of {self.bodies.n} links for a mechanism with n = {n} joints")
         if self.endpoint is not None:
-            self._check_endpoint(self.endpoint)
+            if not isinstance(self.endpoint, Endpoint):
+                raise InvalidInput(f"Arm: endpoint is a {type(self.endpoint).__name__}; expected an Endpoint")
+            if not self.endpoint.dim <= self.endpoint.n == n:
+                raise InvalidInput(f"Arm: {self.endpoint.text} for a mechanism with n = {n} joints")
         self._check_gas()
         lag = checks.real("Arm: lag", self.lag, "s")
         if lag.shape not in ((), (m,)) or not ((lag >= 1e-4) & (lag <= 10)).all():
@@ -75,28 +78,20 @@ class Arm:
                 f"Arm: slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5"
             )
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Leave out the formulas, which CasADi does not write out: each process makes them for itself."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def _check_gas(self) -> None:
-        gas = self.mechanism.gas if self.gas is True else None if self.gas is False else self.gas
-        if gas is not None and not isinstance(gas, Gas):
-            raise InvalidInput(f"Arm: gas = {checks.brief(self.gas)} has to be a Gas(kappa, atmosphere), True or None")
+        gas = gas_of("Arm: gas", self.gas, self.mechanism.gas)
         object.__setattr__(self, "gas", gas)
         if gas is None:
             return
-        if not self.has_formulas:
+        if self.unformulated:
             raise InvalidInput(f"Arm: gas needs formulas, and {self.unformulated}")
         if self.mechanism.gas != gas:
             object.__setattr__(self, "mechanism", replace(self.mechanism, gas=gas))
         Pneumatics(self.mechanism.muscles, self.mechanism.routes.rest_length, gas=gas)  # that volumes are known
-
-    def _check_endpoint(self, endpoint: Any) -> None:
-        if not isinstance(endpoint, Endpoint):
-            raise InvalidInput(f"Arm: endpoint is a {type(endpoint).__name__}; expected an Endpoint")
-        if not endpoint.dim <= endpoint.n == self.mechanism.n:
-            raise InvalidInput(f"Arm: {endpoint.text} for a mechanism with n = {self.mechanism.n} joints")
 
     @classmethod
     def machine(cls, name: str) -> "Arm":
@@ -108,24 +103,22 @@ class Arm:
     @classmethod
     def from_mjcf(
         cls,
-        source: Any,
+        source: Source,
         muscles: Muscle | Sequence[Muscle],
-        rest_length: Any = None,
+        rest_length: ArrayLike | None = None,
         *,
-        cable: Any = None,
-        contraction: Any = None,
+        cable: ArrayLike | None = None,
+        contraction: ArrayLike | None = None,
         pressure_limits: tuple[float, float] = (0.0, 5 * BAR),
         lag: float | tuple[float, ...] = 0.1,
         slew: float = 5 * BAR,
     ) -> Self:
         """Return the arm of a MuJoCo model: a file, MJCF text or an `MjModel`, whose joints are hinges.
 
-        `muscles`, one for all tendons or m of them, and `rest_length` and `cable` [m] are those of
-        `Mechanism.from_mjcf`; instead of `cable` the `contraction` [-] may be given that the muscles have in the
-        model's own posture. What has formulas gets them; else MuJoCo is asked (`mpc.model.arm.reading`), and the
-        controller's step is slow. Contacts, stops, dry friction and actuators are not in the arm. Raises
-        `InvalidFile`, also for joints of other kinds and for equality constraints, `InvalidInput` and
-        `MissingPackage`.
+        `muscles`, `rest_length` and `cable` [m] are those of `Mechanism.from_mjcf`; `contraction` [-] of the muscles in
+        the model's own posture may replace `cable`. Parts without formulas are asked of MuJoCo, and the controller's
+        step is slow then. Contacts, stops, dry friction and actuators are left out. Raises `InvalidFile`, also for
+        other joints and for equality constraints, `InvalidInput` and `MissingPackage`.
         """
         from mpc.model.arm.reading import read_arm
 
@@ -192,8 +185,6 @@ class Arm:
         turn = np.full(self.n, 2 * np.pi)
         return (-turn, turn) if limits is None else (np.array(limits)[:, 0], np.array(limits)[:, 1])
 
-    # --- numbers ----------------------------------------------------------------------------------------------------
-
     def stiffness(self, x: Array) -> Array:
         """Return K (…, n, n) [N·m/rad] in the states `x` (…, 2n + m)."""
         return self.mechanism.stiffness(*self._held(x))
@@ -231,15 +222,8 @@ class Arm:
 
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
         """Return the pressures along a motion: angles (M, n), stiffness (M, k, k) and torques (M, n)."""
-        found = allocate(
-            theta,
-            K,
-            T,
-            joint=self.mechanism,
-            limits=Limits(min_force),
-            stiffness=Stiffness(endpoint=self.endpoint),
-            along=0 if len(theta) > 1 else None,
-        )
+        kind, along = Stiffness(endpoint=self.endpoint), 0 if len(theta) > 1 else None
+        found = allocate(theta, K, T, joint=self.mechanism, limits=Limits(min_force), stiffness=kind, along=along)
         joints = self.endpoint is None
         given, missed = (found.K, found.K_error) if joints else (found.K_x, found.K_x_error)
         return Held(found.P, self.svec(given), missed, found.T_error)
@@ -254,25 +238,24 @@ class Arm:
         return np.asarray(self.bodies.gravity_torque(q) - self.mechanism.torque(q, P))
 
     def torque_reach(self) -> tuple[Array, Array]:
-        """Return the greatest |T| (n,) [N·m] that the muscles could have together in the middle of the ranges, and
-        anywhere.
-        """
-        q = np.vstack([self.middle, self._about_the_middle])
-        P = np.full((len(q), self.m), self.pressure_limits[1])
-        pulls = np.abs(self.mechanism.arms(q)) * np.abs(self.mechanism.forces(q, P))[..., None]
-        torques = pulls.sum(axis=-2)
-        return torques[0], torques.max(axis=0)
+        """Return the greatest |T| (n,) [N·m] of the muscles together in the middle of the ranges, and anywhere."""
+        return ranges.torque_reach(self)
 
     def expansion(self, x: Array) -> Array:
         """Return how fast the pressures (m, …) fall in the states `x` [2n + m, …] as the muscles swell [Pa/s]."""
         q, omega, P = x[: self.n].T, x[self.n : 2 * self.n].T, x[2 * self.n :].T
-        return np.asarray(0.0 * P.T if self.gas is None else -squeezed(self.mechanism, q, omega, P).T)
+        if self.gas is None:
+            return np.asarray(0.0 * P.T)
+        routed = self.mechanism.routes.at(np.asarray(q, float))
+        speed = -(routed.arm @ np.asarray(omega, float)[..., None])[..., 0]  # l' = -r·ω
+        filled = Pneumatics(self.mechanism.muscles, self.mechanism.routes.rest_length, gas=self.gas)
+        return np.asarray(-filled.squeezed(np.asarray(P, float), routed.length, speed).T)
 
     def angles(self, x: Array) -> Array:
         """Return the angles (…, n) [rad] in the states `x` (…, 2n + m)."""
         return x[..., : self.n]
 
-    def along(self, x: Array, gains: Any = 1.0) -> tuple[Array, Array]:
+    def along(self, x: Array, gains: ArrayLike = 1.0) -> tuple[Array, Array]:
         """Return the tracked stiffness (M, k, k) and the muscle forces (M, m) [N] in the states `x` (M, 2n + m).
 
         The muscles pull `gains` [-], a number or (m,), times as hard as their laws say.
@@ -317,14 +300,7 @@ class Arm:
 
     def check_stiffness(self, name: str, K: Array) -> None:
         """Raise `InvalidInput` for stiffness matrices (M, k, k) that cannot be meant."""
-        if not np.isfinite(K).all():
-            raise InvalidInput(f"{name} is not finite [{self.stiffness_unit}]")
-        if np.abs(K - K.swapaxes(-1, -2)).max() > _SYMMETRIC * np.abs(K).max():
-            raise InvalidInput(f"{name} is not symmetric: a stiffness is, K_ij = K_ji")
-        try:
-            np.linalg.cholesky(K)
-        except np.linalg.LinAlgError:
-            raise InvalidInput(f"{name} is not positive definite: such a posture does not hold itself") from None
+        check_stiffness(name, K, self.stiffness_unit)
 
     @property
     def nominal(self) -> "Arm":
@@ -335,22 +311,10 @@ class Arm:
         """Begin an experiment from the state `x0` (2n + m,) with commands every `dt` [s]; no noise needs the `seed`."""
         return ExactExperiment(self.discrete(dt, FINE), x0)
 
-    # --- formulas ---------------------------------------------------------------------------------------------------
-
-    @property
-    def has_formulas(self) -> bool:
-        """Return whether all of it has formulas, which compilers and CasADi need."""
-        return not self.unformulated
-
     @property
     def unformulated(self) -> str:
         """Return what of it has no formulas, in some words; "" if all has."""
-        routes, found = self.mechanism.routes, []
-        if not has_formulas(routes):
-            found.append(f"{type(routes).__name__}, the muscles' ways,")
-        if isinstance(self.bodies, MujocoBodies):
-            found.append(f"{type(self.bodies).__name__}")
-        return f"{' and '.join(found)} have no formulas" if found else ""
+        return formulas.missing(self.mechanism.routes, self.bodies)
 
     @property
     def tracked(self) -> int:
@@ -373,39 +337,18 @@ class Arm:
         return "N·m/rad" if self.endpoint is None else "N/m"
 
     @cached_property
-    def lever(self) -> float:
-        """Return the lever [m/rad] by whose square a stiffness of the endpoint [N/m] is weighed as a joint's.
-
-        It is the mean size of the endpoint's Jacobian over some postures of its range; 1 for the joints' own.
-        """
-        if self.endpoint is None:
-            return 1.0
-        J = self.endpoint.jacobian(self._about_the_middle)
-        return float(np.sqrt(np.mean((J**2).sum(axis=(-1, -2)) / self.tracked)))
-
-    @cached_property
     def middle(self) -> Array:
         """Return a posture (n,) [rad] in the middle of the ranges; about it, where that is singular for an endpoint."""
-        low, high = self.angle_limits
-        if self.endpoint is None:
-            return np.asarray((low + high) / 2)
-        sizes = np.linalg.svd(self.endpoint.jacobian(self._about_the_middle), compute_uv=False)
-        return np.asarray(self._about_the_middle[np.argmax(sizes[:, -1])])
+        return ranges.middle(self)
 
-    @property
-    def _about_the_middle(self) -> Array:
-        """Return some postures (32, n) [rad] of the middle halves of the ranges."""
-        low, high = self.angle_limits
-        return np.asarray(low + (0.25 + 0.5 * np.random.default_rng(0).random((32, self.n))) * (high - low))
+    @cached_property
+    def entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+        """Rows, columns and factors of svec K: K11, √2 K12, …, K22, …, whose square is that of all of K.
 
-    @property
-    def entries(self) -> tuple[Any, Any, Array]:
-        """Return rows, columns and factors of svec K: K11, √2 K12, …, K22, …, whose square is that of all of K.
-
-        The endpoint's are those of `lever`² K_x [N·m/rad].
+        The endpoint's are those of lever² K_x [N·m/rad], which is weighed as a joint's stiffness (`ranges.lever`).
         """
         rows, columns = np.triu_indices(self.tracked)
-        return rows, columns, self.lever**2 * np.where(rows == columns, 1.0, sqrt(2))
+        return rows, columns, ranges.lever(self) ** 2 * np.where(rows == columns, 1.0, sqrt(2))
 
     def svec(self, K: Array) -> Array:
         """Return svec K (…, k(k+1)/2) of matrices (…, k, k)."""
@@ -425,56 +368,27 @@ class Arm:
         return formulas.statics(self.mechanism)
 
     @cached_property
-    def outputs(self) -> Any:
+    def outputs(self) -> "SX":
         """The CasADi column (svec K, F) over `statics.q` and `statics.P`."""
         return formulas.outputs(self)
 
-    @property
-    def joint_svec(self) -> Any:
-        """Svec of the joints' stiffness as a CasADi column, whatever stiffness is tracked."""
-        return formulas.joint_svec(self.statics)
-
-    def symbolic_outputs(self, x: Any) -> Any:
+    def symbolic_outputs(self, x: Value) -> Value:
         """Return the CasADi column (svec K, F) in the state `x` (2n + m,)."""
         return formulas.along("outputs", self.statics, self.outputs)(x[: self.n], x[2 * self.n :])
 
-    def acceleration(self) -> Any:
-        """Return the CasADi function (q, ω, P, d) ↦ ω', with P in Pa and torques d (n,) [N·m] from outside."""
-        return formulas.acceleration(self.statics, self.bodies)
-
-    def discrete(self, dt: float, resolution: float = RESOLUTION) -> Any:
+    def discrete(self, dt: float, resolution: float = RESOLUTION) -> "Function":
         """Return the CasADi function (x, u, d) ↦ x after `dt` [s] of constant u (m,) [Pa] and d (n,) [N·m]."""
         return formulas.discrete(self, dt, self.substeps(dt, resolution))
 
     @cached_property
     def fastest_rate(self) -> float:
         """Return an estimate of the fastest eigenvalue [1/s] at full pressure; integration steps are chosen by it."""
-        low, high = self.angle_limits
-        fastest = float(np.max(1 / self.lags))
-        for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-            q = low + share * (high - low) if self.mechanism.angle_limits else np.zeros(self.n)
-            P = np.full(self.m, self.mechanism.pressure_limits[1])
-            # how stiff fast motions find it
-            own = self.mechanism.stiffness(q, P, "open" if self.gas is None else "shut")
-            stiff = own + self.bodies.gravity_stiffness(q)
-            M = self.bodies.mass_matrix(q)
-            below = -np.linalg.solve(M, np.hstack([stiff, np.diag(self.bodies.damping)]))
-            both = np.vstack([np.hstack([np.zeros((self.n, self.n)), np.eye(self.n)]), below])
-            fastest = max(fastest, float(np.abs(np.linalg.eigvals(both)).max()))
-        return fastest
+        return ranges.fastest_rate(self)
 
     def substeps(self, dt: float, resolution: float) -> int:
-        """Return how many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`.
-
-        Raises `InvalidInput` where there are more than 1000.
-        """
-        steps = dt * self.fastest_rate / resolution
-        if not steps <= _MOST_SUBSTEPS:
-            raise InvalidInput(
-                f"this arm moves within {1 / self.fastest_rate:.3g} s, so that dt = {dt:g} s would take {steps:.3g} "
-                "steps of integration; check masses, inertias and damping of its bodies"
-            )
-        return ceil(steps)
+        """Return how many equal steps over `dt` [s] resolve `fastest_rate`. Raises `InvalidInput` above 1000."""
+        check = "; check masses, inertias and damping of its bodies"
+        return substeps("this arm", dt, self.fastest_rate, resolution, _MOST_SUBSTEPS, check)
 
     @property
     def summary(self) -> str:

@@ -20,7 +20,7 @@ from allocator.joint.gas import AIR, Gas
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.routes.base import per_muscle, rest_lengths
 from allocator.muscles import Muscle
-from mpc.model.gas import fall
+from mpc.model.gas import fall, gas_of
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,7 @@ class Pneumatics:
             object.__setattr__(self, name, row)
         if (wrong := self.lag > _SLOWEST).any():
             raise InvalidInput(f"lag{checks.at(self.lag, wrong)} s is no regulator's; if milliseconds, divide by 1000")
-        gas = AIR if self.gas is True else None if self.gas is False else self.gas
-        if gas is not None and not isinstance(gas, Gas):
-            raise InvalidInput(f"gas = {checks.brief(self.gas)} has to be a Gas(kappa, atmosphere), True or None")
+        gas = gas_of("gas", self.gas, AIR)
         object.__setattr__(self, "gas", gas)
         if gas is not None:
             self.volumes(self.rest_length, np.zeros(m))  # that they are known

@@ -11,7 +11,6 @@ gas = true                     # reckon with the machine's gas; or without this 
 """
 
 from dataclasses import fields
-from typing import Any
 
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
@@ -31,7 +30,7 @@ def save_arm(arm: Arm, path: FilePath) -> None:
     if not isinstance(arm.bodies, Bodies):
         raise InvalidInput(f"{type(arm.bodies).__name__} cannot be written to a file; keep the MuJoCo model")
     lags = tuple(arm.lags.tolist())
-    numbers: dict[str, Any] = {"lag": lags[0] if len(set(lags)) == 1 else lags, "slew": arm.slew}
+    numbers: dict[str, object] = {"lag": lags[0] if len(set(lags)) == 1 else lags, "slew": arm.slew}
     numbers |= {} if arm.gas is None else {"gas": True}
     bodies = {f.name: getattr(arm.bodies, f.name) for f in fields(Bodies)}
     lines = section("bodies", bodies, "SI units: m, kg, kg·m², N·m·s/rad, m/s²") + section("plant", numbers, "s, Pa/s")

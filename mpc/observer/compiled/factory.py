@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 class Readable(NamedTuple):
     """What is readable says what it remembers, and goes on from what it is told."""
 
-    remembered: Callable[[], dict[str, Any] | None]  # the fields of `State` and `Tail`, None where some have no place
+    remembered: Callable[
+        [], dict[str, object] | None
+    ]  # the fields of `State` and `Tail`, None where some have no place
     go_on: Callable[[State, Tail], None]  # from copies of what is in these
     conclude: Callable[[], None]  # anew what is wrong with the joint
 

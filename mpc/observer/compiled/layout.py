@@ -126,7 +126,7 @@ class Made(NamedTuple):
         self.records["now"], self.kept[0][...] = other.records["now"], other.kept[0]
 
 
-def made(known: Mapping[str, Any], c: Array, friction: Array, sizes: tuple[int, ...]) -> Made:
+def made(known: Mapping[str, object], c: Array, friction: Array, sizes: tuple[int, ...]) -> Made:
     """Return what a sample works on: what is `known`, the formulas' numbers `c`, and the `sizes` (5,) of a `Tail`."""
     records, ends = new_records(Sample), [*accumulate(sizes, initial=0)]
     flat, past = np.full((2, ends[-1]), np.nan)

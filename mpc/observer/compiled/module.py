@@ -7,7 +7,7 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -23,6 +23,9 @@ from mpc.observer import diagnosis, pressure_diagnosis, torque_diagnosis
 from mpc.observer.compiled.layout import Made, made
 from mpc.observer.diagnosis import Diagnosis, pulling
 from mpc.observer.filter import Filter
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 _HERE = Path(__file__).parent
 _TEMPLATE = _HERE / "sample.py"
@@ -51,12 +54,12 @@ def compiled_filter(own: Filter) -> CompiledFilter:
     return CompiledFilter(module, c, friction)
 
 
-def _formulas(plant: Plant) -> dict[str, Any]:
+def _formulas(plant: Plant) -> dict[str, "Function"]:
     """Return CasADi functions by the names that they have in the template."""
     import casadi as ca
 
     x, v, d = ca.SX.sym("x", NX), ca.SX.sym("v", NU), ca.SX.sym("d")
-    rate: Any = ca.vertcat(*plant.rate(x, v, d))
+    rate = ca.SX(ca.vertcat(*plant.rate(x, v, d)))
     slopes = ca.densify(ca.jacobian(rate, ca.vertcat(x, d)))
     muscles = ca.densify(ca.vertcat(pulling(plant)(x), plant.isobaric(x)))
     return {

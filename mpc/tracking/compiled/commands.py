@@ -1,28 +1,26 @@
 """Commands keep their limits, leave their reference and are moved by decisions: this is how."""
 
-from typing import Any
-
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import inlined
-from mpc.tracking.compiled.records import Bounded, Errors, Path, Reference, Setting
+from mpc.tracking.compiled.records import Bounded, Errors, Indices, Path, Reference, Setting
 from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
 
 
 @inlined
-def limit(low: float, high: float, step: float, last1: float, last2: float, commands: Array) -> None:
-    """Move `commands` (N, 2) as `mpc.tracking.limits.Limits.limited` does; the last one was (last1, last2).
+def limit(low: float, high: float, step: float, before: Array, unit: float, commands: Array) -> None:
+    """Move `commands` (N, m) as `mpc.tracking.limits.Limits.limited` does; the last one was `before` (m,) / `unit`.
 
     The slew limit comes first: from outside the supply's range commands return as fast as it lets them.
     """
     for i in range(NU):
-        previous = last1 if i == 0 else last2
+        last = before[i] / unit
         for k in range(commands.shape[0]):
             wanted = min(max(commands[k, i], low), high)
-            previous = min(max(wanted, previous - step), previous + step)
-            commands[k, i] = previous
+            last = min(max(wanted, last - step), last + step)
+            commands[k, i] = last
 
 
 @inlined
@@ -51,7 +49,7 @@ def slew_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> No
 
 
 @inlined
-def cumulative(starts: Any, z: Array, du: Array) -> None:
+def cumulative(starts: Indices, z: Array, du: Array) -> None:
     """Set `du` (N, 2) to E z, the sum of the changes up to each command."""
     block, d0, d1 = 0, 0.0, 0.0
     for k in range(du.shape[0]):

@@ -2,8 +2,9 @@
 
 import warnings
 from contextlib import nullcontext
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,15 +14,17 @@ from allocator.units import BAR
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
-from mpc.tracking.compiled.arm.factory import arm_parts
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
-from mpc.tracking.feedforward import InverseDynamics
+from mpc.tracking.feedforward import FeedForwardOf, InverseDynamics
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.step import CompilingBeside, QPStep, ReadableQPStep, SlowStep
+from mpc.tracking.qp.solvers import DAQP
+from mpc.tracking.qp.step import CompilingBeside, PreviousSample, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
+    from mpc.tracking.compiled.arm.qp_step import CompiledArmQPStep
+    from mpc.tracking.compiled.records import Setting
     from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
 
@@ -29,7 +32,7 @@ class Parts(NamedTuple):
     """The parts are what a `TrackingMPC` works with."""
 
     qp_step: QPStep
-    feed_forward: Any  # `mpc.tracking.base._FeedForwardOf`
+    feed_forward: FeedForwardOf
 
 
 def factory(
@@ -44,15 +47,14 @@ def factory(
 ) -> Parts:
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails.
 
-    Who does not `wait` gets the readable ones, too, with a `CompilingBeside` warning, where nothing is compiled yet and
-    another process can do it. Where the joint has no kernel all wait: the search of its optimum has to be compiled;
-    and so do arms.
-    Unless `compiled` is wanted the readable ones are returned without a word.
+    If `wait` is false and nothing is compiled yet, return the readable ones, warn with `CompilingBeside`, and compile
+    in another process. A joint without a kernel and an arm always wait. If `compiled` is false, return the readable
+    ones without a warning.
     """
     if not compiled:
         return Parts(ReadableQPStep(problem, predictor), feed_forward)
     if isinstance(plant, Arm):
-        return Parts(*arm_parts(plant, dt, problem, predictor, feed_forward))
+        return _of_arm(plant, dt, problem, predictor, feed_forward)
     assert isinstance(plant, Plant)
     try:
         from mpc.tracking.compiled.module import compiled_plant
@@ -66,13 +68,50 @@ def factory(
             return factory(plant, dt, problem, predictor, feed_forward)
         notice(_BESIDE, CompilingBeside)
         return Parts(ReadableQPStep(problem, predictor), feed_forward)
-    except (
-        Exception
-    ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
-        reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
-    said = f"the controller's step is not compiled and takes about ten times as long: {reason}"
-    notice(said, SlowStep)
+    except Exception as failure:  # see `_tell`
+        _tell("takes about ten times as long", failure)
     return Parts(ReadableQPStep(problem, predictor, _structured(problem)), feed_forward.ready())
+
+
+def _of_arm(
+    arm: Arm, dt: float, problem: TrackingProblem, predictor: Predictor, feed_forward: InverseDynamics
+) -> Parts:
+    ready = feed_forward.ready()
+    if arm.unformulated or arm.gas is not None:
+        why = arm.unformulated or "with gas the motion moves the pressures"
+        notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
+        return Parts(ReadableQPStep(problem, predictor), ready)
+    try:
+        from mpc.tracking.compiled.arm.inverse_dynamics import CompiledArmFeedForward
+        from mpc.tracking.compiled.arm.module import compiled_arm
+        from mpc.tracking.compiled.arm.qp_step import CompiledArmQPStep
+
+        made = compiled_arm(arm, dt)
+        redundant = arm.tracked < arm.n  # K_x is not linear in the pressures then
+        feed = ready if redundant else CompiledArmFeedForward(arm, made, ready)
+        step = CompiledArmQPStep(arm, dt, made, problem)
+        _compile(arm, problem, step, feed)
+        return Parts(step, feed)
+    except Exception as failure:  # see `_tell`
+        _tell("takes some ten times as long", failure)
+    return Parts(ReadableQPStep(problem, predictor), ready)
+
+
+def _compile(arm: Arm, problem: TrackingProblem, step: "CompiledArmQPStep", feed_forward: FeedForwardOf) -> None:
+    """Compile now, and not when the arm is waiting for its first command."""
+    N = sum(problem.blocks)
+    P = np.full(arm.m, np.mean(problem.limits.pressure))
+    x = np.concatenate([arm.middle, np.zeros(arm.n), P])
+    K, d = np.diag(np.diag(arm.tracked_stiffness(x))), np.zeros((N + 1, arm.n))
+    feed = feed_forward(np.tile(x[: arm.n], (N + 1, 1)), np.tile(K, (N + 1, 1, 1)), d)
+    step(x, np.tile(P, (N, 1)), d[:-1], feed, PreviousSample(P, P), DAQP(), inf)
+    step.whole_qp()
+
+
+def _tell(longer: str, failure: Exception) -> None:
+    """Warn of no compiler, no place for its work, a formula too long, or a fault of the compiler's own."""
+    reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
+    notice(f"the controller's step is not compiled and {longer}: {reason}", SlowStep)
 
 
 _BESIDE = (
@@ -100,8 +139,8 @@ def _structured(problem: TrackingProblem) -> "StructuredQP | None":
         return None
 
 
-def setting(problem: TrackingProblem) -> Any:
-    """Return what the compiled functions have to know of `problem`, a `records.Setting`."""
+def setting(problem: TrackingProblem) -> "Setting":
+    """Return what the compiled functions have to know of `problem`."""
     from mpc.tracking.compiled.records import Bounds, Cost, Setting
 
     rows, limits, L = problem.rows, problem.limits, problem.L

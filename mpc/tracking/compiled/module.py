@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import translated
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
-from mpc.tracking.compiled.variational import layout, variational
+
+if TYPE_CHECKING:
+    from casadi import SX, Function
 
 _IMPORTS = """import math
 
@@ -84,13 +86,13 @@ def allocated(theta, K, T, p, left, right, min_force, c):
 }
 
 
-def _functions(plant: Plant) -> dict[str, Any]:
+def _functions(plant: Plant) -> dict[str, "Function"]:
     """Return the CasADi functions that the template lists."""
     import casadi as ca
 
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-    rate: Any = ca.vertcat(*plant.rate(x, BAR * u, d))
-    y: Any = ca.vertcat(plant.stiffness(x), *plant.forces(x))
+    rate = ca.SX(ca.vertcat(*plant.rate(x, BAR * u, d)))
+    y = ca.vertcat(plant.stiffness(x), *plant.forces(x))
     return {
         "rate": ca.Function("rate", [x, u, d], ca.cse([rate])),
         "variational": variational(x, u, d, rate),
@@ -108,13 +110,65 @@ def _kernel_of(plant: Plant) -> JointKernel:
     return kernel if plant.shares is None or kernel.name == "affine" else kernel._replace(name="", p=())
 
 
-def _coefficients(plant: Plant) -> dict[str, Any]:
+def _coefficients(plant: Plant) -> dict[str, "Function"]:
     """Return what the affine kernel takes of both muscles at an angle, a CasADi function, if it is the joint's."""
     import casadi as ca
 
     if _kernel_of(plant).name != "affine":
         return {}
     theta = ca.SX.sym("theta")
-    sides: list[Any] = [ca.SX(value) for side in coefficients(plant.joint, theta, plant.shares) for value in side]
-    both: Any = ca.cse([ca.densify(ca.vertcat(*sides))])
+    sides = [ca.SX(value) for side in coefficients(plant.joint, theta, plant.shares) for value in side]
+    both = ca.cse([ca.densify(ca.vertcat(*sides))])
     return {"coefficients": ca.Function("coefficients", [theta], both)}
+
+
+# --- derivatives along the motion: S' = ∂f/∂x S + (0, ∂f/∂u), from S = (1, 0) ----------------------------------------
+# S = (A, B) has zeros that stay. The other entries alone are reckoned with, as scalars of one tuple
+# y = (x, entries of S, columns first), which never goes through the memory.
+
+
+def variational(x: "SX", u: "SX", d: "SX", rate: "SX") -> "Function":
+    """Return the CasADi function (x, S, u, d) ↦ (x', S') of x' = `rate`, an expression of `x`, `u` and `d`; of S and S'
+    the entries of the same places are there.
+    """
+    import casadi as ca
+
+    jacobian, source = ca.jacobian(rate, x), ca.horzcat(ca.SX(NX, NX), ca.jacobian(rate, u))
+    pattern, grown = None, ca.horzcat(ca.DM.eye(NX), ca.DM(NX, NU)).sparsity()
+    while pattern is None or grown != pattern:
+        pattern, S = grown, ca.SX.sym("S", grown)
+        slope = jacobian @ S + source
+        grown = pattern.unite(slope.sparsity())
+    return ca.Function("variational", [x, S, u, d], ca.cse([rate, ca.project(slope, pattern)]))
+
+
+def layout(variational: "Function") -> str:
+    """Return the text of functions of y: how it is `begun` at a state, `advanced` along a slope, and `ended`."""
+    places = list(zip(*variational.sparsity_in(1).get_triplet(), strict=True))
+    states, M = [f"x[{i}]" for i in range(NX)], NX + len(places)
+    slots = {(i, j): f"A[{i}, {j}]" if j < NX else f"B[{i}, {j - NX}]" for i in range(NX) for j in range(NX + NU)}
+    values = dict.fromkeys(slots, "0.0") | {place: f"y[{NX + n}]" for n, place in enumerate(places)}
+    ended = [f"{state} = y[{i}]" for i, state in enumerate(states)] + [f"{slots[at]} = {values[at]}" for at in slots]
+    return _FUNCTIONS.format(
+        begun=", ".join(states + ["1.0" if i == j else "0.0" for i, j in places]),
+        advanced=", ".join(f"y[{i}] + a * slope[{i}]" for i in range(M)),
+        ended="\n    ".join(ended),
+    )
+
+
+_FUNCTIONS = """@merged
+def begun(x):
+    return ({begun},)
+
+
+@merged
+def advanced(y, a, slope):
+    return ({advanced},)
+
+
+@merged
+def ended(y, x, A, B):
+    {ended}
+
+
+"""

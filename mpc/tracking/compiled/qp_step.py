@@ -7,7 +7,7 @@ dense QP as by the readable step, and so is DAQP where the structured one has no
 """
 
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class CompiledQPStep:
         self._arrays = StepArrays(plant, sum(problem.blocks), self.structured)
         self.linearise()  # compiles now, and not when the joint is waiting for its first command
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledQPStep":
+    def __deepcopy__(self, memo: dict[int, object]) -> "CompiledQPStep":
         """Return one with buffers of its own."""
         other = CompiledQPStep(self.plant, self._problem)
         other.active_set = self.active_set
@@ -95,7 +95,7 @@ class CompiledFeedForward:
         rest = np.zeros(len(readable.slopes[0]))
         self(rest, rest + 1.0, rest)  # compiles it
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledFeedForward":
+    def __deepcopy__(self, memo: dict[int, object]) -> "CompiledFeedForward":
         """Return one with buffers of its own."""
         return CompiledFeedForward(self._plant, self.readable)
 

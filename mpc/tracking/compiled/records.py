@@ -1,11 +1,20 @@
-"""These are the values that the compiled functions hand to each other. Commands count in bar here, as decisions do."""
+"""Records of the compiled functions. Commands count in bar here, as decisions do.
 
-from typing import Annotated, Any, NamedTuple
+Those with lengths lie in flat arrays, which Python hands over in a fraction of the time: numba opens a record argument
+field by field, and at some dozens of arrays that takes longer than the step itself.
+"""
+
+from collections.abc import Callable
+from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
+from mpc.codegen.views import length_of, viewer
+
+Indices: TypeAlias = NDArray[np.int64]
+Signs: TypeAlias = NDArray[np.int8]  # of multipliers: which bound a change is held at
 
 
 class Cost(NamedTuple):
@@ -38,7 +47,7 @@ class Setting(NamedTuple):
     tolerance: float  # of rows left out [bar], [rad], [N]
     accuracy: float  # of an answer [bar]
     slack: Annotated[Array, 4]  # ρ, ρ₂, ρ_F, ρ_F₂
-    starts: NDArray[np.int64]  # samples at which the commands may leave ū
+    starts: Indices  # samples at which the commands may leave ū
 
 
 class Path(NamedTuple):
@@ -82,4 +91,31 @@ class Bounded(NamedTuple):
 
     lower: Array  # (N, 2) [bar]
     upper: Array  # (N, 2) [bar]
-    there: Any  # (N,) whether there is one, at the starts of blocks; else the bounds are 0
+    there: Mask  # (N,) whether there is one, at the starts of blocks; else the bounds are 0
+
+
+class Given(NamedTuple):
+    """The given is what is new in a step."""
+
+    x: Annotated[Array, 4]
+    u: Annotated[Array, "N", 2]  # commands to begin from [Pa]
+    d: Annotated[Array, "N"]  # [N·m]
+    reference: Reference
+    last: Annotated[Array, 2, 2]  # command and feed-forward of the previous sample [Pa]
+
+
+class Along(NamedTuple):
+    """A path and its commands."""
+
+    path: Path
+    u: Annotated[Array, "N", 2]  # [bar]
+
+
+setting_in: Callable[[Array, Indices], Setting] = viewer(Setting)
+given_in: Callable[[Array], Given] = viewer(Given)
+path_in: Callable[[Array], Along] = viewer(Along)
+
+
+def lengths(N: int) -> tuple[int, int]:
+    """Return the lengths of the buffers of a `Given` and of a path."""
+    return length_of(Given, N), length_of(Along, N)

@@ -2,7 +2,7 @@
 
 `mpc.tracking.compiled.module` puts the formulas of the joint in the place of the lines below that
 begin with `FORMULAS`, as functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `variational` (x, S, u, d) ↦
-(x', S') with the `layout` of `mpc.tracking.compiled.variational`, `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦
+(x', S') with the `layout` of `mpc.tracking.compiled.module`, `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦
 (y, its Jacobian by columns), `expansion` x ↦ the pressures' fall as the muscles swell, `pressing` x ↦ what presses on
 that which rubs.
 `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there is one.
@@ -23,8 +23,7 @@ from mpc.codegen.jit import assign, compiled_flat, inlined_flat
 from mpc.model.compiled_friction import ABSENT, Pressed, Rubbing, followed, less_friction, rubbing_in
 from mpc.model.integration import NODES, SHARES
 from mpc.tracking.compiled.commands import cumulative, excess, limit
-from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.records import Path, Reference
+from mpc.tracking.compiled.records import Indices, Path, Reference, given_in, path_in, setting_in
 from mpc.tracking.compiled.sample.calls import settle_at
 from mpc.tracking.compiled.sample.layout import (
     Asked,
@@ -132,7 +131,7 @@ def foreseen(
 
 @inlined_flat
 def feed_forward(
-    c: Array, p: Any, known: Known, slopes: Array, asked: Array, K: Array, d: Array, found: Reference, moved: Array
+    c: Array, p: Array, known: Known, slopes: Array, asked: Array, K: Array, d: Array, found: Reference, moved: Array
 ) -> bool:
     """Find what `mpc.tracking.feedforward.InverseDynamics` does, and how far all was `moved` (3,); return whether the
     kernel is sure.
@@ -167,22 +166,23 @@ def feed_forward(
 
 
 @inlined_flat
-def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Any, given: Array, buffer: Array) -> None:
+def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Indices, given: Array, buffer: Array) -> None:
     """Leave in `buffer` the commands of `given`, moved to within the limits, and the linear model along them."""
     setting, (path, u) = setting_in(numbers, starts), path_in(buffer)
     x0, asked, d, _, last = given_in(given)
     for k in range(u.shape[0]):
         u[k, 0], u[k, 1] = asked[k, 0] / BAR, asked[k, 1] / BAR
     bounds = setting.bounds
-    limit(bounds.low, bounds.high, bounds.step, last[0, 0] / BAR, last[0, 1] / BAR, u)
+    limit(bounds.low, bounds.high, bounds.step, last[0], BAR, u)
     linear_model(c, x0, u, d, h, substeps, path)
     read_outputs(c, path)
 
 
 @inlined_flat
 def rollout(
-    c: Array, h: float, substeps: int, numbers: Array, starts: Any, given: Array, buffer: Array, z: Array, made: Made
-) -> bool:
+    c: Array, h: float, substeps: int, numbers: Array, starts: Indices, given: Array, buffer: Array, z: Array,
+    made: Made,
+) -> bool:  # fmt: skip
     """Fill in what follows from `z`: commands [Pa], states, K and F, and how far the soft limits are left; return
     whether all is finite.
     """
@@ -193,7 +193,7 @@ def rollout(
     for k in range(N):
         moved[k, 0] += u[k, 0]
         moved[k, 1] += u[k, 1]
-    limit(bounds.low, bounds.high, bounds.step, last[0, 0] / BAR, last[0, 1] / BAR, moved)
+    limit(bounds.low, bounds.high, bounds.step, last[0], BAR, moved)
     motion(c, x0, moved, d, h, substeps, x)
     for k in range(N + 1):
         K[k], F[k, 0], F[k, 1] = outputs(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)
@@ -223,7 +223,7 @@ def motion(c: Array, start: Array, u: Array, d: Array, h: float, substeps: int, 
 
 @inlined_flat
 def linear_model(c: Array, start: Array, u: Array, d: Array, h: float, substeps: int, path: Path) -> None:
-    """Fill in the motion and its Jacobians A, B, sample by sample: see `mpc.tracking.compiled.variational`."""
+    """Fill in the motion and its Jacobians A, B, sample by sample: see `mpc.tracking.compiled.module`."""
     x = path.x
     for i in range(4):
         x[0, i] = start[i]

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -43,7 +42,7 @@ class NamedQP:
         for array in (self.H, self.f, self.lower, self.upper, self.rows, self.rows_lower, self.rows_upper, self.u):
             array.setflags(write=False)
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         """Keep the arrays of a copy read-only, too."""
         self.__dict__.update(state)
         self.__post_init__()

@@ -24,7 +24,7 @@ class SolverOptions:
 
     name: ClassVar[str]
 
-    def __new__(cls, *values: Any, **options: Any) -> Self:
+    def __new__(cls, *values: object, **options: object) -> Self:
         """Insist on names of options that there are."""
         names = [field.name for field in fields(cls)]  # type: ignore[arg-type]  # members are dataclasses
         if unknown := [name for name in options if name not in names]:
@@ -41,18 +41,18 @@ class SolverOptions:
                 raise InvalidInput(f"{type(self).__name__}: {field.name} = {value!r} has to be {wanted}")
 
     @cached_property
-    def given(self) -> dict[str, Any]:
+    def given(self) -> dict[str, object]:
         """The options that are not left to the solver."""
         pairs = ((field.name, getattr(self, field.name)) for field in fields(self))  # type: ignore[arg-type]
         return {name: value for name, value in pairs if value is not None}
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and value is not True and value is not False and 0 <= float(value) < inf
+def _is_number(value: object) -> bool:
+    return not isinstance(value, bool) and isinstance(value, Real) and 0 <= float(value) < inf
 
 
-def _is_count(value: Any) -> bool:
-    return isinstance(value, Integral) and value is not True and value is not False and 0 <= int(value) <= _MOST
+def _is_count(value: object) -> bool:
+    return not isinstance(value, bool) and isinstance(value, Integral) and 0 <= int(value) <= _MOST
 
 
 _KINDS = (  # kind of a field, what its values have to be

@@ -128,10 +128,10 @@ class Installed(ThroughQpsolvers):
     """Any other solver is known to qpsolvers by its name; its options are passed on as they are."""
 
     name: str  # type: ignore[misc]  # a field here
-    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    options: Mapping[str, object] = field(default_factory=dict, hash=False)
 
     @cached_property
-    def given(self) -> dict[str, Any]:
+    def given(self) -> dict[str, object]:
         """The options that are not left to the solver."""
         return dict(self.options)
 
@@ -198,7 +198,7 @@ def guarded(solve: Solver) -> Solver:
     return proposed
 
 
-def _through_qpsolvers(name: str, qp: QP, settings: dict[str, Any]) -> tuple[Array, Array] | None:
+def _through_qpsolvers(name: str, qp: QP, settings: dict[str, object]) -> tuple[Array, Array] | None:
     """Propose a solution of `qp` by the solver that qpsolvers calls `name`."""
     import qpsolvers
     from scipy.sparse import csc_matrix

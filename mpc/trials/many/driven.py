@@ -19,7 +19,7 @@ from mpc.codegen.jit import compiled, inlined
 from mpc.model.compensation import JITTER, SOFT
 from mpc.observer.compiled.layout import SIZE
 from mpc.tracking.compiled.commands import excess, limit
-from mpc.tracking.compiled.flat_records import given_in
+from mpc.tracking.compiled.records import given_in
 from mpc.tracking.compiled.sample.calls import settle_at
 from mpc.tracking.compiled.sample.layout import known_in, made_in
 from mpc.tracking.preview import CORRECTED
@@ -193,7 +193,7 @@ def approached(known: Known, step: Step, m: Memory, start: Array, d: Array, k: i
     N, (low, high), most = m.u.shape[0], (known.limits[0], known.limits[1]), known.limits[2]
     u, x, F, good = np.empty((N, 2)), np.empty((N + 1, 4)), np.empty((N + 1, 2)), True
     u[:] = m.p
-    limit(low, high, most, m.u[0, 0], m.u[0, 1], u)
+    limit(low, high, most, m.u[0], 1.0, u)
     joint.motion(step.c, start, u / BAR, d[:N], step.h, step.substeps, x)
     for j in range(N + 1):
         _, F[j, 0], F[j, 1] = joint.outputs(x[j, 0], x[j, 1], x[j, 2], x[j, 3], step.c)
@@ -219,7 +219,7 @@ def record(known: Known, m: Memory, u: Array, x: Array, F: Array, side: float, k
         for i in range(2):
             edge = side if side != 0.0 else np.tanh((sent[0, i] - x[0, 2 + i]) / SOFT)
             sent[0, i] += known.dead_band / 2 * edge
-        limit(low, high, most, m.sent[0], m.sent[1], sent)
+        limit(low, high, most, m.sent, 1.0, sent)
     for i in range(2):
         m.sent[i] = answers.u[k, i] = sent[0, i]
     excess(left, right, least, x, F, beyond)

@@ -133,5 +133,5 @@ def _stepped(process: Plant | RealPlant) -> "Function":
     if isinstance(process, RealPlant):
         later = ca.vertcat(*process.stepped(full[:NX], full[NX:], u, dh[0], dh[1]))
     else:
-        later = integrated(lambda x: ca.vertcat(*process.rate(x, u, dh[0])), full, dh[1], 1)
+        later = integrated(lambda x, t: ca.vertcat(*process.rate(x, u, dh[0])), full, dh[1], 1)
     return ca.Function("stepped", [full, u, dh], [ca.cse(ca.densify(later))])

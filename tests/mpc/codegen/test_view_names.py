@@ -2,12 +2,12 @@
 
 from mpc.codegen.views import measure, opened, viewer
 from mpc.observer.compiled import layout as observed
-from mpc.tracking.compiled import flat_records, records
+from mpc.tracking.compiled import records
 from mpc.tracking.compiled.sample import layout as sampled
 
 
 def test_no_two_generated_functions_have_one_name():
-    viewed = [flat_records.Given, flat_records.Along, records.Setting, sampled.Made, sampled.State, sampled.Known]
+    viewed = [records.Given, records.Along, records.Setting, sampled.Made, sampled.State, sampled.Known]
     made = [*map(viewer, viewed), *map(measure, viewed), opened(sampled.Inputs), opened(observed.Tail)]
     names = {(function.py_func.__module__, function.py_func.__qualname__) for function in made}
     assert len(names) == len(made)

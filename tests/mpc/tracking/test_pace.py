@@ -5,8 +5,8 @@ import warnings
 import pytest
 
 from mpc import Plant, TrackingMPC
-from mpc.tracking import pace
-from mpc.tracking.pace import LongStep, check_pace
+from mpc.tracking import controller
+from mpc.tracking.controller import LongStep, check_pace
 from mpc.tracking.qp.solvers import DAQP
 
 pytestmark = pytest.mark.compiles
@@ -21,7 +21,7 @@ def tick(monkeypatch):
         now[0] += took[0]
         return now[0]
 
-    monkeypatch.setattr(pace, "thread_time", clock)
+    monkeypatch.setattr(controller, "thread_time", clock)
     return lambda seconds: took.__setitem__(0, seconds)
 
 

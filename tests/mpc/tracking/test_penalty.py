@@ -8,8 +8,8 @@ import pytest
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, TrackingMPC, Weights
-from mpc.tracking.penalty import hard_solutions
 from mpc.tracking.qp.solvers import solver
+from tests.mpc.tracking.hard_limits import hard_solutions
 
 pytestmark = pytest.mark.compiles
 

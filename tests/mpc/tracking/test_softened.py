@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from mpc import Plant, TrackingMPC
-from mpc.tracking.penalty import hard_solutions
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import solver
+from tests.mpc.tracking.hard_limits import hard_solutions
 
 pytestmark = pytest.mark.compiles
 

@@ -44,7 +44,7 @@ static inline ant_real ant_commandable(ant_real P) {
 
 /* Moves commands within the slew limit and the supply. */
 static inline void ant_limited(ant_real step, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
-    ant_limit(ANT_SUPPLY_LO, ANT_SUPPLY_HI, step, u_last[0], u_last[1], u);
+    ant_limit(ANT_SUPPLY_LO, ANT_SUPPLY_HI, step, u_last, 1, u);
 }
 
 /* rollout.c */

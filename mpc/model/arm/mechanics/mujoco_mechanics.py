@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.mechanism.routes.base import RoutedLengths, Routes, per_muscle, rest_lengths
-from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
 
 if TYPE_CHECKING:
-    from mujoco import MjModel
+    from mujoco import MjData, MjModel
 
 _DIFFERENCE = 1e-5  # [rad] of central differences, whose error is of its square
 
@@ -177,3 +176,24 @@ class MujocoBodies:
     def torque_for(self, q: Array, omega: Array, alpha: Array) -> Array:
         """Return the joints' torques τ (…, n) [N·m] of a motion (inverse dynamics)."""
         return np.asarray((self.mass_matrix(q) @ np.asarray(alpha)[..., None])[..., 0] + self.bias(q, omega))
+
+
+class TendonJacobian:
+    """A `TendonJacobian` reads ∂l/∂q (m, nv) [m] of all tendons, which newer versions of MuJoCo keep sparse."""
+
+    def __init__(self, model: "MjModel", data: "MjData") -> None:
+        self._data, self._dense = data, np.zeros((model.ntendon, model.nv))
+        self._sparse = np.asarray(data.ten_J).shape != self._dense.shape
+        if self._sparse:
+            import mujoco
+
+            self._to_dense = mujoco.mju_sparse2dense
+            holder = data if hasattr(data, "ten_J_rownnz") else model
+            self._layout = [getattr(holder, f"ten_J_{part}").ravel() for part in ("rownnz", "rowadr", "colind")]
+
+    def __call__(self) -> Array:
+        """Return it as it is now; to be used before the next call."""
+        if not self._sparse:
+            return np.asarray(self._data.ten_J)
+        self._to_dense(self._dense, self._data.ten_J.ravel(), *self._layout)
+        return self._dense

@@ -3,20 +3,32 @@
 As `mpc.tracking.compiled.module` does it for a joint.
 """
 
+import ast
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
+from mpc.model.arm.formulas import joint_svec
 from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
-from mpc.tracking.compiled.structured_qp.assembled import assembled, without_own_imports
 
-_STEP, _FEED_FORWARD, _SOLVE = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward", "solve"))
+if TYPE_CHECKING:
+    from casadi import Function
+
+_STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward"))
+_QP = Path(__file__).parents[1] / "structured_qp"
+_OWN = "mpc.tracking.compiled.structured_qp", "mpc.tracking.compiled.commands"
+_CONDENSE = "sizes", "../commands", "../arm/condense"
+_SOLUTION = (
+    "sizes", "stage_of_many", "../commands", "newton", "riccati", "rows", "certificate", "responses", "exchange",
+    "active_set", "multipliers", "interior", "solve", "../arm/solve",
+)  # fmt: skip
 
 
 class CompiledArm(NamedTuple):
@@ -31,8 +43,8 @@ class CompiledArm(NamedTuple):
 
 def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
-    sizes = f"import math\n\nn, m, STIFFNESSES, SIZE = {arm.n}, {arm.m}, {arm.stiffnesses}, {arm.size}\n\n\n"
-    texts, c = {_STEP: sizes, _FEED_FORWARD: sizes}, np.zeros(0)
+    sizes = f"import math\n\nn, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}\n\n\n"
+    texts, c = {_STEP: f"import math\n\n{_assembled(_CONDENSE, arm)}\n\n", _FEED_FORWARD: sizes}, np.zeros(0)
     for name, function in _functions(arm).items():
         source = filling(name, function, c.size)
         texts[_FEED_FORWARD if name == "statics" else _STEP] += f"@inlined\n{source.text}\n\n"
@@ -46,10 +58,29 @@ def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
 
 def solve_module(arm: Arm) -> ModuleType:
     """Return the solution of the structured QP, which depends on the sizes of the arm alone."""
-    return imported(assembled(arm.n, arm.m, arm.stiffnesses) + "\n\n" + without_own_imports(_SOLVE))
+    return imported(_assembled(_SOLUTION, arm))
 
 
-def _functions(arm: Arm) -> dict[str, Any]:
+def _assembled(names: Sequence[str], arm: Arm) -> str:
+    """Return the text of these files of `structured_qp` for the sizes of the arm, which stand in the first of them."""
+    first, sizes = "JOINTS, NU, STIFFNESSES = ", f"{arm.n}, {arm.m}, {arm.stiffnesses}"
+    parts = [_without_own_imports(_QP / f"{name}.py") for name in names]
+    lines = [f"{first}{sizes}\n" if line.startswith(first) else line for line in parts[0].splitlines(keepends=True)]
+    return "\n\n".join(["".join(lines), *parts[1:]]).replace("@merged", "@inlined_flat")
+
+
+def _without_own_imports(file: Path) -> str:
+    """Return the text of a file without its docstring and what it imports from the others."""
+    text = file.read_text(encoding="utf-8")
+    lines, body = text.splitlines(keepends=True), ast.parse(text).body
+    left_out = body[:1] + [n for n in body if isinstance(n, ast.ImportFrom) and (n.module or "").startswith(_OWN)]
+    for node in left_out:
+        for line in range(node.lineno - 1, node.end_lineno or node.lineno):
+            lines[line] = ""
+    return "".join(lines).strip("\n") + "\n"
+
+
+def _functions(arm: Arm) -> dict[str, "Function"]:
     """Return the CasADi functions that the template lists."""
     import casadi as ca
 
@@ -59,7 +90,7 @@ def _functions(arm: Arm) -> dict[str, Any]:
     held = [s.q, omega, s.P]
     left = ca.jacobian(pushing - M @ alpha, ca.vertcat(*held))
     slope = ca.jacobian(y, ca.vertcat(s.q, s.P))
-    stacked = ca.vertcat(s.torque, arm.joint_svec)
+    stacked = ca.vertcat(s.torque, joint_svec(s))
     empty = ca.substitute([stacked, s.forces], [s.P], [ca.SX.zeros(arm.m)])
     gains = [ca.jacobian(stacked, s.P), ca.diag(ca.jacobian(s.forces, s.P))]
     made = {

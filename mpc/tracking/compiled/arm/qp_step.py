@@ -1,40 +1,33 @@
-"""The compiled QP step and feed-forward of an arm answer as the readable ones do.
+"""The compiled QP step of an arm, which answers as the readable one does.
 
 The QP is solved with its simple bounds only, by the solver. If the answer keeps all rows and is proved optimal it is
 the QP's, and the step is done; else the whole QP, the same that `mpc.tracking.qp.condense` gives, goes to
-`mpc.tracking.qp.certified`. `Riccati` solves the QP as a joint's is, sample by sample (`structured`), and is given the
+`mpc.tracking.qp.certified`. `Riccati` solves the QP as a joint's is, sample by sample (`SizedQP`), and is given the
 dense one only where that has no proof.
 """
 
-from copy import deepcopy
 from math import inf
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint.limits import BINDS
-from allocator.mechanism import batches
-from allocator.mechanism.kernel.data import workspace
 from allocator.units import BAR
 from mpc.model.arm.model import Arm
-from mpc.tracking.compiled.arm.module import CompiledArm
-from mpc.tracking.compiled.arm.structured import SizedQP
+from mpc.tracking.compiled.arm.module import CompiledArm, solve_module
+from mpc.tracking.compiled.structured_qp.structured import shifted
 from mpc.tracking.cost import Rows
-from mpc.tracking.feedforward import FeedForward, InverseDynamics
-from mpc.tracking.hand_targets import HandTargets
+from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.linearise import Motion
-from mpc.tracking.plan import Moved, PlanStatus
+from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE, certified
 from mpc.tracking.qp.condense import SLACKS, TrackingProblem
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.step import PreviousSample, QPAnswer
-
-_SURE = 1e-9  # residual of optimality up to which an allocation is believed
 
 
 def _charged(rows: Rows, n: int, stiffnesses: int) -> Array:
@@ -88,7 +81,7 @@ class CompiledArmQPStep:
         self._stiffnesses = outputs - m
         self.structured: SizedQP | None = None  # what `Riccati` takes
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledArmQPStep":
+    def __deepcopy__(self, memo: dict[int, object]) -> "CompiledArmQPStep":
         """Return one with buffers of its own."""
         other = CompiledArmQPStep(*self._given)
         other.active_set = self.active_set
@@ -104,7 +97,7 @@ class CompiledArmQPStep:
         if guess is not None:
             self._structured_qp().guess[:] = guess
 
-    def _structured_qp(self) -> SizedQP:
+    def _structured_qp(self) -> "SizedQP":
         """Return the structured QP, which is compiled when it is first wanted."""
         if self.structured is None:
             arm, dt, _, problem = self._given
@@ -117,7 +110,7 @@ class CompiledArmQPStep:
             self.structured.reset()
 
     def __call__(
-        self, x: Array, u: Array, d: Array, feed: Any, previous: PreviousSample, solve: Solver, deadline: float
+        self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample, solve: Solver, deadline: float
     ) -> QPAnswer:
         """Answer as `mpc.tracking.qp.step.QPStep` says."""
         began = perf_counter()
@@ -193,7 +186,7 @@ class CompiledArmQPStep:
         return QP(whole, f, np.append(lower, SLACKS * [0.0]), np.append(upper, SLACKS * [inf]), R, below, above)
 
 
-def _risen(starts: Any, N: int, left: Array) -> Array:
+def _risen(starts: NDArray[np.int64], N: int, left: Array) -> Array:
     """Return how far the pressures have followed the change of a block at every sample (N+1, blocks, m) [Pa/bar].
 
     `left` (m,) is what is left of an error after a sample.
@@ -202,75 +195,36 @@ def _risen(starts: Any, N: int, left: Array) -> Array:
     return np.asarray(BAR * (1 - left ** since[..., None]))
 
 
-class _Given(NamedTuple):
-    """A `_Given` is what is asked, of an endpoint's stiffness where that is tracked."""
+class SizedQP:
+    """It works for one controller: its arrays must not be used by two threads at a time."""
 
-    q: Array
-    K: Array
+    def __init__(self, arm: Arm, dt: float, problem: TrackingProblem) -> None:
+        self._settle: Any = solve_module(arm).settle_path
+        limits, rows, weights = problem.limits, problem.rows, problem.weights
+        units = np.concatenate([np.ones(2 * arm.n), np.full(2 * arm.m, BAR)])  # pressures count in bar
+        self._setting = (
+            rows.x * units[: arm.size] ** 2, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / dt**2,
+            (problem.L.T @ problem.L) * np.outer(units, units),
+            np.array([*limits.pressure, limits.step, limits.min_force * BAR]) / BAR, np.array(limits.theta, float),
+            np.array([problem.curvature, LAZY_TOLERANCE, ACCURACY]),
+            np.array([weights.slack, weights.slack_square, weights.slack_force, weights.slack_force_square]),
+            problem.starts.astype(np.int64), np.exp(-dt / arm.lags),
+        )  # fmt: skip
+        self.guess = np.zeros(arm.m * len(problem.blocks), np.int8)  # sign of the multipliers
+        self.z, self.iterations = np.zeros(self.guess.size), 0  # of the interior point for the last QP
+        self._last = np.zeros((2, arm.m))
+        self._previous: PreviousSample | None = None  # of the sample that the guess is about
+        self._shifted = shifted(problem.starts, arm.m)
 
+    def solved(self, path: tuple[Array, ...], u: Array, feed: FeedForward, previous: PreviousSample) -> bool:
+        """Return whether `z` is now the proved solution about a path as `step` linearises it, with the commands `u`."""
+        if previous is not self._previous:  # at a new sample the same commands bind, one sample earlier
+            self._previous, self.guess[:] = previous, self.guess[self._shifted]
+        self._last[0], self._last[1] = previous
+        given = *path, u, feed.x, feed.y, feed.u, self._last
+        done, self.iterations = self._settle(*self._setting, *given, self.guess, self.z)
+        return bool(done)
 
-class CompiledArmFeedForward:
-    """It is `mpc.tracking.feedforward.InverseDynamics`, which answers itself where the kernel is not sure."""
-
-    def __init__(self, arm: Arm, made: CompiledArm, readable: InverseDynamics) -> None:
-        rows, n, m = len(readable.slopes[0]), arm.n, arm.m
-        self._arm, self._stiffnesses = arm, n * (n + 1) // 2
-        self._readable, self._compiled, self._c = readable, made.feed_forward, made.c
-        d = n + self._stiffnesses
-        low, high = arm.mechanism.pressure_limits
-        most = [min(muscle.max_pressure, high) for muscle in arm.mechanism.muscles]
-        self._limits = *map(np.ascontiguousarray, readable.slopes), np.array(arm.angle_limits)
-        self._supply, self._unit = np.array([*most, low, high, readable.min_force]), high
-        self._T, self._A, self._b = np.zeros((rows, n)), np.zeros((rows, d, m)), np.zeros((rows, d))
-        self._box = np.zeros((rows, m)), np.zeros((rows, m)), np.zeros((rows, m))
-        self._rows_are = np.zeros(d, np.bool_), np.array([n, d])  # not one-sided; the ends of the levels
-        self._which = np.arange(rows)
-        self._found = (
-            np.zeros((rows, m)),
-            np.zeros((rows, m + d), np.int8),
-            np.zeros((rows, 3, d)),
-            np.zeros(rows, np.int64),
-        )
-        self._residual, self._memory = np.zeros(rows), (np.empty(d + m, np.bool_), workspace(d, m, 2))
-        self._sizes = rows, 2 * n + m, n * (n + 1) // 2 + m, m
-        self._alpha = readable.alpha
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> "CompiledArmFeedForward":
-        """Return one with buffers of its own."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        for name in ("_T", "_A", "_b", "_residual"):
-            setattr(other, name, getattr(self, name).copy())
-        other._memory = deepcopy(self._memory)
-        other._box, other._found = tuple(a.copy() for a in self._box), tuple(a.copy() for a in self._found)  # type: ignore[assignment]
-        return other
-
-    def __call__(self, q: Array, K: Array, d: Array) -> FeedForward:
-        """Return the feed-forward for previews `q` (N+1, n) [rad], `K` (N+1, k, k), and torques `d` (N+1, n) [N·m]."""
-        rows, size, outputs, m = self._sizes
-        given, hand = _Given(q, K), None
-        if self._arm.endpoint is not None:
-            hand = HandTargets.at(self._arm, q, K)
-            K = hand.joint_stiffness
-        x, y, u = np.empty((rows, size)), np.zeros((rows, outputs)), np.empty((rows - 1, m))
-        lo, hi, centre = self._box
-        problem = self._A, self._b, *self._rows_are, lo, hi, centre, self._which
-        asked = self._c, *self._limits, self._supply, q, K, d
-        if not self._compiled.targets(*asked, x, self._T, self._A, self._b, lo, hi):
-            return self._readable(given.q, given.K, d)
-        straight = self._A, self._b
-        if hand is not None:
-            problem = *hand.turned(*straight), *problem[2:]
-        found, side, mu, rounds = self._found
-        side[0] = 0
-        held, work = self._memory
-        batches.loop("allocate_batch")(*problem, True, found, side, mu, rounds, work)
-        batches.loop("residual_batch")(*problem, found, mu, 0.0, BINDS, self._residual, held, work)
-        if not (rounds.all() and self._residual.max() <= _SURE):
-            return self._readable(given.q, given.K, d)
-        moved = Moved(*self._compiled.follow(self._alpha, self._unit, q, *straight, found, K, x, y, u))
-        if hand is not None:
-            K_x = hand.seen(y[:, : self._stiffnesses])
-            y[:, : self._stiffnesses] = self._arm.svec(K_x)
-            moved = moved._replace(K=float(np.abs(given.K - K_x).max()))
-        return FeedForward(x, y, u, moved)
+    def reset(self) -> None:
+        """Forget which bounds bound."""
+        self.guess[:] = 0

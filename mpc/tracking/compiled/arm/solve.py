@@ -3,14 +3,12 @@
 The states' pressures count in bar there, as commands do.
 """
 
-from typing import Any
-
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import compiled, inlined
-from mpc.tracking.compiled.records import Bounds, Cost, Path, Reference, Setting
+from mpc.tracking.compiled.records import Bounds, Cost, Indices, Path, Reference, Setting, Signs
 from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
 from mpc.tracking.compiled.structured_qp.solve import decide
 from mpc.tracking.compiled.structured_qp.stage_of_many import MOVING
@@ -19,8 +17,8 @@ from mpc.tracking.compiled.structured_qp.stage_of_many import MOVING
 @compiled
 def settle_path(
     cost_x: Array, cost_y: Array, cost_e: Array, change: Array, end: Array, bounds: Array, ranges: Array, rest: Array,
-    slack: Array, starts: Any, kept: Array, x: Array, S: Array, y: Array, slope: Array, u: Array,
-    x_ref: Array, y_ref: Array, u_ref: Array, last: Array, guess: Any, z: Array,
+    slack: Array, starts: Indices, kept: Array, x: Array, S: Array, y: Array, slope: Array, u: Array,
+    x_ref: Array, y_ref: Array, u_ref: Array, last: Array, guess: Signs, z: Array,
 ) -> tuple[bool, int]:  # fmt: skip
     """Return whether `z` (n,) is the QP's proved solution, and how many iterations of the interior point that took.
 

@@ -9,9 +9,8 @@ from mpc.codegen.addresses import clock, entry_of
 from mpc.codegen.views import flat, in_python, length_of, table_of
 from mpc.model.compiled_friction import NO_FRICTION, memory_of
 from mpc.model.plant import NU, NX
-from mpc.tracking.compiled.flat_records import Given, given_in
-from mpc.tracking.compiled.flat_records import lengths as record_lengths
-from mpc.tracking.compiled.records import Setting
+from mpc.tracking.compiled.records import Given, Setting, given_in
+from mpc.tracking.compiled.records import lengths as record_lengths
 from mpc.tracking.compiled.sample.layout import (
     Inputs,
     Known,

@@ -4,33 +4,40 @@ A function that numba links is compiled into each of its callers anew, which for
 than all the rest of a step. By its address it is called in a nanosecond, and stays where it was made and kept.
 """
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from numba.core import cgutils, types
+from numba.core.types import Type
 from numba.extending import intrinsic
 
-_SETTLED: Any = types.Tuple((types.boolean, types.int64))  # type: ignore[attr-defined]
+if TYPE_CHECKING:
+    from numba.core.base import BaseContext
+    from numba.core.dispatcher import Dispatcher
+    from numba.core.typing.templates import Signature
+
+_SETTLED = types.Tuple((types.boolean, types.int64))  # type: ignore[attr-defined]
 
 
-def address_of(settle: Any) -> int:
+def address_of(settle: "Dispatcher") -> int:
     """Return the address of `structured_qp.solve.settle`, which has been called with one kind of arguments.
 
     Raises a `TypeError` if it does not return what `settle_at` takes.
     """
     [made] = settle.overloads.values()
     if made.signature.return_type != _SETTLED:
-        raise TypeError(f"{settle.__name__} returns {made.signature.return_type}, not {_SETTLED}")
+        raise TypeError(f"{settle.py_func.__name__} returns {made.signature.return_type}, not {_SETTLED}")
     return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba has no types
 def settle_at(
-    typing: Any, address: Any, numbers: Any, starts: Any, given: Any, buffer: Any, guess: Any, z: Any
-) -> tuple[Any, Any]:
+    typing: object, address: Type, numbers: Type, starts: Type, given: Type, buffer: Type, guess: Type, z: Type
+) -> "tuple[Signature, Callable[..., object]]":
     """Call `structured_qp.solve.settle`, which stands at this address."""
     arrays = (numbers, starts, given, buffer, guess, z)
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+    def generate(context: "BaseContext", builder: Any, signature: "Signature", given: Sequence[object]) -> object:
         convention = context.call_conv
         pointer = convention.get_function_type(_SETTLED, arrays).as_pointer()
         function = builder.inttoptr(given[0], pointer)

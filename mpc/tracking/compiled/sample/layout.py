@@ -33,7 +33,7 @@ class Inputs(NamedTuple):
     known: Array
     slopes: Array  # (2, N+1, N+1) of the feed-forward
     friction: Array  # see `mpc.model.compiled_friction`
-    numbers: Array  # of the setting, as what follows: see `mpc.tracking.compiled.flat_records`
+    numbers: Array  # of the setting, as what follows: see `mpc.tracking.compiled.records`
     asked: Array
     given: Array
     buffer: Array

@@ -4,7 +4,6 @@ Whatever is not ordinary these refuse, and the readable stages answer (`mpc.trac
 """
 
 from math import inf, pi
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,7 @@ from mpc.codegen.jit import inlined_flat
 from mpc.model.compensation import SOFT
 from mpc.model.plant import NU
 from mpc.tracking.compiled.commands import limit
-from mpc.tracking.compiled.flat_records import Given
-from mpc.tracking.compiled.records import Bounds
+from mpc.tracking.compiled.records import Bounds, Given, Indices, Signs
 from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State
 from mpc.tracking.rest import SAME
 
@@ -83,7 +81,7 @@ def take(x: Array, torques: Array, state: State, given: Given) -> None:
 
 
 @inlined_flat
-def shift_set(starts: Any, before: Any, guess: Any) -> None:
+def shift_set(starts: Indices, before: Signs, guess: Signs) -> None:
     """Set the `guess` (n,) to what it was `before` (n,), one sample later: see `structured_qp.structured`."""
     later = 0
     for block in range(starts.size):
@@ -94,7 +92,7 @@ def shift_set(starts: Any, before: Any, guess: Any) -> None:
 
 
 @inlined_flat
-def copy_set(one: Any, other: Any) -> None:
+def copy_set(one: Signs, other: Signs) -> None:
     """Copy the active set `one` (n,) to the `other` (n,)."""
     for i in range(one.size):
         other[i] = one[i]
@@ -110,9 +108,8 @@ def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, m
             made.sent[k, i] = v if half == 0.0 else (v + half * np.tanh((v - made.x[k, 2 + i]) / SOFT)) / BAR
     if half == 0.0:
         return
-    none = np.isnan(state.sent[0])
-    last1, last2 = asked.x[2] if none else state.sent[0], asked.x[3] if none else state.sent[1]
-    limit(bounds.low, bounds.high, bounds.step, last1 / BAR, last2 / BAR, made.sent)
+    last = asked.x[2:] if np.isnan(state.sent[0]) else state.sent
+    limit(bounds.low, bounds.high, bounds.step, last, BAR, made.sent)
     for k in range(N):
         made.sent[k, 0], made.sent[k, 1] = BAR * made.sent[k, 0], BAR * made.sent[k, 1]
 

@@ -138,7 +138,7 @@ class WholeStep:
         self._parts.ladder.catch_up()
         self._parts.rest_mode.catch_up()
 
-    def _numbers(self, *given: Any) -> tuple[Array, Array, Array, float]:
+    def _numbers(self, *given: object) -> tuple[Array, Array, Array, float]:
         """Return the state (4,), previews (ahead + 1,) and torque that were given in whatever kind of numbers; or raise
         an `InvalidInput`, a `ValueError` or a `TypeError`.
         """
@@ -165,7 +165,7 @@ class WholeStep:
             array[...] = np.nan if value is None else value
 
 
-def _fields(size: int, out: Array, took: float) -> dict[str, Any]:
+def _fields(size: int, out: Array, took: float) -> dict[str, object]:
     """Return the fields of the plan that was made."""
     made = made_of(out[:size])
     (slack, slack_force), (theta, K, T), (feed_forward, linearise, solve) = map(np.ndarray.tolist, made[5:])

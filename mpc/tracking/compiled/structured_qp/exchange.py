@@ -10,11 +10,11 @@ its multiplier t as
 in `responses`.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat, merged
-from mpc.tracking.compiled.records import Path, Point, Setting
+from mpc.tracking.compiled.records import Path, Point, Setting, Signs
 from mpc.tracking.compiled.structured_qp.responses import (
     BOUND,
     GONE,
@@ -43,8 +43,8 @@ HUGE = 1e30  # no bound, and no end of a step
 class Active(NamedTuple):
     """The active set is what holds, and what is known of the point where it does; slacks are in the last lines."""
 
-    base: Any  # (N + 1, 2) what is held in the sweep's solution
-    held: Any  # (N + 1, 2) what is held now
+    base: Signs  # (N + 1, 2) what is held in the sweep's solution
+    held: Signs  # (N + 1, 2) what is held now
     lower: Array  # (N + 1, 2)
     upper: Array  # (N + 1, 2)
     z: Array  # (N + 1, 2) changes and slacks

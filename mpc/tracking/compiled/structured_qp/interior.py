@@ -12,13 +12,13 @@ the solution without the rows, where the sets cycle; earlier and later looks at 
 products where rows are added (LIFT), and other shares of the way (SHORT): all within a tenth.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from mpc.codegen.jit import assign, inlined, inlined_flat
-from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
+from mpc.tracking.compiled.records import Bounded, Errors, Indices, Path, Point, Setting, Signs
 from mpc.tracking.compiled.structured_qp.certificate import confirmed, needed
 from mpc.tracking.compiled.structured_qp.multipliers import GAP, PRIMAL, guess_held, hold_guessed, multiplied
 from mpc.tracking.compiled.structured_qp.newton import (
@@ -94,7 +94,7 @@ def new_work(N: int, sweep: Sweep) -> Work:
 
 @inlined
 def interior(
-    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Any,
+    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Signs,
     at: Point, work: Work, limit: int
 ) -> int:  # fmt: skip
     """Return after how many iterations `at` is a solution, proved; -1: after `limit` none.
@@ -139,7 +139,7 @@ def interior(
 
 @inlined
 def improve(
-    path: Path, setting: Setting, there: Any, total: float, count: int, number: int, at: Point, work: Work
+    path: Path, setting: Setting, there: Mask, total: float, count: int, number: int, at: Point, work: Work
 ) -> None:
     """Take a step from a point that is measured, its products being `total` in sum and `number` in number."""
     rows, f, by, slack = work.rows, work.factors, work.by, setting.slack
@@ -154,7 +154,7 @@ def improve(
 
 
 @inlined
-def steepest_at_origin(path: Path, errors: Errors, setting: Setting, there: Any, at: Point, work: Work) -> float:
+def steepest_at_origin(path: Path, errors: Errors, setting: Setting, there: Mask, at: Point, work: Work) -> float:
     """Begin at the origin without a row, and return the greatest entry of the gradient there, 1 at least."""
     none(work.rows, at)
     gradients(path, errors, setting.cost, at, work.origin_x, work.origin_v)
@@ -168,7 +168,7 @@ def steepest_at_origin(path: Path, errors: Errors, setting: Setting, there: Any,
 
 @inlined
 def finished(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, count: int, guess: Any, at: Point, work: Work
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, count: int, guess: Signs, at: Point, work: Work
 ) -> bool:
     """Return whether the point `by` of `work` is the solution with the first `count` rows, proved, which is found
     from what seems to bind at an iterate; W and residuals of the rows are lost.
@@ -196,7 +196,7 @@ def finished(
 
 @inlined
 def own_proof(
-    path: Path, setting: Setting, u: Array, bounded: Bounded, total: float, worst: float, count: int, guess: Any,
+    path: Path, setting: Setting, u: Array, bounded: Bounded, total: float, worst: float, count: int, guess: Signs,
     at: Point, work: Work
 ) -> bool:  # fmt: skip
     """Return whether the iteration's own multipliers prove that an iterate is the solution, and keep the rest of the
@@ -216,7 +216,7 @@ def own_proof(
 
 
 @inlined_flat
-def binding(rows: Rows, starts: Any, guess: Any) -> None:
+def binding(rows: Rows, starts: Indices, guess: Signs) -> None:
     """Set `guess` (n,) to the bounds of the changes that bind."""
     for block in range(starts.size):
         k = starts[block]

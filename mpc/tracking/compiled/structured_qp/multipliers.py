@@ -12,13 +12,11 @@ there after one round; its multiplier is what the gradient leaves there, and has
 The changes' rows have no other multipliers; those of the rest are in `change` of `rows.Rows`.
 """
 
-from typing import Any
-
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from mpc.codegen.jit import inlined, inlined_flat
-from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
+from mpc.tracking.compiled.records import Bounded, Errors, Indices, Path, Point, Setting, Signs
 from mpc.tracking.compiled.structured_qp.newton import Factors, direction, factorise, gradients, left_over
 from mpc.tracking.compiled.structured_qp.rows import Rows, values
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, JOINTS, LOWER, NU, NX, UPPER
@@ -35,7 +33,7 @@ SLACK_WEIGHT = 100.0  # [-] weight of σ ≥ 0 in what the square of a slack cos
 
 
 @inlined_flat
-def hold_guessed(rows: Rows, starts: Any, guess: Any) -> None:
+def hold_guessed(rows: Rows, starts: Indices, guess: Signs) -> None:
     """Set the weights of the changes' rows to those of a `guess` (n,)."""
     rows.W[:, :BOUNDS] = 0.0
     for block in range(starts.size):
@@ -47,7 +45,7 @@ def hold_guessed(rows: Rows, starts: Any, guess: Any) -> None:
 
 
 @inlined_flat
-def guess_held(rows: Rows, starts: Any, guess: Any) -> None:
+def guess_held(rows: Rows, starts: Indices, guess: Signs) -> None:
     """Set a `guess` (n,) to the changes that are held."""
     for block in range(starts.size):
         k = starts[block]
@@ -126,7 +124,7 @@ def step_on(path: Path, rows: Rows, bounded: Bounded, at: Point, by: Point) -> N
 
 
 @inlined_flat
-def cost_of(there: Any, rows: Rows, setting: Setting, r: Array, c0: float, c1: float, count: int) -> float:
+def cost_of(there: Mask, rows: Rows, setting: Setting, r: Array, c0: float, c1: float, count: int) -> float:
     """Return what the gradient of the Lagrangian costs at most, by what is not held."""
     square, slack = 0.0, setting.slack
     for k in range(there.size):

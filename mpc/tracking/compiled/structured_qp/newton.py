@@ -4,11 +4,11 @@ With W = λ/t of the rows, σ = (s, s_F) carried beside S as a border, P = ∂²
 constant states more and takes less. All is in differences from the iterate, which keeps digits.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from mpc.codegen.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Cost, Errors, Path, Point
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FORCE, JOINTS, NU, NX, NXI, NY, STIFFNESSES, SUPPLY
@@ -116,7 +116,7 @@ def left_over(
 
 
 @inlined
-def factorise(path: Path, cost: Cost, slack: Array, W: Array, there: Any, count: int, f: Factors) -> None:
+def factorise(path: Path, cost: Cost, slack: Array, W: Array, there: Mask, count: int, f: Factors) -> None:
     """Fill in the factors of a step for `W` (N + 1, 12) = λ/t of the first `count` rows."""
     N = there.size
     S, SA, P, G, e = cost.end.copy(), np.empty((NXI, NXI)), np.zeros((NXI, 2)), np.zeros((NU, 2)), cost.e.copy()

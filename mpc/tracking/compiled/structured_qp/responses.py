@@ -12,13 +12,13 @@ With K, what the items say to each other's answers, all else about them is a sma
 changes are let go, negative where something holds (R. J. Vanderbei's quasi-definite).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat, merged
-from mpc.tracking.compiled.records import Path
+from mpc.tracking.compiled.records import Indices, Path, Signs
 from mpc.tracking.compiled.structured_qp.riccati import Sweep
 from mpc.tracking.compiled.structured_qp.sizes import BOUNDS, FORCE, FREE, JOINTS, NU, NX, NXI, STIFFNESSES, SUPPLY
 from mpc.tracking.compiled.structured_qp.stage import (
@@ -43,14 +43,14 @@ class Items(NamedTuple):
     z: Array  # (ITEMS, N + 1, 2)
     r: Array  # (ITEMS, N + 1, 2)
     K: Array  # (ITEMS, ITEMS)
-    kind: Any  # (ITEMS,) GONE, BOUND, or which row
-    sample: Any  # (ITEMS,)
-    muscle: Any  # (ITEMS,) of a change
-    side: Any  # (ITEMS,) of a bound
+    kind: Indices  # (ITEMS,) GONE, BOUND, or which row
+    sample: Indices  # (ITEMS,)
+    muscle: Indices  # (ITEMS,) of a change
+    side: Indices  # (ITEMS,) of a bound
     multiplier: Array  # (ITEMS,)
     step: Array  # (ITEMS,) by which the multipliers, or the changes that were let go, move
     L: Array  # (ITEMS, ITEMS) factor of K
-    order: Any  # (ITEMS,) in which it is factorised
+    order: Indices  # (ITEMS,) in which it is factorised
     p: Array  # (6,) a gradient by ξ
 
 
@@ -66,7 +66,7 @@ def new_items(N: int) -> Items:
 
 
 @inlined_flat
-def respond(path: Path, sweep: Sweep, base: Any, slack: Array, c: int, items: Items, xi: Array) -> None:
+def respond(path: Path, sweep: Sweep, base: Signs, slack: Array, c: int, items: Items, xi: Array) -> None:
     """Set what answers to the item `c`, and `xi` (N + 1, 6) to where its changes lead."""
     N, kind, last, muscle = path.A.shape[0], items.kind[c], items.sample[c], items.muscle[c]
     for k in range(N + 1):
@@ -85,7 +85,7 @@ def respond(path: Path, sweep: Sweep, base: Any, slack: Array, c: int, items: It
 
 
 @inlined_flat
-def respond_at_rest(path: Path, sweep: Sweep, base: Any, c: int, items: Items) -> None:
+def respond_at_rest(path: Path, sweep: Sweep, base: Signs, c: int, items: Items) -> None:
     """Set z of the item `c` to what the changes are where ξ is 0, and r to the gradient there: a pass backward."""
     kind, last, muscle, side, p = items.kind[c], items.sample[c], items.muscle[c], items.side[c], items.p
     R, D, inverse, z, r = sweep.R, sweep.D, sweep.inverse, items.z, items.r
@@ -110,7 +110,7 @@ def respond_at_rest(path: Path, sweep: Sweep, base: Any, c: int, items: Items) -
 
 
 @inlined_flat
-def respond_along(path: Path, sweep: Sweep, base: Any, c: int, items: Items, xi: Array) -> None:
+def respond_along(path: Path, sweep: Sweep, base: Signs, c: int, items: Items, xi: Array) -> None:
     """Add to z and r of the item `c` what is due to where they lead: a pass forward."""
     R, D, feedback, z, r = sweep.R, sweep.D, sweep.feedback, items.z, items.r
     for i in range(NXI):

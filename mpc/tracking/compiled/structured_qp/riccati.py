@@ -13,13 +13,13 @@ itself is the solution; that takes a sweep or two from the last sample's set, an
 `interior` solves the QP. It is the caller's business to prove the answer.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
-from mpc.tracking.compiled.records import Bounded, Cost, Path, Point, Setting
+from mpc.tracking.compiled.records import Bounded, Cost, Indices, Path, Point, Setting, Signs
 from mpc.tracking.compiled.structured_qp.sizes import FREE, LOWER, NU, NX, NXI, UPPER
 from mpc.tracking.compiled.structured_qp.stage import (
     across,
@@ -41,7 +41,7 @@ class Sweep(NamedTuple):
     D: Array  # (N, 3): entries 00, 01, 11
     g: Array  # (N, 2)
     feedback: Array  # (N, 2, 7) v by (ξ, 1)
-    held: Any  # (N, 2) which bound each change is held at
+    held: Signs  # (N, 2) which bound each change is held at
     gx: Array  # (N+1, 6) gradient of the cost by ξ
     gv: Array  # (N, 2) and by v
     r: Array  # (N, 2) and by v alone, ξ following from it
@@ -58,7 +58,7 @@ def new_sweep(N: int) -> Sweep:
 
 @inlined
 def settled(
-    path: Path, setting: Setting, gx: Array, gv: Array, bounded: Bounded, guess: Any, sweeps: int, at: Point,
+    path: Path, setting: Setting, gx: Array, gv: Array, bounded: Bounded, guess: Signs, sweeps: int, at: Point,
     sweep: Sweep
 ) -> bool:  # fmt: skip
     """Return whether a guess repeated itself within so many sweeps; then `at` is the solution, within its bounds.
@@ -80,7 +80,7 @@ def settled(
 
 
 @inlined_flat
-def take_set(starts: Any, guess: Any, held: Any) -> None:
+def take_set(starts: Indices, guess: Signs, held: Signs) -> None:
     """Set what is `held` (N, 2) to a `guess` (n,), and all else to be."""
     held[:] = LOWER
     for block in range(starts.size):
@@ -89,7 +89,7 @@ def take_set(starts: Any, guess: Any, held: Any) -> None:
 
 
 @inlined_flat
-def give_set(starts: Any, held: Any, guess: Any) -> None:
+def give_set(starts: Indices, held: Signs, guess: Signs) -> None:
     """Set the `guess` (n,) to what is `held` (N, 2)."""
     for block in range(starts.size):
         for i in range(NU):

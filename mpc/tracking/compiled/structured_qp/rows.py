@@ -9,11 +9,11 @@ In this order, those of a sample k (w and δx of k + 1), and in a last line thos
     N      -s ≤ 0,  -s_F ≤ 0
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from mpc.codegen.jit import inlined_flat
-from mpc.tracking.compiled.records import Bounded, Bounds, Path, Point
+from mpc.tracking.compiled.records import Bounded, Bounds, Indices, Path, Point
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FORCE, JOINTS, NU, NX, NXI, STIFFNESSES, SUPPLY
 from mpc.tracking.compiled.structured_qp.stage import changed, first_of
 
@@ -25,7 +25,7 @@ WIDTH = BOUNDS * (0.04,) + BOUNDS * (0.1,) + 2 * JOINTS * (0.02,) + NU * (4.0,) 
 class Rows(NamedTuple):
     """The rows are numbers (N + 1, 12) each; `span` says which of a line there are."""
 
-    span: Any  # (N + 1, 2) first, and one past the last
+    span: Indices  # (N + 1, 2) first, and one past the last
     b: Array
     t: Array
     multiplier: Array  # λ
@@ -81,7 +81,7 @@ def none(rows: Rows, at: Point) -> None:
 
 
 @inlined_flat
-def add(path: Path, rows: Rows, slack: Array, there: Any, count: int, product: float, at: Point) -> int:
+def add(path: Path, rows: Rows, slack: Array, there: Mask, count: int, product: float, at: Point) -> int:
     """Add what is missing of the first `count` rows of a sample, with products t λ of `product`; return how many rows
     there are now.
     """

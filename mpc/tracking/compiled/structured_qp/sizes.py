@@ -1,4 +1,4 @@
-"""Sizes of the structured QP: those of a joint here; `assembled` puts those of other machines in the first line."""
+"""Sizes of the structured QP of a joint; `mpc.tracking.compiled.arm.module` puts those of an arm in the first line."""
 
 JOINTS, NU, STIFFNESSES = 1, 2, 1  # joints n, muscles m, entries of svec K
 

@@ -1,19 +1,28 @@
 """A path leads to the best decisions, proved: by a sweep, where that does not settle by an
 exchange of what it holds, and where that takes too long by an interior point.
 
-`buffer` holds the path, `given` what is new in the step (`mpc.tracking.compiled.flat_records`). This file is used by
+`buffer` holds the path, `given` what is new in the step (`mpc.tracking.compiled.records`). This file is used by
 way of a copy, `mpc.codegen.modules` says why.
 """
-
-from typing import Any
 
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled, inlined
 from mpc.tracking.compiled.commands import deviations, new_errors, slew_bounds
-from mpc.tracking.compiled.flat_records import given_in, path_in, setting_in
-from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Reference, Setting
+from mpc.tracking.compiled.records import (
+    Bounded,
+    Errors,
+    Indices,
+    Path,
+    Point,
+    Reference,
+    Setting,
+    Signs,
+    given_in,
+    path_in,
+    setting_in,
+)
 from mpc.tracking.compiled.structured_qp.active_set import active_set, new_active, reversed_instead
 from mpc.tracking.compiled.structured_qp.certificate import brought_within, confirmed, needed
 from mpc.tracking.compiled.structured_qp.exchange import Active
@@ -24,7 +33,7 @@ from mpc.tracking.compiled.structured_qp.sizes import BOUNDS, NU
 
 
 @compiled
-def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any, z: Array) -> tuple[bool, int]:
+def settle(numbers: Array, starts: Indices, given: Array, buffer: Array, guess: Signs, z: Array) -> tuple[bool, int]:
     """Return whether `z` (n,) is the QP's proved solution, and how many iterations of the interior point that took.
 
     `guess` (n,) of the bounds that bind becomes the set found.
@@ -36,7 +45,7 @@ def settle(numbers: Array, starts: Any, given: Array, buffer: Array, guess: Any,
 
 @inlined
 def decide(
-    path: Path, u: Array, setting: Setting, reference: Reference, last: Array, guess: Any, z: Array
+    path: Path, u: Array, setting: Setting, reference: Reference, last: Array, guess: Signs, z: Array
 ) -> tuple[bool, int]:
     """Answer as `settle` does about a path with the commands `u` [bar]."""
     N, starts = u.shape[0], setting.starts
@@ -57,7 +66,7 @@ def decide(
 
 @inlined
 def swept(
-    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, guess: Any, at: Point, sweep: Sweep,
+    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, guess: Signs, at: Point, sweep: Sweep,
     a: Active
 ) -> int:  # fmt: skip
     """Set the point to what a sweep comes to, or an exchange of what it holds; return 0 if that is the proved solution,
@@ -82,7 +91,7 @@ def swept(
 
 @inlined
 def begun(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, guess: Any, at: Point, sweep: Sweep, a: Active
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, guess: Signs, at: Point, sweep: Sweep, a: Active
 ) -> bool:  # fmt: skip
     """Return whether the sweep of a guess settles the QP without its rows, to which the point is set."""
     at.xi[:], at.v[:], at.sigma[:] = 0.0, 0.0, 0.0
@@ -92,7 +101,7 @@ def begun(
 
 
 @inlined
-def held_gradient(path: Path, errors: Errors, setting: Setting, guess: Any, at: Point, sweep: Sweep) -> None:
+def held_gradient(path: Path, errors: Errors, setting: Setting, guess: Signs, at: Point, sweep: Sweep) -> None:
     """Set what is held to the guess again, and the gradient by v at the point."""
     take_set(setting.starts, guess, sweep.held)
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
@@ -101,7 +110,7 @@ def held_gradient(path: Path, errors: Errors, setting: Setting, guess: Any, at: 
 
 @inlined
 def persistent(
-    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Any, at: Point,
+    path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Signs, at: Point,
     work: Work, limit: int
 ) -> tuple[bool, int]:  # fmt: skip
     """Return whether the interior point comes to a solution `at`, and after how many iterations.

@@ -5,13 +5,11 @@ vectors go back over the command and its consequences. D (N, 3) and its inverse 
 are written out, arrays are indexed by k and not cut, and all is compiled into its callers: three times as fast.
 """
 
-from typing import Any
-
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, merged
-from mpc.tracking.compiled.records import Cost
+from mpc.tracking.compiled.records import Cost, Signs
 from mpc.tracking.compiled.structured_qp.sizes import FREE
 
 
@@ -156,7 +154,7 @@ def gone_back(inverse: Array, R: Array, k: int, c: int, p: Array, z: Array, push
 
 @merged
 def gone_along(
-    R: Array, D: Array, feedback: Array, base: Any, k: int, c: int, xi: Array, z: Array, pushes: Array
+    R: Array, D: Array, feedback: Array, base: Signs, k: int, c: int, xi: Array, z: Array, pushes: Array
 ) -> None:
     """Add to the changes z[c, k] the feedback of ξ[k], set pushes[c, k] to the gradient then, and w of ξ[k + 1]."""
     v0, v1, g0, g1 = z[c, k, 0], z[c, k, 1], pushes[c, k, 0], pushes[c, k, 1]
@@ -199,7 +197,7 @@ def fed_back(inverse: Array, R: Array, k: int, feedback: Array) -> None:
 
 @merged
 def choose(
-    R: Array, charge: Array, D: Array, g: Array, v: Array, held: Any, k: int, inverse: Array, feedback: Array
+    R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
 ) -> None:
     """Set D, its inverse and the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those held;
     `charge` (2,) of the changes.

@@ -4,13 +4,11 @@ The pressures follow their commands alone, and by the same share B (m,) of their
 is the Jacobian of the next (q, ω) by (q, ω), P and the command. D and its inverse are (N, m, m).
 """
 
-from typing import Any
-
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from mpc.codegen.jit import inlined, inlined_flat
-from mpc.tracking.compiled.records import Cost
+from mpc.tracking.compiled.records import Cost, Signs
 from mpc.tracking.compiled.structured_qp.sizes import FREE, JOINTS, NU, NX, NXI, NY
 
 MOVING = 2 * JOINTS  # entries (q, ω)
@@ -192,7 +190,7 @@ def gone_back(inverse: Array, R: Array, k: int, c: int, p: Array, z: Array, push
 
 @inlined_flat
 def gone_along(
-    R: Array, D: Array, feedback: Array, base: Any, k: int, c: int, xi: Array, z: Array, pushes: Array
+    R: Array, D: Array, feedback: Array, base: Signs, k: int, c: int, xi: Array, z: Array, pushes: Array
 ) -> None:
     """Add to the changes z[c, k] the feedback of ξ[k], set pushes[c, k] to the gradient then, and w of ξ[k + 1]."""
     for i in range(NU):
@@ -248,7 +246,7 @@ def fed_back(inverse: Array, R: Array, k: int, feedback: Array) -> None:
 
 @inlined
 def choose(
-    R: Array, charge: Array, D: Array, g: Array, v: Array, held: Any, k: int, inverse: Array, feedback: Array
+    R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
 ) -> None:
     """Set D, its inverse and the feedback (m, NXI + 1) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those
     held; `charge` (m,) of the changes.
@@ -294,7 +292,7 @@ def invert(R: Array, k: int, charge: Array, W: Array, allowed: bool, inverse: Ar
 
 
 @inlined_flat
-def turn_inside_out(a: Array, k: int, free: Any, least: Array) -> None:
+def turn_inside_out(a: Array, k: int, free: Mask, least: Array) -> None:
     """Turn a[k] (m, m) into the inverse of what is `free` of it, 0 else: the greatest pivot first, none less than its
     own charge (J. H. Goodnight's sweep, The American Statistician 33, 1979).
     """

@@ -26,8 +26,8 @@ class StructuredQP:
     def __init__(self, problem: TrackingProblem) -> None:
         from mpc.codegen.views import flat, in_python
         from mpc.tracking.compiled.factory import setting
-        from mpc.tracking.compiled.flat_records import given_in, lengths, path_in
         from mpc.tracking.compiled.module import solve_module
+        from mpc.tracking.compiled.records import given_in, lengths, path_in
 
         self.problem, self._settle = problem, solve_module().settle
         given, buffer = map(np.zeros, lengths(sum(problem.blocks)))

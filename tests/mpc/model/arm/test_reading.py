@@ -9,8 +9,7 @@ from allocator.errors import InvalidFile
 from allocator.mechanism import Endpoint, Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N as MUSCLE
 from mpc.model.arm.differences import Differences
-from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
-from mpc.model.arm.mechanics.tendon_jacobian import TendonJacobian
+from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons, TendonJacobian
 from mpc.model.arm.mechanics.tree import TreeBodies
 from mpc.model.arm.model import Arm
 from mpc.model.arm.reading import read_arm
@@ -127,8 +126,8 @@ def test_differences_find_the_motion_and_the_slopes_of_the_formulas(endpoint):
         mechanism=replace(arm.mechanism, routes=MujocoTendons.of(mechanics, 0.3, read_.cable)),
         bodies=MujocoBodies(mechanics),
     )
-    assert arm.has_formulas
-    assert not other.has_formulas
+    assert not arm.unformulated
+    assert other.unformulated
     rng, N = np.random.default_rng(3), 4
     x = np.concatenate([[0.2, 0.5], rng.normal(0, 0.5, 2), rng.uniform(2.8e5, 3.2e5, 4)])
     u, d = rng.uniform(2.8e5, 3.2e5, (N, 4)), rng.normal(0, 0.3, (N, 2))
@@ -150,7 +149,7 @@ def test_differences_find_the_motion_and_the_slopes_of_the_formulas(endpoint):
 def test_a_tendon_round_a_geom_is_asked_of_mujoco():
     arm = Arm.from_mjcf(ROUND, MUSCLE, 0.3, contraction=0.14)
     assert "flexor" in read(ROUND).asked_of_mujoco
-    assert not arm.has_formulas
+    assert arm.unformulated
     model = mujoco.MjModel.from_xml_string(ROUND)
     data = mujoco.MjData(model)
     data.qpos[:] = [0.1, 0.2]
