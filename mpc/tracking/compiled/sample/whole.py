@@ -138,6 +138,12 @@ class WholeStep:
         self._parts.ladder.catch_up()
         self._parts.rest_mode.catch_up()
 
+    def remembered(self) -> Array:
+        """Return what the last step made and remembers, taken from the parts: see `layout`."""
+        self.give()
+        self._take()
+        return self._newest.out
+
     def _numbers(self, *given: Any) -> tuple[Array, Array, Array, float]:
         """Return the state (4,), previews (ahead + 1,) and torque that were given in whatever kind of numbers; or raise
         an `InvalidInput`, a `ValueError` or a `TypeError`.
