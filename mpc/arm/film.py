@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class _Drawing:
 
         self._plant, self._arm = plant, arm
         figure = Figure(figsize=(SIZE[0] / 80, SIZE[1] / 80), dpi=80, layout="constrained")
-        self._canvas: Any = FigureCanvasAgg(figure)
+        self._canvas = FigureCanvasAgg(figure)
         plane, bars = figure.subplots(1, 2, width_ratios=[3, 2])
         self._two = np.array([0, 1])
         if isinstance(arm.bodies, Bodies):
@@ -80,7 +80,7 @@ class _Drawing:
         plane.set(xlim=limits[0], ylim=limits[1], xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]", aspect="equal")
         (self._links,) = plane.plot([], [], color=COLOURS[7], lw=6, marker="o", mfc=COLOURS[6], solid_capstyle="round")
         (self._way,) = plane.plot([], [], color=COLOURS[1], lw=1)
-        self._trace: list[Any] = []
+        self._trace: list[Array] = []
         self._bars = bars.barh(arm.mechanism.muscle_names, np.zeros(arm.m), color=COLOURS[1])
         bars.set(xlim=np.array(plant.pressure_limits) / BAR, xlabel="pressure [bar]")
         bars.tick_params(axis="y", labelsize=7)

@@ -29,6 +29,7 @@ from mpc.observer.base import Observer
 from mpc.trials.push import REST, Freezing, held
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller, simulate
+from mpc.trials.trajectories import min_jerk
 
 _SAMPLES = 400  # of a period at least: the aliases of the held torque move the link less than 1e-7 as far
 _SWELL = 6.0  # [s] at least, in which the sine swells
@@ -115,8 +116,7 @@ def _shaken(
     kept = max(_PERIODS, ceil(_LONG * f)) * per_period
     experiment: RealExperiment = real.begin(h, x, seed)
     phase = 2 * pi / per_period * np.arange(swell + kept)
-    rise = np.minimum(np.arange(swell + kept) / swell, 1)
-    pushed = load + torque * rise**3 * (10 - 15 * rise + 6 * rise**2) * np.sin(phase)
+    pushed = load + torque * min_jerk(np.arange(swell + kept) / swell) * np.sin(phase)
     read = np.empty(swell + kept)
     for k, T_e in enumerate(pushed.tolist()):
         read[k] = experiment.measure()[0]
