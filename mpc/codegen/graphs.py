@@ -7,9 +7,12 @@ written. Inputs, outputs and numbers look different in each text, so that whoeve
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from allocator.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 
 class Untranslatable(InvalidInput):
@@ -41,7 +44,7 @@ class Output(NamedTuple):
 
 
 def steps(
-    function: Any,
+    function: "Function",
     language: Language,
     entry: Callable[[int, int], str],
     number: Callable[[float], str],
@@ -94,7 +97,7 @@ def _invertible(by: str | float) -> bool:
     return isinstance(by, str) or 1e-150 < abs(by) < 1e150
 
 
-def _form(kind: int, function: Any, language: Language) -> str:
+def _form(kind: int, function: "Function", language: Language) -> str:
     """Return how `language` writes the operation that CasADi numbers `kind`."""
     name = operation_names().get(kind, f"operation number {kind}")
     form = language.operations.get(name)

@@ -1,7 +1,8 @@
 """A run is animated: the joint with its muscles beside angle, stiffness and pressures, in real time."""
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -11,6 +12,12 @@ from allocator.presentation.plotting import new_figure
 from allocator.units import BAR, DEG
 from mpc.trials.film_files import Picture, check_film, save_film
 from mpc.trials.simulation import Run
+
+if TYPE_CHECKING:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Polygon
+
+Progress: TypeAlias = Callable[[Iterable[int]], Iterable[int]]
 
 _PER_SECOND = 12  # frames
 _DPI = 72
@@ -23,11 +30,11 @@ _BULGE = 0.22  # of which it grows per contraction
 class _Muscle(NamedTuple):
     """A muscle is drawn as its outline and its cable."""
 
-    outline: Any
-    cable: Any
+    outline: "Polygon"
+    cable: "Line2D"
 
 
-def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Any = lambda frames: frames) -> None:
+def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Progress = lambda frames: frames) -> None:
     """Write the run as GIF or MP4, whole or not at all.
 
     `progress` is what to wrap the iteration over the frames in. Raises `MissingBackend` for MP4 without ffmpeg.

@@ -1,6 +1,6 @@
 """The way of an arm's hand in a run, and how far a force moves it there."""
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,9 @@ from allocator.mechanism.endpoint import Endpoint
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.trials.simulation import Run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Okabe & Ito's colours, told apart by colour-blind eyes
 COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8c8c8c"
@@ -43,7 +46,7 @@ def way_of(run: Run, hand: Endpoint | None = None) -> Way | None:
     return Way((names[two[0]], names[two[1]]), place.position[:, two], asked.position[:, two], place.jacobian[:, two])
 
 
-def draw_hand(axes: Any, run: Run, way: Way) -> None:
+def draw_hand(axes: "Axes", run: Run, way: Way) -> None:
     """Draw the way of the hand, its reference, and the arm in the plane where it ends."""
     axes.plot(way.asked[:, 0], way.asked[:, 1], color=_BLACK, ls="--", lw=1, label="reference")
     axes.plot(way.x[:, 0], way.x[:, 1], color=COLOURS[0], lw=1.2, label="hand")
@@ -56,7 +59,7 @@ def draw_hand(axes: Any, run: Run, way: Way) -> None:
     axes.legend(frameon=False, fontsize="small")
 
 
-def draw_ellipses(axes: Any, run: Run, way: Way) -> None:
+def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
     """Draw what forces of 1 N in all directions move the hand by, at some moments: the compliance J K⁻¹ Jᵀ."""
     K_joints = run.plant.stiffness(run.x)
     turn = np.linspace(0, 2 * np.pi, 73)
@@ -71,7 +74,7 @@ def draw_ellipses(axes: Any, run: Run, way: Way) -> None:
     axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="where 1 N moves the hand")
 
 
-def _at_least(axes: Any, points: Array) -> None:
+def _at_least(axes: "Axes", points: Array) -> None:
     """Let `axes` show some centimetres about `points` (…, 2): a hand that is held is no microscope's object."""
     middle, half = points.mean(axis=0), np.maximum(np.ptp(points, axis=0) / 2, _SHOWN)
     axes.plot(*np.transpose([middle - half, middle + half]), alpha=0.0)

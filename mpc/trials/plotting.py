@@ -1,7 +1,7 @@
 """The picture of a run: angles, stiffness and pressures against their references and limits."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,13 +15,17 @@ from mpc.trials.hand import COLOURS, draw_ellipses, draw_hand, way_of
 from mpc.trials.metrics import metrics
 from mpc.trials.simulation import Run
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 _BLACK, _GREY = "#000000", "#8c8c8c"
 _NOTHING = 1e-6  # [N·m/rad]
 _PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its command and what is forbidden
 _MANY = (3.0,)  # of those of more
 
 
-def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> Any:
+def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> "Figure":
     """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes; `title` names what it is.
 
     Of an arm the way of its `hand` is drawn beside, as `mpc.trials.hand.way_of` says.
@@ -68,7 +72,7 @@ def save_tracking_figure(run: Run, path: str | Path, title: str = "", hand: Endp
     save_figure(tracking_figure(run, title, hand), path)
 
 
-def _angle(axes: Any, errors: Any, run: Run) -> None:
+def _angle(axes: "Axes", errors: "Axes", run: Run) -> None:
     plant, rows = run.plant, run.t.size
     theta, asked = (a.reshape(rows, -1) / DEG for a in (run.theta, run.theta_ref))
     names = ("angle",) if plant.angle_shape == () else plant.labels.angles
@@ -85,7 +89,7 @@ def _angle(axes: Any, errors: Any, run: Run) -> None:
     errors.set_ylabel("error of θ [°]")
 
 
-def _stiffness(axes: Any, run: Run) -> None:
+def _stiffness(axes: "Axes", run: Run) -> None:
     table, names = run.to_dict(), run.plant.labels.stiffness
     for i, name in enumerate(names):
         if np.abs(table[name]).max() < _NOTHING:  # of muscles that cross one joint only
@@ -99,7 +103,7 @@ def _stiffness(axes: Any, run: Run) -> None:
     _legend(axes)
 
 
-def _pressures(axes: Any, run: Run) -> None:
+def _pressures(axes: "Axes", run: Run) -> None:
     """Draw the pressures of all muscles."""
     for j, name in enumerate(run.plant.labels.pressures):
         axes.plot(run.t, run.P[:, j] / BAR, color=COLOURS[j % len(COLOURS)], lw=1, label=name)
@@ -107,7 +111,7 @@ def _pressures(axes: Any, run: Run) -> None:
     _legend(axes)
 
 
-def _pressure(axes: Any, run: Run, muscle: int) -> None:
+def _pressure(axes: "Axes", run: Run, muscle: int) -> None:
     """Draw pressure and command of a muscle (0, 1); what is shaded is forbidden: beyond the supply, or slack."""
     color, name = ((COLOURS[0], "P1"), (COLOURS[1], "P2"))[muscle]
     low, high = (limit / BAR for limit in run.plant.joint.pressure_limits)
@@ -115,7 +119,7 @@ def _pressure(axes: Any, run: Run, muscle: int) -> None:
     axes.plot(run.t, run.P[:, muscle] / BAR, color=color, label=f"pressure {name}")
     axes.step(run.t[:-1], run.u[:, muscle] / BAR, color=_BLACK, lw=0.7, alpha=0.6, where="post", label="command")
     floor, ceiling = low - 0.05 * (high - low), high + 0.08 * (high - low)
-    forbidden = {"color": _GREY, "alpha": 0.25, "lw": 0}
+    forbidden: dict[str, Any] = {"color": _GREY, "alpha": 0.25, "lw": 0}
     axes.fill_between(run.t, floor, np.maximum(taut, low), label="slack, or beyond the supply", **forbidden)
     axes.axhspan(high, ceiling, **forbidden)
     axes.set_ylim(floor, ceiling)
@@ -129,14 +133,14 @@ def _taut_limit(run: Run) -> tuple[Array, Array]:
     return box.agonist.lo, box.antagonist.lo
 
 
-def _widen(axes: Any, least: float) -> None:
+def _widen(axes: "Axes", least: float) -> None:
     """Make the axis at least so high: what should be constant shall look it."""
     low, high = axes.get_ylim()
     if high - low < least:
         axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
 
 
-def _legend(axes: Any) -> None:
+def _legend(axes: "Axes") -> None:
     """Draw the legend to the right of the axes, where no data are; what is drawn twice is named once."""
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     axes.legend(

@@ -21,9 +21,10 @@ asked for and the one that was measured is told apart by cause; each step change
 
 from dataclasses import dataclass, replace
 from math import pi
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import allocate
 from allocator.calculus import Array
@@ -187,14 +188,14 @@ class Freezing:
         self._sample = 0
         self._frozen: Plan | None = None
 
-    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
+    def step(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike = 0.0) -> Plan:
         """Return the controller's plan, or that of the freezing."""
         self._sample += 1
         if self._frozen is None:
             plan = self.controller.step(x, theta_ref, K_ref, d)
             if self._sample <= self.after:
                 return plan
-            self._frozen = replace(plan, u=np.broadcast_to(np.array(x[2:]), plan.u.shape))
+            self._frozen = replace(plan, u=np.broadcast_to(np.array(x)[2:], plan.u.shape))
         return self._frozen
 
 

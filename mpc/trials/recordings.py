@@ -9,8 +9,10 @@ from zipfile import BadZipFile
 from zlib import error as Damaged  # noqa: N812  # it has no other name
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks, machine_file
+from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import replacing
 from allocator.files.toml import Table
@@ -24,7 +26,7 @@ _DAMAGE = (  # what zipfile and NumPy raise on files that are none of theirs
 _ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
 
 
-def save_recording(run: Run, path: str | Path, further: Mapping[str, Any] | None = None) -> None:
+def save_recording(run: Run, path: str | Path, further: Mapping[str, ArrayLike] | None = None) -> None:
     """Write `run`: its arrays by the names they have in `Run`, and the plant as `joint` (TOML) and `plant_…`.
 
     `further` arrays by other names are kept beside them.
@@ -49,7 +51,7 @@ def load_recording(path: str | Path) -> Run:
         raise InvalidFile(path, "is not an NPZ file, or damaged") from None
     if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in Plant().numbers)} - stored.keys():
         raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
-    arrays: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+    arrays = {name: stored[name] for name in _ARRAYS}
     try:
         _check(arrays)
     except InvalidInput as error:
@@ -58,7 +60,7 @@ def load_recording(path: str | Path) -> Run:
     return Run(_plant(path, stored), **(arrays | plain))
 
 
-def _check(arrays: dict[str, Any]) -> None:
+def _check(arrays: dict[str, Array]) -> None:
     """Insist that arrays have the shapes and kinds of a run's. Raises `InvalidInput`."""
     steps = arrays["step_time"].size
     for name, array in arrays.items():
@@ -81,7 +83,7 @@ def _shape(name: str, steps: int) -> tuple[int, ...]:
     return (length,) if width is None else (length, width)
 
 
-def _plant(path: str | Path, stored: dict[str, Any]) -> Plant:
+def _plant(path: str | Path, stored: dict[str, Array]) -> Plant:
     given = {name: f"plant_{name}" for name in NUMBERS}
     numbers: dict[str, Any] = {name: stored[key].tolist() for name, key in given.items() if key in stored}
     try:

@@ -2,9 +2,9 @@
 
 import math
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ class Printed(NamedTuple):
     body: str
 
 
-def runs(pairs: Any) -> Iterator[tuple[str, list[str]]]:
+def runs(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
     """Yield (key, values of all pairs in a row that begin with it)."""
     for key, group in groupby(pairs, key=lambda pair: pair[0]):
         yield key, [value for _, value in group]
