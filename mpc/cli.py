@@ -121,7 +121,7 @@ def track(
 
     from mpc.model.plant import Plant
     from mpc.trials.animation import save_animation
-    from mpc.trials.choice import reference_called
+    from mpc.trials.files import reference_called
     from mpc.trials.loops import loop
     from mpc.trials.report import write_run
     from mpc.trials.simulation import simulate

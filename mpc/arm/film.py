@@ -9,12 +9,13 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
+from allocator.presentation.plotting import new_figure
 from allocator.units import BAR
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.picture import Camera
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
-from mpc.trials.film_files import Picture, save_film
+from mpc.trials.animation import Picture, drawn, save_film
 from mpc.trials.hand import COLOURS
 
 SIZE = 480, 360  # [pixels]
@@ -63,13 +64,10 @@ class _Drawing:
     """A drawing has the links as lines, the way of the hand, and a bar for the pressure of every muscle."""
 
     def __init__(self, plant: MujocoPlant, arm: Arm) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         self._plant, self._arm = plant, arm
-        figure = Figure(figsize=(SIZE[0] / 80, SIZE[1] / 80), dpi=80, layout="constrained")
-        self._canvas = FigureCanvasAgg(figure)
-        plane, bars = figure.subplots(1, 2, width_ratios=[3, 2])
+        self._figure = new_figure(SIZE[0] / 80, SIZE[1] / 80)
+        self._figure.set_dpi(80)
+        plane, bars = self._figure.subplots(1, 2, width_ratios=[3, 2])
         self._two = np.array([0, 1])
         if isinstance(arm.bodies, Bodies):
             reach = 1.1 * sum(arm.bodies.length)
@@ -93,8 +91,7 @@ class _Drawing:
         self._way.set_data(*np.transpose(self._trace))
         for bar, pressure in zip(self._bars, self._plant.P / BAR, strict=True):
             bar.set_width(pressure)
-        self._canvas.draw()
-        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+        return drawn(self._figure)
 
     def _points(self) -> Array:
         """Return the hinges and the end of the arm in the plane that is drawn (k, 2) [m]."""

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
-from mpc.codegen.graphs import Output, Untranslatable, steps
-from mpc.codegen.languages import C
+from mpc.codegen.graphs import C, Output, Untranslatable, steps
 
 if TYPE_CHECKING:
     from casadi import Function

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.codegen.graphs import Output, Untranslatable, steps
-from mpc.codegen.languages import PYTHON
+from mpc.codegen.graphs import PYTHON, Output, Untranslatable, steps
 
 if TYPE_CHECKING:
     from casadi import Function

@@ -30,8 +30,7 @@ def explore(
 
     from rich.console import Console
 
-    from mpc.explorer.replay import frames
-    from mpc.explorer.server import HOST, server
+    from mpc.explorer.server import HOST, frames, server
     from mpc.trials.recordings import load_recording
 
     within("--port", port, "", 0, 65535)

@@ -1,17 +1,20 @@
-"""Trajectories and runs are kept as CSV: degrees, bar and N·m/rad here, SI in the program."""
+"""Trajectories and runs as CSV: degrees, bar and N·m/rad here, SI in the program; and the trajectory of a command."""
 
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Mask
-from allocator.errors import InvalidFile
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import replacing
 from allocator.files.csv_table import Table, read_table
 from allocator.units import DEG
-from mpc.trials.reference import Reference
+from mpc.model.plant import Plant
+from mpc.trials.reference import Reference, sine
 from mpc.trials.simulation import Run
+from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 
 COLUMNS = ("t", "theta_deg", "stiffness")  # [s], [°], [N·m/rad]
 
@@ -69,3 +72,22 @@ def _refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str
     if wrong.any():
         i = int(np.argmax(wrong))
         raise InvalidFile(table.path, sentence.format(values[i]), line=table.lines[i], column=column)
+
+
+def reference_called(name: str | None, K: float | None, plant: Plant) -> Reference:
+    """Return the trajectory of this name or in this file, about the stiffness K [N·m/rad] if it is a standard one.
+
+    Without a name it is the default trajectory where the plant has the report's joint, a sine elsewhere. Raises
+    `InvalidInput`.
+    """
+    if name is None and K is None and plant.joint == Plant().joint:
+        return default_trajectory()
+    if name is None or name in TRAJECTORIES:
+        middle = usual_stiffness(plant.joint) if K is None else float(checks.stiffness("stiffness", K))
+        about = TRAJECTORIES[name].about if name else lambda K: sine(K=K)
+        return shrunk(about, middle, plant.joint)
+    if K is not None:
+        raise InvalidInput("--stiffness goes with a standard trajectory; a file has its own")
+    if Path(name).suffix or Path(name).exists():
+        return load(name)
+    raise InvalidInput(f"there is neither a standard trajectory nor a file {name}; there are {', '.join(TRAJECTORIES)}")

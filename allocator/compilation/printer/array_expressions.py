@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind
-from allocator.compilation.printer.c_operators import AND, ATOM, CHOICE, INT, LINK, LINKS, OR, REAL, SIGNS, SUM, UNARY
+from allocator.compilation.printer.c_layout import AND, ATOM, CHOICE, INT, LINK, LINKS, OR, REAL, SIGNS, SUM, UNARY
 from allocator.compilation.printer.python_text import refuse
 
 _EMPTY, _ZEROS = "np.empty", "np.zeros"

@@ -16,8 +16,7 @@ from allocator.compilation.jit import Function
 from allocator.compilation.printer.array_expressions import Expressions
 from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind, TupleKind, declared
 from allocator.compilation.printer.array_simplified import simplified
-from allocator.compilation.printer.c_layout import Printed, comment, number, wrapped
-from allocator.compilation.printer.c_operators import ATOM, INT, REAL, SIGNS, SUM
+from allocator.compilation.printer.c_layout import ATOM, INT, REAL, SIGNS, SUM, Printed, comment, number, wrapped
 from allocator.compilation.printer.python_text import Unprintable, refuse
 
 MIN_AND_MAX = "\n".join(

@@ -6,8 +6,7 @@ from typing import Self
 
 from allocator import checks
 from allocator.errors import InvalidInput
-from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import DeviceError, Reading
+from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
 
 
 class CallableDevice:

@@ -14,8 +14,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Self, TypeAlias
 
 from allocator.errors import InvalidInput
-from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
+from mpc.bench.device import Clock, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.devices.register_map import Entry, RegisterMap
 
 if TYPE_CHECKING:

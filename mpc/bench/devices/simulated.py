@@ -11,8 +11,7 @@ import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array
-from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import DeviceError, Reading
+from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealExperiment, RealPlant

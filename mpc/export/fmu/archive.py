@@ -2,22 +2,19 @@
 
 import hashlib
 import platform
-import subprocess
 import sys
 import tempfile
 import zipfile
 from pathlib import Path, PurePosixPath
 
-from allocator.errors import AntagonistError, InvalidInput
+from allocator.errors import InvalidInput
 from allocator.files.atomic import replacing
-from mpc.export.compiler import compiler
-from mpc.export.directory import write
+from mpc.export.building import compile_c, write
 from mpc.export.fmu.description import Model, build_description, model_description
 from mpc.export.fmu.variables import variables_header
 from mpc.export.parts import Files, copied
 
 _INCLUDES = (".", "src")
-_LONGEST_COMPILING = 300.0  # [s]
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the same FMU of the same model, whenever it is made
 _SUFFIXES = {"linux": ".so", "darwin": ".dylib"}
 
@@ -33,12 +30,12 @@ def packed(model: Model, own: Files, path: Path, binary: bool) -> Path:
     sources = own | dict(copied("fmi3", "")) | dict(copied("fmu", "src/"))
     token = _token(sources, model)
     sources["src/unit_variables.h"] = variables_header(model.variables, model.dt, token)
-    compiled = sorted(name for name in sources if PurePosixPath(name).match("src/*.c") and name.count("/") == 1)
+    units = sorted(name for name in sources if PurePosixPath(name).match("src/*.c") and name.count("/") == 1)
     entries = {f"sources/{name}": content.encode() for name, content in sources.items()}
-    entries["sources/buildDescription.xml"] = build_description(model, compiled, _INCLUDES).encode()
+    entries["sources/buildDescription.xml"] = build_description(model, units, _INCLUDES).encode()
     entries["modelDescription.xml"] = model_description(model, token).encode()
     if binary:
-        name, content = _binary(model, sources, compiled)
+        name, content = _binary(model, sources, units)
         entries[name] = content
     with replacing(path) as draft, zipfile.ZipFile(draft, "w") as archive:
         for name in sorted(entries):
@@ -52,7 +49,7 @@ def _token(sources: Files, model: Model) -> str:
     return digest.hexdigest()
 
 
-def _binary(model: Model, sources: Files, compiled: list[str]) -> tuple[str, bytes]:
+def _binary(model: Model, sources: Files, units: list[str]) -> tuple[str, bytes]:
     """Return the name and the content of the library for this machine."""
     suffix = _SUFFIXES.get(sys.platform)
     if suffix is None:
@@ -61,9 +58,6 @@ def _binary(model: Model, sources: Files, compiled: list[str]) -> tuple[str, byt
     with tempfile.TemporaryDirectory(prefix="antagonist-fmu-") as made:
         directory = write(sources, Path(made) / "c")
         library = directory / f"{model.identifier}{suffix}"
-        flags = ["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-I{name}" for name in _INCLUDES)]
-        command = [compiler(), *flags, *compiled, "-lm", "-o", str(library)]
-        done = subprocess.run(command, cwd=directory, capture_output=True, text=True, timeout=_LONGEST_COMPILING)
-        if done.returncode:
-            raise AntagonistError(f"the FMU cannot be compiled: {done.stderr}")
+        flags = ["-O2", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-I{name}" for name in _INCLUDES)]
+        compile_c("the FMU", directory, *flags, *units, "-lm", "-o", str(library))
         return f"binaries/{machine}-{sys.platform}/{library.name}", library.read_bytes()

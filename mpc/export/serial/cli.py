@@ -45,7 +45,7 @@ class BoardOptions:
     ) -> Path:
         """Write the board's firmware, and what simulates it with what is `known` of the plant; return `out`."""
         from mpc.export.serial.entry import export_board
-        from mpc.export.serial.safety import Safety
+        from mpc.export.serial.firmware import Safety
         from mpc.model.real_plant import RealPlant
 
         safety = Safety(self.watchdog, self.fall * BAR)

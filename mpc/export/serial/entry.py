@@ -5,12 +5,11 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from mpc.export.directory import check, write
+from mpc.export.building import check, write
 from mpc.export.entry import controller_files, pair
 from mpc.export.parts import Files, is_single
 from mpc.export.plant import real_plant, start_of
-from mpc.export.serial.files import firmware_files, simulation_files
-from mpc.export.serial.safety import Safety
+from mpc.export.serial.firmware import Safety, firmware_files, simulation_files
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
