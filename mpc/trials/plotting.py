@@ -8,7 +8,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.joint.limits import Limits
 from allocator.mechanism.endpoint import Endpoint
-from allocator.presentation.plotting import new_figure, save_figure
+from allocator.presentation.plotting import GREY, legend_outside, new_figure, save_figure
 from allocator.units import BAR, DEG
 from mpc.model.plant import Plant
 from mpc.trials.hand import COLOURS, draw_ellipses, draw_hand, way_of
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_BLACK, _GREY = "#000000", "#8c8c8c"
+_BLACK = "#000000"
 _NOTHING = 1e-6  # [N·m/rad]
 _PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its command and what is forbidden
 _MANY = (3.0,)  # of those of more
@@ -82,10 +82,10 @@ def _angle(axes: "Axes", errors: "Axes", run: Run) -> None:
         errors.plot(run.t, theta[:, i] - asked[:, i], color=COLOURS[i % len(COLOURS)], lw=1)
     for limit in np.ravel(plant.angle_limits) / DEG:
         if len(names) == 1 and abs(limit) < 1.6 * np.abs(theta).max():  # a far limit would only flatten the curve
-            axes.axhline(limit, color=_GREY, ls="-.", lw=1, label="end of the joint range")
+            axes.axhline(limit, color=GREY, ls="-.", lw=1, label="end of the joint range")
     axes.set_ylabel("joint angle θ [°]")
     _widen(axes, 2.0)
-    _legend(axes)
+    legend_outside(axes)
     errors.set_ylabel("error of θ [°]")
 
 
@@ -100,7 +100,7 @@ def _stiffness(axes: "Axes", run: Run) -> None:
     unit = f"[{run.plant.stiffness_unit}]"
     axes.set_ylabel("\n".join([f"{name} K", " at ".join([unit, *frequency])]))
     _widen(axes, 0.2)
-    _legend(axes)
+    legend_outside(axes)
 
 
 def _pressures(axes: "Axes", run: Run) -> None:
@@ -108,7 +108,7 @@ def _pressures(axes: "Axes", run: Run) -> None:
     for j, name in enumerate(run.plant.labels.pressures):
         axes.plot(run.t, run.P[:, j] / BAR, color=COLOURS[j % len(COLOURS)], lw=1, label=name)
     axes.set_ylabel("gauge pressure [bar]")
-    _legend(axes)
+    legend_outside(axes)
 
 
 def _pressure(axes: "Axes", run: Run, muscle: int) -> None:
@@ -119,12 +119,12 @@ def _pressure(axes: "Axes", run: Run, muscle: int) -> None:
     axes.plot(run.t, run.P[:, muscle] / BAR, color=color, label=f"pressure {name}")
     axes.step(run.t[:-1], run.u[:, muscle] / BAR, color=_BLACK, lw=0.7, alpha=0.6, where="post", label="command")
     floor, ceiling = low - 0.05 * (high - low), high + 0.08 * (high - low)
-    forbidden: dict[str, Any] = {"color": _GREY, "alpha": 0.25, "lw": 0}
+    forbidden: dict[str, Any] = {"color": GREY, "alpha": 0.25, "lw": 0}
     axes.fill_between(run.t, floor, np.maximum(taut, low), label="slack, or beyond the supply", **forbidden)
     axes.axhspan(high, ceiling, **forbidden)
     axes.set_ylim(floor, ceiling)
     axes.set_ylabel(f"{('agonist', 'antagonist')[muscle]}\n[bar]")
-    _legend(axes)
+    legend_outside(axes)
 
 
 def _taut_limit(run: Run) -> tuple[Array, Array]:
@@ -138,11 +138,3 @@ def _widen(axes: "Axes", least: float) -> None:
     low, high = axes.get_ylim()
     if high - low < least:
         axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
-
-
-def _legend(axes: "Axes") -> None:
-    """Draw the legend to the right of the axes, where no data are; what is drawn twice is named once."""
-    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(
-        named.values(), named.keys(), loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize="small"
-    )
