@@ -31,6 +31,5 @@ class Deferred:
             return getattr(self, name)
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the attributes."""
         self.catch_up()
         return self.__dict__.copy()

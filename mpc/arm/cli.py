@@ -39,7 +39,6 @@ class ArmOptions:
     view: Annotated[bool, typer.Option("--view", help="watch it in MuJoCo's window, in real time")] = False
 
     def __post_init__(self) -> None:
-        """Refuse what there is not."""
         if self.stiffness_of not in _TRACKED:
             raise MissingBackend("stiffness to follow", self.stiffness_of, _TRACKED)
 
@@ -199,10 +198,8 @@ class _Window:
         self._viewer.sync()
 
     def __enter__(self) -> "_Window":
-        """Return itself."""
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Close it."""
         if self._viewer is not None:
             self._viewer.close()

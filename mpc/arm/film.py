@@ -16,7 +16,7 @@ from mpc.arm.picture import Camera
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.trials.animation import Picture, drawn, save_film
-from mpc.trials.hand import COLOURS
+from mpc.trials.plotting import COLOURS
 
 SIZE = 480, 360  # [pixels]
 _RATE = 20  # pictures a second
@@ -51,11 +51,9 @@ class Film:
         save_film(self.pictures, path, _RATE)
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, raised: BaseException | None, _: TracebackType | None) -> None:
-        """Give the camera back."""
         if self._camera is not None:
             self._camera.close()
 

@@ -104,7 +104,6 @@ class Recorder:
         self._used = _CHUNK  # rows of the last chunk
 
     def __enter__(self) -> Self:
-        """Begin the file with its head."""
         if self._path is not None:
             check_writable(self._path)
             target = Path(os.path.realpath(self._path))
@@ -126,7 +125,6 @@ class Recorder:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Close the file; without a row there is none."""
         file, self._file = self._file, None
         if file is not None:
             os.close(file)
@@ -228,7 +226,6 @@ class Lateness(NamedTuple):
         return cls(median, p99, float(late.max()), int((late > dt / 10).sum()), int(missed.sum()), late.size)
 
     def __str__(self) -> str:
-        """Say it in one line."""
         return (
             f"lateness {1e3 * self.median:.3f} ms median, {1e3 * self.p99:.3f} ms for 99 %, {1e3 * self.worst:.2f} ms "
             f"at worst; {self.late} of {self.samples} samples late by over a tenth of one, {self.missed} missed"

@@ -31,7 +31,7 @@ def explore(
     from rich.console import Console
 
     from mpc.explorer.server import HOST, frames, server
-    from mpc.trials.recordings import load_recording
+    from mpc.trials.files import load_recording
 
     within("--port", port, "", 0, 65535)
     if run is not None and options != MachineOptions():

@@ -13,7 +13,7 @@ from allocator import AntagonistJoint
 from allocator.errors import AntagonistError
 from allocator.units import DEG
 from mpc.explorer.question import Answer, Question, describe, muscles
-from mpc.trials.recordings import load_recording
+from mpc.trials.files import load_recording
 
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")  # a page of elsewhere that has our address resolved to it is refused

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from allocator.errors import CannotWrite, MissingBackend
 from allocator.files.atomic import replacing
-from allocator.presentation.captions import fit_captions
-from allocator.presentation.plotting import new_figure
+from allocator.presentation.plotting import fit_captions, new_figure
 from allocator.units import BAR, DEG
 from mpc.trials.simulation import Run
 

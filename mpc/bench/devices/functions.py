@@ -42,11 +42,9 @@ class CallableDevice:
         self._clock: Clock = MonotonicClock() if clock is None else clock
 
     def __enter__(self) -> Self:
-        """Do nothing: the functions are connected already."""
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Call `close`."""
         if self._close is not None:
             self._close()
 

@@ -58,7 +58,6 @@ class ModbusDevice:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Disconnect."""
         self._client.close()
 
     def read(self) -> Reading:

@@ -60,7 +60,6 @@ class SimulatedDevice:
         self._experiment: RealExperiment | None = None
 
     def __enter__(self) -> Self:
-        """Begin to move."""
         self._experiment = self.plant.begin(STEP, self._x0, self._seed)
         self._u = self._x0[2:].copy()
         self._began, self._steps = self.clock.now(), 0

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from allocator.errors import AntagonistError
 from mpc.export.building import compile_c, write
-from mpc.export.serial.entry import board_files
-from mpc.export.serial.firmware import Safety
+from mpc.export.serial.firmware import Safety, board_files
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
@@ -70,7 +69,6 @@ class SimulatedBoard:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Stop the board and remove its files."""
         self.stop()
         if self._directory is not None:
             self._directory.cleanup()

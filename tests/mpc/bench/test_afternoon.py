@@ -30,8 +30,8 @@ from mpc.cli import app
 from mpc.export.serial.firmware import Safety
 from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
+from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
-from mpc.trials.recordings import load_recording
 from mpc.trials.trajectories import point_to_point, shrunk, usual_stiffness
 from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 

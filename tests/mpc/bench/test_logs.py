@@ -16,8 +16,8 @@ from mpc.bench.safety import SoftStart, Watchdog
 from mpc.bench.tracking import Tracking, replay
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator
+from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
-from mpc.trials.recordings import load_recording
 from mpc.trials.reference import sine
 from mpc.yardsticks.baselines import PIDControl
 
