@@ -123,9 +123,7 @@ def turn(m: Resting, mean: float, swings: bool) -> None:
 
 
 @inlined
-def approached(
-    table: int, m: Resting, last: Array, out: Array, x: Array, theta: Array, K: Array, d: float
-) -> bool:  # fmt: skip
+def approached(table: int, m: Resting, last: Array, out: Array, x: Array, theta: Array, K: Array, d: float) -> bool:
     """Make the approach to the pressures that are held, as `joint.step` makes a plan; return whether it is finite."""
     i = inputs_at(table)
     known, want, now, f = known_in(i.known), asked_in(i.asked), given_in(i.given), rubbing_in(i.friction)

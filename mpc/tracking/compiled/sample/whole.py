@@ -131,18 +131,18 @@ class WholeStep:
         self.behind = False
         return Plan.later(_fields, self._arrays.size, out, now - began)
 
+    def remembered(self) -> Array:
+        """Return what the last step made and remembers, taken from the parts: see `layout`."""
+        self.give()
+        self._take()
+        return self._newest.out
+
     def give(self) -> None:
         """Give the state to the parts, which go on from it."""
         self.behind = True
         self._parts.preview.catch_up()
         self._parts.ladder.catch_up()
         self._parts.rest_mode.catch_up()
-
-    def remembered(self) -> Array:
-        """Return what the last step made and remembers, taken from the parts: see `layout`."""
-        self.give()
-        self._take()
-        return self._newest.out
 
     def _numbers(self, *given: Any) -> tuple[Array, Array, Array, float]:
         """Return the state (4,), previews (ahead + 1,) and torque that were given in whatever kind of numbers; or raise
