@@ -46,7 +46,7 @@ def driven(
     """
     i, M, x, y = inputs_at(table), len(answers.u), np.empty(4), np.empty(4)
     known, ahead, N = known_in(i.known), asked_in(i.asked).theta.size, given_in(i.given).u.shape[0]
-    sample = observer.sample_at(observed)
+    sample, what = observer.sample_at(observed), np.int64(WHOLE)  # for a constant numba would compile the step anew
     xi, last, out = sample.now.belief.xi, both[0], both[1]
     for k in range(first, M):
         process.read(plant.sensors, plant.full, plant.noise[k], y)
@@ -63,7 +63,7 @@ def driven(
             done = approached(table, m, last, out, x, now, then, xi[4])
         else:
             answers.rung[k], answers.status[k] = QP, OPTIMAL
-            done = joint.step(WHOLE, table, last, out, x[::1], now, then, xi[4])
+            done = joint.step(what, table, last, out, x[::1], now, then, xi[4])
         if not done:
             return k
         made = made_in(out[: plan_length(N)])
