@@ -13,7 +13,7 @@ import numpy as np
 
 from mpc import Plant, TrackingMPC
 from mpc.bench.device import NoAnswer
-from mpc.export.serial.entry import export_board
+from mpc.export.serial.firmware import export_board
 from tests.rigs import fuzz
 
 

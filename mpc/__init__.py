@@ -61,7 +61,6 @@ else:
         return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
 
     def __dir__():
-        """Return the public names too."""
         return sorted({*globals(), *_HOMES})
 
 

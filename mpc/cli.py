@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,12 +32,10 @@ from mpc.trials.trajectories import TRAJECTORIES
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
     from mpc.trials.loops import Settings
-    from mpc.trials.metrics import Metrics
     from mpc.trials.reference import Reference
     from mpc.trials.simulation import Process, Run
 
@@ -118,10 +117,13 @@ def track(
     tendons are the muscles, it follows angles and a stiffness matrix on MuJoCo, and is filmed.
     """
     from rich.console import Console
+    from rich.progress import track as tracked
 
     from mpc.model.plant import Plant
-    from mpc.trials.choice import reference_called
+    from mpc.trials.animation import save_animation
+    from mpc.trials.files import reference_called
     from mpc.trials.loops import loop
+    from mpc.trials.report import write_run
     from mpc.trials.simulation import simulate
 
     console = Console()
@@ -162,8 +164,11 @@ def track(
     done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
 
     title = f"{controller} on the {plant} plant, {_muscles(nominal)}"
+    progress = partial(tracked, description="drawing", console=console)
     for path in files:
-        _write(done, path, title, console)
+        if path.suffix in IMAGES:
+            say(console, f"drawing {path}")
+        write_run(done, path, lambda file: save_animation(done, file, title, progress=progress), title)
     _report(done, nominal, known, reference, console)
     say(console, f"written: {', '.join(map(str, files))}")
     _show(files if show else [])
@@ -189,29 +194,10 @@ def _muscles(plant: "Plant") -> str:
     return f"two {names[0]}" if names[0] == names[1] else " and ".join(names)
 
 
-def _write(run: "Run", path: Path, title: str, console: "Console") -> None:
-    from rich.progress import track as tracked
-
-    from mpc.trials.animation import save_animation
-    from mpc.trials.files import save_run
-    from mpc.trials.film_files import ENDINGS
-    from mpc.trials.plotting import save_tracking_figure
-    from mpc.trials.recordings import save_recording
-
-    if path.suffix == ".csv":
-        save_run(run, path)
-    elif path.suffix == ".npz":
-        save_recording(run, path)
-    elif path.suffix in ENDINGS:
-        save_animation(run, path, title, progress=lambda frames: tracked(frames, "drawing", console=console))
-    else:
-        say(console, f"drawing {path}")
-        save_tracking_figure(run, path, title)
-
-
 def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Reference", console: "Console") -> None:
     """Say what was simulated and how well it went."""
     from mpc.trials.metrics import metrics
+    from mpc.trials.report import table_of
 
     figures = metrics(run)
     say(console, f"plant: {nominal.summary}")
@@ -220,7 +206,7 @@ def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Ref
     if known.untold:
         say(console, f"in the simulated plant, not told to the controller: {known.untold}")
     say(console, f"trajectory: {reference.summary}")
-    console.print(_summary(figures, run.implementation, nominal.kind.text, assumed=nominal.joint.slack_assumed))
+    console.print(table_of(run, figures))
     if run.assumed:
         say(console, run.assumed)
     if figures.out_of_reach:
@@ -254,33 +240,6 @@ def _tested(
         return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal)
     tested = RealPlant.of(nominal, known, torque_profile=torque)
     return tested, Settings(nominal, compensation=known, weights=Weights.calm())
-
-
-def _summary(m: "Metrics", implementation: str, kind: str, *, assumed: bool = False) -> "Table":
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table("", "RMS, median", "worst, 99 %", title="tracking")
-    table.add_row("angle error [°]", f"{m.theta_rms:.3g}", f"{m.theta_worst:.3g}")
-    table.add_row(f"{kind} error [%]", f"{m.K_rms:.3g}", f"{m.K_worst:.3g}")
-    if m.rest:
-        later = m.after_rest
-        table.add_row(f"after the first rest of {m.rest:.3g} s")
-        table.add_row("  angle error [°]", f"{later.theta_rms:.3g}", f"{later.theta_worst:.3g}")
-        table.add_row(f"  {kind} error [%]", f"{later.K_rms:.3g}", f"{later.K_worst:.3g}")
-    table.add_section()
-    for limit, (excess, unit) in m.violations.items():
-        table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
-    if assumed:
-        table.add_row("slack limits", "", "assumed")
-    table.add_section()
-    table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
-    if implementation:
-        table.add_row("implementation of the step", "", implementation)
-    for rung, steps in m.rungs.items():
-        if steps:
-            table.add_row(f"steps answered by {rung}", "", str(steps))
-    return table
 
 
 app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a log of a moving joint (CSV)")(

@@ -86,9 +86,8 @@ class PlantOptions(MachineOptions):
 
         if self.is_mujoco or not self.of_several:
             raise InvalidInput("this command takes an arm of several joints: --machine arm26, or a file with [bodies]")
-        mechanism: Any = self.build()
         arm = load_arm(self.file) if self.file else Arm.machine(str(self.machine))
-        return self.driven(replace(arm, mechanism=mechanism))
+        return self.driven(replace(arm, mechanism=self._changed(arm.mechanism)))
 
     def driven(self, arm: "Arm") -> "Arm":
         """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for what is of one joint."""
@@ -112,7 +111,7 @@ class PlantOptions(MachineOptions):
         told = stored_regulators(self.file)
         return replace(known, **{n: value for n, value in told.items() if self.lag is None or n not in _LAGS})
 
-    def _numbers(self) -> dict[str, Any]:
+    def _numbers(self) -> dict[str, float | tuple[float, ...]]:
         """Return the numbers of `Plant` that are given."""
         given: dict[str, Any] = {
             "inertia": self.inertia,

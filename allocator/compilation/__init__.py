@@ -1,3 +1,1 @@
 """Functions are compiled with numba here, and what has been compiled is kept."""
-
-__all__: list[str] = []

@@ -1,3 +1,1 @@
 """CSV tables are read here, and files written that appear whole or not at all."""
-
-__all__: list[str] = []

@@ -40,7 +40,6 @@ class HandOptions:
     push: Annotated[str | None, Option(help="force that the hand exerts, such as 5,0 [N]; 0")] = None
 
     def __post_init__(self) -> None:
-        """Refuse what needs another option."""
         if self.links is None:
             for option, value in (("--links-at-zero", self.links_at_zero), ("--push", self.push)):
                 if value is not None:

@@ -12,8 +12,10 @@ from allocator.units import BAR, CM3, DEG, MM
 
 if TYPE_CHECKING:
     from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.geometry import Geometry
     from allocator.machine_file import Machine
     from allocator.mechanism.mechanism import Mechanism
+    from allocator.mechanism.routes.base import Routes
     from allocator.muscles import Muscle
 
 _MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
@@ -162,7 +164,7 @@ class MachineOptions:
             raise InvalidInput(f"--muscle is given {len(found)} times; expected once, or once for each of {m}")
         return found * m if len(found) == 1 else found
 
-    def _routes(self, base: Any, lengths: dict[str, list[float]]) -> Any:
+    def _routes(self, base: "Routes", lengths: dict[str, list[float]]) -> "Routes":
         kind = type(base)
         known = {name: getattr(base, name) for name in signature(kind).parameters}
         if "initial_contraction" in lengths and "initial_contraction" not in known:
@@ -212,7 +214,7 @@ class MachineOptions:
         names = {"agonist": self.agonist or both, "antagonist": self.antagonist or both}
         return {side: named_muscle(name) for side, name in names.items() if name is not None}
 
-    def _geometry(self, base: Any) -> Any:
+    def _geometry(self, base: "Geometry") -> "Geometry | None":
         """Return the changed geometry; None if nothing of it is given."""
         from allocator.joint.geometry import Pulley
 

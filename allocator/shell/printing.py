@@ -2,7 +2,8 @@
 
 import json
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -20,12 +21,12 @@ def say(console: "Console", sentence: str) -> None:
     console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
 
-def print_json(values: dict[str, Any]) -> None:
+def print_json(values: Mapping[str, object]) -> None:
     """Print `values` as JSON, in ASCII; a number that is not finite becomes null."""
     print(json.dumps(_plain(values), indent=2, allow_nan=False))
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Turn NumPy's values into Python's, for the standard library's JSON."""
     if isinstance(value, dict):
         return {str(name): _plain(part) for name, part in value.items()}

@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from typer import Option
 
 from allocator.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from allocator.joint.gas import StiffnessKind
 
 PAIR = ("agonist", "antagonist")
@@ -49,7 +51,7 @@ class StiffnessOptions:
         return StiffnessKind.of(_STATES.get(self.valves, self.valves), self.frequency, lag, muscles)
 
 
-def _stored_lag(path: str | None) -> Any:
+def _stored_lag(path: str | None) -> "ArrayLike":
     """Return the lag or the two lags [s] of the plant in the file; raises `InvalidFile` if [plant] is no table."""
     from allocator.files.toml import Table
 

@@ -6,7 +6,7 @@ The plant is the report's joint with Sarosi's muscles, lag 0.1 s, and gas with Î
 constant stiffness; the angle's error is taken between the ramps. "Muscles 5 % off" pull 1.05 and 0.95 times as hard as
 the model says. Where there is an observer it sees angle and pressures, no velocity. The real plant is the standard one
 of the closed-loop benchmark (muscles 10 % off, hysteresis, dead time, dead band, noise), with gas in it. Pushes are
-those of `mpc.trials.harmonic_push`, inside and outside a dead band of 0.15 bar. Written is `gas.md`.
+those of `mpc.trials.push`, inside and outside a dead band of 0.15 bar. Written is `gas.md`.
 """
 
 import argparse
@@ -20,8 +20,8 @@ from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc import KalmanObserver, Plant, RealPlant, Reference, Run, TrackingMPC, Weights, simulate, sine
-from mpc.trials.harmonic_push import Felt, Shake, felt
 from mpc.trials.loops import Settings, loop
+from mpc.trials.push import Felt, Shake, felt
 from mpc.trials.simulation import Process
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)

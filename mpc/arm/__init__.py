@@ -1,3 +1,1 @@
 """Arms on MuJoCo: plants, pictures, films, learning. The model that controllers predict with is `mpc.model.arm`."""
-
-__all__: list[str] = []

@@ -13,16 +13,11 @@ from allocator.shell.printing import say
 from allocator.units import BAR, DEG, MM
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from allocator.mechanism.endpoint import Endpoint
     from mpc.arm.mujoco_plant import MujocoPlant
     from mpc.model.arm.model import Arm
     from mpc.plant_cli import PlantOptions
-    from mpc.trials.metrics import Metrics
-    from mpc.trials.simulation import Run
 
-_FILMS = (".gif", ".mp4")
 _NOMINAL, _REAL = "nominal", "real"
 _REAL_EFFECTS = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
 _JOINTS, _HAND = _TRACKED = "joints", "hand"
@@ -44,7 +39,6 @@ class ArmOptions:
     view: Annotated[bool, typer.Option("--view", help="watch it in MuJoCo's window, in real time")] = False
 
     def __post_init__(self) -> None:
-        """Refuse what there is not."""
         if self.stiffness_of not in _TRACKED:
             raise MissingBackend("stiffness to follow", self.stiffness_of, _TRACKED)
 
@@ -65,15 +59,16 @@ def track_arm(
     from rich.console import Console
 
     from mpc.arm.film import Film
+    from mpc.trials.animation import ENDINGS, check_film
     from mpc.trials.arm_trajectories import reference as asked_for
-    from mpc.trials.film_files import check_film
     from mpc.trials.metrics import metrics
+    from mpc.trials.report import table_of, write_run
     from mpc.trials.simulation import in_motion, simulate
 
     console = Console()
     within("--dt", dt, "s", 1e-4, 0.5)
     for path in files:
-        if path.suffix.lower() in _FILMS:
+        if path.suffix.lower() in ENDINGS:
             check_film(path)
     arm, tested, point, notes = _machine(options, more, plant, seed)
     asked = asked_for(trajectory, arm)
@@ -81,11 +76,11 @@ def track_arm(
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 30 seconds)"):
         controller, observer = _loop(arm, plant, dt, horizon)
 
-    def push(t: float) -> Any:
+    def push(t: float) -> list[float]:
         return [payload * (t >= half_way)] + [0.0] * (arm.n - 1)
 
     with Film(tested, arm) as film, _Window(tested, more.view) as window:
-        filmed = any(path.suffix.lower() in _FILMS for path in files)
+        filmed = any(path.suffix.lower() in ENDINGS for path in files)
 
         def watch() -> None:
             if filmed:
@@ -95,12 +90,12 @@ def track_arm(
         x0 = in_motion(arm, asked)
         done = simulate(tested, controller, asked, x0=x0, observer=observer, load=push, seed=seed, watch=watch)
     for path in files:
-        _write(done, film, path, point)
+        write_run(done, path, film.save, hand=point)
     say(console, f"arm: {arm.summary}")
     for note in notes:
         say(console, note)
     say(console, f"trajectory: {asked.name}, {asked.duration:g} s")
-    console.print(_summary(done, metrics(done), controller.implementation))
+    console.print(table_of(done, metrics(done)))
     if filmed:
         say(console, f"filmed by {film.by}")
     say(console, f"written: {', '.join(map(str, files))}")
@@ -204,46 +199,8 @@ class _Window:
         self._viewer.sync()
 
     def __enter__(self) -> "_Window":
-        """Return itself."""
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Close it."""
         if self._viewer is not None:
             self._viewer.close()
-
-
-def _write(run: Any, film: Any, path: Path, hand: Any) -> None:
-    from mpc.trials.files import save_run
-    from mpc.trials.plotting import save_tracking_figure
-
-    if path.suffix.lower() == ".csv":
-        save_run(run, path)
-    elif path.suffix.lower() in _FILMS:
-        film.save(path)
-    else:
-        save_tracking_figure(run, path, hand=hand)
-
-
-def _summary(run: "Run", m: "Metrics", implementation: str) -> "Table":
-    from rich.table import Table
-    from rich.text import Text
-
-    arm, table = run.plant, Table("", "RMS, median", "worst, 99 %", title="arm")
-    for i, name in enumerate(arm.mechanism.joint_names):
-        table.add_row(f"angle error, {name} [°]", f"{m.theta_rms[i]:.3g}", f"{m.theta_worst[i]:.3g}")
-    for i in range(arm.tracked):
-        for j in range(i, arm.tracked):
-            if abs(run.K[:, i, j]).max() > 1e-6:  # else no muscle crosses both joints
-                rms, worst = f"{m.K_rms[i, j]:.3g}", f"{m.K_worst[i, j]:.3g}"
-                entry = f"{arm.stiffness_name}{i + 1}{j + 1} [{arm.stiffness_unit}]"
-                table.add_row(f"stiffness error, {entry}", rms, worst)
-    table.add_section()
-    for limit, (excess, unit) in m.violations.items():
-        table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
-    table.add_section()
-    table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
-    table.add_row("implementation of the step", "", implementation)
-    for rung, steps in ((rung, steps) for rung, steps in m.rungs.items() if steps):
-        table.add_row(f"steps answered by {rung}", "", str(steps))
-    return table

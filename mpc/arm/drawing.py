@@ -76,16 +76,16 @@ class Drawing:
     def draw(self, parts: dict[int, Tree.Element]) -> None:
         """Write capsules, cables and pulleys into the bodies (`parts`) of the links."""
         for j, (name, place) in enumerate(zip(self.mechanism.muscle_names, self.places, strict=True)):
-            muscle = _geom(parts[place.link], "capsule", name=muscle_geom(name), rgba=_row(*PALE, 1.0))
+            muscle = _geom(parts[place.link], "capsule", name=muscle_geom(name), rgba=row(*PALE, 1.0))
             half = self._rest[j] / 2
-            muscle.set("pos", _row(place.begin + half, place.side, 0.0))
-            muscle.set("size", _row(_RADIUS, half - _RADIUS))
-            muscle.set("quat", _row(0.5**0.5, 0.0, 0.5**0.5, 0.0))  # along x
+            muscle.set("pos", row(place.begin + half, place.side, 0.0))
+            muscle.set("size", row(_RADIUS, half - _RADIUS))
+            muscle.set("quat", row(0.5**0.5, 0.0, 0.5**0.5, 0.0))  # along x
             self._cable(parts, j, place)
         for i, column in enumerate(self.arms.T):
             for k, radius in enumerate(sorted({abs(r) for r in column.tolist() if r}, reverse=True)):
-                pulley = _geom(parts[i], "cylinder", size=_row(radius, 0.006), rgba="0.25 0.28 0.33 1")
-                pulley.set("pos", _row(0.0, 0.0, 0.013 * k))
+                pulley = _geom(parts[i], "cylinder", size=row(radius, 0.006), rgba="0.25 0.28 0.33 1")
+                pulley.set("pos", row(0.0, 0.0, 0.013 * k))
 
     def _cable(self, parts: dict[int, Tree.Element], j: int, place: Place) -> None:
         """Draw the cable from the muscle's mount to the last joint that it moves, link by link."""
@@ -136,7 +136,7 @@ def view(bodies: Bodies, behind: float) -> dict[str, str]:
     right = np.cross(up, back)
     upward = np.cross(back, right)
     place = middle + distance * back
-    return {"pos": _row(*place), "xyaxes": _row(*right, *upward), "fovy": repr(_FOVY)}
+    return {"pos": row(*place), "xyaxes": row(*right, *upward), "fovy": repr(_FOVY)}
 
 
 def _geom(part: Tree.Element, kind: str, **attributes: str) -> Tree.Element:
@@ -146,8 +146,9 @@ def _geom(part: Tree.Element, kind: str, **attributes: str) -> Tree.Element:
 def _line(part: Tree.Element, begin: tuple[float, float], end: tuple[float, float]) -> None:
     if np.hypot(end[0] - begin[0], end[1] - begin[1]) > _CABLE:
         cable = _geom(part, "capsule", size=repr(_CABLE), rgba="0.2 0.2 0.2 1")
-        cable.set("fromto", _row(*begin, 0.0, *end, 0.0))
+        cable.set("fromto", row(*begin, 0.0, *end, 0.0))
 
 
-def _row(*numbers: float) -> str:
+def row(*numbers: float) -> str:
+    """Return numbers as MJCF has them."""
     return " ".join(repr(float(number)) for number in numbers)

@@ -3,19 +3,20 @@
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
+from allocator.presentation.plotting import new_figure
 from allocator.units import BAR
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.picture import Camera
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
-from mpc.trials.film_files import Picture, save_film
-from mpc.trials.hand import COLOURS
+from mpc.trials.animation import Picture, drawn, save_film
+from mpc.trials.plotting import COLOURS
 
 SIZE = 480, 360  # [pixels]
 _RATE = 20  # pictures a second
@@ -50,11 +51,9 @@ class Film:
         save_film(self.pictures, path, _RATE)
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, raised: BaseException | None, _: TracebackType | None) -> None:
-        """Give the camera back."""
         if self._camera is not None:
             self._camera.close()
 
@@ -63,13 +62,10 @@ class _Drawing:
     """A drawing has the links as lines, the way of the hand, and a bar for the pressure of every muscle."""
 
     def __init__(self, plant: MujocoPlant, arm: Arm) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         self._plant, self._arm = plant, arm
-        figure = Figure(figsize=(SIZE[0] / 80, SIZE[1] / 80), dpi=80, layout="constrained")
-        self._canvas: Any = FigureCanvasAgg(figure)
-        plane, bars = figure.subplots(1, 2, width_ratios=[3, 2])
+        self._figure = new_figure(SIZE[0] / 80, SIZE[1] / 80)
+        self._figure.set_dpi(80)
+        plane, bars = self._figure.subplots(1, 2, width_ratios=[3, 2])
         self._two = np.array([0, 1])
         if isinstance(arm.bodies, Bodies):
             reach = 1.1 * sum(arm.bodies.length)
@@ -80,7 +76,7 @@ class _Drawing:
         plane.set(xlim=limits[0], ylim=limits[1], xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]", aspect="equal")
         (self._links,) = plane.plot([], [], color=COLOURS[7], lw=6, marker="o", mfc=COLOURS[6], solid_capstyle="round")
         (self._way,) = plane.plot([], [], color=COLOURS[1], lw=1)
-        self._trace: list[Any] = []
+        self._trace: list[Array] = []
         self._bars = bars.barh(arm.mechanism.muscle_names, np.zeros(arm.m), color=COLOURS[1])
         bars.set(xlim=np.array(plant.pressure_limits) / BAR, xlabel="pressure [bar]")
         bars.tick_params(axis="y", labelsize=7)
@@ -93,8 +89,7 @@ class _Drawing:
         self._way.set_data(*np.transpose(self._trace))
         for bar, pressure in zip(self._bars, self._plant.P / BAR, strict=True):
             bar.set_width(pressure)
-        self._canvas.draw()
-        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+        return drawn(self._figure)
 
     def _points(self) -> Array:
         """Return the hinges and the end of the arm in the plane that is drawn (k, 2) [m]."""

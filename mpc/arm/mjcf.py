@@ -18,7 +18,7 @@ from allocator.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys, Sites
 from allocator.mechanism.routes.linkage import GROUND, Link
 from allocator.mechanism.routes.mjcf import MARK
-from mpc.arm.drawing import DRAWN, PALE, Drawing, view
+from mpc.arm.drawing import DRAWN, PALE, Drawing, row, view
 from mpc.model.arm.bodies import Bodies
 
 _TIMESTEP = 0.002  # [s]
@@ -60,7 +60,7 @@ def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", t
 
 def _settings(root: Tree.Element, bodies: Bodies, timestep: float) -> None:
     Tree.SubElement(root, "compiler", angle="radian", autolimits="true")
-    option = Tree.SubElement(root, "option", timestep=repr(timestep), gravity=_row(*bodies.gravity, 0.0))
+    option = Tree.SubElement(root, "option", timestep=repr(timestep), gravity=row(*bodies.gravity, 0.0))
     Tree.SubElement(option, "flag", contact="disable")
     Tree.SubElement(root, "size", nuser_tendon="2")
     custom = Tree.SubElement(root, "custom")
@@ -82,24 +82,24 @@ def _links(
     parts = {GROUND: world}
     for i, link in enumerate(links):
         part = parts[i] = Tree.SubElement(parts[link.parent], "body", name=f"{mechanism.joint_names[i]} link")
-        part.set("pos", _row(*link.origin))
-        part.set("quat", _row(*_quaternion(np.array(link.orientation))))
-        joint = Tree.SubElement(part, "joint", name=mechanism.joint_names[i], type=link.kind, axis=_row(*link.axis))
+        part.set("pos", row(*link.origin))
+        part.set("quat", row(*_quaternion(np.array(link.orientation))))
+        joint = Tree.SubElement(part, "joint", name=mechanism.joint_names[i], type=link.kind, axis=row(*link.axis))
         joint.set("damping", repr(bodies.damping[i]))
         joint.set("ref", repr(link.zero))
         if mechanism.angle_limits is not None:
-            joint.set("range", _row(*mechanism.angle_limits[i]))
+            joint.set("range", row(*mechanism.angle_limits[i]))
         across = bodies.inertia[i]
-        inertial = Tree.SubElement(part, "inertial", pos=_row(bodies.centre[i], 0.0, 0.0), mass=repr(bodies.mass[i]))
-        inertial.set("diaginertia", _row(_SLENDER * across, across, across))
+        inertial = Tree.SubElement(part, "inertial", pos=row(bodies.centre[i], 0.0, 0.0), mass=repr(bodies.mass[i]))
+        inertial.set("diaginertia", row(_SLENDER * across, across, across))
         rod = Tree.SubElement(part, "geom", {"class": DRAWN}, type="capsule", size=repr(2 * _THIN))
-        rod.set("fromto", _row(0.0, 0.0, 0.0, bodies.length[i], 0.0, 0.0))
+        rod.set("fromto", row(0.0, 0.0, 0.0, bodies.length[i], 0.0, 0.0))
     return parts
 
 
 def _tendon(tendons: Tree.Element, kind: str, mechanism: Mechanism, j: int, cable: float) -> Tree.Element:
     tendon = Tree.SubElement(tendons, kind, name=mechanism.muscle_names[j])
-    tendon.set("user", _row(mechanism.routes.rest_length[j], cable))
+    tendon.set("user", row(mechanism.routes.rest_length[j], cable))
     return tendon
 
 
@@ -117,10 +117,10 @@ def _spatial(tendons: Tree.Element, mechanism: Mechanism, routes: Sites, parts: 
     for j, path in enumerate(routes.paths):
         tendon = _tendon(tendons, "spatial", mechanism, j, routes.cable[j])
         tendon.set("width", repr(_THICK))
-        tendon.set("rgba", _row(*PALE, 1.0))
+        tendon.set("rgba", row(*PALE, 1.0))
         for k, (link, position) in enumerate(path):
             site = f"{mechanism.muscle_names[j]} {k + 1}"
-            Tree.SubElement(parts[link], "site", name=site, pos=_row(*position), size=repr(_THIN))
+            Tree.SubElement(parts[link], "site", name=site, pos=row(*position), size=repr(_THIN))
             Tree.SubElement(tendon, "site", site=site)
 
 
@@ -130,7 +130,3 @@ def _quaternion(R: ArrayLike) -> tuple[float, ...]:
 
     x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
     return w, x, y, z
-
-
-def _row(*numbers: float) -> str:
-    return " ".join(repr(float(number)) for number in numbers)

@@ -9,7 +9,7 @@ The state (q, q', P) is integrated by the classical Runge–Kutta method in step
 
 from collections.abc import Sequence
 from copy import copy
-from math import ceil, inf, isfinite
+from math import ceil, inf
 from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
@@ -23,8 +23,8 @@ from allocator.mechanism.routes.base import per_muscle
 from allocator.mechanism.routes.mjcf import Source, load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
+from mpc.arm.experiments import MujocoExperiment, pushed_stiffness, settle
 from mpc.arm.mjcf import to_mjcf
-from mpc.arm.pushing import pushed_stiffness, settle
 from mpc.model.arm.mechanics.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
@@ -38,33 +38,6 @@ class Readings(NamedTuple):
 
     q: Array  # encoders (n,) [rad, or m of slides]
     P: Array  # pressure sensors (m,) [Pa]
-
-
-class MujocoExperiment:
-    """A `MujocoPlant` under way in a closed loop.
-
-    Sensors without an encoder's step and without noise measure the whole state, velocities included.
-    """
-
-    def __init__(self, plant: "MujocoPlant", dt: float) -> None:
-        self._plant, self._dt = plant, dt
-
-    @property
-    def x(self) -> Array:
-        """The true state (2n + m,)."""
-        plant = self._plant
-        return np.concatenate([plant.q, plant.omega, plant.P])
-
-    def measure(self) -> Array:
-        """Read the sensors (2n + m,); NaN for velocities that nobody measures."""
-        plant = self._plant
-        read = plant.measure()
-        exact = not (plant.encoder or plant.pressure_noise)
-        return np.concatenate([read.q, plant.omega if exact else np.full(plant.n, np.nan), read.P])
-
-    def advance(self, u: Array, d: Any = 0.0) -> None:
-        """Advance by one sample with the commands `u` (m,) [Pa] and the torques `d` [N·m] from outside."""
-        self._plant.step(u, self._dt, d)
 
 
 class MujocoPlant:
@@ -153,10 +126,12 @@ class MujocoPlant:
         if not 0 <= low < high:
             raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
         self.pressure_limits = low, high
-        self.slew = _slew(slew)
-        self.dead_time = _size("dead_time", dead_time, "s")
-        self.encoder = _size("encoder", encoder, "rad")
-        self.pressure_noise = _size("pressure_noise", pressure_noise, "Pa")
+        self.slew = inf if slew == inf else checks.number("slew", slew, "Pa/s")
+        if self.slew <= checks.LOOKS_LIKE_BAR[1]:
+            raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
+        self.dead_time = checks.not_negative("dead_time", dead_time, "s")
+        self.encoder = checks.not_negative("encoder", encoder, "rad")
+        self.pressure_noise = checks.not_negative("pressure_noise", pressure_noise, "Pa")
         self._nominal = nominal
         self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)  # older versions want to be asked
         self.data = mujoco.MjData(self.model)
@@ -192,16 +167,14 @@ class MujocoPlant:
         """Return the rest (2n + m,) of the nominal arm."""
         return self.nominal.at_rest(theta, K)
 
-    def begin(self, dt: float, x0: Array, seed: int) -> "MujocoExperiment":
+    def begin(self, dt: float, x0: Array, seed: int) -> MujocoExperiment:
         """Begin an experiment from the state `x0` (2n + m,) with commands every `dt` [s]."""
         n = self.n
         self.reset(x0[:n], x0[2 * n :], omega=x0[n : 2 * n], seed=seed)
         return MujocoExperiment(self, dt)
 
     def along(self, x: Array) -> tuple[Array, Array]:
-        """Return the tracked stiffness (M, k, k) and forces (M, m) [N] of the muscles as they pull in the states `x`
-        (M, 2n + m).
-        """
+        """Return the tracked stiffness (M, k, k) and the muscles' true forces (M, m) [N] in the states `x` (M, …)."""
         return self.nominal.along(x, self.pneumatics.force_gains)
 
     # --- time -------------------------------------------------------------------------------------------------------
@@ -234,13 +207,10 @@ class MujocoPlant:
 
         `load` [N·m] are torques (n,) from outside. Raises `InvalidInput`, also where the motion has no finite end.
         """
-        asked = np.clip(
-            self._row("commands", checks.pressure("commands", commands), self.m, "Pa"), *self.pressure_limits
-        )
+        pressures = self._row("commands", checks.pressure("commands", commands), self.m, "Pa")
+        asked = np.clip(pressures, *self.pressure_limits)
         self._load[self._speeds] = self._row("load", load, self.n, "N·m")
-        if not 0 < dt < inf:
-            raise InvalidInput(f"dt = {dt!r} has to be a positive time [s]")
-        reach = self.slew * dt
+        reach = self.slew * checks.positive("dt", dt, "s")
         last = self._waiting[-1][1] if self._waiting else self._command
         now, end = self.time, self.time + dt
         self._waiting.append((now + self.dead_time, np.clip(asked, last - reach, last + reach)))
@@ -250,7 +220,13 @@ class MujocoPlant:
                 self._integrate(until - begin)
             if until in arriving:
                 self._command = self._waiting.pop(0)[1]
-        self._finish(end)
+        self.data.time = end
+        if not all(np.isfinite(state).all() for state in (self.data.qpos, self.data.qvel, self._P)):
+            raise InvalidInput(
+                f"the motion is not finite at {end:.4g} s: the model's timestep of {self.model.opt.timestep:g} s is "
+                "too long for it, or it has no damping"
+            )
+        self._look()
         return self.measure()
 
     def measure(self) -> Readings:
@@ -329,19 +305,9 @@ class MujocoPlant:
         compliances inverted; the error is of second order in the push. The machine is then where it was before. Raises
         `InvalidInput` as `settle`.
         """
-        push = checks.number("push", push, "N·m")
-        if not push > 0:
-            raise InvalidInput(f"push = {push:g} N·m has to be positive")
-        return pushed_stiffness(self, push, self._row("load", load, self.n, "N·m"), shut)
-
-    def inertia(self) -> Array:
-        """Return MuJoCo's mass matrix (nv, nv) [kg·m²] now."""
-        import mujoco
-
-        M = np.zeros((self.model.nv, self.model.nv))
-        for row, unit in zip(M, np.eye(self.model.nv), strict=True):
-            mujoco.mj_mulM(self.model, self.data, row, unit)
-        return M
+        return pushed_stiffness(
+            self, checks.positive("push", push, "N·m"), self._row("load", load, self.n, "N·m"), shut
+        )
 
     def own_stiffness(self) -> Array:
         """Return what the muscles' own stiffness makes of that of all degrees of freedom (nv, nv) [N·m/rad] now."""
@@ -421,16 +387,6 @@ class MujocoPlant:
             return d.qacc.copy(), np.zeros(self.m)
         return d.qacc.copy(), self.pneumatics.rate(P, self._command, length, d.ten_velocity, forces, shut)
 
-    def _finish(self, end: float) -> None:
-        """Bring what MuJoCo derives from the state up to date. Raises `InvalidInput` where the state is not finite."""
-        self.data.time = end
-        if not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all() and np.isfinite(self._P).all()):
-            raise InvalidInput(
-                f"the motion is not finite at {end:.4g} s: the model's timestep of {self.model.opt.timestep:g} s is "
-                "too long for it, or it has no damping"
-            )
-        self._look()
-
     def _look(self) -> None:
         """Have MuJoCo derive everything from the state, without moving it."""
         self._rates(self._P)
@@ -440,17 +396,3 @@ class MujocoPlant:
         if array.shape not in ((), (size,)):
             raise InvalidInput(f"{name} has the shape {array.shape}; expected ({size},) [{unit}]")
         return np.broadcast_to(array, (size,)).astype(float)
-
-
-def _size(name: str, value: ArrayLike, unit: str) -> float:
-    number = checks.number(name, value, unit)
-    if number < 0:
-        raise InvalidInput(f"{name} = {number:g} {unit} has to be 0 or more")
-    return number
-
-
-def _slew(value: ArrayLike) -> float:
-    slew = inf if value == inf else checks.number("slew", value, "Pa/s")
-    if not slew > 0 or (isfinite(slew) and slew <= checks.LOOKS_LIKE_BAR[1]):
-        raise InvalidInput(f"slew = {slew:g} Pa/s has to be positive; if bar/s was meant, multiply by 1e5")
-    return slew

@@ -92,11 +92,9 @@ class Camera:
         self._context.free()
 
     def __enter__(self) -> "Camera":
-        """Return itself."""
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Close it."""
         self.close()
 
 

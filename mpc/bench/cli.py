@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Self
 
 import typer
 
@@ -19,12 +19,10 @@ from mpc.plant_cli import LoopOptions, PlantOptions
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from mpc.bench.clock import Clock
     from mpc.bench.cycle import Cycle, Settings
-    from mpc.bench.device import Device
-    from mpc.bench.lateness import Lateness
+    from mpc.bench.device import Clock, Device
     from mpc.bench.logs import Record
-    from mpc.bench.record import Row
+    from mpc.bench.record import Lateness, Row
     from mpc.bench.safety import Ending
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
@@ -67,7 +65,7 @@ class BenchOptions:
         A `sim` without a file simulates the joint of the options, with what a bench does besides. Its controller is
         told what the options tell, as on any other device, and of the rest what a fit would find.
         """
-        from mpc.bench.clock import MonotonicClock, SimulatedClock
+        from mpc.bench.device import MonotonicClock, SimulatedClock
         from mpc.bench.devices.registry import open_device
         from mpc.bench.devices.simulated import SimulatedDevice, open_simulated, simulated
         from mpc.model.real_plant import RealPlant
@@ -165,7 +163,7 @@ def run_command(
     from rich.console import Console
 
     from mpc.bench.loop import RealTimeLoop
-    from mpc.trials.choice import reference_called
+    from mpc.trials.files import reference_called
 
     console = Console()
     finite("--settle", settle, "s")
@@ -329,7 +327,7 @@ class _Watch:
             self._dashboard.__enter__()
         return self
 
-    def __exit__(self, *error: Any) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._dashboard is not None:
             self._dashboard.__exit__(*error)
 

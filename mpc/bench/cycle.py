@@ -20,11 +20,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from allocator.errors import CannotWrite
-from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import Device, DeviceError, DeviceLost, NoAnswer, Reading
+from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.guard import Guard, Pressures, checked
-from mpc.bench.lateness import Lateness
-from mpc.bench.record import Recorder, Row
+from mpc.bench.record import Lateness, Recorder, Row
 from mpc.bench.safety import Action, Ending, Reason, RefusedStart, SafeStop, SoftStart, Stopped, Watchdog
 from mpc.bench.stops import Stops, said
 from mpc.tracking.limits import Limits

@@ -13,11 +13,10 @@ import numpy as np
 
 from allocator.errors import InvalidFile, InvalidInput
 from mpc.bench.cycle import Phase
-from mpc.bench.lateness import Lateness
-from mpc.bench.record import INTEGERS, Column, Columns, Row
+from mpc.bench.record import INTEGERS, Column, Columns, Lateness, Row
 from mpc.bench.safety import Ending
 from mpc.model.plant import Plant
-from mpc.trials.recordings import save_recording
+from mpc.trials.files import save_recording
 from mpc.trials.simulation import Run
 
 

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from allocator.errors import InvalidInput
-from mpc.bench.clock import Clock
 from mpc.bench.cycle import Cycle, Overrun, Settings
-from mpc.bench.device import Device
+from mpc.bench.device import Clock, Device
 from mpc.bench.logs import Record
 from mpc.bench.record import Row
 from mpc.bench.safety import SafeStop, SoftStart, Watchdog

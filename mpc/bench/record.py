@@ -104,7 +104,6 @@ class Recorder:
         self._used = _CHUNK  # rows of the last chunk
 
     def __enter__(self) -> Self:
-        """Begin the file with its head."""
         if self._path is not None:
             check_writable(self._path)
             target = Path(os.path.realpath(self._path))
@@ -126,7 +125,6 @@ class Recorder:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Close the file; without a row there is none."""
         file, self._file = self._file, None
         if file is not None:
             os.close(file)
@@ -207,3 +205,28 @@ _NONE = np.empty((0, len(Row._fields)))
 
 def _named(rows: Array) -> list[tuple[str, Array]]:
     return list(zip(Row._fields, rows.T.copy(), strict=True))
+
+
+class Lateness(NamedTuple):
+    """The figures say how late the samples of a loop were, in seconds."""
+
+    median: float  # [s]
+    p99: float  # 99 % of the samples began no later [s]
+    worst: float  # [s]
+    late: int  # samples that began later than a tenth of the sample time
+    missed: int  # samples that were left out, being over before they could begin
+    samples: int
+
+    @classmethod
+    def of(cls, late: Array, missed: Array, dt: float) -> Self:
+        """Return the figures of how `late` (n,) [s] samples of `dt` [s] were, and of how many were `missed` (n,)."""
+        if not late.size:
+            return cls(0.0, 0.0, 0.0, 0, 0, 0)
+        median, p99 = np.percentile(late, [50, 99]).tolist()
+        return cls(median, p99, float(late.max()), int((late > dt / 10).sum()), int(missed.sum()), late.size)
+
+    def __str__(self) -> str:
+        return (
+            f"lateness {1e3 * self.median:.3f} ms median, {1e3 * self.p99:.3f} ms for 99 %, {1e3 * self.worst:.2f} ms "
+            f"at worst; {self.late} of {self.samples} samples late by over a tenth of one, {self.missed} missed"
+        )

@@ -4,9 +4,8 @@ What no program can do for you: a hard stop of the joint, a relief valve, and a 
 no command comes for a while. A process that is killed outright (SIGKILL, power) sends nothing more.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
-from math import isfinite
 from typing import NamedTuple
 
 from allocator import checks
@@ -51,7 +50,6 @@ class Ending(NamedTuple):
     delivered: bool = True  # whether the device took what was sent last
 
     def __str__(self) -> str:
-        """Say it in one line."""
         return f"{self.reason}: {self.message}" if self.message else str(self.reason)
 
 
@@ -86,8 +84,7 @@ class SoftStart:
     present: tuple[float, float] | None = None  # pressures [Pa] where the device measures none
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        _positive(self, "rate", "Pa/s")
+        checks.positive("rate", self.rate, "Pa/s")
         checks.not_negative("dwell", self.dwell, "s")
         checks.not_negative("settle", self.settle, "s")
         checks.not_negative("angle_margin", self.angle_margin, "rad")
@@ -107,9 +104,8 @@ class Watchdog:
     pressure_margin: float = 0.3 * BAR  # [Pa] beyond the supply's range
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for name, unit in (("silence", "s"), ("stall", "s")):
-            _positive(self, name, unit)
+            checks.positive(name, getattr(self, name), unit)
         for name, unit in (("lasting", "s"), ("angle_margin", "rad"), ("pressure_margin", "Pa")):
             checks.not_negative(name, getattr(self, name), unit)
 
@@ -122,15 +118,7 @@ class SafeStop:
     rate: float = 1 * BAR  # of a ramp: how fast the higher pressure falls [Pa/s]
 
     def __post_init__(self) -> None:
-        """Check action and rate."""
         if self.action not in list(Action):
             raise InvalidInput(f"action = {self.action!r} has to be one of {', '.join(Action)}")
         object.__setattr__(self, "action", Action(self.action))
-        _positive(self, "rate", "Pa/s")
-
-
-def _positive(settings: SoftStart | Watchdog | SafeStop, name: str, unit: str) -> None:
-    assert name in {f.name for f in fields(settings)}
-    value = getattr(settings, name)
-    if not (isfinite(value) and value > 0):
-        raise InvalidInput(f"{name} = {value!r} {unit} has to be positive and finite")
+        checks.positive("rate", self.rate, "Pa/s")

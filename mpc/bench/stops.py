@@ -68,7 +68,6 @@ class Stops:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Leave the signals as they were."""
         self._left.set()
         self._thread.join()
         atexit.unregister(self._at_exit)

@@ -48,10 +48,8 @@ class Pace:
     every: float = 1.0  # between two of them [s]
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for name in ("rate", "hold", "longest", "every"):
-            if not (isfinite(value := getattr(self, name)) and value > 0):
-                raise InvalidInput(f"{name} = {value!r} has to be positive and finite")
+            checks.positive(name, getattr(self, name), "Pa/s" if name == "rate" else "s")
         for name in ("approach", "motion"):
             checks.not_negative(name, getattr(self, name), "s")
         if self.hold < _WINDOW:

@@ -6,17 +6,31 @@ numba opens and closes each array that it is handed over, in 60 ns. An address c
 import ctypes
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numba import carray, from_dtype
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
+from allocator.calculus import Array
 from mpc.codegen.jit import inlined
 from mpc.codegen.records import Piece, dtype_of
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-def entry_of(function: Any, kinds: str) -> Callable[..., Any]:
+    from llvmlite.ir import IRBuilder, Value
+    from numba.core.base import BaseContext
+    from numba.core.dispatcher import Dispatcher
+    from numba.core.types import Type
+    from numba.core.typing.templates import Signature
+
+    Lowering = tuple[Signature, Callable[[BaseContext, IRBuilder, Signature, Sequence[Value]], Value]]
+
+
+def entry_of(function: "Dispatcher", kinds: str) -> Callable[..., Any]:
     """Return what is compiled of `function` for arguments of these `kinds`, without numba's search for it by theirs."""
     function.compile(kinds)
     [made] = function.overloads.values()
@@ -32,11 +46,13 @@ def clock() -> tuple[int, int]:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def seconds_at(typing: Any, address: Any, name: Any) -> tuple[Any, Any]:
+def seconds_at(typing: object, address: "Type", name: "Type") -> "Lowering":
     """Return the time of the clock at this address [s], 0.0 if that is 0."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        from llvmlite import ir  # type: ignore[import-untyped]
+    def generate(
+        context: "BaseContext", builder: "IRBuilder", signature: "Signature", given: "Sequence[Value]"
+    ) -> "Value":
+        from llvmlite import ir
 
         whole, narrow, number = ir.IntType(64), ir.IntType(32), ir.DoubleType()
         read = cgutils.alloca_once(builder, ir.ArrayType(whole, 2), zfill=True)  # struct timespec: [s], [ns]
@@ -50,20 +66,23 @@ def seconds_at(typing: Any, address: Any, name: Any) -> tuple[Any, Any]:
     return types.float64(types.int64, types.int64), generate
 
 
-def opener(record: type) -> Any:
+def opener(record: type) -> "Dispatcher":
     """Return address ↦ the record (`mpc.codegen.records`) that stands there, for compiled code."""
     return _pointer(from_dtype(dtype_of(record)))
 
 
-def _pointer(kind: Any) -> Any:
+def _pointer(kind: "Type") -> "Dispatcher":
     @intrinsic  # type: ignore[untyped-decorator]
-    def pointer(typing: Any, address: Any) -> tuple[Any, Any]:
-        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+    def pointer(typing: object, address: "Type") -> "Lowering":
+        def generate(
+            context: "BaseContext", builder: "IRBuilder", signature: "Signature", given: "Sequence[Value]"
+        ) -> "Value":
             return builder.inttoptr(given[0], context.get_value_type(signature.return_type))
 
         return kind(types.int64), generate
 
-    return pointer
+    made: Dispatcher = pointer
+    return made
 
 
 _floats, _integers, _signs = (
@@ -73,24 +92,28 @@ _floats, _integers, _signs = (
 
 
 @inlined
-def floats(piece: Piece) -> Any:
+def floats(piece: Piece) -> Array:
     """Return the array of a piece."""
-    return carray(_floats(piece.address), piece.size)
+    found: Array = carray(_floats(piece.address), piece.size)
+    return found
 
 
 @inlined
-def integers(piece: Piece) -> Any:
+def integers(piece: Piece) -> NDArray[np.int64]:
     """Return the array of a piece."""
-    return carray(_integers(piece.address), piece.size)
+    found: NDArray[np.int64] = carray(_integers(piece.address), piece.size)
+    return found
 
 
 @inlined
-def signs(piece: Piece) -> Any:
+def signs(piece: Piece) -> NDArray[np.int8]:
     """Return the array of a piece."""
-    return carray(_signs(piece.address), piece.size)
+    found: NDArray[np.int8] = carray(_signs(piece.address), piece.size)
+    return found
 
 
 @inlined
-def floats_at(address: int, size: int) -> Any:
+def floats_at(address: int, size: int) -> Array:
     """Return the array at an address, whose references are not counted."""
-    return carray(_floats(address), size)
+    found: Array = carray(_floats(address), size)
+    return found

@@ -5,15 +5,17 @@ and in single precision call the functions of math.h for double, which a microco
 """
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
-from mpc.codegen.graphs import Output, Untranslatable, steps
-from mpc.codegen.languages import C
+from mpc.codegen.graphs import C, Output, Untranslatable, steps
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 
-def function(f: Any, comment: str, single: bool) -> str:
+def function(f: "Function", comment: str, single: bool) -> str:
     """Write the CasADi function `f` (SX, dense) as the C function `ant_model_<name>`; `comment` says what it computes.
 
     Inputs and outputs are arrays by the names in `f`, matrices row by row as the caller made them. Raises InvalidInput
@@ -29,14 +31,14 @@ def function(f: Any, comment: str, single: bool) -> str:
     return "\n".join([f"/* {comment} */", prototype(f) + " {", *lines, "}"])
 
 
-def prototype(f: Any) -> str:
+def prototype(f: "Function") -> str:
     """Return the head of the C function of `f`."""
     inputs = [f"const ant_real *{f.name_in(i)}" for i in range(f.n_in())]
     outputs = [f"ant_real *{f.name_out(i)}" for i in range(f.n_out())]
     return f"void ant_model_{f.name()}({', '.join([*inputs, *outputs])})"
 
 
-def _statements(f: Any, single: bool) -> Iterator[str]:
+def _statements(f: "Function", single: bool) -> Iterator[str]:
     for step in steps(f, C, lambda i, j: f"{f.name_in(i)}[{j}]", lambda value: number(value, single)):
         if isinstance(step, Output):
             yield f"{f.name_out(step.output)}[{step.entry}] = {step.expression};"

@@ -7,9 +7,12 @@ written. Inputs, outputs and numbers look different in each text, so that whoeve
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from allocator.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 
 class Untranslatable(InvalidInput):
@@ -41,7 +44,7 @@ class Output(NamedTuple):
 
 
 def steps(
-    function: Any,
+    function: "Function",
     language: Language,
     entry: Callable[[int, int], str],
     number: Callable[[float], str],
@@ -94,7 +97,7 @@ def _invertible(by: str | float) -> bool:
     return isinstance(by, str) or 1e-150 < abs(by) < 1e150
 
 
-def _form(kind: int, function: Any, language: Language) -> str:
+def _form(kind: int, function: "Function", language: Language) -> str:
     """Return how `language` writes the operation that CasADi numbers `kind`."""
     name = operation_names().get(kind, f"operation number {kind}")
     form = language.operations.get(name)
@@ -112,3 +115,79 @@ def operation_names() -> dict[int, str]:
     import casadi as ca
 
     return {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
+
+
+_BOTH = {
+    "OP_ASSIGN": "{0}",
+    "OP_ADD": "{0} + {1}",
+    "OP_SUB": "{0} - {1}",
+    "OP_MUL": "{0} * {1}",
+    "OP_DIV": "{0} / {1}",
+    "OP_NEG": "-{0}",
+    "OP_SQ": "{0} * {0}",
+}
+_MATH = (
+    "exp", "expm1", "log", "log1p", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+    "asinh", "acosh", "atanh", "erf",
+)  # fmt: skip
+_MATH_OF_TWO = ("atan2", "hypot", "copysign")
+_C_ONLY = ("fabs", "floor", "ceil")
+_C_ONLY_OF_TWO = ("pow", "fmod", "remainder", "fmin", "fmax")
+
+_R = "np.fmod({0}, {1})"  # what the multiple of {1} next towards 0 leaves of {0}
+_REMAINDER = (  # what the nearest one leaves, of two the even one
+    f"{_R} if abs({_R}) < abs({{1}}) - abs({_R}) else {_R} - math.copysign({{1}}, {{0}}) "
+    f"if abs({_R}) > abs({{1}}) - abs({_R}) else {_R} - 2.0 * np.fmod(0.5 * ({{0}} - {_R}), {{1}})"
+)
+
+PYTHON = Language(
+    "Python",
+    {
+        **_BOTH,
+        "OP_TWICE": "2.0 * {0}",
+        "OP_INV": "1.0 / {0}",
+        "OP_POW": "{0} ** {1}",
+        "OP_CONSTPOW": "{0} ** {1}",
+        **{f"OP_{name.upper()}": f"math.{name}({{0}})" for name in _MATH},
+        **{f"OP_{name.upper()}": f"math.{name}({{0}}, {{1}})" for name in _MATH_OF_TWO},
+        "OP_FMOD": "np.fmod({0}, {1})",
+        "OP_REMAINDER": _REMAINDER,  # numba has none
+        "OP_FABS": "abs({0})",
+        "OP_FLOOR": "np.floor({0})",  # that of `math` is an integer, which infinity is not
+        "OP_CEIL": "np.ceil({0})",
+        "OP_SIGN": "1.0 if {0} > 0.0 else -1.0 if {0} < 0.0 else {0}",
+        "OP_LT": "1.0 if {0} < {1} else 0.0",
+        "OP_LE": "1.0 if {0} <= {1} else 0.0",
+        "OP_EQ": "1.0 if {0} == {1} else 0.0",
+        "OP_NE": "1.0 if {0} != {1} else 0.0",
+        "OP_NOT": "1.0 if {0} == 0.0 else 0.0",
+        "OP_AND": "1.0 if {0} != 0.0 and {1} != 0.0 else 0.0",
+        "OP_OR": "1.0 if {0} != 0.0 or {1} != 0.0 else 0.0",
+        "OP_FMIN": "{0} if {0} < {1} or {1} != {1} else {1}",  # of a number and NaN the number, as in C
+        "OP_FMAX": "{0} if {0} > {1} or {1} != {1} else {1}",
+        "OP_IF_ELSE_ZERO": "{1} if {0} != 0.0 else 0.0",
+    },
+    temporary="v{}",
+)
+
+C = Language(
+    "C",
+    {
+        **_BOTH,
+        "OP_TWICE": "{0} + {0}",
+        "OP_INV": "1 / {0}",
+        "OP_CONSTPOW": "ANT_F(pow)({0}, {1})",
+        **{f"OP_{name.upper()}": f"ANT_F({name})({{0}})" for name in (*_MATH, *_C_ONLY)},
+        **{f"OP_{name.upper()}": f"ANT_F({name})({{0}}, {{1}})" for name in (*_MATH_OF_TWO, *_C_ONLY_OF_TWO)},
+        "OP_SIGN": "{0} > 0 ? 1 : {0} < 0 ? -1 : {0}",
+        "OP_LT": "{0} < {1}",
+        "OP_LE": "{0} <= {1}",
+        "OP_EQ": "{0} == {1}",
+        "OP_NE": "{0} != {1}",
+        "OP_NOT": "{0} == 0",
+        "OP_AND": "{0} != 0 && {1} != 0",
+        "OP_OR": "{0} != 0 || {1} != 0",
+        "OP_IF_ELSE_ZERO": "{0} != 0 ? {1} : 0",
+    },
+    temporary="t{}",
+)

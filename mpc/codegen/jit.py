@@ -1,7 +1,7 @@
 """Functions are compiled alike: IEEE arithmetic, division by zero included, but products and sums may be fused."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from numba import config, njit
 
@@ -12,12 +12,12 @@ if config.DISABLE_JIT:
     raise ImportError("numba is told not to compile")
 
 KEPT = "antagonist_"  # begins the names of the modules whose compiled code is kept: hashes of all that it is made from
-F = TypeVar("F", bound=Callable[..., Any])
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
-_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # they take long to compile
+F = TypeVar("F", bound=Callable[..., object])
+_OPTIONS: dict[str, object] = {"error_model": "numpy", "fastmath": {"contract"}}
+_INNER: dict[str, object] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # they take long to compile
 
-_COUNTED: dict[str, Any] = {"_nrt": True}  # whoever calls
-_FLAT: dict[str, Any] = {"_nrt": False}
+_COUNTED: dict[str, object] = {"_nrt": True}  # whoever calls
+_FLAT: dict[str, object] = {"_nrt": False}
 
 
 def compiled(function: F) -> F:

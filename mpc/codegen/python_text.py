@@ -6,13 +6,15 @@ joints that differ in their numbers only share one compiled function.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.codegen.graphs import Output, Untranslatable, steps
-from mpc.codegen.languages import PYTHON
+from mpc.codegen.graphs import PYTHON, Output, Untranslatable, steps
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 _LONGEST = 1500  # operations that numba compiles in bearable time
 
@@ -25,7 +27,7 @@ class Source:
     c: Array  # the numbers [as they come in the graph]
 
 
-def translated(name: str, function: Any, first: int = 0) -> Source:
+def translated(name: str, function: "Function", first: int = 0) -> Source:
     """Write the CasADi SX `function` as the Python function `name(i0_0, i0_1, …, c)`: inputs element by element.
 
     Its numbers are c[first], c[first + 1], …, the inverses of those that divide. Raises `Untranslatable` for an
@@ -45,7 +47,7 @@ def translated(name: str, function: Any, first: int = 0) -> Source:
     return Source("\n".join([head, *body, returned, ""]), numbers.array)
 
 
-def filling(name: str, function: Any, first: int = 0) -> Source:
+def filling(name: str, function: "Function", first: int = 0) -> Source:
     """Write the CasADi SX `function` as the Python function `name(i0, i1, …, c, o0, o1, …)`, which fills arrays.
 
     Inputs and outputs are flat arrays of the nonzeros, columns first; no output may be an input, too. Numbers and
@@ -63,7 +65,7 @@ def filling(name: str, function: Any, first: int = 0) -> Source:
 class _Numbers:
     """The numbers of a function are named c[first], c[first + 1], … one by one."""
 
-    def __init__(self, name: str, function: Any, first: int) -> None:
+    def __init__(self, name: str, function: "Function", first: int) -> None:
         if function.n_instructions() > _LONGEST:
             raise Untranslatable(
                 f"the law's function {name} has {function.n_instructions()} operations, more than the {_LONGEST} that "

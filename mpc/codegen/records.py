@@ -4,13 +4,15 @@ A class states name and shape once. `dtype_of` makes the NumPy dtype of it, and 
 opens such a record in compiled code. A `Piece` is the place of an array whose length is known only when it is made.
 """
 
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 
-_NUMBERS = {float: "f8", int: "i8"}
+_NUMBERS: dict[object, str] = {float: "f8", int: "i8"}
+Records: TypeAlias = np.recarray[tuple[int], np.dtype[np.void]]
 
 
 class Piece:
@@ -20,7 +22,7 @@ class Piece:
     size: int
 
 
-def dtype_of(record: type) -> np.dtype[Any]:
+def dtype_of(record: type) -> np.dtype[np.void]:
     """Return the dtype of a class of numbers, other such classes, and arrays or lists `Annotated` with a shape.
 
     An array without a shape is there as its `Piece`.
@@ -29,33 +31,34 @@ def dtype_of(record: type) -> np.dtype[Any]:
     return np.dtype([(name, *_kind(hint)) for name, hint in hints.items()])
 
 
-def kind_of(record: type, name: str) -> Any:
+def kind_of(record: type, name: str) -> type[np.generic] | None:
     """Return the type of the numbers of a field that is an array without a shape; None for any other field."""
     hint = get_type_hints(record, include_extras=True)[name]
     return get_args(get_args(hint)[1])[0] if get_origin(hint) is np.ndarray else None
 
 
-def _kind(hint: Any) -> tuple[Any, ...]:
+def _kind(hint: object) -> tuple[object, ...]:
     if get_origin(hint) is Annotated:
         elements, *shape = get_args(hint)
         return *(("f8",) if elements == Array else _kind(*get_args(elements))), tuple(shape)
     if get_origin(hint) is np.ndarray:
         hint = Piece
-    return (_NUMBERS[hint] if hint in _NUMBERS else dtype_of(hint),)
+    return (dtype_of(hint) if isinstance(hint, type) and hint not in _NUMBERS else _NUMBERS[hint],)
 
 
-def new_records(record: type) -> Any:
+def new_records(record: type) -> Records:
     """Return an array (1,) of a record of zeros, whose numbers are attributes."""
     return np.zeros(1, dtype_of(record)).view(np.recarray)
 
 
-def numbers_of(records: Any, name: str) -> tuple[int, int]:
+def numbers_of(records: Records, name: str) -> tuple[int, int]:
     """Return the `Piece` of a field that has floats only, of the record in `new_records`."""
+    assert records.dtype.fields is not None
     kind, offset = records.dtype.fields[name][:2]
     return records.ctypes.data + offset, kind.itemsize // np.dtype(float).itemsize
 
 
-def piece_of(array: Any, kind: type = np.float64) -> tuple[int, int]:
+def piece_of(array: NDArray[np.generic], kind: type[np.generic] = np.float64) -> tuple[int, int]:
     """Return the `Piece` of an array of this kind, for as long as it lives. Raises a `TypeError` for any other one."""
     if array.dtype != kind or not (array.flags.c_contiguous and array.flags.aligned):
         raise TypeError(f"numbers of the kind {array.dtype} are not {kind.__name__} in one piece")

@@ -8,22 +8,24 @@ as text, because numba compiles nothing that looks at annotations.
 
 import ast
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from mpc.codegen import addresses
 from mpc.codegen.jit import inlined
-from mpc.codegen.records import kind_of, new_records, piece_of
+from mpc.codegen.records import Records, kind_of, new_records, piece_of
 
-F = TypeVar("F", bound=Callable[..., Any])
-_NUMBERS = {float: "{}", int: "int({})", bool: "{} != 0.0"}
+F = TypeVar("F", bound=Callable[..., object])
+R = TypeVar("R")
+_NUMBERS: dict[object, str] = {float: "{}", int: "int({})", bool: "{} != 0.0"}
 _AT = {np.float64: "floats", np.int64: "integers", np.int8: "signs"}
 
 
-def viewer(record: type) -> Any:
+def viewer(record: type[R]) -> Callable[..., R]:
     """Return (flat, arrays without a shape, sizes) ↦ a `record` of views; a single size follows from the length."""
     text = _Text(record)
     sizes, begin = text.sizes, "    _0 = 0\n"
@@ -41,7 +43,7 @@ def length_of(record: type, *sizes: int) -> int:
     return _Text(record).length(*sizes)
 
 
-def measure(record: type) -> Any:
+def measure(record: type) -> Callable[..., int]:
     """Return sizes ↦ `length_of` a record, for compiled code."""
     text = _Text(record)
     return _compiled(record, f"def length({', '.join(text.sizes)}):\n    return {text.total}\n", {})
@@ -58,7 +60,7 @@ def flat(values: NamedTuple) -> Array:
     return np.concatenate([np.ravel(value) for value in _leaves(values)]).astype(float)
 
 
-def table_of(values: NamedTuple) -> Any:
+def table_of(values: NamedTuple) -> Records:
     """Return an array (1,) of the addresses of arrays, and of numbers, in the order of their record.
 
     Raises a `TypeError` for an array that does not lie there as it is read.
@@ -70,27 +72,28 @@ def table_of(values: NamedTuple) -> Any:
     return records
 
 
-def opened(record: type[NamedTuple]) -> Any:
+def opened(record: type[R]) -> Callable[[int], R]:
     """Return the address of a `table_of` such a record ↦ the record, for compiled code."""
-    kinds = {name: kind_of(record, name) for name in record._fields}
+    kinds = {name: kind_of(record, name) for name in get_type_hints(record)}
     fields = (f"{_AT[kind]}(t.{name})" if kind else f"t.{name}" for name, kind in kinds.items())
     text = f"def opened(table):\n    t = table_at(table)\n    return {record.__name__}({', '.join(fields)})\n"
     return _compiled(record, text, {record.__name__: record, "table_at": addresses.opener(record)} | vars(addresses))
 
 
-def _compiled(record: type, text: str, space: dict[str, Any]) -> Any:
+def _compiled(record: type, text: str, space: Mapping[str, object]) -> Callable[..., Any]:
     """Return the function of a `text`, which counts as one of the file that has the `record`.
 
     Its name has that of the record: numba's names of compiled functions are those of module and function, and where two
     are alike what was kept by one process takes the other's code in the next.
     """
     name = text[4 : text.index("(")]
-    made = {"__name__": record.__module__, **space}
+    made: dict[str, Any] = {"__name__": record.__module__, **space}
     exec(compile(text.replace(name, f"{name}_{record.__name__}", 1), inspect.getfile(record), "exec"), made)
-    return inlined(made[f"{name}_{record.__name__}"])
+    function: Callable[..., Any] = made[f"{name}_{record.__name__}"]
+    return inlined(function)
 
 
-def _leaves(values: Any) -> Iterator[Any]:
+def _leaves(values: NamedTuple) -> Iterator[ArrayLike]:
     for name, hint in get_type_hints(type(values), include_extras=True).items():
         value = getattr(values, name)
         if hasattr(hint, "_fields"):
@@ -124,8 +127,8 @@ class _Text:
         hints = get_type_hints(record, include_extras=True)
         return f"{record.__name__}({', '.join(self._field(*field) for field in hints.items())})"
 
-    def _field(self, name: str, hint: Any) -> str:
-        if hasattr(hint, "_fields"):
+    def _field(self, name: str, hint: object) -> str:
+        if isinstance(hint, type) and hasattr(hint, "_fields"):
             return self._record(hint)
         if hint in _NUMBERS:
             return _NUMBERS[hint].format(f"flat[{self._taken('1')[0]}]")

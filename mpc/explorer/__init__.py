@@ -1,3 +1,1 @@
 """The explorer is a page in the browser that shows what a joint can do, computed by `allocate` itself."""
-
-__all__: list[str] = []

@@ -30,9 +30,8 @@ def explore(
 
     from rich.console import Console
 
-    from mpc.explorer.replay import frames
-    from mpc.explorer.server import HOST, server
-    from mpc.trials.recordings import load_recording
+    from mpc.explorer.server import HOST, frames, server
+    from mpc.trials.files import load_recording
 
     within("--port", port, "", 0, 65535)
     if run is not None and options != MachineOptions():

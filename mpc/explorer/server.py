@@ -5,12 +5,15 @@ from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from allocator import AntagonistJoint
 from allocator.errors import AntagonistError
-from mpc.explorer.question import Answer, Question, describe
+from allocator.units import DEG
+from mpc.explorer.question import Answer, Question, describe, muscles
+from mpc.trials.files import load_recording
 
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")  # a page of elsewhere that has our address resolved to it is refused
@@ -76,3 +79,21 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *given: object) -> None:  # the name is that of the base class
         """Say nothing: the page shows what went wrong."""
+
+
+_FRAMES = 400
+
+
+def frames(path: Path) -> dict[str, object]:
+    """Return times [s] and what the joint did in the run in `path`. Raises `InvalidFile`."""
+    run = load_recording(path)
+    every = range(0, run.t.size, max(1, run.t.size // _FRAMES))
+    return {
+        "name": path.name,
+        "t": [float(run.t[k]) for k in every],
+        "theta": [float(run.x[k, 0]) / DEG for k in every],
+        "theta_ref": [float(run.theta_ref[k]) / DEG for k in every],
+        "stiffness": [float(run.K[k]) for k in every],
+        "stiffness_ref": [float(run.K_ref[k]) for k in every],
+        "muscles": [muscles(run.plant.joint, float(run.x[k, 0]), *map(float, run.x[k, 2:])) for k in every],
+    }

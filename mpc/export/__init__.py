@@ -11,13 +11,13 @@ others do not: exact after finitely many iterations, and it says when it fails. 
 would cost a processor whose FPU is single some millions of instructions an iteration.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from mpc.export.entry import export
 else:
 
-    def __getattr__(name: str) -> Any:
+    def __getattr__(name: str) -> object:
         """`export`, loaded when it is first used: the command line begins without it."""
         if name != "export":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -79,7 +79,7 @@ def allocation_command(out: Out, options: MachineOptions, precision: Precision =
     """Write the allocation of a joint or of several as plain C99: pressures for torques and stiffnesses."""
     from allocator.joint.antagonist import AntagonistJoint
     from mpc.export.entry import export
-    from mpc.export.mechanism.entry import export_mechanism
+    from mpc.export.mechanism import export_mechanism
 
     machine = options.build()
     if isinstance(machine, AntagonistJoint):
@@ -93,7 +93,7 @@ def allocation_command(out: Out, options: MachineOptions, precision: Precision =
 @grouped
 def governor_command(out: Out, options: PlantOptions, precision: Precision = "double") -> None:
     """Write the governor of an arm's pressures as plain C99, for a sample every 10 ms: --machine arm26 or a file."""
-    from mpc.export.governor.entry import export_governor
+    from mpc.export.governor import export_governor
     from mpc.governor import PressureGovernor
 
     made = export_governor(out, PressureGovernor.of_arm(options.arm(), 0.01), precision=precision)
@@ -104,7 +104,7 @@ def governor_command(out: Out, options: PlantOptions, precision: Precision = "do
 @grouped
 def fmu_command(out: Out, options: ControllerOptions) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
-    from mpc.export.directory import check
+    from mpc.export.building import check
     from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
     from mpc.model.real_plant import RealPlant
 

@@ -6,7 +6,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.export import text
-from mpc.export.control_demonstration import numbers as demonstrated
+from mpc.export.demonstration import control_numbers
 from mpc.export.friction import (
     check_friction,
     friction_function,
@@ -17,7 +17,7 @@ from mpc.export.friction import (
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
 from mpc.export.recursions import items_in, recursion_files
-from mpc.export.tuning.numbers import tuning_constants, tuning_definition
+from mpc.export.tuning import tuning_constants, tuning_definition
 from mpc.model import compensation
 from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
@@ -131,7 +131,7 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
         | tuning_constants(controller)
         | friction_numbers(known.friction)
         | _rest(controller)
-        | demonstrated(plant)
+        | control_numbers(plant)
         | {
             "DT": (dt, "sample time [s]"),
             "BAR": (BAR, "[Pa]"),

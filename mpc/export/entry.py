@@ -6,10 +6,9 @@ from pathlib import Path
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
-from mpc.export.allocation_demonstration import allocation_lines, allocation_table
+from mpc.export.building import check, write
 from mpc.export.control import check_pair, control_files, model_functions, sizes_of
-from mpc.export.control_demonstration import lines as control_lines
-from mpc.export.directory import check, write
+from mpc.export.demonstration import allocation_lines, allocation_table, control_lines
 from mpc.export.joint import kernel_of
 from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
 from mpc.export.readme import readme

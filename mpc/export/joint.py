@@ -37,7 +37,7 @@ def kernel_of(joint: AntagonistJoint) -> Kernel:
             f"a joint with {type(joint.agonist).__name__} and {type(joint.antagonist).__name__} cannot be exported: "
             "its allocation has no closed form; take two muscles affine in the pressure, or two equal Tondu2021 on a "
             "pulley, or export its allocation alone as that of a mechanism, "
-            "mpc.export.mechanism.entry.export_mechanism(out, Mechanism.from_joint(joint))"
+            "mpc.export.mechanism.export_mechanism(out, Mechanism.from_joint(joint))"
         )
     if (affine := AffineNumbers.of(joint)) is None:
         raise InvalidInput(

@@ -1,7 +1,7 @@
 """The allocation kernel as C is printed from the text that Python, numba and NumPy run: `kernel.h` and `kernel.c`."""
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from allocator.allocation.kernels import source
 from allocator.allocation.kernels.choice import AffineNumbers, TonduNumbers
@@ -42,7 +42,7 @@ _AFFINE: Defined = {"most1": "HI1", "most2": "HI2"}
 class Form(NamedTuple):
     """The kernel of a kind of joints, and what C has in the place of its numbers `p`."""
 
-    numbers: type[Any]  # NamedTuple
+    numbers: type[tuple[object, ...]]  # NamedTuple
     defined: Defined
 
 

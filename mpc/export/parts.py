@@ -1,6 +1,6 @@
 """The exported files are those of this package as they are, and those that are written for the joint."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -8,6 +8,7 @@ from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Value
 from allocator.errors import MissingBackend
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.mechanism import Mechanism
 from mpc.codegen import c_text
 from mpc.export import text
 from mpc.export.joint import Kernel, Numbers, sides_function
@@ -36,6 +37,21 @@ which prints, according to Python{rounded}:
 """  # of a directory's README
 
 _C = Path(__file__).parent / "c"
+
+
+def build_words(single: bool, printed: Iterable[str]) -> dict[str, str]:
+    """Return what READMEs with `BUILD` say of the precision, and what the demonstration prints according to Python."""
+    return {
+        "precision": "single" if single else "double",
+        "rounded": " (single precision differs in the last digits)" if single else "",
+        "printed": "\n".join(printed),
+    }
+
+
+def machine_words(mechanism: Mechanism) -> dict[str, object]:
+    """Return what READMEs say of a mechanism."""
+    joints, muscles = ", ".join(mechanism.joint_names), ", ".join(mechanism.muscle_names)
+    return {"n": mechanism.n, "m": mechanism.m, "joints": joints, "muscles": muscles}
 
 
 def is_single(precision: str) -> bool:

@@ -2,9 +2,9 @@
 
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export.control import qp_iterations
-from mpc.export.parts import BUILD
+from mpc.export.parts import BUILD, build_words
 from mpc.export.recursions import items_in
-from mpc.export.tuning.numbers import tuning_numbers
+from mpc.export.tuning import tuning_numbers
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = (
@@ -116,12 +116,10 @@ def readme(
     written += ["src/model.c"] if kernel == "affine" or controller else []
     written += ["src/settings.h", "src/tables.c"] if controller else []
     head = _HEAD.format(
-        precision="single" if single else "double",
+        **build_words(single, printed),
         joint=f"{muscles} on a {type(joint.geometry).__name__}",
         written=", ".join(f"`{name}`" for name in written),
         single=_SINGLE if single else "",
-        rounded=" (single precision differs in the last digits)" if single else "",
-        printed="\n".join(printed),
         cost=_COST[kernel],
     )
     return head if controller is None else head + _control(controller, single)

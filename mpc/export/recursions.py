@@ -1,7 +1,6 @@
 """The solver of a step's QP is printed as C here, from the text that Python runs: `recursions.h` and `recursions.c`."""
 
-from typing import Any
-
+from allocator.compilation.jit import Function
 from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions, with_called
 from mpc.export import text
 
@@ -19,7 +18,7 @@ def recursion_files(single: bool) -> dict[str, str]:
     from mpc.tracking.compiled import commands
     from mpc.tracking.compiled.structured_qp import certificate, newton, rows, solve
 
-    entries: list[Any] = [commands.limit, commands.excess, commands.slew_bounds, commands.deviations, solve.swept]
+    entries: list[Function] = [commands.limit, commands.excess, commands.slew_bounds, commands.deviations, solve.swept]
     entries += [newton.gradients, newton.adjoint, newton.left_over, newton.factorise, newton.direction]  # softened.c
     entries += [rows.values, rows.sides, certificate.brought_within]
     entries += [] if single else [solve.persistent]

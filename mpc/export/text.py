@@ -1,14 +1,13 @@
 """Numbers and tables are written as C here."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.compilation.printer import number
 
-Table = NDArray[Any]  # of floats or of integers, in one or two dimensions
+Table = NDArray[np.float64] | NDArray[np.int64]  # of floats or of integers, in one or two dimensions
 
 
 def header(guard: str, about: str, body: str, includes: Iterable[str] = ()) -> str:

@@ -1,3 +1,1 @@
 """Plants identified from logs: their files, the errors of these files, and the command `antagonist fit-motion`."""
-
-__all__: list[str] = []

@@ -1,7 +1,7 @@
 """Command `antagonist fit-motion`: lags, hysteresis and a plant from the log of a moving joint."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -135,7 +135,7 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
         say(console, f"not seen by this log: {sentence}")
 
 
-def _values(fit: MotionFit, plant: "IdentifiedPlant | None") -> dict[str, Any]:
+def _values(fit: MotionFit, plant: "IdentifiedPlant | None") -> dict[str, object]:
     """Return what `--json` prints."""
     H = fit.operator
     hysteresis = {"weights": H.weights, "thresholds_deg": [r / DEG for r in H.thresholds], "base": H.base}

@@ -1,3 +1,1 @@
 """What a joint does and what is known of it is modelled here: plants, friction, compensation, faults."""
-
-__all__: list[str] = []

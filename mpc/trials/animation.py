@@ -1,16 +1,82 @@
-"""A run is animated: the joint with its muscles beside angle, stiffness and pressures, in real time."""
+"""Films: a GIF by Pillow, which matplotlib brings, or an MP4 by the program ffmpeg; and that of a joint's run.
 
+It shows the joint with its muscles beside angle, stiffness and pressures, in real time.
+"""
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.presentation.captions import fit_captions
-from allocator.presentation.plotting import new_figure
+from allocator.errors import CannotWrite, MissingBackend
+from allocator.files.atomic import replacing
+from allocator.presentation.plotting import fit_captions, new_figure
 from allocator.units import BAR, DEG
-from mpc.trials.film_files import Picture, check_film, save_film
 from mpc.trials.simulation import Run
+
+ENDINGS = (".gif", ".mp4")
+_COLOURS = 64  # of a GIF
+
+Picture = NDArray[np.uint8]  # (height, width, 3)
+
+
+def check_film(path: Path) -> None:
+    """Insist that a film with the ending of `path` can be written here. Raises `MissingBackend`."""
+    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
+        raise MissingBackend("writer of .mp4, ffmpeg,", "which is not installed", [".gif"])
+
+
+def save_film(pictures: list[Picture], path: Path, per_second: int) -> None:
+    """Write the pictures as a GIF or an MP4, whole or not at all. Raises `CannotWrite`, and as `check_film`."""
+    check_film(path)
+    with replacing(path) as draft:
+        if path.suffix.lower() == ".mp4":
+            _save_mp4(pictures, draft, per_second, path)
+        else:
+            _save_gif(pictures, draft, per_second)
+
+
+def drawn(figure: "Figure") -> Picture:
+    """Return a `new_figure` as a picture."""
+    canvas: FigureCanvasAgg = figure.canvas
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _save_gif(pictures: list[Picture], path: Path, per_second: int) -> None:
+    """Write the pictures in colours that all of them share: a frame then holds no more than what has moved."""
+    from PIL import Image
+
+    some = np.concatenate(pictures[:: max(1, len(pictures) // 8)])
+    palette = Image.fromarray(some).quantize(_COLOURS, method=Image.Quantize.MAXCOVERAGE)  # white stays white
+    frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    frames[0].save(
+        path, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 / per_second), loop=0
+    )
+
+
+def _save_mp4(pictures: list[Picture], path: Path, per_second: int, said: Path) -> None:
+    height, width, _ = pictures[0].shape
+    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(per_second), "-i", "-"]
+    made = ["-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-f", "mp4", str(path)]
+    raw = b"".join(picture.tobytes() for picture in pictures)
+    done = subprocess.run(["ffmpeg", "-y", "-loglevel", "error", *given, *made], input=raw, capture_output=True)
+    if done.returncode:
+        raise CannotWrite(said, OSError(done.stderr.decode(errors="replace").strip()[:200]))
+
+
+if TYPE_CHECKING:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Polygon
+
+Progress: TypeAlias = Callable[[Iterable[int]], Iterable[int]]
 
 _PER_SECOND = 12  # frames
 _DPI = 72
@@ -23,11 +89,11 @@ _BULGE = 0.22  # of which it grows per contraction
 class _Muscle(NamedTuple):
     """A muscle is drawn as its outline and its cable."""
 
-    outline: Any
-    cable: Any
+    outline: "Polygon"
+    cable: "Line2D"
 
 
-def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Any = lambda frames: frames) -> None:
+def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Progress = lambda frames: frames) -> None:
     """Write the run as GIF or MP4, whole or not at all.
 
     `progress` is what to wrap the iteration over the frames in. Raises `MissingBackend` for MP4 without ffmpeg.
@@ -43,10 +109,7 @@ class _Film:
     def __init__(self, run: Run, title: str) -> None:
         self.run = run
         self.samples = range(0, run.t.size, max(1, round(1 / (_PER_SECOND * run.dt))))
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-
         self.figure = new_figure(8, 4.2)
-        self._canvas = FigureCanvasAgg(self.figure)
         self.figure.set_dpi(_DPI)
         self.figure.suptitle(title, fontsize="medium")
         left, right = self.figure.subfigures(1, 2, squeeze=False, width_ratios=[1, 1.7])[0]
@@ -61,8 +124,7 @@ class _Film:
     def picture(self, k: int) -> Picture:
         """Return the sample k as a picture."""
         self.show(k)
-        self._canvas.draw()
-        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+        return drawn(self.figure)
 
     def show(self, k: int) -> None:
         """Show the sample k."""

@@ -12,6 +12,7 @@ from allocator.units import DEG
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.trials.reference import Reference
+from mpc.trials.trajectories import min_jerk
 
 _STIFFNESS = {2: [[12.0, 4.6], [4.6, 9.5]]}
 _EACH = 6.0  # [N·m/rad] of every joint of other arms
@@ -29,7 +30,7 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
     [4.6, 9.5]] of two joints on pulleys, which a biarticular pair can give; diag(6 ± 1.5, 6, …) of others on pulleys;
     else what the muscles make of middle pressures, ± 10 %. Raises `InvalidInput`.
     """
-    frequency = _positive("frequency", frequency, "Hz")
+    frequency = checks.positive("frequency", frequency, "Hz")
     swings, w = _swings(arm, size * np.resize(_SWING, arm.n) * DEG), 2 * np.pi * frequency
     middle, K_of = _middle(arm), _usual_stiffness(arm)
 
@@ -43,7 +44,7 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
             K *= 1 + 0.1 * np.sin(w * t)[:, None, None]
         return q, _tracked(arm, q, K)
 
-    return Reference.of("circle", _positive("turns", turns, "-") / frequency, at)
+    return Reference.of("circle", checks.positive("turns", turns, "-") / frequency, at)
 
 
 def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
@@ -51,14 +52,13 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
 
     Raises `InvalidInput`.
     """
-    seconds, rest = _positive("seconds", seconds, "s"), _positive("rest", rest, "s")
+    seconds, rest = checks.positive("seconds", seconds, "s"), checks.positive("rest", rest, "s")
     ends, middle = _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG), _middle(arm)
     K_of, period = _usual_stiffness(arm), seconds + rest
 
     def at(t: Array) -> tuple[Array, Array]:
         whole = np.minimum(t // period, 2)
-        share = np.clip((t - whole * period - rest) / seconds, 0.0, 1.0)
-        done = share**3 * (10 - 15 * share + 6 * share**2)
+        done = min_jerk((t - whole * period - rest) / seconds)
         done = np.where(whole % 2 == 0, done, 1 - done)
         done = np.where(whole >= 2, 0.0, done)
         q = middle + (2 * done[:, None] - 1) * ends
@@ -85,7 +85,7 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
         raise InvalidInput(
             f"draw is for arm26, with n = 2 joints in the plane, whose hand's position says the angles; n = {arm.n}"
         )
-    seconds = _positive("seconds", seconds, "s")
+    seconds = checks.positive("seconds", seconds, "s")
     first, second = arm.bodies.length
     middle = 0.91 * (first + second)
 
@@ -102,7 +102,7 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
         K[:, 1, 0] += 0.8 * np.cos(phase)
         return q, _tracked(arm, q, K)
 
-    return Reference.of("draw", _positive("turns", turns, "-") * seconds, at)
+    return Reference.of("draw", checks.positive("turns", turns, "-") * seconds, at)
 
 
 def _tracked(arm: Arm, q: Array, K: Array) -> Array:
@@ -161,13 +161,6 @@ def _swings(arm: Arm, wanted: Array) -> Array:
         if held.min() > _HELD * least:
             break
     return np.asarray(share * swings)
-
-
-def _positive(name: str, value: float, unit: str) -> float:
-    number = checks.number(name, value, unit)
-    if not number > 0:
-        raise InvalidInput(f"{name} = {number:g} {unit} has to be positive")
-    return number
 
 
 REFERENCES: Mapping[str, Callable[[Arm], Reference]] = {"circle": circle, "reach": reach, "hold": hold, "draw": draw}

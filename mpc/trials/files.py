@@ -1,17 +1,31 @@
-"""Trajectories and runs are kept as CSV: degrees, bar and N·m/rad here, SI in the program."""
+"""Trajectories and runs as CSV (degrees, bar, N·m/rad), runs as NPZ (SI, plant included), and a command's trajectory.
 
+NPZ files are without pickle; NumPy alone opens them as well.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
 from importlib import resources
+from lzma import LZMAError
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+from zlib import error as Damaged  # noqa: N812  # it has no other name
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from allocator import checks, machine_file
 from allocator.calculus import Array, Mask
-from allocator.errors import InvalidFile
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.files import toml
 from allocator.files.atomic import replacing
 from allocator.files.csv_table import Table, read_table
 from allocator.units import DEG
-from mpc.trials.reference import Reference
+from mpc.model.plant import NU, NUMBERS, NX, Plant
+from mpc.trials.reference import Reference, sine
 from mpc.trials.simulation import Run
+from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 
 COLUMNS = ("t", "theta_deg", "stiffness")  # [s], [°], [N·m/rad]
 
@@ -69,3 +83,96 @@ def _refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str
     if wrong.any():
         i = int(np.argmax(wrong))
         raise InvalidFile(table.path, sentence.format(values[i]), line=table.lines[i], column=column)
+
+
+def reference_called(name: str | None, K: float | None, plant: Plant) -> Reference:
+    """Return the trajectory of this name or in this file, about the stiffness K [N·m/rad] if it is a standard one.
+
+    Without a name it is the default trajectory where the plant has the report's joint, a sine elsewhere. Raises
+    `InvalidInput`.
+    """
+    if name is None and K is None and plant.joint == Plant().joint:
+        return default_trajectory()
+    if name is None or name in TRAJECTORIES:
+        middle = usual_stiffness(plant.joint) if K is None else float(checks.stiffness("stiffness", K))
+        about = TRAJECTORIES[name].about if name else lambda K: sine(K=K)
+        return shrunk(about, middle, plant.joint)
+    if K is not None:
+        raise InvalidInput("--stiffness goes with a standard trajectory; a file has its own")
+    if Path(name).suffix or Path(name).exists():
+        return load(name)
+    raise InvalidInput(f"there is neither a standard trajectory nor a file {name}; there are {', '.join(TRAJECTORIES)}")
+
+
+_DAMAGE = (  # what zipfile and NumPy raise on files that are none of theirs
+    ValueError, BadZipFile, Damaged, LZMAError, EOFError, AttributeError, TypeError, KeyError, IndexError, RuntimeError,
+    OverflowError, MemoryError,
+)  # fmt: skip
+_ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
+
+
+def save_recording(run: Run, path: str | Path, further: Mapping[str, ArrayLike] | None = None) -> None:
+    """Write `run`: its arrays by the names they have in `Run`, and the plant as `joint` (TOML) and `plant_…`.
+
+    `further` arrays by other names are kept beside them.
+    """
+    if not isinstance(run.plant, Plant):
+        raise InvalidInput("recordings are of joints: an arm's bodies have no file; `save_run` writes its columns")
+    values: dict[str, Any] = dict(further or {}) | {name: getattr(run, name) for name in _ARRAYS}
+    values |= {f"plant_{name}": value for name, value in run.plant.numbers.items()}
+    values["joint"] = machine_file.dumps(run.plant.joint)
+    with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix
+        np.savez_compressed(file, **values)
+
+
+def load_recording(path: str | Path) -> Run:
+    """Read what `save_recording` wrote. Raises `InvalidFile` if it is something else."""
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:  # NumPy leaves a bad one open
+            stored = dict(archive)
+    except OSError as error:
+        raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
+    except _DAMAGE:
+        raise InvalidFile(path, "is not an NPZ file, or damaged") from None
+    if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in Plant().numbers)} - stored.keys():
+        raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
+    arrays = {name: stored[name] for name in _ARRAYS}
+    try:
+        _check(arrays)
+    except InvalidInput as error:
+        raise InvalidFile(path, f"is not the recording of a run: {error}") from None
+    plain = {"dt": float(stored["dt"]), "implementation": str(stored["implementation"])}
+    return Run(_plant(path, stored), **(arrays | plain))
+
+
+def _check(arrays: dict[str, Array]) -> None:
+    """Insist that arrays have the shapes and kinds of a run's. Raises `InvalidInput`."""
+    steps = arrays["step_time"].size
+    for name, array in arrays.items():
+        if array.shape != (expected := _shape(name, steps)):
+            raise InvalidInput(f"{name} has the shape {array.shape}, not {expected}")
+        if array.dtype.kind not in ("U" if name == "implementation" else "fiu"):
+            raise InvalidInput(f"{name} is an array of {array.dtype}")
+    checks.real("t", arrays["t"], "s")
+    checks.positive("dt", arrays["dt"], "s")
+    checks.angle("theta_ref", arrays["theta_ref"])
+    checks.stiffness("K_ref", arrays["K_ref"])
+
+
+def _shape(name: str, steps: int) -> tuple[int, ...]:
+    """Return what `Run` says of the array called `name`."""
+    if name in ("dt", "implementation"):
+        return ()
+    length = steps + 1 if name in ("t", "x", "theta_ref", "K_ref", "K", "forces") else steps
+    width = {"x": NX, "estimate": NX + 1, "u": NU, "forces": NU, "moved": 3}.get(name)
+    return (length,) if width is None else (length, width)
+
+
+def _plant(path: str | Path, stored: dict[str, Array]) -> Plant:
+    given = {name: f"plant_{name}" for name in NUMBERS}
+    numbers: dict[str, Any] = {name: stored[key].tolist() for name, key in given.items() if key in stored}
+    try:
+        joint = machine_file.joint_from(toml.Table.parsed(f"{path} [joint]", str(stored["joint"])))
+        return Plant(joint, **(numbers | {"lag": tuple(numbers["lag"])}))
+    except (ValueError, TypeError) as error:  # of TOML or of ours
+        raise InvalidFile(path, f"does not hold a plant ({error})") from None

@@ -1,7 +1,7 @@
 """Metrics say how well a run went: errors, limits broken and by how much, time taken, rungs used."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from allocator.units import BAR, DEG, PERCENT
 from mpc.tracking.plan import Moved, PlanStatus, Rung
 from mpc.trials.simulation import Run
 
+Figure: TypeAlias = Any  # a number of a joint, an array of an arm
+
 _ROUNDING = 1e-9  # of the limit, or of what is constant: less is arithmetic
 _AT_LIMIT = 1e-3  # of the slew limit: as near to it a command is at it, for a QP solver that stops inside
 
@@ -17,10 +19,10 @@ _AT_LIMIT = 1e-3  # of the slew limit: as near to it a command is at it, for a Q
 class Errors(NamedTuple):
     """Errors say how far angle and stiffness were from their references."""
 
-    theta_rms: Any  # [°], (n,) of an arm
-    theta_worst: Any  # [°]
-    K_rms: Any  # [`K_unit`], (k, k) of an arm
-    K_worst: Any  # [`K_unit`]
+    theta_rms: Figure  # [°], (n,) of an arm
+    theta_worst: Figure  # [°]
+    K_rms: Figure  # [`K_unit`], (k, k) of an arm
+    K_worst: Figure  # [`K_unit`]
 
 
 @dataclass(frozen=True)
@@ -32,10 +34,10 @@ class Metrics:
     begins in motion, or never moves, has no first rest: then they are the errors over all samples.
     """
 
-    theta_rms: Any  # [°], (n,) of an arm
-    theta_worst: Any  # [°]
-    K_rms: Any  # [`K_unit`], (k, k) of an arm
-    K_worst: Any  # [`K_unit`]
+    theta_rms: Figure  # [°], (n,) of an arm
+    theta_worst: Figure  # [°]
+    K_rms: Figure  # [`K_unit`], (k, k) of an arm
+    K_worst: Figure  # [`K_unit`]
     K_unit: str  # "%" of a joint's reference; of an arm's entries, which may be 0, "N·m/rad" or "N/m"
     rest: float  # [s], how long the first rest is
     after_rest: Errors
@@ -127,7 +129,7 @@ def _changes(run: Run) -> Array:
     return np.abs(np.diff(run.u, axis=0, prepend=at_first))
 
 
-def _excess(values: Array, low: Any, high: Any, scale: Any) -> float:
+def _excess(values: Array, low: float | Array, high: float | Array, scale: float | Array) -> float:
     """Return how far `values` leave [low, high] at worst; 0 within rounding."""
     excess = float(max((low - values).max(), (values - high).max()))
     return excess if excess > _ROUNDING * np.max(scale) else 0.0

@@ -1,30 +1,104 @@
-"""The picture of a run: angles, stiffness and pressures against their references and limits."""
+"""The picture of a run: angles, stiffness and pressures against references and limits, and the way of a hand."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.joint.limits import Limits
 from allocator.mechanism.endpoint import Endpoint
-from allocator.presentation.plotting import new_figure, save_figure
+from allocator.presentation.plotting import GREY, legend_outside, new_figure, save_figure
 from allocator.units import BAR, DEG
+from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
 from mpc.model.plant import Plant
-from mpc.trials.hand import COLOURS, draw_ellipses, draw_hand, way_of
 from mpc.trials.metrics import metrics
 from mpc.trials.simulation import Run
 
-_BLACK, _GREY = "#000000", "#8c8c8c"
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Okabe & Ito's colours, told apart by colour-blind eyes
+COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8c8c8c"
+_BLACK = "#000000"
+_SHOWN = 0.02  # [m] to all sides
+_GOLDEN = 0.5 * (5**0.5 - 1)  # whose multiples meet no period twice
+
+
+class Way(NamedTuple):
+    """A `Way` is where a hand went and where it should have gone, in the two coordinates in which it moved most."""
+
+    names: tuple[str, str]
+    x: Array  # (M+1, 2) [m]
+    asked: Array  # (M+1, 2) [m]
+    J: Array  # ∂x/∂q (M+1, 2, n) [m/rad]
+
+
+def way_of(run: Run, hand: Endpoint | None = None) -> Way | None:
+    """Return the way of `hand`, else of the endpoint that is tracked, or of the end of a chain in the plane.
+
+    None for a joint, and where less than two coordinates are known.
+    """
+    arm = run.plant
+    if not isinstance(arm, Arm):
+        return None
+    hand = hand or arm.endpoint or (arm.bodies.endpoint if isinstance(arm.bodies, Bodies) else None)
+    if hand is None or hand.dim < 2:
+        return None
+    place, asked = hand.at(run.theta), hand.at(run.theta_ref)
+    two = np.sort(np.argsort(-np.ptp(asked.position, axis=0))[:2])
+    names = getattr(hand.kinematics, "axes", "123456789")
+    return Way((names[two[0]], names[two[1]]), place.position[:, two], asked.position[:, two], place.jacobian[:, two])
+
+
+def draw_hand(axes: "Axes", run: Run, way: Way) -> None:
+    """Draw the way of the hand, its reference, and the arm in the plane where it ends."""
+    axes.plot(way.asked[:, 0], way.asked[:, 1], color=_BLACK, ls="--", lw=1, label="reference")
+    axes.plot(way.x[:, 0], way.x[:, 1], color=COLOURS[0], lw=1.2, label="hand")
+    if isinstance(run.plant.bodies, Bodies):
+        points = run.plant.bodies.points(run.theta[-1])
+        axes.plot(points[:, 0], points[:, 1], color=COLOURS[7], lw=3, marker="o", zorder=0)
+    _at_least(axes, way.asked)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="the way of the hand")
+    axes.legend(frameon=False, fontsize="small")
+
+
+def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
+    """Draw what forces of 1 N in all directions move the hand by, at some moments: the compliance J K⁻¹ Jᵀ."""
+    K_joints = run.plant.stiffness(run.x)
+    turn = np.linspace(0, 2 * np.pi, 73)
+    circle = np.stack([np.cos(turn), np.sin(turn)])
+    for k in (np.arange(9) * _GOLDEN % 1 * (len(run.t) - 1)).astype(int):
+        J, stiff = way.J[k], K_joints[k] + run.plant.bodies.gravity_stiffness(run.theta[k])
+        moved = J @ np.linalg.solve(stiff, J.T) @ circle
+        x, y = way.x[k]
+        axes.plot(x + moved[0], y + moved[1], color=COLOURS[0], lw=1)
+        axes.plot(x, y, ".", color=COLOURS[1], ms=3)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="where 1 N moves the hand")
+
+
+def _at_least(axes: "Axes", points: Array) -> None:
+    """Let `axes` show some centimetres about `points` (…, 2): a hand that is held is no microscope's object."""
+    middle, half = points.mean(axis=0), np.maximum(np.ptp(points, axis=0) / 2, _SHOWN)
+    axes.plot(*np.transpose([middle - half, middle + half]), alpha=0.0)
+
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 _NOTHING = 1e-6  # [N·m/rad]
 _PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its command and what is forbidden
 _MANY = (3.0,)  # of those of more
 
 
-def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> Any:
+def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> "Figure":
     """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes; `title` names what it is.
 
-    Of an arm the way of its `hand` is drawn beside, as `mpc.trials.hand.way_of` says.
+    Of an arm the way of its `hand` is drawn beside, as `mpc.trials.plotting.way_of` says.
     """
     pair, way = isinstance(run.plant, Plant), way_of(run, hand)
     heights = 3.0, 1.3, 2.2, *(_PAIR if pair else _MANY)
@@ -68,7 +142,7 @@ def save_tracking_figure(run: Run, path: str | Path, title: str = "", hand: Endp
     save_figure(tracking_figure(run, title, hand), path)
 
 
-def _angle(axes: Any, errors: Any, run: Run) -> None:
+def _angle(axes: "Axes", errors: "Axes", run: Run) -> None:
     plant, rows = run.plant, run.t.size
     theta, asked = (a.reshape(rows, -1) / DEG for a in (run.theta, run.theta_ref))
     names = ("angle",) if plant.angle_shape == () else plant.labels.angles
@@ -78,14 +152,14 @@ def _angle(axes: Any, errors: Any, run: Run) -> None:
         errors.plot(run.t, theta[:, i] - asked[:, i], color=COLOURS[i % len(COLOURS)], lw=1)
     for limit in np.ravel(plant.angle_limits) / DEG:
         if len(names) == 1 and abs(limit) < 1.6 * np.abs(theta).max():  # a far limit would only flatten the curve
-            axes.axhline(limit, color=_GREY, ls="-.", lw=1, label="end of the joint range")
+            axes.axhline(limit, color=GREY, ls="-.", lw=1, label="end of the joint range")
     axes.set_ylabel("joint angle θ [°]")
     _widen(axes, 2.0)
-    _legend(axes)
+    legend_outside(axes)
     errors.set_ylabel("error of θ [°]")
 
 
-def _stiffness(axes: Any, run: Run) -> None:
+def _stiffness(axes: "Axes", run: Run) -> None:
     table, names = run.to_dict(), run.plant.labels.stiffness
     for i, name in enumerate(names):
         if np.abs(table[name]).max() < _NOTHING:  # of muscles that cross one joint only
@@ -96,18 +170,18 @@ def _stiffness(axes: Any, run: Run) -> None:
     unit = f"[{run.plant.stiffness_unit}]"
     axes.set_ylabel("\n".join([f"{name} K", " at ".join([unit, *frequency])]))
     _widen(axes, 0.2)
-    _legend(axes)
+    legend_outside(axes)
 
 
-def _pressures(axes: Any, run: Run) -> None:
+def _pressures(axes: "Axes", run: Run) -> None:
     """Draw the pressures of all muscles."""
     for j, name in enumerate(run.plant.labels.pressures):
         axes.plot(run.t, run.P[:, j] / BAR, color=COLOURS[j % len(COLOURS)], lw=1, label=name)
     axes.set_ylabel("gauge pressure [bar]")
-    _legend(axes)
+    legend_outside(axes)
 
 
-def _pressure(axes: Any, run: Run, muscle: int) -> None:
+def _pressure(axes: "Axes", run: Run, muscle: int) -> None:
     """Draw pressure and command of a muscle (0, 1); what is shaded is forbidden: beyond the supply, or slack."""
     color, name = ((COLOURS[0], "P1"), (COLOURS[1], "P2"))[muscle]
     low, high = (limit / BAR for limit in run.plant.joint.pressure_limits)
@@ -115,12 +189,12 @@ def _pressure(axes: Any, run: Run, muscle: int) -> None:
     axes.plot(run.t, run.P[:, muscle] / BAR, color=color, label=f"pressure {name}")
     axes.step(run.t[:-1], run.u[:, muscle] / BAR, color=_BLACK, lw=0.7, alpha=0.6, where="post", label="command")
     floor, ceiling = low - 0.05 * (high - low), high + 0.08 * (high - low)
-    forbidden = {"color": _GREY, "alpha": 0.25, "lw": 0}
+    forbidden: dict[str, Any] = {"color": GREY, "alpha": 0.25, "lw": 0}
     axes.fill_between(run.t, floor, np.maximum(taut, low), label="slack, or beyond the supply", **forbidden)
     axes.axhspan(high, ceiling, **forbidden)
     axes.set_ylim(floor, ceiling)
     axes.set_ylabel(f"{('agonist', 'antagonist')[muscle]}\n[bar]")
-    _legend(axes)
+    legend_outside(axes)
 
 
 def _taut_limit(run: Run) -> tuple[Array, Array]:
@@ -129,16 +203,8 @@ def _taut_limit(run: Run) -> tuple[Array, Array]:
     return box.agonist.lo, box.antagonist.lo
 
 
-def _widen(axes: Any, least: float) -> None:
+def _widen(axes: "Axes", least: float) -> None:
     """Make the axis at least so high: what should be constant shall look it."""
     low, high = axes.get_ylim()
     if high - low < least:
         axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
-
-
-def _legend(axes: Any) -> None:
-    """Draw the legend to the right of the axes, where no data are; what is drawn twice is named once."""
-    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(
-        named.values(), named.keys(), loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize="small"
-    )

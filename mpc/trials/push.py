@@ -2,7 +2,7 @@
 it give way.
 
 From the moment of freezing on both regulators hold the pressures that were there, or are shut (`Cycle.shut`), which is
-another stiffness where the plant has gas; `mpc.trials.harmonic_push` finds that at a frequency. Then a slow sine of
+another stiffness where the plant has gas. Then a slow sine of
 external torque T_e pushes both ways, while the encoder is read. Friction opposes the motion, s = ±1: T_e = -T(θ) + s
 T_f(θ), so that the half sum of the two branches of a cycle is the elastic torque, and half their distance the friction.
 Both are fitted together, where the joint has turned by more than its presliding since the last reversal:
@@ -17,25 +17,41 @@ asked for and the one that was measured is told apart by cause; each step change
     mismatch      K_true - K_modelled        the joint's own law at the same state
     gas           K_shut - K_true            where the valves were shut: what the trapped gas adds
     measurement   K_measured - K_true, - K_shut  the experiment's own error
+
+`felt` finds the stiffness that is felt at a frequency: it freezes the commands and shakes the joint instead.
+Gas that is trapped stiffens a joint while its regulators cannot follow, so that K depends on the frequency, and on
+whether the motion leaves their dead band:
+
+    K(s) = K + Σ_i κ (P_i + p_a) g_i²/V_i^eff · s τ_i/(1 + s τ_i),    s = 2πi f                                   (G4)
+
+A sine of external torque, swelled smoothly so that nothing else is shaken, is held for whole periods. With the first
+harmonics T̂ of the torque and θ̂ of the angle
+
+    K_measured(f) = T̂/θ̂ + J (2πf)² - 2πi f b - m g l cos θ_0
+
+inertia, damping and gravity being those of the model. Friction is part of what is felt. The torque is constant over
+each sample h, so that T̂ is that of the sine times exp(-πi f h) sin(πfh)/(πfh).
 """
 
 from dataclasses import dataclass, replace
-from math import pi
-from typing import Any, NamedTuple
+from math import ceil, cos, pi
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from allocator import allocate
+from allocator import allocate, checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.model.faults import StuckValve
 from mpc.model.plant import NX, Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.real_plant import RealExperiment, RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.plan import Plan
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Controller, Run, simulate
+from mpc.trials.trajectories import min_jerk
 
 REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest
 _TURNED = 10 * DEG  # so far after a reversal friction has turned round, see `mpc.model.hysteresis`
@@ -88,7 +104,7 @@ def push(
     """Let `loop`, whose model is `model`, follow `reference` up to `at` [s] from its start; then freeze and push.
 
     Raises InvalidInput where the joint turns too little, and for plants whose stiffness is not the isobaric one: that
-    at a frequency is for `mpc.trials.harmonic_push`.
+    at a frequency is for `mpc.trials.push`.
     """
     if real.nominal.shares or model.shares:
         raise InvalidInput(f"a slow push cannot find the {(model if model.shares else real.nominal).kind.text}")
@@ -187,14 +203,14 @@ class Freezing:
         self._sample = 0
         self._frozen: Plan | None = None
 
-    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
+    def step(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike = 0.0) -> Plan:
         """Return the controller's plan, or that of the freezing."""
         self._sample += 1
         if self._frozen is None:
             plan = self.controller.step(x, theta_ref, K_ref, d)
             if self._sample <= self.after:
                 return plan
-            self._frozen = replace(plan, u=np.broadcast_to(np.array(x[2:]), plan.u.shape))
+            self._frozen = replace(plan, u=np.broadcast_to(np.array(x)[2:], plan.u.shape))
         return self._frozen
 
 
@@ -211,3 +227,104 @@ class _Reading:
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
         self.angles.append(float(y[0]))
         return self.observer.estimate(y, u)
+
+
+_SAMPLES = 400  # of a period at least: the aliases of the held torque move the link less than 1e-7 as far
+_SWELL = 6.0  # [s] at least, in which the sine swells
+_PERIODS, _LONG = 1, 2.0  # that are evaluated: whole ones, for so long [s] at least
+_FREQUENCIES = 1e-3, 1e3  # [Hz]
+
+
+@dataclass(frozen=True)
+class Shake:
+    """A shake says how to push: a sine that turns the joint by about `angle`, as far as its model can say."""
+
+    frequency: float  # f [Hz]
+    angle: float = 1 * DEG  # amplitude [rad]
+    shut: bool = False  # whether the valves are shut; else the regulators follow the frozen commands
+
+    def __post_init__(self) -> None:
+        low, high = _FREQUENCIES
+        if not low <= checks.number("frequency", self.frequency, "Hz") <= high:
+            raise InvalidInput(f"frequency = {self.frequency:g} Hz has to be between {low:g} and {high:g} Hz")
+        if not 0 < checks.number("angle", self.angle, "rad") <= 0.5:
+            raise InvalidInput(f"angle = {self.angle:g} rad has to be above 0, and 0.5 at most")
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What is felt is a complex stiffness: storage in phase with the angle, loss ahead of it; N·m/rad."""
+
+    frequency: float  # [Hz]
+    theta: float  # θ_0, at which the joint was frozen [rad]
+    P: tuple[float, float]  # pressures there [Pa]
+    isobaric: float  # the plant's K there
+    expected: complex  # (G4) of the plant there; all of the gas where the valves were shut
+    measured: complex
+    angle: float  # amplitude |θ̂| [rad]
+
+
+def felt(
+    real: RealPlant,
+    model: Plant,
+    loop: tuple[Controller, Observer],
+    reference: Reference,
+    at: float,
+    shake: Shake,
+    seed: int = 0,
+) -> Felt:
+    """Let `loop`, whose model is `model`, follow `reference` up to `at` [s] from its start; then freeze and shake.
+
+    `model` says inertia, damping and gravity, and how hard to shake for the angle that is wanted.
+    """
+    (controller, observer), dt = loop, loop[0].dt
+    freeze, end = round(at / dt), round((at + REST) / dt)
+    frozen = Freezing(controller, freeze)
+    run = simulate(real, frozen, held(reference.resampled(dt), end), observer=observer, seed=seed)
+    x, u = run.x[-1], run.u[-1]
+    load = real.torque_profile[-1][1] if real.torque_profile else 0.0
+    still = replace(real, torque_profile=(), shut=(True, True) if shake.shut else real.shut)
+    torque = shake.angle * abs(_passive(model, x, shake.frequency) + float(model.stiffness(x)))
+    theta, T = _shaken(still, x, u, load, torque, dt, shake.frequency, seed)
+    K = T / theta - _passive(model, x, shake.frequency)
+    return Felt(
+        frequency=shake.frequency,
+        theta=float(x[0]),
+        P=(float(x[2]), float(x[3])),
+        isobaric=float(real.isobaric(x)),
+        expected=still.dynamic_stiffness(x, shake.frequency),
+        measured=K,
+        angle=abs(theta),
+    )
+
+
+def _passive(model: Plant, x: Array, f: float) -> complex:
+    """Return what link and gravity add to the stiffness that is felt."""
+    omega = 2 * pi * f
+    return -model.inertia * omega**2 + 1j * omega * model.damping + model.gravity_torque * cos(x[0])
+
+
+def _shaken(
+    real: RealPlant, x: Array, u: Array, load: float, torque: float, dt: float, f: float, seed: int
+) -> tuple[complex, complex]:
+    """Return the first harmonics of angle and torque, as an experiment every `h` ≤ `dt` [s] reads them."""
+    per_period = max(ceil(1 / (f * dt)), _SAMPLES)
+    h, swell = 1 / (f * per_period), ceil(_SWELL * f) * per_period
+    kept = max(_PERIODS, ceil(_LONG * f)) * per_period
+    experiment: RealExperiment = real.begin(h, x, seed)
+    phase = 2 * pi / per_period * np.arange(swell + kept)
+    pushed = load + torque * min_jerk(np.arange(swell + kept) / swell) * np.sin(phase)
+    read = np.empty(swell + kept)
+    for k, T_e in enumerate(pushed.tolist()):
+        read[k] = experiment.measure()[0]
+        experiment.advance(u, T_e)
+    held = np.exp(-1j * pi * f * h) * np.sinc(f * h)
+    return _harmonic(read[swell:], np.asarray(phase[swell:], float)), -1j * torque * held
+
+
+def _harmonic(read: Array, phase: Array) -> complex:
+    """Return the first harmonic of whole periods, beside a drift and a second harmonic."""
+    t = np.linspace(-1, 1, phase.size)
+    waves = [wave(n * phase) for n in (1, 2) for wave in (np.cos, np.sin)]
+    found = np.linalg.lstsq(np.stack([*waves, np.ones_like(t), t], axis=1), read, rcond=None)[0]
+    return complex(found[0], -found[1])

@@ -30,7 +30,6 @@ class Reference:
     tail: float = 0.0  # at the end, which is only looked ahead to [s]
 
     def __post_init__(self) -> None:
-        """Check the samples."""
         t, theta = checks.real("t", self.t, "s"), checks.angle("theta", self.theta)
         K = checks.stiffness("K", self.K) if theta.ndim < 2 else checks.real("K", self.K, "N·m/rad")
         if t.ndim != 1 or t.size < 2 or not t.shape == theta.shape[:1] == K.shape[:1] or K.ndim > 2 * theta.ndim - 1:

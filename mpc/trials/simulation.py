@@ -10,10 +10,10 @@ difference of the angles where the velocity is not measured, and nothing else.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.calculus import Array
@@ -28,6 +28,7 @@ from mpc.tracking.plan import Moved, Plan
 from mpc.trials.reference import Reference
 
 T = TypeVar("T")
+Load: TypeAlias = Callable[[float], ArrayLike]  # the time [s] ↦ a torque from outside [N·m], (n,) of an arm
 
 
 @runtime_checkable
@@ -43,7 +44,7 @@ class Controller(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
-    def step(self, x: Any, theta_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
+    def step(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike = 0.0) -> Plan:
         """Return the plan from the state `x` for the previews (ahead + 1, …) under the disturbance torque `d` [N·m]."""
 
 
@@ -104,7 +105,7 @@ class Run:
         """Sentence listing the assumptions behind the plant's forces that the data could not confirm, or ""."""
         return str(self.plant.assumed(self.x))
 
-    def to_dict(self) -> dict[str, NDArray[Any]]:
+    def to_dict(self) -> dict[str, Array | NDArray[np.int64]]:
         """Return the run as columns (M+1,), those of the CSV that `track` writes: what `pandas.DataFrame` takes.
 
         Time in s, stiffness in N·m/rad, of an endpoint in N/m, forces in N; the other names carry their units. The
@@ -161,7 +162,7 @@ class Run:
         }
 
 
-def _worst(rms: Any, worst: Any, unit: str) -> str:
+def _worst(rms: ArrayLike, worst: ArrayLike, unit: str) -> str:
     """Say the errors of a joint, or the greatest of an arm."""
     return f"{number(np.max(rms), 2)}{unit} RMS, {number(np.max(worst), 2)}{unit} at worst"
 
@@ -171,11 +172,11 @@ def simulate(
     controller: Controller,
     reference: Reference,
     *,
-    x0: Any = None,
+    x0: ArrayLike | None = None,
     observer: Observer | None = None,
     seed: int = 0,
     progress: bool = False,
-    load: Callable[[float], Any] | None = None,
+    load: Load | None = None,
     watch: Callable[[], None] | None = None,
 ) -> Run:
     """Let `controller` drive `plant` along `reference` from its first sample to its last; see the module's text.
@@ -210,10 +211,10 @@ class ClosedLoop:
         plant: Process,
         controller: Controller,
         reference: Reference,
-        x0: Any,
+        x0: ArrayLike | None,
         observer: Observer | None,
         seed: int,
-        load: Callable[[float], Any] | None = None,
+        load: Load | None = None,
     ) -> None:
         _check_parts(plant, controller, reference, observer, load)
         dt, nominal = controller.dt, plant.nominal
@@ -249,7 +250,7 @@ class ClosedLoop:
             self.experiment.advance(self.u[k], self._torque(k * self.controller.dt))
         self.x[k + 1] = self.experiment.x
 
-    def _torque(self, t: float) -> Any:
+    def _torque(self, t: float) -> Array:
         """Return the load at `t` [s]. Raises `InvalidInput` for what is none."""
         assert self._load is not None
         torque, shape = checks.real(f"load({t:g})", self._load(t), "N·m"), self.plant.nominal.angle_shape
@@ -270,7 +271,9 @@ class ClosedLoop:
         )  # fmt: skip
 
 
-def _check_parts(plant: Any, controller: Any, reference: Any, observer: Any, load: Any) -> None:
+def _check_parts(
+    plant: Process, controller: Controller, reference: Reference, observer: Observer | None, load: Load | None
+) -> None:
     """Insist on what takes part in a loop. Raises `InvalidInput`."""
     wanted = (
         ("plant", plant, isinstance(plant, Process), "a Plant, a RealPlant, an Arm or a MujocoPlant"),
@@ -286,7 +289,7 @@ def _check_parts(plant: Any, controller: Any, reference: Any, observer: Any, loa
         raise InvalidInput(f"dt = {dt:g} s of the observer is not the dt = {controller.dt:g} s of the controller")
 
 
-def state(x0: Any, size: int = NX, n: int = 1) -> Array:
+def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:
     """Return `x0` as a state (size,) of `n` joints to begin from. Raises `InvalidInput`."""
     x = checks.floats("x0", x0, "rad, rad/s, Pa")
     if x.shape != (size,) or not np.isfinite(x).all():
@@ -306,5 +309,5 @@ def tracked(items: Iterable[T], total: int, progress: bool) -> Iterator[T]:
     from rich.progress import track
 
     console = Console(stderr=True)
-    shown: Any = {"console": console, "transient": True, "disable": not console.is_terminal}
-    yield from track(items, "simulating", total, **shown)
+    hidden = not console.is_terminal
+    yield from track(items, "simulating", total, console=console, transient=True, disable=hidden)

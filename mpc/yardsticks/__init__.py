@@ -1,3 +1,1 @@
 """The yardsticks are what the tracking controller is measured against: nonlinear MPC, feed-forward, PID, LQR."""
-
-__all__: list[str] = []

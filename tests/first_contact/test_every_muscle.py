@@ -20,7 +20,7 @@ from allocator.identification import fit, load_dataset
 from allocator.muscles import MODELS, AffineMuscle, Muscle, TableMuscle
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N
 from allocator.units import BAR, PERCENT
-from mpc.trials.recordings import load_recording
+from mpc.trials.files import load_recording
 
 pytestmark = pytest.mark.slow
 

@@ -17,8 +17,7 @@ from allocator.machine_file import save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, sine
 from mpc.cli import app, main
-from mpc.trials.files import save_reference
-from mpc.trials.recordings import load_recording
+from mpc.trials.files import load_recording, save_reference
 from mpc.trials.trajectories import TRAJECTORIES
 
 pytestmark = pytest.mark.compiles

@@ -10,8 +10,8 @@ from allocator.joint.antagonist import report_joint
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, Weights
-from mpc.bench.clock import Clock, MonotonicClock, SimulatedClock
 from mpc.bench.cycle import Cycle, Settings
+from mpc.bench.device import Clock, MonotonicClock, SimulatedClock
 from mpc.bench.devices.serial_line import SerialDevice
 from mpc.bench.devices.simulated import simulated
 from mpc.bench.logs import Record
@@ -20,7 +20,7 @@ from mpc.bench.safety import SoftStart, Watchdog
 from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of, within
 from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
-from mpc.trials.choice import reference_called
+from mpc.trials.files import reference_called
 
 ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}

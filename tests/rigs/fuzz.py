@@ -7,7 +7,7 @@ from zlib import crc32
 
 import numpy as np
 
-from mpc.bench.clock import Clock, SimulatedClock
+from mpc.bench.device import Clock, SimulatedClock
 from mpc.bench.devices.serial_line import SerialDevice
 from mpc.bench.devices.serial_protocol import ANSWERS, LONGEST, VERSION, Frame, Kind, Receiver, encoded, stuffed
 

@@ -1,3 +1,1 @@
 """Back-ends solve the allocation problem by general optimisation."""
-
-__all__: list[str] = []

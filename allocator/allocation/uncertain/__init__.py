@@ -1,3 +1,1 @@
 """Pressures are allocated here where the muscles' parameters are known with a covariance only."""
-
-__all__: list[str] = []

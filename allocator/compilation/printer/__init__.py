@@ -25,8 +25,7 @@ In C a variable is real, an int (flags and truth values) or a struct: what is as
 from allocator.compilation.printer.array_kinds import ArrayKind, Kind, StructKind
 from allocator.compilation.printer.arrays_to_c import MIN_AND_MAX, c_functions, with_called
 from allocator.compilation.printer.c_declarations import Outside
-from allocator.compilation.printer.c_layout import Printed, number
-from allocator.compilation.printer.c_operators import INT, REAL
+from allocator.compilation.printer.c_layout import INT, REAL, Printed, number
 from allocator.compilation.printer.python_text import Source, Unprintable
 from allocator.compilation.printer.to_c import c_form
 from allocator.compilation.printer.to_numpy import array_form, array_functions

@@ -2,10 +2,10 @@
 
 import ast
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind
-from allocator.compilation.printer.c_operators import AND, ATOM, CHOICE, INT, LINK, LINKS, OR, REAL, SIGNS, SUM, UNARY
+from allocator.compilation.printer.c_layout import AND, ATOM, CHOICE, INT, LINK, LINKS, OR, REAL, SIGNS, SUM, UNARY
 from allocator.compilation.printer.python_text import refuse
 
 _EMPTY, _ZEROS = "np.empty", "np.zeros"
@@ -16,7 +16,7 @@ class Unit(Protocol):
 
     kinds: Kinds
     nodes: dict[str, ast.FunctionDef]
-    names: dict[str, Any]
+    names: dict[str, object]
     entries: Mapping[str, str]
 
     def returned(self, name: str) -> Kind:

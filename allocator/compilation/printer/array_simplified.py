@@ -1,11 +1,13 @@
 """Python without a counterpart in C, rewritten in terms that have one."""
 
 import ast
-from typing import Any
+from typing import TypeVar
+
+N = TypeVar("N", bound=ast.AST)
 
 
 class _Simple(ast.NodeTransformer):
-    def visit_Compare(self, node: ast.Compare) -> Any:
+    def visit_Compare(self, node: ast.Compare) -> ast.AST:
         """Return a ≤ b ≤ c as a ≤ b and b ≤ c."""
         self.generic_visit(node)
         if len(node.ops) == 1:
@@ -14,7 +16,7 @@ class _Simple(ast.NodeTransformer):
         links = zip(sides, node.ops, sides[1:], strict=False)
         return _at(node, ast.BoolOp(ast.And(), [ast.Compare(left, [op], [right]) for left, op, right in links]))
 
-    def visit_BinOp(self, node: ast.BinOp) -> Any:
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         """Return x ** 2 and x ** 3 as products."""
         self.generic_visit(node)
         match node:
@@ -34,14 +36,14 @@ class _Simple(ast.NodeTransformer):
                 return self.visit_Call(_at(node, ast.Call(name, [ast.Call(name, most, []), last], [])))
         return node
 
-    def visit_Expr(self, node: ast.Expr) -> Any:
+    def visit_Expr(self, node: ast.Expr) -> ast.AST:
         """Return `mpc.codegen.jit.assign` as what it stands for."""
         match node.value:
             case ast.Call(ast.Name("assign"), [target, source], []):
                 return _at(node, ast.Assign([ast.Subscript(target, ast.Slice(), ast.Store())], source))
         return self.generic_visit(node)
 
-    def visit_Assign(self, node: ast.Assign) -> Any:
+    def visit_Assign(self, node: ast.Assign) -> list[ast.Assign]:
         """Return one assignment for each target, and a choice for each element of a chosen tuple."""
         self.generic_visit(node)
         *others, first = node.targets
@@ -56,7 +58,7 @@ class _Simple(ast.NodeTransformer):
         return made
 
 
-def _at(node: ast.AST, made: Any) -> Any:
+def _at(node: ast.AST, made: N) -> N:
     return ast.fix_missing_locations(ast.copy_location(made, node))
 
 

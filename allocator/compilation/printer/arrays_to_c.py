@@ -10,14 +10,13 @@ are pointers. Whatever else there is raises `Unprintable`.
 import ast
 import inspect
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
+from allocator.compilation.jit import Function
 from allocator.compilation.printer.array_expressions import Expressions
 from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind, TupleKind, declared
 from allocator.compilation.printer.array_simplified import simplified
-from allocator.compilation.printer.c_layout import Printed, comment, number, wrapped
-from allocator.compilation.printer.c_operators import ATOM, INT, REAL, SIGNS, SUM
+from allocator.compilation.printer.c_layout import ATOM, INT, REAL, SIGNS, SUM, Printed, comment, number, wrapped
 from allocator.compilation.printer.python_text import Unprintable, refuse
 
 MIN_AND_MAX = "\n".join(
@@ -29,7 +28,7 @@ MIN_AND_MAX = "\n".join(
 
 
 def c_functions(
-    functions: Sequence[Callable[..., Any]],
+    functions: Sequence[Function],
     kinds: Kinds,
     single: bool,
     entries: Mapping[str, str],
@@ -60,7 +59,7 @@ class _Unit:
 
     def __init__(
         self,
-        functions: Sequence[Callable[..., Any]],
+        functions: Sequence[Function],
         kinds: Kinds,
         single: bool,
         entries: Mapping[str, str],
@@ -68,7 +67,7 @@ class _Unit:
     ) -> None:
         self.kinds, self.single, self.entries, self.numbers = kinds, single, entries, numbers
         self.nodes = {node.name: node for node in map(_parsed, functions)}
-        self.names: dict[str, Any] = {}
+        self.names: dict[str, object] = {}
         for f in functions:
             self.names |= getattr(f, "py_func", f).__globals__  # a global name means the same in all of them
         self.constants: dict[str, str] = {}  # by their names, as they are defined
@@ -304,9 +303,9 @@ class _Function(Expressions):
         yield f"{pad}for (int {name} = {self.text(begin)}; {name} {sign} {self.text(end, SUM)}; {name}{step}) {{"
 
 
-def with_called(functions: Sequence[Callable[..., Any]]) -> list[Callable[..., Any]]:
+def with_called(functions: Sequence[Function]) -> list[Function]:
     """Return `functions` and those that they call, and these in turn, which are found as Python would."""
-    found: dict[str, Callable[..., Any]] = {}
+    found: dict[str, Function] = {}
     left = [*functions]
     while left:
         function = left.pop(0)
@@ -327,7 +326,7 @@ def _asks_for_a_size(node: ast.AST) -> bool:
     return False
 
 
-def _parsed(function: Callable[..., Any]) -> ast.FunctionDef:
+def _parsed(function: Function) -> ast.FunctionDef:
     function = getattr(function, "py_func", function)  # of what numba has compiled
     [node] = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     if not isinstance(node, ast.FunctionDef):

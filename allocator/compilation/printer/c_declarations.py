@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isinf
 from typing import NamedTuple
 
-from allocator.compilation.printer.c_layout import runs
-from allocator.compilation.printer.c_operators import ATOM, INT, REAL
+from allocator.compilation.printer.c_layout import ATOM, INT, REAL, runs
 from allocator.compilation.printer.python_text import Source, assignments, refuse
 
 MADE = {"inf": "ANT_INFINITY", "sqrt": "ANT_F(sqrt)", "abs": "ant_abs"}  # names that C has anyway

@@ -3,7 +3,7 @@
 import ast
 
 from allocator.compilation.printer.c_declarations import MADE, Text, Unit, arguments_of, literal
-from allocator.compilation.printer.c_operators import (
+from allocator.compilation.printer.c_layout import (
     AND,
     ATOM,
     CHOICE,

@@ -1,12 +1,19 @@
-"""C's text is laid out here, in lines of bounded width, with comments in ASCII; and its numbers."""
+"""Operators and number types of C, and the layout of its text: lines of bounded width, comments in ASCII, literals."""
 
+import ast
 import math
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+
+REAL, INT = "ant_real", "int"
+LINKS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+SIGNS = {ast.Add: ("+", 12), ast.Sub: ("-", 12), ast.Mult: ("*", 13), ast.Div: ("/", 13), ast.BitOr: ("|", 6)}
+CHOICE, OR, AND, FLAGS, LINK, SUM, UNARY, ATOM = 3, 4, 5, 6, 10, 12, 14, 16  # how strongly they bind; ATOM: no operator
+
 
 WIDTH = 120
 _ASCII = str.maketrans(
@@ -22,7 +29,7 @@ class Printed(NamedTuple):
     body: str
 
 
-def runs(pairs: Any) -> Iterator[tuple[str, list[str]]]:
+def runs(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
     """Yield (key, values of all pairs in a row that begin with it)."""
     for key, group in groupby(pairs, key=lambda pair: pair[0]):
         yield key, [value for _, value in group]

@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from allocator.compilation.printer.c_declarations import Outside, Text, Unit, arguments_of
 from allocator.compilation.printer.c_expressions import Expressions
-from allocator.compilation.printer.c_layout import Printed, comment, runs, whole, wrapped
-from allocator.compilation.printer.c_operators import INT, REAL, SUM
+from allocator.compilation.printer.c_layout import INT, REAL, SUM, Printed, comment, runs, whole, wrapped
 from allocator.compilation.printer.python_text import Source, asks_for_none, assignments, refuse, statements
 
 

@@ -1,3 +1,1 @@
 """A joint is found from measured angles at rest here."""
-
-__all__: list[str] = []

@@ -1,3 +1,1 @@
 """A moving joint is identified from a log here: lags, dead time, hysteresis, and what the motion shows of inertia."""
-
-__all__: list[str] = []

@@ -1,3 +1,1 @@
 """A muscle is found from measured forces here."""
-
-__all__: list[str] = []

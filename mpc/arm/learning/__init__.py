@@ -1,3 +1,1 @@
 """Learners find environments here in which arms with pneumatic muscles move, many at a time on a compiled plant."""
-
-__all__: list[str] = []

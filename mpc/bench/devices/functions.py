@@ -6,8 +6,7 @@ from typing import Self
 
 from allocator import checks
 from allocator.errors import InvalidInput
-from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import DeviceError, Reading
+from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
 
 
 class CallableDevice:
@@ -43,11 +42,9 @@ class CallableDevice:
         self._clock: Clock = MonotonicClock() if clock is None else clock
 
     def __enter__(self) -> Self:
-        """Do nothing: the functions are connected already."""
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Call `close`."""
         if self._close is not None:
             self._close()
 

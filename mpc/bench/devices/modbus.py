@@ -10,12 +10,18 @@ import re
 from collections.abc import Callable
 from functools import partial
 from math import nan
-from typing import Any, Self
+from types import ModuleType
+from typing import TYPE_CHECKING, Self, TypeAlias
 
 from allocator.errors import InvalidInput
-from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
+from mpc.bench.device import Clock, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.devices.register_map import Entry, RegisterMap
+
+if TYPE_CHECKING:
+    from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+    from pymodbus.pdu import ModbusPDU
+
+    Client: TypeAlias = ModbusTcpClient | ModbusSerialClient
 
 PORT = 502
 _ADDRESS = re.compile(r"(?P<place>[^:]+)(:(?P<port>[^:./\\]+))?(:(?P<map>.+\.toml))?")
@@ -27,10 +33,10 @@ _WRITE = 16
 class ModbusDevice:
     """Modbus device behind the connection object of pymodbus that `client()` makes (`tcp`, `rtu`)."""
 
-    def __init__(self, client: Callable[[], Any], registers: RegisterMap, clock: Clock | None = None) -> None:
+    def __init__(self, client: Callable[[], "Client"], registers: RegisterMap, clock: Clock | None = None) -> None:
         self._make, self.registers = client, registers
         self._clock: Clock = MonotonicClock() if clock is None else clock
-        self._client: Any = None
+        self._client: Client = None
         self._requests = [_request(kind, registers) for kind in ("input", "holding")]
 
     @classmethod
@@ -52,7 +58,6 @@ class ModbusDevice:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Disconnect."""
         self._client.close()
 
     def read(self) -> Reading:
@@ -101,7 +106,7 @@ class ModbusDevice:
         if (answer.address, answer.count) != (register, len(numbers)):
             raise self._not_meant(f"{answer.count} registers from {answer.address} on were written")
 
-    def _answer(self, ask: Callable[[], Any], function: int) -> Any:
+    def _answer(self, ask: "Callable[[], ModbusPDU]", function: int) -> "ModbusPDU":
         """Return the answer to a request of this `function` code. Raises `NoAnswer`."""
         from pymodbus.exceptions import ModbusException
 
@@ -122,7 +127,7 @@ class ModbusDevice:
         return NoAnswer(f"the device answered another request: {why}")
 
     @property
-    def _connected(self) -> Any:
+    def _connected(self) -> "Client":
         if self._client is None:
             raise DeviceError("the Modbus device is not connected: use it as a context, `with device:`")
         if not self._client.connected:
@@ -148,10 +153,11 @@ def _request(kind: str, registers: RegisterMap) -> list[tuple[int, int, list[Ent
     return requests
 
 
-def _pymodbus() -> Any:
+def _pymodbus() -> ModuleType:
     import pymodbus.client
 
-    return pymodbus.client
+    found: ModuleType = pymodbus.client
+    return found
 
 
 def open_modbus(address: str) -> ModbusDevice:

@@ -60,7 +60,6 @@ class Entry:
     kind: str = "input"
 
     def __post_init__(self) -> None:
-        """Check the entry."""
         units = UNITS[_QUANTITIES[self.quantity]]
         checks.count("register", self.register, least=0, most=_LAST)
         for name, value, among in (
@@ -117,7 +116,6 @@ class RegisterMap:
     serial: Mapping[str, object] = field(default_factory=dict)  # of RTU: baudrate, parity, stopbits
 
     def __post_init__(self) -> None:
-        """Check what the entries do not check."""
         checks.count("device_id", self.device_id, least=0, most=255)
         if not 0 < checks.number("timeout", self.timeout, "s") < 10:
             raise InvalidInput(f"timeout = {self.timeout!r} s has to be above 0 and below 10 s")

@@ -19,8 +19,7 @@ import numpy as np
 
 from allocator import checks
 from allocator.errors import InvalidInput
-from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
+from mpc.bench.device import Clock, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.devices import serial_protocol as protocol
 from mpc.bench.devices.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
 from mpc.trials.reference import Reference

@@ -1,6 +1,6 @@
 """The line protocol between a host and a board is defined here alone: constants, layout of the frames, coding.
 
-`docs/serial.md` explains it; `mpc.export.serial.protocol` prints these tables as the C header of the firmware.
+`docs/serial.md` explains it; `mpc.export.serial.firmware` prints these tables as the C header of the firmware.
 
     on the line   0x00, COBS(payload), 0x00
     payload       kind u8, session u16, sequence u16, body, CRC-32 of all before it u32; little endian

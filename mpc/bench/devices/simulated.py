@@ -11,8 +11,7 @@ import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array
-from mpc.bench.clock import Clock, MonotonicClock
-from mpc.bench.device import DeviceError, Reading
+from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealExperiment, RealPlant
@@ -61,7 +60,6 @@ class SimulatedDevice:
         self._experiment: RealExperiment | None = None
 
     def __enter__(self) -> Self:
-        """Begin to move."""
         self._experiment = self.plant.begin(STEP, self._x0, self._seed)
         self._u = self._x0[2:].copy()
         self._began, self._steps = self.clock.now(), 0

@@ -1,3 +1,1 @@
 """The display shows a loop while it runs, from a process of its own."""
-
-__all__: list[str] = []

@@ -34,7 +34,6 @@ class Dashboard:
         self._late: list[float] = []
 
     def __enter__(self) -> Self:
-        """Start the process."""
         command = [sys.executable, "-m", "mpc.bench.display.dashboard", *[_PLOT] * self._plot]
         environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}  # a window is wanted
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True, env=environment)
@@ -44,7 +43,6 @@ class Dashboard:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """End the process when it has shown what it was told."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:

@@ -6,5 +6,3 @@
 The C is that of `mpc.export` and `mpc.export.plant`; `mpc/export/c/fmu/` puts the functions of FMI around it, and
 `mpc/export/c/fmi3/` are the standard's own headers (2-clause BSD), as they are.
 """
-
-__all__: list[str] = []

@@ -1,23 +1,107 @@
-"""An FMU is packed here: descriptions, sources, and what this machine's compiler makes of them."""
+"""FMUs of FMI 3.0: both descriptions in XML, sources, and what this machine's compiler makes of them."""
 
 import hashlib
 import platform
-import subprocess
 import sys
 import tempfile
 import zipfile
+from collections.abc import Iterable, Sequence
+from importlib import metadata
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+from xml.etree import ElementTree
 
-from allocator.errors import AntagonistError, InvalidInput
+from allocator.errors import InvalidInput
 from allocator.files.atomic import replacing
-from mpc.export.compiler import compiler
-from mpc.export.directory import write
-from mpc.export.fmu.description import Model, build_description, model_description
-from mpc.export.fmu.variables import variables_header
+from mpc.export.building import compile_c, write
+from mpc.export.fmu.variables import UNITS, Variable, variables_header
 from mpc.export.parts import Files, copied
 
+_TIME = "0"  # the reference of the time; the variables are counted from 1 on
+
+
+class Model(NamedTuple):
+    """A model is what an FMU says of itself."""
+
+    identifier: str  # of its functions and files
+    about: str
+    dt: float  # [s]
+    variables: Sequence[Variable]
+
+
+def model_description(model: Model, token: str) -> str:
+    """Return modelDescription.xml."""
+    root = ElementTree.Element(
+        "fmiModelDescription",
+        fmiVersion="3.0",
+        modelName=model.identifier,
+        instantiationToken=token,
+        description=model.about,
+        license="BSD-3-Clause",
+        generationTool=f"antagonist {metadata.version('antagonist')}",
+    )
+    ElementTree.SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=model.identifier,
+        canGetAndSetFMUState="true",
+        canSerializeFMUState="true",
+        fixedInternalStepSize=repr(model.dt),
+    )
+    _units(ElementTree.SubElement(root, "UnitDefinitions"))
+    ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(model.dt))
+    listed = ElementTree.SubElement(root, "ModelVariables")
+    time = {"name": "time", "valueReference": _TIME, "causality": "independent", "variability": "continuous"}
+    ElementTree.SubElement(listed, "Float64", time, unit="s")
+    for reference, variable in enumerate(model.variables, start=1):
+        _variable(listed, reference, variable)
+    structure = ElementTree.SubElement(root, "ModelStructure")
+    outputs = [str(k) for k, variable in enumerate(model.variables, start=1) if variable.causality == "output"]
+    for kind in ("Output", "InitialUnknown"):
+        for output in outputs:
+            ElementTree.SubElement(structure, kind, valueReference=output)
+    return _written(root)
+
+
+def _units(parent: ElementTree.Element) -> None:
+    for name, exponents in UNITS.items():
+        unit = ElementTree.SubElement(parent, "Unit", name=name)
+        ElementTree.SubElement(unit, "BaseUnit", {base: str(power) for base, power in exponents.items()})
+
+
+def _variable(parent: ElementTree.Element, reference: int, variable: Variable) -> None:
+    given = {"name": variable.name, "valueReference": str(reference), "causality": variable.causality}
+    given["description"] = variable.about
+    given["variability"] = "fixed" if variable.causality == "parameter" else "discrete"
+    if variable.causality == "output":
+        given["initial"] = "calculated"
+    else:
+        given["start"] = " ".join(map(repr, variable.starts))
+    if variable.unit is not None:
+        given["unit"] = variable.unit
+    made = ElementTree.SubElement(parent, "Int32" if variable.unit is None else "Float64", given)
+    if variable.is_row:
+        ElementTree.SubElement(made, "Dimension", start=str(len(variable.starts)))
+
+
+def build_description(model: Model, sources: Iterable[str], includes: Iterable[str]) -> str:
+    """Return buildDescription.xml: the `sources` to compile and the directories of headers, below sources/."""
+    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=model.identifier)
+    files = ElementTree.SubElement(configuration, "SourceFileSet", language="C99")
+    for name in sources:
+        ElementTree.SubElement(files, "SourceFile", name=name)
+    for name in includes:
+        ElementTree.SubElement(files, "IncludeDirectory", name=name)
+    return _written(root)
+
+
+def _written(root: ElementTree.Element) -> str:
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
 _INCLUDES = (".", "src")
-_LONGEST_COMPILING = 300.0  # [s]
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the same FMU of the same model, whenever it is made
 _SUFFIXES = {"linux": ".so", "darwin": ".dylib"}
 
@@ -33,12 +117,12 @@ def packed(model: Model, own: Files, path: Path, binary: bool) -> Path:
     sources = own | dict(copied("fmi3", "")) | dict(copied("fmu", "src/"))
     token = _token(sources, model)
     sources["src/unit_variables.h"] = variables_header(model.variables, model.dt, token)
-    compiled = sorted(name for name in sources if PurePosixPath(name).match("src/*.c") and name.count("/") == 1)
+    units = sorted(name for name in sources if PurePosixPath(name).match("src/*.c") and name.count("/") == 1)
     entries = {f"sources/{name}": content.encode() for name, content in sources.items()}
-    entries["sources/buildDescription.xml"] = build_description(model, compiled, _INCLUDES).encode()
+    entries["sources/buildDescription.xml"] = build_description(model, units, _INCLUDES).encode()
     entries["modelDescription.xml"] = model_description(model, token).encode()
     if binary:
-        name, content = _binary(model, sources, compiled)
+        name, content = _binary(model, sources, units)
         entries[name] = content
     with replacing(path) as draft, zipfile.ZipFile(draft, "w") as archive:
         for name in sorted(entries):
@@ -52,7 +136,7 @@ def _token(sources: Files, model: Model) -> str:
     return digest.hexdigest()
 
 
-def _binary(model: Model, sources: Files, compiled: list[str]) -> tuple[str, bytes]:
+def _binary(model: Model, sources: Files, units: list[str]) -> tuple[str, bytes]:
     """Return the name and the content of the library for this machine."""
     suffix = _SUFFIXES.get(sys.platform)
     if suffix is None:
@@ -61,9 +145,6 @@ def _binary(model: Model, sources: Files, compiled: list[str]) -> tuple[str, byt
     with tempfile.TemporaryDirectory(prefix="antagonist-fmu-") as made:
         directory = write(sources, Path(made) / "c")
         library = directory / f"{model.identifier}{suffix}"
-        flags = ["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-I{name}" for name in _INCLUDES)]
-        command = [compiler(), *flags, *compiled, "-lm", "-o", str(library)]
-        done = subprocess.run(command, cwd=directory, capture_output=True, text=True, timeout=_LONGEST_COMPILING)
-        if done.returncode:
-            raise AntagonistError(f"the FMU cannot be compiled: {done.stderr}")
+        flags = ["-O2", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-I{name}" for name in _INCLUDES)]
+        compile_c("the FMU", directory, *flags, *units, "-lm", "-o", str(library))
         return f"binaries/{machine}-{sys.platform}/{library.name}", library.read_bytes()

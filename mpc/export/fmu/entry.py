@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.errors import InvalidInput
 from mpc.export.entry import controller_files, pair
-from mpc.export.fmu.archive import packed
-from mpc.export.fmu.description import Model
+from mpc.export.fmu.archive import Model, packed
 from mpc.export.fmu.variables import controller_variables, plant_variables
 from mpc.export.parts import copied
 from mpc.export.plant import plant_files, real_plant, start_of

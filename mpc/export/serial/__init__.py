@@ -6,5 +6,3 @@
 `docs/serial.md` explains the line protocol, `mpc/export/c/serial/` is the C that is exported as it is, and
 `simulated.SimulatedBoard` compiles it for the PC, with a simulated joint under it.
 """
-
-__all__: list[str] = []

@@ -36,7 +36,6 @@ class BoardOptions:
     ] = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse what there is not."""
         if self.variant not in _VARIANTS:
             raise MissingBackend("variant of the board", self.variant, _VARIANTS)
 
@@ -44,8 +43,7 @@ class BoardOptions:
         self, out: Path, plant: "Plant", known: "Compensation", controller: "TrackingMPC | None", precision: str
     ) -> Path:
         """Write the board's firmware, and what simulates it with what is `known` of the plant; return `out`."""
-        from mpc.export.serial.entry import export_board
-        from mpc.export.serial.safety import Safety
+        from mpc.export.serial.firmware import Safety, export_board
         from mpc.model.real_plant import RealPlant
 
         safety = Safety(self.watchdog, self.fall * BAR)

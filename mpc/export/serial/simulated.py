@@ -12,17 +12,14 @@ from typing import Self
 from numpy.typing import ArrayLike
 
 from allocator.errors import AntagonistError
-from mpc.export.compiler import compiler
-from mpc.export.directory import write
-from mpc.export.serial.entry import board_files
-from mpc.export.serial.safety import Safety
+from mpc.export.building import compile_c, write
+from mpc.export.serial.firmware import Safety, board_files
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 
 _PROGRAM = "simulated_board"
-_LONGEST_COMPILING = 300.0  # [s]
 
 
 class SimulatedBoard:
@@ -72,7 +69,6 @@ class SimulatedBoard:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Stop the board and remove its files."""
         self.stop()
         if self._directory is not None:
             self._directory.cleanup()
@@ -108,10 +104,7 @@ def compiled(directory: Path, controls: bool, flags: tuple[str, ...]) -> Path:
     shared = [directory / "serial" / f"{name}.c" for name in ("board", "frames")]
     if controls:
         shared += [directory / "serial" / "follow.c", *sorted((directory / "src").glob("*.c"))]
-    included = [f"-I{directory / name}" for name in (".", "src", "serial", "simulated")]
+    included = [f"-I{name}" for name in (".", "src", "serial", "simulated")]
     sources = [*sorted((directory / "simulated").glob("*.c")), *shared]
-    command = [compiler(), "-std=c99", *flags, *included, *map(str, sources), "-lm", "-o", str(directory / _PROGRAM)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_COMPILING)
-    if done.returncode:
-        raise AntagonistError(f"the simulated board cannot be compiled: {done.stderr}")
+    compile_c("the simulated board", directory, *flags, *included, *map(str, sources), "-lm", "-o", _PROGRAM)
     return directory / _PROGRAM

@@ -1,3 +1,1 @@
 """Arms: mechanisms whose muscles move bodies, with their equations of motion."""
-
-__all__: list[str] = []

@@ -11,5 +11,3 @@ precision `rows`, `interior`, `multipliers` and `solve`, are printed as C (`mpc.
     mpc.tracking.base        mpc/controller.c; preview, fallback, rest, softened have files of their names
     mpc.tracking.qp.condense dense/condense.c, with rows.c and certificate.c; for single precision only
 """
-
-__all__: list[str] = []

@@ -53,7 +53,6 @@ from mpc.tracking.compiled.sample.stages import (
     under_way,
 )
 from mpc.tracking.compiled.structured_qp.certificate import finite
-from mpc.tracking.preview import CORRECTED
 
 FORMULAS: Any = None
 rate = variational = begun = advanced = ended = outputs = output_slopes = expansion = pressing = allocated = FORMULAS
@@ -122,7 +121,7 @@ def foreseen(
         pulled, stiffness = pressing(x[0], x[1], x[2], x[3], c)
         pressed = Pressed(pulled, x[2] + x[3], stiffness)
         angle = followed(friction, x[0], pressed, angle, state.memory, felt)
-        back = asked.theta[0] + CORRECTED * (x[0] - asked.theta[0])
+        back = asked.theta[0] + known.corrected[0] * (x[0] - asked.theta[0])
         less_friction(friction, felt, back, asked.theta, pressed, d, asked.torques)
     under_way(state, x, waiting)
     motion(c, x, waiting, asked.torques, known.h, known.substeps, path)

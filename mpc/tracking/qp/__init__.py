@@ -1,3 +1,1 @@
 """The QP of a step is condensed and solved here, and its solution is proved."""
-
-__all__: list[str] = []

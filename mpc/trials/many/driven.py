@@ -1,12 +1,11 @@
 """The template lets a controller drive a plant, sample by sample, as long as nothing out of the ordinary happens.
 
 `mpc.trials.many.driving` puts modules in the place of the lines below that begin with `FORMULAS`: `process` has the
-plant under test, `observer` the compiled sample of the observer, `joint` the compiled step of the controller's plant,
-and `told` what is known of the plant beyond it: `torque` (x, memory) ↦ T_f and `moved` (x, memory, motion) ↦ memory of
-friction in contact at x, `turning` x ↦ the isobaric stiffness and ∂T/∂P.
+plant under test, `observer` the compiled sample of the observer, `joint` the compiled step of the controller, and
+`told` the function `turning` x ↦ the isobaric stiffness and ∂T/∂P.
 
-What is ordinary: every reading is believed, all problems are solved and proved, the state is measured. Of anything else
-the loop says that it happened, and the run is left to `simulate`.
+A sample is ordinary if every reading is believed, all problems are solved and proved, and the state is measured. The
+loop returns the first sample that is not, and the run is left to `simulate`.
 """
 
 from typing import Any
@@ -16,17 +15,18 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import compiled, inlined
-from mpc.model.compensation import JITTER, SOFT
+from mpc.model.compiled_friction import rubbing_in
 from mpc.observer.compiled.layout import SIZE
 from mpc.tracking.compiled.commands import excess, limit
-from mpc.tracking.compiled.records import given_in
-from mpc.tracking.compiled.sample.calls import settle_at
-from mpc.tracking.compiled.sample.layout import known_in, made_in
+from mpc.tracking.compiled.records import given_in, setting_in
+from mpc.tracking.compiled.sample.layout import asked_in, inputs_at, known_in, made_in, plan_length, state_in
+from mpc.tracking.compiled.sample.stages import WHOLE, ask, remember
+from mpc.tracking.compiled.structured_qp.certificate import finite
 from mpc.tracking.preview import CORRECTED
 from mpc.tracking.rest import MOST as MOST_CORRECTED
 from mpc.tracking.rest import NOISE
 from mpc.trials.many import rest
-from mpc.trials.many.records import Answers, Known, Memory, Plant, Step
+from mpc.trials.many.records import Answers, Plant, Resting
 
 FORMULAS: Any = None
 process = observer = joint = told = FORMULAS
@@ -36,119 +36,81 @@ OPTIMAL, RESTING, QP, ALLOCATION = 0, 9, 0, 3  # of `PlanStatus` and `Rung`
 
 @compiled
 def driven(
-    first: int, plant: Plant, observed: int, known: Known, step: Step, m: Memory, theta: Array, K: Array,
+    first: int, plant: Plant, observed: int, table: int, m: Resting, both: Array, theta: Array, K: Array,
     answers: Answers,
 ) -> int:  # fmt: skip
     """Go on from the sample `first` to the last, and return at which one something was out of the ordinary; M if none.
 
-    `theta`, `K` (M + ahead,) are the reference, whose last sample is held; `observed` is the address of the
-    observer's `Sample`.
+    `observed` and `table` are the addresses of the observer's `Sample` and of the step's `Inputs`, `both` (2, …) is
+    what the last sample made and room for the next. `theta`, `K` (M + ahead,) are the reference.
     """
-    N, M, y = len(m.u), len(answers.u), np.empty(4)
-    ahead, sample = N + known.delay, observer.sample_at(observed)
-    xi = sample.now.belief.xi
+    i, M, x, y = inputs_at(table), len(answers.u), np.empty(4), np.empty(4)
+    known, ahead, N = known_in(i.known), asked_in(i.asked).theta.size, given_in(i.given).u.shape[0]
+    sample, what = observer.sample_at(observed), np.int64(WHOLE)  # for a constant numba would compile the step anew
+    xi, last, out = sample.now.belief.xi, both[0], both[1]
     for k in range(first, M):
         process.read(plant.sensors, plant.full, plant.noise[k], y)
         if not observer.filtered(sample, y[0], y[2], y[3], answers.u[k - 1, 0], answers.u[k - 1, 1]):
             return k
-        for i in range(SIZE):
-            answers.estimate[k, i] = xi[i]
-        if not answered(known, step, m, xi, theta[k : k + ahead + 1], K[k : k + ahead + 1], k, answers):
+        for j in range(SIZE):
+            answers.estimate[k, j] = xi[j]
+        for j in range(4):
+            x[j] = xi[j]
+        now, then = theta[k : k + ahead : 1], K[k : k + ahead : 1]
+        known.corrected[0] = 0.0 if m.rest[rest.RINGS] > 0 else CORRECTED
+        if m.worthwhile and rests(m, x, now[ahead - N - 1 :], then[ahead - N - 1 :], expected_in(table, last)):
+            answers.rung[k], answers.status[k] = ALLOCATION, RESTING
+            done = approached(table, m, last, out, x, now, then, xi[4])
+        else:
+            answers.rung[k], answers.status[k] = QP, OPTIMAL
+            done = joint.step(what, table, last, out, x[::1], now, then, xi[4])
+        if not done:
             return k
-        plant.waiting[-1, 0], plant.waiting[-1, 1] = answers.u[k, 0], answers.u[k, 1]
+        made = made_in(out[: plan_length(N)])
+        for j in range(2):
+            answers.u[k, j] = plant.waiting[-1, j] = made.sent[0, j]
+        answers.slack[k], answers.slack_force[k] = made.slack[0], made.slack[1]
+        for j in range(3):
+            answers.moved[k, j] = made.moved[j]
         process.advance(plant.c, plant.durations, plant.substeps, plant.full, plant.waiting, plant.torques[k])
-        for i in range(4):
-            answers.x[k + 1, i] = plant.full[i]
+        for j in range(4):
+            answers.x[k + 1, j] = plant.full[j]
+        last, out = out, last
     return M
 
 
-# --- the controller ---------------------------------------------------------------------------------------------------
+@inlined
+def expected_in(table: int, last: Array) -> float:
+    """Return the angle [rad] that the sample before predicted for this one."""
+    i = inputs_at(table)
+    N, n = given_in(i.given).u.shape[0], rubbing_in(i.friction).springs.size
+    size, delay = plan_length(N), asked_in(i.asked).theta.size - N - 1
+    return float(state_in(last[size:], made_in(last[:size]).u, n, delay).expected[0])
 
 
 @inlined
-def answered(known: Known, step: Step, m: Memory, xi: Array, theta: Array, K: Array, k: int, answers: Answers) -> bool:
-    """Make and record the plan of the sample `k` from `xi` (5,) and the preview; return whether that was ordinary."""
-    for i in range(4):
-        if not known.lower[i] <= xi[i] <= known.upper[i]:
-            return False
-    delay, expected = known.delay, m.expected[0]
-    torques, start = np.empty(theta.size), np.empty(4)
-    if not friction_ahead(known, m, xi, theta, torques):
-        return False
-    for j in range(theta.size):
-        torques[j] = xi[4] - torques[j]
-    for i in range(4):
-        start[i] = xi[i]
-    if delay > 0:
-        way, u = np.empty((delay + 1, 4)), m.waiting / BAR
-        joint.motion(step.c, start, u, torques[:delay], step.h, step.substeps, way)
-        m.expected[0] = way[1, 0]
-        for i in range(4):
-            start[i] = way[delay, i]
-    held = known.rests and rests(known, m, xi, theta[delay:], K[delay:], expected)
-    feed, moved, fixed = given_in(step.given).reference, answers.moved[k], (step.c, step.p, known_in(step.known))
-    if not joint.feed_forward(*fixed, step.slopes, theta[delay:], K[delay:], torques[delay:], feed, moved):
-        return False
-    u_star = feed.u
-    ahead = approached(known, step, m, start, torques[delay:], k, answers) if held else False
-    if (held and not ahead) or (not held and not optimised(known, step, m, start, torques[delay:], u_star, k, answers)):
-        return False
-    m.u_star[0], m.u_star[1] = u_star[0, 0], u_star[0, 1]
-    return True
-
-
-@inlined
-def friction_ahead(known: Known, m: Memory, x: Array, theta: Array, torques: Array) -> bool:
-    """Fill in the friction torque [N·m] along the preview; return whether it is finite."""
-    torques[:] = 0.0
-    if known.frictionless:
-        return True
-    to, T_f, at, moved = np.empty(1), np.empty(1), np.empty(m.memory.size), np.empty(m.memory.size)
-    contact = x[:4]
-    to[0] = x[0] - m.theta[0]
-    if abs(to[0]) > JITTER:
-        m.theta[0] = x[0]
-    else:
-        to[0] = 0.0
-    told.moved(contact, m.memory, to, known.c, at)
-    m.memory[:] = at
-    last = theta[0] + (0.0 if m.rest[rest.RINGS] > 0 else CORRECTED) * (x[0] - theta[0])
-    for j in range(theta.size):
-        if j > 0:
-            to[0] = theta[j] - last
-            last = theta[j]
-            told.moved(contact, at, to, known.c, moved)
-            at[:] = moved
-        told.torque(contact, at, known.c, T_f)
-        if not np.isfinite(T_f[0]):
-            return False
-        torques[j] = T_f[0]
-    return True
-
-
-@inlined
-def rests(known: Known, m: Memory, x: Array, theta: Array, K: Array, expected: float) -> bool:
+def rests(m: Resting, x: Array, theta: Array, K: Array, expected: float) -> bool:
     """Return whether pressures are held, those in `m.p`."""
-    if not rest.constant(m, known.resting, theta, K) or rest.pushed(m, x[0], expected):
+    if not rest.constant(m, theta, K) or rest.pushed(m, x[0], expected):
         rest.begin(m)
         return False
     m.rest[rest.SAMPLES] += 1
     if rest.quarter_ended(m, x):
         if m.rest[rest.RESTS] > 0:
-            wanted, mean, swings = rest.correction(m, known.resting)
+            wanted, mean, swings = rest.correction(m)
             if wanted:
-                turn(known, m, mean, swings)
+                turn(m, mean, swings)
         elif m.rest[rest.COUNTED] == rest.QUARTERS:
-            rest.check(m, known.resting)
+            rest.check(m)
     return bool(m.rest[rest.RESTS] > 0)
 
 
 @inlined
-def turn(known: Known, m: Memory, mean: float, swings: bool) -> None:
+def turn(m: Resting, mean: float, swings: bool) -> None:
     """Correct the mean error [rad]."""
     x, o, s = np.zeros(4), np.empty(3), m.rest
     x[0], x[2], x[3] = m.reference[0] + mean, m.p[0], m.p[1]
-    told.turning(x, known.c, o)
+    told.turning(x, m.c, o)
     K, side = o[0], s[rest.SIDE]
     if not K > 0:
         return
@@ -161,66 +123,38 @@ def turn(known: Known, m: Memory, mean: float, swings: bool) -> None:
 
 
 @inlined
-def optimised(
-    known: Known, step: Step, m: Memory, start: Array, d: Array, u_star: Array, k: int, answers: Answers
-) -> bool:
-    """Record the answer of the QP; return whether there is one."""
-    given, N = given_in(step.given), m.u.shape[0]
-    for j in range(N - 1):
-        given.u[j, 0], given.u[j, 1] = m.u[j + 1, 0], m.u[j + 1, 1]
-    for i in range(2):
-        given.u[N - 1, i] = m.u[N - 1, i] + (u_star[N - 1, i] - u_star[N - 2, i])
-        given.last[0, i], given.last[1, i] = m.u[0, i], m.u_star[i]
-    given.x[:], given.d[:] = start, d[:N]
-    before = step.guess.copy()
-    for j in range(before.size):
-        step.guess[j] = before[step.shifted[j]]
-    fixed = step.c, step.h, step.substeps, step.numbers, step.starts, step.given, step.buffer
-    joint.linearise(*fixed)
-    solved, _ = settle_at(step.settle, step.numbers, step.starts, step.given, step.buffer, step.guess, step.z)
-    if not solved:
+def approached(table: int, m: Resting, last: Array, out: Array, x: Array, theta: Array, K: Array, d: float) -> bool:
+    """Make the approach to the pressures that are held, as `joint.step` makes a plan; return whether it is finite."""
+    i = inputs_at(table)
+    known, want, now, f = known_in(i.known), asked_in(i.asked), given_in(i.given), rubbing_in(i.friction)
+    N, bounds = now.u.shape[0], setting_in(i.numbers, i.starts).bounds
+    delay, n, size = want.theta.size - N - 1, f.springs.size, plan_length(N)
+    was, made = made_in(last[:size]), made_in(out[:size])
+    before, after = state_in(last[size:], was.u, n, delay), state_in(out[size:], made.u, n, delay)
+    path, waiting = i.work[: 4 * (delay + 1)].reshape(delay + 1, 4), i.work[4 * (delay + 1) :].reshape(delay, 2)
+    ask(x, theta, K, d, want)
+    done, angle = joint.foreseen(i.c, known, f, want, before, after.memory, waiting, path)
+    previews = want.theta[delay:], want.K[delay:], want.torques[delay:]
+    slopes = i.slopes.reshape(2, N + 1, N + 1)
+    if not (done and joint.feed_forward(i.c, i.p, known, slopes, *previews, now.reference, made.moved)):
         return False
-    made = made_in(step.out)
-    finite = joint.rollout(*fixed, step.z, made)
-    record(known, m, made.u, made.x, made.F, 0.0, k, answers)
-    answers.rung[k], answers.status[k] = QP, OPTIMAL
-    return bool(finite)
-
-
-@inlined
-def approached(known: Known, step: Step, m: Memory, start: Array, d: Array, k: int, answers: Answers) -> bool:
-    """Record the approach to the pressures that are held; return whether its motion is finite."""
-    N, (low, high), most = m.u.shape[0], (known.limits[0], known.limits[1]), known.limits[2]
-    u, x, F, good = np.empty((N, 2)), np.empty((N + 1, 4)), np.empty((N + 1, 2)), True
-    u[:] = m.p
-    limit(low, high, most, m.u[0], 1.0, u)
-    joint.motion(step.c, start, u / BAR, d[:N], step.h, step.substeps, x)
-    for j in range(N + 1):
-        _, F[j, 0], F[j, 1] = joint.outputs(x[j, 0], x[j, 1], x[j, 2], x[j, 3], step.c)
-        good = good and np.isfinite(F[j, 0]) and np.isfinite(F[j, 1]) and np.isfinite(x[j]).all()
-    record(known, m, u, x, F, m.rest[rest.SIDE], k, answers)
-    answers.rung[k], answers.status[k] = ALLOCATION, RESTING
-    return good
-
-
-@inlined
-def record(known: Known, m: Memory, u: Array, x: Array, F: Array, side: float, k: int, answers: Answers) -> None:
-    """Record and remember what is sent for the motion `x` under `u` (N, 2)."""
-    low, high, most, left, right, least = known.limits
-    m.u[:] = u
-    for j in range(known.delay - 1):
-        m.waiting[j] = m.waiting[j + 1]
-    if known.delay > 0:
-        m.waiting[-1] = u[0]
-    else:
-        m.expected[0] = x[1, 0]
-    sent, beyond = u[:1].copy(), np.empty(2)
-    if known.dead_band > 0:
-        for i in range(2):
-            edge = side if side != 0.0 else np.tanh((sent[0, i] - x[0, 2 + i]) / SOFT)
-            sent[0, i] += known.dead_band / 2 * edge
-        limit(low, high, most, m.sent, 1.0, sent)
-    for i in range(2):
-        m.sent[i] = answers.u[k, i] = sent[0, i]
-    excess(left, right, least, x, F, beyond)
-    answers.slack[k], answers.slack_force[k] = beyond[0], beyond[1]
+    half, side = known.dead_band / 2 / BAR, m.rest[rest.SIDE]
+    for k in range(N):
+        for j in range(2):
+            made.u[k, j] = m.p[j] / BAR
+    limit(bounds.low, bounds.high, bounds.step, before.u[0], BAR, made.u)
+    joint.motion(i.c, path[delay], made.u, previews[2], known.h, known.substeps, made.x)
+    for k in range(N + 1):
+        s = made.x[k]
+        made.K[k], made.F[k, 0], made.F[k, 1] = joint.outputs(s[0], s[1], s[2], s[3], i.c)
+    excess(bounds.left, bounds.right, bounds.min_force, made.x, made.F, made.slack)
+    for k in range(N):
+        for j in range(2):
+            made.sent[k, j] = made.u[k, j] + side * half
+    if half > 0:
+        limit(bounds.low, bounds.high, bounds.step, before.sent, BAR, made.sent)
+    for k in range(N):
+        for j in range(2):
+            made.u[k, j], made.sent[k, j] = BAR * made.u[k, j], BAR * made.sent[k, j]
+    remember(want, now, path, angle, made, before, after)
+    return finite(made.x) and finite(made.F)

@@ -1,12 +1,12 @@
 """Many closed loops are simulated here: thousands of seeds, plants or gains."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
+from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.observer.base import Observer
 from mpc.trials.many.loop import Loop, outcomes
@@ -54,7 +54,8 @@ def simulate_many(
     InvalidInput
         For lists of different lengths and for what is no plant, controller or reference.
     """
-    loops = _loops(plants, controllers, references, observers, x0, seeds)
+    parts = {"plants": plants, "controllers": controllers, "references": references, "observers": observers}
+    loops = _loops(x0, seeds, **parts)
     workers = min(checks.count("workers", workers, least=1), len(loops))
     found: Iterator[tuple[int, Outcome]]
     found = outcomes(loops, keep) if workers == 1 else spread(loops, keep, workers)
@@ -62,13 +63,10 @@ def simulate_many(
     return Runs.of([loop.seed for loop in loops], [by_run[i] for i in range(len(loops))])
 
 
-def _loops(plants: Any, controllers: Any, references: Any, observers: Any, x0: Any, seeds: Any) -> list[Loop]:
+def _loops(x0: ArrayLike | None, seeds: int | Iterable[int], **parts: object) -> list[Loop]:
     """Return the loops, one for each run. Raises `InvalidInput`."""
     given = {
-        "plants": _listed(plants),
-        "controllers": _listed(controllers),
-        "references": _listed(references),
-        "observers": _listed(observers),
+        **{name: _listed(part) for name, part in parts.items()},
         "x0": None if x0 is None else _states(x0),
         "seeds": [*seeds] if isinstance(seeds, Iterable) else seeds,
     }
@@ -82,12 +80,12 @@ def _loops(plants: Any, controllers: Any, references: Any, observers: Any, x0: A
     return [Loop(i, *row).checked() for i, row in enumerate(zip(*columns, strict=True))]
 
 
-def _listed(given: Any) -> Any:
+def _listed(given: object) -> object:
     """Return a list of what is given as a sequence, else what is given."""
     return [*given] if isinstance(given, Sequence) and not isinstance(given, str) else given
 
 
-def _states(x0: Any) -> Any:
+def _states(x0: ArrayLike) -> Array | list[Array]:
     """Return a state, or a list of states."""
     array = np.asarray(x0)
     return [state(row) for row in array] if array.ndim == 2 else state(x0)

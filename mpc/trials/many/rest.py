@@ -24,7 +24,7 @@ from mpc.tracking.rest import (
     STILL,
     SWING,
 )  # fmt: skip
-from mpc.trials.many.records import Memory
+from mpc.trials.many.records import Resting
 
 QUARTERS, HALF, SWINGS = 4, 2, 6
 E, P1, LOW, HIGH = 0, 1, 3, 4  # columns of the quarters
@@ -37,7 +37,7 @@ INERTIA, DT, SETTLING, DWELL, SHORTEST, LONGEST, DEAD_BAND, HIGHEST = range(8)
 
 
 @inlined
-def begin(m: Memory) -> None:
+def begin(m: Resting) -> None:
     """Begin to wait for a rest."""
     s = m.rest
     s[RESTS] = s[SAMPLES] = s[COUNTED] = s[SWUNG] = s[IN_SUM] = 0.0
@@ -46,7 +46,7 @@ def begin(m: Memory) -> None:
 
 
 @inlined
-def constant(m: Memory, known: Array, theta: Array, K: Array) -> bool:
+def constant(m: Resting, theta: Array, K: Array) -> bool:
     """Return whether the preview stands still where it stood."""
     still = True
     for k in range(theta.size):
@@ -54,14 +54,14 @@ def constant(m: Memory, known: Array, theta: Array, K: Array) -> bool:
     if still:
         return True
     m.reference[0], m.reference[1] = theta[0], K[0]
-    quarter = pi / 2 * sqrt(known[INERTIA] / K[0]) / known[DT]
-    m.rest[QUARTER] = int(min(max(quarter, known[SHORTEST]), known[LONGEST]) + 0.5)
+    quarter = pi / 2 * sqrt(m.known[INERTIA] / K[0]) / m.known[DT]
+    m.rest[QUARTER] = int(min(max(quarter, m.known[SHORTEST]), m.known[LONGEST]) + 0.5)
     m.rest[RINGS] = 0.0
     return False
 
 
 @inlined
-def swing(m: Memory, quarters: int) -> tuple[float, float]:
+def swing(m: Resting, quarters: int) -> tuple[float, float]:
     """Return the mean of e, and how far it goes from peak to peak, over the last `quarters` [rad]."""
     total, least, most = 0.0, np.inf, -np.inf
     for i in range(QUARTERS - quarters, QUARTERS):
@@ -71,7 +71,7 @@ def swing(m: Memory, quarters: int) -> tuple[float, float]:
 
 
 @inlined
-def pushed(m: Memory, theta: float, expected: float) -> bool:
+def pushed(m: Resting, theta: float, expected: float) -> bool:
     """Return whether a rest is disturbed at the angle `theta` [rad] where `expected` [rad] was predicted."""
     s = m.rest
     if s[RESTS] == 0.0:
@@ -83,7 +83,7 @@ def pushed(m: Memory, theta: float, expected: float) -> bool:
 
 
 @inlined
-def quarter_ended(m: Memory, x: Array) -> bool:
+def quarter_ended(m: Resting, x: Array) -> bool:
     """Return whether a quarter of a period ends with the sample that sees `x` (4,)."""
     s, e = m.rest, x[0] - m.reference[0]
     m.total[0] += e
@@ -105,7 +105,7 @@ def quarter_ended(m: Memory, x: Array) -> bool:
 
 
 @inlined
-def pressure(m: Memory, quarters: int, i: int) -> float:
+def pressure(m: Resting, quarters: int, i: int) -> float:
     """Return the mean of a pressure over the last `quarters` [Pa]."""
     total = 0.0
     for j in range(QUARTERS - quarters, QUARTERS):
@@ -114,7 +114,7 @@ def pressure(m: Memory, quarters: int, i: int) -> float:
 
 
 @inlined
-def check(m: Memory, known: Array) -> None:
+def check(m: Resting) -> None:
     """Rest where the swing allows it."""
     s, (mean, width) = m.rest, swing(m, QUARTERS)
     most, least = -np.inf, np.inf
@@ -126,25 +126,25 @@ def check(m: Memory, known: Array) -> None:
     last = m.quarters[QUARTERS - 1]
     if s[RINGS] == 0.0 and max(last[HIGH], -last[LOW]) > FAR:
         s[SAMPLES] = 0.0
-    bound = MEAN if s[RINGS] > 0 else min(START + GROWTH * known[DT] * (s[SAMPLES] - known[DWELL]), MEAN)
-    if (s[RINGS] > 0 or s[SAMPLES] >= known[DWELL]) and abs(mean) <= bound and width <= SWING:
+    bound = MEAN if s[RINGS] > 0 else min(START + GROWTH * m.known[DT] * (s[SAMPLES] - m.known[DWELL]), MEAN)
+    if (s[RINGS] > 0 or s[SAMPLES] >= m.known[DWELL]) and abs(mean) <= bound and width <= SWING:
         over = QUARTERS if s[RINGS] > 0 else HALF
         s[RESTS] = 1.0
         m.p[0], m.p[1] = pressure(m, over, 0), pressure(m, over, 1)
-        margin = known[DEAD_BAND] / 2 + LEAK
-        s[SIDE] = 1.0 if max(m.p[0], m.p[1]) + margin < known[HIGHEST] else -1.0
+        margin = m.known[DEAD_BAND] / 2 + LEAK
+        s[SIDE] = 1.0 if max(m.p[0], m.p[1]) + margin < m.known[HIGHEST] else -1.0
         s[SINCE] = s[TORQUE] = s[ERROR] = s[FREE] = 0.0
 
 
 @inlined
-def correction(m: Memory, known: Array) -> tuple[bool, float, bool]:
+def correction(m: Resting) -> tuple[bool, float, bool]:
     """Return whether to correct, and the mean error [rad] that is left over and whether the joint swings."""
-    s, margin = m.rest, known[DEAD_BAND] / 2 + LEAK
+    s, margin = m.rest, m.known[DEAD_BAND] / 2 + LEAK
     if max(abs(pressure(m, HALF, 0) - m.p[0]), abs(pressure(m, HALF, 1) - m.p[1])) > margin:
         begin(m)
         return False, 0.0, False
     swings = swing(m, HALF)[1] >= STILL
-    waited = s[SINCE] - ceil(known[SETTLING] / s[QUARTER])
+    waited = s[SINCE] - ceil(m.known[SETTLING] / s[QUARTER])
     s[SINCE] += 1
     if waited > 0:
         s[FREE] = 0.0
@@ -154,7 +154,7 @@ def correction(m: Memory, known: Array) -> tuple[bool, float, bool]:
 
 
 @inlined
-def gain(m: Memory, mean: float, K: float) -> float:
+def gain(m: Resting, mean: float, K: float) -> float:
     """Return g [N·m/rad] of a joint that does not move."""
     s, g = m.rest, FIRST * K
     if s[TORQUE] != 0.0:

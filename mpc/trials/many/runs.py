@@ -76,7 +76,6 @@ class Runs:
         return {"seed": self.seeds} | {name: np.array([row[name] for row in rows]) for name in rows[0]} | counts
 
     def __len__(self) -> int:
-        """Return how many runs there are."""
         return len(self.metrics)
 
     def __getitem__(self, i: int) -> Run:

@@ -50,7 +50,7 @@ def _check_sendable(loops: Sequence[Loop]) -> None:
         raise InvalidInput(f"these loops cannot be sent to other processes, say workers=1: {failure}") from None
 
 
-def _begin(*given: Any) -> None:
+def _begin(*given: object) -> None:
     """Prepare a process: an interrupt is for the one that it works for, which then says stop."""
     global _given
     _given = (*given, Compiled())

@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from allocator.presentation.captions import fit_captions
-from allocator.presentation.plotting import new_figure, save_figure
+from allocator.presentation.plotting import fit_captions, new_figure, save_figure
 
 LONG = (
     "The pressures at which the cables go slack were assumed and not measured: the limits 'agonist slack' and "

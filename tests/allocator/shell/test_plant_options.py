@@ -16,7 +16,7 @@ from allocator.units import BAR, DEG
 from mpc import Plant
 from mpc.cli import app
 from mpc.plant_cli import PlantOptions
-from mpc.trials.recordings import load_recording
+from mpc.trials.files import load_recording
 
 LEVER = AntagonistJoint(
     Lever(rest_length=0.4, anchor=0.3, lever=0.03, offset=0.0435),

@@ -7,7 +7,7 @@ import pytest
 
 from allocator import BAR, DEG
 from mpc import Plant, Reference
-from mpc.bench.clock import SimulatedClock
+from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import SafeStop, SoftStart

@@ -16,8 +16,8 @@ from allocator.joint.antagonist import report_joint
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, IdentifiedPlant, KalmanObserver, Plant, TrackingMPC, Weights
-from mpc.bench.clock import SimulatedClock
 from mpc.bench.cycle import Cycle, Settings
+from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.modbus import ModbusDevice
 from mpc.bench.devices.register_map import RegisterMap
 from mpc.bench.devices.serial_line import SerialDevice
@@ -27,11 +27,11 @@ from mpc.bench.safety import SoftStart
 from mpc.bench.sweep import Sweep, random_steps, visits_of, within
 from mpc.bench.tracking import Tracking, replay
 from mpc.cli import app
-from mpc.export.serial.safety import Safety
+from mpc.export.serial.firmware import Safety
 from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
+from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
-from mpc.trials.recordings import load_recording
 from mpc.trials.trajectories import point_to_point, shrunk, usual_stiffness
 from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 

@@ -8,8 +8,8 @@ from allocator.units import BAR
 from mpc import Compensation, Plant
 from mpc.bench.safety import Reason
 from mpc.cli import app
+from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
-from mpc.trials.recordings import load_recording
 
 from ...rigs.afternoon import GEOMETRY, HIDDEN, Afternoon
 from ...rigs.needs import needs, posix

@@ -13,7 +13,7 @@ from mpc.bench.display import dashboard
 from mpc.bench.logs import read_log
 from mpc.bench.tracking import Tracking
 from mpc.cli import app
-from mpc.trials.recordings import load_recording
+from mpc.trials.files import load_recording
 
 SIM = "--device", "sim", "--fast", "--quiet", "--controller", "pid"
 

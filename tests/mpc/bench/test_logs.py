@@ -6,20 +6,18 @@ import pytest
 from allocator import DEG
 from allocator.errors import InvalidFile, InvalidInput
 from mpc import KalmanObserver, TrackingMPC, Weights
-from mpc.bench.clock import SimulatedClock
 from mpc.bench.cycle import Phase
-from mpc.bench.device import NoAnswer
+from mpc.bench.device import NoAnswer, SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
-from mpc.bench.lateness import Lateness
 from mpc.bench.logs import read_log, run_of
 from mpc.bench.loop import RealTimeLoop
-from mpc.bench.record import Row
+from mpc.bench.record import Lateness, Row
 from mpc.bench.safety import SoftStart, Watchdog
 from mpc.bench.tracking import Tracking, replay
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator
+from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
-from mpc.trials.recordings import load_recording
 from mpc.trials.reference import sine
 from mpc.yardsticks.baselines import PIDControl
 

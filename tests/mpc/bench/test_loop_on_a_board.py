@@ -8,7 +8,7 @@ import pytest
 
 from allocator.units import BAR, DEG
 from mpc import Plant, RealPlant, Reference
-from mpc.bench.clock import SimulatedClock
+from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.serial_line import SerialDevice
 from mpc.bench.devices.serial_protocol import State
 from mpc.bench.loop import RealTimeLoop

@@ -11,9 +11,8 @@ import pytest
 
 from allocator import BAR
 from mpc import Plant
-from mpc.bench.clock import SimulatedClock
 from mpc.bench.cycle import Cycle, Decision, Phase, Settings
-from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading
+from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading, SimulatedClock
 from mpc.bench.devices.functions import CallableDevice
 from mpc.bench.logs import read_log
 from mpc.bench.safety import Reason, RefusedStart, SafeStop, SoftStart

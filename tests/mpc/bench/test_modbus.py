@@ -7,8 +7,7 @@ import pytest
 
 from allocator import BAR, DEG
 from allocator.errors import InvalidFile, InvalidInput
-from mpc.bench.clock import SimulatedClock
-from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
+from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, SimulatedClock
 from mpc.bench.devices.modbus import ModbusDevice, open_modbus
 from mpc.bench.devices.register_map import Entry, RegisterMap
 from mpc.bench.devices.simulated import SimulatedDevice

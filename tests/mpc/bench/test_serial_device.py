@@ -18,7 +18,7 @@ from mpc.bench.devices.serial_line import SerialDevice, open_serial
 from mpc.bench.devices.serial_protocol import State
 from mpc.cli import app
 from mpc.export.serial.check import examine
-from mpc.export.serial.safety import Safety
+from mpc.export.serial.firmware import Safety
 from mpc.export.serial.simulated import SimulatedBoard
 
 from ...rigs.fuzz import noise

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mpc.bench.clock import SimulatedClock
+from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.serial_protocol import (
     ANSWERS,
     BATCH,

@@ -14,8 +14,8 @@ from allocator.identification.motion.samples import read_motion_log
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
-from mpc.bench.clock import SimulatedClock
 from mpc.bench.cycle import Cycle, Phase, Settings
+from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.display.asking import Asking
 from mpc.bench.safety import Reason, SoftStart, Stopped

@@ -17,9 +17,8 @@ from allocator.calculus import is_symbol
 from allocator.errors import InvalidInput
 from allocator.muscles import FunctionMuscle
 from mpc.codegen import c_text, python_text
-from mpc.codegen.graphs import Untranslatable, operation_names
+from mpc.codegen.graphs import PYTHON, C, Untranslatable, operation_names
 from mpc.codegen.jit import merged
-from mpc.codegen.languages import PYTHON, C
 from mpc.codegen.python_text import translated
 from mpc.export import entry, export
 

@@ -16,9 +16,8 @@ from typer.testing import CliRunner
 from allocator import AntagonistJoint, Lever, named_muscle, report_joint
 from mpc import Plant, TrackingMPC, simulate, sine
 from mpc.cli import app
-from mpc.explorer.replay import frames
-from mpc.explorer.server import HOST, server
-from mpc.trials.recordings import save_recording
+from mpc.explorer.server import HOST, frames, server
+from mpc.trials.files import save_recording
 
 
 @contextmanager

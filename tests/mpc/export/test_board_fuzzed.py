@@ -5,7 +5,7 @@ import pytest
 
 from mpc import Plant, TrackingMPC
 from mpc.bench.device import NoAnswer
-from mpc.export.serial.entry import export_board
+from mpc.export.serial.firmware import export_board
 
 from ...rigs import fuzz
 from ...rigs.needs import needs

@@ -12,9 +12,7 @@ from allocator.units import BAR
 from mpc import Plant, RealPlant, TrackingMPC
 from mpc.bench.devices import serial_protocol as protocol
 from mpc.cli import app
-from mpc.export.serial.entry import export_board
-from mpc.export.serial.protocol import protocol_header
-from mpc.export.serial.safety import Safety
+from mpc.export.serial.firmware import Safety, export_board, protocol_header
 from mpc.model.faults import StuckValve
 
 from ...rigs import toolchain as tools

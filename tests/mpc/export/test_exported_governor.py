@@ -10,7 +10,7 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import machines
 from allocator.units import BAR
 from mpc.cli import app
-from mpc.export.governor.entry import export_governor
+from mpc.export.governor import export_governor
 from mpc.governor import GovernorStatus, Interval, PressureGovernor
 
 from ...rigs import toolchain as tools

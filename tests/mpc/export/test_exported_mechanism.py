@@ -11,7 +11,7 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import Link, Mechanism, Sites, Tables, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
 from allocator.units import BAR
-from mpc.export.mechanism.entry import export_mechanism
+from mpc.export.mechanism import export_mechanism
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs

@@ -13,8 +13,7 @@ from allocator.identification.motion.samples import MotionLog, read_motion_log
 from allocator.machine_file import save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, Plant, RealPlant
-from mpc.identification.plant import IdentifiedPlant
-from mpc.identification.replay import replay
+from mpc.identification.plant import IdentifiedPlant, replay
 from mpc.model.hysteresis import MaxwellSlip
 
 from ...rigs.moving_joint import DEAD_TIME, JOINT, LAG

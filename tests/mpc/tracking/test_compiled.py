@@ -11,7 +11,7 @@ import pytest
 from allocator import BAR, DEG, Table
 from mpc import PlanStatus, Plant, SlowStep, TrackingMPC, Weights
 from mpc.codegen import python_text
-from mpc.codegen.languages import PYTHON
+from mpc.codegen.graphs import PYTHON
 from mpc.codegen.python_text import translated
 from mpc.tracking.compiled import module
 from mpc.tracking.compiled.factory import factory

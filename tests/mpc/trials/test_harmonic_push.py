@@ -9,7 +9,7 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, RealPlant, Reference
-from mpc.trials.harmonic_push import Shake, felt
+from mpc.trials.push import Shake, felt
 from mpc.yardsticks.baselines import FeedForwardControl
 
 GAS = Plant(report_joint(SAROSI_DMSP_20_400N), gas=True)

@@ -10,8 +10,8 @@ from allocator import DEG, InvalidFile
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, RealPlant, Run, TrackingMPC, simulate, sine
+from mpc.trials.files import load_recording, save_recording
 from mpc.trials.metrics import metrics
-from mpc.trials.recordings import load_recording, save_recording
 
 pytestmark = pytest.mark.slow
 

@@ -1,3 +1,1 @@
 """The experiment for a joint's fit is planned here: setpoints, a weight, and what else would tell most."""
-
-__all__: list[str] = []

@@ -1,3 +1,1 @@
 """Bodies and tendons beyond a chain in the plane are here: trees of hinges in space, and what only MuJoCo knows."""
-
-__all__: list[str] = []

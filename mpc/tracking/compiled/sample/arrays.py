@@ -21,6 +21,7 @@ from mpc.tracking.compiled.sample.layout import (
 )
 from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT
 from mpc.tracking.feedforward import InverseDynamics
+from mpc.tracking.preview import CORRECTED
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.module import CompiledPlant
@@ -104,7 +105,8 @@ class StepArrays:
 
 def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[Array, Array], beyond: Beyond) -> Known:
     steps = plant.h, plant.substeps
-    nothing = Known(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *steps, 0.0, 0.0, 0.0, *gate, beyond.dead_band, beyond.rests)
+    numbers = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *steps, 0.0, 0.0, 0.0
+    nothing = Known(*numbers, *gate, beyond.dead_band, beyond.rests, np.array([CORRECTED]))
     if inverse is None:
         return nothing
     physical, (alpha1, alpha2) = inverse.plant, inverse.alpha.tolist()

@@ -93,6 +93,7 @@ class Known(NamedTuple):
     upper: Annotated[Array, 4]
     dead_band: float  # [Pa]
     rests: bool  # whether commands come to rest at a constant reference
+    corrected: Annotated[Array, 1]  # [-] of an error of the angle counts as motion that friction opposes
 
 
 asked_in: Callable[[Array], Asked] = viewer(Asked)

@@ -1,21 +1,42 @@
 """`export_mechanism` writes the allocation of a mechanism as a directory of C files."""
 
+import ast
+import inspect
+import textwrap
+from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.allocation import allocate
-from allocator.allocation.status import CLOSED_FORM
+from allocator.allocation.kernels import source
+from allocator.allocation.status import CLOSED_FORM, Status
 from allocator.calculus import Array
-from allocator.compilation.printer import number
+from allocator.compilation.printer import (
+    INT,
+    MIN_AND_MAX,
+    REAL,
+    ArrayKind,
+    Kind,
+    Outside,
+    Source,
+    StructKind,
+    c_form,
+    c_functions,
+)
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
+from allocator.mechanism.kernel import data, levels, residual
 from mpc.export import text
-from mpc.export.directory import check, write
-from mpc.export.mechanism.kernel import MOST_FIRST, MOST_ROUNDS, kernel_files
-from mpc.export.mechanism.model import map_function
-from mpc.export.parts import BUILD, Files, copied, is_single, model_files
+from mpc.export.building import check, write
+from mpc.export.parts import BUILD, Files, build_words, copied, is_single, machine_words, model_files
+from mpc.model.lengths import symbolic_lengths
+
+if TYPE_CHECKING:
+    from casadi import Function
+
 
 _FREE = 4 * np.pi  # [rad] of a joint without end stops
 _SEED = 19  # of the demonstration's targets
@@ -108,7 +129,7 @@ def _targets(mechanism: Mechanism) -> Array:
         q = np.round(rng.uniform(-1, 1, mechanism.n) * reach, 3)
         P = rng.uniform(*mechanism.pressure_box(q))
         rows.append([*q, *(far * mechanism.torque(q, P)), *mechanism.stiffness(q, P)[mechanism.upper_triangle]])
-    return np.array([[float(number(v, False)) for v in row] for row in np.round(rows, 4).tolist()])
+    return np.asarray(np.round(rows, 4))
 
 
 def _shown(mechanism: Mechanism) -> list[str]:
@@ -149,12 +170,132 @@ All memory is in `ant_memory`, of fixed size, which is best made static.
 
 def _readme(mechanism: Mechanism, single: bool) -> str:
     return _README.format(
-        precision="single" if single else "double",
-        n=mechanism.n,
-        m=mechanism.m,
-        joints=", ".join(mechanism.joint_names),
-        muscles=", ".join(mechanism.muscle_names),
-        rounded=" (single precision differs in the last digits)" if single else "",
-        printed="\n".join(_shown(mechanism)),
+        **build_words(single, _shown(mechanism)),
+        **machine_words(mechanism),
         most=MOST_ROUNDS + MOST_FIRST,
+    )
+
+
+_SIZES = {"m": "ANT_VARIABLES", "p": "ANT_LINES", "K": "ANT_LEVELS"}
+_SIDE = "signed char"
+_ELEMENTS = {"np.int64": INT, "np.int8": _SIDE, "np.bool_": _SIDE}
+
+MOST_ROUNDS, MOST_FIRST = 1000, 200  # in C: a bound for the longest call
+SINGLE = {  # what rounding of single precision leaves
+    "GAP": 3e2,
+    "POSITIVE": 1e-6,
+    "RANK": 1e-9,
+    "MISSED": 1e-6,
+    "CANCELS": 3e-5,
+    "OUTSIDE": 1e-6,
+    "EXCEEDED": 1e-4,
+}
+ENTRIES = {name: f"ant_kernel_{name}" for name in ("prepare", "scale", "solve", "residual")}
+
+
+def kernel_files(single: bool) -> dict[str, str]:
+    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
+    structs = _structs()
+    functions = (*levels.FUNCTIONS, *residual.FUNCTIONS)
+    numbers = {"MOST_ROUNDS": MOST_ROUNDS, "MOST_FIRST": MOST_FIRST} | (SINGLE if single else {})
+    made = c_functions(functions, _kinds(structs), single, ENTRIES, numbers)
+    about = "Lexicographic least squares in a box, printed from Python's text of it."
+    bounds = c_form(Source.of(source), "interval", _OUTSIDE)
+    head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head, bounds.head])
+    body = "\n\n".join(
+        [f'/* {about} */\n#include "antagonist.h"\n#include "real.h"', MIN_AND_MAX, made.body, bounds.body]
+    )
+    return {
+        "src/kernel.h": text.header("ANT_KERNEL_H", about, head),
+        "src/kernel.c": f"{body}\n",
+    }
+
+
+_OUTSIDE = Outside(
+    names={"clip": "ant_clip"} | {s.name: f"ANT_{s.name}" for s in Status if hasattr(source, s.name)},
+    functions={"interval": "ant_interval"},
+    structs={("low", "high", "status"): "ant_bounds"},
+    arrays=frozenset({"bounds"}),
+)
+
+
+def _structs() -> dict[str, StructKind]:
+    """Return what C has for the named tuples."""
+    m, p, K = _SIZES.values()
+    rows = {
+        "A": ArrayKind(REAL, (p, m), True),
+        "b": ArrayKind(REAL, (p,), True),
+        "onesided": ArrayKind(_SIDE, (p,), True),
+        "ends": ArrayKind(INT, (K,), True),
+    }
+    bounds = {name: ArrayKind(REAL, (m,), True) for name in data.Box._fields}
+    memory = dict(zip(data.Work._fields, _memory(), strict=True))
+    return {
+        "levels": StructKind("ant_levels", rows, False),
+        "box": StructKind("ant_box", bounds, False),
+        "work": StructKind("ant_work", memory, True),
+    }
+
+
+def _memory() -> Iterator[ArrayKind]:
+    """Yield the arrays that `workspace` makes."""
+    [made] = [node.value for node in ast.walk(_parsed(data.workspace)) if isinstance(node, ast.Return)]
+    assert isinstance(made, ast.Call)
+    for array in made.args:
+        assert isinstance(array, ast.Call)
+        shape, *kind = array.args
+        sizes = shape.elts if isinstance(shape, ast.Tuple) else [shape]
+        yield ArrayKind(_ELEMENTS[ast.unparse(kind[0])] if kind else REAL, tuple(map(_size, sizes)))
+
+
+def _parsed(function: object) -> ast.Module:
+    return ast.parse(textwrap.dedent(inspect.getsource(function)))  # type: ignore[arg-type]  # a function
+
+
+def _size(node: ast.expr) -> str:
+    return " ".join(_SIZES.get(part, part) for part in ast.unparse(node).split())
+
+
+def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
+    """Return what arguments are, by their names in all functions."""
+    m, p, K = _SIZES.values()
+    memory = structs["work"].fields
+    return {
+        **structs,
+        **{name: memory[name] for name in ("B", "Q", "L", "right", "tries")},
+        "x": ArrayKind(REAL, (m,)),
+        "centre": ArrayKind(REAL, (m,), True),
+        "side": ArrayKind(_SIDE, (f"{m} + {p}",)),
+        "held": ArrayKind(_SIDE, (f"{m} + {p}",)),
+        "mu": ArrayKind(REAL, (f"{K} + 1", p)),
+        "ends": ArrayKind(INT, (K,), True),
+        **dict.fromkeys(("longest", "pull", "near", "to_centre", "greatest"), REAL),
+    }
+
+
+def map_function(mechanism: Mechanism) -> "Function":
+    """Return the CasADi function q ↦ (ε (m), A (m), B (m), y0 (d), M (d m), row by row), with forces F = A P + B.
+
+    Raises `InvalidInput` for muscles that are not affine and for routes without formulas.
+    """
+    import casadi as ca
+
+    mechanism.check_affine("the exported allocation")
+    q, P = ca.SX.sym("q", mechanism.n), ca.SX.sym("P", mechanism.m)
+    length, rest = symbolic_lengths(mechanism.routes, q), mechanism.routes.rest_length
+    eps = [(L - length[j]) / L for j, L in enumerate(rest)]
+    muscles = list(zip(mechanism.muscles, eps, strict=True))
+    A = ca.vertcat(*(muscle.gain(0.0, e) for muscle, e in muscles))
+    B = ca.vertcat(*(muscle.law(0.0, e) for muscle, e in muscles))
+    torque = -ca.jacobian(length, q).T @ (A * P + B)  # (M1)
+    stiffness = -ca.jacobian(torque, q)  # (M2)
+    rows, columns = mechanism.upper_triangle
+    entries = [stiffness[i, j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)]
+    y = ca.vertcat(torque, *entries)
+    y0, M = ca.substitute(y, P, 0), ca.jacobian(y, P)
+    if ca.depends_on(M, P):
+        raise InvalidInput("the targets of this mechanism are not affine in the pressures")
+    made = ca.cse([ca.vertcat(*eps), A, B, y0, ca.vec(M.T)])
+    return ca.Function(
+        "mechanism", [q], list(map(ca.densify, made)), ["q"], ["contraction", "gain", "force", "y0", "M"]
     )

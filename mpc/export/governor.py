@@ -1,18 +1,18 @@
 """`export_governor` writes a governor as a directory of C files."""
 
+import re
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.compilation.printer import number
+from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions
 from allocator.errors import InvalidInput
 from mpc.export import text
-from mpc.export.directory import check, write
-from mpc.export.governor.kernel import kernel_files, numbers_file
-from mpc.export.parts import BUILD, Files, copied, is_single, model_files
-from mpc.governor import Interval, PressureGovernor
+from mpc.export.building import check, write
+from mpc.export.parts import BUILD, Files, build_words, copied, is_single, machine_words, model_files
+from mpc.governor import Interval, PressureGovernor, kernel
 from mpc.governor.interval import ends
 
 _SEED = 20  # of the demonstration's commands
@@ -81,7 +81,7 @@ def _commands(governor: PressureGovernor) -> Array:
     for speed in (0.0, 1.0, 3.0):
         omega, P = np.full(n, speed), np.round(rules.rest, -3)
         rows.append([*np.zeros(n), *omega, *P, *P, *np.round(P + rng.uniform(-1, 1, m) * 1e5, -3)])
-    return np.array([[float(number(v, False)) for v in row] for row in np.array(rows).tolist()])
+    return np.array(rows)
 
 
 def _shown(governor: PressureGovernor) -> list[str]:
@@ -120,15 +120,10 @@ like to give, and fills in those to be given, as `mpc.governor.PressureGovernor.
 def _readme(governor: PressureGovernor, single: bool) -> str:
     mechanism, counts = governor.mechanism, governor.made.rules.counts
     return _README.format(
-        precision="single" if single else "double",
-        n=mechanism.n,
-        m=mechanism.m,
+        **build_words(single, _shown(governor)),
+        **machine_words(mechanism),
         dt=governor.dt,
-        joints=", ".join(mechanism.joint_names),
-        muscles=", ".join(mechanism.muscle_names),
         most=int(counts[4] * (6 * (1 + counts[0] + counts[1] * (counts[2] - 1)) + 3)),
-        rounded=" (single precision differs in the last digits)" if single else "",
-        printed="\n".join(_shown(governor)),
         known=_known(governor),
     )
 
@@ -148,3 +143,95 @@ def _known(governor: PressureGovernor) -> str:
 def _range(low: tuple[float, ...], high: tuple[float, ...]) -> str:
     least, greatest = min(low), max(high)
     return f"{least:g}" if least == greatest else f"{least:g} to {greatest:g}"
+
+
+_N, _M = "ANT_JOINTS", "ANT_MUSCLES"
+_JOINTS = "load", "angles", "rates", "guess", "alpha", "later"
+_SIZES: dict[str, tuple[str, ...]] = {
+    "numbers": ("10",),
+    "ends": (_N, "2"),
+    "within": (_N, "2"),
+    "steps": ("2",),
+    "strong": ("2", _M),
+    "scenes": ("ANT_SCENES", "ANT_SCENE"),
+    "barrier": ("ANT_SCENES", "2"),
+    "weight": ("ANT_SCENES", _M),
+    "lag": ("ANT_SCENES", _M),
+    "decay": ("2 * ANT_SCENES", _M),
+    "counts": ("5",),
+    "scene": ("ANT_SCENE",),
+    "motion": ("1",),  # the formulas have their numbers in them
+    "potential": ("1",),
+    "energy": ("2",),
+    "level": ("1",),
+    **dict.fromkeys(_JOINTS, (_N,)),
+}
+
+_FORMULAS = """\
+/* The formulas, which have their numbers in them. */
+static void motion(const ant_real *q, const ant_real *omega, const ant_real *P, const ant_real *scene,
+                   const ant_real *c, ant_real *alpha, ant_real *gain, ant_real *force, ant_real *speed,
+                   ant_real *energy) {
+    (void)c;
+    ant_model_motion(q, omega, P, scene, alpha, gain, force, speed, energy);
+}
+
+static void potential(const ant_real *q, const ant_real *scene, const ant_real *c, ant_real *level) {
+    (void)c;
+    ant_model_potential(q, scene, level);
+}
+"""
+
+
+def motion(q, omega, P, scene, c, alpha, gain, force, speed, energy):  # type: ignore[no-untyped-def]
+    """Stand in for the formula, which C calls by `_FORMULAS`."""
+
+
+def potential(q, scene, c, level):  # type: ignore[no-untyped-def]
+    """Stand in for the formula, which C calls by `_FORMULAS`."""
+
+
+def kernel_files(single: bool) -> dict[str, str]:
+    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
+    rules = StructKind("ant_rules", {name: _array(name, True) for name in kernel.Rules._fields}, False)
+    memory = StructKind("ant_memory", {name: _array(name) for name in kernel.Memory._fields}, True)
+    functions = (motion, potential, *kernel.FUNCTIONS)
+    made = c_functions(functions, _kinds(rules, memory), single, {"govern": "ant_kernel_govern"}, {})
+    body, stubs = re.subn(r"(?:/\*[^*]*\*/\n)?static void (?:motion|potential)\([^;{]*\{\n[^}]*\}\n\n", "", made.body)
+    assert stubs == 2
+    about = "A governor's kernel, printed from Python's text of it."
+    includes = '#include "kernel.h"\n\n#include "model.h"\n#include "real.h"'
+    return {
+        "antagonist_memory.h": text.header("ANTAGONIST_MEMORY_H", _WORKS, memory.definition(), ["antagonist.h"]),
+        "src/kernel.h": text.header(
+            "ANT_KERNEL_H", about, f"{rules.definition()}\n\n{made.head}", ["antagonist_memory.h"]
+        ),
+        "src/kernel.c": "\n\n".join([f"/* {about} */\n{includes}", MIN_AND_MAX, _FORMULAS, body]) + "\n",
+    }
+
+
+_WORKS = "What ant_govern works in: one for each thread, best made static."
+
+
+def _array(name: str, constant: bool = False) -> ArrayKind:
+    return ArrayKind(INT if name == "counts" else REAL, _SIZES.get(name, (_M,)), constant)
+
+
+def _kinds(rules: StructKind, memory: StructKind) -> dict[str, Kind]:
+    """Return what arguments are, by their names in all functions."""
+    given = {name: ArrayKind(REAL, (_M,), True) for name in ("P", "previous", "command")}
+    given["scene"] = ArrayKind(REAL, _SIZES["scene"], True)
+    made = {name: memory.fields[name] for name in ("alpha", "gain", "force", "speed", "energy", "level")}
+    ends = {"q": ArrayKind(REAL, (_N,), True), "omega": ArrayKind(REAL, (_N,), True), "safe": ArrayKind(REAL, (_M,))}
+    return {"rules": rules, "memory": memory, **given, **made, **ends, "c": ArrayKind(REAL, ("1",), True), "mu": REAL}
+
+
+def numbers_file(rules: kernel.Rules, single: bool) -> str:
+    """Return the header with the numbers of a governor."""
+    none = np.zeros(1)
+    tables = rules._replace(motion=none, potential=none)._asdict()
+    body = [f"static {text.table(f'ANT_RULES_{name.upper()}', values, single)}" for name, values in tables.items()]
+    listed = ", ".join(f"ANT_RULES_{name.upper()}" for name in tables)
+    body.append(f"static const ant_rules ANT_RULES = {{{listed}}};")
+    about = "The governor's numbers, in SI units; mpc/governor/kernel.py says what they are."
+    return text.header("ANT_GOVERNOR_H", about, "\n\n".join(body), ["kernel.h", "real.h"])

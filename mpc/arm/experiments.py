@@ -1,8 +1,9 @@
-"""A machine is pushed at rest here: its stiffness is what forces need to move it, pressures frozen or valves shut."""
+"""Experiments on a `MujocoPlant`: that of a closed loop, and pushes at rest, which measure its stiffness."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
@@ -15,6 +16,33 @@ _LONGEST_REST = 60.0  # [s] of waiting for it
 _BETWEEN = 10  # steps from look to look
 _SLOWEST = 1.0  # [1/s] what no muscle holds is braked as if it moved at this rate
 _FINE, _COARSE = 0.3, 0.01  # steps while it settles: in times of the fastest mode, and [s] at most
+
+
+class MujocoExperiment:
+    """A `MujocoPlant` under way in a closed loop.
+
+    Sensors without an encoder's step and without noise measure the whole state, velocities included.
+    """
+
+    def __init__(self, plant: "MujocoPlant", dt: float) -> None:
+        self._plant, self._dt = plant, dt
+
+    @property
+    def x(self) -> Array:
+        """The true state (2n + m,)."""
+        plant = self._plant
+        return np.concatenate([plant.q, plant.omega, plant.P])
+
+    def measure(self) -> Array:
+        """Read the sensors (2n + m,); NaN for velocities that nobody measures."""
+        plant = self._plant
+        read = plant.measure()
+        exact = not (plant.encoder or plant.pressure_noise)
+        return np.concatenate([read.q, plant.omega if exact else np.full(plant.n, np.nan), read.P])
+
+    def advance(self, u: Array, d: ArrayLike = 0.0) -> None:
+        """Advance by one sample with the commands `u` (m,) [Pa] and the torques `d` [N·m] from outside."""
+        self._plant.step(u, self._dt, d)
 
 
 def settle(plant: "MujocoPlant", load: Array, shut: bool) -> Array:
@@ -47,9 +75,12 @@ def pushed_stiffness(plant: "MujocoPlant", push: float, load: Array, shut: bool)
 
 def _brake(plant: "MujocoPlant") -> tuple[Array, float]:
     """Return a damping (nv, nv) [N·m·s/rad] in which no mode swings any more, and a step [s] fine enough for it."""
+    import mujoco
     from scipy.linalg import eigh
 
-    M = plant.inertia()
+    M = np.zeros((plant.model.nv, plant.model.nv))
+    for row, unit in zip(M, np.eye(plant.model.nv), strict=True):
+        mujoco.mj_mulM(plant.model, plant.data, row, unit)
     squares, modes = eigh(plant.own_stiffness(), M)
     rates = np.sqrt(np.maximum(squares, _SLOWEST**2))
     moved = M @ modes

@@ -1,4 +1,4 @@
-"""The demonstration drives the exported controller with its own model as the joint; here it is done in Python."""
+"""What main.c of an export shows, allocation and controller, and what it prints according to Python."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -6,16 +6,49 @@ from math import cos, pi
 
 import numpy as np
 
-from allocator import stiffness_interval
+from allocator import allocate, stiffness_interval
+from allocator.calculus import Array
+from allocator.joint.antagonist import AntagonistJoint
+from mpc.export import text
 from mpc.model.plant import Plant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
+
+_PLACES = (0.2, 0.5, 0.8)  # of the joint range
+_SHARES = ((0.0, 0.3), (0.1, 0.7), (50.0, 0.4))  # torque [N·m], the last too much; share of the stiffness interval
+
+
+def targets(joint: AntagonistJoint) -> Array:
+    """Return rows (θ, K, T) of targets to demonstrate the allocation with."""
+    left, right = joint.angle_range
+    rows = []
+    for place in _PLACES:
+        theta = round(left + place * (right - left), 4)
+        low, high = (float(end) for end in stiffness_interval(theta, 0.0, joint=joint))
+        rows += [(theta, round(low + share * (high - low), 4), T) for T, share in _SHARES]
+    return np.array(rows)
+
+
+def allocation_table(joint: AntagonistJoint, single: bool, skipped: bool = False) -> str:
+    """Return the header with the targets of the demonstration, with none of them if it is `skipped`."""
+    return text.demonstration("theta [rad], K [N*m/rad], T [N*m]", targets(joint), single, skipped)
+
+
+def allocation_lines(joint: AntagonistJoint) -> Iterator[str]:
+    """Yield the lines that main.c prints about the targets of the demonstration."""
+    for theta, K, T in targets(joint).tolist():
+        a = allocate(theta, K, T, joint=joint)
+        yield (
+            f"theta {theta:8.4f} rad, K {K:7.4f} N*m/rad, T {T:8.4f} N*m: "
+            f"P1 {a.P1:8.1f} Pa, P2 {a.P2:8.1f} Pa, status {int(a.status)}, limits {int(a.limits)}"
+        )
+
 
 SAMPLES, SHOWN = 100, 10
 _SWING = 0.15  # of the joint range
 
 
-def numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
+def control_numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
     """Return what settings.h defines for the demonstration."""
     left, right = plant.joint.angle_range
     middle = round((left + right) / 2, 6)
@@ -30,13 +63,13 @@ def numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
     }
 
 
-def lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
+def control_lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
     """Yield the lines that the demonstration prints."""
     plant, dt, known = controller.plant, controller.dt, controller.compensation
     driver = replace(controller)  # the same anew: the one that was given keeps its memory
     own = KalmanObserver(plant, dt, observer.noise, known, observer.tolerance, compiled=False)
     turned = plant.discrete(dt)
-    middle, swing, K, *P = (float(value) for value, _ in numbers(plant).values())
+    middle, swing, K, *P = (float(value) for value, _ in control_numbers(plant).values())
     x, u = np.array([middle, 0.0, *P]), np.array(P)
     waiting = [u] * known.delay(dt)
     samples = [min(k, SAMPLES) for k in range(SAMPLES + driver.ahead)]

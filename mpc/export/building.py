@@ -1,12 +1,15 @@
-"""Files are written to a new directory here, all or none."""
+"""Exported files become a new directory, all or none, and what this machine's C compiler makes of them."""
 
 import shutil
+import subprocess
 import tempfile
 from os import PathLike
 from pathlib import Path
 
-from allocator.errors import InvalidInput
+from allocator.errors import AntagonistError, InvalidInput, MissingBackend
 from mpc.export.parts import Files
+
+_LONGEST = 300.0  # [s] of compiling
 
 
 def write(files: Files, out: str | PathLike[str]) -> Path:
@@ -35,3 +38,22 @@ def check(directory: Path) -> None:
         raise InvalidInput(f"out = {directory} is a file; give a directory that does not exist or is empty")
     if directory.is_dir() and any(directory.iterdir()):
         raise InvalidInput(f"out = {directory} is not empty; give a directory that does not exist or is empty")
+
+
+COMPILERS = ("cc", "gcc", "clang")
+
+
+def compiler() -> str:
+    """Return the path of a C compiler. Raises `MissingBackend` where there is none."""
+    found = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if found is None:
+        raise MissingBackend("C compiler", "cc", [*COMPILERS, "after apt install gcc"])
+    return found
+
+
+def compile_c(what: str, directory: Path, *arguments: str) -> None:
+    """Compile C in `directory`. Raises `AntagonistError`, and `MissingBackend` without a compiler."""
+    command = [compiler(), "-std=c99", *arguments]
+    done = subprocess.run(command, cwd=directory, capture_output=True, text=True, timeout=_LONGEST)
+    if done.returncode:
+        raise AntagonistError(f"{what} cannot be compiled: {done.stderr}")

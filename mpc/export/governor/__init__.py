@@ -1,3 +1,0 @@
-"""A governor is written as C here, its kernel printed from the text that Python runs."""
-
-__all__: list[str] = []

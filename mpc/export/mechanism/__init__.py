@@ -1,3 +1,0 @@
-"""Mechanisms are exported as C here: the allocation of many muscles' pressures on a microcontroller."""
-
-__all__: list[str] = []

@@ -1,0 +1,268 @@
+"""The firmware of a board on a serial line: its safety, its files, and those that simulate the board on a PC.
+
+protocol.h is printed from the tables of `mpc.bench.devices.serial_protocol`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntEnum
+from math import isfinite
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator import checks
+from allocator.compilation.printer import number
+from allocator.errors import InvalidInput
+from allocator.units import BAR
+from mpc.bench.devices import serial_protocol as protocol
+from mpc.bench.devices.serial_protocol import Field
+from mpc.export import text
+from mpc.export.building import check, write
+from mpc.export.entry import controller_files, pair
+from mpc.export.joint import Numbers
+from mpc.export.parts import Files, copied, is_single
+from mpc.export.plant import plant_files, real_plant, start_of
+from mpc.model.plant import Plant
+from mpc.model.real_plant import RealPlant
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.controller import TrackingMPC
+
+_LONGEST = 1e3  # [s] of a watchdog; the board's clock begins anew after 4295 s
+
+
+@dataclass(frozen=True)
+class Safety:
+    """The safety of a board is what it does when the host is silent."""
+
+    watchdog: float = 0.2  # silence after which the pressures fall [s]
+    fall: float = 1 * BAR  # how fast the higher of them falls [Pa/s]; 0: they are held, inf: at once
+
+    def __post_init__(self) -> None:
+        """Check both. Raises InvalidInput."""
+        watchdog = checks.positive("watchdog", self.watchdog, "s")
+        if not 1e-3 <= watchdog <= _LONGEST:
+            raise InvalidInput(f"watchdog = {watchdog:g} s has to be between 0.001 and {_LONGEST:g} s")
+        fall = float(self.fall)
+        if not fall >= 0 or (isfinite(fall) and 0 < fall < BAR / 1e3):
+            raise InvalidInput(f"fall = {fall:g} Pa/s has to be 0 (hold), inf (at once) or 100 Pa/s at least")
+
+
+_SAMPLES = 3  # that a watchdog waits for at least
+_SPARE = 32  # samples of reference that the host may be ahead of what the controller needs
+PLANT_DT = 1e-3  # [s] by which the simulated plant goes on
+
+
+def firmware_files(limits: tuple[float, float], safety: Safety, controller: TrackingMPC | None = None) -> Files:
+    """Return the board's own files, for commands within `limits` [Pa]; with a `controller` it follows references.
+
+    Raises `InvalidInput` for a watchdog that a host could not keep quiet, saying something every sample.
+    """
+    if controller is not None and safety.watchdog < _SAMPLES * controller.dt:
+        raise InvalidInput(
+            f"watchdog = {safety.watchdog:g} s has to be {_SAMPLES} samples of {controller.dt:g} s or more: a host "
+            "that says something every sample may be a little late"
+        )
+    files = {
+        name: content for name, content in copied("serial", "serial/") if controller is not None or "follow" not in name
+    }
+    return files | {
+        "serial/protocol.h": protocol_header(),
+        "serial/config.h": _config(limits, safety, controller),
+        "serial/README.md": firmware_readme(limits, safety, controller),
+    }
+
+
+def simulation_files(process: Plant | RealPlant, x0: ArrayLike) -> Files:
+    """Return what makes a program for the PC of a board's files, with `process` under it, which begins in `x0` (4,)."""
+    numbers = ", ".join(number(float(value), single=False) for value in np.asarray(x0))
+    start = f"#define ANT_START {{{numbers}}} /* theta [rad], its rate [rad/s], P1, P2 [Pa] */"
+    return {
+        **dict(copied("simulated", "simulated/")),
+        **plant_files(real_plant(process), PLANT_DT, "simulated/"),
+        "simulated/start.h": text.header("ANT_START_H", "Where the simulated joint begins.", start),
+    }
+
+
+def _config(limits: tuple[float, float], safety: Safety, controller: TrackingMPC | None) -> str:
+    low, high = limits
+    numbers: Numbers = {
+        "LOW": (float(low), "least command [Pa]"),
+        "HIGH": (float(high), "greatest command [Pa]"),
+        "FALL": (safety.fall, "how fast the higher pressure falls in the safe state; 0: both are held [Pa/s]"),
+    }
+    lines = [text.defines(numbers, single=True)]
+    lines.append(_whole("WATCHDOG_US", round(safety.watchdog * 1e6), "silence of the host after which they do [us]"))
+    if controller is not None:
+        lines.append("#define ANT_BOARD_CONTROLS /* it has the controller */")
+        lines.append(_whole("TICK_US", round(controller.dt * 1e6), "sample time of the controller [us]"))
+        lines.append(_whole("ROOM", controller.ahead + 1 + _SPARE, "samples of reference that it can hold"))
+    body = "\n".join(lines).replace("ANT_INFINITY", "INFINITY")
+    return text.header("ANT_CONFIG_H", "What was chosen at export.", body, ["math.h"] if "INFINITY" in body else [])
+
+
+def _whole(name: str, value: int, meaning: str) -> str:
+    return f"#define ANT_{name} {value}u /* {meaning} */"
+
+
+def protocol_header() -> str:
+    """Return protocol.h: constants, and where the fields of every frame lie."""
+    parts = [
+        _defines("version and sizes [bytes, samples]", _sizes()),
+        *(_enumerated(kind) for kind in (protocol.Kind, protocol.State, protocol.Refusal)),
+        _layout("HEADER", protocol.HEADER),
+        *(_layout(kind.name, fields) for kind, fields in protocol.LAYOUTS.items()),
+        _layout("SAMPLE", protocol.SAMPLE),
+    ]
+    about = "The line protocol, printed from the tables that the host runs by. Offsets count from a body's begin."
+    return text.header("ANT_PROTOCOL_H", about, "\n".join(parts))
+
+
+def _sizes() -> dict[str, int]:
+    return {
+        "PROTOCOL": protocol.VERSION,
+        "LONGEST": protocol.LONGEST,
+        "CRC_BYTES": protocol.CRC_BYTES,
+        "BATCH": protocol.BATCH,
+    }
+
+
+def _defines(about: str, values: dict[str, int]) -> str:
+    return f"/* {about} */\n" + "".join(f"#define ANT_{name} {value}\n" for name, value in values.items())
+
+
+def _enumerated(kind: type[IntEnum]) -> str:
+    """Return a C enumeration; its first lines of documentation are Python's."""
+    about = (kind.__doc__ or "").splitlines()[0]
+    name = kind.__name__
+    members = ",\n".join(f"    ANT_{name.upper()}_{member.name} = {member.value}" for member in kind)
+    return f"/* {about} */\ntypedef enum {{\n{members}\n}} ant_{name.lower()};\n"
+
+
+def _layout(name: str, fields: Iterable[Field]) -> str:
+    """Return where `fields` lie, and how many bytes they are."""
+    lines, at = [], 0
+    for field in fields:
+        lines.append(f"    ANT_{name}_{field.name.upper()} = {at}, /* {field.type}, {field.meaning} */")
+        at += protocol.packing((field,)).size
+    lines.append(f"    ANT_{name}_BYTES = {at}")
+    return "enum {\n" + "\n".join(lines) + "\n};\n"
+
+
+_HEAD = """\
+# A board on a serial line
+
+Exported from the Python package `antagonist`: firmware in portable C99, without a heap, for
+{variant}.
+It talks to `mpc.bench.devices.serial_line.SerialDevice` and to `antagonist run --device serial:/dev/ttyUSB0`; the
+project's `docs/serial.md` documents the line protocol (version {version}).
+
+**Yours to fill in** are the five functions of `port.c`: `read_sensors`, `write_valves`, a microsecond clock, and the
+bytes of the UART. `port.h` says what is asked of them, `config.h` what was chosen at export: commands within {low:g} to
+{high:g} Pa, a watchdog of {watchdog:g} s, after which {fall}.
+Call `ant_board_poll` as often as you can, as `main.c` does; it never waits.
+{pace}
+    {cc} serial/*.c{sources} -lm -o firmware
+
+compiles it for the PC, to see that it does; with your microcontroller's compiler it is the same line.
+
+**A board to try hosts on**, the same C behind a pseudo-terminal of Linux, with a simulated joint under it:
+
+    {cc} -Isimulated simulated/*.c {shared}{sources} -lm -o simulated_board
+    ./simulated_board
+
+It prints the name of its port, e.g. `/dev/pts/3`; `antagonist bench-check serial:/dev/pts/3` examines it as it does a
+real one. `antagonist bench-check` alone does all of this by itself.
+"""
+
+_TERMINAL = "a dumb terminal: it sends what the sensors say and sets the valves as the host commands"
+_CONTROLLER = (
+    "a board with the whole controller on it, which the host sends references alone (and, if it likes, commands)"
+)
+_PACE = """\
+A step of the controller is to be taken every {dt:g} s, and bytes that arrive meanwhile have to wait in the buffer
+behind `receive_byte`: {bytes} bytes of it are enough at 115200 baud.
+"""
+
+
+def firmware_readme(limits: tuple[float, float], safety: Safety, controller: TrackingMPC | None) -> str:
+    """Return serial/README.md."""
+    low, high = limits
+    if safety.fall == 0:
+        fall = "the pressures are held"
+    else:
+        fall = f"the higher pressure falls by {safety.fall:g} Pa/s, and the other in proportion"
+    controls = controller is not None
+    pace = _PACE.format(dt=controller.dt, bytes=int(11520 * controller.dt) + protocol.LONGEST) if controller else ""
+    return _HEAD.format(
+        variant=_CONTROLLER if controls else _TERMINAL,
+        version=protocol.VERSION,
+        low=low,
+        high=high,
+        watchdog=safety.watchdog,
+        fall=fall,
+        pace=pace,
+        cc="cc -O2 -std=c99 -I. -Isrc -Iserial" if controls else "cc -O2 -std=c99 -I. -Iserial",
+        sources=" src/*.c" if controls else "",
+        shared="serial/board.c serial/frames.c" + (" serial/follow.c" if controls else ""),
+    )
+
+
+def export_board(
+    out: str | PathLike[str],
+    *,
+    process: Plant | RealPlant | None = None,
+    controller: TrackingMPC | None = None,
+    observer: KalmanObserver | None = None,
+    safety: Safety | None = None,
+    precision: str = "double",
+    x0: ArrayLike | None = None,
+) -> Path:
+    """Write the firmware of a board to the directory `out`, and return it.
+
+    Parameters
+    ----------
+    process
+        The plant under the simulated board; its joint's supply is what commands have to lie within. By default the
+        controller's plant, or `Plant()`.
+    controller, observer
+        What is to run on the board; without a controller it is a dumb terminal.
+    safety
+        What the board does when the host is silent, by default `Safety()`.
+    precision
+        Of the controller, "double" or "single".
+    x0
+        State (4,) that the simulated plant begins in: θ [rad], ω [rad/s], P1, P2 [Pa]; by default at rest in the middle
+        of the joint range.
+
+    Raises
+    ------
+    InvalidInput
+        For what C cannot do (see `mpc.export.export`), and for a directory that is not empty. Nothing is written then.
+    MissingBackend
+        For an unknown `precision`.
+    """
+    single = is_single(precision)
+    check(Path(out))
+    return write(board_files(process, controller, observer, safety or Safety(), single, x0), out)
+
+
+def board_files(
+    process: Plant | RealPlant | None,
+    controller: TrackingMPC | None,
+    observer: KalmanObserver | None,
+    safety: Safety,
+    single: bool = False,
+    x0: ArrayLike | None = None,
+) -> Files:
+    """Return the files of the firmware and of the simulated board; see `export_board`."""
+    if process is None:
+        process = Plant() if controller is None else controller.plant
+    real = real_plant(process)
+    files: Files = {}
+    if controller is not None:
+        files = controller_files(*pair(None, controller, observer), single, alone=True)
+    files |= firmware_files(real.nominal.joint.pressure_limits, safety, controller)
+    return files | simulation_files(real, start_of(real) if x0 is None else x0)

@@ -1,0 +1,77 @@
+"""What the commands make of a run: a table of its errors, and a file of the kind that the ending of its name says."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from allocator.mechanism.endpoint import Endpoint
+from mpc.model.plant import Plant
+from mpc.trials.animation import ENDINGS
+from mpc.trials.files import save_recording, save_run
+from mpc.trials.metrics import Errors, Metrics
+from mpc.trials.plotting import save_tracking_figure
+from mpc.trials.simulation import Run
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_NOTHING = 1e-6  # of an entry of the stiffness: no muscle crosses both joints
+
+
+def write_run(
+    run: Run, path: Path, film: Callable[[Path], None], title: str = "", hand: Endpoint | None = None
+) -> None:
+    """Write `run` as CSV or NPZ, as what `film` writes, or as a picture with the way of its `hand`."""
+    ending = path.suffix.lower()
+    if ending == ".csv":
+        save_run(run, path)
+    elif ending == ".npz":
+        save_recording(run, path)
+    elif ending in ENDINGS:
+        film(path)
+    else:
+        save_tracking_figure(run, path, title, hand)
+
+
+def table_of(run: Run, m: Metrics) -> "Table":
+    """Return the errors of a run, the limits that it broke, and what its steps took and were answered by."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table("", "RMS, median", "worst, 99 %", title="tracking")
+    for row in _errors(run, m):
+        table.add_row(*row)
+    if m.rest:
+        table.add_row(f"after the first rest of {m.rest:.3g} s")
+        for name, *figures in _errors(run, m.after_rest):
+            table.add_row(f"  {name}", *figures)
+    table.add_section()
+    for limit, (excess, unit) in m.violations.items():
+        table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
+    if isinstance(run.plant, Plant) and run.plant.joint.slack_assumed:
+        table.add_row("slack limits", "", "assumed")
+    table.add_section()
+    table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
+    if run.implementation:
+        table.add_row("implementation of the step", "", run.implementation)
+    for rung, steps in m.rungs.items():
+        if steps:
+            table.add_row(f"steps answered by {rung}", "", str(steps))
+    return table
+
+
+def _errors(run: Run, of: Metrics | Errors) -> Iterator[tuple[str, str, str]]:
+    """Yield the name of each error, its RMS and its worst."""
+    plant = run.plant
+    names = [""] if isinstance(plant, Plant) else [f", {name}" for name in plant.mechanism.joint_names]
+    for name, rms, worst in zip(names, np.ravel(of.theta_rms), np.ravel(of.theta_worst), strict=True):
+        yield f"angle error{name} [°]", f"{rms:.3g}", f"{worst:.3g}"
+    if isinstance(plant, Plant):
+        yield f"{plant.stiffness_text} error [%]", f"{of.K_rms:.3g}", f"{of.K_worst:.3g}"
+        return
+    for name, i, j in zip(plant.labels.stiffness, *np.triu_indices(plant.tracked), strict=True):
+        if np.abs(run.K[:, i, j]).max() > _NOTHING:
+            entry = f"stiffness error, {name} [{plant.stiffness_unit}]"
+            yield entry, f"{of.K_rms[i, j]:.3g}", f"{of.K_worst[i, j]:.3g}"
