@@ -60,7 +60,7 @@ from mpc.tracking.plan import Plan, PlanStatus, Rung
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.named import NamedQP, named
 from mpc.tracking.qp.softened import softened
-from mpc.tracking.qp.solvers import Riccati, Solver
+from mpc.tracking.qp.solvers import DAQP, Riccati, Solver
 from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.qp.step import QPAnswer
 from mpc.tracking.terminal import terminal_factor
@@ -113,6 +113,8 @@ class TrackingMPC(BaseController):
         self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt, *sizes)
         self._work()
         if self.compiled:
+            if isinstance(self.plant, Arm) and isinstance(self._solve, Riccati):
+                self._rehearse(DAQP())  # which some QPs of an arm are left to
             check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
 
@@ -259,16 +261,20 @@ class TrackingMPC(BaseController):
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, answer.u + self.problem.E @ z)
 
-    def _rehearse(self) -> None:
-        """Step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
+    def _rehearse(self, solve: Solver | None = None) -> None:
+        """Step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now.
+
+        The QP is solved by `solve`, by default as ever.
+        """
         self.reset()
-        budget, self.budget, plant = self.budget, None, self.plant
+        budget, self.budget, plant, usual = self.budget, None, self.plant, self._solve
+        self._solve = usual if solve is None else solve
         (left, right), P = self.limits.theta, np.full(plant.m, np.mean(self.limits.pressure))
         x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
         K = np.asarray(plant.tracked_stiffness(x))
         theta = np.clip(plant.middle + 0.1 * (right - left), left, right)
         self.step(x, theta, np.diag(np.abs(np.diag(K))) if K.ndim else K)
-        self.budget = budget
+        self.budget, self._solve = budget, usual
 
 
 _BLOCKS = 1, 1, 2, 4, 6  # lengths of the first blocks of an arm; the others are as long as the last of these

@@ -2,8 +2,9 @@
 
 The QP is solved with its simple bounds only, by the solver. If the answer keeps all rows and is proved optimal it is
 the QP's, and the step is done; else the whole QP, the same that `mpc.tracking.qp.condense` gives, goes to
-`mpc.tracking.qp.certified`. `Riccati` solves the QP as a joint's is, sample by sample (`SizedQP`), and is given the
-dense one only where that has no proof.
+`mpc.tracking.qp.certified`. `Riccati` solves the QP as a joint's is, sample by sample (`SizedQP`). Where that takes the
+interior point, because many limits bind, the dense QP is faster: the next `DENSE_FOR` ones are solved so. Both answers
+are proved optimal, and the QP is strictly convex, so that they are the same.
 """
 
 from math import inf
@@ -28,6 +29,8 @@ from mpc.tracking.qp.condense import SLACKS, TrackingProblem
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.step import PreviousSample, QPAnswer
+
+DENSE_FOR = 12  # QPs
 
 
 def _charged(rows: Rows, n: int, stiffnesses: int) -> Array:
@@ -80,11 +83,12 @@ class CompiledArmQPStep:
         self._no_rows, self._no_bounds = np.zeros((0, z)), np.zeros(0)
         self._stiffnesses = outputs - m
         self.structured: SizedQP | None = None  # what `Riccati` takes
+        self._dense_for = 0  # QPs that are left to the dense one
 
     def __deepcopy__(self, memo: dict[int, object]) -> "CompiledArmQPStep":
         """Return one with buffers of its own."""
         other = CompiledArmQPStep(*self._given)
-        other.active_set = self.active_set
+        other.active_set, other._dense_for = self.active_set, self._dense_for
         return other
 
     @property
@@ -106,6 +110,7 @@ class CompiledArmQPStep:
 
     def reset(self) -> None:
         """Forget which bounds bound."""
+        self._dense_for = 0
         if self.structured is not None:
             self.structured.reset()
 
@@ -136,9 +141,15 @@ class CompiledArmQPStep:
         return self._whole(previous, solve, deadline, times)
 
     def _structured_answer(self, feed: FeedForward, previous: PreviousSample) -> Motion | None:
-        """Return what the proved solution of the structured QP leads to, if there is one and that is finite."""
+        """Return what the proved solution of the structured QP leads to, if it is its turn and that is finite."""
+        if self._dense_for:
+            self._dense_for -= 1
+            return None
         structured, (x, _, d, u_last, _), (states, _, y, _) = self._structured_qp(), self._now, self._path
-        if not structured.solved(self._path, self._u, feed, previous):
+        done = structured.solved(self._path, self._u, feed, previous)
+        if not done or structured.iterations:
+            self._dense_for = DENSE_FOR
+        if not done:
             return None
         u, after, outputs = np.empty_like(self._u), np.empty_like(states), np.empty_like(y)
         path = self._bounds, u_last, x, d, self._u, self._shape[0], structured.z

@@ -144,6 +144,7 @@ def test_the_structured_solution_is_that_of_the_dense_qp(both, near):
     rng, bound = np.random.default_rng(8), 0
     for _ in range(8):
         x, u, d, feed, previous, _ = both.situation(rng, near)
+        both.compiled.reset()  # after an interior point the dense QP would be next
         answer = both.compiled(x, u, d[:-1], feed, previous, Riccati(), inf)
         model = both.predictor.linearise(x, both.problem.limits.limited(previous.u, u), d[:-1])
         exact = certified(DAQP(), condense(both.problem, model, feed, *previous), inf, both.problem.curvature)
