@@ -9,6 +9,8 @@ V_0, the volume at ε = 0 with its tubing, is not in the force: it is given (`Mu
 """
 
 from collections.abc import Callable
+from math import pi, sin, sqrt, tan
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +18,11 @@ from allocator import checks
 from allocator.calculus import Value, five_point
 from allocator.errors import InvalidInput
 
+if TYPE_CHECKING:
+    from allocator.muscles.base import Muscle
+
+_BRAID = np.radians(25.0)  # of the fibres of an ordinary muscle at rest [rad]
+_HALF_WAY = 0.1  # contraction at which laws agree best [-]
 _NODES, _WEIGHTS = (column.tolist() for column in np.polynomial.legendre.leggauss(24))
 _MOST_VOLUME = 5e-3  # [m³] of a muscle; a number above this is litres or cubic centimetres
 _MOST_TUBE = 1e-3  # [m³]
@@ -30,6 +37,21 @@ def integral(f: Callable[[Value], Value], eps: Value) -> Value:
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
         total = total + weight * f(half * (1 + node))
     return half * total
+
+
+def usual_volume(muscle: "Muscle", P: float, rest_length: float) -> tuple[float, float]:
+    """Return the volume at rest [m³] of an ordinary braid that pulls at `P` [Pa] as hard as `muscle`, and its radius.
+
+    Its fibres are at 25°: F_P = π r² (a (1 - ε)² - b), a = 3/tan²α, b = 1/sin²α, by Tondu & Lopez's equation (7), is
+    solved for r at ε = 0.1, where both hold as much gas. Raises InvalidInput for a muscle that does not pull there.
+    """
+    gain = float(muscle.gain(P, _HALF_WAY))
+    if not gain > 0:
+        raise InvalidInput(f"this {type(muscle).__name__} gains no force by pressure at {_HALF_WAY:.0%} contraction")
+    e, a, b = _HALF_WAY, 3 / tan(_BRAID) ** 2, 1 / sin(_BRAID) ** 2
+    radius = sqrt(gain / pi / (a * (1 - e) ** 2 - b))
+    there = pi * radius**2 * (1 + a * (e - e**2 + e**3 / 3) - b * e)
+    return rest_length * (there - float(muscle.gain_integral(P, e))), radius
 
 
 def difference(f: Callable[[Value], Value], P: Value, step: float = 1e-3) -> Value:

@@ -35,6 +35,10 @@ def fit_motion_command(
     skip_rows: SkipRows = 0,
     drop_spikes: DropSpikes = False,
     out: Annotated[Path | None, typer.Option(help="Write the plant to this TOML file, for --machine.")] = None,
+    gas: Annotated[
+        bool | None,
+        typer.Option(help="Reckon with the gas in the muscles of --machine; by default if the log fits better."),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw free run, residuals and hysteresis into this image.")] = None,
     force: Force = False,
     as_json: AsJSON = False,
@@ -69,6 +73,7 @@ def fit_motion_command(
             data.P2,
             joint=given,
             scale_known=content is None or scale_known_in(content),
+            gas=gas,
             progress=lambda step: bar.update(task, advance=1, description=step),
         )
     plant = None if machine is None else _plant(fit, machine)

@@ -13,7 +13,7 @@ from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, Moti
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, search
-from allocator.identification.motion.static import Difference, Equilibrium
+from allocator.identification.motion.static import Difference, Equilibrium, with_gas
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import BAR, DEG
 
@@ -23,7 +23,7 @@ _JACKKNIFE = 10  # contiguous blocks, left out in turn for the intervals
 _WORSE = 1.02  # by which the error grows at least without something that the log shows,
 _MUCH_WORSE = 1.05  # and without inertia and damping, of which a little can always pass for lag
 _UNITS = {"lag_up": "s", "lag_down": "s", "dead_time": "s", "dead_band": "Pa", "base": "-", "damping": "s"}
-_UNITS |= {"filling": "s/Pa", "inertia": "s²", "loop_width": "rad", "stuck_slope": "-", "gain": "-"}
+_UNITS |= {"filling": "s/Pa", "volume": "-", "inertia": "s²", "loop_width": "rad", "stuck_slope": "-", "gain": "-"}
 _SIGNS = {  # what is told together, and the sentence if it is not; what may pass for something else comes first
     ("dead_band",): "the dead band: small steps up and down about one pressure would show it",
     ("base",): "that the hysteresis grows with P1 + P2: sweeps at several co-contractions would show it",
@@ -39,7 +39,7 @@ _TAPER = 0.3  # of the widths, at the ends of the range
 _LOOPS = ("loop_width", "stuck_slope", "base")
 _TIMES = ("dead_time", "lag_up", "lag_down")  # that pass for each other within a sample
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
-STEPS = 5 + LEFT_OUT + _JACKKNIFE + len(_SIGNS)  # of `progress`
+STEPS = 8 + LEFT_OUT + _JACKKNIFE + 2 * len(_SIGNS)  # of `progress`, at most
 
 
 def fit_motion(
@@ -50,6 +50,7 @@ def fit_motion(
     *,
     joint: AntagonistJoint | None = None,
     scale_known: bool = True,
+    gas: bool | None = None,
     progress: Callable[[str], object] | None = None,
 ) -> MotionFit:
     """Fit lags, dead time, dead band, hysteresis, inertia and damping to the log of a joint that moves without load.
@@ -70,6 +71,10 @@ def fit_motion(
         coefficients, of the pressures, and there is no plant to save.
     scale_known
         Whether the joint's forces are right and not only in proportion; where not, neither are those of the result.
+    gas
+        Whether to take account of the gas in the given joint's muscles, which motion compresses; without it lags,
+        hysteresis and inertia have to stand for that. By default whichever predicts the log better. Muscles of unknown
+        volume are taken for ordinary braids that pull like them.
     progress
         Called with a word before each of `STEPS` steps.
 
@@ -80,9 +85,12 @@ def fit_motion(
     """
     log = MotionLog.checked(t, theta, P1, P2)
     tell = progress or (lambda step: None)
+    full, taken = (joint, "") if joint is None or gas is False else with_gas(joint)
     every = log.settled
     early = every & (np.arange(log.n) < TRAINED * log.n)
-    trained, unseen = _seen(MotionProblem.of(log, _static(joint, log.greatest_pressure)), early, tell)
+    kinds = [False] if joint is None or gas is False else [True] if gas else [False, True]
+    problems = [MotionProblem.of(log, _static(full, log.greatest_pressure, held)) for held in kinds]
+    trained, unseen = min((_seen(problem, early, tell) for problem in problems), key=lambda seen: seen[0].rms)
     _check_sign(trained, early)
     tell("all rows")
     found = trained.again(every)
@@ -103,9 +111,9 @@ def fit_motion(
         held_out=_errors(trained, early, every & ~early),
         blocks=tuple(errors for errors, _ in left_out),
         bands=Bands.of(errors, _block(log.n, LEFT_OUT), found.problem.taut(run)),
-        unseen=(*unseen, *_taken(found, run)),
+        unseen=(*unseen, *_taken(found, run), *([taken] if taken and found.problem.gas else [])),
         converged=found.converged,
-        given=joint,
+        given=full if found.problem.gas else joint,
         scale_known=scale_known,
         problem=found.problem,
         x=found.x,
@@ -113,7 +121,7 @@ def fit_motion(
     )
 
 
-def _static(joint: AntagonistJoint | None, greatest: float) -> Difference | Equilibrium:
+def _static(joint: AntagonistJoint | None, greatest: float, gas: bool) -> Difference | Equilibrium:
     """Return what the static angle is a polynomial of, for pressures up to `greatest` [Pa]."""
     if joint is None:
         return Difference(greatest)
@@ -122,7 +130,7 @@ def _static(joint: AntagonistJoint | None, greatest: float) -> Difference | Equi
             f"the pressures of the log go up to {greatest / BAR:.3g} bar, those of the joint up to {supply / BAR:.3g} "
             "bar: check the unit of P1 and P2 [Pa], or the joint's supply"
         )
-    return Equilibrium(joint, greatest)
+    return Equilibrium(joint, greatest, gas)
 
 
 def _check_sign(found: Found, used: Mask) -> None:
@@ -146,8 +154,9 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
     tell("inertia and damping")
     found = _if_better(found, used, **_DYNAMIC)
     tell("filling")
-    if "lag_up" in problem.free:
+    if "lag_up" in found.problem.free:
         found = _if_better(found, used, **_FILLING)
+        found = _if_better(found, used, volume=1.0) if problem.gas else found
     if "filling" not in found.problem.free:
         unseen.append("how fast the valves can fill the muscles: great steps of the pressures would show it")
     best = found.rms

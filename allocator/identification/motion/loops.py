@@ -1,5 +1,6 @@
 """What runs sample by sample is written here in plain Python, and compiled by numba where it can be."""
 
+from collections.abc import Sequence
 from functools import cache
 from math import exp
 
@@ -12,16 +13,29 @@ from allocator.joint.hysteresis import pass_plays
 _INSTANT = 1e-9  # [s] a shorter lag is none
 
 
-def follow(t: Array, u: Array, up: float, down: float, dead: float, rest: float, slowest: float, out: Array) -> None:
+def follow(
+    t: Array,
+    u: Array,
+    squeezed: Array,
+    around: float,
+    up: float,
+    down: float,
+    dead: float,
+    rest: float,
+    slowest: float,
+    out: Array,
+) -> None:
     """Fill `out` (m,) with the pressures [Pa] of a regulator that is told u (m,) [Pa] at the times t (m,) [s].
 
     Each command holds until the next and acts after the dead time `dead` [s]; the pressure follows with the time
     constant `up` or `down` [s], to within `rest` [Pa], half the dead band, but takes `slowest` [s/Pa] at least, as the
-    valves let no more through; it begins at the first command.
+    valves let no more through; it begins at the first command. On the way to row k the joint's motion multiplies the
+    absolute pressure by squeezed[k]² (m,), half of it before the regulator and half after; `around` is p_a [Pa].
     """
     acting, pressure = 0, u[0]
     out[0] = pressure
     for k in range(1, len(t)):
+        pressure = (pressure + around) * squeezed[k] - around
         now = t[k - 1]
         while now < t[k]:
             while acting + 1 < k and t[acting + 1] + dead <= now:
@@ -39,6 +53,7 @@ def follow(t: Array, u: Array, up: float, down: float, dead: float, rest: float,
                 pressure, error, left = pressure + moved, error - moved, left - filling
             pressure += error * (1 - exp(-left / lag))
             now = until
+        pressure = (pressure + around) * squeezed[k] - around
         out[k] = pressure
 
 
@@ -86,16 +101,16 @@ def _compiled(name: str) -> jit.Function:
     return jit.compiled(_LOOPS[name], (), inline=False, unaliased=False) or _LOOPS[name]
 
 
-def pressures(t: Array, u: Array, up: float, down: float, dead: float, band: float, slowest: float) -> Array:
-    """Return the pressures (m,) [Pa] after `follow`; `band` is the whole dead band [Pa].
+def pressures(t: Array, u: Array, squeezed: Array, around: float, regulator: Sequence[float]) -> Array:
+    """Return the pressures (m,) [Pa] after `follow`, of a `regulator` (up, down, dead, whole dead band, slowest).
 
     Without any lag, dead time and so on they are u itself: pressures that were measured, and not commands to hold.
     """
-    if not (up or down or dead or band or slowest):
+    if not any(regulator):
         return u
-
+    up, down, dead, band, slowest = map(float, regulator)
     out = np.empty(t.size)
-    _compiled("follow")(t, u, float(up), float(down), float(dead), float(band) / 2, float(slowest), out)
+    _compiled("follow")(t, u, squeezed, around, up, down, dead, band / 2, slowest, out)
     return out
 
 

@@ -1,14 +1,17 @@
 """The least-squares problem of a moving joint is the output error of a free run: no measured angle is fed back.
 
-    P_i = regulator(u_i; τ_up, τ_down, t_dead, dead band, filling)              `loops.follow`
+    P_i = regulator(u_i; τ_up, τ_down, t_dead, dead band, filling), gas         `loops.follow`
     u   = Σ c_j φ_j(P1, P2)                                                     static angle
     θ   = H[u],   H = 1 - Σ w_i (1 - play_{r_i s(P1 + P2)})                     `PrandtlIshlinskii` of gain 1
 
     minimise  Σ_k (θ_k - θ̂_k)²     over τ_up, τ_down, t_dead, dead band, filling, s_0, c,   w_i ≥ 0,  Σ w_i ≤ 1 - w_min
 
 For given nonlinear unknowns the weights are a problem of nonnegative least squares, convex with one optimum, and are
-eliminated (variable projection). Where the log shows inertia and damping, H acts inside the balance of torques over the
-stiffness, whose springs are its inverse: a joint that swings turns round again and again where u does not.
+eliminated (variable projection). Motion compresses the gas of a given joint: without the regulator (P_i + p_a) V_i^κ
+would stay (G3). V_i follows the measured angle, the only part that it has in a free run.
+
+Where the log shows inertia and damping, H acts inside the balance of torques over the stiffness, whose springs are its
+inverse: a joint that swings turns round again and again where u does not.
 
     (a2 θ'' + a1 θ')/k(P1 + P2) + H⁻¹[θ] = u,   H⁻¹[θ] = θ + Σ κ_i e_i[θ],   κ_i ≥ 0              `loops.swing`
 
@@ -39,14 +42,15 @@ _POWERS = ((0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 1
 _STRONGEST = 1 / STIFFEST - 1  # Σ κ_i at most
 _NO_SPRING = 1e-4  # κ_i below which there is no stop
 _LEAST_STIFF = 0.05  # of the usual stiffness, below which it is not taken to fall
+_ROUNDS, _CLOSE = 60, 1e-4  # of a free run without a measured angle, and a change [rad] after which it is done
 _RIDGE = 1e-4 * DEG  # per unit of a coefficient: decides what the log leaves open
 
-NONLINEAR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "base", "damping", "inertia")
-LOWER = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0), strict=True))
-UPPER = dict(zip(NONLINEAR, (3.0, 3.0, 0.5, 1 * BAR, 2 / BAR, 1.0, 1.0, 0.1), strict=True))
-_CHANGES = (0.1, 0.1, 0.05, 0.2 * BAR, 0.1 / BAR, 0.3, 0.05, 2e-3)
+NONLINEAR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "volume", "base", "damping", "inertia")
+LOWER = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.05, 0.0, 0.0), strict=True))
+UPPER = dict(zip(NONLINEAR, (3.0, 3.0, 0.5, 1 * BAR, 2 / BAR, 5.0, 1.0, 1.0, 0.1), strict=True))
+_CHANGES = (0.1, 0.1, 0.05, 0.2 * BAR, 0.1 / BAR, 0.3, 0.3, 0.05, 2e-3)
 STEP = dict(zip(NONLINEAR, _CHANGES, strict=True))  # usual size of a change
-ABSENT = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0), strict=True))
+ABSENT = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0), strict=True))
 
 
 class Prediction(NamedTuple):
@@ -109,6 +113,11 @@ class MotionProblem:
         return x[x.size - len(self.powers) :]
 
     @property
+    def gas(self) -> bool:
+        """Return whether motion compresses the gas of the given joint's muscles."""
+        return isinstance(self.static, Equilibrium) and self.static.gas
+
+    @property
     def swings(self) -> bool:
         """Return whether inertia and damping are unknowns, and with them the springs of the stops."""
         return "damping" in self.free
@@ -129,14 +138,22 @@ class MotionProblem:
         """
         log, lags = self.log, self._lags(x)
         if lags not in self._last:
-            P1, P2 = (loops.pressures(log.t, u, *lags) for u in (log.P1, log.P2))
+            P1, P2 = self._pressures(log.t, (log.P1, log.P2), log.theta, lags)
             self._last.clear()
             self._last[lags] = P1, P2, self.basis(P1, P2)
         return self._last[lags]
 
-    def _lags(self, x: Array) -> tuple[float, float, float, float, float]:
+    def _pressures(
+        self, t: Array, commands: tuple[Array, Array], theta: Array, lags: tuple[float, ...]
+    ) -> tuple[Array, Array]:
+        *regulator, volume = lags
+        squeezed, around = self.static.squeezed(theta, volume)
+        one, two = (loops.pressures(t, u, s, around, regulator) for u, s in zip(commands, squeezed, strict=True))
+        return one, two
+
+    def _lags(self, x: Array) -> tuple[float, ...]:
         v = self.values(x)
-        return v["lag_up"], v["lag_down"], v["dead_time"], v["dead_band"], v["filling"]
+        return v["lag_up"], v["lag_down"], v["dead_time"], v["dead_band"], v["filling"], v["volume"]
 
     def run(self, x: Array, used: Mask) -> Prediction:
         """Run freely over the whole log, with the best weights on the rows `used` (n,)."""
@@ -195,12 +212,17 @@ class MotionProblem:
             run = self.elsewhere(even, (one[before], two[before]), x, weights)
             theta, u, P1, P2 = (np.interp(t, even, rows) for rows in run[:4])
             return Prediction(theta, u, P1, P2, weights)
-        P1, P2 = (loops.pressures(t, command, *self._lags(x)) for command in commands)
-        u = np.einsum("j,jn", self.coefficients(x), self.basis(P1, P2))
-        if self.swings:
-            theta = self.swung(u, P1, P2, x, weights, float(np.median(np.diff(t))))
-        else:
-            theta = np.asarray(u + np.einsum("i,in", weights, self.behind(u, P1, P2, x)))
+        theta, last = np.zeros(t.size), np.zeros(t.size)
+        for _ in range(_ROUNDS if self.gas else 1):  # the motion compresses the gas, which moves the joint
+            P1, P2 = self._pressures(t, commands, theta, self._lags(x))
+            u = np.einsum("j,jn", self.coefficients(x), self.basis(P1, P2))
+            if self.swings:
+                theta = self.swung(u, P1, P2, x, weights, float(np.median(np.diff(t))))
+            else:
+                theta = np.asarray(u + np.einsum("i,in", weights, self.behind(u, P1, P2, x)))
+            if np.abs(theta - last).max() < _CLOSE:
+                break
+            last = theta = (theta + last) / 2 if self.gas else theta
         return Prediction(theta, u, P1, P2, weights)
 
     # --- least squares ----------------------------------------------------------------------------------------------

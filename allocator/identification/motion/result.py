@@ -15,9 +15,10 @@ from allocator.identification.least_squares import rms
 from allocator.identification.motion.doubt import AngleBand, Bands
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.static import fit_muscles
+from allocator.identification.motion.static import Equilibrium, fit_muscles
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.hysteresis import PrandtlIshlinskii
+from allocator.muscles import Muscle
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 
@@ -179,6 +180,9 @@ class MotionFit:
         run, given, log = self.problem.run(x, used), self.given, self.log
         rows = np.flatnonzero(used)[np.linspace(0, used.sum() - 1, min(int(used.sum()), _MUSCLE_ROWS)).astype(int)]
         agonist, antagonist, zero = fit_muscles(given, run.static[rows], run.P1[rows], run.P2[rows])
+        if isinstance(self.problem.static, Equilibrium) and self.problem.gas:
+            more = self.problem.static.supplement(self.problem.values(x)["volume"])
+            agonist, antagonist = (_holding(*one, given) for one in zip((agonist, antagonist), more, strict=True))
         low, high = given.pressure_limits
         least, limits = _reach(given, log.theta - zero)
         joint = replace(
@@ -260,6 +264,7 @@ LABELS = {
     "dead_time": Label("dead_time_s", "dead time", "s", 1.0),
     "dead_band": Label("dead_band_bar", "dead band, total", "bar", BAR),
     "filling": Label("filling_s_per_bar", "time to fill at least", "s/bar", 1 / BAR),
+    "volume": Label("gas_volume", "volume of the gas over that of the given joint", "-", 1.0),
     "base": Label("width_without_pressure", "share of the loop's width left at 0 bar", "-", 1.0),
     "loop_width": Label("loop_width_deg", "width of the hysteresis loop at P1 + P2 = 5 bar", "°", DEG),
     "stuck_slope": Label("stuck_slope", "slope while the joint sticks over the slope while it slides", "-", 1.0),
@@ -267,6 +272,12 @@ LABELS = {
     "damping": Label("damping_over_stiffness_s", "damping over stiffness", "s", 1.0),
     "inertia": Label("inertia_over_stiffness_s2", "inertia over stiffness", "s²", 1.0),
 }
+
+
+def _holding(muscle: Muscle, more: float, given: AntagonistJoint) -> Muscle:
+    """Return the muscle with `more` gas [m³]."""
+    at_rest = float(muscle.volume_at_rest(given.geometry.rest_length)) - muscle.tube_volume + more
+    return replace(muscle, inner_radius=None, rest_volume=at_rest) if more else muscle
 
 
 def _reach(given: AntagonistJoint, theta: Array) -> tuple[float, tuple[float, float] | None]:

@@ -22,6 +22,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
+from allocator.muscles.volume import usual_volume
 from allocator.units import DEG
 
 if TYPE_CHECKING:
@@ -52,6 +53,10 @@ class Difference:
         """Return what the stiffness (…) is about in proportion to [Pa]: P1 + P2."""
         return np.asarray(P1 + P2)
 
+    def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
+        """Return that no motion changes the pressures, see `Equilibrium`: nothing is known of the muscles."""
+        return (np.ones(theta.size), np.ones(theta.size)), 0.0
+
 
 @dataclass(frozen=True)
 class Equilibrium:
@@ -59,6 +64,7 @@ class Equilibrium:
 
     joint: AntagonistJoint
     greatest: float  # P_max [Pa]
+    gas: bool = True  # whether its muscles hold any that motion compresses
 
     def __call__(self, P1: Array, P2: Array) -> Array:
         """Return q (…) [rad]."""
@@ -67,6 +73,28 @@ class Equilibrium:
     def stiffness(self, P1: Array, P2: Array) -> Array:
         """Return the stiffness (…) [N·m/rad] of the joint at rest."""
         return np.asarray(self._splines[1].ev(P1, P2))
+
+    def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
+        """Return by what half of each move of `theta` (n,) [rad] multiplies the absolute pressures, two rows (n,).
+
+        √((V_{k-1}/V_k)^κ), 1 at the first   (G3); and p_a [Pa]. In the middle V is `volume` times that of the joint.
+        """
+        if not self.gas:
+            return (np.ones(theta.size), np.ones(theta.size)), 0.0
+        gas, P = self.joint.gas, self.greatest / 2
+        low, high = self.joint.geometry.reach
+        inside = np.clip(theta, max(low, -_TURN), min(high, _TURN))
+        squeezed = []
+        for side, more in zip(self.joint.sides(inside, (1.0, 1.0)), self.supplement(volume), strict=True):
+            log_V = np.log(side.volume(P) + more)
+            squeezed.append(np.exp(-gas.kappa / 2 * np.diff(log_V, prepend=log_V[:1])))
+        return (squeezed[0], squeezed[1]), gas.atmosphere
+
+    def supplement(self, volume: float) -> tuple[float, float]:
+        """Return what both muscles hold [m³] beyond the joint's, so that in the middle it is `volume` times that."""
+        one, two = self.joint.sides(sum(self.joint.angle_range) / 2, (1.0, 1.0))
+        P = self.greatest / 2
+        return (volume - 1) * float(one.volume(P)), (volume - 1) * float(two.volume(P))
 
     @cached_property
     def _splines(self) -> tuple["RectBivariateSpline", "RectBivariateSpline"]:
@@ -90,6 +118,24 @@ class Equilibrium:
         nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), np.stack([theta, K], axis=-1)[known])
         there = np.where(known[..., None], np.stack([theta, K], axis=-1), nearest(P1, P2))
         return tuple(RectBivariateSpline(P, P, there[..., i], kx=1, ky=1) for i in (0, 1))
+
+
+def with_gas(joint: AntagonistJoint) -> tuple[AntagonistJoint, str]:
+    """Return the joint with a volume in both muscles, and what was assumed for it; "" where it was known."""
+    radii, muscles = [], []
+    for muscle in (joint.agonist, joint.antagonist):
+        if muscle.rest_volume is None and muscle.inner_radius is None and muscle.own_radius is None:
+            P, length = joint.pressure_limits[1] / 2, joint.geometry.rest_length
+            volume, radius = usual_volume(muscle, P, length)
+            radii.append(f"{1e3 * radius:.1f} mm")
+            muscle = replace(muscle, rest_volume=volume)
+        muscles.append(muscle)
+    if not radii:
+        return joint, ""
+    tubes = " and ".join(dict.fromkeys(radii))
+    known = "inner_radius or rest_volume of the muscles in the file of --machine says it"
+    taken = f"how much gas the muscles hold: taken as in braids of {tubes} radius, which pull like them; {known}"
+    return replace(joint, agonist=muscles[0], antagonist=muscles[1]), taken
 
 
 def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple[Muscle, Muscle, float]:

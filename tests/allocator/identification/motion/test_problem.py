@@ -24,7 +24,7 @@ def some_log(n=600, seed=0):
 @pytest.mark.parametrize("slowest", [0.0, 0.1, 0.25])
 def test_a_regulator_follows_as_its_differential_equation_says(slowest):
     t, u = np.array([0.0, 0.3, 1.0, 1.1, 2.0]), np.array([2.0, 4.0, 1.5, 3.0, 3.0]) * BAR
-    found = loops.pressures(t, u, 0.2, 0.35, 0.12, 0.3 * BAR, slowest / BAR)
+    found = loops.pressures(t, u, np.ones(t.size), 0.0, (0.2, 0.35, 0.12, 0.3 * BAR, slowest / BAR))
 
     def rate(at, P):
         error = u[max(np.searchsorted(t, at - 0.12, side="right") - 1, 0)] - P[0]
@@ -36,14 +36,31 @@ def test_a_regulator_follows_as_its_differential_equation_says(slowest):
     np.testing.assert_allclose(found, solved.y[0], rtol=0, atol=2e-3 * BAR)
 
 
+def test_motion_compresses_the_gas_as_its_differential_equation_says():
+    """P' = (u - P)/τ - κ (P + p_a) V'/V   (G3), V given; steps of the rows are shorter than the lag."""
+    t, kappa, around = np.arange(0.0, 3.0, 0.005), 1.3, 1.01e5
+    u = np.where(t < 1.5, 2.0, 3.0) * BAR
+    log_V = 0.2 * np.sin(2 * np.pi * 0.8 * t)
+    squeezed = np.exp(-kappa / 2 * np.diff(log_V, prepend=log_V[:1]))
+    found = loops.pressures(t, u, squeezed, around, (0.1, 0.1, 0.0, 0.0, 0.0))
+
+    def rate(at, P):
+        told = 2.0 * BAR if at < 1.5 else 3.0 * BAR
+        return [(told - P[0]) / 0.1 - kappa * (P[0] + around) * 0.2 * 1.6 * np.pi * np.cos(2 * np.pi * 0.8 * at)]
+
+    solved = solve_ivp(rate, (0, t[-1]), [2 * BAR], t_eval=t, rtol=1e-8, max_step=1e-3)
+    assert np.ptp(solved.y[0]) > 0.5 * BAR
+    np.testing.assert_allclose(found, solved.y[0], rtol=0, atol=0.01 * BAR)
+
+
 @pytest.mark.parametrize("name", ["follow", "pass_plays", "swing"])
 def test_the_loops_do_compiled_what_they_do_as_they_stand(name):
     log, r = some_log(), np.array([0.01, 0.03, 0.1])
     s = 0.3 + 0.7 * (log.P1 + log.P2) / FILLED
     if name == "follow":
-        out = np.empty(log.n)
-        loops.follow(log.t, log.P1, 0.1, 0.2, 0.07, 0.02 * BAR, 0.1 / BAR, out)
-        found = loops.pressures(log.t, log.P1, 0.1, 0.2, 0.07, 0.04 * BAR, 0.1 / BAR)
+        out, squeezed = np.empty(log.n), np.linspace(0.99, 1.01, log.n)
+        loops.follow(log.t, log.P1, squeezed, 1e5, 0.1, 0.2, 0.07, 0.02 * BAR, 0.1 / BAR, out)
+        found = loops.pressures(log.t, log.P1, squeezed, 1e5, (0.1, 0.2, 0.07, 0.04 * BAR, 0.1 / BAR))
     elif name == "swing":
         out, kappa = np.empty(log.n), np.array([0.5, 0.4, 0.3])
         loops.swing(log.theta, s, s, kappa, r, 0.02, 0.01, 0.05, np.zeros(3), out)
