@@ -21,6 +21,7 @@ from mpc.export.tuning import tuning_constants, tuning_definition
 from mpc.model import compensation
 from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
+from mpc.observer.filter import OFFSET_TIME, SETTLED
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, rest
 from mpc.tracking.controller import TrackingMPC
@@ -175,6 +176,9 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             "CROSSING": (observer.crossing, "samples without a rejection after which there is no rival"),
             "FIRST": (kalman.FIRST, "samples in which what is rejected may as well be right"),
             "COARSEST": (kalman.COARSEST, "step of an encoder at most [rad]"),
+            "LEARNING": (observer.dt / OFFSET_TIME, "share of an innovation by which a pressure's offset moves"),
+            "SETTLED": (SETTLED, "a pressure this near to its command shows its offset [Pa]"),
+            "MOST_OFFSET": (observer.noise.offset, "of a pressure sensor against its regulator [Pa]"),
             "ENCODER_NOISE": (observer.noise.theta, "standard deviation of the angle's noise at least [rad]"),
             "DOUBT": (gating.DOUBT, "standard deviations at which a repeated reading is not believed"),
         }

@@ -19,10 +19,15 @@ _PLAIN = (
 
 
 def real_plant(process: Plant | RealPlant) -> RealPlant:
-    """Return `process` as a real plant, if C can do what it does. Raises InvalidInput for faults."""
+    """Return `process` as a real plant, if C can do what it does.
+
+    Raises InvalidInput for faults, and for readings that are old or off.
+    """
     real = RealPlant(process) if isinstance(process, Plant) else process
     if real.faults:
         raise InvalidInput(f"a plant with faults ({len(real.faults)} of them) cannot be exported; leave them away")
+    if real.reading_age or any(real.pressure_offset):
+        raise InvalidInput("a plant with reading_age or pressure_offset cannot be exported; leave them away")
     if real.torque_profile:
         raise InvalidInput(
             f"a plant with torque_profile = {real.torque_profile} cannot be exported: its torque comes from outside, "

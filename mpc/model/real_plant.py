@@ -4,7 +4,7 @@
     P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e less the dead band, 0 within it,
                                                                  τ_i that of a rising or of a falling pressure
     q_i = κ (P_i + p_a) V_i'/V_i^eff, if the nominal plant has gas
-    measured: θ rounded to the encoder's step, P_i + noise; not ω
+    measured: θ(t - t_age) rounded to the encoder's step, P_i + o_i + noise; not ω
 
 with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.hysteresis` or of
 `mpc.model.friction`. Within its dead band a regulator is a shut valve: the gas is trapped. A muscle that pulls g_i
@@ -21,6 +21,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import report_joint
@@ -52,7 +53,9 @@ class RealPlant:
     lag_down: float | None = None  # of a falling one [s]
     flow: float = inf  # fastest change of a pressure [Pa/s]
     encoder: float = 0.0  # [rad] a step
+    reading_age: float = 0.0  # t_age of the angle's readings [s]
     pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
+    pressure_offset: tuple[float, float] = (0.0, 0.0)  # o_i by which the sensors read more [Pa]
     torque_profile: tuple[tuple[float, float], ...] = ()  # (from time [s] on, external torque [N·m]), in order
     shut: tuple[bool, bool] = (False, False)  # valves that stay shut, whatever is commanded
     faults: tuple[Fault, ...] = ()  # each in its window of time, the first is nearest to the plant
@@ -65,6 +68,10 @@ class RealPlant:
                 raise InvalidInput(f"{name} = {value:g} {unit} has to be 0 or more, and finite")
             object.__setattr__(self, name, value)
         check_regulators(self)
+        offsets = tuple(checks.number("pressure_offset", offset, "Pa") for offset in self.pressure_offset)
+        if len(offsets) != NU or max(map(abs, offsets)) > BAR:
+            raise InvalidInput(f"pressure_offset = {self.pressure_offset} Pa has to be two numbers within ±1e5 Pa")
+        object.__setattr__(self, "pressure_offset", offsets)
         object.__setattr__(self, "friction", friction_of(self.friction))
         object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
         if len(self.force_gains) != NU or not all(isfinite(g) and g >= 0 for g in self.force_gains):
@@ -278,6 +285,8 @@ class RealExperiment:
         self._said = np.full(NX, np.nan)  # by the sensors, a sample ago
         self._pieces, waiting = delayed(real.dead_time, dt)
         self._waiting = [np.array(x0[2:])] * waiting  # commands on their way, oldest first
+        remembered = int(real.reading_age / dt) + 2 if real.reading_age else 0
+        self._angles = [float(x0[0])] * remembered  # of the last samples, oldest first
         # by the shares of the forces that reach the joint, and the valves that are shut
         self._integrators = {((1.0, 1.0), real.shut): self._integrator(real)}
 
@@ -292,14 +301,23 @@ class RealExperiment:
 
     def read(self, noise: Array) -> Array:
         """Read the sensors (4,) with the `noise` (2,) of the pressure sensors in standard deviations."""
-        theta, _, *P = self.x
-        step = self.real.encoder
+        _, _, *P = self.x
+        step, theta = self.real.encoder, self._angle_then
         read = step * np.round(theta / step) if step else theta
-        y = np.array([read, np.nan, *(P + self.real.pressure_noise * noise)])
+        y = np.array([read, np.nan, *(P + np.array(self.real.pressure_offset) + self.real.pressure_noise * noise)])
         for fault in self._faults:
             y = fault.read(y + fault.offset(self._sample * self.dt), self._said)
         self._said = y
         return y
+
+    @property
+    def _angle_then(self) -> float:
+        """The angle [rad] when the reading of now was taken, between samples on a straight line."""
+        if not self._angles:
+            return float(self._full[0])
+        whole, part = divmod(self.real.reading_age / self.dt, 1.0)
+        now, before = self._angles[-1 - int(whole)], self._angles[-2 - int(whole)]
+        return now + part * (before - now)
 
     @property
     def _faults(self) -> list[Fault]:
@@ -308,16 +326,17 @@ class RealExperiment:
 
     @property
     def memory(self) -> Array:
-        """Return all that the future depends on besides the time (n,): `x`, friction's memory, the commands on their
-        way.
+        """Return all that the future depends on besides the time (n,): `x`, friction's memory, the commands on
+        their way, the angles that are still to be read.
         """
-        return np.concatenate([self._full, *self._waiting])
+        return np.concatenate([self._full, *self._waiting, self._angles])
 
     def recall(self, memory: Array, sample: int) -> None:
         """Go to a `memory` (n,), at the `sample` since the beginning."""
-        there = self._full.size
+        there, angles = self._full.size, memory.size - len(self._angles)
         self._full, self._sample = np.array(memory[:there]), sample
-        self._waiting = list(np.reshape(memory[there:], (-1, NU)))
+        self._waiting = list(np.reshape(memory[there:angles], (-1, NU)))
+        self._angles = memory[angles:].tolist()
 
     def advance(self, u: Array, d: float = 0.0) -> None:
         """Advance by one sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's
@@ -331,6 +350,7 @@ class RealExperiment:
                 command = fault.effective(command, self._full[2:NX])
             self._full = self._integrate(self._full, command, d, duration)[0][0]
         self._waiting.pop(0)
+        self._angles = [*self._angles, float(self._full[0])][1:] if self._angles else []
         self._sample += 1
 
     @property
@@ -363,4 +383,6 @@ class RealExperiment:
         return Buffered(ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)]))
 
 
-_UNITS = (("dead_time", "s"), ("dead_band", "Pa"), ("encoder", "rad"), ("pressure_noise", "Pa"))
+_UNITS = (
+    ("dead_time", "s"), ("dead_band", "Pa"), ("encoder", "rad"), ("reading_age", "s"), ("pressure_noise", "Pa")
+)  # fmt: skip

@@ -7,6 +7,15 @@ from outside at every joint and T_f the friction that `Compensation` knows. d is
 nothing of a constant torque is left, nor of muscles that pull otherwise than their laws say. Of a joint (n = 1, m = 2)
 ξ = (θ, ω, P1, P2, d).
 
+A regulator follows a sensor of its own: the measured pressure comes to rest off the command, by o. A sensor is taken to
+read P + o, so that the pressures of the estimate are those to which commands lead. With d and o there are as many
+integrators as outputs, and nothing constant is left of the angle's error (Pannocchia and Rawlings, AIChE J.
+49:426-437, 2003). o follows the filter's innovations,
+
+    o_{k+1} = o_k + dt/T_o (y_P - o - P̂_{k|k-1})_k within ± `Noise.offset`,      T_o = `OFFSET_TIME`
+
+while the pressure is within `SETTLED` of its command: a leak is farther off, and lags do not look like offsets.
+
 The plant is evaluated only within the joint range and the supply, for which its muscles' laws are made; beyond, its
 slope there is continued: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state within.
 """
@@ -29,6 +38,8 @@ from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.gating import Gate
 
+OFFSET_TIME = 0.5  # T_o [s]
+SETTLED = 0.2 * BAR
 _UNSURE = 4.0  # times the stationary variance, where little is known
 
 
@@ -44,12 +55,14 @@ class Noise:
     omega_walk: float = 0.2  # [rad/s/√s]
     pressure_walk: float = 0.07 * BAR  # [Pa/√s]
     d_walk: float = 1.9  # [N·m/√s]
+    offset: float = 0.06 * BAR  # most of a regulator's offset against the sensor that is estimated [Pa]; 0: none is
 
     def __post_init__(self) -> None:
         """Check."""
         for name, unit in (("theta", "rad"), ("pressure", "Pa")):
             checks.positive(f"Noise: {name}", getattr(self, name), unit)
-        for name, unit in (("omega_walk", "rad/s/√s"), ("pressure_walk", "Pa/√s"), ("d_walk", "N·m/√s")):
+        walks = ("omega_walk", "rad/s/√s"), ("pressure_walk", "Pa/√s"), ("d_walk", "N·m/√s"), ("offset", "Pa")
+        for name, unit in walks:
             checks.not_negative(f"Noise: {name}", getattr(self, name), unit)
 
     def Q(self, dt: float, n: int = 1, m: int = 2) -> Array:
@@ -151,6 +164,16 @@ class Filter:
         xi = belief.xi.copy()
         xi[self.measured[there]] = read[there]
         return Belief(xi, self.unsure)
+
+    def learned(self, offset: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
+        """Return the offsets (m,) [Pa] after what is `expected` of the readings `there` (n + m,) of `read`.
+
+        `v` (m,) [Pa] are the commands that act.
+        """
+        n, most, P = self.plant.n, self.noise.offset, expected.xi[self.measured[self.plant.n :]]
+        error = np.where(there[n:] & (np.abs(v - P) <= SETTLED), read[n:] - P, 0.0)
+        moved = offset + self.dt / OFFSET_TIME * error
+        return np.asarray(np.minimum(np.maximum(moved, -most), most))
 
     def can_be_sent(self, u: Array) -> Mask:
         """Return whether commands `u` (m,) [Pa] are numbers that a regulator was given."""

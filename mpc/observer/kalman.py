@@ -91,6 +91,7 @@ class KalmanObserver:
         self._verdicts = [Verdict.SILENT] * self._measured.size  # on the last readings of angles and pressures
         self.rebuilt = 0  # how often the state was not finite and had to be built anew
         self._read = np.full(self._measured.size, np.nan)  # what the sensors said a sample ago
+        self._offset = np.zeros(self.plant.m)  # of the pressures' sensors against the regulators [Pa]
         self._silent = np.zeros(self._measured.size)  # for how long [s]
         self._repeating = np.zeros(self._measured.size)  # for how long [s]
         self._frozen = np.zeros(self._measured.size, bool)
@@ -127,6 +128,12 @@ class KalmanObserver:
         """The verdicts are those on the last readings of angles and pressures."""
         ordinary = self.compiled is not None and self.compiled.ahead
         return [Verdict.BELIEVED] * self._measured.size if ordinary else self._verdicts
+
+    @property
+    def offset(self) -> Array:
+        """Return by how much each pressure sensor reads more than the pressure that commands lead to (m,) [Pa]."""
+        self._catch_up()
+        return self._offset.copy()
 
     @property
     def encoder_step(self) -> float:
@@ -223,7 +230,8 @@ class KalmanObserver:
         one, two = diagnosis.pressures
         return {
             "belief": belief, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
-            "read": self._read, "repeating": self._repeating, "step": self._step[0], "samples": 0.0,
+            "read": self._read, "offset": self._offset, "repeating": self._repeating, "step": self._step[0],
+            "samples": 0.0,
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
             "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
             "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
@@ -237,6 +245,7 @@ class KalmanObserver:
         samples, sensors = int(state.samples), range(self._measured.size)
         self._belief, self._verdicts = Belief.of(state.belief), [Verdict.BELIEVED] * len(sensors)
         self._read, self._repeating, self._silent = state.read.copy(), state.repeating.copy(), np.zeros(len(sensors))
+        self._offset = state.offset.copy()
         self._without = {i: Belief.of(state.without[i]) for i in sensors if state.repeats[i]}
         self._step, self._variances = np.array([state.step]), state.variances.copy()
         self._gates[0].floor = float(state.floor[0])
@@ -298,11 +307,13 @@ class KalmanObserver:
             self._belief = self._rebuilt(previous, read, self._believed)
             return
         read[self._angles] = [self.gate.unwrapped(*angle) for angle in self._turned(said, expected.xi)]
+        read[self.plant.n :] -= self._offset
         self._verdicts = self._checked(read, expected)
         repeated = said == self._read
         expected = self._without_frozen(previous, expected, repeated, read, memory)
         expected = self._rival_or(expected, read, repeated, memory)
         believed = self._believed
+        self._offset = self.filter.learned(self._offset, read, expected, believed, self._commands[0])
         found = self.filter.corrected(expected, read, believed, self._variances)
         self._samples = min(self._samples + 1, FIRST + 1)
         self._belief = found if found.sound else self._rebuilt(previous, read, believed)

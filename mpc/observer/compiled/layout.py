@@ -36,6 +36,8 @@ class Known:
     substeps: int
     tolerance: float  # [s]
     dead_band: float  # [Pa]
+    learning: float  # share of an innovation by which an offset moves in a sample
+    most_offset: float  # [Pa]
     theta_noise: float  # [rad]
     theta_floor: float  # [rad]
     sigma: float  # [Pa]
@@ -53,6 +55,7 @@ class State:
     variances: Annotated[Array, 3]  # of the sensors
     floor: Annotated[Array, 3]  # of the gates
     read: Annotated[Array, 3]
+    offset: Annotated[Array, 2]  # of the pressures' sensors [Pa]
     repeating: Annotated[Array, 3]  # [s]
     repeats: Annotated[Array, 3]  # whether there is a belief without the sensor
     step: float  # of the encoder [rad]
@@ -71,6 +74,7 @@ class Work:
     near: Annotated[Array, 4]  # the nearest state for which the muscles' laws are made
     inside: Annotated[Array, SIZE]  # the nearest ξ that is possible
     acting: Annotated[Array, 2]  # commands less the dead band [Pa]
+    taken: Annotated[Array, 3]  # readings without the offsets
     gain: Annotated[Array, SIZE]
     S: Annotated[Array, SIZE, SIZE + 1]  # Jacobian of a sample by ξ, and the state at its end
     at: Annotated[Array, 4, SIZE + 1]  # the same on the way there, with its slope and the sum of slopes

@@ -22,7 +22,7 @@ from mpc.model.plant import NU, NX, Plant
 from mpc.observer import diagnosis, pressure_diagnosis, torque_diagnosis
 from mpc.observer.compiled.layout import Made, made
 from mpc.observer.diagnosis import Diagnosis, pulling
-from mpc.observer.filter import Filter
+from mpc.observer.filter import OFFSET_TIME, Filter
 
 if TYPE_CHECKING:
     from casadi import Function
@@ -75,7 +75,8 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
     known = {
         "inner": own.inner, "outer": own.outer, "Q": own.Q, "Q_rest": own.Q_rest, "possible": (gate.lower, gate.upper),
         "dt": dt, "h": dt / substeps, "substeps": substeps, "tolerance": judged.tolerance,
-        "dead_band": own.compensation.dead_band, "theta_noise": own.noise.theta, "theta_floor": gate.floor[0],
+        "dead_band": own.compensation.dead_band, "learning": own.dt / OFFSET_TIME,
+        "most_offset": own.noise.offset, "theta_noise": own.noise.theta, "theta_floor": gate.floor[0],
         "sigma": one.sigma, "seen": one.seen, "quick": (one.quick, two.quick), "slow": (one.slow, two.slow),
         "usual": joint.usual,
     }  # fmt: skip

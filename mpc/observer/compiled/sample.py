@@ -20,6 +20,7 @@ from mpc.model.integration import NODES, SHARES
 from mpc.observer import pressure_diagnosis, torque_diagnosis
 from mpc.observer.compiled.layout import MEASURED, SIZE, Belief, Places, Sample
 from mpc.observer.diagnosis import Joint, follow, less_lost
+from mpc.observer.filter import SETTLED
 from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, SIGMAS, TURN
 from mpc.observer.pressure_diagnosis import Sound
 
@@ -72,6 +73,8 @@ def filtered(o: Sample, theta: float, P1: float, P2: float, u1: float, u2: float
         commands[i] = commands[i + 2]
     commands[commands.size - 2], commands[commands.size - 1] = u1, u2
     s.read[0], s.read[1], s.read[2] = theta, P1, P2
+    w = o.work
+    w.taken[0], w.taken[1], w.taken[2] = theta, P1 - s.offset[0], P2 - s.offset[1]
     change = abs(theta - o.past.read[0])
     if 0 < change < s.step:  # of an encoder
         rough = max(k.theta_noise, change / np.sqrt(12.0))
@@ -80,6 +83,11 @@ def filtered(o: Sample, theta: float, P1: float, P2: float, u1: float, u2: float
     predicted(o, o.past.belief, k.Q, s.belief)
     if not (sound(s.belief) and believed(o) and not_frozen(o)):
         return False
+    for i in range(2):
+        P = s.belief.xi[2 + i]
+        if abs(commands[i] - P) <= SETTLED:
+            moved = s.offset[i] + k.learning * (w.taken[1 + i] - P)
+            s.offset[i] = min(max(moved, -k.most_offset), k.most_offset)
     for sensor in range(3):
         correct(o, s.belief, sensor)
     return sound(s.belief)
@@ -88,10 +96,10 @@ def filtered(o: Sample, theta: float, P1: float, P2: float, u1: float, u2: float
 @inlined
 def believed(o: Sample) -> bool:
     """Return whether all readings are near to what is expected, and no angle has to be unwrapped."""
-    k, s, belief = o.known, o.now, o.now.belief
-    near = abs(belief.xi[0] - s.read[0]) <= TURN / 2 - NEAR_A_TURN
+    k, s, belief, taken = o.known, o.now, o.now.belief, o.work.taken
+    near = abs(belief.xi[0] - taken[0]) <= TURN / 2 - NEAR_A_TURN
     for i in range(3):
-        read, place = s.read[i], MEASURED[i]
+        read, place = taken[i], MEASURED[i]
         variance = belief.covariance[place, place] + s.variances[i]
         near = near and k.possible[0, i] <= read <= k.possible[1, i]
         near = near and abs(read - belief.xi[place]) <= max(SIGMAS * np.sqrt(variance), s.floor[i])
@@ -110,7 +118,7 @@ def not_frozen(o: Sample) -> bool:
         belief, place = s.without[i], MEASURED[i]
         predicted(o, past.without[i] if s.repeats[i] > 0 else past.belief, k.Q_rest, belief)
         variance = belief.covariance[place, place] + s.variances[i]
-        if s.repeating[i] > k.tolerance and (s.read[i] - belief.xi[place]) ** 2 > DOUBT**2 * variance:
+        if s.repeating[i] > k.tolerance and (o.work.taken[i] - belief.xi[place]) ** 2 > DOUBT**2 * variance:
             return False
         for sensor in range(3):
             if s.read[sensor] != past.read[sensor]:
@@ -237,7 +245,7 @@ def correct(o: Sample, belief: Belief, sensor: int) -> None:
     P, place, R = belief.covariance, MEASURED[sensor], o.now.variances[sensor]
     gain, product = o.work.gain, o.work.product
     variance = P[place, place] + R
-    gap = o.now.read[sensor] - belief.xi[place]
+    gap = o.work.taken[sensor] - belief.xi[place]
     for i in range(SIZE):
         gain[i] = P[i, place] / variance
         belief.xi[i] += gain[i] * gap

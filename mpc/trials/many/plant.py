@@ -114,6 +114,8 @@ def compiled_plant(process: Process, dt: float) -> CompiledPlant:
         raise Untranslatable(f"a {type(process).__name__} is not compiled, a Plant and a RealPlant are")
     if isinstance(process, RealPlant) and process.faults:
         raise Untranslatable(f"a plant with faults ({len(process.faults)} of them) is not compiled")
+    if isinstance(process, RealPlant) and (process.reading_age or any(process.pressure_offset)):
+        raise Untranslatable("a plant whose readings are old or off is not compiled")
     source = filling("stepped", _stepped(process))
     module = imported(with_formulas(_TEMPLATE, f"import math\n\n\n@exactly\n{source.text}\n\n"))
     substeps = process.substeps(dt, FINE)

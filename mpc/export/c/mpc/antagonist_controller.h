@@ -80,6 +80,7 @@ typedef struct {
     ant_real noise[3];     /* variances of the sensors */
     ant_real step;         /* the least change of the angle's reading so far [rad] */
     ant_real read[3];      /* a sample ago */
+    ant_real offset[2];    /* of the pressures' sensors against the regulators [Pa] */
     ant_real silent[3];    /* for how long [s] */
     ant_real repeating[3]; /* for how long [s] */
     ant_friction friction;

@@ -172,7 +172,8 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     ant_belief expected = o->belief;
     ant_friction_follow(&o->friction, previous.xi[0], ant_contact_of(&previous));
     ant_predict_belief(o, &expected, ANT_Q_NOISE);
-    const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1], said[2]};
+    const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1] - o->offset[0],
+                              said[2] - o->offset[1]};
     int there[3];
     if (!ant_sound(&expected)) {
         for (int i = 0; i < 3; i++) o->verdicts[i] = ant_first_verdict(i, said[i]);
@@ -186,6 +187,11 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     without_frozen(o, &previous, &expected, said, read);
     rival_or(o, &expected, read);
     believed(o, there);
+    for (int i = 0; i < 2; i++) {
+        const int learns = there[1 + i] && ant_abs(o->commands[0][i] - expected.xi[2 + i]) <= ANT_SETTLED;
+        const ant_real error = learns ? read[1 + i] - expected.xi[2 + i] : 0;
+        o->offset[i] = ant_clip(o->offset[i] + ANT_LEARNING * error, -ANT_MOST_OFFSET, ANT_MOST_OFFSET);
+    }
     ant_correct(o, &expected, read, there);
     if (o->samples <= ANT_FIRST) o->samples++;
     o->belief = expected;
