@@ -123,6 +123,7 @@ def track(
     from mpc.trials.animation import save_animation
     from mpc.trials.files import reference_called
     from mpc.trials.loops import loop
+    from mpc.trials.margins import margins_in_words
     from mpc.trials.report import write_run
     from mpc.trials.simulation import simulate
 
@@ -170,6 +171,9 @@ def track(
             say(console, f"drawing {path}")
         write_run(done, path, lambda file: save_animation(done, file, title, progress=progress), title)
     _report(done, nominal, known, reference, console)
+    if observer is not False:
+        for sentence in margins_in_words(controller, settings, reference):
+            say(console, sentence)
     say(console, f"written: {', '.join(map(str, files))}")
     _show(files if show else [])
 

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from mpc.bench.safety import Ending
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
-    from mpc.observer.base import Observer
-    from mpc.trials.simulation import Controller
+    from mpc.trials.loops import Settings as ToldSettings
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
+_OBSERVING = ("mpc", "predictive-pid", "lqr")  # controllers
 _STOPPED = 4  # exit code of a loop that ended for safety
 _SIM = "sim"
 _SUFFIXES = (*IMAGES, ".csv", ".npz")
@@ -164,6 +164,8 @@ def run_command(
 
     from mpc.bench.loop import RealTimeLoop
     from mpc.trials.files import reference_called
+    from mpc.trials.loops import loop
+    from mpc.trials.margins import margins_in_words
 
     console = Console()
     finite("--settle", settle, "s")
@@ -181,16 +183,20 @@ def run_command(
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
-        driver, observer = _loop(controller, opened, at.dt, at.horizon)
+        told = _told(opened, at.dt, at.horizon)
+        driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
+        sentences = margins_in_words(controller, told, reference)
         watch = _Watch(plant.joint.pressure_limits[1], at.dt, bench)
-        loop = RealTimeLoop(
+        driven = RealTimeLoop(
             opened.device, driver, observer, reference, plant=plant, start=settings.start, stop=settings.stop,
             watchdog=settings.watchdog, overrun=settings.overrun, log=journal, replace=force, clock=opened.clock,
             watch=watch,
         )  # fmt: skip
-    watch.health = lambda: "" if loop.tracking.health.well else loop.tracking.health
-    _run(loop.cycle, watch, console)
-    record = loop.record
+    for sentence in sentences:
+        say(console, sentence)
+    watch.health = lambda: "" if driven.tracking.health.well else driven.tracking.health
+    _run(driven.cycle, watch, console)
+    record = driven.record
     with _exiting(record.ending):
         if record.controlled:
             _write(record, files, journal)
@@ -304,13 +310,12 @@ def _exiting(ending: "Ending") -> Iterator[None]:
     raise typer.Exit(code)
 
 
-def _loop(name: str, opened: Opened, dt: float, horizon: int) -> "tuple[Controller, Observer]":
-    """Return the controller of this name and its observer."""
+def _told(opened: Opened, dt: float, horizon: int) -> "ToldSettings":
+    """Return what controller and observer are built from."""
     from mpc.tracking.weights import Weights
-    from mpc.trials.loops import Settings, loop
+    from mpc.trials.loops import Settings as ToldSettings
 
-    told = Settings(opened.plant, dt, horizon, opened.known, Weights.calm())
-    return loop(name, told, True if name in ("mpc", "predictive-pid", "lqr") else None)
+    return ToldSettings(opened.plant, dt, horizon, opened.known, Weights.calm())
 
 
 class _Watch:

@@ -1,0 +1,183 @@
+"""Robustness margins of a closed loop at rest, from its response to one disturbed reading.
+
+Where no limit binds, a loop of controller, observer and nominal plant is linear. One angle reading is disturbed by a
+small δ; what the encoder reads from then on, divided by δ, is the impulse response of the sensitivity
+
+    S(z) = 1/(1 + L(z)),      M_s = max |S(e^{jωdt})|,      L = 1/S - 1
+
+so that its Fourier transform gives S at all frequencies, of any controller and any observer. 1/M_s is the distance of L
+from -1. At crossover, |L| = 1, the phase margin is π + arg L and the delay margin is that over ω: with older readings
+of the angle the loop is unstable. Names and signs are those of `control.stability_margins`; see Åström and
+Murray, Feedback Systems, 2nd ed., 2020, section 10.3.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator import checks, stiffness_interval
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from allocator.units import DEG
+from mpc.model.friction import Friction
+from mpc.model.plant import Plant
+from mpc.model.real_plant import RealPlant
+from mpc.observer.base import Observer
+from mpc.tracking.base import BaseController
+from mpc.trials.loops import Settings, loop
+from mpc.trials.reference import Reference
+
+ROBUST = 2.0  # M_s that textbooks ask for at most
+DELTA = 1e-5  # [rad], far below what the observer's gates look at
+SETTLE, LISTEN = 1.0, 8.0  # [s] before the disturbed reading and after it
+_FINE = 8  # how much finer than 1/LISTEN the frequencies are
+_DECAYED = 1e-2  # of δ at the end; more is a loop that does not settle
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of a loop at one posture and stiffness."""
+
+    theta: float  # [rad]
+    K: float  # [N·m/rad]
+    frequency: Array  # (f,) [Hz]
+    S: NDArray[np.complex128]  # (f,) sensitivity [-]
+    stable: bool  # whether the loop settles
+
+    @property
+    def sensitivity_peak(self) -> float:
+        """Return M_s; infinite for a loop that does not settle."""
+        return float(np.abs(self.S).max()) if self.stable else inf
+
+    @property
+    def peak_frequency(self) -> float:
+        """Return where |S| is greatest [Hz]."""
+        return float(self.frequency[np.argmax(np.abs(self.S))])
+
+    @property
+    def L(self) -> NDArray[np.complex128]:
+        """The loop transfer function L = 1/S - 1 (f,)."""
+        return 1 / self.S - 1
+
+    @cached_property
+    def _control(self) -> tuple[Array, ...]:
+        """Gain margins, phase margins [°] and stability margins, and their frequencies [rad/s]."""
+        import control
+
+        response = control.frd(self.L, 2 * pi * self.frequency, smooth=True)
+        found: tuple[Array, ...] = control.stability_margins(response, returnall=True)
+        return found
+
+    @property
+    def gain_margin(self) -> float:
+        """Return the least factor above 1 of the loop's gain that makes it unstable; inf where none does."""
+        factors = self._control[0]
+        return float(factors[factors > 1].min(initial=inf)) if self.stable else 1.0
+
+    @property
+    def phase_margin(self) -> float:
+        """Return the least phase margin [rad]; inf where |L| crosses 1 nowhere."""
+        return float(np.abs(self._control[1]).min(initial=inf)) * DEG if self.stable else 0.0
+
+    @property
+    def delay_margin(self) -> float:
+        """Return the least age of the angle's readings that makes the loop unstable [s]; inf where none does."""
+        _, phase, _, _, crossover, _ = self._control
+        return float((phase % 360 * DEG / crossover).min(initial=inf)) if self.stable else 0.0
+
+    def __str__(self) -> str:
+        """Say them in a line."""
+        at = f"θ = {self.theta / DEG:.0f}°, K = {self.K:.1f} N·m/rad"
+        if not self.stable:
+            return f"{at}: the loop does not settle"
+        return (
+            f"{at}: M_s = {self.sensitivity_peak:.2f} at {self.peak_frequency:.1f} Hz, gain margin "
+            f"{self.gain_margin:.1f}, delay margin {1e3 * self.delay_margin:.0f} ms"
+        )
+
+    @property
+    def advice(self) -> str:
+        """Sentence that says what to change, or "" for a robust loop."""
+        if self.sensitivity_peak <= ROBUST:
+            return ""
+        return f"M_s is above {ROBUST:g}: raise Weights.rate or lower Weights.theta, or shorten the dead time"
+
+
+def margins(
+    controller: BaseController, observer: Observer, postures: Iterable[tuple[float, float]] | None = None
+) -> tuple[Margins, ...]:
+    """Return the margins of the loop of `controller` and `observer` on its own model, dead time and gas included.
+
+    `postures` are pairs (θ [rad], K [N·m/rad]); by default three angles, each at the middle of the stiffness that it
+    can have. Both values are used, and reset. The joint slides: friction that does not change at rest has no part, so
+    both have to be told none. Raises `InvalidInput` for controllers of arms, and for friction that is told.
+    """
+    plant, told = controller.plant, controller.compensation
+    if plant.angle_shape != ():
+        raise InvalidInput("margins are those of one joint; an arm has none yet")
+    if told.friction != Friction():
+        raise InvalidInput(
+            "margins are those of a joint that slides: build controller and observer with a compensation without "
+            "friction, dataclasses.replace(compensation, friction=Friction())"
+        )
+    places = usual_postures(plant) if postures is None else postures
+    return tuple(_at(controller, observer, checks.number("theta", theta, "rad"), float(K)) for theta, K in places)
+
+
+def sliding_margins(
+    name: str, settings: Settings, postures: Iterable[tuple[float, float]] | None = None
+) -> tuple[Margins, ...]:
+    """Return the margins of the loop called `name` with these settings, without friction: the joint slides."""
+    told = replace(settings.compensation, friction=Friction())
+    controller, observer = loop(name, settings._replace(compensation=told))
+    assert isinstance(controller, BaseController)
+    return margins(controller, observer, postures)
+
+
+def margins_in_words(name: str, settings: Settings, reference: Reference) -> list[str]:
+    """Return sentences on the margins of the loop called `name`, at the middle of a reference; none of a slow NLP."""
+    if name == "nmpc":
+        return []
+    theta, K = (float(np.mean([values.min(), values.max()])) for values in (reference.theta, reference.K))
+    found = sliding_margins(name, settings, [(theta, K)])[0]
+    return [f"margins on the model at {found}", *([found.advice] if found.advice else [])]
+
+
+def usual_postures(plant: Plant) -> list[tuple[float, float]]:
+    """Return three angles, at 15, 50 and 85 % of the joint range, with the middle of the stiffness of each."""
+    low, high = plant.angle_limits
+    angles = low + np.array([0.15, 0.5, 0.85]) * (high - low)
+    least, greatest = stiffness_interval(angles, plant.gravity_torque * np.sin(angles), joint=plant.joint)
+    return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
+
+
+def _at(controller: BaseController, observer: Observer, theta: float, K: float) -> Margins:
+    """Return the margins at one posture."""
+    undisturbed, disturbed = (_listen(controller, observer, theta, K, delta) for delta in (0.0, DELTA))
+    response = (disturbed - undisturbed) / DELTA
+    points = _FINE * response.size
+    frequency = np.asarray(np.fft.rfftfreq(points, controller.dt)[1:], float)
+    settled = bool(np.abs(response[-round(0.1 * response.size) :]).max() < _DECAYED)
+    return Margins(theta, K, frequency, np.fft.rfft(response, points)[1:], settled)
+
+
+def _listen(controller: BaseController, observer: Observer, theta: float, K: float, delta: float) -> Array:
+    """Return the angle's readings from the one that `delta` [rad] is added to on."""
+    plant, dt = controller.plant, controller.dt
+    real = RealPlant(plant, dead_time=controller.compensation.dead_time)
+    x0 = plant.at_rest(theta, K)
+    trial, u, first, readings = real.begin(dt, x0, 0), x0[2:], round(SETTLE / dt), []
+    controller.reset()
+    observer.reset()
+    for k in range(first + round(LISTEN / dt)):
+        y = trial.measure()
+        y[0] += delta * (k == first)
+        readings.append(y[0])
+        x, d = observer.estimate(y, u)
+        u = controller.step(x, theta, K, d).u[0]
+        trial.advance(u)
+    return np.array(readings[first:])

@@ -1,0 +1,119 @@
+"""Margins of a loop, against a disturbance of one frequency that is injected, and against a delay that breaks it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG, InvalidInput
+from allocator.joint.antagonist import report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc import Compensation, KalmanObserver, Plant, TrackingMPC
+from mpc.model.friction import Friction
+from mpc.model.real_plant import RealPlant
+from mpc.tracking.weights import Weights
+from mpc.trials.loops import Settings, loop
+from mpc.trials.margins import margins
+
+pytestmark = pytest.mark.compiles
+
+DT = 0.01
+PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
+TOLD = Compensation(dead_time=0.03)
+POSTURE = (0.3, 6.0)
+CALM = Weights.calm()
+
+
+@pytest.fixture(scope="module", params=["mpc", "lqr"])
+def parts(request):
+    return loop(request.param, Settings(PLANT, DT, compensation=TOLD, weights=CALM))
+
+
+@pytest.fixture(scope="module")
+def found(parts):
+    return margins(*parts, [POSTURE])[0]
+
+
+def injected(parts, frequency, seconds=12.0, delta=1e-5):
+    """|S| at a frequency [Hz]: readings disturbed by a sine, over the disturbance."""
+    controller, observer = parts
+    controller.rest = False
+    controller.reset()
+    observer.reset()
+    x0 = PLANT.at_rest(*POSTURE)
+    trial, u = RealPlant(PLANT, dead_time=TOLD.dead_time).begin(DT, x0, 0), x0[2:]
+    t, read = DT * np.arange(round(seconds / DT)), []
+    for now in t:
+        y = trial.measure()
+        y[0] += delta * np.sin(2 * np.pi * frequency * now)
+        read.append(y[0])
+        x, d = observer.estimate(y, u)
+        u = controller.step(x, *POSTURE, d).u[0]
+        trial.advance(u)
+    late = t >= seconds / 2
+    wave = np.exp(-2j * np.pi * frequency * t[late])
+    whole = int(np.floor(frequency * seconds / 2) / frequency / DT)  # whole periods
+    return 2 * abs(np.mean(((np.array(read) - POSTURE[0])[late] * wave)[:whole])) / delta
+
+
+def test_the_sensitivity_is_what_an_injected_sine_meets(parts, found):
+    for frequency in (0.7, 2.0, found.peak_frequency, 8.0):
+        expected = np.interp(frequency, found.frequency, np.abs(found.S))
+        assert injected(parts, frequency) == pytest.approx(expected, rel=0.05)
+
+
+def rings(parts, delay):
+    """Whether a loop whose angle readings are so old [s] swings more and more."""
+    controller, observer = parts
+    controller.rest = False
+    controller.reset()
+    observer.reset()
+    x0 = PLANT.at_rest(*POSTURE)
+    trial, u = RealPlant(PLANT, dead_time=TOLD.dead_time, reading_age=delay).begin(DT, x0, 0), x0[2:]
+    angles = []
+    for k in range(1500):
+        y = trial.measure()
+        y[0] += 1e-5 * (k == 100)
+        x, d = observer.estimate(y, u)
+        u = controller.step(x, *POSTURE, d).u[0]
+        trial.advance(u)
+        angles.append(trial.x[0])
+    return np.ptp(angles[-100:]) > np.ptp(angles[100:300])
+
+
+def test_a_loop_stands_a_little_less_delay_than_its_margin_and_no_more(parts, found):
+    assert not rings(parts, 0.9 * found.delay_margin)
+    assert rings(parts, 1.1 * found.delay_margin)
+
+
+def test_dead_time_costs_margin_and_slow_commands_buy_it():
+    def peak(weights, dead_time):
+        told = Compensation(dead_time=dead_time)
+        parts = loop("mpc", Settings(PLANT, DT, compensation=told, weights=weights))
+        return margins(*parts, [POSTURE])[0].sensitivity_peak
+
+    calm = peak(CALM, 0.03)
+    assert peak(CALM, 0.0) < calm
+    assert peak(replace(CALM, rate=16 * CALM.rate), 0.03) < calm
+
+
+def test_the_usual_postures_are_in_the_joint_range(parts):
+    found = margins(*parts)
+    assert len(found) == 3
+    assert all(PLANT.angle_limits[0] < m.theta < PLANT.angle_limits[1] for m in found)
+    assert "M_s" in str(found[0])
+
+
+def test_a_loop_that_swings_has_no_margin():
+    parts = loop("pid", Settings(PLANT, DT, compensation=TOLD))
+    found = margins(*parts, [POSTURE])[0]
+    assert not found.stable
+    assert found.sensitivity_peak == np.inf
+    assert found.delay_margin == 0.0
+
+
+def test_friction_that_is_told_is_refused():
+    told = Compensation(Friction(mu=0.05))
+    parts = TrackingMPC(PLANT, DT, compensation=told), KalmanObserver(PLANT, DT, compensation=told)
+    with pytest.raises(InvalidInput, match="without friction"):
+        margins(*parts, [(5 * DEG, 5.5 + 0 * BAR)])
