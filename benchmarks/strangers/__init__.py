@@ -1,0 +1,1 @@
+"""Joints that others have built: the controllers are tried on them."""

@@ -1,0 +1,62 @@
+"""Controllers are compared on joints that others have built.
+
+    python -m benchmarks.strangers [--seeds 5] [--controllers mpc,lqr] [--data-sheet]
+
+Each of the four structures of `benchmarks.strangers.plants` is drawn with as many seeds. All controllers are told the
+same: what data sheets say, or what `fit-joint` and `fit-motion` found in logs of the stranger. A payload of 1 N·m with
+its inertia comes in mid-run. Figures are medians over all strangers: RMS errors of the angle before the payload and
+with it; of the rest also the mean error that stays, and the swing, in the last second.
+"""
+
+import argparse
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from multiprocessing import get_context
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from benchmarks.strangers.plants import REPORTING, STRUCTURES
+from benchmarks.strangers.runs import CASES, CONTROLLERS, MODELS, Row, rows_of
+
+
+def table(rows: list[Row], model: str, controllers: Iterable[str]) -> Table:
+    """Return the medians over all strangers."""
+    found = Table("trajectory", *controllers, title=f"model: {model}; RMS before / with payload [°]")
+    for case in CASES:
+        cells = []
+        for name in controllers:
+            mine = [r.figures for r in rows if (r.model, r.controller, r.case) == (model, name, case)]
+            thrown = sum(f.unstable for f in mine)
+            before, after, standing, swing, *_ = np.median(mine, axis=0)
+            rest = f", stays {standing:.2f}, swings {swing:.2f}" if case == "rest" else ""
+            cells.append(f"{before:.2f} / {after:.2f}{rest}" + (f" ({thrown} unstable)" if thrown else ""))
+        found.add_row(case, *cells)
+    return found
+
+
+def main() -> None:
+    """Run what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=5, help="strangers per structure")
+    parser.add_argument(
+        "--first", type=int, default=REPORTING, help="the first seed; those from 1000 on are for tuning"
+    )
+    parser.add_argument("--controllers", default=",".join(CONTROLLERS))
+    parser.add_argument("--data-sheet", action="store_true", help="only the model of data sheets")
+    asked = parser.parse_args()
+    controllers = tuple(asked.controllers.split(","))
+    models = ["data sheet"] if asked.data_sheet else list(MODELS)
+    seeds = range(asked.first, asked.first + asked.seeds)
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        jobs = [pool.submit(rows_of, *one, controllers) for one in product(STRUCTURES, seeds, models)]
+        rows = [row for job in track(jobs, "strangers", console=Console(stderr=True)) for row in job.result()]
+    for model in models:
+        Console(width=150).print(table(rows, model, controllers))
+
+
+if __name__ == "__main__":
+    main()
