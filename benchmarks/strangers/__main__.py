@@ -13,40 +13,59 @@ from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from benchmarks.strangers.plants import REPORTING, STRUCTURES
 from benchmarks.strangers.runs import CASES, CONTROLLERS, MODELS, Row, rows_of
 
 
-def table(rows: list[Row], model: str, controllers: Iterable[str]) -> Table:
-    """Return the medians over all strangers."""
-    found = Table("trajectory", *controllers, title=f"model: {model}; RMS before / with payload [°]")
+def table(rows: list[Row], model: str, controllers: Iterable[str]) -> list[str]:
+    """Return the medians over all strangers as lines of Markdown."""
+    lines = [f"| trajectory | {' | '.join(controllers)} |", f"|---{'|---' * len(tuple(controllers))}|"]
     for case in CASES:
         cells = []
         for name in controllers:
             mine = [r.figures for r in rows if (r.model, r.controller, r.case) == (model, name, case)]
             thrown = sum(f.unstable for f in mine)
-            before, after, standing, swing, *_ = np.median(mine, axis=0)
-            rest = f", stays {standing:.2f}, swings {swing:.2f}" if case == "rest" else ""
-            cells.append(f"{before:.2f} / {after:.2f}{rest}" + (f" ({thrown} unstable)" if thrown else ""))
-        found.add_row(case, *cells)
-    return found
+            before, after, standing, swing, K_rms, _ = np.median(mine, axis=0)
+            rest = f"; stays {standing:.2f}, swings {swing:.2f}" if case == "rest" else ""
+            cells.append(
+                f"{before:.2f} / {after:.2f}{rest}; K {K_rms:.2f}" + (f" ({thrown} unstable)" if thrown else "")
+            )
+        lines.append(f"| {case} | {' | '.join(cells)} |")
+    return lines
+
+
+def report(rows: list[Row], models: list[str], controllers: tuple[str, ...]) -> str:
+    """Return the whole report."""
+    text = (__doc__ or "").split("\n\n", 2)[2].strip()
+    lines = ["# Joints that others have built", "", text, ""]
+    lines += [f"Strangers: {len({(r.structure, r.seed) for r in rows})}. Errors in degrees, K in N·m/rad.", ""]
+    for model in models:
+        lines += [f"## Told: {model}", "", *table(rows, model, controllers), ""]
+    lines += ["## By structure", "", "RMS error of the sine before / with the payload.", ""]
+    lines += [f"| structure | model | {' | '.join(controllers)} |", f"|---|---{'|---' * len(controllers)}|"]
+    for structure, model in product(STRUCTURES, models):
+        cells = []
+        for name in controllers:
+            mine = [r.figures for r in rows if r[:1] + r[2:5] == (structure, model, name, "sine")]
+            cells.append("{:.2f} / {:.2f}".format(*np.median(mine, axis=0)[:2]))
+        lines.append(f"| {structure} | {model} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Run what was asked for."""
+    """Run what was asked for, and write the report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=5, help="strangers per structure")
-    parser.add_argument(
-        "--first", type=int, default=REPORTING, help="the first seed; those from 1000 on are for tuning"
-    )
+    parser.add_argument("--first", type=int, default=REPORTING, help="the first seed; from 1000 on they are for tuning")
     parser.add_argument("--controllers", default=",".join(CONTROLLERS))
     parser.add_argument("--data-sheet", action="store_true", help="only the model of data sheets")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "results" / "strangers.md")
     asked = parser.parse_args()
     controllers = tuple(asked.controllers.split(","))
     models = ["data sheet"] if asked.data_sheet else list(MODELS)
@@ -54,8 +73,8 @@ def main() -> None:
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         jobs = [pool.submit(rows_of, *one, controllers) for one in product(STRUCTURES, seeds, models)]
         rows = [row for job in track(jobs, "strangers", console=Console(stderr=True)) for row in job.result()]
-    for model in models:
-        Console(width=150).print(table(rows, model, controllers))
+    asked.out.write_text(report(rows, models, controllers), encoding="utf-8")
+    print(asked.out.read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":

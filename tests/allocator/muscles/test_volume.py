@@ -9,8 +9,9 @@ from scipy.integrate import quad
 
 from allocator.errors import InvalidInput
 from allocator.machine_file import load_joint, save_machine
-from allocator.muscles import AffineMuscle, Hogan1984, KazemipourKatzschmann2025, Muscle, TonduLopez1995
-from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N, TONDU_MCKIBBEN
+from allocator.muscles import AffineMuscle, Hogan1984, KazemipourKatzschmann2025, Muscle, Sarosi2012, TonduLopez1995
+from allocator.muscles.catalogue import MARTENS_DMSP_20_300, MUSCLES, SAROSI_DMSP_20_400N, TONDU_MCKIBBEN
+from allocator.muscles.volume import usual_volume
 from allocator.units import BAR, DEG
 
 L = 0.40  # [m]
@@ -145,3 +146,18 @@ def test_a_muscle_is_the_same_law_however_much_gas_it_holds():
     assert SAROSI_DMSP_20_400N.same_law(replace(SAROSI_DMSP_20_400N, tube_volume=1e-5))
     assert not SAROSI_DMSP_20_400N.same_law(SAROSI_DMSP_20_400N.with_parameters({"c1": 0.0}))
     assert not SAROSI_DMSP_20_400N.same_law(TONDU_MCKIBBEN)
+
+
+@pytest.mark.parametrize("name", MUSCLES)
+def test_the_usual_volume_is_about_that_of_the_muscles_whose_radius_is_known(name):
+    muscle, P, length = MUSCLES[name], 2.5 * BAR, 0.3
+    V_0, radius = usual_volume(muscle, P, length)
+    guessed = V_0 + length * muscle.gain_integral(P, 0.1)
+    assert 0.95 < guessed / muscle.volume(P, 0.1, length) < 1.3
+    assert 0.008 < radius < 0.013
+
+
+def test_a_muscle_that_does_not_pull_has_no_usual_volume():
+    pushing = Sarosi2012(c1=0.0, c2=-0.01, c3=-0.003, c4=0.0, c5=-100.0, c6=0.0)
+    with pytest.raises(InvalidInput, match="gains no force"):
+        usual_volume(pushing, 2.5 * BAR, 0.3)

@@ -78,6 +78,7 @@ def test_the_truth_of_a_joint_that_is_its_own_equation_is_inside_and_so_is_its_l
     theta, P = strangers.simulated(joints, u[..., None], gas=True)
     t, half = strangers.STEP * np.arange(len(u)), slice(0, 1800)
     fit = fit_motion(t[half], theta[half, 0], *u[half].T, joint=strangers.given_joint())
+    assert fit.problem.gas  # whose compression the log shows
     for name, (least, most) in strangers.truths(joints, 0, theta[half, 0], P[half, :, 0]).items():
         if name in fit.parameters:
             estimate = fit.parameters[name]
