@@ -23,6 +23,7 @@ from allocator import checks, stiffness_interval
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
+from mpc.model.compensation import Compensation
 from mpc.model.friction import Friction
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
@@ -113,27 +114,37 @@ def margins(
     """Return the margins of the loop of `controller` and `observer` on its own model, dead time and gas included.
 
     `postures` are pairs (θ [rad], K [N·m/rad]); by default three angles, each at the middle of the stiffness that it
-    can have. Both values are used, and reset. The joint slides: friction that does not change at rest has no part, so
-    both have to be told none. Raises `InvalidInput` for controllers of arms, and for friction that is told.
+    can have. Both values are used, and reset; the commands do not rest. The joint slides and its regulators move, so
+    both have to be told of no friction and no dead band, which are not linear. Raises `InvalidInput` for controllers of
+    arms, and where friction or a dead band is told.
     """
     plant, told = controller.plant, controller.compensation
     if plant.angle_shape != ():
         raise InvalidInput("margins are those of one joint; an arm has none yet")
-    if told.friction != Friction():
+    if told != linear(told):
         raise InvalidInput(
-            "margins are those of a joint that slides: build controller and observer with a compensation without "
-            "friction, dataclasses.replace(compensation, friction=Friction())"
+            "margins are those of a joint that slides: build controller and observer with `linear(compensation)`, "
+            "which is without friction and dead band"
         )
     places = usual_postures(plant) if postures is None else postures
-    return tuple(_at(controller, observer, checks.number("theta", theta, "rad"), float(K)) for theta, K in places)
+    rests, controller.rest = controller.rest, False
+    try:
+        at = [(checks.number("theta", theta, "rad"), checks.number("K", K, "N·m/rad")) for theta, K in places]
+        return tuple(_at(controller, observer, theta, K) for theta, K in at)
+    finally:
+        controller.rest = rests
+
+
+def linear(told: Compensation) -> Compensation:
+    """Return what is told without friction and dead band."""
+    return replace(told, friction=Friction(), dead_band=0.0)
 
 
 def sliding_margins(
     name: str, settings: Settings, postures: Iterable[tuple[float, float]] | None = None
 ) -> tuple[Margins, ...]:
-    """Return the margins of the loop called `name` with these settings, without friction: the joint slides."""
-    told = replace(settings.compensation, friction=Friction())
-    controller, observer = loop(name, settings._replace(compensation=told))
+    """Return the margins of the loop called `name` with these settings, without friction and dead band."""
+    controller, observer = loop(name, settings._replace(compensation=linear(settings.compensation)))
     assert isinstance(controller, BaseController)
     return margins(controller, observer, postures)
 

@@ -13,7 +13,7 @@ from mpc.model.friction import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.weights import Weights
 from mpc.trials.loops import Settings, loop
-from mpc.trials.margins import margins
+from mpc.trials.margins import margins, sliding_margins
 
 pytestmark = pytest.mark.compiles
 
@@ -112,8 +112,17 @@ def test_a_loop_that_swings_has_no_margin():
     assert found.delay_margin == 0.0
 
 
-def test_friction_that_is_told_is_refused():
-    told = Compensation(Friction(mu=0.05))
+def test_commands_that_rest_and_what_is_not_linear_have_no_part():
+    told = Compensation(Friction(mu=0.05), dead_time=TOLD.dead_time, dead_band=0.1 * BAR)
+    [found] = sliding_margins("mpc", Settings(PLANT, DT, compensation=told, weights=CALM), [POSTURE])
+    controller, observer = loop("mpc", Settings(PLANT, DT, compensation=TOLD, weights=CALM))
+    [expected] = margins(controller, observer, [POSTURE])
+    assert found.sensitivity_peak == pytest.approx(expected.sensitivity_peak)
+    assert controller.rest  # as before
+
+
+@pytest.mark.parametrize("told", [Compensation(Friction(mu=0.05)), Compensation(dead_band=0.1 * BAR)])
+def test_friction_and_dead_bands_that_are_told_are_refused(told):
     parts = TrackingMPC(PLANT, DT, compensation=told), KalmanObserver(PLANT, DT, compensation=told)
-    with pytest.raises(InvalidInput, match="without friction"):
+    with pytest.raises(InvalidInput, match="without friction and dead band"):
         margins(*parts, [(5 * DEG, 5.5 + 0 * BAR)])
