@@ -55,7 +55,7 @@ class Noise:
     omega_walk: float = 0.2  # [rad/s/√s]
     pressure_walk: float = 0.07 * BAR  # [Pa/√s]
     d_walk: float = 1.9  # [N·m/√s]
-    offset: float = 0.06 * BAR  # most of a regulator's offset against the sensor that is estimated [Pa]; 0: none is
+    offset: float = 0.0  # most of a regulator's offset against the sensor that is estimated [Pa], as 0.06 bar; 0: none
 
     def __post_init__(self) -> None:
         """Check."""
