@@ -172,7 +172,7 @@ def track(
         write_run(done, path, lambda file: save_animation(done, file, title, progress=progress), title)
     _report(done, nominal, known, reference, console)
     if observer is not False:
-        for sentence in margins_in_words(controller, settings, reference):
+        for sentence in margins_in_words(controller, settings, reference, driver):
             say(console, sentence)
     say(console, f"written: {', '.join(map(str, files))}")
     _show(files if show else [])

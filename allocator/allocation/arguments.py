@@ -61,7 +61,7 @@ def problem_from(
 
 
 def two(name: str, value: Any, expected: str) -> tuple[Any, Any]:
-    """Return both parts of a pair. Raises InvalidInput for what is none."""
+    """Return both parts of a pair. Raises InvalidInput unless `given` has two parts."""
     try:
         first, second = value
     except (TypeError, ValueError):

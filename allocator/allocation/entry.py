@@ -208,7 +208,7 @@ def _of_a_pair(joint: AntagonistJoint, asked: Asked) -> Allocation:
 
 
 def _solver(method: Method, asked: Array, along: int | None) -> Solve:
-    """Return what solves problems at the angles asked for by the method."""
+    """Return the solver for problems at the given angles."""
     if method.name == "exact":
         return partial(_exact, asked=asked, along=along)
     if method.name == "analytic":

@@ -340,7 +340,7 @@ def single(
     return allocation
 
 
-# --- what one target misses, in words ---------------------------------------------------------------------------------
+# --- errors of one target, in words -----------------------------------------------------------------------------------
 
 
 def _at(a: PairAllocation) -> str:

@@ -116,7 +116,7 @@ class Allocation(ABC):
 
     @property
     def _sentence(self) -> str:
-        """The message about one target, without what is assumed: what was reached, and which limits are in the way."""
+        """Message about one target, without assumptions: the achieved values and the limits in the way."""
         if self.success:
             return Status(self.status).advice
         kept = [name for name in self.active if name not in self.broken]
@@ -133,12 +133,12 @@ class Allocation(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict[str, object]:
-        """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
+        """Return the answer by name, units in the names: pressures, achieved values, status and binding limits."""
 
     @property
     @abstractmethod
     def _details(self) -> list[str]:
-        """What the one target misses, in numbers."""
+        """Errors of the one target, in numbers."""
 
     @property
     @abstractmethod
@@ -151,7 +151,7 @@ class Allocation(ABC):
         return list(zip(self._muscles, np.reshape(self.P, (-1, self.P.shape[-1])).T, strict=True))
 
     def _array(self, array: Array) -> Array:
-        """Return what `_formed` does of rows (N or 1, …), which are arrays for one target, too."""
+        """Return rows (N or 1, …) in the shape of the targets, as arrays also for one target."""
         formed: Array = self._formed(array)
         return formed
 

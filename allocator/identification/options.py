@@ -1,4 +1,4 @@
-"""Options of the commands that read measured data, and what these commands show while they fit."""
+"""Options of the commands that read measured data, and their progress display."""
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, TypeVar

@@ -68,7 +68,7 @@ class TrappedGas:
         return Uncertain(volume - self.swell, volume * self.ratio.std / self.ratio.value)
 
     def __str__(self) -> str:
-        """Say what the log tells of it."""
+        """Return the estimates in words."""
         at = f"κ/V^eff = {self.stiffening} 1/m³ at {self.P / BAR:.2g} bar"
         if self.kappa and self.rest_volume:
             cm3 = Uncertain(*(1e6 * value for value in self.rest_volume))
@@ -187,7 +187,7 @@ def _without_drift(rest: Array, t: Array) -> Callable[[Array], Array]:
 
 
 def _fitted(side: OneMuscle, theta: float, P: Array, free: Callable[[Array], Array], gas: Gas) -> TrappedGas:
-    """Return what a muscle tells at `theta` [rad], held at the angles of the log with the pressures `P` (n,)."""
+    """Return a muscle's equations at `theta` [rad], held at the angles of the log with the pressures `P` (n,)."""
     from scipy.optimize import least_squares
 
     swell = side.rest_length * side.muscle.gain_integral(P, side.contraction)

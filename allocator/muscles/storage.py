@@ -102,7 +102,7 @@ def _rows(rows: object) -> object:
 
 
 def _try(table: Table, muscle: Muscle) -> None:
-    """Refuse parameters with which the law divides by zero, exceeds what any muscle pulls, or only pushes.
+    """Refuse parameters for which the law divides by zero, exceeds any muscle's force, or only pushes.
 
     It may push at rest length, where the muscles of a joint were never measured.
     """

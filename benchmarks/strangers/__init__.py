@@ -1,1 +1,1 @@
-"""Joints that others have built: the controllers are tried on them."""
+"""Controllers on joints that the library does not model."""

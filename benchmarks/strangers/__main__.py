@@ -1,11 +1,12 @@
-"""Controllers are compared on joints that others have built.
+"""Comparison of controllers on joints that the library does not model.
 
     python -m benchmarks.strangers [--seeds 5] [--controllers mpc,lqr] [--data-sheet]
 
-Each of the four structures of `benchmarks.strangers.plants` is drawn with as many seeds. All controllers are told the
-same: what data sheets say, or what `fit-joint` and `fit-motion` found in logs of the stranger. A payload of 1 N·m with
-its inertia comes in mid-run. Figures are medians over all strangers: RMS errors of the angle before the payload and
-with it; of the rest also the mean error that stays, and the swing, in the last second.
+Each of the four structures of `benchmarks.strangers.plants` is drawn with as many seeds. All controllers get the same
+model, either from data sheets or from `fit_joint` and `fit_motion` on logs of the stranger; their observers estimate
+sensor offsets. A payload of 1 N·m with its inertia is attached in mid-run. Figures are medians over all strangers: RMS
+errors of the angle before the payload and with it, and of the stiffness. For the rest they include the mean error and
+the swing, peak to peak, in the last second.
 """
 
 import argparse
@@ -43,10 +44,10 @@ def table(rows: list[Row], model: str, controllers: Iterable[str]) -> list[str]:
 def report(rows: list[Row], models: list[str], controllers: tuple[str, ...]) -> str:
     """Return the whole report."""
     text = (__doc__ or "").split("\n\n", 2)[2].strip()
-    lines = ["# Joints that others have built", "", text, ""]
+    lines = ["# Joints that the library does not model", "", text, ""]
     lines += [f"Strangers: {len({(r.structure, r.seed) for r in rows})}. Errors in degrees, K in N·m/rad.", ""]
     for model in models:
-        lines += [f"## Told: {model}", "", *table(rows, model, controllers), ""]
+        lines += [f"## Model: {model}", "", *table(rows, model, controllers), ""]
     lines += ["## By structure", "", "RMS error of the sine before / with the payload.", ""]
     lines += [f"| structure | model | {' | '.join(controllers)} |", f"|---|---{'|---' * len(controllers)}|"]
     for structure, model in product(STRUCTURES, models):
@@ -59,7 +60,7 @@ def report(rows: list[Row], models: list[str], controllers: tuple[str, ...]) -> 
 
 
 def main() -> None:
-    """Run what was asked for, and write the report."""
+    """Run the benchmark and write the report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=5, help="strangers per structure")
     parser.add_argument("--first", type=int, default=REPORTING, help="the first seed; from 1000 on they are for tuning")

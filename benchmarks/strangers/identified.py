@@ -1,4 +1,4 @@
-"""A stranger is identified as its owner would: slow sweeps for `fit_joint`, random steps for `fit_motion`."""
+"""Identification of a stranger from simulated logs: slow sweeps for `fit_joint`, random steps for `fit_motion`."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,19 +20,19 @@ SECONDS = 90.0  # of random steps
 
 
 class Model(NamedTuple):
-    """What a controller is told."""
+    """Model of a controller and its observer."""
 
     plant: Plant
     told: Compensation
 
 
 def data_sheet(stranger: Stranger) -> Model:
-    """Return what data sheets say."""
+    """Return the model from data sheets."""
     return Model(stranger.nominal, stranger.told)
 
 
 def identified(stranger: Stranger) -> Model:
-    """Return what the two fits say, as it is read from the file that they write."""
+    """Return the model that `fit_joint` and `fit_motion` find, read from the file that they write."""
     columns = swept(stranger)
     joint = fit_joint(
         columns["theta"], columns["P1"], columns["P2"], geometry=Pulley(LENGTH, LEVER, MIDDLE),

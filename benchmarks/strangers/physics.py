@@ -1,4 +1,4 @@
-"""Joints built as differential equations of their own: nothing of them is the library's, and nothing is what it fits.
+"""Joints as differential equations of their own, independent of the library and of the structure that it fits.
 
     J θ'' = R1 F1 - R2 F2 - b θ' - G sin θ - T_r + load,        R_i = R (1 ± e θ)
     F_i   = k_c max(s_i, 0),  s_i = l0 (ε_i - ε0_i) - (path shortened by θ)          the cable pulls, and gives
@@ -29,7 +29,7 @@ LAGGED, SPOOLED, FLOWING = range(3)  # regulators
 
 
 class Parts(NamedTuple):
-    """What a stranger is made of: numbers, and arrays (2,) of both muscles. SI units."""
+    """Parameters of a stranger: numbers, and arrays (2,) of both muscles. SI units."""
 
     law: int
     radius: float  # of a braid [m]
@@ -134,7 +134,7 @@ def volume(p, i, eps):
 
 @njit(cache=True)
 def filled(p, i, error, V, P):
-    """Return the rate [Pa/s] of the regulator at the `error` [Pa], less what it leaks; V' has its own."""
+    """Return the rate [Pa/s] that regulator and leak give at the `error` [Pa], without the motion's."""
     half = p.dead_band / 2
     error = np.sign(error) * max(abs(error) - half, 0.0)
     if p.regulator == FLOWING:
@@ -153,8 +153,8 @@ def filled(p, i, error, V, P):
 def advance(p, x, f, told, until, load, gravity, inertia, duration, work):
     """Go on by `duration` [s]; x = (θ, ω, P (2), ε (2), spool (2), creep (2), bearing) and f (2, SLIPS) change.
 
-    `told` (c, 2) [Pa] are commands and `until` (c,) [s] for how long each acts, from now. `work` (3,) [J] gains what
-    muscles gave to cables, what the gas gave to muscles, and what was lost in slipping.
+    `told` (c, 2) [Pa] are commands and `until` (c,) [s] for how long each acts, from now. To `work` (3,) [J] are added
+    the work of muscles on cables, of the gas on muscles, and of muscles against hysteresis.
     """
     t, k = 0.0, 0
     for _ in range(round(duration / FINE)):

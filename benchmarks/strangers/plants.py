@@ -1,4 +1,4 @@
-"""Strangers are drawn here, a structure and a seed each, and stand where `simulate` wants a plant."""
+"""Strangers drawn by structure and seed, as plants for `simulate`."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ EARTH = 9.81
 
 @dataclass(frozen=True)
 class Sensors:
-    """What the sensors do to the truth."""
+    """Resolution, age, noise and drift of the sensors."""
 
     step: float = 0.1 * DEG  # of the encoder
     late: int = 1  # samples by which its readings are old
@@ -34,7 +34,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Stranger:
-    """A stranger is a joint that somebody else has built."""
+    """A joint whose structure the library does not model."""
 
     structure: str
     seed: int
@@ -42,8 +42,8 @@ class Stranger:
     sensors: Sensors
     delay: float  # of the commands [s]
     jitter: float  # of that, uniform, from sample to sample [s]
-    nominal: Plant  # what its data sheets say
-    told: Compensation
+    nominal: Plant  # model from data sheets
+    told: Compensation  # from data sheets
     payload: float = 0.0  # torque of a weight that is hung at its end [N·m] …
     payload_from: float = inf  # … from then on [s]
 
@@ -76,7 +76,7 @@ class Stranger:
 
 
 class Trial:
-    """A trial is an experiment on a stranger: its state, what its sensors say, and time going on."""
+    """Simulation of a stranger with its sensors, advanced sample by sample."""
 
     def __init__(self, stranger: Stranger, dt: float, x0: Array, seed: int) -> None:
         self.stranger, self.dt, p = stranger, dt, stranger.parts
@@ -97,7 +97,7 @@ class Trial:
 
     @property
     def energy(self) -> float:
-        """Return what is stored in cables and elements that slip [J]."""
+        """Elastic energy of the cables [J]."""
         p, stored = self.stranger.parts, 0.0
         for i in range(2):
             s, _ = physics.stretch(p, i, self._x[0], self._x[4 + i])
@@ -113,7 +113,7 @@ class Trial:
         return np.array([theta, np.nan, *P])
 
     def advance(self, u: Array, d: float = 0.0) -> None:
-        """Advance by one sample with the commands `u` (2,) [Pa] and a torque `d` [N·m] besides the payload's."""
+        """Advance by one sample with the commands `u` (2,) [Pa] and a torque `d` [N·m] added to the payload's."""
         s, t = self.stranger, self._sample * self.dt
         self._sent.append((t + s.delay + s.jitter * self._noise.uniform(-1, 1), np.array(u, float)))
         while len(self._sent) > 1 and self._sent[1][0] <= t + 1e-9:
@@ -227,7 +227,7 @@ _OWN = {"braid": _braid, "tips": _tips, "power": _power, "exponential": _exponen
 
 
 def nominal_of(p: Parts) -> Plant:
-    """Return what data sheets say: muscles from a table of their type, not of these two; steel cables, round pulleys.
+    """Return the model that data sheets give: muscles by a force table of their type, steel cables, round pulleys.
 
     Inertia and damping are those of a drawing, 15 % off; the lag is that of filling.
     """
@@ -246,7 +246,7 @@ def sheet(law: int, shape: float, radius: float, angle: float) -> Sarosi2012:
 
 
 def told_of(sensors: Sensors) -> Compensation:
-    """Return what is told on a data sheet: a dead time and a dead band of such valves."""
+    """Return the dead time and dead band on a data sheet of such valves."""
     return Compensation(dead_time=0.02, dead_band=0.08 * BAR)
 
 

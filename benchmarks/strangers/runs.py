@@ -1,4 +1,4 @@
-"""Runs on strangers, and the figures read off them."""
+"""Closed-loop runs on strangers, and their error figures."""
 
 from itertools import product
 from typing import NamedTuple
@@ -45,11 +45,11 @@ CASES = {
 
 
 class Figures(NamedTuple):
-    """What is read off a run."""
+    """Error figures of a run."""
 
     before: float  # RMS error before the payload [°]
     after: float  # and with it [°]
-    standing: float  # |mean error| in the last second [°]; of `rest` alone it says something
+    standing: float  # |mean error| in the last second [°], meaningful for the case `rest`
     swing: float  # peak to peak there [°]
     K_rms: float  # [N·m/rad] of the true stiffness
     moving: float  # mean |change of the commands| in the last second [bar/s]

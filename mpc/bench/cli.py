@@ -185,7 +185,7 @@ def run_command(
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
         told = _told(opened, at.dt, at.horizon)
         driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
-        sentences = margins_in_words(controller, told, reference)
+        sentences = margins_in_words(controller, told, reference, driver)
         watch = _Watch(plant.joint.pressure_limits[1], at.dt, bench)
         driven = RealTimeLoop(
             opened.device, driver, observer, reference, plant=plant, start=settings.start, stop=settings.stop,
@@ -311,7 +311,7 @@ def _exiting(ending: "Ending") -> Iterator[None]:
 
 
 def _told(opened: Opened, dt: float, horizon: int) -> "ToldSettings":
-    """Return what controller and observer are built from."""
+    """Return the settings of controller and observer."""
     from mpc.tracking.weights import Weights
     from mpc.trials.loops import Settings as ToldSettings
 

@@ -1,4 +1,4 @@
-"""Exported files become a new directory, all or none, and what this machine's C compiler makes of them."""
+"""Writing exported files as a new directory, all or none, and compiling them with this machine's C compiler."""
 
 import shutil
 import subprocess

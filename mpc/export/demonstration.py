@@ -1,4 +1,4 @@
-"""What main.c of an export shows, allocation and controller, and what it prints according to Python."""
+"""Demonstrations for main.c of an export, and their expected output, computed by Python."""
 
 from collections.abc import Iterator
 from dataclasses import replace

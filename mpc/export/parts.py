@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Files = dict[str, str]  # path within the exported directory: content
 Functions: TypeAlias = list[tuple["Function", str]]
-"""CasADi functions, and what each computes."""
+"""CasADi functions with a description of each."""
 
 PRECISIONS = ("double", "single")
 BUILD = """\
@@ -40,7 +40,7 @@ _C = Path(__file__).parent / "c"
 
 
 def build_words(single: bool, printed: Iterable[str]) -> dict[str, str]:
-    """Return what READMEs with `BUILD` say of the precision, and what the demonstration prints according to Python."""
+    """Return README sections on the precision and the demonstration's expected output, for use with `BUILD`."""
     return {
         "precision": "single" if single else "double",
         "rounded": " (single precision differs in the last digits)" if single else "",
@@ -49,7 +49,7 @@ def build_words(single: bool, printed: Iterable[str]) -> dict[str, str]:
 
 
 def machine_words(mechanism: Mechanism) -> dict[str, object]:
-    """Return what READMEs say of a mechanism."""
+    """Return the README section about a mechanism."""
     joints, muscles = ", ".join(mechanism.joint_names), ", ".join(mechanism.muscle_names)
     return {"n": mechanism.n, "m": mechanism.m, "joints": joints, "muscles": muscles}
 
@@ -86,7 +86,7 @@ def _tolerances(joint: AntagonistJoint, single: bool) -> Numbers:
 
 
 def dense(name: str, inputs: Mapping[str, Value], outputs: Mapping[str, Value]) -> "Function":
-    """Return a CasADi function with dense outputs, which computes what they share once."""
+    """Return a CasADi function with dense outputs and common subexpressions eliminated."""
     import casadi as ca
 
     made = ca.cse([ca.densify(value) for value in outputs.values()])

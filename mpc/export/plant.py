@@ -19,7 +19,7 @@ _PLAIN = (
 
 
 def real_plant(process: Plant | RealPlant) -> RealPlant:
-    """Return `process` as a real plant, if C can do what it does.
+    """Return `process` as a real plant that C can simulate.
 
     Raises InvalidInput for faults, and for readings that are old or off.
     """

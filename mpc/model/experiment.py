@@ -1,4 +1,4 @@
-"""What machines have in common: the experiments that closed loops are run against, and the values that they answer.
+"""Parts that all machines share: experiments for closed loops, and the values that they return.
 
 An experiment is a plant in some state, its sensors, and time going on.
 """
@@ -23,7 +23,7 @@ _SYMMETRIC = 1e-9  # of the greatest entry of a stiffness
 def substeps(machine: str, dt: float, fastest: float, resolution: float, most: int, check: str) -> int:
     """Return how many equal steps h over `dt` [s] it takes for h · `fastest` [1/s] ≤ `resolution`.
 
-    Raises `InvalidInput` for a `machine` that takes more than `most`, with what to `check`.
+    Raises `InvalidInput` for a `machine` that takes more than `most`, naming the parameters to `check`.
     """
     steps = dt * fastest / resolution
     if not steps <= most:

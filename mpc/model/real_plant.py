@@ -326,7 +326,7 @@ class RealExperiment:
 
     @property
     def memory(self) -> Array:
-        """Return all that the future depends on besides the time (n,): `x`, friction's memory, the commands on
+        """Return the state of the experiment apart from the time (n,): `x`, friction's memory, the commands on
         their way, the angles that are still to be read.
         """
         return np.concatenate([self._full, *self._waiting, self._angles])

@@ -55,7 +55,7 @@ class Noise:
     omega_walk: float = 0.2  # [rad/s/√s]
     pressure_walk: float = 0.07 * BAR  # [Pa/√s]
     d_walk: float = 1.9  # [N·m/√s]
-    offset: float = 0.0  # most of a regulator's offset against the sensor that is estimated [Pa], as 0.06 bar; 0: none
+    offset: float = 0.0  # bound of the estimated sensor offsets [Pa], such as 0.06 bar; 0: none
 
     def __post_init__(self) -> None:
         """Check."""
@@ -89,7 +89,7 @@ class Belief(NamedTuple):
 
     @classmethod
     def of(cls, other: Any) -> Self:
-        """Return a copy of what has the same names."""
+        """Return a copy of a record with the same fields."""
         return cls(other.xi.copy(), other.covariance.copy())
 
     @property
@@ -166,7 +166,7 @@ class Filter:
         return Belief(xi, self.unsure)
 
     def learned(self, offset: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
-        """Return the offsets (m,) [Pa] after what is `expected` of the readings `there` (n + m,) of `read`.
+        """Return the offsets (m,) [Pa] updated by the innovations of the readings `there` (n + m,) of `read`.
 
         `v` (m,) [Pa] are the commands that act.
         """

@@ -106,7 +106,7 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
 
 
 def _tracked(arm: Arm, q: Array, K: Array) -> Array:
-    """Return what the arm tracks of the joints' stiffness `K` (k, n, n) at the postures `q` (k, n).
+    """Return the tracked stiffness for the joints' stiffness `K` (k, n, n) at the postures `q` (k, n).
 
     Raises `InvalidInput` where the hand's stiffness is tracked and is infinite.
     """

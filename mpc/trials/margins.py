@@ -1,7 +1,7 @@
 """Robustness margins of a closed loop at rest, from its response to one disturbed reading.
 
 Where no limit binds, a loop of controller, observer and nominal plant is linear. One angle reading is disturbed by a
-small δ; what the encoder reads from then on, divided by δ, is the impulse response of the sensitivity
+small δ. The change of that and all later readings, divided by δ, is the impulse response of the sensitivity
 
     S(z) = 1/(1 + L(z)),      M_s = max |S(e^{jωdt})|,      L = 1/S - 1
 
@@ -31,9 +31,10 @@ from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
 from mpc.trials.reference import Reference
+from mpc.trials.simulation import Controller
 
 ROBUST = 2.0  # M_s that textbooks ask for at most
-DELTA = 1e-5  # [rad], far below what the observer's gates look at
+DELTA = 1e-5  # [rad], far below the observer's gates
 SETTLE, LISTEN = 1.0, 8.0  # [s] before the disturbed reading and after it
 _FINE = 8  # how much finer than 1/LISTEN the frequencies are
 _DECAYED = 1e-2  # of δ at the end; more is a loop that does not settle
@@ -91,7 +92,7 @@ class Margins:
         return float((phase % 360 * DEG / crossover).min(initial=inf)) if self.stable else 0.0
 
     def __str__(self) -> str:
-        """Say them in a line."""
+        """Return the margins in a line."""
         at = f"θ = {self.theta / DEG:.0f}°, K = {self.K:.1f} N·m/rad"
         if not self.stable:
             return f"{at}: the loop does not settle"
@@ -102,7 +103,7 @@ class Margins:
 
     @property
     def advice(self) -> str:
-        """Sentence that says what to change, or "" for a robust loop."""
+        """Advice in a sentence, or "" for a robust loop."""
         if self.sensitivity_peak <= ROBUST:
             return ""
         return f"M_s is above {ROBUST:g}: raise Weights.rate or lower Weights.theta, or shorten the dead time"
@@ -114,9 +115,9 @@ def margins(
     """Return the margins of the loop of `controller` and `observer` on its own model, dead time and gas included.
 
     `postures` are pairs (θ [rad], K [N·m/rad]); by default three angles, each at the middle of the stiffness that it
-    can have. Both values are used, and reset; the commands do not rest. The joint slides and its regulators move, so
-    both have to be told of no friction and no dead band, which are not linear. Raises `InvalidInput` for controllers of
-    arms, and where friction or a dead band is told.
+    can have. Both are used and reset; rest mode is off meanwhile. The joint slides and its regulators move, so both
+    need a compensation without friction and dead band, which are not linear. Raises `InvalidInput` for controllers of
+    arms, and for a compensation with friction or a dead band.
     """
     plant, told = controller.plant, controller.compensation
     if plant.angle_shape != ():
@@ -133,10 +134,12 @@ def margins(
         return tuple(_at(controller, observer, theta, K) for theta, K in at)
     finally:
         controller.rest = rests
+        controller.reset()
+        observer.reset()
 
 
 def linear(told: Compensation) -> Compensation:
-    """Return what is told without friction and dead band."""
+    """Return the compensation without friction and dead band."""
     return replace(told, friction=Friction(), dead_band=0.0)
 
 
@@ -149,9 +152,12 @@ def sliding_margins(
     return margins(controller, observer, postures)
 
 
-def margins_in_words(name: str, settings: Settings, reference: Reference) -> list[str]:
-    """Return sentences on the margins of the loop called `name`, at the middle of a reference; none of a slow NLP."""
-    if name == "nmpc":
+def margins_in_words(name: str, settings: Settings, reference: Reference, driver: Controller) -> list[str]:
+    """Return sentences on the margins of the loop called `name`, at the middle of a reference.
+
+    There are none if the `driver`, the loop's controller, is slow: an NLP, or a step that is not compiled yet.
+    """
+    if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
         return []
     theta, K = (float(np.mean([values.min(), values.max()])) for values in (reference.theta, reference.K))
     found = sliding_margins(name, settings, [(theta, K)])[0]

@@ -1,4 +1,4 @@
-"""What the commands make of a run: a table of its errors, and a file of the kind that the ending of its name says."""
+"""Reports of a run: a table of its errors, and files in the format of their suffix."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,7 +23,7 @@ _NOTHING = 1e-6  # of an entry of the stiffness: no muscle crosses both joints
 def write_run(
     run: Run, path: Path, film: Callable[[Path], None], title: str = "", hand: Endpoint | None = None
 ) -> None:
-    """Write `run` as CSV or NPZ, as what `film` writes, or as a picture with the way of its `hand`."""
+    """Write `run` as CSV or NPZ, as a film by `film`, or as a picture with the path of its `hand`."""
     ending = path.suffix.lower()
     if ending == ".csv":
         save_run(run, path)
@@ -36,7 +36,7 @@ def write_run(
 
 
 def table_of(run: Run, m: Metrics) -> "Table":
-    """Return the errors of a run, the limits that it broke, and what its steps took and were answered by."""
+    """Return the errors of a run, the limits that it broke, and the times and rungs of its steps."""
     from rich.table import Table
     from rich.text import Text
 

@@ -251,7 +251,7 @@ class ClosedLoop:
         self.x[k + 1] = self.experiment.x
 
     def _torque(self, t: float) -> Array:
-        """Return the load at `t` [s]. Raises `InvalidInput` for what is none."""
+        """Return the load at `t` [s]. Raises `InvalidInput` unless it is numeric, with one entry per joint."""
         assert self._load is not None
         torque, shape = checks.real(f"load({t:g})", self._load(t), "N·m"), self.plant.nominal.angle_shape
         if torque.shape not in ((), shape):
@@ -274,7 +274,7 @@ class ClosedLoop:
 def _check_parts(
     plant: Process, controller: Controller, reference: Reference, observer: Observer | None, load: Load | None
 ) -> None:
-    """Insist on what takes part in a loop. Raises `InvalidInput`."""
+    """Check the types of the parts of a loop. Raises `InvalidInput`."""
     wanted = (
         ("plant", plant, isinstance(plant, Process), "a Plant, a RealPlant, an Arm or a MujocoPlant"),
         ("controller", controller, isinstance(controller, Controller), "a controller, such as a TrackingMPC"),

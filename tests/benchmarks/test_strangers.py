@@ -55,7 +55,7 @@ def test_no_cycle_gives_work(structure):
 
 
 def test_the_stated_stiffness_is_the_slope_of_the_torque(structure):
-    """Held angles are pushed: what the cables carry, at constant pressures, without hysteresis."""
+    """Torque of the cables at held angles and constant pressures, without hysteresis."""
     stranger = drawn(structure, TUNING, slip=np.zeros(physics.SLIPS), creep=0.0)
     for theta in (-0.4, 0.0, 0.3):
         x = np.array([[theta + step, 0.0, 2.4 * BAR, 2.8 * BAR] for step in (-1e-4, 0.0, 1e-4)])

@@ -191,7 +191,7 @@ def _refer(
 
 @cache
 def at_once(name: str) -> Callable[..., tuple[int, int]]:
-    """Return what does the work of `source`'s loop `<name>_batch` by operations of NumPy, digit for digit.
+    """Return the NumPy equivalent of `source`'s loop `<name>_batch`, equal digit for digit.
 
     It is made once, in some 20 ms.
     """

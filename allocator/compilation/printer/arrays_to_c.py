@@ -24,7 +24,7 @@ MIN_AND_MAX = "\n".join(
     for kind, suffix in ((REAL, ""), (INT, "_int"))
     for name, sign in (("min", "<"), ("max", ">"))
 )
-"""What printed functions take for min and max, of NaN as well; to be put before them."""
+"""Definitions of min and max, NaN included, to be placed before printed functions."""
 
 
 def c_functions(

@@ -1,4 +1,4 @@
-"""Fit of a joint to measured equilibria: what is refused, and the problem."""
+"""Fit of a joint to measured equilibria: checks of the data, and the problem."""
 
 from collections.abc import Mapping
 from dataclasses import replace

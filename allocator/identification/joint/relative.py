@@ -1,4 +1,4 @@
-"""A joint that is known but for its force scale, which is what equilibria without a weight can tell, and nothing else.
+"""A joint known up to its force scale, as equilibria without a weight show it.
 
 Gradients are with respect to q = (parameters of the agonist, parameters of the antagonist), the order of
 `AntagonistJoint.covariance`.

@@ -1,4 +1,4 @@
-"""Bands about predicted angles, and the effect on the parameters of what the model leaves unexplained.
+"""Bands about predicted angles, and the effect of unexplained errors on the parameters.
 
 The log is cut into contiguous blocks and each is predicted from the others. The half width of the band is the 95 %
 quantile of these errors, one for taut rows and one for the others, whose errors are greater. The coverage is measured

@@ -122,7 +122,7 @@ def fit_motion(
 
 
 def _static(joint: AntagonistJoint | None, greatest: float, gas: bool) -> Difference | Equilibrium:
-    """Return what the static angle is a polynomial of, for pressures up to `greatest` [Pa]."""
+    """Return the variable of the static angle's polynomial, for pressures up to `greatest` [Pa]."""
     if joint is None:
         return Difference(greatest)
     if greatest > _MOST_SUPPLY * (supply := joint.pressure_limits[1]):
@@ -148,7 +148,7 @@ def _slope(found: Found, used: Mask) -> float:
 
 
 def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> tuple[Found, list[str]]:
-    """Return the fit with what the rows `used` show, and the sentences about what they do not."""
+    """Return the fit with the unknowns that the rows `used` show, and sentences about the others."""
     tell("first rows")
     found, unseen = search(problem, used), []
     tell("inertia and damping")

@@ -1,4 +1,4 @@
-"""Static angle of a moving joint: what it is a polynomial of, and the muscles that hold it.
+"""Static angle of a moving joint: its polynomial variable, and the muscles that hold it.
 
 It is a polynomial of the equilibrium of a known joint, or of the difference of both pressures. The muscles of a known
 joint are corrected so that it rests where the log of another of its kind says.
@@ -6,9 +6,9 @@ joint are corrected so that it rests where the log of another of its kind says.
     minimise  Σ_k (u_k - z - θ_eq(P1_k, P2_k; p))²  +  n w² [(z/z⁰)² + (‖F(p) - F⁰‖/‖F⁰‖)²]    over the zero z and p
 
 z is the encoder's zero, p are the parameters of both muscles, F(p) their forces on a grid of pressures and contractions
-and F⁰ those of the given ones: what the angles leave open stays as it was, the force scale above all. A zero can hardly
-be told from muscles that differ, and the errors are the model's as much as the sensor's: with a smaller w both go far
-away for a few tenths of a degree. No parameter changes its sign.
+and F⁰ those of the given ones. So the properties that the angles do not show keep their values, the force scale above
+all. A zero is hard to tell from other muscles, and the errors come from the model as much as from the sensor: with a
+smaller w both move far away to gain a few tenths of a degree. No parameter changes its sign.
 """
 
 from dataclasses import dataclass, replace
@@ -54,7 +54,7 @@ class Difference:
         return np.asarray(P1 + P2)
 
     def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
-        """Return that no motion changes the pressures, see `Equilibrium`: nothing is known of the muscles."""
+        """Return factors of one, see `Equilibrium`: without muscles the volumes are unknown."""
         return (np.ones(theta.size), np.ones(theta.size)), 0.0
 
 
@@ -75,7 +75,7 @@ class Equilibrium:
         return np.asarray(self._splines[1].ev(P1, P2))
 
     def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
-        """Return by what half of each move of `theta` (n,) [rad] multiplies the absolute pressures, two rows (n,).
+        """Return the factors of both absolute pressures for half of each move of `theta` (n,) [rad], two rows (n,).
 
         √((V_{k-1}/V_k)^κ), 1 at the first   (G3); and p_a [Pa]. In the middle V is `volume` times that of the joint.
         """
@@ -91,7 +91,7 @@ class Equilibrium:
         return (squeezed[0], squeezed[1]), gas.atmosphere
 
     def supplement(self, volume: float) -> tuple[float, float]:
-        """Return what both muscles hold [m³] beyond the joint's, so that in the middle it is `volume` times that."""
+        """Return the gas [m³] to add to each muscle for `volume` times the joint's in the middle of the range."""
         one, two = self.joint.sides(sum(self.joint.angle_range) / 2, (1.0, 1.0))
         P = self.greatest / 2
         return (volume - 1) * float(one.volume(P)), (volume - 1) * float(two.volume(P))
@@ -121,7 +121,7 @@ class Equilibrium:
 
 
 def with_gas(joint: AntagonistJoint) -> tuple[AntagonistJoint, str]:
-    """Return the joint with a volume in both muscles, and what was assumed for it; "" where it was known."""
+    """Return the joint with a volume in both muscles, and a sentence on the assumption, or "" if it was known."""
     radii, muscles = [], []
     for muscle in (joint.agonist, joint.antagonist):
         if muscle.rest_volume is None and muscle.inner_radius is None and muscle.own_radius is None:

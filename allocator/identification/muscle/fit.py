@@ -213,7 +213,7 @@ def _embedded(problem: MuscleProblem, covariance: Array, inside: Mask) -> Covari
 def _warnings(
     problem: MuscleProblem, solution: Solution, inside: Mask, collinear: tuple[str, ...], failure: str, pulls: Array
 ) -> Iterator[str]:
-    """Yield what is to be known before the fit is used; `pulls` are the model's forces [N] where it was slack."""
+    """Yield the caveats of a fit; `pulls` are the model's forces [N] where it was slack."""
     for name, value, free in zip(problem.free, solution.x, inside, strict=True):
         if not free:
             yield f"{name} ended at the limit of its search, {value:g}"

@@ -1,4 +1,4 @@
-"""What measured forces carry beside the muscle's: sign, offset and noise of the load cell, and hysteresis.
+"""Effects of the measurement on forces: sign, offset and noise of the load cell, and hysteresis.
 
 Where a muscle must be slack is seen without any model, since its force falls with contraction and rises with pressure:
 one sample is beyond another if it is contracted further at no higher pressure, or is at lower pressure and contracted

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SymbolicColumn:
-    """A `SymbolicColumn` is what `function` gives for a CasADi vector q (n,): k expressions of it."""
+    """Column of k CasADi expressions that `function` returns for a vector q (n,)."""
 
     name: str  # stands in messages
     joints: int  # n
@@ -26,7 +26,7 @@ class SymbolicColumn:
 
     @cached_property
     def expression(self) -> tuple[Value, Value]:
-        """Return the symbol q and the column (k, 1). Raises `InvalidInput` for what is none."""
+        """Return the symbol q and the column (k, 1). Raises `InvalidInput` unless it is a column."""
         import casadi as ca
 
         q = ca.SX.sym("q", self.joints)

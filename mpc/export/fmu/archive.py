@@ -1,4 +1,4 @@
-"""FMUs of FMI 3.0: both descriptions in XML, sources, and what this machine's compiler makes of them."""
+"""FMUs of FMI 3.0: both descriptions in XML, sources, and binaries of this machine's compiler."""
 
 import hashlib
 import platform

@@ -30,7 +30,7 @@ class Statics(NamedTuple):
 
 
 def missing(routes: Routes, bodies: MovingBodies) -> str:
-    """Return what has no formulas, in some words; "" if all has."""
+    """Return the parts without formulas in words, or "" if there are none."""
     found = [] if has_formulas(routes) else [f"{type(routes).__name__}, the muscles' ways,"]
     found += [type(bodies).__name__] * isinstance(bodies, MujocoBodies)
     return f"{' and '.join(found)} have no formulas" if found else ""

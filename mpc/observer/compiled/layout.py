@@ -96,7 +96,7 @@ class Places:
 
 
 class Tail(NamedTuple):
-    """What is remembered beyond a `State`: arrays whose lengths differ from observer to observer."""
+    """Memory beyond a `State`: arrays whose lengths differ between observers."""
 
     memory: Array  # of friction
     commands: Array  # (delay + 1, 2) [Pa]

@@ -48,7 +48,7 @@ class CompiledEstimate:
         return CompiledEstimate(self.module, self._new, readable)
 
     def copied(self) -> "CompiledEstimate | None":
-        """Return one with a copy of the state; None if what is remembered has no place in a record."""
+        """Return one with a copy of the state; None if the record cannot hold the memory."""
         if not (self.ahead or self._take()):
             return None
         other = self.of(self._readable)

@@ -140,7 +140,7 @@ def _structured(problem: TrackingProblem) -> "StructuredQP | None":
 
 
 def setting(problem: TrackingProblem) -> "Setting":
-    """Return what the compiled functions have to know of `problem`."""
+    """Return the constants of `problem` for the compiled functions."""
     from mpc.tracking.compiled.records import Bounds, Cost, Setting
 
     rows, limits, L = problem.rows, problem.limits, problem.L

@@ -119,7 +119,7 @@ def _turning(plant: Model) -> tuple[str, Array]:
 
 
 def resting(mode: RestMode, allowed: bool, c: Array) -> Resting:
-    """Return what the rest `mode` knows and remembers, copies; `c` are the numbers of the formulas."""
+    """Return copies of the settings and memory of the rest `mode`; `c` are the numbers of the formulas."""
     mode.catch_up()
     known, s = np.zeros(8), np.zeros(14)
     known[rest.INERTIA], known[rest.DT] = mode.plant.inertia, mode.dt

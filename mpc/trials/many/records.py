@@ -22,7 +22,7 @@ class Plant(NamedTuple):
 
 
 class Resting(NamedTuple):
-    """What `mpc.tracking.rest.RestMode` knows and remembers."""
+    """Settings and memory of `mpc.tracking.rest.RestMode`."""
 
     worthwhile: bool
     c: Array  # numbers of the formulas

@@ -1,4 +1,4 @@
-"""What planned measurements tell: the error of K after a fit to setpoints, and further measurements compared.
+"""Information in planned measurements: the error of K after a fit to setpoints, and further measurements compared.
 
 A least-squares fit to the visits of the chosen setpoints estimates y = (dx, b), the unknowns and the friction error of
 `allocator.identification.joint.doubt.discrepancy`, from θ = R y + B c + e and takes c, the error of the law, for zero.

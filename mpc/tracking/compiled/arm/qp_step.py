@@ -82,7 +82,7 @@ class CompiledArmQPStep:
         self._whole_size = N * (2 * m + 2 * n), z + SLACKS
         self._no_rows, self._no_bounds = np.zeros((0, z)), np.zeros(0)
         self._stiffnesses = outputs - m
-        self.structured: SizedQP | None = None  # what `Riccati` takes
+        self.structured: SizedQP | None = None  # for `Riccati`
         self._dense_for = 0  # QPs that are left to the dense one
 
     def __deepcopy__(self, memo: dict[int, object]) -> "CompiledArmQPStep":
@@ -141,7 +141,7 @@ class CompiledArmQPStep:
         return self._whole(previous, solve, deadline, times)
 
     def _structured_answer(self, feed: FeedForward, previous: PreviousSample) -> Motion | None:
-        """Return what the proved solution of the structured QP leads to, if it is its turn and that is finite."""
+        """Return the motion of the structured QP's proved solution; None if there is none, or the dense QP is due."""
         if self._dense_for:
             self._dense_for -= 1
             return None

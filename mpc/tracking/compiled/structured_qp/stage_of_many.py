@@ -40,7 +40,7 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
 
 @inlined_flat
 def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array) -> None:
-    """Set S to M + R[k]ᵀ F[k], what the cost-to-go is once v is chosen by the feedback F[k] (m, …)."""
+    """Set S to M + R[k]ᵀ F[k], the cost-to-go after v is chosen by the feedback F[k] (m, …)."""
     for i in range(NXI):
         if i < NX:
             share, line = (0.0, 0) if i < MOVING else (B[i - MOVING], i)
@@ -103,7 +103,7 @@ def charge_square(S: Array, slope: Array, k: int, m: int, w: float) -> None:
 
 @inlined_flat
 def charge_state(S: Array, slope: Array, k: int, cost: Cost) -> None:
-    """Add to S what the square of the errors of a state costs."""
+    """Add the cost of a state's squared errors to S."""
     for i in range(NX):
         S[i, i] += cost.x[i]
     for m in range(NY):

@@ -140,7 +140,7 @@ def test_blocks_grow():
 @pytest.mark.slow
 @pytest.mark.parametrize("near", [False, True], ids=["in the middle", "near the limits"])
 def test_the_structured_solution_is_that_of_the_dense_qp(both, near):
-    """Whatever binds, and DAQP is not asked."""
+    """For all combinations of binding limits, without a call of DAQP."""
     rng, bound = np.random.default_rng(8), 0
     for _ in range(8):
         x, u, d, feed, previous, _ = both.situation(rng, near)

@@ -1,4 +1,4 @@
-"""What a joint's controller, observer and runs can, an arm's can, too."""
+"""Features of a joint's controller, observer and runs, for an arm."""
 
 import pickle
 from copy import deepcopy
