@@ -25,9 +25,9 @@ from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from benchmarks import motion_truth_strangers as other
 from mpc import Plant, RealPlant
-from mpc.model.contact import Contact
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.contact import Contact
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)
 STEP, SECONDS = 0.02, 90.0  # [s]

@@ -14,7 +14,7 @@ from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
 from mpc.trials.files import save_run
 from mpc.trials.metrics import metrics
-from mpc.trials.plotting import save_tracking_figure
+from mpc.trials.pictures.plotting import save_tracking_figure
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import simulate
 

@@ -120,11 +120,11 @@ def track(
     from rich.progress import track as tracked
 
     from mpc.model.plant import Plant
-    from mpc.trials.animation import save_animation
     from mpc.trials.files import reference_called
     from mpc.trials.loops import loop
     from mpc.trials.margins import margins_in_words
-    from mpc.trials.report import write_run
+    from mpc.trials.pictures.animation import save_animation
+    from mpc.trials.pictures.report import write_run
     from mpc.trials.simulation import simulate
 
     console = Console()
@@ -201,7 +201,7 @@ def _muscles(plant: "Plant") -> str:
 def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Reference", console: "Console") -> None:
     """Say what was simulated and how well it went."""
     from mpc.trials.metrics import metrics
-    from mpc.trials.report import table_of
+    from mpc.trials.pictures.report import table_of
 
     figures = metrics(run)
     say(console, f"plant: {nominal.summary}")

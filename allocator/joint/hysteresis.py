@@ -191,7 +191,7 @@ class PrandtlIshlinskii:
 
             T_f = T(θ, P) - T(u, P) ≈ K (u - θ) = K [(1/W_n - 1) θ + Σ κ_i e_i],     κ_i = -w'_i,   e_i = θ - p'_i
 
-        in which the stops e_i = clip(e_i + dθ, ±ρ'_i) are those of Maxwell slip (`mpc.model.hysteresis.MaxwellSlip`),
+        in which the stops e_i = clip(e_i + dθ, ±ρ'_i) are those of Maxwell slip (`mpc.model.friction.maxwell_slip`),
         with springs κ_i K [N·m/rad] and half widths r'_i s(P1 + P2). The gain W_n is no friction but belongs to the
         static joint: where it is 1, nothing else is left. Raises `InvalidInput` where a weight w_i is negative: such
         elements would push.

@@ -5,10 +5,10 @@
 Every controller gets the same model (Sarosi's muscles, nominal), the same knowledge of dead time, dead band and a share
 of the friction, the same shaped and previewed references and the same limits. `pid` is what is usual: it differentiates
 the encoder's angle; `predictive-pid` feeds back the angle and velocity that the MPC's observer and model predict for
-the end of the dead time. The friction of the plant is Maxwell slip, whose widths follow P1 + P2 and which remembers
-where the joint turned round (`mpc.model.hysteresis`); told are three quarters of Dahl's, which follows the muscles'
-pull, with a loop as wide at one pressure. So nobody is told the truth. Plants with Dahl's friction and with none are
-among the variants.
+the end of the dead time. The friction of the plant is Maxwell slip (`mpc.model.friction.maxwell_slip`), whose widths
+follow P1 + P2 and which remembers where the joint turned round; controllers are told three quarters of Dahl's, which
+follows the muscles' pull, with a loop as wide at one pressure. So no controller knows the truth. Plants with Dahl's
+friction and with none are among the variants.
 
 How fair it is. There is one tuning for everything, made on other seeds (from 101 on; reported are those from 41 on).
 The PIDs' gains come from numerical optimisation (`benchmarks/closed_loop/tuning.py`) of this report's figures on the

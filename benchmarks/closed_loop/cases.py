@@ -7,7 +7,7 @@ import numpy as np
 
 from allocator.units import BAR
 from mpc import Compensation, Reference, Weights
-from mpc.model.friction import WIDTH_AT, Friction
+from mpc.model.friction.dahl import WIDTH_AT, Friction
 from mpc.model.real_plant import RealPlant
 from mpc.trials.loops import Settings
 from mpc.trials.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step

@@ -32,9 +32,9 @@ from benchmarks.closed_loop.cases import CASES, FREE, MODEL, SETTINGS, STANDARD,
 from benchmarks.closed_loop.runs import figures, run_case
 from mpc import RealPlant
 from mpc.model.compensation import Compensation
-from mpc.model.contact import Contact, Hysteresis
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.trials.loops import loop
 
 TRAJECTORIES = ("sine", "min-jerk", "chirp")

@@ -19,8 +19,8 @@ from allocator.units import BAR, DEG
 from benchmarks.closed_loop.cases import CASES, LOAD, MODEL, SETTINGS, STANDARD
 from benchmarks.closed_loop.runs import figures, run_case
 from mpc import Plant, RealPlant, Reference, Weights, simulate
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.trials.loops import Settings, loop
 from mpc.trials.trajectories import point_to_point
 

@@ -16,7 +16,7 @@ from allocator.joint.antagonist import report_joint
 from allocator.units import BAR, DEG, PERCENT
 from benchmarks.closed_loop.cases import CASES, EVERY, LOAD, SEEDS, STANDARD
 from mpc import Plant, Reference, Weights
-from mpc.model.contact import Contact
+from mpc.model.friction.contact import Contact
 from mpc.model.real_plant import RealPlant
 from mpc.trials.loops import Settings, loop
 from mpc.trials.push import Cycle, Push, push

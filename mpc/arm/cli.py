@@ -59,10 +59,10 @@ def track_arm(
     from rich.console import Console
 
     from mpc.arm.film import Film
-    from mpc.trials.animation import ENDINGS, check_film
     from mpc.trials.arm_trajectories import reference as asked_for
     from mpc.trials.metrics import metrics
-    from mpc.trials.report import table_of, write_run
+    from mpc.trials.pictures.animation import ENDINGS, check_film
+    from mpc.trials.pictures.report import table_of, write_run
     from mpc.trials.simulation import in_motion, simulate
 
     console = Console()

@@ -15,8 +15,8 @@ from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.picture import Camera
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
-from mpc.trials.animation import Picture, drawn, save_film
-from mpc.trials.plotting import COLOURS
+from mpc.trials.pictures.animation import Picture, drawn, save_film
+from mpc.trials.pictures.plotting import COLOURS
 
 SIZE = 480, 360  # [pixels]
 _RATE = 20  # pictures a second

@@ -351,7 +351,7 @@ def _journal(files: list[Path]) -> Path | None:
 
 def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
     """Write the other files, and remove a journal that nobody asked for."""
-    from mpc.trials.plotting import save_tracking_figure
+    from mpc.trials.pictures.plotting import save_tracking_figure
 
     for path in files:
         if path.suffix == ".npz":

@@ -40,8 +40,8 @@ class ControllerOptions(PlantOptions):
 
     def controller(self) -> "TrackingMPC":
         """Build the controller, which is told what is known of the plant."""
+        from mpc.export.controller.tuning import weights_from
         from mpc.export.entry import default_controller
-        from mpc.export.tuning import weights_from
 
         weights = None if self.errors is None else weights_from(self.errors)
         return default_controller(self.plant(), self.horizon, self.compensation(), weights)
@@ -143,7 +143,7 @@ def tuning_command(
     """Write numbers that retune an exported controller without a compiler."""
     from rich.console import Console
 
-    from mpc.export.tuning import write_tuning
+    from mpc.export.controller.tuning import write_tuning
 
     claim(out, inputs=options.files, force=force)
     write_tuning(out, options.controller(), precision=precision)

@@ -7,11 +7,11 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
 from mpc.export.building import check, write
-from mpc.export.control import check_pair, control_files, model_functions, sizes_of
-from mpc.export.demonstration import allocation_lines, allocation_table, control_lines
+from mpc.export.controller.demonstration import allocation_lines, allocation_table, control_lines
+from mpc.export.controller.readme import readme
+from mpc.export.controller.sizes import check_pair, control_files, model_functions, sizes_of
 from mpc.export.joint import kernel_of
 from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
-from mpc.export.readme import readme
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.observer.kalman import KalmanObserver

@@ -32,7 +32,7 @@ from allocator.mechanism.kernel import data, levels, residual
 from mpc.export import text
 from mpc.export.building import check, write
 from mpc.export.parts import BUILD, Files, build_words, copied, is_single, machine_words, model_files
-from mpc.model.lengths import symbolic_lengths
+from mpc.model.arm.lengths import symbolic_lengths
 
 if TYPE_CHECKING:
     from casadi import Function

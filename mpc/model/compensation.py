@@ -1,9 +1,9 @@
 """What is known of a joint beyond the nominal model is taken account of by observer and controllers alike.
 
 The disturbance torque d is what remains besides. Observer and controller have to be given the same `Compensation`.
-Its friction is anything with the interface of `mpc.model.contact.Hysteresis`: what it remembers follows the estimated
-angle, and its torque along the intended motion is in the feed-forward and in the prediction. So the feed-forward goes
-through the inverse of a `PrandtlIshlinskii`, to first order, without an iteration.
+Its friction is anything with the interface of `mpc.model.friction.contact.Hysteresis`: its memory follows the
+estimated angle, and its torque along the intended motion is in the feed-forward and in the prediction. So the
+feed-forward goes through the inverse of a `PrandtlIshlinskii`, to first order, without an iteration.
 """
 
 from dataclasses import dataclass, field, replace
@@ -18,9 +18,9 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.machine_file import load_joint
 from allocator.units import BAR, DEG
-from mpc.model.contact import Contact, Hysteresis
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import friction_of
+from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump

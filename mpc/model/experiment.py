@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 
 if TYPE_CHECKING:
     from casadi import Function

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.model.plant import NU, NX
 from mpc.model.real_plant import RealPlant
 

@@ -6,10 +6,10 @@
     q_i = κ (P_i + p_a) V_i'/V_i^eff, if the nominal plant has gas
     measured: θ(t - t_age) rounded to the encoder's step, P_i + o_i + noise; not ω
 
-with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.hysteresis` or of
-`mpc.model.friction`. Within its dead band a regulator is a shut valve: the gas is trapped. A muscle that pulls g_i
-times as hard swells g_i times as much, or a turn there and back would make work of nothing. Every effect has a value at
-which it is off, the default of its field; with all of them off this is the nominal `Plant`.
+with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.friction`. Within its dead
+band a regulator is a shut valve: the gas is trapped. A muscle that pulls g_i times as hard swells g_i times as much, or
+a turn there and back would make work of nothing. Every effect has a value at which it is off, the default of its field;
+with all of them off this is the nominal `Plant`.
 
 T_f depends on where the joint turned round. Within a step of integration it is a function of the angle, exact while
 the joint turns in one direction, and each step begins with what is remembered of the one before.
@@ -28,14 +28,14 @@ from allocator.joint.antagonist import report_joint
 from allocator.joint.gas import complex_share
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation, check_regulators
-from mpc.model.contact import Contact, Hysteresis
 from mpc.model.experiment import FINE
 from mpc.model.faults import Fault
-from mpc.model.friction import Friction
+from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
 from mpc.model.gas import trapped
-from mpc.model.hysteresis import MaxwellSlip, friction_of
 from mpc.model.integration import integrated
 from mpc.model.plant import MOST_SUBSTEPS, NU, NX, Plant
 

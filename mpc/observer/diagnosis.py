@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant

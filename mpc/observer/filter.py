@@ -29,11 +29,11 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Mask, Value
 from allocator.units import BAR, DEG
+from mpc.codegen.buffered import Buffered
 from mpc.model.arm.differences import Differences
 from mpc.model.arm.model import Arm
-from mpc.model.buffered import Buffered
 from mpc.model.compensation import Compensation
-from mpc.model.contact import BufferedPressing, Contact
+from mpc.model.friction.contact import BufferedPressing, Contact
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.gating import Gate

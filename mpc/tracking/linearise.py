@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.calculus import Array, Value
+from mpc.codegen.buffered import Buffered
 from mpc.model.arm.differences import Differences
 from mpc.model.arm.model import Arm
-from mpc.model.buffered import Buffered
 from mpc.model.machine import Machine
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from mpc.deferred import Deferred
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.contact import Contact
+from mpc.model.friction.contact import Contact
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.gating import Gate

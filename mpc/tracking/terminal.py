@@ -21,9 +21,9 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.model.experiment import RESOLUTION
 from mpc.model.machine import Machine
-from mpc.model.riccati import semidefinite_factor, solve_riccati
 from mpc.tracking.cost import Rows, charged, diagonal
 from mpc.tracking.linearise import Predictor
+from mpc.tracking.riccati import semidefinite_factor, solve_riccati
 from mpc.tracking.weights import Weights
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.model.experiment import FINE
 from mpc.model.plant import INPUTS, NU, NX, STATES, Plant
 from mpc.model.real_plant import RealExperiment, RealPlant

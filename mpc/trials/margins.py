@@ -24,7 +24,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.model.compensation import Compensation
-from mpc.model.friction import Friction
+from mpc.model.friction.dahl import Friction
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer

@@ -54,7 +54,7 @@ from mpc.trials.simulation import Controller, Run, simulate
 from mpc.trials.trajectories import min_jerk
 
 REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest
-_TURNED = 10 * DEG  # so far after a reversal friction has turned round, see `mpc.model.hysteresis`
+_TURNED = 10 * DEG  # so far after a reversal friction has turned round, see `mpc.model.friction.maxwell_slip`
 _LEAST = 2.4  # times that, the joint has to swing
 
 

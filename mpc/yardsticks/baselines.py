@@ -21,12 +21,12 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
-from mpc.model.riccati import solve_riccati
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.cost import diagonal
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import Task
+from mpc.tracking.riccati import solve_riccati
 from mpc.tracking.terminal import middle, regulator
 from mpc.tracking.weights import Weights
 

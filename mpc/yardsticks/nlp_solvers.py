@@ -13,7 +13,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.tracking.qp.options import SolverOptions, with_options
 from mpc.yardsticks.shooting import Given, Shooting
 
@@ -124,7 +124,7 @@ def interruptible() -> Iterator[None]:
 
     It becomes a `RuntimeError` whose text names it, or CasADi returns to Python with it still set, which Python reports
     as a `SystemError` caused by it. Anything else goes through. CasADi's conversions of arrays lose it without a trace:
-    functions are called through `mpc.model.buffered` where an interrupt may come.
+    functions are called through `mpc.codegen.buffered` where an interrupt may come.
     """
     try:
         yield

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.units import BAR
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.model.plant import NU, NX, Plant
 from mpc.tracking.cost import COMMANDS, NY, Rows, charges
 from mpc.tracking.feedforward import FeedForward

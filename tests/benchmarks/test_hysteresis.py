@@ -5,7 +5,7 @@ import pytest
 
 from allocator.units import DEG
 from benchmarks.closed_loop import hysteresis as bench
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 from allocator import BAR, DEG, fit_motion, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 

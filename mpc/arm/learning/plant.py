@@ -21,12 +21,12 @@ from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
 from allocator.notices import notice
+from mpc.codegen.buffered import Buffered
 from mpc.codegen.python_text import filling
+from mpc.model.arm.lengths import symbolic_lengths
 from mpc.model.arm.model import Arm
-from mpc.model.buffered import Buffered
 from mpc.model.gas import fall
 from mpc.model.integration import integrated
-from mpc.model.lengths import symbolic_lengths
 from mpc.tracking.qp.step import SlowStep
 
 if TYPE_CHECKING:

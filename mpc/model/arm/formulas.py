@@ -8,10 +8,10 @@ import numpy as np
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Routes
 from mpc.model.arm.bodies import MovingBodies
+from mpc.model.arm.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
 from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
 from mpc.model.gas import fall
 from mpc.model.integration import integrated
-from mpc.model.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
 
 if TYPE_CHECKING:
     from casadi import MX, SX, Function

@@ -11,7 +11,7 @@ from allocator.units import BAR, DEG
 from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.cli import app
 from mpc.export import export
-from mpc.export.tuning import tuning_numbers, weights_from, write_tuning
+from mpc.export.controller.tuning import tuning_numbers, weights_from, write_tuning
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs

@@ -21,7 +21,7 @@ from mpc import KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.cli import app
 from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
 from mpc.model.faults import StuckValve
-from mpc.model.friction import Friction
+from mpc.model.friction.dahl import Friction
 from mpc.tracking.preview import BadNumbers
 
 from ...rigs import toolchain as tools

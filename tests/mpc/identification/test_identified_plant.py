@@ -14,7 +14,7 @@ from allocator.machine_file import save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, Plant, RealPlant
 from mpc.identification.plant import IdentifiedPlant, replay
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 
 from ...rigs.moving_joint import DEAD_TIME, JOINT, LAG
 

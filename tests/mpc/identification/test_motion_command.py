@@ -11,7 +11,7 @@ from allocator.machine_file import load_joint, save_machine
 from allocator.units import BAR, DEG
 from mpc import Compensation, KalmanObserver, Plant
 from mpc.cli import app
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 
 from ...rigs.moving_joint import DEAD_TIME, JOINT, LAG
 

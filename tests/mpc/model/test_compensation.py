@@ -12,8 +12,8 @@ from allocator.errors import InvalidFile
 from allocator.machine_file import dumps
 from mpc import Rung, TrackingMPC, Weights, simulate, sine
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.contact import Contact
-from mpc.model.friction import Friction
+from mpc.model.friction.contact import Contact
+from mpc.model.friction.dahl import Friction
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver

@@ -14,9 +14,9 @@ from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.contact import Contact
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip, friction_of
+from mpc.model.friction.contact import Contact
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
 from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.weights import Weights

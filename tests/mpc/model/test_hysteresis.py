@@ -14,9 +14,9 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
-from mpc.model.contact import Contact
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.contact import Contact
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.real_plant import RealPlant
 
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)

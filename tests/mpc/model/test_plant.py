@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from allocator import BAR, DEG, InvalidInput, allocate
 from mpc import Plant
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 
 X0 = np.array([0.3, -1.0, 2.5 * BAR, 3.5 * BAR])
 U = np.array([3.0 * BAR, 2.0 * BAR])

@@ -24,8 +24,8 @@ from mpc.model.faults import (
     SupplyDrop,
     WrongReadings,
 )
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.observer.compiled import module
 from mpc.observer.filter import Belief
 from mpc.observer.gating import Verdict

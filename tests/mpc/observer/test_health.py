@@ -11,7 +11,7 @@ from allocator import BAR, DEG, AntagonistJoint, Lever, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, simulate, sine
 from mpc.model.faults import BrokenCable, DriftingSensor, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
-from mpc.model.friction import Friction
+from mpc.model.friction.dahl import Friction
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import MUSCLES, SENSORS, FaultKind, Finding, Health, Part, Reaction, Suspect

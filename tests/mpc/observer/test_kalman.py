@@ -11,10 +11,10 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import PlanStatus, Plant, Reference, TrackingMPC, simulate
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation
 from mpc.model.faults import FrozenSensors
-from mpc.model.friction import Friction
+from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator
 from mpc.observer.filter import Belief, Noise

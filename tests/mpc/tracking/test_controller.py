@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from allocator import BAR, DEG, InvalidInput
 from mpc import PlanStatus, Plant, Rung, TrackingMPC, Weights
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.tracking.preview import BadNumbers
 from mpc.tracking.qp.softened import softened
 

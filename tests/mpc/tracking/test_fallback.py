@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from allocator import BAR, DEG, InvalidInput, torque_interval
 from mpc import PlanStatus, Plant, Rung, TrackingMPC
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.preview import BadNumbers

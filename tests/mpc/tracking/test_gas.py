@@ -10,7 +10,7 @@ from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from benchmarks.closed_loop import gas as benchmark
 from mpc import KalmanObserver, NonlinearMPC, Plant, RealPlant, TrackingMPC, Weights, simulate, sine
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.model.experiment import FINE
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp.step import ReadableQPStep

@@ -10,8 +10,8 @@ from scipy.sparse import csc_matrix
 
 from allocator import BAR, DEG, InvalidInput
 from mpc import Compensation, Plant, Rung, TrackingMPC
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 
 pytestmark = pytest.mark.compiles
 

@@ -6,7 +6,7 @@ import pytest
 
 from allocator import BAR
 from mpc import Plant, Weights
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor

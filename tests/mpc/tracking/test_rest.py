@@ -8,7 +8,7 @@ import pytest
 
 from allocator import BAR, DEG
 from mpc import Compensation, PlanStatus, Plant, RealPlant, Reference, TrackingMPC, Weights, simulate
-from mpc.model.friction import Friction
+from mpc.model.friction.dahl import Friction
 from mpc.observer.base import Differentiator
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics

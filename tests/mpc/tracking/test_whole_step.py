@@ -11,8 +11,8 @@ from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Rung, TrackingMPC, Weights
 from mpc.codegen.views import table_of
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.tracking.linearise import Motion
 from mpc.tracking.preview import BadNumbers
 

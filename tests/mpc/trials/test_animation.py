@@ -5,7 +5,7 @@ from PIL import Image
 
 from allocator.errors import MissingBackend
 from mpc import Plant, TrackingMPC, simulate, sine
-from mpc.trials.animation import save_animation
+from mpc.trials.pictures.animation import save_animation
 
 pytestmark = pytest.mark.compiles
 

@@ -10,7 +10,7 @@ import pytest
 
 from allocator import DEG
 from mpc import PlanStatus, Rung, Weights, simulate
-from mpc.model.friction import Friction
+from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics

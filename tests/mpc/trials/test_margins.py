@@ -9,7 +9,7 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Plant, TrackingMPC
-from mpc.model.friction import Friction
+from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.weights import Weights
 from mpc.trials.loops import Settings, loop

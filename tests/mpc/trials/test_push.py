@@ -8,8 +8,8 @@ import pytest
 from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from mpc import Plant, RealPlant, Reference, Weights
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.trials.loops import Settings, loop
 from mpc.trials.push import Cycle, push, slope
 

@@ -11,7 +11,7 @@ from allocator import BAR, DEG, InvalidInput, allocate
 from mpc import PlanStatus, Plant, Reference, Rung, TrackingMPC, simulate, sine
 from mpc.trials.files import default_trajectory
 from mpc.trials.metrics import metrics
-from mpc.trials.plotting import tracking_figure
+from mpc.trials.pictures.plotting import tracking_figure
 from mpc.trials.trajectories import LEAD, TRAJECTORIES, jumps
 
 pytestmark = pytest.mark.compiles

@@ -10,7 +10,7 @@ from allocator import InvalidInput
 from allocator.units import BAR, DEG
 from mpc import Compensation, KalmanObserver, TrackingMPC
 from mpc.model.arm.model import Arm
-from mpc.model.friction import Friction
+from mpc.model.friction.dahl import Friction
 from mpc.observer.gating import Verdict
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import DAQP

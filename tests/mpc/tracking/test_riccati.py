@@ -9,8 +9,8 @@ from scipy.linalg import block_diag
 from allocator import BAR, InvalidInput, report_joint
 from allocator.muscles import PolynomialMcKibben
 from mpc import Plant, Weights
-from mpc.model.riccati import semidefinite_factor, solve_riccati
 from mpc.tracking.cost import diagonal
+from mpc.tracking.riccati import semidefinite_factor, solve_riccati
 from mpc.tracking.terminal import middle, regulator, terminal_factor
 from mpc.yardsticks.baselines import LQRControl
 

@@ -6,18 +6,18 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.export import text
-from mpc.export.demonstration import control_numbers
-from mpc.export.friction import (
+from mpc.export.controller.demonstration import control_numbers
+from mpc.export.controller.friction import (
     check_friction,
     friction_function,
     friction_numbers,
     friction_sizes,
     friction_tables,
 )
+from mpc.export.controller.recursions import items_in, recursion_files
+from mpc.export.controller.tuning import tuning_constants, tuning_definition
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
-from mpc.export.recursions import items_in, recursion_files
-from mpc.export.tuning import tuning_constants, tuning_definition
 from mpc.model import compensation
 from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman

@@ -18,7 +18,7 @@ from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import PRESLIDING, dahl
 from allocator.units import BAR
-from mpc.model.contact import Contact
+from mpc.model.friction.contact import Contact
 from mpc.model.plant import Plant
 
 WIDTH_AT = 2.5 * BAR  # both pressures, at θ = 0, for which the width of the loop is given

@@ -13,9 +13,9 @@ import numpy as np
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from mpc.export.joint import Numbers
-from mpc.model.contact import Contact, Hysteresis
-from mpc.model.friction import Friction
-from mpc.model.hysteresis import MaxwellSlip
+from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import NX, Plant
 
 if TYPE_CHECKING:

@@ -1,10 +1,10 @@
 """The README of the exported files is written here."""
 
 from allocator.joint.antagonist import AntagonistJoint
-from mpc.export.control import qp_iterations
+from mpc.export.controller.recursions import items_in
+from mpc.export.controller.sizes import qp_iterations
+from mpc.export.controller.tuning import tuning_numbers
 from mpc.export.parts import BUILD, build_words
-from mpc.export.recursions import items_in
-from mpc.export.tuning import tuning_numbers
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = (

@@ -34,8 +34,8 @@ from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.units import DEG
-from mpc.model.contact import Contact, Hysteresis
-from mpc.model.friction import WIDTH_AT, Friction, torque_of_width
+from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.dahl import WIDTH_AT, Friction, torque_of_width
 from mpc.model.plant import Plant
 
 _PRESLIDING = tuple(r * DEG for r in (0.5, 1.0, 2.0, 4.0))  # r_i [rad], of elements that carry the same torque: they

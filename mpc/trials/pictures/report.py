@@ -8,10 +8,10 @@ import numpy as np
 
 from allocator.mechanism.endpoint import Endpoint
 from mpc.model.plant import Plant
-from mpc.trials.animation import ENDINGS
 from mpc.trials.files import save_recording, save_run
 from mpc.trials.metrics import Errors, Metrics
-from mpc.trials.plotting import save_tracking_figure
+from mpc.trials.pictures.animation import ENDINGS
+from mpc.trials.pictures.plotting import save_tracking_figure
 from mpc.trials.simulation import Run
 
 if TYPE_CHECKING:

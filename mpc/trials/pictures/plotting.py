@@ -98,7 +98,7 @@ _MANY = (3.0,)  # of those of more
 def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> "Figure":
     """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes; `title` names what it is.
 
-    Of an arm the way of its `hand` is drawn beside, as `mpc.trials.plotting.way_of` says.
+    Of an arm the way of its `hand` is drawn beside, as `mpc.trials.pictures.plotting.way_of` says.
     """
     pair, way = isinstance(run.plant, Plant), way_of(run, hand)
     heights = 3.0, 1.3, 2.2, *(_PAIR if pair else _MANY)

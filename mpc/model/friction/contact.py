@@ -8,7 +8,7 @@ have the same interface, so that each of them may be in the plant under test and
 from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 from allocator.calculus import Array, Value
-from mpc.model.buffered import Buffered
+from mpc.codegen.buffered import Buffered
 from mpc.model.plant import NX, Plant
 
 
