@@ -9,7 +9,7 @@ from time import perf_counter, sleep
 import numpy as np
 
 from allocator import BAR, DEG
-from mpc import KalmanObserver, RealPlant, TrackingMPC, Weights
+from mpc import KalmanObserver, RealPlant, TrackingMPC, robust_weights
 from mpc.trials.trajectories import point_to_point
 
 DT = 0.01  # [s]
@@ -17,7 +17,8 @@ SECONDS = 5.0
 
 joint = RealPlant.standard()
 known = joint.known()
-controller = TrackingMPC(joint.nominal, dt=DT, N=20, weights=Weights.calm(), compensation=known)
+weights = robust_weights(joint.nominal, dt=DT, N=20, compensation=known)
+controller = TrackingMPC(joint.nominal, dt=DT, N=20, weights=weights, compensation=known)
 observer = KalmanObserver(joint.nominal, dt=DT, compensation=known)
 reference = point_to_point(rest=0.5).resampled(DT)
 experiment = joint.begin(DT, joint.at_rest(float(reference.theta[0]), float(reference.K[0])), 0)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from allocator import DEG
-from mpc import KalmanObserver, RealPlant, Reference, TrackingMPC, Weights, simulate
+from mpc import KalmanObserver, RealPlant, Reference, TrackingMPC, robust_weights, simulate
 from mpc.trials.metrics import metrics
 
 t = np.arange(0.0, 6.0, 0.02)  # [s]
@@ -12,7 +12,8 @@ K = np.full(t.size, 5.5)  # [N·m/rad]
 
 joint = RealPlant.standard()  # hysteresis, dead time, dead band, noise, muscles 10 % off
 known = joint.known()  # what the controller is told of it
-controller = TrackingMPC(joint.nominal, dt=0.01, N=20, weights=Weights.calm(), compensation=known)
+weights = robust_weights(joint.nominal, dt=0.01, N=20, compensation=known)
+controller = TrackingMPC(joint.nominal, dt=0.01, N=20, weights=weights, compensation=known)
 observer = KalmanObserver(joint.nominal, dt=0.01, compensation=known)
 run = simulate(joint, controller, Reference(t, theta, K), observer=observer)
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mpc.trials.many.entry import simulate_many
     from mpc.trials.many.runs import Runs
     from mpc.trials.reference import Reference, sine
+    from mpc.trials.robust import robust_weights
     from mpc.trials.simulation import Run, simulate
     from mpc.yardsticks.nlp_solvers import IPOPT, Fatrop
     from mpc.yardsticks.nonlinear import NonlinearMPC
@@ -49,6 +50,7 @@ else:
         "SlowStep": "tracking.qp.step",
         "TrackingMPC": "tracking.controller",
         "Weights": "tracking.weights",
+        "robust_weights": "trials.robust",
         "simulate": "trials.simulation",
         "simulate_many": "trials.many.entry",
         "sine": "trials.reference",
@@ -89,6 +91,7 @@ __all__ = [
     "SlowStep",
     "TrackingMPC",
     "Weights",
+    "robust_weights",
     "simulate",
     "simulate_many",
     "sine",

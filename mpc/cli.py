@@ -121,8 +121,7 @@ def track(
 
     from mpc.model.plant import Plant
     from mpc.trials.files import reference_called
-    from mpc.trials.loops import loop
-    from mpc.trials.margins import margins_in_words
+    from mpc.trials.loops import loop, margins_in_words, robust
     from mpc.trials.pictures.animation import save_animation
     from mpc.trials.pictures.report import write_run
     from mpc.trials.simulation import simulate
@@ -161,6 +160,8 @@ def track(
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
     with Console(stderr=True).status("building the controller"):
+        if tested is not nominal:
+            settings = robust(controller, settings)
         driver, estimator = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
 
@@ -230,20 +231,17 @@ def _tested(
     """
     from mpc.model.compensation import Compensation
     from mpc.model.real_plant import RealPlant
-    from mpc.tracking.weights import Weights
     from mpc.trials.loops import Settings
 
     if kind == _REAL:
         real = RealPlant.standard(torque_profile=torque, nominal=nominal)
-        return replace(real, **known.told), Settings(
-            real.nominal, compensation=replace(real.known(), **known.told), weights=Weights.calm()
-        )
+        return replace(real, **known.told), Settings(real.nominal, compensation=replace(real.known(), **known.told))
     if kind != _NOMINAL:
         raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
     if known == Compensation():
         return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal)
     tested = RealPlant.of(nominal, known, torque_profile=torque)
-    return tested, Settings(nominal, compensation=known, weights=Weights.calm())
+    return tested, Settings(nominal, compensation=known)
 
 
 app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a log of a moving joint (CSV)")(

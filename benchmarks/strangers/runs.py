@@ -11,8 +11,7 @@ from benchmarks.strangers.identified import Model, data_sheet, identified
 from benchmarks.strangers.plants import Stranger, drawn
 from mpc import KalmanObserver, Reference, simulate
 from mpc.observer.filter import Noise
-from mpc.tracking.weights import Weights
-from mpc.trials.loops import Settings, loop
+from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.trajectories import min_jerk, point_to_point, rested_sine, steps
 
 CONTROLLERS = ("mpc", "lqr", "predictive-pid", "pid", "feedforward")
@@ -62,8 +61,8 @@ class Figures(NamedTuple):
 
 def figures(stranger: Stranger, model: Model, controller: str, case: Case, payload: float = PAYLOAD) -> Figures:
     """Return those of one run."""
-    settings = Settings(model.plant, DT, compensation=model.told, weights=Weights.calm())
-    control, observer = loop(controller, settings)
+    settings = Settings(model.plant, DT, compensation=model.told)
+    control, observer = loop(controller, robust(controller, settings))
     if isinstance(observer, KalmanObserver):
         observer = KalmanObserver(model.plant, DT, Noise(offset=OFFSET), model.told)
     loaded = stranger.loaded(payload, case.loaded)

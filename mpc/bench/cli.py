@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from mpc.bench.safety import Ending
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
-    from mpc.trials.loops import Settings as ToldSettings
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
 _OBSERVING = ("mpc", "predictive-pid", "lqr")  # controllers
@@ -164,8 +163,8 @@ def run_command(
 
     from mpc.bench.loop import RealTimeLoop
     from mpc.trials.files import reference_called
-    from mpc.trials.loops import loop
-    from mpc.trials.margins import margins_in_words
+    from mpc.trials.loops import Settings as LoopSettings
+    from mpc.trials.loops import loop, margins_in_words, robust
 
     console = Console()
     finite("--settle", settle, "s")
@@ -183,7 +182,7 @@ def run_command(
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
-        told = _told(opened, at.dt, at.horizon)
+        told = robust(controller, LoopSettings(plant, at.dt, at.horizon, known))
         driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
         sentences = margins_in_words(controller, told, reference, driver)
         watch = _Watch(plant.joint.pressure_limits[1], at.dt, bench)
@@ -308,14 +307,6 @@ def _exiting(ending: "Ending") -> Iterator[None]:
         if not code or isinstance(error, AntagonistError) or error.filename is not None:
             raise
     raise typer.Exit(code)
-
-
-def _told(opened: Opened, dt: float, horizon: int) -> "ToldSettings":
-    """Return the settings of controller and observer."""
-    from mpc.tracking.weights import Weights
-    from mpc.trials.loops import Settings as ToldSettings
-
-    return ToldSettings(opened.plant, dt, horizon, opened.known, Weights.calm())
 
 
 class _Watch:

@@ -42,9 +42,14 @@ class ControllerOptions(PlantOptions):
         """Build the controller, which is told what is known of the plant."""
         from mpc.export.controller.tuning import weights_from
         from mpc.export.entry import default_controller
+        from mpc.trials.robust import robust_weights
 
-        weights = None if self.errors is None else weights_from(self.errors)
-        return default_controller(self.plant(), self.horizon, self.compensation(), weights)
+        plant, known = self.plant(), self.compensation()
+        if self.errors is not None:
+            weights = weights_from(self.errors)
+        else:
+            weights = robust_weights(plant, N=self.horizon, compensation=known, compiled=False)
+        return default_controller(plant, self.horizon, known, weights)
 
 
 @export_app.callback()

@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 from math import isfinite
 from typing import Self
 
+from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 
@@ -38,15 +39,17 @@ class Weights:
                 raise InvalidInput(f"Weights: {entry.name} = {value!r} has to be positive and finite")
 
     @classmethod
-    def calm(cls) -> Self:
-        """Return weights for a joint that is not what its model says: errors count less, and commands leave the
+    def calm(cls, detuning: float = 1.0) -> Self:
+        """Return weights for a joint that its model does not match: errors count less, and commands leave the
         feed-forward slowly.
 
-        The same for all trajectories of the closed-loop benchmark, chosen by hand after a numerical search on
-        seeds that it does not use. Angle and rate together keep a loop with dead time calm: with muscles
-        10 % stronger than the model's it hunts at an angle weight of 1/(0.1°)².
+        They are the same for all trajectories of the closed-loop benchmark, chosen by hand after a numerical search on
+        seeds that it does not use. A `detuning` s > 1 divides the weight of the angle by s and multiplies that of the
+        rate by s²: the loop is slower and more robust (`mpc.robust_weights` finds s for a joint). Raises `InvalidInput`
+        unless s is positive and finite.
         """
-        return cls(theta=1 / (0.16 * DEG) ** 2, omega=1 / (10 * DEG) ** 2, rate=1 / (0.5 * BAR) ** 2)
+        s = checks.positive("detuning", detuning, "")
+        return cls(theta=1 / (0.16 * DEG) ** 2 / s, omega=1 / (10 * DEG) ** 2, rate=(s / (0.5 * BAR)) ** 2)
 
 
 CALM = Weights(theta=1 / (0.234 * DEG) ** 2, omega=1 / (10.07 * DEG) ** 2, rate=1 / (1.526 * BAR) ** 2)

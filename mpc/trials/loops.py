@@ -1,16 +1,22 @@
 """The control loops that can be compared have names: each is a controller and its observer."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.observer.base import Differentiator, Observer
 from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
+from mpc.trials.margins import Margins, linear, margins
+from mpc.trials.reference import Reference
+from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
 from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
 from mpc.yardsticks.nonlinear import NonlinearMPC
@@ -66,6 +72,9 @@ CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
 """By name: how to build it, and whether it is used with an observer unless one says otherwise."""
 
 
+WEIGHED = "mpc", "nmpc", "lqr"  # controllers with `Weights`
+
+
 def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[Controller, Observer]:
     """Return controller and observer called `name`; `observer` says whether to have one (None: as it is used)."""
     if name not in CONTROLLERS:
@@ -77,3 +86,32 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
         observing = KalmanObserver(settings.plant, settings.dt, compensation=settings.compensation, wait=settings.wait)
         return build(settings), observing
     return build(settings), Differentiator(settings.dt)
+
+
+def robust(name: str, settings: Settings) -> Settings:
+    """Return the settings with the weights of `robust_weights`, for a controller called `name` that has weights."""
+    if name not in WEIGHED:
+        return settings
+    known = settings.plant, settings.dt, settings.N, settings.compensation
+    return settings._replace(weights=robust_weights(*known, wait=settings.wait))
+
+
+def sliding_margins(
+    name: str, settings: Settings, postures: Iterable[tuple[float, float]] | None = None
+) -> tuple[Margins, ...]:
+    """Return the margins of the loop called `name` with these settings, without friction and dead band."""
+    controller, observer = loop(name, settings._replace(compensation=linear(settings.compensation)))
+    assert isinstance(controller, BaseController)
+    return margins(controller, observer, postures)
+
+
+def margins_in_words(name: str, settings: Settings, reference: Reference, driver: Controller) -> list[str]:
+    """Return sentences on the margins of the loop called `name`, at the middle of a reference.
+
+    There are none if the `driver`, the loop's controller, is slow: an NLP, or a step that is not compiled yet.
+    """
+    if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
+        return []
+    theta, K = (float(np.mean([values.min(), values.max()])) for values in (reference.theta, reference.K))
+    found = sliding_margins(name, settings, [(theta, K)])[0]
+    return [f"margins on the model at {found}", *([found.advice] if found.advice else [])]

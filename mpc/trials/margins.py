@@ -29,13 +29,10 @@ from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
-from mpc.trials.loops import Settings, loop
-from mpc.trials.reference import Reference
-from mpc.trials.simulation import Controller
 
 ROBUST = 2.0  # M_s that textbooks ask for at most
 DELTA = 1e-5  # [rad], far below the observer's gates
-SETTLE, LISTEN = 1.0, 8.0  # [s] before the disturbed reading and after it
+SETTLE, LISTEN = 0.2, 8.0  # [s] before the disturbed reading and after it
 _FINE = 8  # how much finer than 1/LISTEN the frequencies are
 _DECAYED = 1e-2  # of δ at the end; more is a loop that does not settle
 
@@ -110,14 +107,18 @@ class Margins:
 
 
 def margins(
-    controller: BaseController, observer: Observer, postures: Iterable[tuple[float, float]] | None = None
+    controller: BaseController,
+    observer: Observer,
+    postures: Iterable[tuple[float, float]] | None = None,
+    *,
+    listen: float = LISTEN,
 ) -> tuple[Margins, ...]:
     """Return the margins of the loop of `controller` and `observer` on its own model, dead time and gas included.
 
     `postures` are pairs (θ [rad], K [N·m/rad]); by default three angles, each at the middle of the stiffness that it
-    can have. Both are used and reset; rest mode is off meanwhile. The joint slides and its regulators move, so both
-    need a compensation without friction and dead band, which are not linear. Raises `InvalidInput` for controllers of
-    arms, and for a compensation with friction or a dead band.
+    can have. The response is computed for `listen` [s]. Both are used and reset; rest mode is off meanwhile. The joint
+    slides and its regulators move, so both need a compensation without friction and dead band, which are not linear.
+    Raises `InvalidInput` for controllers of arms, and for a compensation with friction or a dead band.
     """
     plant, told = controller.plant, controller.compensation
     if plant.angle_shape != ():
@@ -131,7 +132,7 @@ def margins(
     rests, controller.rest = controller.rest, False
     try:
         at = [(checks.number("theta", theta, "rad"), checks.number("K", K, "N·m/rad")) for theta, K in places]
-        return tuple(_at(controller, observer, theta, K) for theta, K in at)
+        return tuple(_at(controller, observer, theta, K, listen) for theta, K in at)
     finally:
         controller.rest = rests
         controller.reset()
@@ -143,27 +144,6 @@ def linear(told: Compensation) -> Compensation:
     return replace(told, friction=Friction(), dead_band=0.0)
 
 
-def sliding_margins(
-    name: str, settings: Settings, postures: Iterable[tuple[float, float]] | None = None
-) -> tuple[Margins, ...]:
-    """Return the margins of the loop called `name` with these settings, without friction and dead band."""
-    controller, observer = loop(name, settings._replace(compensation=linear(settings.compensation)))
-    assert isinstance(controller, BaseController)
-    return margins(controller, observer, postures)
-
-
-def margins_in_words(name: str, settings: Settings, reference: Reference, driver: Controller) -> list[str]:
-    """Return sentences on the margins of the loop called `name`, at the middle of a reference.
-
-    There are none if the `driver`, the loop's controller, is slow: an NLP, or a step that is not compiled yet.
-    """
-    if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
-        return []
-    theta, K = (float(np.mean([values.min(), values.max()])) for values in (reference.theta, reference.K))
-    found = sliding_margins(name, settings, [(theta, K)])[0]
-    return [f"margins on the model at {found}", *([found.advice] if found.advice else [])]
-
-
 def usual_postures(plant: Plant) -> list[tuple[float, float]]:
     """Return three angles, at 15, 50 and 85 % of the joint range, with the middle of the stiffness of each."""
     low, high = plant.angle_limits
@@ -172,29 +152,31 @@ def usual_postures(plant: Plant) -> list[tuple[float, float]]:
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
 
 
-def _at(controller: BaseController, observer: Observer, theta: float, K: float) -> Margins:
+def _at(controller: BaseController, observer: Observer, theta: float, K: float, listen: float) -> Margins:
     """Return the margins at one posture."""
-    undisturbed, disturbed = (_listen(controller, observer, theta, K, delta) for delta in (0.0, DELTA))
-    response = (disturbed - undisturbed) / DELTA
-    points = _FINE * response.size
-    frequency = np.asarray(np.fft.rfftfreq(points, controller.dt)[1:], float)
+    dt, plant = controller.dt, controller.plant
+    first, samples = round(SETTLE / dt), round((SETTLE + listen) / dt)
+    at_rest = plant.at_rest(theta, K)
+    trial = RealPlant(plant, dead_time=controller.compensation.dead_time).begin(dt, at_rest, 0)
+    start = trial.memory
+
+    def readings(delta: float) -> Array:
+        """Return the angle's readings from the one that `delta` [rad] is added to on."""
+        controller.reset()
+        observer.reset()
+        trial.recall(start, 0)
+        u, angles = at_rest[2:], []
+        for k in range(samples):
+            y = trial.measure()
+            y[0] += delta * (k == first)
+            angles.append(y[0])
+            x, d = observer.estimate(y, u)
+            u = controller.step(x, theta, K, d).u[0]
+            trial.advance(u)
+        return np.array(angles[first:])
+
+    response = (readings(DELTA) - readings(0.0)) / DELTA
+    points = _FINE * max(response.size, round(LISTEN / dt))
+    frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
     settled = bool(np.abs(response[-round(0.1 * response.size) :]).max() < _DECAYED)
     return Margins(theta, K, frequency, np.fft.rfft(response, points)[1:], settled)
-
-
-def _listen(controller: BaseController, observer: Observer, theta: float, K: float, delta: float) -> Array:
-    """Return the angle's readings from the one that `delta` [rad] is added to on."""
-    plant, dt = controller.plant, controller.dt
-    real = RealPlant(plant, dead_time=controller.compensation.dead_time)
-    x0 = plant.at_rest(theta, K)
-    trial, u, first, readings = real.begin(dt, x0, 0), x0[2:], round(SETTLE / dt), []
-    controller.reset()
-    observer.reset()
-    for k in range(first + round(LISTEN / dt)):
-        y = trial.measure()
-        y[0] += delta * (k == first)
-        readings.append(y[0])
-        x, d = observer.estimate(y, u)
-        u = controller.step(x, theta, K, d).u[0]
-        trial.advance(u)
-    return np.array(readings[first:])

@@ -12,8 +12,8 @@ from mpc import Compensation, KalmanObserver, Plant, TrackingMPC
 from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.weights import Weights
-from mpc.trials.loops import Settings, loop
-from mpc.trials.margins import margins, sliding_margins
+from mpc.trials.loops import Settings, loop, sliding_margins
+from mpc.trials.margins import margins
 
 pytestmark = pytest.mark.compiles
 

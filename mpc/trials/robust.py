@@ -1,0 +1,76 @@
+"""Weights of a tracking MPC that are as quick as a robust loop allows.
+
+`Weights.calm` has one number that trades speed for robustness, its detuning s. The sensitivity peak M_s of the loop on
+its model falls with it: M_s - 1 is nearly a power of s, so that a secant in logarithms finds M_s = 2 in a few steps.
+On joints that the model does not match (`benchmarks.strangers`), errors under load are about least there.
+"""
+
+import warnings
+from collections.abc import Callable
+from math import exp, isfinite, log
+
+from allocator import checks
+from allocator.errors import InvalidInput
+from mpc.model.compensation import Compensation
+from mpc.model.plant import Plant
+from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.qp.step import CompilingBeside, SlowStep
+from mpc.tracking.weights import Weights
+from mpc.trials.margins import ROBUST, linear, margins, usual_postures
+
+QUICKEST, SLOWEST = 0.5, 32.0  # detuning
+_LISTEN = 1.5  # [s], enough for the peak
+_ACCURACY = 0.02  # of log(M_s - 1)
+_SLOPE = -0.7  # usual slope of log(M_s - 1) over log s
+_TRIALS = 8
+
+
+def robust_weights(
+    plant: Plant,
+    dt: float = 0.01,
+    N: int = 20,
+    compensation: Compensation | None = None,
+    *,
+    sensitivity_peak: float = ROBUST,
+    wait: bool = True,
+    compiled: bool = True,
+) -> Weights:
+    """Return `Weights.calm(s)` with the s for which the loop's M_s is `sensitivity_peak` at the middle posture.
+
+    The loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt)`, both with `compensation`,
+    `wait` and `compiled`; dt is in seconds. s stays within 0.5 and 32, so that a long dead time can leave a greater
+    peak. Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
+    """
+    wanted = checks.number("sensitivity_peak", sensitivity_peak, "-")
+    if not wanted > 1:
+        raise InvalidInput(f"sensitivity_peak = {wanted:g} has to be above 1, which no loop with a lag stays below")
+    told, places = linear(compensation or Compensation()), usual_postures(plant)
+    middle = [places[len(places) // 2]]
+
+    def excess(s: float) -> float:
+        """Return log((M_s - 1)/(wanted - 1)); infinite for a loop that does not settle."""
+        controller = TrackingMPC(plant, dt, N, Weights.calm(s), compensation=told, wait=wait, compiled=compiled)
+        observer = KalmanObserver(plant, dt, compensation=told, wait=wait, compiled=compiled)
+        peak = margins(controller, observer, middle, listen=_LISTEN)[0].sensitivity_peak
+        return log((peak - 1) / (wanted - 1))
+
+    with warnings.catch_warnings():
+        for told_by_the_loop_itself in (CompilingBeside, SlowStep):
+            warnings.simplefilter("ignore", told_by_the_loop_itself)
+        return Weights.calm(round(_root(excess), 2))
+
+
+def _root(excess: Callable[[float], float]) -> float:
+    """Return where `excess` is zero, or the end of the range that it is nearest to zero at."""
+    at, value, slope = 0.0, excess(1.0), _SLOPE
+    for _ in range(_TRIALS):
+        step = -value / slope if isfinite(value) else log(2.0)
+        after = min(max(at + step, log(QUICKEST)), log(SLOWEST))
+        if abs(value) < _ACCURACY or after == at:
+            break
+        new = excess(exp(after))
+        if isfinite(value) and isfinite(new):
+            slope = min((new - value) / (after - at), _SLOPE / 4)  # falls always
+        at, value = after, new
+    return exp(at)

@@ -1,0 +1,60 @@
+"""Weights that give a loop the sensitivity peak that is asked for."""
+
+import numpy as np
+import pytest
+
+from allocator import InvalidInput
+from allocator.joint.antagonist import report_joint
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, robust_weights
+from mpc.model.friction.dahl import Friction
+from mpc.tracking.weights import Weights
+from mpc.trials.loops import Settings, robust
+from mpc.trials.margins import margins
+from mpc.trials.robust import SLOWEST, _root
+
+pytestmark = pytest.mark.compiles
+
+DT = 0.01
+PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
+
+
+def peaks(weights, dead_time):
+    told = Compensation(dead_time=dead_time)
+    loop = TrackingMPC(PLANT, DT, weights=weights, compensation=told), KalmanObserver(PLANT, DT, compensation=told)
+    return margins(*loop)
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.03])
+def test_the_loop_has_the_peak_that_was_asked_for_at_each_posture(dead_time):
+    found = peaks(robust_weights(PLANT, DT, compensation=Compensation(dead_time=dead_time)), dead_time)
+    assert [m.sensitivity_peak for m in found] == pytest.approx([2.0] * 3, rel=0.07)
+    assert min(m.delay_margin for m in found) >= 2 * DT
+    assert found[1].sensitivity_peak == pytest.approx(2.0, rel=0.03)
+
+
+def test_more_robust_weights_are_slower():
+    told = Compensation(Friction(mu=0.05), dead_time=0.02)  # the friction has no part
+    quick, slow = (robust_weights(PLANT, DT, compensation=told, sensitivity_peak=peak) for peak in (2.2, 1.6))
+    assert slow.rate > quick.rate
+    assert slow.theta < quick.theta
+    assert peaks(slow, 0.02)[1].sensitivity_peak == pytest.approx(1.6, rel=0.03)
+
+
+def test_settings_of_controllers_without_weights_stay():
+    settings = Settings(PLANT, DT)
+    assert robust("pid", settings) is settings
+    assert robust("lqr", settings).weights == robust("mpc", settings).weights != settings.weights
+
+
+def test_the_search_ends_at_the_end_of_the_range_where_no_detuning_is_enough():
+    assert _root(lambda s: np.inf) == pytest.approx(SLOWEST)
+    assert _root(lambda s: 1.0) == pytest.approx(SLOWEST)
+    assert _root(lambda s: 1.3 - np.log(s)) == pytest.approx(np.exp(1.3), rel=0.05)
+
+
+def test_wrong_numbers_are_refused():
+    with pytest.raises(InvalidInput, match="above 1"):
+        robust_weights(PLANT, sensitivity_peak=0.9)
+    with pytest.raises(InvalidInput, match="detuning"):
+        Weights.calm(0.0)
