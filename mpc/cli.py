@@ -18,7 +18,7 @@ from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped
-from allocator.shell.outputs import IMAGES, Force, claim, files_of_run
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run
 from allocator.shell.printing import say
 from allocator.units import BAR
 from mpc.arm.cli import ArmOptions, track_arm
@@ -99,6 +99,9 @@ def track(
         float, typer.Option(help="load that nobody tells of, from half-way on, of several joints on the first [N·m]")
     ] = 0.0,
     seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
+    margins: Annotated[
+        Path | None, typer.Option(help="a picture to write of the loop's robustness at three postures, of one joint")
+    ] = None,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     wait: Annotated[
         bool,
@@ -121,9 +124,10 @@ def track(
 
     from mpc.model.plant import Plant
     from mpc.trials.files import reference_called
-    from mpc.trials.loops import loop, margins_in_words, robust
+    from mpc.trials.loops import loop, margins_in_words, robust, sliding_margins
     from mpc.trials.pictures.animation import save_animation
     from mpc.trials.pictures.report import write_run
+    from mpc.trials.pictures.sensitivity import plot_margins
     from mpc.trials.simulation import simulate
 
     console = Console()
@@ -132,9 +136,11 @@ def track(
     several = options.of_several
     own = (*_OWN_NAMES, _OWN_FILM) if several else _OWN_NAMES
     files = files_of_run(out or [Path()], _OF_SEVERAL if several else _SUFFIXES, own)
-    claim(*files, inputs=(trajectory, *options.files), force=force, own=own)
+    check_ending("--margins", margins, IMAGES)
+    claim(*files, margins, inputs=(trajectory, *options.files), force=force, own=own)
     if several:
-        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=None if controller == _MPC else 0)
+        named = None if controller == _MPC else controller
+        _refuse(stiffness=at.stiffness, margins=margins, solver=solver, observer=observer, controller=named)
         track_arm(
             options,
             more,
@@ -161,7 +167,7 @@ def track(
         observer = False  # the whole state is measured, and nothing disturbs
     with Console(stderr=True).status("building the controller"):
         if tested is not nominal:
-            settings = robust(controller, settings)
+            settings = robust(controller, settings, reference)
         driver, estimator = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
 
@@ -175,6 +181,9 @@ def track(
     if observer is not False:
         for sentence in margins_in_words(controller, settings, reference, driver):
             say(console, sentence)
+    if margins is not None:
+        plot_margins(sliding_margins(controller, settings), margins, title)
+        files = [*files, margins]
     say(console, f"written: {', '.join(map(str, files))}")
     _show(files if show else [])
 

@@ -182,7 +182,7 @@ def run_command(
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
-        told = robust(controller, LoopSettings(plant, at.dt, at.horizon, known))
+        told = robust(controller, LoopSettings(plant, at.dt, at.horizon, known), reference)
         driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
         sentences = margins_in_words(controller, told, reference, driver)
         watch = _Watch(plant.joint.pressure_limits[1], at.dt, bench)

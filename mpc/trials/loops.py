@@ -4,8 +4,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
@@ -88,12 +86,16 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
     return build(settings), Differentiator(settings.dt)
 
 
-def robust(name: str, settings: Settings) -> Settings:
-    """Return the settings with the weights of `robust_weights`, for a controller called `name` that has weights."""
+def robust(name: str, settings: Settings, reference: Reference | None = None) -> Settings:
+    """Return the settings with the weights of `robust_weights`, for a controller called `name` that has weights.
+
+    They are those for the middle of a `reference`, None: of the joint.
+    """
     if name not in WEIGHED:
         return settings
     known = settings.plant, settings.dt, settings.N, settings.compensation
-    return settings._replace(weights=robust_weights(*known, wait=settings.wait))
+    posture = None if reference is None else reference.middle
+    return settings._replace(weights=robust_weights(*known, posture=posture, wait=settings.wait))
 
 
 def sliding_margins(
@@ -112,6 +114,5 @@ def margins_in_words(name: str, settings: Settings, reference: Reference, driver
     """
     if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
         return []
-    theta, K = (float(np.mean([values.min(), values.max()])) for values in (reference.theta, reference.K))
-    found = sliding_margins(name, settings, [(theta, K)])[0]
+    found = sliding_margins(name, settings, [reference.middle])[0]
     return [f"margins on the model at {found}", *([found.advice] if found.advice else [])]

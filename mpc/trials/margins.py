@@ -101,7 +101,7 @@ class Margins:
     @property
     def advice(self) -> str:
         """Advice in a sentence, or "" for a robust loop."""
-        if self.sensitivity_peak <= ROBUST:
+        if self.sensitivity_peak <= ROBUST + 0.05:  # the accuracy of `robust_weights`
             return ""
         return f"M_s is above {ROBUST:g}: raise Weights.rate or lower Weights.theta, or shorten the dead time"
 

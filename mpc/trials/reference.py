@@ -85,6 +85,11 @@ class Reference:
         return replace(self, t=t, theta=_smooth(self.t, self.theta, t), K=_smooth(self.t, self.K, t), tail=ahead * dt)
 
     @property
+    def middle(self) -> tuple[float, float]:
+        """The middle of the ranges of angle [rad] and stiffness [N·m/rad], of one joint."""
+        return float(self.theta.min() + self.theta.max()) / 2, float(self.K.min() + self.K.max()) / 2
+
+    @property
     def summary(self) -> str:
         """Return the ranges of angle and stiffness and the duration, in a line."""
         angles, stiffnesses = (f"{a.min():.3g} … {a.max():.3g}" for a in (self.theta / DEG, self.K))

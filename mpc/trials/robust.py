@@ -32,12 +32,14 @@ def robust_weights(
     N: int = 20,
     compensation: Compensation | None = None,
     *,
+    posture: tuple[float, float] | None = None,
     sensitivity_peak: float = ROBUST,
     wait: bool = True,
     compiled: bool = True,
 ) -> Weights:
-    """Return `Weights.calm(s)` with the s for which the loop's M_s is `sensitivity_peak` at the middle posture.
+    """Return `Weights.calm(s)` with the s for which the loop's M_s is `sensitivity_peak` at a `posture`.
 
+    A posture is a pair (θ [rad], K [N·m/rad]); None is the middle of the joint range and of the stiffness there.
     The loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt)`, both with `compensation`,
     `wait` and `compiled`; dt is in seconds. s stays within 0.5 and 32, so that a long dead time can leave a greater
     peak. Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
@@ -45,14 +47,14 @@ def robust_weights(
     wanted = checks.number("sensitivity_peak", sensitivity_peak, "-")
     if not wanted > 1:
         raise InvalidInput(f"sensitivity_peak = {wanted:g} has to be above 1, which no loop with a lag stays below")
-    told, places = linear(compensation or Compensation()), usual_postures(plant)
-    middle = [places[len(places) // 2]]
+    told = linear(compensation or Compensation())
+    place = posture or usual_postures(plant)[1]
 
     def excess(s: float) -> float:
         """Return log((M_s - 1)/(wanted - 1)); infinite for a loop that does not settle."""
         controller = TrackingMPC(plant, dt, N, Weights.calm(s), compensation=told, wait=wait, compiled=compiled)
         observer = KalmanObserver(plant, dt, compensation=told, wait=wait, compiled=compiled)
-        peak = margins(controller, observer, middle, listen=_LISTEN)[0].sensitivity_peak
+        peak = margins(controller, observer, [place], listen=_LISTEN)[0].sensitivity_peak
         return log((peak - 1) / (wanted - 1))
 
     with warnings.catch_warnings():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import InvalidInput
+from allocator import DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, robust_weights
@@ -11,6 +11,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.tracking.weights import Weights
 from mpc.trials.loops import Settings, robust
 from mpc.trials.margins import margins
+from mpc.trials.pictures.sensitivity import plot_margins
 from mpc.trials.robust import SLOWEST, _root
 
 pytestmark = pytest.mark.compiles
@@ -58,3 +59,13 @@ def test_wrong_numbers_are_refused():
         robust_weights(PLANT, sensitivity_peak=0.9)
     with pytest.raises(InvalidInput, match="detuning"):
         Weights.calm(0.0)
+
+
+def test_the_picture_shows_each_posture(tmp_path):
+    found = peaks(Weights.calm(), 0.0)
+    figure = plot_margins(found, tmp_path / "margins.png", "a loop")
+    _, spectrum = figure.axes
+    assert [text.get_text().split(":")[0] for text in spectrum.get_legend().get_texts()] == [
+        f"θ = {m.theta / DEG:.0f}°, K = {m.K:.1f} N·m/rad" for m in found
+    ]
+    assert (tmp_path / "margins.png").stat().st_size > 10_000
