@@ -1,6 +1,6 @@
 """`antagonist export` writes what runs without Python: C, FMUs, firmware. Heavy libraries load when it runs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -16,6 +16,7 @@ from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:
     from mpc.tracking.controller import TrackingMPC
+    from mpc.trials.margins import Margins
 
 export_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
@@ -155,6 +156,17 @@ def tuning_command(
     say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
 
 
+def _margins(controller: "TrackingMPC") -> "Margins":
+    """Return the margins of the loop that is exported, at the middle posture."""
+    from mpc.observer.kalman import KalmanObserver
+    from mpc.trials.margins import linear, margins, usual_postures
+
+    told = linear(controller.compensation)
+    sliding = replace(controller, compensation=told)
+    observer = KalmanObserver(controller.plant, controller.dt, compensation=told, compiled=False)
+    return margins(sliding, observer, [usual_postures(controller.plant)[1]])[0]
+
+
 def _say(controller: "TrackingMPC | None", made: Path, read: str) -> None:
     """Say what a controller was told, and what was written."""
     from rich.console import Console
@@ -167,4 +179,8 @@ def _say(controller: "TrackingMPC | None", made: Path, read: str) -> None:
             say(console, f"told to the controller: {known.summary}")
         if known.untold:
             say(console, f"not told to the controller, whose C has no such numbers: {known.untold}")
+        found = _margins(controller)
+        say(console, f"margins on the model at {found}")
+        if found.advice:
+            say(console, found.advice)
     say(console, f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")
