@@ -185,7 +185,8 @@ def _at(controller: BaseController, observer: Observer, theta: float, K: float) 
 def _listen(controller: BaseController, observer: Observer, theta: float, K: float, delta: float) -> Array:
     """Return the angle's readings from the one that `delta` [rad] is added to on."""
     plant, dt = controller.plant, controller.dt
-    real = RealPlant(plant, dead_time=controller.compensation.dead_time)
+    told = controller.compensation
+    real = RealPlant(plant, dead_time=told.dead_time, reading_age=told.reading_age)
     x0 = plant.at_rest(theta, K)
     trial, u, first, readings = real.begin(dt, x0, 0), x0[2:], round(SETTLE / dt), []
     controller.reset()

@@ -81,7 +81,8 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
         "usual": joint.usual,
     }  # fmt: skip
     lengths = len(judged.pressures[0].numbers), len(judged.pressures[1].numbers), len(judged.torque.numbers)
-    sizes = own.compensation.friction.size, NU * (own.compensation.delay(dt) + 1), *lengths
+    age = own.compensation.age(dt)
+    sizes = own.compensation.friction.size, NU * (own.compensation.delay(dt) + age + 1), NU * (age + 1), *lengths
     return made(known, compiled.c, compiled.friction, sizes)
 
 
