@@ -249,6 +249,7 @@ class KalmanObserver:
             "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta,
             "lost": diagnosis.lost, "said": diagnosis.said, "found": [found is not None for found in diagnosis.sensors],
             "one": one.numbers, "two": two.numbers, "torque": diagnosis.torque.numbers,
+            "loop": diagnosis.ringing.numbers,
         }  # fmt: skip
 
     def _go_on_from(self, state: State, tail: Tail) -> None:
@@ -265,7 +266,7 @@ class KalmanObserver:
         self._commands.extend(tail.commands.copy())
         self._held.extend(tail.held.copy())
         assert isinstance(self.diagnosis, Diagnosis)
-        diagnosed = state.lost, state.said, state.found, (tail.one, tail.two, tail.torque)
+        diagnosed = state.lost, state.said, state.found, (tail.one, tail.two, tail.torque, tail.loop)
         self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
 
     def __getstate__(self) -> dict[str, object]:

@@ -45,6 +45,7 @@ class Known:
     quick: Annotated[Array, 2]
     slow: Annotated[Array, 2]
     usual: float  # [N·m]
+    inertia: float  # [kg·m²]
 
 
 class State:
@@ -95,6 +96,7 @@ class Places:
     one: Piece
     two: Piece
     torque: Piece
+    loop: Piece
 
 
 class Tail(NamedTuple):
@@ -106,6 +108,7 @@ class Tail(NamedTuple):
     one: Array  # numbers of `mpc.observer.pressure_diagnosis`
     two: Array
     torque: Array  # numbers of `mpc.observer.torque_diagnosis`
+    loop: Array  # numbers of `mpc.observer.ringing`
 
 
 class Sample:
@@ -134,7 +137,7 @@ class Made(NamedTuple):
 
 
 def made(known: Mapping[str, object], c: Array, friction: Array, sizes: tuple[int, ...]) -> Made:
-    """Return what a sample works on: what is `known`, the formulas' numbers `c`, and the `sizes` (6,) of a `Tail`."""
+    """Return what a sample works on: what is `known`, the formulas' numbers `c`, and the `sizes` (7,) of a `Tail`."""
     records, ends = new_records(Sample), [*accumulate(sizes, initial=0)]
     flat, past = np.full((2, ends[-1]), np.nan)
     record = records[0]

@@ -17,7 +17,7 @@ from mpc.codegen.addresses import floats, opener
 from mpc.codegen.jit import compiled, inlined
 from mpc.model.compiled_friction import ABSENT, Pressed, followed, rubbing_in, strength
 from mpc.model.integration import NODES, SHARES
-from mpc.observer import pressure_diagnosis, torque_diagnosis
+from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import MEASURED, SIZE, Belief, Places, Sample
 from mpc.observer.diagnosis import Joint, follow, less_lost
 from mpc.observer.filter import SETTLED
@@ -305,9 +305,9 @@ def diagnosed(o: Sample) -> int:
     rest, dt = k.dead_band / 2, k.dt
     one = Sound(k.quick[0], k.slow[0], rest, dt, k.sigma, k.seen)
     two = Sound(k.quick[1], k.slow[1], rest, dt, k.sigma, k.seen)
-    parts = floats(o.places.one), floats(o.places.two), floats(o.places.torque)
+    parts = floats(o.places.one), floats(o.places.two), floats(o.places.torque), floats(o.places.loop)
     read, moved = (s.read[1], s.read[2]), s.read[0] != s.last
-    follow(*parts, Joint(one, two, k.usual), s.t, read, (v[0], v[1]), xi[4], found, moved)
+    follow(*parts, Joint(one, two, k.usual, k.inertia), s.t, read, (v[0], v[1]), xi[1], xi[4], found, moved)
     for i in range(3):
         if s.lost[i] > 0:
             s.said[i] = s.read[i]
@@ -328,6 +328,12 @@ def suspicious(o: Sample) -> bool:
     suspected, broken, loaded = pressure_diagnosis.SUSPECTED, torque_diagnosis.BROKEN, torque_diagnosis.LOADED
     changed = changed or floats(o.places.one)[suspected] != floats(o.past_places.one)[suspected]
     changed = changed or floats(o.places.two)[suspected] != floats(o.past_places.two)[suspected]
-    now, before = torque[loaded], torque_before[loaded]
-    another = now != before and (now == now or before == before)
-    return bool(changed or torque[broken] != torque_before[broken] or another)
+    changed = changed or torque[broken] != torque_before[broken]
+    loop, loop_before = floats(o.places.loop)[ringing.SINCE], floats(o.past_places.loop)[ringing.SINCE]
+    return bool(changed or another(torque[loaded], torque_before[loaded]) or another(loop, loop_before))
+
+
+@inlined
+def another(now: float, before: float) -> bool:
+    """Return whether two times differ, which are NaN where there is none."""
+    return bool(now != before and (now == now or before == before))
