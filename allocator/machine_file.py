@@ -75,7 +75,7 @@ _GEOMETRIES: Mapping[str, type[geometry.Geometry]] = {
 _ROUTES: Mapping[str, type[Routes]] = {kind.__name__: kind for kind in (Pulleys, Sites, Tables)}
 _PAIR = ("agonist", "antagonist")
 _TABLES = ("machine", "routes", "muscle", "gas", "source", "plant")
-_OF_A_JOINT, _OF_MORE = ("covariance", "hysteresis", "regulators"), ("bodies",)
+_OF_A_JOINT, _OF_MORE = ("covariance", "hysteresis", "regulators", "sensors"), ("bodies",)
 _LIMITS = ("pressure_limits", "min_contraction", "angle_limits")
 _UNITS = "SI units: Pa, m, rad, N"
 

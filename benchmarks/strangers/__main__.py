@@ -1,6 +1,7 @@
 """Comparison of controllers on joints that the library does not model.
 
     python -m benchmarks.strangers [--seeds 5] [--controllers mpc,lqr] [--data-sheet]
+    python -m benchmarks.strangers --ages [--seeds 3]
 
 Each of the four structures of `benchmarks.strangers.plants` is drawn with as many seeds. All controllers get the same
 model, either from data sheets or from `fit_joint` and `fit_motion` on logs of the stranger; their observers estimate
@@ -20,6 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from benchmarks.strangers import ages
 from benchmarks.strangers.plants import REPORTING, STRUCTURES
 from benchmarks.strangers.runs import CASES, CONTROLLERS, MODELS, Row, rows_of
 
@@ -59,6 +61,17 @@ def report(rows: list[Row], models: list[str], controllers: tuple[str, ...]) -> 
     return "\n".join(lines) + "\n"
 
 
+def ages_report(seeds: range, pool: ProcessPoolExecutor) -> str:
+    """Return the report on readings that are older than told."""
+    plants = [*product(STRUCTURES, seeds), (ages.OWN, 0)]
+    jobs = [pool.submit(ages.aged_rows, *plant, age) for plant, age in product(plants, ages.AGES)]
+    found = [row for job in track(jobs, "ages", console=Console(stderr=True)) for row in job.result()]
+    rows = sorted(found, key=lambda row: ([*STRUCTURES, ages.OWN].index(row.structure), row.age))
+    lines = ["# Readings that are older than told", "", (ages.__doc__ or "").split("\n\n", 1)[1].strip(), ""]
+    lines += [f"Seeds {seeds[0]} to {seeds[-1]} of each structure, model of data sheets. Errors in degrees.", ""]
+    return "\n".join([*lines, *ages.ages_table(rows)]) + "\n"
+
+
 def main() -> None:
     """Run the benchmark and write the report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -66,16 +79,21 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=REPORTING, help="the first seed; from 1000 on they are for tuning")
     parser.add_argument("--controllers", default=",".join(CONTROLLERS))
     parser.add_argument("--data-sheet", action="store_true", help="only the model of data sheets")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "results" / "strangers.md")
+    parser.add_argument("--ages", action="store_true", help="readings that are older than told, instead")
+    parser.add_argument("--out", type=Path, help="file to write; else in benchmarks/results")
     asked = parser.parse_args()
+    out = asked.out or Path(__file__).parents[1] / "results" / ("ages.md" if asked.ages else "strangers.md")
     controllers = tuple(asked.controllers.split(","))
     models = ["data sheet"] if asked.data_sheet else list(MODELS)
     seeds = range(asked.first, asked.first + asked.seeds)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        if asked.ages:
+            out.write_text(ages_report(seeds, pool), encoding="utf-8")
+            return
         jobs = [pool.submit(rows_of, *one, controllers) for one in product(STRUCTURES, seeds, models)]
         rows = [row for job in track(jobs, "strangers", console=Console(stderr=True)) for row in job.result()]
-    asked.out.write_text(report(rows, models, controllers), encoding="utf-8")
-    print(asked.out.read_text(encoding="utf-8"))
+    out.write_text(report(rows, models, controllers), encoding="utf-8")
+    print(out.read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":

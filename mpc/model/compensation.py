@@ -24,7 +24,7 @@ from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
-_LONGEST = 10.0  # [s] of a dead time
+_LONGEST = 10.0  # [s] of a dead time and of an age
 _ALIKE = 0.05  # relative difference of two lags below which one is as good for both
 JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 
@@ -33,13 +33,16 @@ JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 class Compensation:
     """Friction and regulators of a joint as far as they are known; by default there is neither.
 
-    Observer and controllers take account of the friction, the dead time and the dead band. They predict the pressures
-    with the lag of the `Plant`; `lag_up`, `lag_down` and `flow` are those of simulated plants (`RealPlant.of`) only.
+    Observer and controllers take account of the friction, the dead time and the dead band, the observer of the reading
+    age. If angle and pressures are read equally late, that age is a dead time: add it to `dead_time`. The pressures are
+    predicted with the lag of the `Plant`; `lag_up`, `lag_down` and `flow` are those of simulated plants
+    (`RealPlant.of`) only.
     """
 
     friction: Hysteresis = field(default_factory=Friction)  # a `PrandtlIshlinskii` becomes `MaxwellSlip.of` it
     dead_time: float = 0.0  # of the commands [s]
     dead_band: float = 0.0  # [Pa], total
+    reading_age: float = 0.0  # of the angle's readings [s]; those of the pressures are new
     lag_up: float | None = None  # time constant of a rising pressure [s]; None: that of the plant
     lag_down: float | None = None  # of a falling one [s]
     flow: float = inf  # fastest change of a pressure [Pa/s]
@@ -47,17 +50,18 @@ class Compensation:
     def __post_init__(self) -> None:
         """Check the numbers."""
         object.__setattr__(self, "friction", friction_of(self.friction))
-        for name, unit in (("dead_time", "s"), ("dead_band", "Pa")):
+        for name, unit in (("dead_time", "s"), ("reading_age", "s"), ("dead_band", "Pa")):
             value = checks.number(name, getattr(self, name), unit)
             if value < 0:
                 raise InvalidInput(f"{name} = {value!r} {unit} has to be 0 or more")
             object.__setattr__(self, name, value)
         checks.pressure("dead_band", self.dead_band)
         check_regulators(self)
-        if self.dead_time > _LONGEST:
-            raise InvalidInput(
-                f"dead_time = {self.dead_time:g} s is none of a regulator; if milliseconds were meant, divide by 1000"
-            )
+        for name, part in (("dead_time", "regulator"), ("reading_age", "sensor")):
+            if (value := getattr(self, name)) > _LONGEST:
+                raise InvalidInput(
+                    f"{name} = {value:g} s is none of a {part}; if milliseconds were meant, divide by 1000"
+                )
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> Self:
@@ -88,6 +92,7 @@ class Compensation:
         """Return what is known in a line, which is empty if nothing is."""
         parts = [] if self.friction.absent else [self.friction.summary]
         parts += [f"dead time {self.dead_time:g} s"] * bool(self.dead_time)
+        parts += [f"reading age {self.reading_age:g} s"] * bool(self.reading_age)
         return ", ".join(parts + [f"dead band {self.dead_band / BAR:g} bar"] * bool(self.dead_band))
 
     @property
@@ -106,6 +111,10 @@ class Compensation:
     def delay(self, dt: float) -> int:
         """Return the dead time in whole samples of `dt` [s]."""
         return round(self.dead_time / dt)
+
+    def age(self, dt: float) -> int:
+        """Return the reading age in whole samples of `dt` [s]; only its sum with the dead time is rounded."""
+        return round((self.dead_time + self.reading_age) / dt) - self.delay(dt)
 
     def after_dead_band(self, u: Array, P: Array) -> Array:
         """Return the command [Pa] that moves a regulator without dead band as `u` moves this one at pressures P."""

@@ -19,7 +19,10 @@ lag_up = 0.08                  # of a rising pressure [s], and
 lag_down = 0.12                # of a falling one; or without these lines (0 is read as unknown, too)
 flow = 500000.0                # fastest change of a pressure [Pa/s]; or without this line
 
-Observers and controllers predict with the lag of [plant]; the last three shape simulated plants.
+[sensors]
+reading_age = 0.0              # of the angle's readings [s]
+
+Observers and controllers predict with the lag of [plant]; lag_up, lag_down and flow shape simulated plants.
 """
 
 from collections.abc import Collection, Mapping
@@ -34,6 +37,7 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.machine_file import dumps, joint_from
 
 _REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "flow")
+_SENSORS = ("reading_age",)
 _LAGS = ("lag_up", "lag_down")
 
 
@@ -61,12 +65,13 @@ def numbers_in(file: Table, names: Collection[str], where: str = "plant") -> dic
 
 
 def stored_regulators(path: FilePath) -> dict[str, Any]:
-    """Read the numbers of the regulators that the file gives, whatever its joint. Raises `InvalidFile`."""
+    """Read the numbers of regulators and sensors that the file gives, whatever its joint. Raises `InvalidFile`."""
     file = Table.read(path)
-    found = numbers_in(file, _REGULATORS, "regulators")
-    try:
-        for name in _LAGS:
-            checks.not_negative(name, found.get(name, 0.0), "s")
-    except InvalidInput as error:
-        raise Table(path, {}, "regulators").fault(error) from None
+    found = numbers_in(file, _REGULATORS, "regulators") | numbers_in(file, _SENSORS, "sensors")
+    for where, names in (("regulators", _LAGS), ("sensors", _SENSORS)):
+        try:
+            for name in names:
+                checks.not_negative(name, found.get(name, 0.0), "s")
+        except InvalidInput as error:
+            raise Table(path, {}, where).fault(error) from None
     return {name: value for name, value in found.items() if value or name not in _LAGS}

@@ -1,9 +1,10 @@
 """What an observer has anyway is turned into the `Health` of the joint, sample by sample.
 
-Three parts look for what they understand: `mpc.observer.pressure_diagnosis` at each muscle's pressure against its
-command, `mpc.observer.torque_diagnosis` at the disturbance torque, and this file at the observer's own flags. One cause
-is assumed where one explains all: two pressures that are both too low have a low supply, and a torque that a broken
-cable or a drifting pressure sensor accounts for is no load.
+Four parts look for what they understand: `mpc.observer.pressure_diagnosis` at each muscle's pressure against its
+command, `mpc.observer.torque_diagnosis` at the disturbance torque, `mpc.observer.ringing` at the velocity, and this
+file at the observer's own flags. One cause is assumed where one explains all: two pressures that are both too low have
+a low supply, a torque that a broken cable or a drifting pressure sensor accounts for is no load, and of a loop that
+rings and a fault the one that began first explains the other.
 
 What is remembered as numbers is followed by functions that numba compiles, too (`mpc.observer.compiled`).
 """
@@ -19,10 +20,11 @@ from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
-from mpc.observer import pressure_diagnosis, torque_diagnosis
+from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import MUSCLES, SENSORS, WELL, FaultKind, Finding, Health, Part, Suspect
 from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound
+from mpc.observer.ringing import RingingDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ _FLAGS = {
 }
 _REJECTED_ANGLE = Suspect(FaultKind.REJECTED_SENSOR, Part.ANGLE)
 _LOAD = Suspect(FaultKind.LOAD, Part.JOINT), Suspect(FaultKind.DRIFTING_SENSOR, Part.ANGLE)
+_RINGING = (Suspect(FaultKind.RINGING, Part.LOOP),)
 _LOW_SUPPLY = (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
 
 
@@ -47,6 +50,7 @@ class Joint(NamedTuple):
     first: Sound
     second: Sound
     usual: float  # torque of a muscle [N·m]
+    inertia: float  # [kg·m²]
 
 
 class Diagnosis:
@@ -62,8 +66,9 @@ class Diagnosis:
         middle, P = float(np.mean(plant.joint.angle_range)), float(np.mean(plant.joint.pressure_limits))
         usual = float(np.abs(self._pulls(np.array([middle, 0.0, P, P]))[0][0, :NU]).mean())
         self.pressures = [PressureDiagnosis(lag, dt, compensation.dead_band, sigma, usual) for lag in plant.lags]
-        self.torque = TorqueDiagnosis(dt, usual)
-        self.sound = Joint(self.pressures[0].sound, self.pressures[1].sound, usual)
+        self.torque, self.ringing = TorqueDiagnosis(dt, usual), RingingDiagnosis(plant.inertia)
+        self.sound = Joint(self.pressures[0].sound, self.pressures[1].sound, usual, plant.inertia)
+        self._told = compensation.dead_time, compensation.reading_age
         self.reset()
 
     def reset(self) -> None:
@@ -77,18 +82,24 @@ class Diagnosis:
         self._known: tuple[object, ...] = ()
         self._low_supply = False
         self.torque.reset()
+        self.ringing.reset()
         for pressure in self.pressures:
             pressure.reset()
 
     def go_on(self, t: float, theta: float, lost: Array, said: Array, found: Array, numbers: Sequence[Array]) -> None:
         """Go on where it was followed elsewhere: to the time `t` [s], the angle `theta` [rad], what sensors have `lost`
-        (3,) [s] and `said` (3,) then, whether one is `found` (3,) wrong, and the `numbers` of pressures and torque.
+        (3,) [s] and `said` (3,) then, whether one is `found` (3,) wrong, and the `numbers` of pressures, torque and
+        loop.
         """
         self.t, self.theta, self.lost, self.said = t, theta, lost.tolist(), said.tolist()
         self.sensors = [one if wrong else None for one, wrong in zip(self.sensors, found, strict=True)]
-        parts: tuple[PressureDiagnosis | TorqueDiagnosis, ...] = (*self.pressures, self.torque)
-        for part, values in zip(parts, numbers, strict=True):
+        for part, values in zip(self.remembering, numbers, strict=True):
             part.numbers = values.tolist()
+
+    @property
+    def remembering(self) -> tuple[PressureDiagnosis | TorqueDiagnosis | RingingDiagnosis, ...]:
+        """The diagnoses of the pressures, of the torque and of the loop."""
+        return *self.pressures, self.torque, self.ringing
 
     def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array) -> None:
         """Follow what the sensors have `said` (3,), which was checked.
@@ -99,10 +110,13 @@ class Diagnosis:
         d, pulls = float(xi[NX]), self._pulls(xi[:NX])[0][0].tolist()
         if all(map(isfinite, (d, *pulls))):
             known = all(verdict.counts for verdict in verdicts)  # d̂ makes up for what is not
-            (one, two), torque = self.pressures, self.torque
+            (one, two), torque, loop = self.pressures, self.torque, self.ringing
+            if not known:
+                ringing.begin(loop.numbers)
             moved = known and believed[0] != self.theta  # a repeated angle may be frozen
             self.theta, *read = believed
-            follow(one.numbers, two.numbers, torque.numbers, self.sound, self.t, read, v.tolist(), d, pulls, moved)
+            parts, omega = (one.numbers, two.numbers, torque.numbers, loop.numbers), float(xi[1])
+            follow(*parts, self.sound, self.t, read, v.tolist(), omega, d, pulls, moved)
         self.t += self.dt
         self.conclude()
 
@@ -128,19 +142,37 @@ class Diagnosis:
     def conclude(self) -> None:
         """Say what is wrong, where that has changed."""
         torque, (one, two) = self.torque, self.pressures
-        known = one.suspected, two.suspected, torque.broken, torque.loaded, *self.sensors
+        known = one.suspected, two.suspected, torque.broken, torque.loaded, self.ringing.since, *self.sensors
         if known == self._known:
             return
         self._known = known
-        findings = [*self._of_sensors(), *self._of_pressures(), *self._of_torque()]
+        findings = [*self._of_sensors(), *self._of_joint()]
         self.health = Health(tuple(findings)) if findings else WELL
 
     def _of_sensors(self) -> Iterator[Finding]:
-        others = [own.since for own in self.pressures if own.suspected]
-        others += [] if self.torque.broken is None else [self.torque.since]
         for finding in self.sensors:
-            if finding and not (finding.suspects[0] == _REJECTED_ANGLE and min(others, default=inf) < finding.since):
+            if finding and not (finding.suspects[0] == _REJECTED_ANGLE and self._first < finding.since):
                 yield finding  # else another fault threw the joint out of its range
+
+    @property
+    def _first(self) -> float:
+        """When the first fault of a pressure or a cable began [s]; inf without one."""
+        found = [own.since for own in self.pressures if own.suspected]
+        found += [] if self.torque.broken is None else [self.torque.since]
+        return min(found, default=inf)
+
+    def _of_joint(self) -> Iterator[Finding]:
+        began = self.ringing.since
+        if began is None or self._first < began:
+            yield from (*self._of_pressures(), *self._of_torque())
+            return
+        dead_time, age = (f"{1e3 * told:.0f} ms" for told in self._told)
+        yield Finding(
+            _RINGING,
+            began,
+            f"at {self.ringing.frequency:.1f} Hz: readings or commands are probably older than told, which is a dead "
+            f"time of {dead_time} and a reading age of {age}; raise dead_time or reading_age",
+        )
 
     def _of_pressures(self) -> Iterator[Finding]:
         one, two = self.pressures
@@ -167,19 +199,20 @@ class Diagnosis:
 
 
 def follow(
-    one: Numbers, two: Numbers, torque: Numbers, k: Joint, t: float, read: Sequence[float], v: Sequence[float],
-    d: float, pulls: Sequence[float], moved: bool,
+    one: Numbers, two: Numbers, torque: Numbers, loop: Numbers, k: Joint, t: float, read: Sequence[float],
+    v: Sequence[float], omega: float, d: float, pulls: Sequence[float], moved: bool,
 ) -> None:  # fmt: skip
-    """Follow both muscles and the torque at `t` [s] by what is remembered of each.
+    """Follow both muscles, the torque and the loop at `t` [s] by what is remembered of each.
 
-    The pressures `read` (2,) [Pa] are NaN if not believed, the commands `v` (2,) [Pa] act, `d` [N·m] is estimated, and
-    the muscles of the model do what `pulls` (6,) says, see `pulling`. The joint has `moved` if all readings are
-    believed, and the angle's is a new one.
+    The pressures `read` (2,) [Pa] are NaN if not believed, the commands `v` (2,) [Pa] act, `omega` [rad/s] and `d`
+    [N·m] are estimated, and the muscles of the model do what `pulls` (6,) says, see `pulling`. The joint has `moved` if
+    all readings are believed, and the angle's is a new one.
     """
     pressure_diagnosis.follow(one, two, k.first, t, read[0], v[0], pulls[2], d, pulls[4])
     pressure_diagnosis.follow(two, one, k.second, t, read[1], v[1], pulls[3], d, pulls[5])
     if moved:
         torque_diagnosis.follow(torque, k.first.dt, k.usual, t, d, pulls[0], pulls[1])
+    ringing.follow(loop, k.inertia, t, omega, d)
 
 
 def less_lost(lost: float, dt: float, tolerance: float) -> tuple[float, bool]:

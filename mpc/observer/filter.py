@@ -149,6 +149,12 @@ class Filter:
         later[:size] += A[:size, :size] @ (x - near)
         return Belief(later, A @ belief.covariance @ A.T + Q)
 
+    def ahead(self, belief: Belief, commands: Sequence[Array], memory: Value) -> Belief:
+        """Predict one sample for each of the `commands` (m,) [Pa], with the friction torque of the same memory."""
+        for v in commands:
+            belief = self.predicted(belief, v, memory, self.Q)
+        return belief
+
     def corrected(self, belief: Belief, read: Array, there: Mask, variances: Array) -> Belief:
         """Correct by the readings `there` (n + m,) of `read`, which have the `variances` (n + m,)."""
         one = np.eye(belief.xi.size)

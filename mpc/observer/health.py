@@ -10,6 +10,7 @@ do about it.
 | broken cable | d̂ jumps to minus the muscle's torque, and follows it | vent |
 | silent, frozen or rejected sensor | the observer's own flags | none for a pressure, hold for the angle |
 | load or drift of the angle | d̂ larger than usual loads, whatever the pressures do | hold |
+| loop that rings | the angle swings at a common period, does not come to rest, and d̂ with it | hold |
 
 Where several faults explain what is seen all of them are named: `docs/faults.md` says which, and until when.
 """
@@ -44,6 +45,7 @@ class FaultKind(StrEnum):
     FROZEN_SENSOR = "frozen sensor"
     REJECTED_SENSOR = "rejected sensor"
     LOAD = "load"
+    RINGING = "ringing"
 
 
 class Part(StrEnum):
@@ -56,6 +58,7 @@ class Part(StrEnum):
     P1 = "P1"
     P2 = "P2"
     JOINT = "joint"
+    LOOP = "loop"
 
 
 MUSCLES = Part.MUSCLE_1, Part.MUSCLE_2
@@ -71,6 +74,7 @@ _REACTIONS = {
     FaultKind.FROZEN_SENSOR: Reaction.NONE,
     FaultKind.REJECTED_SENSOR: Reaction.NONE,
     FaultKind.LOAD: Reaction.HOLD,
+    FaultKind.RINGING: Reaction.HOLD,
 }
 
 
@@ -95,10 +99,12 @@ class Finding(NamedTuple):
 
     suspects: tuple[Suspect, ...]
     since: float  # [s] since the observer's reset
+    advice: str = ""  # the usual cause, and which number to change
 
     def __str__(self) -> str:
         """Say it in words."""
-        return " or ".join(map(str, self.suspects)) + f" since {self.since:.2f} s"
+        found = " or ".join(map(str, self.suspects)) + f" since {self.since:.2f} s"
+        return f"{found} ({self.advice})" if self.advice else found
 
 
 @dataclass(frozen=True)
@@ -116,6 +122,11 @@ class Health:
     def suspects(self) -> tuple[Suspect, ...]:
         """Return all that is suspected."""
         return tuple(suspect for finding in self.findings for suspect in finding.suspects)
+
+    @property
+    def ringing(self) -> Finding | None:
+        """Return the finding that the loop rings, if it does."""
+        return next((one for one in self.findings if one.suspects[0].fault is FaultKind.RINGING), None)
 
     @property
     def reaction(self) -> Reaction:

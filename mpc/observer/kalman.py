@@ -52,6 +52,9 @@ class KalmanObserver:
     `TrackingMPC` says so in the status of its plans. Numbers never make it raise; before the first angle that can be
     believed all that is answered is NaN, but for the pressures.
 
+    Angles are read `Compensation.reading_age` late. Readings of pressures are held back for as long, the filter
+    estimates the state of then, and the answer is predicted from it with the commands since.
+
     Ordinary samples, in which all readings are believed, are compiled (`implementation`): for some seconds when the
     first observer of a kind of plant is made, unless it is told not to `wait`, when another process compiles for the
     next. With `compiled` False nothing is: for an observer that is only exported.
@@ -78,6 +81,7 @@ class KalmanObserver:
         self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
         self._measured, self._angles = self.filter.measured, slice(plant.n)
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(self._measured.size)]
+        self.age = self.compensation.age(dt)  # of the angle's readings [samples]
         self.diagnosis = diagnosis_of(plant, dt, self.noise.pressure, self.compensation, tolerance)
         self.compiled: CompiledEstimate | None = None
         self._compiles = compiled
@@ -105,7 +109,8 @@ class KalmanObserver:
         self._step = np.full(self.plant.n, COARSEST)  # the least change of each angle's reading so far [rad]
         self._variances = np.diag(self.filter.R).copy()  # of the sensors
         self._friction = FrictionState(self.compensation.friction)
-        self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + 1)
+        self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + self.age + 1)
+        self._held: deque[Array] = deque(maxlen=self.age + 1)  # readings of pressures until an angle as old comes
         for gate in self._gates:
             gate.reset()
         for gate, floor in zip(self._gates[self._angles], self.gate.floor, strict=False):
@@ -167,7 +172,13 @@ class KalmanObserver:
             raise InvalidInput(
                 f"y and u have the shapes {y.shape} and {u.shape}, not ({self.plant.size},) and ({self.plant.m},)"
             )
-        return self._estimated(y[self._measured], u)
+        return self._estimated(self._simultaneous(y[self._measured]), u)
+
+    def _simultaneous(self, said: Array) -> Array:
+        """Return the new angles of readings `said` (n + m,) with the pressures of when these angles were read."""
+        angles, pressures = said[self._angles], said[self.plant.n :]
+        self._held.extend([pressures] * (1 if self._held else self.age + 1))
+        return np.append(angles, self._held[0])
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
     def _estimated(self, said: Array, u: Array) -> tuple[Array, Value]:
@@ -235,9 +246,10 @@ class KalmanObserver:
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
             "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
             "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
-            "commands": self._commands, "t": diagnosis.t, "last": diagnosis.theta, "lost": diagnosis.lost,
-            "said": diagnosis.said, "found": [found is not None for found in diagnosis.sensors],
+            "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta,
+            "lost": diagnosis.lost, "said": diagnosis.said, "found": [found is not None for found in diagnosis.sensors],
             "one": one.numbers, "two": two.numbers, "torque": diagnosis.torque.numbers,
+            "loop": diagnosis.ringing.numbers,
         }  # fmt: skip
 
     def _go_on_from(self, state: State, tail: Tail) -> None:
@@ -252,8 +264,9 @@ class KalmanObserver:
         self._samples, self._unrivalled = min(self._samples + samples, FIRST + 1), self._unrivalled + samples
         self._friction.go_on(float(state.angle), tail.memory)
         self._commands.extend(tail.commands.copy())
+        self._held.extend(tail.held.copy())
         assert isinstance(self.diagnosis, Diagnosis)
-        diagnosed = state.lost, state.said, state.found, (tail.one, tail.two, tail.torque)
+        diagnosed = state.lost, state.said, state.found, (tail.one, tail.two, tail.torque, tail.loop)
         self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
 
     def __getstate__(self) -> dict[str, object]:
@@ -288,7 +301,7 @@ class KalmanObserver:
         if believed[:n].all() and all(map(gate.possible, range(n, read.size), P.tolist())):
             begun = Belief(np.concatenate([q, none, P, none]), self.filter.stationary)
             self._belief = self.filter.corrected(begun, read, believed, self._variances)
-            self._commands.extend([np.where(self.filter.can_be_sent(u), u, P)] * (self.compensation.delay(self.dt) + 1))
+            self._commands.extend([np.where(self.filter.can_be_sent(u), u, P)] * int(self._commands.maxlen or 1))
 
     def _first_verdict(self, sensor: int, read: float) -> Verdict:
         if not isfinite(read):
@@ -406,6 +419,8 @@ class KalmanObserver:
             x = np.full(size, np.nan)
             x[self._measured[there]] = said[there]
             return x, 0.0 if joint else np.zeros(self.plant.n)
-        x, d = self._belief.xi[:size].copy(), self._belief.xi[size:].copy()
+        now = self.filter.ahead(self._belief, [*self._commands][1 : 1 + self.age], self._friction.memory)
+        xi = now.xi if now.sound else self._belief.xi
+        x, d = xi[:size].copy(), xi[size:].copy()
         x[self._measured[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
         return x, float(d[0]) if joint else d

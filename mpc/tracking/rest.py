@@ -66,7 +66,7 @@ class RestMode(Deferred):
         self.plant, self.dt, self.compensation, self.limits = plant, dt, compensation, limits
         # without friction and dead band a loop does not hunt
         self.worthwhile = not (compensation.friction.absent and compensation.dead_band == 0)
-        settling = compensation.dead_time + 2 * max(plant.lags)  # [s]
+        settling = compensation.dead_time + compensation.reading_age + 2 * max(plant.lags)  # [s]
         self.settling, self.dwell = round(settling / dt), round(DWELL / dt)
         self.quarter_range = tuple(max(round(t / dt), 1) for t in QUARTER)  # [samples]
         self.reset()

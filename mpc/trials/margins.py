@@ -157,7 +157,8 @@ def _at(controller: BaseController, observer: Observer, theta: float, K: float, 
     dt, plant = controller.dt, controller.plant
     first, samples = round(SETTLE / dt), round((SETTLE + listen) / dt)
     at_rest = plant.at_rest(theta, K)
-    trial = RealPlant(plant, dead_time=controller.compensation.dead_time).begin(dt, at_rest, 0)
+    told = controller.compensation
+    trial = RealPlant(plant, dead_time=told.dead_time, reading_age=told.reading_age).begin(dt, at_rest, 0)
     start = trial.memory
 
     def readings(delta: float) -> Array:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR
-from benchmarks.strangers import physics
+from benchmarks.strangers import ages, physics
 from benchmarks.strangers.plants import STRUCTURES, TUNING, Trial, drawn, elastic, gain
 from benchmarks.strangers.runs import CASES, data_sheet, figures
 
@@ -77,3 +77,23 @@ def test_a_stranger_is_tracked_and_judged():
     assert not found.unstable
     assert 0.05 < found.before < 3.0
     assert found.before < found.after
+
+
+def test_readings_are_made_older_than_the_model_is_told():
+    case = CASES["rest"]
+    plant, model = ages.older("braid", TUNING, 0.03, case)
+    known = drawn("braid", TUNING).sensors.late * 0.01
+    assert model.told.reading_age == pytest.approx(known)
+    assert plant.sensors.late * 0.01 == pytest.approx(known + 0.03)
+    own, told = ages.older(ages.OWN, 0, 0.03, case)
+    assert (own.reading_age, told.told.reading_age) == (0.03, 0.0)
+
+
+@pytest.mark.slow
+def test_untold_age_makes_a_loop_ring_that_health_names_and_told_age_does_not():
+    untold, told = (ages.run(ages.OWN, 0, 0.03, told, "rest") for told in (False, True))
+    assert untold.swing > 4.0 > 1.0 > told.swing
+    assert untold.named < 1.0
+    assert np.isnan(told.named)
+    table = "\n".join(ages.ages_table([untold, told, *(r._replace(case="sine") for r in (untold, told))]))
+    assert "| RealPlant | 30 |" in table

@@ -71,11 +71,12 @@ def control_lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator
     turned = plant.discrete(dt)
     middle, swing, K, *P = (float(value) for value, _ in control_numbers(plant).values())
     x, u = np.array([middle, 0.0, *P]), np.array(P)
-    waiting = [u] * known.delay(dt)
+    waiting, angles = [u] * known.delay(dt), [x[0]] * known.age(dt)
     samples = [min(k, SAMPLES) for k in range(SAMPLES + driver.ahead)]
     theta = np.array([middle + swing * (1 - cos(2 * pi * k / SAMPLES)) / 2 for k in samples])
     for k in range(SAMPLES):
-        estimated, d = own.estimate(np.array([x[0], np.nan, x[2], x[3]]), u)
+        angles.append(x[0])
+        estimated, d = own.estimate(np.array([angles.pop(0), np.nan, x[2], x[3]]), u)
         plan = driver.step(estimated, theta[k : k + driver.ahead + 1], np.full(driver.ahead + 1, K), d)
         u = plan.u[0]
         if k % SHOWN == 0:

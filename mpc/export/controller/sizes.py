@@ -51,11 +51,12 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
 
 def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
     """Return the sizes that antagonist_config.h defines."""
-    blocks, delay = len(controller.problem.blocks), controller.compensation.delay(controller.dt)
+    blocks, known, dt = len(controller.problem.blocks), controller.compensation, controller.dt
     return {
         "HORIZON": (controller.N, "samples that the controller looks ahead"),
         "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
-        "DELAY": (delay, "dead time in samples"),
+        "DELAY": (known.delay(dt), "dead time in samples"),
+        "AGE": (known.age(dt), "age of the angle's readings in samples"),
         "AHEAD": (controller.ahead, "samples of reference wanted after the present one"),
         "ITEMS": (items_in(single), "changes of what is held, at most, that are made one after the other"),
         "QP_ITERATIONS": (qp_iterations(controller, single), "most iterations of the QP solver at a time"),

@@ -45,6 +45,7 @@ class Known:
     quick: Annotated[Array, 2]
     slow: Annotated[Array, 2]
     usual: float  # [N·m]
+    inertia: float  # [kg·m²]
 
 
 class State:
@@ -81,6 +82,7 @@ class Work:
     slope: Annotated[Array, 4, SIZE + 1]
     total: Annotated[Array, 4, SIZE + 1]
     product: Annotated[Array, SIZE, SIZE]
+    ahead: Belief  # of now; the state is that of when the angle was read
 
 
 class Places:
@@ -90,19 +92,23 @@ class Places:
     tail: Piece
     memory: Piece
     commands: Piece
+    held: Piece
     one: Piece
     two: Piece
     torque: Piece
+    loop: Piece
 
 
 class Tail(NamedTuple):
     """Memory beyond a `State`: arrays whose lengths differ between observers."""
 
     memory: Array  # of friction
-    commands: Array  # (delay + 1, 2) [Pa]
+    commands: Array  # (delay + age + 1, 2) [Pa]
+    held: Array  # (age + 1, 2) readings of pressures until an angle as old comes [Pa]
     one: Array  # numbers of `mpc.observer.pressure_diagnosis`
     two: Array
     torque: Array  # numbers of `mpc.observer.torque_diagnosis`
+    loop: Array  # numbers of `mpc.observer.ringing`
 
 
 class Sample:
@@ -131,7 +137,7 @@ class Made(NamedTuple):
 
 
 def made(known: Mapping[str, object], c: Array, friction: Array, sizes: tuple[int, ...]) -> Made:
-    """Return what a sample works on: what is `known`, the formulas' numbers `c`, and the `sizes` (5,) of a `Tail`."""
+    """Return what a sample works on: what is `known`, the formulas' numbers `c`, and the `sizes` (7,) of a `Tail`."""
     records, ends = new_records(Sample), [*accumulate(sizes, initial=0)]
     flat, past = np.full((2, ends[-1]), np.nan)
     record = records[0]
@@ -141,5 +147,6 @@ def made(known: Mapping[str, object], c: Array, friction: Array, sizes: tuple[in
     for places, state, numbers in (("places", "now", flat), ("past_places", "past", past)):
         parts = (numbers[first:last] for first, last in pairwise(ends))
         record[places] = (numbers_of(records, state), piece_of(numbers), *map(piece_of, parts))
-    memory, commands, *diagnoses = (flat[first:last] for first, last in pairwise(ends))
-    return Made(records, Tail(memory, commands.reshape(-1, NU), *diagnoses), (flat, past, c, friction))
+    memory, commands, held, *diagnoses = (flat[first:last] for first, last in pairwise(ends))
+    pairs = commands.reshape(-1, NU), held.reshape(-1, NU)
+    return Made(records, Tail(memory, *pairs, *diagnoses), (flat, past, c, friction))

@@ -19,7 +19,7 @@ from mpc.codegen.python_text import translated
 from mpc.model.compiled_friction import friction_numbers
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
-from mpc.observer import diagnosis, pressure_diagnosis, torque_diagnosis
+from mpc.observer import diagnosis, pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import Made, made
 from mpc.observer.diagnosis import Diagnosis, pulling
 from mpc.observer.filter import OFFSET_TIME, Filter
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _HERE = Path(__file__).parent
 _TEMPLATE = _HERE / "sample.py"
-_PARTS = pressure_diagnosis, torque_diagnosis, diagnosis  # whose functions of numbers the template calls
+_PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # whose functions of numbers the template calls
 
 
 class CompiledFilter(NamedTuple):
@@ -78,10 +78,11 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
         "dead_band": own.compensation.dead_band, "learning": own.dt / OFFSET_TIME,
         "most_offset": own.noise.offset, "theta_noise": own.noise.theta, "theta_floor": gate.floor[0],
         "sigma": one.sigma, "seen": one.seen, "quick": (one.quick, two.quick), "slow": (one.slow, two.slow),
-        "usual": joint.usual,
+        "usual": joint.usual, "inertia": joint.inertia,
     }  # fmt: skip
-    lengths = len(judged.pressures[0].numbers), len(judged.pressures[1].numbers), len(judged.torque.numbers)
-    sizes = own.compensation.friction.size, NU * (own.compensation.delay(dt) + 1), *lengths
+    lengths = (len(part.numbers) for part in judged.remembering)
+    age = own.compensation.age(dt)
+    sizes = own.compensation.friction.size, NU * (own.compensation.delay(dt) + age + 1), NU * (age + 1), *lengths
     return made(known, compiled.c, compiled.friction, sizes)
 
 

@@ -17,7 +17,7 @@ from mpc.codegen.addresses import floats, opener
 from mpc.codegen.jit import compiled, inlined
 from mpc.model.compiled_friction import ABSENT, Pressed, followed, rubbing_in, strength
 from mpc.model.integration import NODES, SHARES
-from mpc.observer import pressure_diagnosis, torque_diagnosis
+from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import MEASURED, SIZE, Belief, Places, Sample
 from mpc.observer.diagnosis import Joint, follow, less_lost
 from mpc.observer.filter import SETTLED
@@ -66,21 +66,24 @@ def filtered(o: Sample, theta: float, P1: float, P2: float, u1: float, u2: float
     If not, only the past state is as before.
     """
     copy_state(o.places, o.past_places)
-    k, s, commands = o.known, o.now, floats(o.places.commands)
+    k, s, commands, held = o.known, o.now, floats(o.places.commands), floats(o.places.held)
     if not (k.outer[0, 2] <= u1 <= k.outer[1, 2] and k.outer[0, 3] <= u2 <= k.outer[1, 3]):
         return False
     for i in range(commands.size - 2):
         commands[i] = commands[i + 2]
     commands[commands.size - 2], commands[commands.size - 1] = u1, u2
-    s.read[0], s.read[1], s.read[2] = theta, P1, P2
+    for i in range(held.size - 2):
+        held[i] = held[i + 2]
+    held[held.size - 2], held[held.size - 1] = P1, P2
+    s.read[0], s.read[1], s.read[2] = theta, held[0], held[1]
     w = o.work
-    w.taken[0], w.taken[1], w.taken[2] = theta, P1 - s.offset[0], P2 - s.offset[1]
+    w.taken[0], w.taken[1], w.taken[2] = theta, held[0] - s.offset[0], held[1] - s.offset[1]
     change = abs(theta - o.past.read[0])
     if 0 < change < s.step:  # of an encoder
         rough = max(k.theta_noise, change / np.sqrt(12.0))
         s.step, s.variances[0], s.floor[0] = change, rough * rough, max(k.theta_floor, ROUGH * rough)
     follow_friction(o)
-    predicted(o, o.past.belief, k.Q, s.belief)
+    predicted(o, o.past.belief, 0, k.Q, s.belief)
     if not (sound(s.belief) and believed(o) and not_frozen(o)):
         return False
     for i in range(2):
@@ -90,7 +93,20 @@ def filtered(o: Sample, theta: float, P1: float, P2: float, u1: float, u2: float
             s.offset[i] = min(max(moved, -k.most_offset), k.most_offset)
     for sensor in range(3):
         correct(o, s.belief, sensor)
-    return sound(s.belief)
+    return sound(s.belief) and brought_ahead(o)
+
+
+@inlined
+def brought_ahead(o: Sample) -> bool:
+    """Predict the belief of now from that of when the angle was read; return whether it is finite."""
+    w, s = o.work, o.now
+    for i in range(SIZE):
+        w.ahead.xi[i] = s.belief.xi[i]
+        for j in range(SIZE):
+            w.ahead.covariance[i, j] = s.belief.covariance[i, j]
+    for k in range(1, floats(o.places.held).size // 2):
+        predicted(o, w.ahead, k, o.known.Q, w.ahead)
+    return sound(w.ahead)
 
 
 @inlined
@@ -116,7 +132,7 @@ def not_frozen(o: Sample) -> bool:
             continue
         s.repeating[i] += k.dt
         belief, place = s.without[i], MEASURED[i]
-        predicted(o, past.without[i] if s.repeats[i] > 0 else past.belief, k.Q_rest, belief)
+        predicted(o, past.without[i] if s.repeats[i] > 0 else past.belief, 0, k.Q_rest, belief)
         variance = belief.covariance[place, place] + s.variances[i]
         if s.repeating[i] > k.tolerance and (o.work.taken[i] - belief.xi[place]) ** 2 > DOUBT**2 * variance:
             return False
@@ -165,12 +181,14 @@ def nearest(o: Sample, belief: Belief) -> None:
 
 
 @inlined
-def predicted(o: Sample, belief: Belief, noise: Array, target: Belief) -> None:
-    """Set the `target` to what is expected of a `belief` a sample later, with the covariance `noise`: see `Filter`."""
+def predicted(o: Sample, belief: Belief, k: int, noise: Array, target: Belief) -> None:
+    """Set the `target` to what is expected of a `belief` a sample later, the k-th commands acting and with the
+    covariance `noise`: see `Filter`. Both may be the same.
+    """
     w, commands, rest = o.work, floats(o.places.commands), o.known.dead_band / 2
     nearest(o, belief)
     for i in range(2):
-        e = commands[i] - w.inside[2 + i]
+        e = commands[2 * k + i] - w.inside[2 + i]
         w.acting[i] = w.inside[2 + i] + e - min(max(e, -rest), rest)
     advance(o, w.inside[4] - rubbing(o))
     for i in range(4):
@@ -287,9 +305,9 @@ def diagnosed(o: Sample) -> int:
     rest, dt = k.dead_band / 2, k.dt
     one = Sound(k.quick[0], k.slow[0], rest, dt, k.sigma, k.seen)
     two = Sound(k.quick[1], k.slow[1], rest, dt, k.sigma, k.seen)
-    parts = floats(o.places.one), floats(o.places.two), floats(o.places.torque)
+    parts = floats(o.places.one), floats(o.places.two), floats(o.places.torque), floats(o.places.loop)
     read, moved = (s.read[1], s.read[2]), s.read[0] != s.last
-    follow(*parts, Joint(one, two, k.usual), s.t, read, (v[0], v[1]), xi[4], found, moved)
+    follow(*parts, Joint(one, two, k.usual, k.inertia), s.t, read, (v[0], v[1]), xi[1], xi[4], found, moved)
     for i in range(3):
         if s.lost[i] > 0:
             s.said[i] = s.read[i]
@@ -310,6 +328,12 @@ def suspicious(o: Sample) -> bool:
     suspected, broken, loaded = pressure_diagnosis.SUSPECTED, torque_diagnosis.BROKEN, torque_diagnosis.LOADED
     changed = changed or floats(o.places.one)[suspected] != floats(o.past_places.one)[suspected]
     changed = changed or floats(o.places.two)[suspected] != floats(o.past_places.two)[suspected]
-    now, before = torque[loaded], torque_before[loaded]
-    another = now != before and (now == now or before == before)
-    return bool(changed or torque[broken] != torque_before[broken] or another)
+    changed = changed or torque[broken] != torque_before[broken]
+    loop, loop_before = floats(o.places.loop)[ringing.SINCE], floats(o.past_places.loop)[ringing.SINCE]
+    return bool(changed or another(torque[loaded], torque_before[loaded]) or another(loop, loop_before))
+
+
+@inlined
+def another(now: float, before: float) -> bool:
+    """Return whether two times differ, which are NaN where there is none."""
+    return bool(now != before and (now == now or before == before))

@@ -23,7 +23,7 @@ class CompiledEstimate:
     def __init__(self, module: ModuleType, new: Callable[[], Made], readable: Readable) -> None:
         self.module, self._new, self._readable, self._made = module, new, readable, new()
         self._state, self.address = self._made.records[0].now, self._made.records.ctypes.data
-        self._xi = self._state.belief.xi
+        self._xi = self._made.records[0].work.ahead.xi
         self._estimate = entry_of(module.estimate, _KINDS)
         self.ahead = False  # whether the record is up to date
 

@@ -47,7 +47,7 @@ def driven(
     i, M, x, y = inputs_at(table), len(answers.u), np.empty(4), np.empty(4)
     known, ahead, N = known_in(i.known), asked_in(i.asked).theta.size, given_in(i.given).u.shape[0]
     sample, what = observer.sample_at(observed), np.int64(WHOLE)  # for a constant numba would compile the step anew
-    xi, last, out = sample.now.belief.xi, both[0], both[1]
+    xi, last, out = sample.work.ahead.xi, both[0], both[1]
     for k in range(first, M):
         process.read(plant.sensors, plant.full, plant.noise[k], y)
         if not observer.filtered(sample, y[0], y[2], y[3], answers.u[k - 1, 0], answers.u[k - 1, 1]):

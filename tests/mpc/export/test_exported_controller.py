@@ -228,6 +228,21 @@ def test_the_memory_of_maxwell_slip_is_python_s_in_c(friction, precision, near, 
     assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
 
 
+@needs_gcc
+def test_old_readings_are_brought_to_now_in_c_as_they_are_in_python(tmp_path):
+    known = replace(STANDARD.known(), reading_age=0.03)
+    controller, observer = pair(STANDARD.nominal, 10, known, weights=Weights.calm())
+    silent = SilentSensors(1.0, 1.05, (0,)), SilentSensors(1.5, 1.9, (2,))
+    process = replace(STANDARD, reading_age=0.03, faults=silent)
+    samples, wanted = recorded(process, controller, observer, sine(K=5.5, K_amplitude=0.5, duration=2.5, ramp=1.0))
+    directory = export(tmp_path / "c", controller=controller, observer=observer)
+    got = replayed(tools.compiled(directory, CONTROL, "vectors", *tools.SANITISED), samples)
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-8 * SPAN
+    printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration"))
+    assert printed in (directory / "README.md").read_text()
+
+
 def test_friction_that_c_does_not_know_is_refused_by_its_name(tmp_path):
     class Unknown:
         def __getattr__(self, name):

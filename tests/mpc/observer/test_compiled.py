@@ -85,6 +85,7 @@ KNOWN = {
     "all effects": TOLD,
     "Coulomb friction": Compensation(Friction(coulomb=0.2)),
     "dead time": Compensation(dead_time=0.03),
+    "reading age": Compensation(dead_time=0.03, dead_band=0.1 * BAR, reading_age=0.04),
     "dead band": Compensation(dead_band=0.1 * BAR),
     "nothing": Compensation(),
     "Maxwell slip": Compensation(MaxwellSlip.of_width(MODEL, 4 * DEG), 0.02, 0.1 * BAR),

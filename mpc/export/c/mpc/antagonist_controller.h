@@ -84,7 +84,9 @@ typedef struct {
     ant_real silent[3];    /* for how long [s] */
     ant_real repeating[3]; /* for how long [s] */
     ant_friction friction;
-    ant_real commands[ANT_DELAY + 1][2]; /* under way, oldest first [Pa] */
+    ant_real commands[ANT_DELAY + ANT_AGE + 1][2]; /* under way, oldest first [Pa] */
+    ant_real held[ANT_AGE + 1][2]; /* readings of pressures until an angle as old comes [Pa] */
+    int holds;                     /* whether there are such */
     int begun;
 } ant_observer;
 

@@ -30,7 +30,7 @@ ant_real ant_unwrapped(ant_real theta, ant_real expected, ant_real within); /* l
 extern const int ANT_MEASURED[3]; /* places of the sensors in xi */
 void ant_within(ant_real xi[5]);  /* to the nearest that is possible */
 ant_contact ant_contact_of(const ant_belief *b); /* in the nearest state that the muscles' formulas are made for */
-void ant_predict_belief(const ant_observer *o, ant_belief *b, const ant_real Q[5]); /* one sample on */
+void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_real Q[5]); /* by the k-th commands */
 void ant_correct(const ant_observer *o, ant_belief *b, const ant_real read[3], const int there[3]);
 ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int sensor);
 int ant_sound(const ant_belief *b); /* finite, and no variance negative */

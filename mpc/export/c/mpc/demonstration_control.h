@@ -39,14 +39,16 @@ static int demonstrate_control(const char *name) {
     static ant_reference reference;
     static ant_plan plan;
     ant_real x[4] = {ANT_DEMO_MIDDLE, 0, ANT_DEMO_P1, ANT_DEMO_P2}, waiting[ANT_DELAY + 1][2];
+    ant_real angles[ANT_AGE + 1]; /* that are still to be read, oldest first */
     for (int k = 0; k <= ANT_DELAY; k++) memcpy(waiting[k], &x[2], sizeof waiting[k]);
+    for (int k = 0; k <= ANT_AGE; k++) angles[k] = x[0];
     ant_reset(&controller);
     if (name != NULL && !(ant_read_tuning(name, &tuning) && ant_tune(&controller, &tuning))) {
         fprintf(stderr, "%s is no tuning for this build\n", name);
         return 1;
     }
     for (int sample = 0; sample < ANT_SAMPLES; sample++) {
-        const ant_reading reading = {x[0], x[2], x[3]};
+        const ant_reading reading = {angles[0], x[2], x[3]};
         refer(&reference, sample);
         ant_step(&controller, &reading, &reference, &plan);
         if (sample % ANT_SHOWN == 0)
@@ -54,6 +56,7 @@ static int demonstrate_control(const char *name) {
                    (double)x[0], (double)reference.theta[0], (double)plan.u[0][0], (double)plan.u[0][1],
                    (int)plan.status, (int)plan.rung);
         turn(x, waiting, plan.u[0]);
+        for (int k = 0; k <= ANT_AGE; k++) angles[k] = k < ANT_AGE ? angles[k + 1] : x[0];
     }
     return 0;
 }

@@ -34,7 +34,7 @@ static void begin(ant_observer *o, const ant_real said[3], const ant_real sent[2
     memcpy(o->belief.xi, xi, sizeof xi);
     memcpy(o->belief.covariance, ANT_COVARIANCE, sizeof o->belief.covariance);
     ant_correct(o, &o->belief, read, there);
-    for (int k = 0; k <= ANT_DELAY; k++)
+    for (int k = 0; k <= ANT_DELAY + ANT_AGE; k++)
         for (int i = 0; i < 2; i++) o->commands[k][i] = can_be_sent(i, sent[i]) ? sent[i] : xi[2 + i];
     o->unrivalled = ANT_CROSSING;
     o->step = ANT_COARSEST;
@@ -42,9 +42,10 @@ static void begin(ant_observer *o, const ant_real said[3], const ant_real sent[2
 }
 
 static void remember(ant_observer *o, const ant_real sent[2]) {
-    for (int k = 0; k < ANT_DELAY; k++) memcpy(o->commands[k], o->commands[k + 1], sizeof o->commands[k]);
+    const int newest = ANT_DELAY + ANT_AGE;
+    for (int k = 0; k < newest; k++) memcpy(o->commands[k], o->commands[k + 1], sizeof o->commands[k]);
     for (int i = 0; i < 2; i++)
-        if (can_be_sent(i, sent[i])) o->commands[ANT_DELAY][i] = sent[i];
+        if (can_be_sent(i, sent[i])) o->commands[newest][i] = sent[i];
 }
 
 /* Whether a reading is too far from what is predicted without it. */
@@ -58,7 +59,7 @@ static void suspect(ant_observer *o, int i, const ant_belief *previous, ant_beli
                     const ant_real read[3], const int others[3]) {
     if (!o->repeats[i]) o->without[i] = *previous;
     o->repeats[i] = 1;
-    ant_predict_belief(o, &o->without[i], ANT_Q_REST);
+    ant_predict_belief(o, &o->without[i], 0, ANT_Q_REST);
     if (!o->frozen[i] && o->repeating[i] > ANT_TOLERANCE && doubtful(o, &o->without[i], i, read[i])) {
         o->frozen[i] = 1;
         *expected = o->without[i];
@@ -131,7 +132,7 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
     o->unrivalled = any ? 0 : o->unrivalled < ANT_LONG ? o->unrivalled + 1 : ANT_LONG;
     if (o->unrivalled > ANT_CROSSING) end_rivalry(o); /* not at once: it is near by chance when two motions cross */
     if (!o->rivalled && !any) return;
-    if (o->rivalled) ant_predict_belief(o, &o->rival, ANT_Q_NOISE);
+    if (o->rivalled) ant_predict_belief(o, &o->rival, 0, ANT_Q_NOISE);
     if (!o->rivalled || !explains(o, read, used)) challenge(o, expected, read, rejected);
     for (int i = 0; i < 3; i++) {
         o->contested[i] = o->contested[i] || rejected[i];
@@ -171,7 +172,7 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     const ant_belief previous = o->belief;
     ant_belief expected = o->belief;
     ant_friction_follow(&o->friction, previous.xi[0], ant_contact_of(&previous));
-    ant_predict_belief(o, &expected, ANT_Q_NOISE);
+    ant_predict_belief(o, &expected, 0, ANT_Q_NOISE);
     const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1] - o->offset[0],
                               said[2] - o->offset[1]};
     int there[3];
@@ -198,12 +199,20 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     if (!ant_sound(&o->belief)) rebuild(o, &previous, read, there);
 }
 
+/* The belief of now; that of the observer is of when the angle was read. */
+static ant_belief ahead(const ant_observer *o) {
+    ant_belief now = o->belief;
+    for (int k = 1; k <= ANT_AGE; k++) ant_predict_belief(o, &now, k, ANT_Q_NOISE);
+    return ant_sound(&now) ? now : o->belief;
+}
+
 static void answer(const ant_observer *o, const ant_real said[3], ant_real x[4], ant_real *d) {
-    x[1] = o->begun ? o->belief.xi[1] : ANT_NAN;
-    *d = o->begun ? o->belief.xi[4] : 0;
+    const ant_belief now = o->begun ? ahead(o) : o->belief;
+    x[1] = o->begun ? now.xi[1] : ANT_NAN;
+    *d = o->begun ? now.xi[4] : 0;
     for (int i = 0; i < 3; i++) {
         const int there = o->verdicts[i] <= ANT_ACCEPTED;
-        ant_real known = o->begun ? o->belief.xi[ANT_MEASURED[i]] : said[i];
+        ant_real known = o->begun ? now.xi[ANT_MEASURED[i]] : said[i];
         if (o->begun ? o->silent[i] > ANT_TOLERANCE_END : !there) known = ANT_NAN;
         x[ANT_MEASURED[i]] = known;
     }
@@ -220,8 +229,18 @@ static void learn_step(ant_observer *o, ant_real change) {
     }
 }
 
+/* The new angle, with the pressures of when it was read. */
+static void simultaneous(ant_observer *o, const ant_reading *reading, ant_real said[3]) {
+    const ant_real P[2] = {reading->P1, reading->P2};
+    for (int k = 0; k <= ANT_AGE; k++) memcpy(o->held[k], k < ANT_AGE && o->holds ? o->held[k + 1] : P, sizeof P);
+    o->holds = 1;
+    said[0] = reading->theta;
+    memcpy(said + 1, o->held[0], sizeof o->held[0]);
+}
+
 void ant_estimate(ant_observer *o, const ant_reading *reading, const ant_real sent[2], ant_real x[4], ant_real *d) {
-    const ant_real said[3] = {reading->theta, reading->P1, reading->P2};
+    ant_real said[3];
+    simultaneous(o, reading, said);
     if (o->begun) {
         learn_step(o, ant_abs(said[0] - o->read[0]));
         remember(o, sent);

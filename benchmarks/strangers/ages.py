@@ -1,0 +1,108 @@
+"""Readings of the angle that are older than told, and the same told: errors, swing, and when health names it.
+
+A stranger's own encoder is told as it is, and then made older. RMS errors of the angle are those of the sine before and
+with the payload, the swing is that of the last second of all trajectories, peak to peak; medians over the strangers. A
+run is named if `KalmanObserver.health` said that the loop rings; the delay is counted from the first of the swings that
+it saw.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.units import DEG
+from benchmarks.closed_loop.runs import LEAD, STEADY
+from benchmarks.strangers.identified import Model, data_sheet
+from benchmarks.strangers.plants import Stranger, drawn
+from benchmarks.strangers.runs import CASES, DT, OFFSET, PAYLOAD, Case, rms
+from mpc import KalmanObserver, RealPlant, simulate
+from mpc.observer.filter import Noise
+from mpc.tracking.weights import Weights
+from mpc.trials.loops import Settings, loop
+
+AGES = 0.0, 0.01, 0.02, 0.03, 0.05  # [s] beyond the encoder's own
+OWN = "RealPlant"  # the library's plant under test, not a stranger
+
+
+class Aged(NamedTuple):
+    """One run with older readings."""
+
+    structure: str
+    seed: int
+    age: float  # [s]
+    told: bool
+    case: str
+    before: float  # RMS error before the payload [°]
+    after: float  # and with it [°]
+    swing: float  # peak to peak in the last second [°]
+    named: float  # after which health said that the loop rings [s]; NaN: it never did
+
+
+def aged_rows(structure: str, seed: int, age: float) -> list[Aged]:
+    """Return the runs of one plant with readings that are older by `age` [s], told and untold."""
+    return [
+        run(structure, seed, age, told, name)
+        for told, name in product((False, True), CASES)
+        if age or not told  # the same
+    ]
+
+
+def run(structure: str, seed: int, age: float, told: bool, name: str) -> Aged:
+    """Return one run."""
+    case = CASES[name]
+    plant, model = older(structure, seed, age, case)
+    known = replace(model.told, reading_age=model.told.reading_age + age * told)
+    control, _ = loop("mpc", Settings(model.plant, DT, compensation=known, weights=Weights.calm()))
+    observer, delays, k = KalmanObserver(model.plant, DT, Noise(offset=OFFSET), known), list[float](), [0]
+
+    def watch() -> None:
+        k[0] += 1
+        if not delays and (finding := observer.health.ringing) is not None:
+            delays.append(k[0] * DT - finding.since)
+
+    x0 = model.plant.at_rest(case.reference.theta[0], case.reference.K[0])
+    done = simulate(plant, control, case.reference, x0=x0, observer=observer, seed=seed, watch=watch)
+    error, begin, end = (done.theta - done.theta_ref) / DEG, round(LEAD / DT), round(case.loaded / DT)
+    swing = float(np.ptp(error[-round(STEADY / DT) :]))
+    figures = rms(error[begin:end]), rms(error[end:]), swing, delays[0] if delays else np.nan
+    return Aged(structure, seed, age, told, name, *figures)
+
+
+def older(structure: str, seed: int, age: float, case: Case) -> tuple[Stranger | RealPlant, Model]:
+    """Return a plant whose readings are older by `age` [s], with its payload, and the model that knows its own age."""
+    if structure == OWN:
+        real = RealPlant.standard(torque_profile=((case.loaded, PAYLOAD),))
+        return replace(real, reading_age=age), Model(real.nominal, real.known())
+    stranger = drawn(structure, seed)
+    plant, told = data_sheet(stranger)
+    late = stranger.sensors.late
+    sensors = replace(stranger.sensors, late=late + round(age / DT))
+    model = Model(plant, replace(told, reading_age=late * DT))
+    return replace(stranger, sensors=sensors).loaded(PAYLOAD, case.loaded), model
+
+
+def ages_table(rows: Iterable[Aged]) -> list[str]:
+    """Return the medians as lines of Markdown."""
+    all_rows = list(rows)
+    lines = [
+        "| plant | age [ms] | untold: sine | swing | named | after [s] | told: sine | swing | named |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for structure, age in dict.fromkeys((row.structure, row.age) for row in all_rows):
+        cells: list[str] = []
+        for told in (False, bool(age)):
+            mine = [r for r in all_rows if (r.structure, r.age, r.told) == (structure, age, told)]
+            sine, delays = [r for r in mine if r.case == "sine"], [r.named for r in mine if np.isfinite(r.named)]
+            cells += [
+                f"{np.median([r.before for r in sine]):.2f} / {np.median([r.after for r in sine]):.2f}",
+                f"{np.median([r.swing for r in mine]):.2f}",
+                f"{len(delays)} of {len(mine)}",
+            ]
+            cells += [] if told else [f"{np.median(delays):.2f}" if delays else "-"]
+        if not age:
+            cells = [*cells[:4], "", "", ""]
+        lines.append(f"| {structure} | {1e3 * age:.0f} | {' | '.join(cells)} |")
+    return lines
