@@ -38,12 +38,15 @@ class PlantOptions(MachineOptions):
         float | None, typer.Option(help="m g l of a link that hangs at 0° [N·m], negative where it stands; else 0")
     ] = None
     slew: Annotated[float | None, typer.Option(help="greatest change of a commanded pressure [bar/s]; else 5")] = None
+    gas: Annotated[
+        bool | None, typer.Option(help="motion compresses the gas in the muscles; else the file's, or yes of one joint")
+    ] = None
     kappa: Annotated[
         float | None,
-        typer.Option(help="reckon with the gas in the muscles: its polytropic exponent, 1 (slow) to 1.4 (fast)"),
+        typer.Option(help="polytropic exponent of the gas, 1 (slow) to 1.4 (fast), else 1.3; implies --gas"),
     ] = None
     frequency: Annotated[
-        float | None, typer.Option(help="frequency at which the stiffness is meant [Hz], with gas; else it is isobaric")
+        float | None, typer.Option(help="frequency at which the stiffness is meant [Hz]; else it is isobaric")
     ] = None
 
     def __post_init__(self) -> None:
@@ -54,6 +57,8 @@ class PlantOptions(MachineOptions):
         within("--gravity", self.gravity, "N·m", -1e6, 1e6)
         within("--slew", self.slew, "bar/s", 1e-3, 1e5)
         within("--frequency", self.frequency, "Hz", 0, 1e4)
+        if self.gas is False and (option := self.given("kappa", "frequency")):
+            raise InvalidInput(f"{option} is of the gas, which --no-gas leaves out; drop one of them")
 
     def plant(self, **otherwise: Any) -> "Plant":
         """Build the plant of a joint; `otherwise` holds what is neither given nor in the file."""
@@ -98,6 +103,8 @@ class PlantOptions(MachineOptions):
             changes["lag"] = lags
         if self.kappa is not None:
             changes["gas"] = replace(arm.mechanism.gas, kappa=self.kappa)
+        elif self.gas is not None:
+            changes["gas"] = self.gas
         return replace(arm, **changes) if changes else arm
 
     def compensation(self) -> "Compensation":
@@ -118,7 +125,7 @@ class PlantOptions(MachineOptions):
             "damping": self.damping,
             "gravity_torque": self.gravity,
             "slew": None if self.slew is None else self.slew * BAR,
-            "gas": None if self.kappa is None else True,  # the joint's
+            "gas": self.gas if self.kappa is None else True,  # the joint's
             "frequency": self.frequency,
         }
         if (lags := self._lags(2)) is not None:
@@ -158,6 +165,9 @@ def init_command(
     machine: Annotated[
         str | None, typer.Option(help="arm26, arm48 or leg37: several joints and their bodies, instead of a joint")
     ] = None,
+    gas: Annotated[
+        bool | None, typer.Option(help="motion compresses the gas in the muscles; else yes of one joint, no of several")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Write a plant to edit: joint, muscles and link, with comments; it runs as it is.
@@ -171,8 +181,10 @@ def init_command(
         from mpc.model.arm.model import Arm
         from mpc.model.arm.storage import save_arm
 
-        save_arm(Arm.machine(machine), file)
+        arm = Arm.machine(machine)
+        save_arm(arm if gas is None else replace(arm, gas=gas), file)
         typer.echo(f"written: {file}; edit it, then try `antagonist track --machine {file}`")
         return
-    write_text(file, (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8"))
+    text = (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8")
+    write_text(file, text.replace("gas = true ", "gas = false", 1) if gas is False else text)
     typer.echo(f"written: {file}; edit it, then try `antagonist map --machine {file}`")

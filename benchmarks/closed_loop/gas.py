@@ -42,7 +42,7 @@ class Case(NamedTuple):
 
 
 def cases(joint: AntagonistJoint = JOINT) -> list[Case]:
-    bare, gas = Plant(joint), Plant(joint, gas=True)
+    bare, gas = Plant(joint, gas=False), Plant(joint)
     off = RealPlant(gas, OFF)
     return [
         Case("no gas", bare, bare, observed=False),
@@ -62,7 +62,7 @@ def tracked(case: Case, frequency: float, duration: float = 8.0) -> Run:
 
 def on_the_real_plant(controller: str, model: Plant, frequency: float) -> float:
     """RMS of the angle's error [°] of a loop whose model is `model`."""
-    real = RealPlant.standard(nominal=Plant(JOINT, lag=0.12, gas=True))
+    real = RealPlant.standard(nominal=Plant(JOINT, lag=0.12))
     driver, observer = loop(controller, Settings(model, compensation=real.known(), weights=Weights.calm()))
     reference = sine(AMPLITUDE, frequency, 5.5, K_amplitude=0.0, duration=8.0, ramp=RAMP)
     return error(simulate(real, driver, reference, observer=observer, seed=3))
@@ -76,7 +76,7 @@ def error(run: Run) -> float:
 
 def pushed(frequency: float, dead_band: float = 0.0, angle: float = 1 * DEG) -> Felt:
     """The stiffness felt at 3 bar, θ = 0; where there is a dead band the push stays inside it."""
-    plant = Plant(JOINT, gas=True)
+    plant = Plant(JOINT)
     real = RealPlant(plant, dead_band=dead_band)
     x = np.array([0.0, 0.0, AT, AT])
     rest = Reference([0.0, 1.0], [0.0, 0.0], [float(plant.stiffness(x))] * 2)
@@ -86,13 +86,13 @@ def pushed(frequency: float, dead_band: float = 0.0, angle: float = 1 * DEG) -> 
 def trapped(found: Felt) -> float:
     """The stiffness with all of the gas trapped where the push was [N·m/rad]."""
     x = np.array([found.theta, 0.0, *found.P])
-    return found.isobaric + float(sum(RealPlant(Plant(JOINT, gas=True)).trapped(x)))
+    return found.isobaric + float(sum(RealPlant(Plant(JOINT)).trapped(x)))
 
 
 def step_times(joint: AntagonistJoint) -> tuple[float, float]:
     """Median time of a step without and with gas in the model, the least of some rounds [µs]."""
     reference = sine(AMPLITUDE, 1.0, K, duration=4.0, ramp=1.0)
-    plants = Plant(joint), Plant(joint, gas=True)
+    plants = Plant(joint, gas=False), Plant(joint)
     controllers = [TrackingMPC(plant) for plant in plants]
     pairs = [*zip(plants, controllers, strict=True)]
     rounds = [[1e6 * float(np.median(simulate(*pair, reference).step_time)) for pair in pairs] for _ in range(ROUNDS)]

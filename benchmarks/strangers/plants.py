@@ -233,7 +233,7 @@ def nominal_of(p: Parts) -> Plant:
     """
     muscle = sheet(p.law, round(p.shape, 1), p.radius, p.angle)
     joint = AntagonistJoint(Pulley(LENGTH, LEVER, MIDDLE), muscle, muscle)
-    return Plant(joint, 1.15 * p.inertia, 0.85 * p.damping, lag=0.1, gravity_torque=p.gravity, slew=8 * BAR, gas=True)
+    return Plant(joint, 1.15 * p.inertia, 0.85 * p.damping, lag=0.1, gravity_torque=p.gravity, slew=8 * BAR)
 
 
 @cache

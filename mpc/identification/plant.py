@@ -168,7 +168,10 @@ class _Written:
         lag = sum(self._lags.values()) / 2
         numbers: dict[str, object] = {**otherwise, **seen, **({"lag": (lag, lag)} if self._commanded else {})}
         numbers |= {"slew": self.known["slew"]} if "slew" in self.known else {}
-        numbers |= {"gas": True} if self._commanded and self.fit.problem.gas else {}
+        if self._commanded:  # the lags go with the gas, or without it
+            numbers["gas"] = self.fit.problem.gas
+        elif "gas" in self.known:
+            numbers["gas"] = self.known["gas"]
         with TemporaryDirectory() as directory:
             path = Path(directory) / "plant.toml"
             path.write_text(self.text(numbers, {}), encoding="utf-8")

@@ -43,9 +43,9 @@ def trapped(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
 
 
 def gas_of(name: str, given: object, own: Gas) -> Gas | None:
-    """Return the gas that is meant: `own` by True, none by False and None. Raises `InvalidInput` for anything else."""
+    """Return the gas that is meant: `own` by True, none by False or None. Raises `InvalidInput` for anything else."""
     if isinstance(given, Gas):
         return given
     if not (given is None or isinstance(given, bool)):
-        raise InvalidInput(f"{name} = {checks.brief(given)} has to be a Gas(kappa, atmosphere), True or None")
+        raise InvalidInput(f"{name} = {checks.brief(given)} has to be a Gas(kappa, atmosphere), True or False")
     return own if given else None

@@ -2,7 +2,7 @@
 
     θ' = ω
     J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
-    P_i' = (u_i - P_i)/τ_i  -  κ (P_i + p_a) V_i'/V_i^eff, the second term for a plant with `gas` only            (G3)
+    P_i' = (u_i - P_i)/τ_i  -  κ (P_i + p_a) V_i'/V_i^eff, the second term not with `gas=False`                   (G3)
 
 State x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures [Pa], disturbance torque d [N·m].
 The stiffness K(θ, P1, P2) is computed, never measured: the isobaric one, or that at a `frequency`. The command may
@@ -27,7 +27,8 @@ from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.assumption import assumptions
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
 from allocator.joint.limits import Limits
-from allocator.units import BAR
+from allocator.joint.volumes import with_volumes
+from allocator.units import BAR, CM3
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
 from mpc.model.gas import fall, gas_of, trapped
 from mpc.model.integration import integrated
@@ -52,7 +53,7 @@ class Plant:
     lag: float | tuple[float, float] = 0.1  # τ, or (τ1, τ2) [s]
     gravity_torque: float = 0.0  # m g l [N·m]; the link hangs at θ = 0 (negative: stands)
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
-    gas: Gas | bool | None = None  # True: the joint's; None: regulators hold the pressures against every motion
+    gas: Gas | bool | None = True  # the joint's; False, None: regulators hold the pressures against every motion
     frequency: float = 0.0  # at which K is meant [Hz]: 0 is isobaric, inf with all of the gas trapped   (G5)
 
     n: ClassVar[int] = 1  # these, and what `mpc.model.machine` says of them, make it a machine of one joint
@@ -88,13 +89,16 @@ class Plant:
         object.__setattr__(self, "gas", gas)
         if gas is None:
             if frequency:
-                raise InvalidInput(f"frequency = {frequency:g} Hz: without gas the stiffness has none; say gas=True")
+                raise InvalidInput(f"frequency = {frequency:g} Hz: the stiffness has none with gas=False")
             return
-        if self.joint.gas != gas:
-            object.__setattr__(self, "joint", replace(self.joint, gas=gas))
-        for angle in self.joint.angle_range:  # that there is a volume, and one that is positive
-            for side, P in product(self.joint.sides(angle, _ALL), self.joint.pressure_limits):
-                side.volume(P)
+        try:
+            joint, _ = with_volumes(self.joint)
+            object.__setattr__(self, "joint", joint if joint.gas == gas else replace(joint, gas=gas))
+            for angle in self.joint.angle_range:
+                for side, P in product(self.joint.sides(angle, _ALL), self.joint.pressure_limits):
+                    side.check_volume(P)
+        except InvalidInput as error:
+            raise InvalidInput(f"{error}; gas=False or --no-gas leaves the gas out") from None
 
     @property
     def pressure_limits(self) -> tuple[float, float]:
@@ -287,7 +291,7 @@ class Plant:
     @property
     def summary(self) -> str:
         """Return its numbers in a line, the joint's left out."""
-        gas = "" if self.gas is None else f", gas with κ = {self.joint.gas.kappa:g}, {self.kind.text}"
+        gas = ", no gas" if self.gas is None else f", {self._gas_text}, {self.kind.text}"
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
             f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s, gravity {self.gravity_torque:g} N·m, "
@@ -295,10 +299,16 @@ class Plant:
         )
 
     @property
+    def _gas_text(self) -> str:
+        length = self.joint.geometry.rest_length
+        volumes = [muscle.volume_at_rest(length) / CM3 for muscle in (self.joint.agonist, self.joint.antagonist)]
+        volume = " and ".join(dict.fromkeys(f"{V:.3g}" for V in volumes))
+        return f"gas with κ = {self.joint.gas.kappa:g} in {volume} cm³ at rest length"
+
+    @property
     def numbers(self) -> dict[str, object]:
         """Return what files hold of it besides the joint, by the names of the fields."""
-        plain = {name: getattr(self, name) for name in NUMBERS if name not in _GAS}
-        return plain if self.gas is None else plain | {"gas": True, "frequency": self.frequency}  # the joint's gas
+        return {name: getattr(self, name) for name in NUMBERS} | {"gas": self.gas is not None}  # the joint's
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the plant, joint and muscles included, as a TOML file. Raises `CannotWrite`."""
@@ -369,7 +379,6 @@ class Plant:
 
 
 NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")
-_GAS = ("gas", "frequency")
 _POSITIVE = ("inertia", "slew")
 _ALL = 1.0, 1.0  # shares of the gas that is trapped
 MOST_SUBSTEPS = 10_000  # in a sample

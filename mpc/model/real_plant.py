@@ -3,7 +3,7 @@
     θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
     P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e less the dead band, 0 within it,
                                                                  τ_i that of a rising or of a falling pressure
-    q_i = κ (P_i + p_a) V_i'/V_i^eff, if the nominal plant has gas
+    q_i = κ (P_i + p_a) V_i'/V_i^eff, or 0 if the nominal plant has no gas
     measured: θ(t - t_age) rounded to the encoder's step, P_i + o_i + noise; not ω
 
 with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.friction`. Within its dead

@@ -6,8 +6,8 @@ damping = 0.1                  # [N·m·s/rad]
 lag = [0.1, 0.1]               # [s], or one number for both pressures
 gravity_torque = 0.0           # m g l [N·m]
 slew = 500000.0                # [Pa/s]
-gas = true                     # reckon with the joint's gas, see its table [gas]; or without this line
-frequency = 0.0                # at which the stiffness is meant [Hz], 0 isobaric; or without this line
+gas = true                     # motion compresses the gas in the muscles, see [gas]; false: it does not
+frequency = 0.0                # with gas, at which the stiffness is meant [Hz]; 0 isobaric
 
 and another one of what the pressures do besides, which is read by `Compensation.load` and commands. The joint's own
 [hysteresis] counts, too.

@@ -17,6 +17,7 @@ from allocator.machine_file import save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, sine
 from mpc.cli import app, main
+from mpc.model.arm.storage import load_arm
 from mpc.trials.files import load_recording, save_reference
 from mpc.trials.trajectories import TRAJECTORIES
 
@@ -234,15 +235,31 @@ def test_help_is_given_before_anything_heavy_is_loaded(tmp_path):
 def test_track_reckons_with_the_gas_and_says_which_stiffness_is_tracked(trajectory, tmp_path):
     common = ["track", str(trajectory), "--muscle", "sarosi-dmsp-20-400n", "--dt", "0.02", "--horizon", "8"]
     out = ["--out", str(tmp_path / "run.npz"), "--controller", "feedforward", "--force"]
-    bare = CliRunner().invoke(app, [*common, *out])
-    assert "isobaric stiffness error [%]" in bare.output
-    assert "gas" not in bare.output
+    usual = CliRunner().invoke(app, [*common, *out])
+    assert "isobaric stiffness error [%]" in usual.output
+    assert "gas with κ = 1.3 in 126 cm³" in " ".join(usual.output.split())
+    bare = CliRunner().invoke(app, [*common, *out, "--no-gas"])
+    assert "no gas" in bare.output
+    assert load_recording(tmp_path / "run.npz").plant.gas is None
     gas = CliRunner().invoke(app, [*common, *out, "--kappa", "1.4", "--frequency", "2"])
     assert gas.exit_code == 0, gas.output
     assert "dynamic stiffness at 2 Hz error [%]" in gas.output
     assert "gas with κ = 1.4" in gas.output
     plant = load_recording(tmp_path / "run.npz").plant
     assert (plant.gas.kappa, plant.frequency) == (1.4, 2.0)
-    refused = CliRunner().invoke(app, [*common, *out, "--frequency", "2"])
+    refused = CliRunner().invoke(app, [*common, *out, "--no-gas", "--frequency", "2"])
     assert refused.exit_code != 0
-    assert "without gas" in str(refused.exception)
+    assert "--frequency is of the gas" in str(refused.exception)
+
+
+@pytest.mark.parametrize("machine", [None, "arm26"])
+def test_a_plant_is_written_with_gas_or_without(machine, tmp_path):
+    load = Plant.load if machine is None else load_arm
+    more = [] if machine is None else ["--machine", machine]
+    for option, has in (("--gas", True), ("--no-gas", False)):
+        made = CliRunner().invoke(app, ["init", str(tmp_path / "plant.toml"), *more, option, "--force"])
+        assert made.exit_code == 0, made.output
+        assert (load(tmp_path / "plant.toml").gas is not None) == has
+    told = CliRunner().invoke(app, ["init", str(tmp_path / "usual.toml"), *more])
+    assert told.exit_code == 0
+    assert (load(tmp_path / "usual.toml").gas is not None) == (machine is None)

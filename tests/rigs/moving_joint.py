@@ -50,13 +50,13 @@ def recorded(plant, seconds=60.0, seed=0):
 @pytest.fixture(scope="session")
 def slow_joint():
     """The joint without noticeable inertia, and what it does."""
-    plant = Plant(JOINT, inertia=0.002, damping=0.05, lag=LAG)
+    plant = Plant(JOINT, inertia=0.002, damping=0.05, lag=LAG, gas=False)
     return recorded(RealPlant(plant, friction=MaxwellSlip.of_width(plant, WIDTH), dead_time=DEAD_TIME))
 
 
 @pytest.fixture(scope="session")
 def swinging_joint():
-    plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG)
+    plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG, gas=False)
     return plant, recorded(RealPlant(plant, friction=MaxwellSlip.of_width(plant, WIDTH), dead_time=DEAD_TIME))
 
 

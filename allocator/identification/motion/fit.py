@@ -13,8 +13,9 @@ from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, Moti
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, search
-from allocator.identification.motion.static import Difference, Equilibrium, with_gas
+from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.volumes import with_volumes
 from allocator.units import BAR, DEG
 
 _MOST_SUPPLY = 2.0  # greatest pressure of a log in the supply of the joint that is given
@@ -85,7 +86,7 @@ def fit_motion(
     """
     log = MotionLog.checked(t, theta, P1, P2)
     tell = progress or (lambda step: None)
-    full, taken = (joint, "") if joint is None or gas is False else with_gas(joint)
+    full, taken = (joint, "") if joint is None or gas is False else with_volumes(joint)
     every = log.settled
     early = every & (np.arange(log.n) < TRAINED * log.n)
     kinds = [False] if joint is None or gas is False else [True] if gas else [False, True]

@@ -22,7 +22,6 @@ from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
-from allocator.muscles.volume import usual_volume
 from allocator.units import DEG
 
 if TYPE_CHECKING:
@@ -118,24 +117,6 @@ class Equilibrium:
         nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), np.stack([theta, K], axis=-1)[known])
         there = np.where(known[..., None], np.stack([theta, K], axis=-1), nearest(P1, P2))
         return tuple(RectBivariateSpline(P, P, there[..., i], kx=1, ky=1) for i in (0, 1))
-
-
-def with_gas(joint: AntagonistJoint) -> tuple[AntagonistJoint, str]:
-    """Return the joint with a volume in both muscles, and a sentence on the assumption, or "" if it was known."""
-    radii, muscles = [], []
-    for muscle in (joint.agonist, joint.antagonist):
-        if muscle.rest_volume is None and muscle.inner_radius is None and muscle.own_radius is None:
-            P, length = joint.pressure_limits[1] / 2, joint.geometry.rest_length
-            volume, radius = usual_volume(muscle, P, length)
-            radii.append(f"{1e3 * radius:.1f} mm")
-            muscle = replace(muscle, rest_volume=volume)
-        muscles.append(muscle)
-    if not radii:
-        return joint, ""
-    tubes = " and ".join(dict.fromkeys(radii))
-    known = "inner_radius or rest_volume of the muscles in the file of --machine says it"
-    taken = f"how much gas the muscles hold: taken as in braids of {tubes} radius, which pull like them; {known}"
-    return replace(joint, agonist=muscles[0], antagonist=muscles[1]), taken
 
 
 def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple[Muscle, Muscle, float]:

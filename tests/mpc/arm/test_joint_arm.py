@@ -17,7 +17,7 @@ PLANTS = {
     "horizontal": Plant(JOINT),
     "hanging": Plant(JOINT, gravity_torque=1.2, lag=(0.05, 0.2)),
     "standing": Plant(JOINT, gravity_torque=-4.0, inertia=0.02, damping=0.0),
-    "filled": Plant(JOINT, gravity_torque=0.3, gas=True),
+    "without gas": Plant(JOINT, gravity_torque=0.3, gas=False),
 }
 
 
@@ -56,14 +56,14 @@ def test_the_governor_keeps_the_joint_inside():
 
 def test_a_stiffness_at_a_frequency_is_refused():
     with pytest.raises(InvalidInput, match="frequency = 2 Hz"):
-        arm_of(Plant(gas=True, frequency=2.0))
+        arm_of(Plant(frequency=2.0))
 
 
 def test_mujoco_moves_it_as_the_plant():
     plant = Plant(JOINT, gravity_torque=0.8)
     arm, dt = arm_of(plant), 0.01
     text = to_mjcf(arm.mechanism, arm.bodies, timestep=2e-4)
-    moved = MujocoPlant(text, arm.mechanism.muscles, lag=arm.lag, slew=np.inf)
+    moved = MujocoPlant(text, arm.mechanism.muscles, lag=arm.lag, slew=np.inf, gas=arm.gas)
     x, u, step = np.array([0.3, 0.5, 2.1 * BAR, 3.0 * BAR]), np.array([2.6, 2.4]) * BAR, plant.discrete(dt, 0.02)
     moved.reset(x[:1], x[2:], omega=x[1:2])
     for _ in range(50):

@@ -1,6 +1,7 @@
 """Simulated and callable devices, and how devices get their names."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from mpc.model.real_plant import RealPlant
 
 def test_a_simulated_device_moves_as_its_plant_does(plant):
     """Against the exact solution of the lag, and the plant's own experiment."""
+    plant = replace(plant, gas=False)
     clock = SimulatedClock()
     P0, P1, P2 = 2 * BAR, 3 * BAR, 1 * BAR
     with SimulatedDevice(plant, clock, theta=0.0, pressures=(P0, P0)) as device:
@@ -34,7 +36,8 @@ def test_a_simulated_device_moves_as_its_plant_does(plant):
 
 def test_a_command_acts_from_when_it_was_written(plant):
     clock = SimulatedClock()
-    with SimulatedDevice(plant, clock, theta=0.0, pressures=(2 * BAR, 2 * BAR)) as device:
+    lagging = replace(plant, gas=False)
+    with SimulatedDevice(lagging, clock, theta=0.0, pressures=(2 * BAR, 2 * BAR)) as device:
         clock.sleep_until(0.0373)
         device.write(3 * BAR, 2 * BAR)
         clock.sleep_until(0.1)

@@ -25,7 +25,7 @@ from mpc.tracking.limits import Limits
 
 DT = 0.02
 JOINT = report_joint(SAROSI_DMSP_20_400N)
-PLANT = Plant(JOINT)
+PLANT = Plant(JOINT, gas=False)  # the pressures are at rest when a visit is read
 VISITS = [
     Visit(0.0, (3 * BAR, 2 * BAR), (3.5 * BAR, 2 * BAR), -1),
     Visit(0.0, (3 * BAR, 2 * BAR), (2.5 * BAR, 2 * BAR), 1),

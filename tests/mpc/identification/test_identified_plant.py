@@ -141,7 +141,7 @@ def test_an_inertia_that_the_log_shows_is_in_the_file(swinging_joint, swinging_f
 
 def test_regulators_of_a_file_are_those_of_the_simulated_plant_and_zero_lags_are_unknown(tmp_path):
     path = tmp_path / "plant.toml"
-    Plant(JOINT, lag=0.2).save(path)
+    Plant(JOINT, lag=0.2, gas=False).save(path)
     with path.open("a", encoding="utf-8") as file:
         file.write("\n[regulators]\ndead_time = 0.03\nlag_up = 0.1\nlag_down = 0.0\nflow = 3e5\n")
     known = Compensation.load(path)

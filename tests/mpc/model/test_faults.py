@@ -94,7 +94,7 @@ def test_a_supply_that_drops_to_3_bar_is_survived():
     assert run.P[DURING][50:].max() < 3.1 * BAR < healthy.P[DURING][50:].max()
 
 
-@pytest.mark.parametrize("torque", [13.0, -13.0])
+@pytest.mark.parametrize("torque", [13.0, -16.0])
 def test_a_load_beyond_capacity_is_survived_and_said(torque):
     run = driven(torque=((BEGIN, torque), (END, 0.0)), plant=DAHL)
     assert survived(run)
@@ -178,7 +178,8 @@ REST = REAL.at_rest(0.0, 5.5)
 
 def pressures(*faults, u, samples=60):
     """(samples + 1, 2) of an otherwise ideal joint under the constant command `u`."""
-    experiment, seen = RealPlant(REAL.nominal, faults=faults).begin(DT, REST, 0), [REST[2:]]
+    ideal = replace(REAL.nominal, gas=False)
+    experiment, seen = RealPlant(ideal, faults=faults).begin(DT, REST, 0), [REST[2:]]
     for _ in range(samples):
         experiment.advance(np.asarray(u))
         seen.append(experiment.x[2:])

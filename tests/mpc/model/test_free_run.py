@@ -10,7 +10,7 @@ from mpc import Compensation, Plant, RealPlant
 from mpc.model.free_run import free_run
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)
-PLANT = Plant(JOINT, inertia=0.03, damping=0.4, lag=(0.1, 0.1))
+PLANT = Plant(JOINT, inertia=0.03, damping=0.4, lag=(0.1, 0.1), gas=False)
 T = np.array([0.0, 0.02, 0.05, 0.06, 0.3, 0.33, 0.5, 0.8])  # s, at uneven times
 P1 = np.array([2.5, 3.5, 3.5, 2.0, 2.0, 3.0, 3.0, 3.0]) * BAR
 P2 = np.array([2.5, 2.5, 1.8, 1.8, 3.2, 3.2, 2.6, 2.6]) * BAR

@@ -11,7 +11,8 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.joint.gas import Gas
 from allocator.joint.geometry import Lever
-from allocator.muscles import Hogan1984
+from allocator.machine_file import save_machine
+from allocator.muscles import Sarosi2012
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, RealPlant
 from mpc.model.faults import StuckValve
@@ -20,6 +21,7 @@ PULLEY = report_joint(SAROSI_DMSP_20_400N)
 LEVER = replace(PULLEY, geometry=Lever(0.25, anchor=0.1655, lever=0.05094, offset=0.051), angle_limits=None)
 JOINTS = pytest.mark.parametrize("joint", [PULLEY, report_joint(), LEVER], ids=["pulley", "V of P too", "lever"])
 REST = np.array([0.0, 0.0, 3 * BAR, 3 * BAR])
+PUSHING = Sarosi2012(c1=0.0, c2=-0.01, c3=-0.003, c4=0.0, c5=-100.0, c6=0.0)
 
 
 def swept(rates, amplitude=20 * DEG, P=(3 * BAR, 2 * BAR)):
@@ -186,21 +188,39 @@ def test_a_plant_s_file_keeps_its_gas(tmp_path):
     plant = Plant(PULLEY, gas=Gas(kappa=1.4), frequency=2.0)
     plant.save(tmp_path / "plant.toml")
     assert Plant.load(tmp_path / "plant.toml") == plant
-    usual = Plant(PULLEY, gas=True)
+    usual = Plant(PULLEY)
     usual.save(tmp_path / "usual.toml")
     assert Plant.load(tmp_path / "usual.toml") == usual
-    Plant(PULLEY).save(tmp_path / "bare.toml")
+    Plant(PULLEY, gas=False).save(tmp_path / "bare.toml")
     assert Plant.load(tmp_path / "bare.toml").gas is None
-    assert "gas =" not in (tmp_path / "bare.toml").read_text()
+
+
+def test_a_plant_has_gas_unless_it_is_told_not_to(tmp_path):
+    assert Plant().gas == Plant(gas=True).gas == RealPlant.standard().nominal.gas == Gas()
+    assert Plant(gas=False).gas is Plant(gas=None).gas is None
+    save_machine(PULLEY, tmp_path / "joint.toml")  # without a word on gas
+    assert Plant.load(tmp_path / "joint.toml") == Plant(PULLEY)
+
+
+def test_muscles_of_unknown_volume_hold_as_much_as_braids_that_pull_like_them(tmp_path):
+    length, bare = PULLEY.geometry.rest_length, replace(SAROSI_DMSP_20_400N, inner_radius=None)
+    plant = Plant(report_joint(bare))
+    known, assumed = (plant.joint.agonist.volume(2.5 * BAR, 0.1, length) for plant in (Plant(PULLEY), plant))
+    assert assumed == pytest.approx(known, rel=0.25)
+    assert f"{plant.joint.agonist.rest_volume * 1e6:.3g} cm³" in plant.summary
+    plant.save(tmp_path / "plant.toml")
+    assert Plant.load(tmp_path / "plant.toml") == plant
+    assert Plant(report_joint(bare), gas=False).joint.agonist == bare
 
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
         ({"gas": "air"}, "gas = 'air' has to be a Gas"),
-        ({"frequency": 2.0}, "frequency = 2 Hz: without gas"),
+        ({"gas": False, "frequency": 2.0}, "frequency = 2 Hz: the stiffness has none"),
         ({"gas": True, "frequency": -1.0}, "frequency = -1 Hz has to be 0 or more"),
-        ({"gas": True, "joint": report_joint(Hogan1984(F_max=1500.0, eps_max=0.25, P_max=5e5))}, "rest_volume"),
+        ({"joint": report_joint(PUSHING)}, "Sarosi2012 gains no force by pressure .* gas=False"),
+        ({"joint": report_joint(replace(SAROSI_DMSP_20_400N, rest_volume=1e-7))}, "would grow .* gas=False"),
     ],
 )
 def test_a_gas_that_makes_no_sense_is_refused(wrong, said):

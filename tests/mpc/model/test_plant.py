@@ -40,7 +40,7 @@ def test_at_rest_nothing_moves_and_the_stiffness_is_the_one_asked():
 
 def test_without_input_and_friction_the_energy_of_the_swinging_link_is_kept():
     """At constant equal pressures the muscles are a spring: K θ²/2 is their energy on a pulley with Tondu's law."""
-    plant = Plant(damping=0.0, gravity_torque=3.0)
+    plant = Plant(damping=0.0, gravity_torque=3.0, gas=False)
     P = np.full(2, 3.0 * BAR)
     x0 = np.array([0.5, 0.0, *P])
     x = integrated(plant, x0, P, 0.0, 0.7)

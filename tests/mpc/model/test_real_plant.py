@@ -86,12 +86,12 @@ def test_friction_never_exceeds_its_limit(z, motions):
 
 
 def test_pressures_rest_half_a_dead_band_short_of_the_command():
-    x = states(RealPlant(PLANT, dead_band=0.1 * BAR), stepped(300))
+    x = states(RealPlant(replace(PLANT, gas=False), dead_band=0.1 * BAR), stepped(300))
     np.testing.assert_allclose((x[-1, 2:] - REST[2:]) / BAR, [0.45, -0.25], atol=1e-6)
 
 
 def test_pressures_rise_and_fall_no_faster_than_the_flow_lets_them():
-    x = states(RealPlant(PLANT, flow=2 * BAR), stepped(40, (1.5, -1.5)))
+    x = states(RealPlant(replace(PLANT, gas=False), flow=2 * BAR), stepped(40, (1.5, -1.5)))
     slopes = np.diff(x[:, 2:], axis=0) / DT / BAR
     assert np.abs(slopes).max() == pytest.approx(2.0, rel=1e-6)
 

@@ -162,7 +162,7 @@ def test_the_terminal_cost_is_the_cost_of_the_unlimited_future(joint):
 
 
 def test_feed_forward_commands_drive_the_lagged_pressures_through_the_allocation():
-    plant = Plant(lag=(0.05, 0.2))
+    plant = Plant(lag=(0.05, 0.2), gas=False)
     t = DT * np.arange(N + 1)
     feed = InverseDynamics(plant, DT, N)(0.3 * np.sin(3 * t), 7.6 + 0.2 * t)
     P = feed.P[0]

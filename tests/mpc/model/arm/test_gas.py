@@ -70,7 +70,7 @@ def test_a_controller_that_knows_the_gas_follows_more_closely():
 
 
 def test_gas_that_there_is_not_is_one_sentence():
-    with pytest.raises(InvalidInput, match="True or None"):
+    with pytest.raises(InvalidInput, match="True or False"):
         replace(PLAIN, gas=1.3)
     assert replace(PLAIN, gas=Gas(kappa=1.4)).mechanism.gas.kappa == 1.4
     assert replace(PLAIN, gas=False).gas is None
