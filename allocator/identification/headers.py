@@ -22,6 +22,8 @@ UNITS: dict[str, dict[str, float]] = {  # by quantity, the usual unit first; "" 
     "pressure": _PRESSURE,
     "pressure1": _PRESSURE,
     "pressure2": _PRESSURE,
+    "measured1": _PRESSURE,
+    "measured2": _PRESSURE,
     "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": _LBF, "kgf": _KGF, "gf": 1e-3 * _KGF},
     "theta": {"deg": DEG, "rad": 1.0},
     "torque": {
@@ -43,6 +45,8 @@ _NAMES = {
     "pressure": "pressure p musclepressure druck überdruck pression",
     "pressure1": "pressure1 p1 agonistpressure pressureagonist pagonist druck1 pression1",
     "pressure2": "pressure2 p2 antagonistpressure pressureantagonist pantagonist druck2 pression2",
+    "measured1": "measured1 p1measured measuredp1 pressure1measured measuredpressure1",
+    "measured2": "measured2 p2measured measuredp2 pressure2measured measuredpressure2",
     "force": "force f muscleforce load tension pull kraft zugkraft",
     "theta": "theta θ phi φ angle jointangle winkel gelenkwinkel",
     "torque": "torque drehmoment couple tau τ moment lastmoment loadtorque torqueload externaltorque weight last poids "

@@ -3,12 +3,11 @@
 A stranger's own encoder is told as it is, and then made older. RMS errors of the angle are those of the sine before and
 with the payload, the swing is that of the last second of all trajectories, peak to peak; medians over the strangers. A
 run is named if `KalmanObserver.health` said that the loop rings; the delay is counted from the first of the swings that
-it saw.
+it saw. The weights of the controller are those of `mpc.robust_weights` for what it is told.
 """
 
 from collections.abc import Iterable
 from dataclasses import replace
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +19,7 @@ from benchmarks.strangers.plants import Stranger, drawn
 from benchmarks.strangers.runs import CASES, DT, OFFSET, PAYLOAD, Case, rms
 from mpc import KalmanObserver, RealPlant, simulate
 from mpc.observer.filter import Noise
-from mpc.tracking.weights import Weights
-from mpc.trials.loops import Settings, loop
+from mpc.trials.loops import Settings, loop, robust
 
 AGES = 0.0, 0.01, 0.02, 0.03, 0.05  # [s] beyond the encoder's own
 OWN = "RealPlant"  # the library's plant under test, not a stranger
@@ -43,45 +41,48 @@ class Aged(NamedTuple):
 
 def aged_rows(structure: str, seed: int, age: float) -> list[Aged]:
     """Return the runs of one plant with readings that are older by `age` [s], told and untold."""
-    return [
-        run(structure, seed, age, told, name)
-        for told, name in product((False, True), CASES)
-        if age or not told  # the same
-    ]
+    return [row for told in ((False, True) if age else (False,)) for row in runs(structure, seed, age, told)]
 
 
-def run(structure: str, seed: int, age: float, told: bool, name: str) -> Aged:
-    """Return one run."""
-    case = CASES[name]
-    plant, model = older(structure, seed, age, case)
+def runs(structure: str, seed: int, age: float, told: bool, cases: Iterable[str] = CASES) -> list[Aged]:
+    """Return the runs of one plant along the `cases`."""
+    plant, model = older(structure, seed, age)
     known = replace(model.told, reading_age=model.told.reading_age + age * told)
-    control, _ = loop("mpc", Settings(model.plant, DT, compensation=known, weights=Weights.calm()))
-    observer, delays, k = KalmanObserver(model.plant, DT, Noise(offset=OFFSET), known), list[float](), [0]
+    control, _ = loop("mpc", robust("mpc", Settings(model.plant, DT, compensation=known)))
+    observer, rows = KalmanObserver(model.plant, DT, Noise(offset=OFFSET), known), []
+    for name in cases:
+        case, delays, k = CASES[name], list[float](), [0]
 
-    def watch() -> None:
-        k[0] += 1
-        if not delays and (finding := observer.health.ringing) is not None:
-            delays.append(k[0] * DT - finding.since)
+        def watch(delays: list[float] = delays, k: list[int] = k) -> None:
+            k[0] += 1
+            if not delays and (finding := observer.health.ringing) is not None:
+                delays.append(k[0] * DT - finding.since)
 
-    x0 = model.plant.at_rest(case.reference.theta[0], case.reference.K[0])
-    done = simulate(plant, control, case.reference, x0=x0, observer=observer, seed=seed, watch=watch)
-    error, begin, end = (done.theta - done.theta_ref) / DEG, round(LEAD / DT), round(case.loaded / DT)
-    swing = float(np.ptp(error[-round(STEADY / DT) :]))
-    figures = rms(error[begin:end]), rms(error[end:]), swing, delays[0] if delays else np.nan
-    return Aged(structure, seed, age, told, name, *figures)
+        loaded, x0 = burdened(plant, case), model.plant.at_rest(case.reference.theta[0], case.reference.K[0])
+        done = simulate(loaded, control, case.reference, x0=x0, observer=observer, seed=seed, watch=watch)
+        error, begin, end = (done.theta - done.theta_ref) / DEG, round(LEAD / DT), round(case.loaded / DT)
+        swing, named = float(np.ptp(error[-round(STEADY / DT) :])), delays[0] if delays else np.nan
+        rows.append(Aged(structure, seed, age, told, name, rms(error[begin:end]), rms(error[end:]), swing, named))
+    return rows
 
 
-def older(structure: str, seed: int, age: float, case: Case) -> tuple[Stranger | RealPlant, Model]:
-    """Return a plant whose readings are older by `age` [s], with its payload, and the model that knows its own age."""
+def older(structure: str, seed: int, age: float) -> tuple[Stranger | RealPlant, Model]:
+    """Return a plant whose readings are older by `age` [s], and the model that knows its own age."""
     if structure == OWN:
-        real = RealPlant.standard(torque_profile=((case.loaded, PAYLOAD),))
+        real = RealPlant.standard()
         return replace(real, reading_age=age), Model(real.nominal, real.known())
     stranger = drawn(structure, seed)
     plant, told = data_sheet(stranger)
     late = stranger.sensors.late
     sensors = replace(stranger.sensors, late=late + round(age / DT))
-    model = Model(plant, replace(told, reading_age=late * DT))
-    return replace(stranger, sensors=sensors).loaded(PAYLOAD, case.loaded), model
+    return replace(stranger, sensors=sensors), Model(plant, replace(told, reading_age=late * DT))
+
+
+def burdened(plant: Stranger | RealPlant, case: Case) -> Stranger | RealPlant:
+    """Return the plant with the payload of the case."""
+    if isinstance(plant, RealPlant):
+        return replace(plant, torque_profile=((case.loaded, PAYLOAD),))
+    return plant.loaded(PAYLOAD, case.loaded)
 
 
 def ages_table(rows: Iterable[Aged]) -> list[str]:

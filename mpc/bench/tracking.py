@@ -1,9 +1,12 @@
 """Tracking is what a controller and its observer do with the samples of a loop; a log can be replayed through them.
 
 An observer takes it for granted that readings are evenly spaced, and at 1 rad/s a millisecond is 0.06°: what was read
-late is brought to the time at which it was due. Where samples had to be left out the observer is told so: a sample
-without a reading under the command that was held.
+late is brought to the time at which it was due. So is an angle that its device dates up to a sample earlier, by the
+estimated velocity; what is always as old is told to the observer (`Compensation.reading_age`). Where samples had to be
+left out the observer is told so: a sample without a reading under the command that was held.
 """
+
+from math import isfinite
 
 import numpy as np
 
@@ -48,6 +51,7 @@ class Tracking:
         self.first: Pressures = one, two
         self._begun: int | None = None  # the sample of the first decision
         self._before: tuple[float, Array] | None = None  # the last reading's time [s] and values (4,)
+        self._omega = 0.0  # last estimate of the velocity [rad/s]
         self._unwell = 0  # samples for which health has asked for a reaction
         observer.reset()
         controller.reset()
@@ -80,13 +84,20 @@ class Tracking:
         sent = np.array(tick.sent)
         for _ in range(tick.missed):
             self.observer.estimate(_UNSEEN, sent)
-        return self.observer.estimate(self._at_due(tick), sent)
+        x, d = self.observer.estimate(self._at_due(tick), sent)
+        self._omega = float(x[1]) if isfinite(x[1]) else 0.0
+        return x, d
 
     def _at_due(self, tick: Tick) -> Array:
-        """Return what the sensors (4,) would have said at the due time: on a line from the reading before."""
+        """Return what the sensors (4,) would have said at the due time.
+
+        A later reading is put on a line from the one before, an earlier angle goes on with the estimated velocity.
+        """
         t, *now = tick.reading
         said = np.array([now[0], np.nan, now[1], now[2]])
         before, self._before = self._before, (t, said)
+        if 0 < tick.due - t <= self.dt:
+            return said + np.array([self._omega * (tick.due - t), 0.0, 0.0, 0.0])
         if before is None or not t > before[0] or not tick.due < t:
             return said
         share = min((t - tick.due) / (t - before[0]), 1.0)

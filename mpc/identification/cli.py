@@ -50,6 +50,9 @@ def fit_motion_command(
     angle from the pressures alone. A minute or more of random steps of both pressures tells most; a log
     of slow sweeps shows the width of the hysteresis instead. Begin the log at rest: the prediction does, too.
 
+    Commands show the sum of dead time and age of the angle's readings. With columns measured1 and measured2 [bar]
+    beside them both are found apart.
+
     In the tables, taut rows are those without a pressure below 1.5 bar; gain is the slope of the static angle over that
     of --machine (1: they agree); inertia and damping are divided by the joint's stiffness, and without the division in
     the file of --out.
@@ -72,6 +75,7 @@ def fit_motion_command(
             data.P1,
             data.P2,
             joint=given,
+            measured=data.measured,
             scale_known=content is None or scale_known_in(content),
             gas=gas,
             progress=lambda step: bar.update(task, advance=1, description=step),

@@ -64,7 +64,7 @@ def replay(path: str | PathLike[str], log: MotionLog) -> Replay:
         raise InvalidFile(path, f"[source]: encoder_zero_deg = {zero / DEG:g} is over a turn")
     commanded = pressures == COMMANDED
     theta = free_run(real, log.t, log.P1, log.P2, begin=float(log.theta[0]) - zero, commanded=commanded)
-    return Replay(log, theta + zero)
+    return Replay(log, np.interp(log.t - real.reading_age, log.t, theta) + zero)
 
 
 _REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "filling")
@@ -197,6 +197,8 @@ class _Written:
             regulators = {"dead_time": values["dead_time"], "dead_band": band if band >= _LEAST_BAND else 0.0}
             regulators |= self._lags | ({"flow": 1 / filling} if filling else {})
             lines += section("regulators", regulators, "s, Pa, s, s, Pa/s")
+            if "reading_age" in values:
+                lines += section("sensors", {"reading_age": values["reading_age"]}, "s")
         return "\n".join(lines) + "\n"
 
 

@@ -86,6 +86,11 @@ class Diagnosis:
         for pressure in self.pressures:
             pressure.reset()
 
+    @property
+    def parts(self) -> tuple[PressureDiagnosis | TorqueDiagnosis | RingingDiagnosis, ...]:
+        """The parts that remember numbers: both pressures, torque and loop."""
+        return *self.pressures, self.torque, self.ringing
+
     def go_on(self, t: float, theta: float, lost: Array, said: Array, found: Array, numbers: Sequence[Array]) -> None:
         """Go on where it was followed elsewhere: to the time `t` [s], the angle `theta` [rad], what sensors have `lost`
         (3,) [s] and `said` (3,) then, whether one is `found` (3,) wrong, and the `numbers` of pressures, torque and
@@ -93,13 +98,8 @@ class Diagnosis:
         """
         self.t, self.theta, self.lost, self.said = t, theta, lost.tolist(), said.tolist()
         self.sensors = [one if wrong else None for one, wrong in zip(self.sensors, found, strict=True)]
-        for part, values in zip(self.remembering, numbers, strict=True):
+        for part, values in zip(self.parts, numbers, strict=True):
             part.numbers = values.tolist()
-
-    @property
-    def remembering(self) -> tuple[PressureDiagnosis | TorqueDiagnosis | RingingDiagnosis, ...]:
-        """The diagnoses of the pressures, of the torque and of the loop."""
-        return *self.pressures, self.torque, self.ringing
 
     def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array) -> None:
         """Follow what the sensors have `said` (3,), which was checked.

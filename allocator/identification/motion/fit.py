@@ -10,6 +10,7 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.motion.doubt import Bands, possible_changes
 from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, MotionProblem, Prediction
+from allocator.identification.motion.regulators import fit_regulators, sensed_at, with_regulators
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, search
@@ -50,6 +51,7 @@ def fit_motion(
     P2: ArrayLike,
     *,
     joint: AntagonistJoint | None = None,
+    measured: tuple[ArrayLike, ArrayLike] | None = None,
     scale_known: bool = True,
     gas: bool | None = None,
     progress: Callable[[str], object] | None = None,
@@ -70,6 +72,9 @@ def fit_motion(
         A joint of the same kind, as `fit_joint` gives it, whose static angle is then corrected; its muscles are fitted
         anew when `MotionFit.joint` is asked for. Without one the static angle is a polynomial, linear in its
         coefficients, of the pressures, and there is no plant to save.
+    measured
+        Pressures of both sensors [Pa], arrays (n,), where `P1` and `P2` are commands. The regulators are then fitted to
+        these, and the angle shows how old its readings are: `reading_age` apart from `dead_time`.
     scale_known
         Whether the joint's forces are right and not only in proportion; where not, neither are those of the result.
     gas
@@ -91,6 +96,9 @@ def fit_motion(
     early = every & (np.arange(log.n) < TRAINED * log.n)
     kinds = [False] if joint is None or gas is False else [True] if gas else [False, True]
     problems = [MotionProblem.of(log, _static(full, log.greatest_pressure, held)) for held in kinds]
+    sensed = None if measured is None else sensed_at(log.t, t, measured)
+    if sensed is not None and log.varies_speed:
+        problems = [with_regulators(problem, fit_regulators(problem, sensed, every)) for problem in problems]
     trained, unseen = min((_seen(problem, early, tell) for problem in problems), key=lambda seen: seen[0].rms)
     _check_sign(trained, early)
     tell("all rows")
@@ -105,9 +113,12 @@ def fit_motion(
     run = found.run(every)
     changes = possible_changes(found.problem, found.x, every, lambda x: _named(found._replace(x=x), every))
     errors = np.where(every, np.nansum([error for _, error in left_out], axis=0), np.nan)
+    parameters = _estimates(_named(found, every), jackknife, choices, changes, log, found.rms * DEG)
+    if sensed is not None and log.varies_speed:
+        parameters = _apart(parameters, found.problem, sensed)
     return MotionFit(
         operator=found.problem.operator(found.x, run.weights),
-        parameters=_estimates(_named(found, every), jackknife, choices, changes, log, found.rms * DEG),
+        parameters=parameters,
         error=_errors(found, every, every),
         held_out=_errors(trained, early, every & ~early),
         blocks=tuple(errors for errors, _ in left_out),
@@ -157,15 +168,16 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
     tell("filling")
     if "lag_up" in found.problem.free:
         found = _if_better(found, used, **_FILLING)
-        found = _if_better(found, used, volume=1.0) if problem.gas else found
-    if "filling" not in found.problem.free:
+    if "lag_up" in found.problem.known and problem.gas:
+        found = _if_better(found, used, volume=1.0)
+    if "filling" not in found.problem.known:
         unseen.append("how fast the valves can fill the muscles: great steps of the pressures would show it")
     best = found.rms
     for names, sentence in _SIGNS.items():
         tell("what is seen")
         if set(names) & set(found.problem.free):
             found = _if_needed(found, best, used, names)
-        if not set(names) & set(found.problem.free):
+        if not set(names) & found.problem.known:
             unseen.append(sentence)
     if not found.problem.swings:
         found = _if_better(found, used, **_DYNAMIC)
@@ -300,3 +312,17 @@ def _estimates(
         low, high = max(below, 0.0), min(value + factor * std, UPPER.get(name, np.inf))
         found[name] = Estimate(value, std, low, high, _UNITS[name])
     return found
+
+
+def _apart(total: dict[str, Estimate], problem: MotionProblem, sensed: tuple[Array, Array]) -> dict[str, Estimate]:
+    """Return the estimates with those of the regulators, and the angle's delay apart as dead time and reading age."""
+    log, every = problem.log, problem.log.settled
+    jackknife = [fit_regulators(problem, sensed, rows & every) for rows in _blocks(log.n, _JACKKNIFE)]
+    own = _estimates(fit_regulators(problem, sensed, every), jackknife, [], {}, log, 0.0)
+    own = {name: estimate for name, estimate in own.items() if estimate.value}
+    late, dead = total.get("dead_time"), own.get("dead_time", Estimate(0.0, 0.0, 0.0, 0.0, "s"))
+    if late is None:
+        return total | own
+    age, std = max(late.value - dead.value, 0.0), float(np.hypot(late.std, dead.std))
+    half = float(np.hypot(late.high - late.low, dead.high - dead.low)) / 2
+    return total | own | {"reading_age": Estimate(age, std, max(age - half, 0.0), age + half, "s")}

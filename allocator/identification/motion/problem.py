@@ -103,6 +103,11 @@ class MotionProblem:
         qs, ss = (1 + 0 * q, q, q * q, q * q * q), (1 + 0 * s, s, s * s)
         return np.stack([qs[i] * ss[j] for i, j in self.powers])
 
+    @property
+    def known(self) -> set[str]:
+        """Names of the nonlinear unknowns that are free or assumed."""
+        return {*self.free, *dict(self.assumed)}
+
     def values(self, x: Array) -> dict[str, float]:
         """Return the nonlinear unknowns by name; those that are not free are absent."""
         values = ABSENT | dict(self.assumed) | dict(zip(self.free, x.tolist(), strict=False))
@@ -138,14 +143,15 @@ class MotionProblem:
         """
         log, lags = self.log, self._lags(x)
         if lags not in self._last:
-            P1, P2 = self._pressures(log.t, (log.P1, log.P2), log.theta, lags)
+            P1, P2 = self.pressures(log.t, (log.P1, log.P2), log.theta, lags)
             self._last.clear()
             self._last[lags] = P1, P2, self.basis(P1, P2)
         return self._last[lags]
 
-    def _pressures(
+    def pressures(
         self, t: Array, commands: tuple[Array, Array], theta: Array, lags: tuple[float, ...]
     ) -> tuple[Array, Array]:
+        """Return the pressures (m,) [Pa] of regulators (up, down, dead, whole dead band, slowest) and gas `lags`."""
         *regulator, volume = lags
         squeezed, around = self.static.squeezed(theta, volume)
         one, two = (loops.pressures(t, u, s, around, regulator) for u, s in zip(commands, squeezed, strict=True))
@@ -214,7 +220,7 @@ class MotionProblem:
             return Prediction(theta, u, P1, P2, weights)
         theta, last = np.zeros(t.size), np.zeros(t.size)
         for _ in range(_ROUNDS if self.gas else 1):  # the motion compresses the gas, which moves the joint
-            P1, P2 = self._pressures(t, commands, theta, self._lags(x))
+            P1, P2 = self.pressures(t, commands, theta, self._lags(x))
             u = np.einsum("j,jn", self.coefficients(x), self.basis(P1, P2))
             if self.swings:
                 theta = self.swung(u, P1, P2, x, weights, float(np.median(np.diff(t))))

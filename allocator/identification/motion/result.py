@@ -67,10 +67,10 @@ class MotionFit:
 
     operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1
     parameters: Mapping[str, Estimate]
-    """`lag_up`, `lag_down`, `dead_time` [s], `dead_band` [Pa], `filling` [s/Pa] at least of a rising or falling
-    pressure, `base` [-] of the widths, `loop_width` [rad] of a wide sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-];
-    `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of the static angle over that of the given joint. What
-    the log does not show is left out."""
+    """`lag_up`, `lag_down`, `dead_time` [s], `reading_age` [s] if pressures were measured beside commands, `dead_band`
+    [Pa], `filling` [s/Pa] at least of a rising or falling pressure, `base` [-] of the widths, `loop_width` [rad] of a
+    wide sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-]; `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of
+    the static angle over that of the given joint. What the log does not show is left out."""
     error: Errors  # of the log that was fitted
     held_out: Errors  # of the last 40 %, predicted from the first 60 %
     blocks: tuple[Errors, ...]  # of five contiguous blocks, each predicted from the others
@@ -199,6 +199,9 @@ class MotionFit:
         P1, P2 = float(run.P1.mean()), float(run.P2.mean())
         K = float(np.median(joint.stiffness(joint.equilibrium(P1, P2), P1, P2)))
         values = self.problem.values(x)
+        if (age := self.parameters.get("reading_age")) is not None:
+            old = min(age.value, values["dead_time"])
+            values |= {"dead_time": values["dead_time"] - old, "reading_age": old}
         return MovingJoint(joint, zero, values, K, values["damping"] * K, values["inertia"] * K)
 
     # --- in words ---------------------------------------------------------------------------------------------------
@@ -262,6 +265,7 @@ LABELS = {
     "lag_up": Label("lag_up_s", "lag of a rising pressure", "s", 1.0),
     "lag_down": Label("lag_down_s", "lag of a falling pressure", "s", 1.0),
     "dead_time": Label("dead_time_s", "dead time", "s", 1.0),
+    "reading_age": Label("reading_age_s", "age of the angle's readings", "s", 1.0),
     "dead_band": Label("dead_band_bar", "dead band, total", "bar", BAR),
     "filling": Label("filling_s_per_bar", "time to fill at least", "s/bar", 1 / BAR),
     "volume": Label("gas_volume", "volume of the gas over that of the given joint", "-", 1.0),

@@ -5,6 +5,7 @@ Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in 
     time [s, ms, us, ns, min]   increasing; s without a unit; also clock times (12:03:04.567, ISO 8601)
     theta [deg, rad]            as the encoder shows it
     pressure1, pressure2 [bar, mbar, kPa, MPa, Pa, psi], gauge, commanded or measured
+    measured1, measured2        beside commands: what the regulators made of them; both or neither
 
 Of a log with gaps of more than a second the longest part is used.
 """
@@ -47,6 +48,7 @@ _SHOWN = 10  # spikes that are listed
 _UNEVEN = 0.05  # standard deviation of the steps in their median, above which rows are put at even times
 _MOST_ROWS = 15_000  # of more, every second, third … is used
 _WANTED = (("time",), ("theta",), ("pressure1",), ("pressure2",))
+_MEASURED = ("measured1", "measured2")
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class MotionLog:
     theta: Array  # as the encoder shows it [rad]
     P1: Array  # agonist, commanded or measured, gauge [Pa]
     P2: Array  # antagonist [Pa]
+    measured: tuple[Array, Array] | None = None  # pressures beside these, which are commands then [Pa]
     every: int = 1  # each of so many rows is used
     notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
 
@@ -258,7 +261,7 @@ def read_motion_log(
 
     Raises `InvalidFile`, with line and column where one is at fault, also where the log moves too little.
     """
-    measured = in_time(read_columns(path, _WANTED, (), columns, skip_rows=skip_rows, drop_missing=drop_spikes))
+    measured = in_time(read_columns(path, _WANTED, _MEASURED, columns, skip_rows=skip_rows, drop_missing=drop_spikes))
     if drop_spikes:
         measured = without_spikes(measured)
     else:
@@ -270,4 +273,7 @@ def read_motion_log(
         MotionLog.checked(t, theta, P1, P2)
     except InvalidInput as error:
         raise InvalidFile(path, "; ".join((str(error), *measured.notes))) from None
-    return MotionLog(t, theta, P1, P2, notes=measured.notes)
+    there = [measured.values[name] for name in _MEASURED if name in measured.values]
+    if len(there) == 1:
+        raise InvalidFile(path, f"only one of {' and '.join(_MEASURED)} is there: give both, or neither")
+    return MotionLog(t, theta, P1, P2, (there[0], there[1]) if there else None, notes=measured.notes)

@@ -80,7 +80,7 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
         "sigma": one.sigma, "seen": one.seen, "quick": (one.quick, two.quick), "slow": (one.slow, two.slow),
         "usual": joint.usual, "inertia": joint.inertia,
     }  # fmt: skip
-    lengths = (len(part.numbers) for part in judged.remembering)
+    lengths = (len(part.numbers) for part in judged.parts)
     age = own.compensation.age(dt)
     sizes = own.compensation.friction.size, NU * (own.compensation.delay(dt) + age + 1), NU * (age + 1), *lengths
     return made(known, compiled.c, compiled.friction, sizes)

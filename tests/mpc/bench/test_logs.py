@@ -5,9 +5,9 @@ import pytest
 
 from allocator import DEG
 from allocator.errors import InvalidFile, InvalidInput
-from mpc import KalmanObserver, TrackingMPC, Weights
-from mpc.bench.cycle import Phase
-from mpc.bench.device import NoAnswer, SimulatedClock
+from mpc import KalmanObserver, Plant, TrackingMPC, Weights
+from mpc.bench.cycle import Phase, Tick
+from mpc.bench.device import NoAnswer, Reading, SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log, run_of
 from mpc.bench.loop import RealTimeLoop
@@ -148,3 +148,13 @@ def test_an_uneven_clock_does_not_spoil_the_tracking(monkeypatch):
     even = worst(at_due=True)
     assert even < 1 * DEG
     assert worst(at_due=False) > 2 * even
+
+
+def test_an_angle_that_is_dated_before_it_was_due_goes_on_with_the_estimated_velocity():
+    plant = Plant()
+    reference = sine(duration=1.0, ramp=0.2)
+    tracking = Tracking(plant, PIDControl(plant, DT), Differentiator(DT), reference)
+    tracking._omega = 2.0
+    for age, moved in ((0.008, 0.016), (0.02, 0.0)):  # beyond a sample the velocity may be another one
+        said = tracking._at_due(Tick(1, 0, Reading(1.0 - age, 0.1, 2e5, 2e5), (2e5, 2e5), 1.0))
+        np.testing.assert_allclose(said, [0.1 + moved, np.nan, 2e5, 2e5])

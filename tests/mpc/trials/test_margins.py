@@ -126,3 +126,11 @@ def test_friction_and_dead_bands_that_are_told_are_refused(told):
     parts = TrackingMPC(PLANT, DT, compensation=told), KalmanObserver(PLANT, DT, compensation=told)
     with pytest.raises(InvalidInput, match="without friction and dead band"):
         margins(*parts, [(5 * DEG, 5.5 + 0 * BAR)])
+
+
+def test_the_sum_of_dead_time_and_reading_age_counts():
+    peaks = []
+    for told in (Compensation(dead_time=0.05), Compensation(dead_time=0.03, reading_age=0.02)):
+        (one,) = sliding_margins("mpc", Settings(PLANT, DT, compensation=told, weights=CALM), [POSTURE])
+        peaks.append((one.sensitivity_peak, one.peak_frequency))
+    assert peaks[1] == pytest.approx(peaks[0], rel=0.01)
