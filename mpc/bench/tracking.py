@@ -97,7 +97,8 @@ class Tracking:
         said = np.array([now[0], np.nan, now[1], now[2]])
         before, self._before = self._before, (t, said)
         if 0 < tick.due - t <= self.dt:
-            return said + np.array([self._omega * (tick.due - t), 0.0, 0.0, 0.0])
+            said[0] += self._omega * (tick.due - t)
+            return said
         if before is None or not t > before[0] or not tick.due < t:
             return said
         share = min((t - tick.due) / (t - before[0]), 1.0)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.units import BAR
 from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
@@ -30,6 +31,8 @@ from mpc.observer.torque_diagnosis import TorqueDiagnosis
 if TYPE_CHECKING:
     from casadi import Function
 
+LARGE, LARGE_STILL = 0.1 * BAR, 0.08 * BAR  # [Pa] |offset| of a sensor to name, and no longer
+SHOWN = 0.01 * BAR  # [Pa] to which it is named
 _FORGETTING = 1.0  # [s]: readings lost longer ago hardly count
 _PARTS = {FaultKind.SUPPLY_DROP: (Part.SUPPLY, Part.SUPPLY), FaultKind.DRIFTING_SENSOR: SENSORS[1:]}  # else the muscle
 _FLAGS = {
@@ -79,6 +82,8 @@ class Diagnosis:
         self.lost = [0.0, 0.0, 0.0]  # of each sensor's readings lately [s]
         self.said = [nan, nan, nan]  # by a sensor whose readings are being lost, a sample ago
         self.sensors: list[Finding | None] = [None, None, None]
+        self.offset = [0.0, 0.0]  # of the pressures' sensors against the regulators [Pa]
+        self.large = [nan, nan]  # since when they are [s]; NaN: they are not
         self._known: tuple[object, ...] = ()
         self._low_supply = False
         self.torque.reset()
@@ -91,21 +96,27 @@ class Diagnosis:
         """The parts that remember numbers: both pressures, torque and loop."""
         return *self.pressures, self.torque, self.ringing
 
-    def go_on(self, t: float, theta: float, lost: Array, said: Array, found: Array, numbers: Sequence[Array]) -> None:
+    def go_on(
+        self, t: float, theta: float, lost: Array, said: Array, found: Array, offset: Array, large: Array,
+        numbers: Sequence[Array],
+    ) -> None:  # fmt: skip
         """Go on where it was followed elsewhere: to the time `t` [s], the angle `theta` [rad], what sensors have `lost`
-        (3,) [s] and `said` (3,) then, whether one is `found` (3,) wrong, and the `numbers` of pressures, torque and
-        loop.
+        (3,) [s] and `said` (3,) then, whether one is `found` (3,) wrong, the `offset` (2,) [Pa] of the pressures, since
+        when it is `large` (2,) [s], and the `numbers` of pressures, torque and loop.
         """
         self.t, self.theta, self.lost, self.said = t, theta, lost.tolist(), said.tolist()
+        self.offset, self.large = offset.tolist(), large.tolist()
         self.sensors = [one if wrong else None for one, wrong in zip(self.sensors, found, strict=True)]
         for part, values in zip(self.parts, numbers, strict=True):
             part.numbers = values.tolist()
 
-    def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array) -> None:
+    def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array, offset: Array) -> None:
         """Follow what the sensors have `said` (3,), which was checked.
 
-        The commands `v` (2,) [Pa] act, and `xi` (5,) is estimated.
+        The commands `v` (2,) [Pa] act, and `xi` (5,) and the sensors' `offset` (2,) [Pa] are estimated.
         """
+        self.offset, read_as = offset.tolist(), v + offset
+        self.large = [large_since(*one, self.t) for one in zip(self.large, self.offset, strict=True)]
         believed = [self._sensor(i, *one) for i, one in enumerate(zip(said.tolist(), verdicts, strict=True))]
         d, pulls = float(xi[NX]), self._pulls(xi[:NX])[0][0].tolist()
         if all(map(isfinite, (d, *pulls))):
@@ -115,8 +126,9 @@ class Diagnosis:
                 ringing.begin(loop.numbers)
             moved = known and believed[0] != self.theta  # a repeated angle may be frozen
             self.theta, *read = believed
+            acting = read_as.tolist()
             parts, omega = (one.numbers, two.numbers, torque.numbers, loop.numbers), float(xi[1])
-            follow(*parts, self.sound, self.t, read, v.tolist(), omega, d, pulls, moved)
+            follow(*parts, self.sound, self.t, read, acting, omega, d, pulls, moved)
         self.t += self.dt
         self.conclude()
 
@@ -142,11 +154,12 @@ class Diagnosis:
     def conclude(self) -> None:
         """Say what is wrong, where that has changed."""
         torque, (one, two) = self.torque, self.pressures
-        known = one.suspected, two.suspected, torque.broken, torque.loaded, self.ringing.since, *self.sensors
+        offsets = (steps(*one) for one in zip(self.large, self.offset, strict=True))
+        known = one.suspected, two.suspected, torque.broken, torque.loaded, self.ringing.since, *self.sensors, *offsets
         if known == self._known:
             return
         self._known = known
-        findings = [*self._of_sensors(), *self._of_joint()]
+        findings = [*self._of_sensors(), *self._of_joint(), *self._of_offsets()]
         self.health = Health(tuple(findings)) if findings else WELL
 
     def _of_sensors(self) -> Iterator[Finding]:
@@ -192,6 +205,11 @@ class Diagnosis:
         elif torque.loaded is not None and not drifting:
             yield Finding(_LOAD, torque.loaded)
 
+    def _of_offsets(self) -> Iterator[Finding]:
+        for i, own in enumerate(self.pressures):
+            if isfinite(self.large[i]) and not own.suspected:  # else a fault keeps the pressure off its command
+                yield Finding((Suspect(FaultKind.OFFSET, SENSORS[1 + i], self.offset[i]),), self.large[i])
+
     def _of_pressure(self, i: int) -> Finding:
         own = self.pressures[i]
         kinds = [kind for kind in FaultKind if kind in own.suspected]
@@ -204,9 +222,9 @@ def follow(
 ) -> None:  # fmt: skip
     """Follow both muscles, the torque and the loop at `t` [s] by what is remembered of each.
 
-    The pressures `read` (2,) [Pa] are NaN if not believed, the commands `v` (2,) [Pa] act, `omega` [rad/s] and `d`
-    [N·m] are estimated, and the muscles of the model do what `pulls` (6,) says, see `pulling`. The joint has `moved` if
-    all readings are believed, and the angle's is a new one.
+    The pressures `read` (2,) [Pa] are NaN if not believed, the commands that act lead to readings of `v` (2,) [Pa],
+    `omega` [rad/s] and `d` [N·m] are estimated, and the muscles of the model do what `pulls` (6,) says, see `pulling`.
+    The joint has `moved` if all readings are believed, and the angle's is a new one.
     """
     pressure_diagnosis.follow(one, two, k.first, t, read[0], v[0], pulls[2], d, pulls[4])
     pressure_diagnosis.follow(two, one, k.second, t, read[1], v[1], pulls[3], d, pulls[5])
@@ -222,6 +240,18 @@ def less_lost(lost: float, dt: float, tolerance: float) -> tuple[float, bool]:
     lost -= dt / _FORGETTING * lost
     little = lost < tolerance / 2
     return (lost if lost > dt / 10 or not little else 0.0), little  # else forgotten
+
+
+def large_since(since: float, offset: float, t: float) -> float:
+    """Return since when [s] the `offset` [Pa] of a sensor is large at the time `t` [s], NaN if it is not."""
+    if abs(offset) > LARGE:
+        return t if since != since else since
+    return since if abs(offset) > LARGE_STILL else nan
+
+
+def steps(since: float, offset: float) -> float:
+    """Return the `offset` [Pa] in steps of what is named, 0 if it is not large `since` any time [s]."""
+    return 0.0 if since != since else np.floor(offset / SHOWN + 0.5)
 
 
 def pulling(plant: Plant) -> "Function":
@@ -244,7 +274,7 @@ class NoDiagnosis:
     def reset(self) -> None:
         """Do nothing."""
 
-    def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array) -> None:
+    def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array, offset: Array) -> None:
         """Do nothing."""
 
 

@@ -15,6 +15,7 @@ integrators as outputs, and nothing constant is left of the angle's error (Panno
     o_{k+1} = o_k + dt/T_o (y_P - o - P̂_{k|k-1})_k within ± `Noise.offset`,      T_o = `OFFSET_TIME`
 
 while the pressure is within `SETTLED` of its command: a leak is farther off, and lags do not look like offsets.
+Within a dead band that is known P̂ stays and the innovations cancel, so that o does not wind up.
 
 The plant is evaluated only within the joint range and the supply, for which its muscles' laws are made; beyond, its
 slope there is continued: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state within.
@@ -55,7 +56,7 @@ class Noise:
     omega_walk: float = 0.2  # [rad/s/√s]
     pressure_walk: float = 0.07 * BAR  # [Pa/√s]
     d_walk: float = 1.9  # [N·m/√s]
-    offset: float = 0.0  # bound of the estimated sensor offsets [Pa], such as 0.06 bar; 0: none
+    offset: float = 0.15 * BAR  # bound of the estimated sensor offsets [Pa]; 0: none
 
     def __post_init__(self) -> None:
         """Check."""

@@ -6,6 +6,7 @@ do about it.
 | leak | pressure below what its command makes of it, and never rising | stiffen less |
 | stuck valve | pressure that does not move while its command does | hold |
 | supply drop | pressure that follows its command up to a ceiling common to both muscles | stiffen less |
+| offset of a pressure sensor | it comes to rest beside its command, which the observer makes up for | none |
 | drifting pressure sensor | departs slowly from its command, and d̂ takes back the torque of it | stiffen less |
 | broken cable | d̂ jumps to minus the muscle's torque, and follows it | vent |
 | silent, frozen or rejected sensor | the observer's own flags | none for a pressure, hold for the angle |
@@ -18,6 +19,8 @@ Where several faults explain what is seen all of them are named: `docs/faults.md
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import NamedTuple
+
+from allocator.units import BAR
 
 
 class Reaction(IntEnum):
@@ -46,6 +49,7 @@ class FaultKind(StrEnum):
     REJECTED_SENSOR = "rejected sensor"
     LOAD = "load"
     RINGING = "ringing"
+    OFFSET = "offset"
 
 
 class Part(StrEnum):
@@ -75,6 +79,7 @@ _REACTIONS = {
     FaultKind.REJECTED_SENSOR: Reaction.NONE,
     FaultKind.LOAD: Reaction.HOLD,
     FaultKind.RINGING: Reaction.HOLD,
+    FaultKind.OFFSET: Reaction.NONE,
 }
 
 
@@ -83,6 +88,7 @@ class Suspect(NamedTuple):
 
     fault: FaultKind
     part: Part
+    size: float = 0.0  # of an offset [Pa]
 
     @property
     def reaction(self) -> Reaction:
@@ -91,7 +97,8 @@ class Suspect(NamedTuple):
 
     def __str__(self) -> str:
         """Say it in words."""
-        return f"{self.fault} ({self.part})"
+        size = f", {self.size / BAR:+.2f} bar" if self.fault is FaultKind.OFFSET else ""
+        return f"{self.fault} ({self.part}{size})"
 
 
 class Finding(NamedTuple):

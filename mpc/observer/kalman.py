@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
 COARSEST = 1 * DEG  # step of an encoder
+ONCE = 1.5  # samples; an angle may repeat once where the joint turns round
 
 
 class KalmanObserver:
@@ -193,7 +194,7 @@ class KalmanObserver:
         self._silent = np.where(there, 0.0, np.maximum(self._silent, self._frozen * self._repeating) + self.dt)
         self._read = said
         if self._belief is not None:
-            self.diagnosis.follow(said, self._verdicts, self._commands[0], self._belief.xi)
+            self.diagnosis.follow(said, self._verdicts, self._commands[0], self._belief.xi, self._offset)
         return self._answer(said, there)
 
     @property
@@ -247,7 +248,8 @@ class KalmanObserver:
             "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
             "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
             "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta,
-            "lost": diagnosis.lost, "said": diagnosis.said, "found": [found is not None for found in diagnosis.sensors],
+            "lost": diagnosis.lost, "said": diagnosis.said, "large": diagnosis.large,
+            "found": [found is not None for found in diagnosis.sensors],
             "one": one.numbers, "two": two.numbers, "torque": diagnosis.torque.numbers,
             "loop": diagnosis.ringing.numbers,
         }  # fmt: skip
@@ -266,7 +268,8 @@ class KalmanObserver:
         self._commands.extend(tail.commands.copy())
         self._held.extend(tail.held.copy())
         assert isinstance(self.diagnosis, Diagnosis)
-        diagnosed = state.lost, state.said, state.found, (tail.one, tail.two, tail.torque, tail.loop)
+        numbers = tail.one, tail.two, tail.torque, tail.loop
+        diagnosed = state.lost, state.said, state.found, state.offset, state.large, numbers
         self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
 
     def __getstate__(self) -> dict[str, object]:
@@ -380,8 +383,11 @@ class KalmanObserver:
             near = np.abs(read - expected.xi[self._measured]) <= self.gate.jump
             self._doubted = self.hesitation if near[rejected].all() else self.patience
         self._contested |= rejected
-        if (repeated & self._contested).any():  # as a blow does not, but a sensor that sticks
+        repeating = float(self._repeating[self._contested].max(initial=0.0))
+        if repeating > ONCE * self.dt:  # as a blow does not, but a sensor that sticks
             self._doubted = self.patience
+        elif repeating > 0:
+            self._explained = 0
         self._explained += bool((used & self._contested).any())
         if not rejected.any() or (self._explained <= self._doubted and self._samples > FIRST):
             self._rival = self.filter.corrected(rival, read, used, self._variances)

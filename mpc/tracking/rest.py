@@ -9,11 +9,14 @@ left over is corrected by a sampled integral with a dead zone. With e = θ - θ*
 period 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/∂P_i there,
 
     enter    the preview has been constant and |e| ≤ FAR for `DWELL`, |mean e| ≤ START + GROWTH · (time beyond),
-             swing ≤ SWING; P̄ is the mean over half a period
+             swing ≤ SWING; P̄ is the mean over half a period. On their way to the edges the regulators may turn the
+             joint by EDGE
     correct  once the last correction has acted: |m| > DEAD_ZONE, m = mean e over the last quarter, or over the
              last period if the joint still swings: one of the pressures moves by ΔT/a_i, ΔT = -g m,
              g = K if it swings, else half the secant -ΔT_last/Δm, because friction before sliding makes the joint
-             several times as stiff as its muscles are; bounded by g ≤ K (1 + OVERSHOOT/|m|): it may begin to slide
+             several times as stiff as its muscles are; bounded by g ≤ K (1 + OVERSHOOT/|m|): it may begin to slide.
+             A pressure that was above the held one when the rest began is within the play, and moves from there; one
+             that rose since is on the edge of a narrower band, or of a regulator with another offset
     leave    the preview changes, a state is not measured, θ is off its prediction by more than JOLT (a push, seen
              within a sample), e off its mean by more than PUSH + swing, or a pressure is off by LEAK
 
@@ -37,7 +40,7 @@ from mpc.tracking.preview import Task
 
 SAME = 1e-3 * DEG, 1e-3  # [rad], [N·m/rad]: a preview that varies less is constant
 DWELL = 1.5  # [s] of constant preview before a rest, and after a push
-START, GROWTH, MEAN = 0.05 * DEG, 0.2 * DEG, 0.3 * DEG  # [rad], [rad/s], [rad] |mean e| to rest at: first, later, most
+START, GROWTH, MEAN = 0.05 * DEG, 0.2 * DEG, 0.3 * DEG  # [rad], [rad/s], [rad] |mean e| to rest at, MEAN if it rings
 SWING = 2.0 * DEG  # [rad] peak to peak, the most to rest at
 FAR = 1.0 * DEG  # [rad] of e, from where on the time counts anew
 RINGING = 0.5 * DEG  # [rad] to both sides within a period, again and again
@@ -48,6 +51,7 @@ RESOLUTION = 0.015 * DEG  # [rad] to which the effect of a correction is known
 OVERSHOOT = 0.15 * DEG  # [rad]
 MOST = 0.1 * BAR  # [Pa] of a correction
 JOLT, PUSH = 0.045 * DEG, 0.12 * DEG  # [rad]
+EDGE = 0.5 * DEG  # [rad] by which the regulators' way to their edges may turn the joint
 LEAK = 0.1 * BAR  # [Pa] beyond the dead band
 NOISE = 0.005 * BAR  # [Pa] of a pressure's mean
 QUARTER = 0.1, 0.5  # [s] least and most of a quarter of a period
@@ -78,6 +82,7 @@ class RestMode(Deferred):
         self.ringing = False
         self._quarter = 1  # of the joint's free period [samples]
         self._p, self.side = np.zeros(NU), 0.0  # pressures that are held [Pa], edge of the dead band
+        self._began = np.zeros(NU)  # pressures when the rest began, or as they were corrected [Pa]
         self._since = 0  # quarters since the last correction
         self._torque = self._error = 0.0  # ΔT [N·m] of that and the m [rad] that it was for
         self._free = 0.0  # how far it would turn a joint without friction [rad]
@@ -145,7 +150,7 @@ class RestMode(Deferred):
         self.ringing |= self._swings >= _SWINGS
         if not self.ringing and max(self._quarters[-1, _HIGH], -self._quarters[-1, _LOW]) > FAR:
             self._samples = 0
-        bound = MEAN if self.ringing else min(START + GROWTH * self.dt * (self._samples - self.dwell), MEAN)
+        bound = MEAN if self.ringing else min(START + GROWTH * self.dt * (self._samples - self.dwell), FAR)
         if (self.ringing or self._samples >= self.dwell) and abs(mean) <= bound and swing <= SWING:
             self._rest_at(self._quarters[-(_QUARTERS if self.ringing else _HALF) :, _P].mean(axis=0))
 
@@ -153,7 +158,8 @@ class RestMode(Deferred):
         self.resting = True
         margin = self.compensation.dead_band / 2 + LEAK
         self._p, self.side = p, 1.0 if p.max() + margin < self.limits.pressure[1] else -1.0
-        self._since, self._torque, self._error, self._free = 0, 0.0, 0.0, 0.0
+        self._began = self._quarters[-1, _P].copy()
+        self._since, self._torque, self._error, self._free = 0, 0.0, 0.0, EDGE
 
     # --- what is seen -----------------------------------------------------------------------------------------------
 
@@ -202,8 +208,9 @@ class RestMode(Deferred):
         torque = -m * (K if swings or self.ringing else self._gain(m, K))
         slopes = np.array([side.torque_gain(p) for side, p in zip(self.plant.joint.sides(x[0]), self._p, strict=True)])
         change = np.minimum(self.side * torque / slopes, MOST)
-        held = np.maximum(self.side * self._p, self.side * P - NOISE)
-        self._p = np.where(change > 0, self.side * (held + change), self._p)
+        play = np.minimum(self.side * P, self.side * self._began) - NOISE
+        moved = self.side * (np.maximum(self.side * self._p, play) + change)
+        self._p, self._began = (np.where(change > 0, moved, before) for before in (self._p, self._began))
         self._since, self._torque, self._error, self._free = 0, torque, m, abs(torque) / K
 
     def _gain(self, m: float, K: float) -> float:

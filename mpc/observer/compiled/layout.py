@@ -67,6 +67,7 @@ class State:
     lost: Annotated[Array, 3]  # [s]
     said: Annotated[Array, 3]
     found: Annotated[Array, 3]  # whether a sensor is suspected
+    large: Annotated[Array, 2]  # since when an offset is [s]
 
 
 class Work:

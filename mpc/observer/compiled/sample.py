@@ -19,7 +19,7 @@ from mpc.model.compiled_friction import ABSENT, Pressed, followed, rubbing_in, s
 from mpc.model.integration import NODES, SHARES
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import MEASURED, SIZE, Belief, Places, Sample
-from mpc.observer.diagnosis import Joint, follow, less_lost
+from mpc.observer.diagnosis import Joint, follow, large_since, less_lost, steps
 from mpc.observer.filter import SETTLED
 from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, SIGMAS, TURN
 from mpc.observer.pressure_diagnosis import Sound
@@ -307,7 +307,10 @@ def diagnosed(o: Sample) -> int:
     two = Sound(k.quick[1], k.slow[1], rest, dt, k.sigma, k.seen)
     parts = floats(o.places.one), floats(o.places.two), floats(o.places.torque), floats(o.places.loop)
     read, moved = (s.read[1], s.read[2]), s.read[0] != s.last
-    follow(*parts, Joint(one, two, k.usual, k.inertia), s.t, read, (v[0], v[1]), xi[1], xi[4], found, moved)
+    acting = v[0] + s.offset[0], v[1] + s.offset[1]
+    follow(*parts, Joint(one, two, k.usual, k.inertia), s.t, read, acting, xi[1], xi[4], found, moved)
+    for i in range(2):
+        s.large[i] = large_since(s.large[i], s.offset[i], s.t)
     for i in range(3):
         if s.lost[i] > 0:
             s.said[i] = s.read[i]
@@ -324,6 +327,9 @@ def suspicious(o: Sample) -> bool:
     changed = False
     for i in range(3):
         changed = changed or o.now.found[i] != o.past.found[i]
+    for i in range(2):
+        before = steps(o.past.large[i], o.past.offset[i])
+        changed = changed or steps(o.now.large[i], o.now.offset[i]) != before
     torque, torque_before = floats(o.places.torque), floats(o.past_places.torque)
     suspected, broken, loaded = pressure_diagnosis.SUSPECTED, torque_diagnosis.BROKEN, torque_diagnosis.LOADED
     changed = changed or floats(o.places.one)[suspected] != floats(o.past_places.one)[suspected]

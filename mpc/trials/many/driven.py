@@ -118,7 +118,8 @@ def turn(m: Resting, mean: float, swings: bool) -> None:
     for i in range(2):
         change = min(side * torque / o[1 + i], MOST_CORRECTED)
         if change > 0:
-            m.p[i] = side * (max(side * m.p[i], side * rest.pressure(m, rest.HALF, i) - NOISE) + change)
+            play = min(side * rest.pressure(m, rest.HALF, i), side * m.began[i]) - NOISE
+            m.p[i] = m.began[i] = side * (max(side * m.p[i], play) + change)
     s[rest.SINCE], s[rest.TORQUE], s[rest.ERROR], s[rest.FREE] = 0.0, torque, mean, abs(torque) / K
 
 

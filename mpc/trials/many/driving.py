@@ -130,5 +130,5 @@ def resting(mode: RestMode, allowed: bool, c: Array) -> Resting:
     s[rest.SIDE], s[rest.RINGS], s[rest.QUARTER], s[rest.RESTS] = mode.side, mode.ringing, mode._quarter, mode.resting
     s[rest.SAMPLES], s[rest.COUNTED], s[rest.SWUNG] = mode._samples, mode._counted, mode._swings
     s[rest.IN_SUM], s[rest.LEAST], s[rest.MOST] = mode._in_sum, mode._low, mode._high
-    arrays = (np.array(array, float) for array in (mode.reference, mode._p, mode._quarters, mode._sum))
+    arrays = (np.array(array, float) for array in (mode.reference, mode._p, mode._began, mode._quarters, mode._sum))
     return Resting(allowed and mode.worthwhile, c, known, s, *arrays)

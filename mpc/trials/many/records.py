@@ -30,6 +30,7 @@ class Resting(NamedTuple):
     rest: Array  # (14,), see there
     reference: Array  # (2,) that stands still
     p: Array  # (2,) pressures that are held [Pa]
+    began: Array  # (2,) pressures when the rest began, or as they were corrected [Pa]
     quarters: Array  # (4, 5)
     total: Array  # (3,)
 

@@ -8,6 +8,7 @@ from allocator.calculus import Array
 from mpc.codegen.jit import inlined
 from mpc.tracking.rest import (
     DEAD_ZONE,
+    EDGE,
     FAR,
     FIRST,
     GROWTH,
@@ -126,14 +127,15 @@ def check(m: Resting) -> None:
     last = m.quarters[QUARTERS - 1]
     if s[RINGS] == 0.0 and max(last[HIGH], -last[LOW]) > FAR:
         s[SAMPLES] = 0.0
-    bound = MEAN if s[RINGS] > 0 else min(START + GROWTH * m.known[DT] * (s[SAMPLES] - m.known[DWELL]), MEAN)
+    bound = MEAN if s[RINGS] > 0 else min(START + GROWTH * m.known[DT] * (s[SAMPLES] - m.known[DWELL]), FAR)
     if (s[RINGS] > 0 or s[SAMPLES] >= m.known[DWELL]) and abs(mean) <= bound and width <= SWING:
         over = QUARTERS if s[RINGS] > 0 else HALF
         s[RESTS] = 1.0
         m.p[0], m.p[1] = pressure(m, over, 0), pressure(m, over, 1)
         margin = m.known[DEAD_BAND] / 2 + LEAK
         s[SIDE] = 1.0 if max(m.p[0], m.p[1]) + margin < m.known[HIGHEST] else -1.0
-        s[SINCE] = s[TORQUE] = s[ERROR] = s[FREE] = 0.0
+        s[SINCE] = s[TORQUE] = s[ERROR] = 0.0
+        s[FREE], m.began[0], m.began[1] = EDGE, last[P1], last[P1 + 1]
 
 
 @inlined

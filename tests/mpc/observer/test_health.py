@@ -148,6 +148,17 @@ def test_a_new_run_begins_well():
     assert said("Sarosi's muscles", duration=2.0)[0].well
 
 
+@pytest.mark.compiles
+def test_a_large_offset_of_a_sensor_is_named_with_its_size_and_sound_ones_are_not():
+    offsets = 0.13 * BAR, -0.02 * BAR
+    health = said("Sarosi's muscles", pressure_offset=offsets, duration=8.0)[-1]
+    ((kind, part, size),) = health.suspects
+    assert (kind, part) == (FaultKind.OFFSET, Part.P1)
+    assert size == pytest.approx(offsets[0], abs=0.03 * BAR)
+    assert health.reaction is Reaction.NONE
+    assert "offset (P1, +0.1" in str(health)
+
+
 # --- what cannot be told apart ----------------------------------------------------------------------------------------
 
 SIGMA, USUAL = 0.02 * BAR, 3.5
@@ -233,7 +244,7 @@ def test_lost_readings_are_suspicious_when_they_are_many():
         for k in range(samples):
             verdict = Verdict.REJECTED if k % period == period - 1 else Verdict.BELIEVED
             noise = np.sin(k) * np.array([0.01 * DEG, SIGMA, SIGMA])
-            diagnosis.follow(REST[[0, 2, 3]] + noise, [verdict, *2 * [Verdict.BELIEVED]], REST[2:], XI)
+            diagnosis.follow(REST[[0, 2, 3]] + noise, [verdict, *2 * [Verdict.BELIEVED]], REST[2:], XI, np.zeros(2))
         assert diagnosis.health.well == well
         assert well or diagnosis.health.suspects == (Suspect(FaultKind.REJECTED_SENSOR, Part.ANGLE),)
 

@@ -17,7 +17,7 @@ DT = 0.01
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
 OFF = (0.05 * BAR, -0.05 * BAR)
 CALM = Weights.calm()
-NOISE = Noise(offset=0.06 * BAR)
+NONE = Noise(offset=0.0)
 STILL = Reference(np.arange(0, 8, DT), np.full(800, 15 * DEG), np.full(800, 5.5))
 
 
@@ -31,10 +31,10 @@ def standing(noise, offset=OFF):
 
 
 def test_a_sensor_beside_its_regulator_leaves_no_standing_error():
-    error, found = standing(NOISE)
+    error, found = standing(Noise())
     assert error < 0.05
     assert found == pytest.approx(np.array(OFF) / BAR, abs=0.01)
-    assert standing(Noise())[0] > 0.5  # by default
+    assert standing(NONE)[0] > 0.5
 
 
 def test_offsets_are_bounded():
@@ -43,7 +43,7 @@ def test_offsets_are_bounded():
 
 
 def test_sound_sensors_have_none():
-    _, found = standing(NOISE, (0.0, 0.0))
+    _, found = standing(Noise(), (0.0, 0.0))
     assert np.abs(found).max() < 0.01
 
 
@@ -51,7 +51,7 @@ def test_a_dead_band_that_is_known_is_no_offset():
     from mpc import Compensation
 
     told = Compensation(dead_band=0.2 * BAR)
-    observer = KalmanObserver(PLANT, DT, NOISE, told, compiled=False)
+    observer = KalmanObserver(PLANT, DT, compensation=told, compiled=False)
     P = np.array([2.5 * BAR, 2.5 * BAR])
     for _ in range(1000):  # the pressure stays at the edge of the band
         observer.estimate(np.array([0.0, np.nan, *(P + 0.09 * BAR)]), P)
@@ -63,7 +63,7 @@ def test_compiled_samples_find_the_same():
     real = RealPlant(PLANT, pressure_offset=OFF, pressure_noise=0.01 * BAR)
     found = []
     for compiled in (True, False):
-        observer, rows = KalmanObserver(PLANT, DT, NOISE, compiled=compiled), []
+        observer, rows = KalmanObserver(PLANT, DT, compiled=compiled), []
         trial, u = real.begin(DT, PLANT.at_rest(0.0, 5.5), 3), np.array([2.5, 2.3]) * BAR
         for _ in range(300):
             x, d = observer.estimate(trial.measure(), u)

@@ -39,7 +39,7 @@ def said(real, told, reference=STILL):
     return listener.said, run
 
 
-@pytest.mark.parametrize("age", [0.02, 0.05])
+@pytest.mark.parametrize("age", [0.03, 0.05])
 def test_older_readings_than_told_are_named_within_a_second(age):
     healths, run = said(replace(REAL, reading_age=age), REAL.known())
     off = np.abs(run.theta - run.theta_ref)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from mpc import Compensation, PlanStatus, Plant, RealPlant, Reference, TrackingMPC, Weights, simulate
+from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Reference, TrackingMPC, Weights, simulate
 from mpc.model.friction.dahl import Friction
 from mpc.observer.base import Differentiator
+from mpc.observer.filter import Noise
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
 
@@ -71,6 +72,36 @@ def test_angle_and_commands_are_still_six_seconds_after_a_load(real, driver):
     assert swing(run, QUIET) <= 0.05
     assert abs((run.theta - run.theta_ref)[round(QUIET / DT) :].mean()) < 0.1 * DEG
     assert metrics(run).limits_kept
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1000, 1004, 1007])
+def test_corrections_of_a_rest_end_where_pressures_rise_to_a_narrower_band(seed, driver):
+    """They alternated where a rise beyond the band's edge that was told was taken for its play."""
+    run = driven(driver, replace(REAL, dead_band=0.06 * BAR), seed, move(16.0))
+    assert (rates(run, QUIET) <= 0.02).all()
+    assert swing(run, QUIET) <= 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", [0.0, 1.0], ids=["free", "loaded"])
+@pytest.mark.parametrize("rubs", [True, False], ids=["hysteresis", "no hysteresis"])
+def test_a_rest_is_where_it_should_be_with_sensors_beside_their_regulators(load, rubs):
+    """Without an estimate of the offsets twice as much is left for seconds."""
+    known = TOLD if rubs else replace(TOLD, friction=Friction())
+    real = replace(REAL, friction=known.friction, pressure_offset=(0.05 * BAR, -0.05 * BAR))
+    controller = TrackingMPC(REAL.nominal, DT, weights=Weights.calm(), compensation=known)
+    left = []
+    for noise in (Noise(), Noise(offset=0.0)):
+        observer = KalmanObserver(REAL.nominal, DT, noise, known)
+        loaded = replace(real, torque_profile=((LOADED, load),))
+        run = simulate(loaded, controller, move(14.0), observer=observer, seed=1000)
+        error = (run.theta - run.theta_ref) / DEG
+        left.append([abs(error[800:900].mean()), abs(error[-200:].mean()), swing(run, 12.0)])
+    with_them, without = left
+    assert with_them[1] <= 0.05
+    assert with_them[2] <= 0.1
+    assert with_them[0] < without[0] / 2
 
 
 @pytest.mark.slow

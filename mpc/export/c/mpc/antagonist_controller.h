@@ -104,6 +104,7 @@ typedef struct {
     ant_real quarters[4][5];             /* means of the angle's error e [rad], P1, P2 [Pa], least and greatest e */
     ant_real sum[3], low, high;          /* of the quarter that runs */
     ant_real p[2];                       /* pressures that are held [Pa] */
+    ant_real began[2];                   /* pressures when the rest began, or as they were corrected [Pa] */
     ant_real side;                       /* edge of the dead band, 1 or -1 */
     ant_real torque, error, free;        /* the last correction [N*m], what it was for, how far it may turn [rad] */
     int samples, quarter, in_sum;        /* of constant preview; of a quarter; in the one that runs */

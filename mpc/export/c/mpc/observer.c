@@ -123,6 +123,7 @@ static void challenge(ant_observer *o, const ant_belief *expected, const ant_rea
 /* Leaves in `expected` what a rival expects that has explained the rejected readings for long enough. */
 static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[3]) {
     int rejected[3], used[3], any = 0, contested = 0;
+    ant_real repeating = 0;
     believed(o, used);
     for (int i = 0; i < 3; i++) {
         rejected[i] = o->verdicts[i] == ANT_REJECTED;
@@ -137,8 +138,12 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
     for (int i = 0; i < 3; i++) {
         o->contested[i] = o->contested[i] || rejected[i];
         contested = contested || (used[i] && o->contested[i]);
-        if (o->contested[i] && o->repeating[i] > 0) o->doubted = ANT_GATE_PATIENCE; /* not a blow: a sensor that sticks */
+        if (o->contested[i] && o->repeating[i] > repeating) repeating = o->repeating[i];
     }
+    if (repeating > ANT_REPEATED)
+        o->doubted = ANT_GATE_PATIENCE; /* as a blow does not, but a sensor that sticks */
+    else if (repeating > 0)
+        o->explained = 0;
     o->explained += contested;
     if (!any || (o->explained <= o->doubted && o->samples > ANT_FIRST)) {
         ant_correct(o, &o->rival, read, used);

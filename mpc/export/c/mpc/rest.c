@@ -63,10 +63,12 @@ static void rest(ant_rest *r) {
         for (int k = QUARTERS - quarters; k < QUARTERS; k++) sum += r->quarters[k][P1 + i];
         r->p[i] = sum / (ant_real)quarters;
         if (!(r->p[i] + margin < ANT_SUPPLY_HI)) r->side = -1;
+        r->began[i] = r->quarters[QUARTERS - 1][P1 + i];
     }
     r->resting = 1;
     r->since = 0;
-    r->torque = r->error = r->free = 0;
+    r->torque = r->error = 0;
+    r->free = ANT_REST_EDGE;
 }
 
 static void check(ant_rest *r) {
@@ -77,7 +79,7 @@ static void check(ant_rest *r) {
     if (r->swings == SWINGS) r->ringing = 1;
     if (!r->ringing && (last[HIGH] > ANT_REST_FAR || -last[LOW] > ANT_REST_FAR)) r->samples = 0;
     const ant_real grown = ANT_REST_START + ANT_REST_GROWTH * (ant_real)(r->samples - ANT_REST_DWELL);
-    const ant_real bound = r->ringing || grown > ANT_REST_MEAN ? ANT_REST_MEAN : grown;
+    const ant_real bound = r->ringing ? ANT_REST_MEAN : grown < ANT_REST_FAR ? grown : ANT_REST_FAR;
     const int waited = r->ringing || r->samples >= ANT_REST_DWELL;
     if (waited && ant_abs(all.mean) <= bound && all.high - all.low <= ANT_REST_SWING) rest(r);
 }
@@ -124,8 +126,10 @@ static void turn(ant_rest *r, ant_real m, int swings, const ant_real P[2]) {
     for (int i = 0; i < 2; i++) {
         const ant_real change = r->side * torque / slope[i];
         if (!(change > 0)) continue;
-        const ant_real held = r->side * r->p[i], there = r->side * P[i] - ANT_REST_PRESSURE_NOISE;
-        r->p[i] = r->side * ((held > there ? held : there) + (change < ANT_REST_MOST ? change : ANT_REST_MOST));
+        const ant_real held = r->side * r->p[i], there = r->side * P[i], began = r->side * r->began[i];
+        const ant_real play = (there < began ? there : began) - ANT_REST_PRESSURE_NOISE;
+        r->p[i] = r->side * ((held > play ? held : play) + (change < ANT_REST_MOST ? change : ANT_REST_MOST));
+        r->began[i] = r->p[i];
     }
     r->since = 0;
     r->torque = torque;
