@@ -1,6 +1,7 @@
 """The baselines are what people do today: controllers without optimisation in the loop.
 
     FeedForwardControl   T = T*                                           the analytic inverse alone
+    PIControl            T = T* + k_p e + k_i ∫e,  e = θ* - θ           feed-forward with PI
     PIDControl           T = T* + k_p e + k_i ∫e + k_d e',  e = θ* - θ    feedback through the analytic inverse
     PredictivePIDControl the same, with e and e' predicted by the model for the end of the dead time
     LQRControl           u = u* - G (x - x*, e_last)                    state feedback about the feed-forward
@@ -136,6 +137,12 @@ class PIDControl(Baseline):
 
     def _given(self, u: Array, wanted: Array) -> None:
         self._saturated = bool((u != wanted).any())
+
+
+class PIControl(PIDControl):
+    """The control is PI feedback of the encoder's angle, and feed-forward."""
+
+    GAINS = PIDGains(1.0, 20.0, 0.0, 0.0)
 
 
 class PredictivePIDControl(PIDControl):

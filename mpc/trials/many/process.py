@@ -37,11 +37,14 @@ def advance(c: Array, durations: Array, substeps: int, full: Array, waiting: Arr
 
 @exactly
 def read(sensors: Array, full: Array, noise: Array, y: Array) -> None:
-    """Fill in what the sensors say (4,) of the state `full` with `noise` (2,) in standard deviations.
+    """Fill in what the sensors say (4,) of the state `full` with `noise` (3,): of the angle [rad], of the pressures in
+    standard deviations.
 
-    `sensors` has the encoder's step [rad], the standard deviation [Pa], and 0 where the velocity is measured, else NaN.
+    `sensors` has the encoder's step [rad], the standard deviation [Pa], 0 where the velocity is measured, else NaN, and
+    the offsets of the pressure sensors [Pa].
     """
     step = sensors[0]
-    y[0] = step * np.round(full[0] / step) if step > 0 else full[0]
+    y[0] = (step * np.round(full[0] / step) if step > 0 else full[0]) + noise[0]
     y[1] = full[1] + sensors[2]
-    y[2], y[3] = full[2] + sensors[1] * noise[0], full[3] + sensors[1] * noise[1]
+    for i in range(2):
+        y[2 + i] = full[2 + i] + sensors[3 + i] + sensors[1] * noise[1 + i]

@@ -17,7 +17,7 @@ class Plant(NamedTuple):
     sensors: Array
     full: Array
     waiting: Array
-    noise: Array  # (M, 2)
+    noise: Array  # (M, 3)
     torques: Array  # (M,)
 
 
