@@ -37,6 +37,9 @@ def tune_command(
     draws: Annotated[int, typer.Option(help="real plants that each is tried on")] = 8,
     peak: Annotated[float, typer.Option(help="limit of M_s, the peak of the sensitivity")] = 2.0,
     seed: Annotated[int, typer.Option(help="of draws, noise and search")] = 0,
+    stiffness: Annotated[
+        float | None, typer.Option(help="K of the trial runs [N·m/rad]; by default the usual one")
+    ] = None,
     dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
     horizon: Annotated[int, typer.Option(help="samples that mpc looks ahead")] = 20,
     workers: Annotated[int | None, typer.Option(help="processes on this machine; by default as many as cores")] = None,
@@ -72,8 +75,8 @@ def tune_command(
     say(console, f"plant: {model.summary}" + f"; {known.summary}" * bool(known.summary))
     with _executor(workers, scheduler) as executor:
         tuned = tune(
-            model, known, controller=controller, spreads=spreads, peak=peak, evaluations=evaluations, n_draws=draws,
-            seed=seed, dt=dt, horizon=horizon, executor=executor,
+            model, known, controller=controller, spreads=spreads, K=stiffness, peak=peak, evaluations=evaluations,
+            n_draws=draws, seed=seed, dt=dt, horizon=horizon, executor=executor,
             progress=lambda found, total: track(found, "tuning", total, console=console, transient=True),
         )  # fmt: skip
     if as_json:

@@ -20,12 +20,12 @@ import numpy as np
 
 from allocator.units import BAR, DEG
 from mpc.model.real_plant import RealPlant
-from mpc.trials.loops import Settings, loop
+from mpc.trials.loops import Settings
 from mpc.trials.many.loop import Compiled, Loop, outcomes
 from mpc.trials.margins import ROBUST, Margins
 from mpc.trials.simulation import Run
 from mpc.trials.tuned import Tuning
-from mpc.tuning.robustness import Listening
+from mpc.tuning.robustness import Listening, quick_loop
 from mpc.tuning.tour import Tour
 
 QUANTILE = 0.8
@@ -146,7 +146,7 @@ class Problem:
         margins = Evaluation(tuning, (), nominal, peaks, self.limit)
         if margins.sensitivity_peak > FAR * self.limit and not always:
             return margins
-        controller, observer = loop(self.controller, settings)
+        controller, observer = quick_loop(self.controller, settings)
         loops = [
             Loop(i, plant, controller, self.tour.reference, observer, None, self.seed + i)
             for i, plant in enumerate(self.plants)

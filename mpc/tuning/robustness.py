@@ -13,11 +13,13 @@ from mpc.model.faults import WrongReadings
 from mpc.model.friction.dahl import Friction
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
+from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
 from mpc.trials.many.loop import Compiled, Loop, outcomes
 from mpc.trials.margins import DELTA, Margins, linear, usual_postures
 from mpc.trials.reference import Reference
+from mpc.yardsticks.baselines import Baseline
 
 SETTLE, LISTEN = 0.4, 3.6  # [s] before the disturbed reading and after it
 _SILENT = 1e-3  # [Pa] of noise: an observer takes readings that repeat exactly for frozen ones
@@ -41,8 +43,7 @@ class Listening:
 
     def margins(self, name: str, settings: Settings) -> tuple[tuple[Margins, ...], tuple[float, ...]]:
         """Return the margins on the model by posture, and M_s of each draw, of the loop called `name`."""
-        controller, observer = loop(name, settings._replace(compensation=linear(settings.compensation)))
-        assert isinstance(controller, BaseController)
+        controller, observer = quick_loop(name, settings._replace(compensation=linear(settings.compensation)))
         controller.rest = False
         samples = round((SETTLE + LISTEN) / self.dt)
         t = np.asarray(self.dt * np.arange(samples + 1), float)
@@ -58,6 +59,13 @@ class Listening:
             response[0] += 1.0
             heard.append(Margins.of(*place, response, self.dt))
         return tuple(heard[: self._nominal]), tuple(m.sensitivity_peak for m in heard[self._nominal :])
+
+
+def quick_loop(name: str, settings: Settings) -> tuple[BaseController, Observer]:
+    """Return the loop called `name`, compiled as far as it can be."""
+    controller, observer = loop(name, settings)
+    assert isinstance(controller, BaseController)  # what can be tuned is one
+    return controller.compile() if isinstance(controller, Baseline) else controller, observer
 
 
 def sliding(real: RealPlant, nominal: Plant) -> RealPlant:

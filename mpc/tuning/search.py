@@ -38,6 +38,7 @@ def tune(
     *,
     controller: str = "mpc",
     spreads: Spreads | None = None,
+    K: float | None = None,
     peak: float = ROBUST,
     evaluations: int = EVALUATIONS,
     n_draws: int = DRAWS,
@@ -59,6 +60,8 @@ def tune(
         Which loop: mpc, lqr, predictive-pid, pid, pi.
     spreads
         How far real plants are off, as `Spreads.load` reads it from a file; None: as after data sheets.
+    K
+        Stiffness [N·m/rad] of the tour; by default the joint's usual one.
     peak
         Limit of M_s, the peak of the sensitivity.
     evaluations, n_draws
@@ -87,8 +90,8 @@ def tune(
     parameters_of(controller)
     spreads = Spreads() if spreads is None else spreads
     known = Compensation.of(plant.joint) if compensation is None else compensation
-    settings = robust("mpc", Settings(plant, dt, horizon, known))
-    tour = Tour.of(plant.joint, dt)
+    settings = robust(controller, Settings(plant, dt, horizon, known))
+    tour = Tour.of(plant.joint, dt, None if K is None else checks.positive("K", K, "N·m/rad"))
     plants, loads = draws(plant, known, n, seed, spreads), payloads(n, seed, tour.K, spreads)
     problem = Problem(controller, settings, plants, loads, tour, peak, seed)
     found = _searched(problem, evaluations, executor)
