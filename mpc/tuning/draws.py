@@ -4,7 +4,7 @@ Each number is the file's value times exp(σ z), z ~ N(0, 1). σ is a spread: th
 [intervals], written by `antagonist fit-motion`), never below `LEAST`, for the model is never exact; without intervals
 it is the usual spread of data sheets. All draws together are a Latin hypercube, so that few of them fill the posterior.
 
-The dead time stands for the age of readings as well: the loop feels their sum.
+The file's dead time and the age of its readings differ alike, as the loop feels their sum.
 """
 
 from collections.abc import Mapping
@@ -128,6 +128,7 @@ def _drawn(plant: Plant, known: Compensation, friction: Hysteresis, row: np.ndar
         force_gains=(factor(0, s.strength), factor(1, s.strength)),
         friction=friction.share(s.hysteresis[0] + (s.hysteresis[1] - s.hysteresis[0]) * u[7]),
         dead_time=known.dead_time * factor(8, s.dead_time),
+        reading_age=known.reading_age * factor(8, s.dead_time),
         dead_band=known.dead_band * factor(9, s.dead_band),
         lag_up=up * factor(4, s.lag),
         lag_down=down * factor(5, s.lag),

@@ -39,7 +39,7 @@ class CompiledPlant:
     c: Array  # its numbers
     durations: Array  # of the pieces of a sample [s]
     substeps: int  # of each piece
-    sensors: Array  # (5,), see `mpc.trials.many.process.read`
+    sensors: Array  # (6,), see `mpc.trials.many.process.read`
     waiting: int  # commands on their way, the one given last included
 
     @property
@@ -73,6 +73,7 @@ class CompiledExperiment:
         self.waiting = np.tile(
             np.asarray(x0, float)[2:], (plant.waiting, 1)
         )  # (w, 2) [Pa], oldest first; the last to fill in
+        self.angles = np.full(int(plant.sensors[5]) + 2, float(x0[0]))  # (a,) [rad], oldest first
 
     @property
     def x(self) -> Array:
@@ -82,7 +83,7 @@ class CompiledExperiment:
     def measure(self) -> Array:
         """Read the sensors (4,); every call draws new noise."""
         y = np.empty(NX)
-        self.plant.module.read(self.plant.sensors, self.full, self.noise(1)[0], y)
+        self.plant.module.read(self.plant.sensors, self.full, self.angles, self.noise(1)[0], y)
         return y
 
     def advance(self, u: Array, d: float = 0.0) -> None:
@@ -92,7 +93,8 @@ class CompiledExperiment:
         plant = self.plant
         self.waiting[-1] = u
         torque = float(self.torques(1)[0]) + d
-        plant.module.advance(plant.c, plant.durations, plant.substeps, self.full, self.waiting, torque)
+        moving = self.full, self.waiting, self.angles
+        plant.module.advance(plant.c, plant.durations, plant.substeps, *moving, torque)
         self._sample += 1
 
     def noise(self, samples: int) -> Array:
@@ -122,15 +124,13 @@ def compiled_plant(process: Process, dt: float) -> CompiledPlant:
         raise Untranslatable(f"a {type(process).__name__} is not compiled, a Plant and a RealPlant are")
     if isinstance(process, RealPlant) and not all(map(_added, process.faults)):
         raise Untranslatable(f"a plant with faults ({len(process.faults)} of them) is not compiled")
-    if isinstance(process, RealPlant) and process.reading_age:
-        raise Untranslatable("a plant whose readings are old is not compiled")
     source = filling("stepped", _stepped(process))
     module = imported(with_formulas(_TEMPLATE, f"import math\n\n\n@exactly\n{source.text}\n\n"))
     substeps = process.substeps(dt, FINE)
-    pieces, waiting, sensors = [dt], 0, (0.0, 0.0, 0.0, 0.0, 0.0)
+    pieces, waiting, sensors = [dt], 0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if isinstance(process, RealPlant):
         pieces, waiting = delayed(process.dead_time, dt)
-        sensors = process.encoder, process.pressure_noise, np.nan, *process.pressure_offset
+        sensors = process.encoder, process.pressure_noise, np.nan, *process.pressure_offset, process.reading_age / dt
     return CompiledPlant(process, dt, module, source.c, np.array(pieces), substeps, np.array(sensors), waiting + 1)
 
 

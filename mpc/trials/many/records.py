@@ -17,6 +17,7 @@ class Plant(NamedTuple):
     sensors: Array
     full: Array
     waiting: Array
+    angles: Array  # (a,)
     noise: Array  # (M, 3)
     torques: Array  # (M,)
 

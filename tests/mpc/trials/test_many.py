@@ -31,7 +31,10 @@ KINDS = {
     "all effects": REAL,
     "half a sample late": replace(REAL, dead_time=0.037, encoder=0.0),
     "sensors off, an angle disturbed": replace(
-        REAL, pressure_offset=(0.02 * BAR, -0.03 * BAR), faults=(WrongReadings(0.2, 0.3, (0,), 1e-3, added=True),)
+        REAL,
+        reading_age=0.017,
+        pressure_offset=(0.02 * BAR, -0.03 * BAR),
+        faults=(WrongReadings(0.2, 0.3, (0,), 1e-3, added=True),),
     ),
     "gas behind a shut valve, Dahl": replace(
         REAL, nominal=replace(MODEL, gas=True), shut=(True, False), friction=REAL.friction.as_dahl(MODEL)
