@@ -4,9 +4,9 @@
                      + STIFFNESS · RMS error of K over K
     objective      = 80 % quantile over the draws of that, subject to M_s ≤ 2
 
-M_s is the greatest on the model over its usual postures, or the 80 % quantile over the draws if that is more. A loop
-beyond the limit is charged `BEYOND` (1 - limit/M_s): it is worse than any useful loop within, and better the less it is
-beyond. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
+M_s is the greatest on the model over the postures of the tour, or the 80 % quantile over the draws if that is more. A
+loop beyond the limit is charged `BEYOND` (1 - limit/M_s): it is worse than any useful loop within, and better the less
+it is beyond. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
 """
 
 from collections.abc import Mapping
@@ -137,7 +137,7 @@ class Problem:
 
     @cached_property
     def _listening(self) -> Listening:
-        return Listening(self.settings, self.draws, self.tour.K)
+        return Listening(self.settings, self.draws, self.tour)
 
     def evaluated(self, tuning: Tuning, always: bool = False) -> Evaluation:
         """Return what a tuning comes to; `always` simulates loops far beyond the limit of M_s, too."""

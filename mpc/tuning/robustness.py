@@ -17,8 +17,9 @@ from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
 from mpc.trials.many.loop import Compiled, Loop, outcomes
-from mpc.trials.margins import DELTA, Margins, linear, usual_postures
+from mpc.trials.margins import DELTA, Margins, linear
 from mpc.trials.reference import Reference
+from mpc.tuning.tour import Tour
 from mpc.yardsticks.baselines import Baseline
 
 SETTLE, LISTEN = 0.4, 3.6  # [s] before the disturbed reading and after it
@@ -29,9 +30,9 @@ _UNEQUAL = 1 + 1e-12  # a force gain of 1 would make another formula, to be comp
 class Listening:
     """Runs that tell the margins of loops on a model and on draws: each plant with and without a disturbed reading."""
 
-    def __init__(self, settings: Settings, draws: Sequence[RealPlant], K: float) -> None:
+    def __init__(self, settings: Settings, draws: Sequence[RealPlant], tour: Tour) -> None:
         plant, self.dt = settings.plant, settings.dt
-        self._places = usual_postures(plant) + [(0.0, K)] * len(draws)
+        self._places = [*tour.postures, *[(0.0, tour.K)] * len(draws)]
         model = sliding(RealPlant.of(plant, settings.compensation, force_gains=(_UNEQUAL, _UNEQUAL)), plant)
         nominal = len(self._places) - len(draws)
         plants = [model] * nominal + [sliding(draw, draw.nominal) for draw in draws]

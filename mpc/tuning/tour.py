@@ -30,6 +30,12 @@ class Tour(NamedTuple):
     loaded: float  # [s]
     K: float  # [N·m/rad]
 
+    @property
+    def postures(self) -> list[tuple[float, float]]:
+        """Pairs (θ [rad], K [N·m/rad]): the middle, and half the way to either end."""
+        swing = float(np.abs(self.reference.theta).max())
+        return [(share * swing, self.K) for share in (-0.5, 0.0, 0.5)]
+
     @classmethod
     def of(cls, joint: AntagonistJoint, dt: float, K: float | None = None) -> "Tour":
         """Return the tour of a joint about the stiffness `K` [N·m/rad], by default its usual one."""

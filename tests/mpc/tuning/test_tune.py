@@ -1,5 +1,6 @@
 """`tune` as a whole: on the report's joint, with a budget of a few evaluations."""
 
+import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
@@ -61,7 +62,7 @@ def test_the_seed_decides_and_not_who_runs_it(tuned):
 def test_margins_of_compiled_runs_are_those_of_the_readable_loop(tuned):
     settings = tuned.tuning.applied(tuned.problem.settings)
     parts = loop("mpc", settings._replace(compensation=linear(settings.compensation)))
-    for ours, theirs in zip(tuned.after.nominal, margins(*parts), strict=True):
+    for ours, theirs in zip(tuned.after.nominal, margins(*parts, tuned.problem.tour.postures), strict=True):
         assert (ours.theta, ours.K) == (theirs.theta, theirs.K)
         assert ours.sensitivity_peak == pytest.approx(theirs.sensitivity_peak, rel=0.02)
 
@@ -114,6 +115,20 @@ def test_the_command_writes_a_plant_that_track_takes(tmp_path):
     assert result.exit_code == 0, result.output
     assert (tmp_path / "plant.toml.before-tuning").read_text() == before
     assert Tuning.load(mine) == Tuning.load(out)
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_gives_the_same_answer(tuned, tmp_path):
+    from distributed import LocalCluster
+
+    mine = tmp_path / "plant.toml"
+    save_plant(mine, PLANT.joint, {"inertia": 0.05, "gas": True})
+    small = ["--evaluations", "3", "--draws", "1", "--json"]
+    here = CliRunner().invoke(app, ["tune", str(mine), *small, "--workers", "1"])
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        there = CliRunner().invoke(app, ["tune", str(mine), *small, "--scheduler", cluster.scheduler_address])
+    assert here.exit_code == there.exit_code == 0, there.output
+    assert json.loads(there.stdout) == json.loads(here.stdout)
 
 
 def test_tuned_numbers_reach_the_exported_controller(tmp_path):
