@@ -31,6 +31,7 @@ atmosphere = 101325.0          # [Pa]
 [source]                       # where the numbers come from, for the reader; ignored when loading
 
 [plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; ignored here
+[intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; ignored here
 
 One joint with two muscles, an `AntagonistJoint`, calls them "agonist" and "antagonist" and may have more:
 
@@ -75,7 +76,8 @@ _GEOMETRIES: Mapping[str, type[geometry.Geometry]] = {
 _ROUTES: Mapping[str, type[Routes]] = {kind.__name__: kind for kind in (Pulleys, Sites, Tables)}
 _PAIR = ("agonist", "antagonist")
 _TABLES = ("machine", "routes", "muscle", "gas", "source", "plant")
-_OF_A_JOINT, _OF_MORE = ("covariance", "hysteresis", "regulators", "sensors"), ("bodies",)
+_OF_A_JOINT = "covariance", "hysteresis", "regulators", "sensors", "intervals", "tuning"
+_OF_MORE = ("bodies",)
 _LIMITS = ("pressure_limits", "min_contraction", "angle_limits")
 _UNITS = "SI units: Pa, m, rad, N"
 

@@ -15,6 +15,7 @@ from allocator.errors import MissingPackage
 _OURS = ("allocator", "mpc")
 _INSTALL = {  # what to say to pip; extras of ours bring versions that were tried
     "casadi": "casadi",
+    "cma": "cma",
     "control": "control",
     "cvxpy": "cvxpy",
     "daqp": "daqp",

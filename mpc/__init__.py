@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mpc.trials.reference import Reference, sine
     from mpc.trials.robust import robust_weights
     from mpc.trials.simulation import Run, simulate
+    from mpc.tuning.search import tune
     from mpc.yardsticks.nlp_solvers import IPOPT, Fatrop
     from mpc.yardsticks.nonlinear import NonlinearMPC
 else:
@@ -54,6 +55,7 @@ else:
         "simulate": "trials.simulation",
         "simulate_many": "trials.many.entry",
         "sine": "trials.reference",
+        "tune": "tuning.search",
     }
 
     def __getattr__(name):
@@ -95,4 +97,5 @@ __all__ = [
     "simulate",
     "simulate_many",
     "sine",
+    "tune",
 ]

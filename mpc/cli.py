@@ -29,6 +29,7 @@ from mpc.export.serial.cli import bench_check_command
 from mpc.identification.cli import fit_motion_command
 from mpc.plant_cli import LoopOptions, PlantOptions, init_command
 from mpc.trials.trajectories import TRAJECTORIES
+from mpc.tuning.cli import tune_command
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -90,7 +91,7 @@ def track(
         ),
     ] = _NOMINAL,
     controller: Annotated[
-        str, typer.Option(help="mpc, nmpc (nonlinear, slow), pid, predictive-pid, lqr, feedforward")
+        str, typer.Option(help="mpc, nmpc (nonlinear, slow), pid, pi, predictive-pid, lqr, feedforward")
     ] = _MPC,
     observer: Annotated[
         bool | None, typer.Option(help="estimate state and disturbance torque; the MPCs and lqr do on a real plant")
@@ -162,11 +163,11 @@ def track(
     half_way = float(reference.t[-1] - reference.t[0]) / 2
     known = options.compensation()
     tested, settings = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
-    settings = settings._replace(dt=at.dt, N=at.horizon, solver=solver, wait=wait)
+    settings, tuned = options.tuned(settings._replace(dt=at.dt, N=at.horizon, solver=solver, wait=wait), controller)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
     with Console(stderr=True).status("building the controller"):
-        if tested is not nominal:
+        if tested is not nominal and not tuned:
             settings = robust(controller, settings, reference)
         driver, estimator = loop(controller, settings, observer)
     done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
@@ -178,6 +179,8 @@ def track(
             say(console, f"drawing {path}")
         write_run(done, path, lambda file: save_animation(done, file, title, progress=progress), title)
     _report(done, nominal, known, reference, console)
+    if tuned:
+        say(console, tuned)
     if observer is not False:
         for sentence in margins_in_words(controller, settings, reference, driver):
             say(console, sentence)
@@ -263,6 +266,9 @@ app.command("sweep", cls=Command, short_help="run the experiment that identifies
 app.command("explore", cls=Command, short_help="see in the browser what a joint can do")(explore)
 app.command("bench-check", cls=Command, short_help="does a board on a serial line do as it should?")(
     bench_check_command
+)
+app.command("tune", cls=Command, short_help="tune the controller for a fitted plant, by closed loops on draws")(
+    tune_command
 )
 app.command("init", cls=Command, short_help="write a plant file to edit, for --machine")(init_command)
 

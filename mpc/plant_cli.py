@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mpc.model.arm.model import Arm
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
+    from mpc.trials.loops import Settings
 
 
 _LAGS = ("lag_up", "lag_down")
@@ -117,6 +118,15 @@ class PlantOptions(MachineOptions):
             return known
         told = stored_regulators(self.file)
         return replace(known, **{n: value for n, value in told.items() if self.lag is None or n not in _LAGS})
+
+    def tuned(self, settings: "Settings", controller: str) -> "tuple[Settings, str]":
+        """Return the settings with the file's tuning of this controller, and a sentence about it; "" without one."""
+        from mpc.trials.tuned import Tuning
+
+        tuning = None if self.file is None else Tuning.load(self.file)
+        if tuning is None or tuning.controller != controller:
+            return settings, ""
+        return tuning.applied(settings), tuning.summary
 
     def _numbers(self) -> dict[str, float | tuple[float, ...]]:
         """Return the numbers of `Plant` that are given."""

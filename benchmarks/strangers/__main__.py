@@ -5,9 +5,10 @@
 
 Each of the four structures of `benchmarks.strangers.plants` is drawn with as many seeds. All controllers get the same
 model, either from data sheets or from `fit_joint` and `fit_motion` on logs of the stranger; their observers estimate
-sensor offsets. A payload of 1 N·m with its inertia is attached in mid-run. Figures are medians over all strangers: RMS
-errors of the angle before the payload and with it, and of the stiffness. For the rest they include the mean error and
-the swing, peak to peak, in the last second.
+sensor offsets. Where they are tuned, each was tuned for the identified model by `antagonist tune` with one budget. A
+payload of 1 N·m with its inertia is attached in mid-run. Figures are medians over all strangers: RMS errors of the
+angle before the payload and with it, and of the stiffness. For the rest they include the mean error and the swing, peak
+to peak, in the last second.
 """
 
 import argparse

@@ -11,6 +11,7 @@ from allocator.calculus import Array
 from benchmarks.strangers.plants import LENGTH, LEVER, MIDDLE, Stranger
 from mpc import Compensation, Plant
 from mpc.identification.plant import IdentifiedPlant
+from mpc.tuning.draws import Spreads
 
 DT = 0.01  # [s]
 DWELL, SHOWN = 1.2, 0.2  # [s] at each pair of pressures, of which the last are read
@@ -24,6 +25,8 @@ class Model(NamedTuple):
 
     plant: Plant
     told: Compensation
+    spreads: Spreads = Spreads()  # of real plants about it
+    tuned: bool = False  # whether each controller is tuned for it
 
 
 def data_sheet(stranger: Stranger) -> Model:
@@ -43,7 +46,12 @@ def identified(stranger: Stranger) -> Model:
     with TemporaryDirectory() as directory:
         path = Path(directory) / "plant.toml"
         IdentifiedPlant.of(fit).save(path)
-        return Model(Plant.load(path), Compensation.load(path))
+        return Model(Plant.load(path), Compensation.load(path), Spreads.load(path))
+
+
+def identified_and_tuned(stranger: Stranger) -> Model:
+    """Return the model that is found, for controllers that are tuned for it."""
+    return identified(stranger)._replace(tuned=True)
 
 
 def swept(stranger: Stranger) -> dict[str, Array]:

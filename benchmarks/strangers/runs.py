@@ -7,14 +7,15 @@ import numpy as np
 
 from allocator.units import DEG
 from benchmarks.closed_loop.runs import LEAD, STEADY, UNSTABLE
-from benchmarks.strangers.identified import Model, data_sheet, identified
+from benchmarks.strangers.identified import Model, data_sheet, identified, identified_and_tuned
 from benchmarks.strangers.plants import Stranger, drawn
+from benchmarks.strangers.tuned import tuned
 from mpc import Reference, simulate
 from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.trajectories import min_jerk, point_to_point, rested_sine, steps
 
-CONTROLLERS = ("mpc", "lqr", "predictive-pid", "pid", "feedforward")
-MODELS = {"data sheet": data_sheet, "identified": identified}
+CONTROLLERS = ("mpc", "lqr", "predictive-pid", "pid", "pi", "feedforward")
+MODELS = {"data sheet": data_sheet, "identified": identified, "identified and tuned": identified_and_tuned}
 PAYLOAD = 1.0  # [N·m]
 K = 5.0  # [N·m/rad]
 DT = 0.01  # [s]
@@ -60,7 +61,11 @@ class Figures(NamedTuple):
 def figures(stranger: Stranger, model: Model, controller: str, case: Case, payload: float = PAYLOAD) -> Figures:
     """Return those of one run."""
     settings = Settings(model.plant, DT, compensation=model.told)
-    control, observer = loop(controller, robust(controller, settings))
+    if model.tuned:
+        settings = tuned(f"{stranger.structure}-{stranger.seed}", controller, settings, model.spreads, K)
+    else:
+        settings = robust(controller, settings)
+    control, observer = loop(controller, settings)
     loaded = stranger.loaded(payload, case.loaded)
     x0 = model.plant.at_rest(case.reference.theta[0], case.reference.K[0])
     run = simulate(loaded, control, case.reference, x0=x0, observer=observer, seed=stranger.seed)

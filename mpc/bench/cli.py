@@ -148,7 +148,7 @@ def run_command(
         list[Path] | None,
         typer.Option(help="a .csv (written sample by sample), .npz or .png to write; may be repeated"),
     ] = None,
-    controller: Annotated[str, typer.Option(help="mpc, pid, predictive-pid, lqr, feedforward")] = "mpc",
+    controller: Annotated[str, typer.Option(help="mpc, pid, pi, predictive-pid, lqr, feedforward")] = "mpc",
     settle: Annotated[float, typer.Option(help="under control at the first point of the trajectory [s]")] = 1.0,
     force: Force = False,
 ) -> None:
@@ -182,7 +182,8 @@ def run_command(
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
-        told = robust(controller, LoopSettings(plant, at.dt, at.horizon, known), reference)
+        told, tuned = options.tuned(LoopSettings(plant, at.dt, at.horizon, known), controller)
+        told = told if tuned else robust(controller, told, reference)
         driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
         sentences = margins_in_words(controller, told, reference, driver)
         watch = _Watch(plant.joint.pressure_limits[1], at.dt, bench)
@@ -191,7 +192,7 @@ def run_command(
             watchdog=settings.watchdog, overrun=settings.overrun, log=journal, replace=force, clock=opened.clock,
             watch=watch,
         )  # fmt: skip
-    for sentence in sentences:
+    for sentence in (*filter(None, [tuned]), *sentences):
         say(console, sentence)
     watch.health = lambda: "" if driven.tracking.health.well else driven.tracking.health
     _run(driven.cycle, watch, console)

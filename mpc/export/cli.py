@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import typer
 
@@ -15,6 +15,7 @@ from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:
+    from mpc.observer.kalman import KalmanObserver
     from mpc.tracking.controller import TrackingMPC
     from mpc.trials.margins import Margins
 
@@ -39,18 +40,30 @@ class ControllerOptions(PlantOptions):
         ),
     ] = None
 
-    def controller(self) -> "TrackingMPC":
-        """Build the controller, which is told what is known of the plant."""
+    def built(self) -> "Built":
+        """Build controller and observer, told what is known of the plant, with the tuning of its file."""
         from mpc.export.controller.tuning import weights_from
         from mpc.export.entry import default_controller
+        from mpc.observer.kalman import KalmanObserver
+        from mpc.trials.loops import Settings
         from mpc.trials.robust import robust_weights
 
-        plant, known = self.plant(), self.compensation()
+        s, tuned = self.tuned(Settings(self.plant(), N=self.horizon, compensation=self.compensation()), "mpc")
+        weights = s.weights
         if self.errors is not None:
             weights = weights_from(self.errors)
-        else:
-            weights = robust_weights(plant, N=self.horizon, compensation=known, compiled=False)
-        return default_controller(plant, self.horizon, known, weights)
+        elif not tuned:
+            weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, compiled=False)
+        controller = default_controller(s.plant, s.N, s.compensation, weights)
+        return Built(controller, KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False), tuned)
+
+
+class Built(NamedTuple):
+    """A controller with its observer, and a sentence about a tuning, or ""."""
+
+    controller: "TrackingMPC"
+    observer: "KalmanObserver"
+    tuned: str
 
 
 @export_app.callback()
@@ -74,9 +87,10 @@ def controller_command(
     """Write controller, observer and allocation of a joint as plain C99, without a heap."""
     from mpc.export.entry import export
 
-    controller = options.controller()
-    made = export(out, controller=controller, what="mpc" if alone else "all", precision=precision)
-    _say(controller, made, f"{made / 'README.md'} says how to build them")
+    built = options.built()
+    what = "mpc" if alone else "all"
+    made = export(out, controller=built.controller, observer=built.observer, what=what, precision=precision)
+    _say(built, made, f"{made / 'README.md'} says how to build them")
 
 
 @export_app.command("allocation", cls=Command, short_help="the allocation of any machine as C")
@@ -114,11 +128,11 @@ def fmu_command(out: Out, options: ControllerOptions) -> None:
     from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
     from mpc.model.real_plant import RealPlant
 
-    controller = options.controller()
+    built = options.built()
     check(out)
     export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()))
-    export_controller_fmu(out / "controller.fmu", controller)
-    _say(controller, out, "any tool that reads FMI 3.0 takes them")
+    export_controller_fmu(out / "controller.fmu", built.controller, built.observer)
+    _say(built, out, "any tool that reads FMI 3.0 takes them")
 
 
 @export_app.command("firmware", cls=Command, short_help="a board on a serial line, for a joint")
@@ -133,9 +147,10 @@ def firmware_command(
     terminal = board.variant == "terminal"
     if terminal and options.errors is not None:
         raise InvalidInput("--errors: it is the controller's, and a terminal has none")
-    controller = None if terminal else options.controller()
-    made = board.export(out, options.plant(), options.compensation(), controller, precision)
-    _say(controller, made, f"{made / 'serial' / 'README.md'} says what to do")
+    built = None if terminal else options.built()
+    controller, observer = (None, None) if built is None else (built.controller, built.observer)
+    made = board.export(out, options.plant(), options.compensation(), controller, observer, precision)
+    _say(built, made, f"{made / 'serial' / 'README.md'} says what to do")
 
 
 @export_app.command("tuning", cls=Command, short_help="numbers that retune a controller in C")
@@ -152,34 +167,37 @@ def tuning_command(
     from mpc.export.controller.tuning import write_tuning
 
     claim(out, inputs=options.files, force=force)
-    write_tuning(out, options.controller(), precision=precision)
+    write_tuning(out, options.built().controller, precision=precision)
     say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
 
 
-def _margins(controller: "TrackingMPC") -> "Margins":
+def _margins(built: "Built") -> "Margins":
     """Return the margins of the loop that is exported, at the middle posture."""
     from mpc.observer.kalman import KalmanObserver
     from mpc.trials.margins import linear, margins, usual_postures
 
+    controller = built.controller
     told = linear(controller.compensation)
     sliding = replace(controller, compensation=told)
-    observer = KalmanObserver(controller.plant, controller.dt, compensation=told, compiled=False)
+    observer = KalmanObserver(controller.plant, controller.dt, built.observer.noise, told, compiled=False)
     return margins(sliding, observer, [usual_postures(controller.plant)[1]])[0]
 
 
-def _say(controller: "TrackingMPC | None", made: Path, read: str) -> None:
+def _say(built: "Built | None", made: Path, read: str) -> None:
     """Say what a controller was told, and what was written."""
     from rich.console import Console
 
     console = Console()
-    if controller is not None:
-        known = controller.compensation
-        say(console, f"plant: {controller.plant.summary}")
+    if built is not None:
+        known = built.controller.compensation
+        say(console, f"plant: {built.controller.plant.summary}")
+        if built.tuned:
+            say(console, built.tuned)
         if known.summary:
             say(console, f"told to the controller: {known.summary}")
         if known.untold:
             say(console, f"not told to the controller, whose C has no such numbers: {known.untold}")
-        found = _margins(controller)
+        found = _margins(built)
         say(console, f"margins on the model at {found}")
         if found.advice:
             say(console, found.advice)

@@ -8,6 +8,7 @@ from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.observer.base import Differentiator, Observer
+from mpc.observer.filter import Noise
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
@@ -16,7 +17,14 @@ from mpc.trials.margins import Margins, linear, margins
 from mpc.trials.reference import Reference
 from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
-from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
+from mpc.yardsticks.baselines import (
+    FeedForwardControl,
+    LQRControl,
+    PIControl,
+    PIDControl,
+    PIDGains,
+    PredictivePIDControl,
+)
 from mpc.yardsticks.nonlinear import NonlinearMPC
 
 
@@ -28,6 +36,8 @@ class Settings(NamedTuple):
     N: int = 20  # horizon [samples]
     compensation: Compensation = Compensation()
     weights: Weights = Weights()
+    noise: Noise = Noise()  # of the observer
+    gains: PIDGains | None = None  # of the PIDs; None: each one's own
     solver: Any = None  # of the QPs or the NLPs: a name, options or a value; None: the controller's own choice
     wait: bool = True  # see `TrackingMPC`
 
@@ -42,11 +52,15 @@ def _nmpc(s: Settings) -> Controller:
 
 
 def _pid(s: Settings) -> Controller:
-    return PIDControl(s.plant, s.dt, s.compensation)
+    return PIDControl(s.plant, s.dt, s.compensation, s.gains)
+
+
+def _pi(s: Settings) -> Controller:
+    return PIControl(s.plant, s.dt, s.compensation, s.gains)
 
 
 def _predictive_pid(s: Settings) -> Controller:
-    return PredictivePIDControl(s.plant, s.dt, s.compensation)
+    return PredictivePIDControl(s.plant, s.dt, s.compensation, s.gains)
 
 
 def _lqr(s: Settings) -> Controller:
@@ -63,11 +77,15 @@ CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
     "mpc": (_mpc, True),
     "nmpc": (_nmpc, True),
     "pid": (_pid, False),
+    "pi": (_pi, False),
     "predictive-pid": (_predictive_pid, True),
     "lqr": (_lqr, True),
     "feedforward": (_feed_forward, False),
 }
 """By name: how to build it, and whether it is used with an observer unless one says otherwise."""
+
+GAINS = {"pid": PIDControl.GAINS, "pi": PIControl.GAINS, "predictive-pid": PredictivePIDControl.GAINS}
+"""The usual gains of those that have gains."""
 
 
 WEIGHED = "mpc", "nmpc", "lqr"  # controllers with `Weights`
@@ -81,8 +99,8 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
         raise InvalidInput(f"solver = {settings.solver!r} belongs to the controllers mpc and nmpc, not {name}")
     build, watched = CONTROLLERS[name]
     if watched if observer is None else observer:
-        observing = KalmanObserver(settings.plant, settings.dt, compensation=settings.compensation, wait=settings.wait)
-        return build(settings), observing
+        s = settings
+        return build(s), KalmanObserver(s.plant, s.dt, s.noise, s.compensation, wait=s.wait)
     return build(settings), Differentiator(settings.dt)
 
 

@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, pi
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,14 @@ class Margins:
     frequency: Array  # (f,) [Hz]
     S: NDArray[np.complex128]  # (f,) sensitivity [-]
     stable: bool  # whether the loop settles
+
+    @classmethod
+    def of(cls, theta: float, K: float, response: Array, dt: float) -> Self:
+        """Return the margins from the `response` (n,) of the readings to one that is disturbed by 1, every `dt` [s]."""
+        points = _FINE * max(response.size, round(LISTEN / dt))
+        frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
+        settled = bool(np.abs(response[-round(0.1 * response.size) :]).max() < _DECAYED)
+        return cls(theta, K, frequency, np.fft.rfft(response, points)[1:], settled)
 
     @property
     def sensitivity_peak(self) -> float:
@@ -176,8 +185,4 @@ def _at(controller: BaseController, observer: Observer, theta: float, K: float, 
             trial.advance(u)
         return np.array(angles[first:])
 
-    response = (readings(DELTA) - readings(0.0)) / DELTA
-    points = _FINE * max(response.size, round(LISTEN / dt))
-    frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
-    settled = bool(np.abs(response[-round(0.1 * response.size) :]).max() < _DECAYED)
-    return Margins(theta, K, frequency, np.fft.rfft(response, points)[1:], settled)
+    return Margins.of(theta, K, (readings(DELTA) - readings(0.0)) / DELTA, dt)

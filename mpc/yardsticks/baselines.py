@@ -1,6 +1,7 @@
 """The baselines are what people do today: controllers without optimisation in the loop.
 
     FeedForwardControl   T = T*                                           the analytic inverse alone
+    PIControl            T = T* + k_p e + k_i ∫e,  e = θ* - θ           feed-forward with PI
     PIDControl           T = T* + k_p e + k_i ∫e + k_d e',  e = θ* - θ    feedback through the analytic inverse
     PredictivePIDControl the same, with e and e' predicted by the model for the end of the dead time
     LQRControl           u = u* - G (x - x*, e_last)                    state feedback about the feed-forward
@@ -12,7 +13,7 @@ as the MPC. The PID's integral stands for the disturbance torque, so that it ign
 
 from dataclasses import dataclass, fields
 from math import inf, isfinite
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.cost import diagonal
-from mpc.tracking.feedforward import FeedForward, InverseDynamics
+from mpc.tracking.feedforward import FeedForward, FeedForwardOf, InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import Task
 from mpc.tracking.riccati import solve_riccati
@@ -43,10 +44,23 @@ class Baseline(BaseController):
         self.plant, self.dt = plant, dt
         self.compensation = Compensation() if compensation is None else compensation
         self._check_model()
-        self._feed_forward = InverseDynamics(plant, dt, _PREVIEW).ready()
+        self._feed_forward: FeedForwardOf = InverseDynamics(plant, dt, _PREVIEW).ready()
         self._build(_PREVIEW)
         self.ladder.holding = inf  # pressures are never let out
         self.reset()
+
+    def compile(self) -> Self:
+        """Return itself, with the feed-forward in compiled code: the same answers in a quarter of the time.
+
+        That takes some seconds where nothing is kept; nothing changes for a joint without a kernel.
+        """
+        from mpc.tracking.compiled.module import compiled_plant
+        from mpc.tracking.compiled.qp_step import CompiledFeedForward
+
+        made = compiled_plant(self.plant, self.dt)
+        if made.p.size and isinstance(self._feed_forward, InverseDynamics):
+            self._feed_forward = CompiledFeedForward(made, self._feed_forward)
+        return self
 
     def _optimise(self, situation: Situation) -> Optimised:
         """Return what is wanted, as the limits allow; where that is no number the commands stay."""
@@ -136,6 +150,12 @@ class PIDControl(Baseline):
 
     def _given(self, u: Array, wanted: Array) -> None:
         self._saturated = bool((u != wanted).any())
+
+
+class PIControl(PIDControl):
+    """The control is PI feedback of the encoder's angle, and feed-forward. Without a derivative its gains stay low."""
+
+    GAINS = PIDGains(0.2, 10.0, 0.0, 0.0)
 
 
 class PredictivePIDControl(PIDControl):

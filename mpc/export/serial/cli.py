@@ -15,6 +15,7 @@ from allocator.units import BAR
 if TYPE_CHECKING:
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
+    from mpc.observer.kalman import KalmanObserver
     from mpc.tracking.controller import TrackingMPC
 
 _SCHEME = "serial:"
@@ -40,7 +41,13 @@ class BoardOptions:
             raise MissingBackend("variant of the board", self.variant, _VARIANTS)
 
     def export(
-        self, out: Path, plant: "Plant", known: "Compensation", controller: "TrackingMPC | None", precision: str
+        self,
+        out: Path,
+        plant: "Plant",
+        known: "Compensation",
+        controller: "TrackingMPC | None",
+        observer: "KalmanObserver | None",
+        precision: str,
     ) -> Path:
         """Write the board's firmware, and what simulates it with what is `known` of the plant; return `out`."""
         from mpc.export.serial.firmware import Safety, export_board
@@ -48,7 +55,9 @@ class BoardOptions:
 
         safety = Safety(self.watchdog, self.fall * BAR)
         process = RealPlant.of(plant, known)
-        return export_board(out, process=process, controller=controller, safety=safety, precision=precision)
+        return export_board(
+            out, process=process, controller=controller, observer=observer, safety=safety, precision=precision
+        )
 
 
 def bench_check_command(

@@ -49,7 +49,7 @@ def driven(
     sample, what = observer.sample_at(observed), np.int64(WHOLE)  # for a constant numba would compile the step anew
     xi, last, out = sample.work.ahead.xi, both[0], both[1]
     for k in range(first, M):
-        process.read(plant.sensors, plant.full, plant.noise[k], y)
+        process.read(plant.sensors, plant.full, plant.angles, plant.noise[k], y)
         if not observer.filtered(sample, y[0], y[2], y[3], answers.u[k - 1, 0], answers.u[k - 1, 1]):
             return k
         for j in range(SIZE):
@@ -72,7 +72,8 @@ def driven(
         answers.slack[k], answers.slack_force[k] = made.slack[0], made.slack[1]
         for j in range(3):
             answers.moved[k, j] = made.moved[j]
-        process.advance(plant.c, plant.durations, plant.substeps, plant.full, plant.waiting, plant.torques[k])
+        moving = plant.full, plant.waiting, plant.angles
+        process.advance(plant.c, plant.durations, plant.substeps, *moving, plant.torques[k])
         for j in range(4):
             answers.x[k + 1, j] = plant.full[j]
         last, out = out, last

@@ -72,7 +72,8 @@ class Driving:
         plant, left = experiment.plant, loop.steps - READABLE
         under_way = Plant(
             plant.c, plant.durations, plant.substeps, plant.sensors, experiment.full, experiment.waiting,
-            np.vstack([np.empty((READABLE, NU)), experiment.noise(left)]),
+            experiment.angles,
+            np.vstack([np.empty((READABLE, 1 + NU)), experiment.noise(left)]),
             np.concatenate([np.empty(READABLE), experiment.torques(left)]),
         )  # fmt: skip
         answers = Answers(

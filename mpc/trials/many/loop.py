@@ -1,7 +1,7 @@
 """A loop is one run, and what does it: `simulate`, on a compiled plant where there is one."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from allocator import checks
 from allocator.calculus import Array
@@ -49,31 +49,39 @@ def outcomes(loops: Sequence[Loop], keep: bool, made: "Compiled | None" = None) 
         yield loop.number, Outcome.of(run, implementation, keep)
 
 
+Kept: TypeAlias = dict[tuple[float, ...], tuple[object, Any]]
+
+
 class Compiled:
     """What was compiled is found again as long as the same plants, controllers and observers come."""
 
-    def __init__(self) -> None:
-        self._kept: dict[tuple[float, ...], tuple[object, Any]] = {}
+    def __init__(self, plants: Kept | None = None) -> None:
+        self._plants: Kept = {} if plants is None else plants
+        self._loops: Kept = {}
+
+    def for_others(self) -> "Compiled":
+        """Return the compiled plants alone, for other controllers and observers."""
+        return Compiled(self._plants)
 
     def plant(self, plant: Process, dt: float) -> Process:
         """Return `plant` compiled, or itself where that cannot be done."""
-        return self._found((id(plant), dt), plant, lambda: _compiled_plant(plant, dt)) or plant
+        return self._found(self._plants, (id(plant), dt), plant, lambda: _compiled_plant(plant, dt)) or plant
 
     def driving(self, controller: Controller, observer: Observer | None) -> "Driving | None":
         """Return what drives compiled plants as controller and observer do, None where that cannot be compiled."""
         parts = controller, observer
-        made: Driving | None = self._found(tuple(map(id, parts)), parts, lambda: _driving(*parts))
+        made: Driving | None = self._found(self._loops, tuple(map(id, parts)), parts, lambda: _driving(*parts))
         return made
 
-    def _found(self, key: tuple[float, ...], of: object, make: Callable[[], object]) -> Any:
+    def _found(self, kept: Kept, key: tuple[float, ...], of: object, make: Callable[[], object]) -> Any:
         """Return what is made for a `key`, in which the identities are `of` what is kept, too."""
-        if key not in self._kept:
+        if key not in kept:
             try:
                 made = make()
             except (ImportError, OSError, InvalidInput):  # no compiler, no place for its work, too long a formula
                 made = None
-            self._kept[key] = of, made
-        return self._kept[key][1]
+            kept[key] = of, made
+        return kept[key][1]
 
 
 def _compiled_plant(plant: Process, dt: float) -> Process:

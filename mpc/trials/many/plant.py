@@ -1,7 +1,8 @@
 """Plants under test become compiled functions: the formula of a fine step, and the loop over a sample around it.
 
 The formula is the one that `mpc.model.real_plant` has for CasADi and for the exported C. Plants that differ in their
-numbers only share what is compiled. Faults, and processes of other kinds, are not compiled.
+numbers only share what is compiled. Faults, but for what is added to an angle's readings, and processes of other kinds
+are not compiled.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
 from mpc.model.experiment import FINE
+from mpc.model.faults import Fault, WrongReadings
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
 from mpc.model.real_plant import RealPlant, delayed, outside_torque
@@ -37,7 +39,7 @@ class CompiledPlant:
     c: Array  # its numbers
     durations: Array  # of the pieces of a sample [s]
     substeps: int  # of each piece
-    sensors: Array  # (3,), see `mpc.trials.many.process.read`
+    sensors: Array  # (6,), see `mpc.trials.many.process.read`
     waiting: int  # commands on their way, the one given last included
 
     @property
@@ -71,6 +73,7 @@ class CompiledExperiment:
         self.waiting = np.tile(
             np.asarray(x0, float)[2:], (plant.waiting, 1)
         )  # (w, 2) [Pa], oldest first; the last to fill in
+        self.angles = np.full(int(plant.sensors[5]) + 2, float(x0[0]))  # (a,) [rad], oldest first
 
     @property
     def x(self) -> Array:
@@ -80,7 +83,7 @@ class CompiledExperiment:
     def measure(self) -> Array:
         """Read the sensors (4,); every call draws new noise."""
         y = np.empty(NX)
-        self.plant.module.read(self.plant.sensors, self.full, self.noise(1)[0], y)
+        self.plant.module.read(self.plant.sensors, self.full, self.angles, self.noise(1)[0], y)
         return y
 
     def advance(self, u: Array, d: float = 0.0) -> None:
@@ -90,12 +93,19 @@ class CompiledExperiment:
         plant = self.plant
         self.waiting[-1] = u
         torque = float(self.torques(1)[0]) + d
-        plant.module.advance(plant.c, plant.durations, plant.substeps, self.full, self.waiting, torque)
+        moving = self.full, self.waiting, self.angles
+        plant.module.advance(plant.c, plant.durations, plant.substeps, *moving, torque)
         self._sample += 1
 
     def noise(self, samples: int) -> Array:
-        """Draw the noise (samples, 2) of the pressure sensors in standard deviations: as sample by sample."""
-        return self._noise.standard_normal((samples, NU))
+        """Return errors of the readings (samples, 3) from now on: of the angle [rad] by faults, and the noise of the
+        pressure sensors in standard deviations, drawn as sample by sample.
+        """
+        process, times = self.plant.process, self.plant.dt * (self._sample + np.arange(samples))
+        faults = process.faults if isinstance(process, RealPlant) else ()
+        added = [[fault.read(np.zeros(NX), np.zeros(NX))[0] * fault.active(t) for t in times] for fault in faults]
+        angle = np.sum(added, axis=0) if added else np.zeros(samples)
+        return np.column_stack([angle, self._noise.standard_normal((samples, NU))])
 
     def torques(self, samples: int) -> Array:
         """Return the torques (samples,) [N·m] from outside, from now on."""
@@ -112,18 +122,21 @@ def compiled_plant(process: Process, dt: float) -> CompiledPlant:
     """
     if not isinstance(process, Plant | RealPlant):
         raise Untranslatable(f"a {type(process).__name__} is not compiled, a Plant and a RealPlant are")
-    if isinstance(process, RealPlant) and process.faults:
+    if isinstance(process, RealPlant) and not all(map(_added, process.faults)):
         raise Untranslatable(f"a plant with faults ({len(process.faults)} of them) is not compiled")
-    if isinstance(process, RealPlant) and (process.reading_age or any(process.pressure_offset)):
-        raise Untranslatable("a plant whose readings are old or off is not compiled")
     source = filling("stepped", _stepped(process))
     module = imported(with_formulas(_TEMPLATE, f"import math\n\n\n@exactly\n{source.text}\n\n"))
     substeps = process.substeps(dt, FINE)
-    pieces, waiting, sensors = [dt], 0, (0.0, 0.0, 0.0)
+    pieces, waiting, sensors = [dt], 0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if isinstance(process, RealPlant):
         pieces, waiting = delayed(process.dead_time, dt)
-        sensors = process.encoder, process.pressure_noise, np.nan
+        sensors = process.encoder, process.pressure_noise, np.nan, *process.pressure_offset, process.reading_age / dt
     return CompiledPlant(process, dt, module, source.c, np.array(pieces), substeps, np.array(sensors), waiting + 1)
+
+
+def _added(fault: Fault) -> bool:
+    """Return whether a fault only adds to the angle's readings."""
+    return isinstance(fault, WrongReadings) and fault.added and fault.sensors == (0,)
 
 
 def _stepped(process: Plant | RealPlant) -> "Function":

@@ -18,8 +18,9 @@ stepped = FORMULAS
 
 
 @exactly
-def advance(c: Array, durations: Array, substeps: int, full: Array, waiting: Array, d: float) -> None:
-    """Move `full` (n,) by a sample, the oldest of the commands `waiting` (w, 2) [Pa] first, and let these move up.
+def advance(c: Array, durations: Array, substeps: int, full: Array, waiting: Array, angles: Array, d: float) -> None:
+    """Move `full` (n,) by a sample, the oldest of the commands `waiting` (w, 2) [Pa] first, and let these and the
+    `angles` (a,) [rad] that are still to be read move up.
 
     `durations` [s] are the pieces of a sample, each in `substeps`; `d` [N·m] is the torque from outside.
     """
@@ -33,15 +34,25 @@ def advance(c: Array, durations: Array, substeps: int, full: Array, waiting: Arr
                 full[i] = later[i]
     for i in range(waiting.shape[0] - 1):
         waiting[i, 0], waiting[i, 1] = waiting[i + 1, 0], waiting[i + 1, 1]
+    for i in range(angles.size - 1):
+        angles[i] = angles[i + 1]
+    angles[angles.size - 1] = full[0]
 
 
 @exactly
-def read(sensors: Array, full: Array, noise: Array, y: Array) -> None:
-    """Fill in what the sensors say (4,) of the state `full` with `noise` (2,) in standard deviations.
+def read(sensors: Array, full: Array, angles: Array, noise: Array, y: Array) -> None:
+    """Fill in what the sensors say (4,) of the state `full` with `noise` (3,): of the angle [rad], of the pressures in
+    standard deviations.
 
-    `sensors` has the encoder's step [rad], the standard deviation [Pa], and 0 where the velocity is measured, else NaN.
+    `angles` (a,) [rad] are those of the last samples. `sensors` has the encoder's step [rad], the standard deviation
+    [Pa], 0 where the velocity is measured, else NaN, the offsets of the pressure sensors [Pa], and the age of the
+    angle's readings in samples.
     """
-    step = sensors[0]
-    y[0] = step * np.round(full[0] / step) if step > 0 else full[0]
+    step, age = sensors[0], sensors[5]
+    last, whole = angles.size - 1, int(age)
+    now, before = angles[last - whole], angles[last - whole - 1]
+    theta = now + (age - whole) * (before - now) if age > 0 else full[0]
+    y[0] = (step * np.round(theta / step) if step > 0 else theta) + noise[0]
     y[1] = full[1] + sensors[2]
-    y[2], y[3] = full[2] + sensors[1] * noise[0], full[3] + sensors[1] * noise[1]
+    for i in range(2):
+        y[2 + i] = full[2 + i] + sensors[3 + i] + sensors[1] * noise[1 + i]

@@ -17,7 +17,8 @@ class Plant(NamedTuple):
     sensors: Array
     full: Array
     waiting: Array
-    noise: Array  # (M, 2)
+    angles: Array  # (a,)
+    noise: Array  # (M, 3)
     torques: Array  # (M,)
 
 

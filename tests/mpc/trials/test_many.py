@@ -9,7 +9,7 @@ import pytest
 from allocator import BAR, DEG, InvalidInput
 from mpc import KalmanObserver, PlanStatus, RealPlant, Reference, TrackingMPC, Weights, simulate, simulate_many
 from mpc.codegen.graphs import Untranslatable
-from mpc.model.faults import SilentSensors
+from mpc.model.faults import SilentSensors, WrongReadings
 from mpc.trials.many.driving import driving
 from mpc.trials.many.loop import Loop
 from mpc.trials.many.plant import compiled_plant
@@ -30,6 +30,12 @@ KINDS = {
     "nominal": MODEL,
     "all effects": REAL,
     "half a sample late": replace(REAL, dead_time=0.037, encoder=0.0),
+    "sensors off, an angle disturbed": replace(
+        REAL,
+        reading_age=0.017,
+        pressure_offset=(0.02 * BAR, -0.03 * BAR),
+        faults=(WrongReadings(0.2, 0.3, (0,), 1e-3, added=True),),
+    ),
     "gas behind a shut valve, Dahl": replace(
         REAL, nominal=replace(MODEL, gas=True), shut=(True, False), friction=REAL.friction.as_dahl(MODEL)
     ),

@@ -12,7 +12,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.linearise import Predictor
 from mpc.trials.loops import CONTROLLERS, Settings, loop
 from mpc.trials.metrics import metrics
-from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIDControl, PIDGains
+from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIControl, PIDControl, PIDGains
 
 REAL = RealPlant.standard()
 PLANT = REAL.nominal
@@ -32,7 +32,20 @@ def test_on_the_plant_that_is_its_model_every_baseline_follows_its_feed_forward(
     assert (run.rung == Rung.ALLOCATION).all()
 
 
-@pytest.mark.parametrize("control", BASELINES)
+@pytest.mark.compiles
+@pytest.mark.parametrize("name", ["pi", "predictive-pid"])
+def test_a_compiled_feed_forward_gives_the_same_run(name):
+    settings = Settings(PLANT, compensation=REAL.known())
+    readable, compiled = (
+        simulate(REAL, change(controller), STILL, observer=observer)
+        for change in (lambda c: c, lambda c: c.compile())
+        for controller, observer in [loop(name, settings)]
+    )
+    np.testing.assert_allclose(compiled.theta, readable.theta, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(compiled.u, readable.u, rtol=0, atol=1e-2)
+
+
+@pytest.mark.parametrize("control", [*BASELINES, PIControl])
 def test_every_baseline_keeps_the_hard_limits_whatever_is_asked(control):
     wild = Reference([0, 0.49, 0.5, 1.0], np.array([0, 0, 110, 110]) * DEG, [5.5, 5.5, 9.0, 9.0])
     run = simulate(REAL, control(PLANT, compensation=REAL.known()), wild)

@@ -1,0 +1,37 @@
+"""Tuning of each controller for the model of a stranger: the same tool, draws and budget for all, kept per stranger.
+
+A tuning is kept as TOML in `benchmarks/results/strangers_tuning/`, under a name that changes with the model and the
+budget. It sees the model alone, never the stranger.
+"""
+
+from hashlib import sha256
+from pathlib import Path
+
+from allocator.files.atomic import write_text
+from mpc import tune
+from mpc.trials.loops import Settings, robust
+from mpc.trials.tuned import TUNABLE, Tuning
+from mpc.tuning.draws import Spreads
+
+EVALUATIONS, DRAWS, SEED = 30, 4, 0
+KEPT = Path(__file__).parents[1] / "results" / "strangers_tuning"
+
+
+def tuned(name: str, controller: str, settings: Settings, spreads: Spreads, K: float) -> Settings:
+    """Return the settings tuned for the model of the stranger called `name`; the robust ones if there is no tuning.
+
+    What is kept is taken, anything else is tuned now.
+    """
+    if controller not in TUNABLE:
+        return robust(controller, settings)
+    known = settings.plant, settings.compensation, spreads, K
+    digest = sha256(repr((*known, EVALUATIONS, DRAWS, SEED)).encode()).hexdigest()[:12]
+    path = KEPT / f"{name}-{controller}-{digest}.toml"
+    tuning = Tuning.load(path) if path.exists() else None
+    if tuning is None:
+        tuning = tune(
+            settings.plant, settings.compensation, controller=controller, spreads=spreads, K=K,
+            evaluations=EVALUATIONS, n_draws=DRAWS, seed=SEED, dt=settings.dt, horizon=settings.N,
+        ).tuning  # fmt: skip
+        write_text(path, "\n".join(tuning.lines()) + "\n")
+    return tuning.applied(robust(controller, settings))

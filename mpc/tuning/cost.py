@@ -1,0 +1,170 @@
+"""Closed-loop cost of a loop on draws of real plants, and its margins: what a tuning is judged by.
+
+    cost of a draw = mean RMS error over the legs of the tour [°] + CHATTER · mean |u'| at rest [bar/s]
+                     + STIFFNESS · RMS error of K over K
+    objective      = 80 % quantile over the draws of that, subject to M_s ≤ 2
+
+M_s is the greatest on the model over the postures of the tour, or the 80 % quantile over the draws if that is more. A
+loop beyond the limit is charged `BEYOND` (1 - limit/M_s): it is worse than any useful loop within, and better the less
+it is beyond. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import inf
+from typing import NamedTuple
+from uuid import uuid4
+
+import numpy as np
+
+from allocator.units import BAR, DEG
+from mpc.model.real_plant import RealPlant
+from mpc.trials.loops import Settings
+from mpc.trials.many.loop import Compiled, Loop, outcomes
+from mpc.trials.margins import ROBUST, Margins
+from mpc.trials.simulation import Run
+from mpc.trials.tuned import Tuning
+from mpc.tuning.robustness import Listening, quick_loop
+from mpc.tuning.tour import Tour
+
+QUANTILE = 0.8
+CHATTER = 0.1  # [°] per bar/s
+STIFFNESS = 2.0  # [°] per 100 % of K
+BEYOND = 50.0  # [°]
+FAR = 1.5  # M_s over the limit, from which on a loop is not simulated
+THROWN = 45.0  # [°] that a leg costs at most: the joint is thrown about
+
+
+class Figures(NamedTuple):
+    """What one draw came to."""
+
+    rms: Mapping[str, float]  # of each leg [°]
+    chatter: float  # at rest [bar/s]
+    K_error: float  # RMS over K [-]
+
+    @property
+    def cost(self) -> float:
+        """The cost of the draw [°]."""
+        return float(np.mean([*self.rms.values()]) + CHATTER * self.chatter + STIFFNESS * self.K_error)
+
+
+class Evaluation(NamedTuple):
+    """What a tuning came to over all draws."""
+
+    tuning: Tuning
+    draws: tuple[Figures, ...]  # none of a loop far beyond the limit of M_s
+    nominal: tuple[Margins, ...]  # by posture
+    peaks: tuple[float, ...]  # M_s of each draw
+    limit: float  # of M_s
+
+    @property
+    def error(self) -> float:
+        """The 80 % quantile of the cost of the draws [°]."""
+        return _quantile([one.cost for one in self.draws]) if self.draws else THROWN
+
+    @property
+    def sensitivity_peak(self) -> float:
+        """M_s: the greatest on the model, or the 80 % quantile over the draws if that is more."""
+        return max(*(m.sensitivity_peak for m in self.nominal), _quantile(self.peaks))
+
+    @property
+    def delay_margin(self) -> float:
+        """The least delay margin on the model [s]."""
+        return min(m.delay_margin for m in self.nominal)
+
+    @property
+    def robust(self) -> bool:
+        """Whether M_s is within the limit."""
+        return self.sensitivity_peak <= self.limit
+
+    @property
+    def objective(self) -> float:
+        """What is minimised [°]."""
+        return self.error + BEYOND * max(0.0, 1 - self.limit / self.sensitivity_peak)
+
+    def rms(self, leg: str) -> float:
+        """Return the 80 % quantile of the RMS error of a leg [°]."""
+        return _quantile([one.rms[leg] for one in self.draws])
+
+    @property
+    def chatter(self) -> float:
+        """The 80 % quantile of the commands' motion at rest [bar/s]."""
+        return _quantile([one.chatter for one in self.draws])
+
+    @property
+    def K_error(self) -> float:
+        """The 80 % quantile of the stiffness error [-]."""
+        return _quantile([one.K_error for one in self.draws])
+
+
+def _quantile(values: object) -> float:
+    return float(np.quantile(np.array(values), QUANTILE, method="higher"))
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A loop to be tuned: the settings of its defaults, and the draws that it is judged on."""
+
+    controller: str
+    settings: Settings
+    draws: tuple[RealPlant, ...]
+    payloads: tuple[float, ...]  # [N·m], of each draw
+    tour: Tour
+    limit: float = ROBUST  # of M_s
+    seed: int = 0
+    key: str = field(default_factory=lambda: uuid4().hex)  # by which another process knows it again
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Problem) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    @cached_property
+    def plants(self) -> tuple[RealPlant, ...]:
+        """The draws with their payloads."""
+        at = self.tour.loaded
+        return tuple(replace(p, torque_profile=((at, T),)) for p, T in zip(self.draws, self.payloads, strict=True))
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what is compiled."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("plants", "_made", "_listening")}
+
+    @cached_property
+    def _made(self) -> Compiled:
+        return Compiled()
+
+    @cached_property
+    def _listening(self) -> Listening:
+        return Listening(self.settings, self.draws, self.tour)
+
+    def evaluated(self, tuning: Tuning, always: bool = False) -> Evaluation:
+        """Return what a tuning comes to; `always` simulates loops far beyond the limit of M_s, too."""
+        settings = tuning.applied(self.settings)
+        nominal, peaks = self._listening.margins(self.controller, settings)
+        margins = Evaluation(tuning, (), nominal, peaks, self.limit)
+        if margins.sensitivity_peak > FAR * self.limit and not always:
+            return margins
+        controller, observer = quick_loop(self.controller, settings)
+        loops = [
+            Loop(i, plant, controller, self.tour.reference, observer, None, self.seed + i)
+            for i, plant in enumerate(self.plants)
+        ]
+        runs = [one.run for _, one in outcomes(loops, True, self._made.for_others())]
+        return margins._replace(draws=tuple(figures(run, self.tour) for run in runs if run is not None))
+
+
+def figures(run: Run, tour: Tour) -> Figures:
+    """Return what a run along a tour came to."""
+    error = (run.theta - run.theta_ref)[:-1] / DEG
+    rms = {name: _rms(error[leg]) for name, leg in tour.legs.items()}
+    moving = [np.abs(np.diff(run.u[rest], axis=0)).mean() / run.dt / BAR for rest in tour.rests]
+    K_error = (run.K - run.K_ref)[tour.legs["sine"].start :] / tour.K
+    return Figures(rms, float(np.mean(moving)), _rms(K_error))
+
+
+def _rms(error: np.ndarray) -> float:
+    """Return the root of the mean square; that of a joint that is thrown about if it is more, or not finite."""
+    value = float(np.sqrt(np.mean(error**2)))
+    return min(value, THROWN) if value < inf else THROWN

@@ -1,0 +1,39 @@
+"""Picture of a tuning's trade-off: error against sensitivity peak, one dot per evaluation."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from allocator.presentation.plotting import new_figure
+from mpc.tuning.result import Tuned
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MOST_PEAK = 3.0  # shown of M_s, in its limit; what is beyond, and what does not settle, stands at the edge
+_MOST_ERROR = 3.0  # shown of the cost, in the greater of before and after
+
+
+def plot_tuned(tuned: Tuned, figure: "Figure | None" = None) -> "Figure":
+    """Draw every evaluation; returns the Matplotlib figure, a new one unless `figure` is given."""
+    figure = new_figure(7, 5) if figure is None else figure
+    axes = figure.subplots()
+    limit = tuned.problem.limit
+    peak = np.minimum([one.sensitivity_peak for one in tuned.evaluations], _MOST_PEAK * limit)
+    simulated = np.array([bool(one.draws) for one in tuned.evaluations])
+    error = np.array([one.error for one in tuned.evaluations])
+    before, after = (tuned.evaluations.index(one) for one in (tuned.before, tuned.after))
+    highest = _MOST_ERROR * max(error[before], error[after])
+    error, number = np.minimum(error, highest), np.arange(len(peak))
+    dots = axes.scatter(peak[simulated], error[simulated], c=number[simulated], cmap="viridis", s=22, zorder=2)
+    figure.colorbar(dots, ax=axes, label="evaluation")
+    axes.plot(peak[~simulated], error[~simulated], "x", color="0.6", label="only margins computed")
+    for i, label, marker in ((before, "before", "s"), (after, "after", "*")):
+        axes.plot(peak[i], error[i], marker, color="C3", markersize=13, markerfacecolor="none", zorder=3, label=label)
+    axes.axvspan(limit, axes.set_xlim(1.0)[1], color="0.92", zorder=0)
+    axes.text(limit, 0.99, " beyond the limit", transform=axes.get_xaxis_transform(), va="top", color="0.4")
+    axes.set_ylim(0)
+    axes.set(xlabel="sensitivity peak M_s [-]", ylabel="cost, 80 % quantile over the draws [°]")
+    axes.set_title(f"{tuned.tuning.controller}: {len(peak)} evaluations on {len(tuned.problem.draws)} draws")
+    axes.legend(frameon=False)
+    return figure

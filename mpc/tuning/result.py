@@ -1,0 +1,126 @@
+"""Result of a tuning: every evaluation, before and after, as a table and as a plant's file."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from allocator.errors import InvalidFile
+from allocator.files.atomic import write_text
+from allocator.files.text import FilePath
+from allocator.files.toml import Table
+from allocator.presentation.tables import html_table
+from mpc.trials.tuned import TABLE, Tuning
+from mpc.tuning.cost import Evaluation, Problem
+from mpc.tuning.tour import MOTIONS
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """Tunings that were tried on a problem, the defaults first."""
+
+    problem: Problem
+    evaluations: tuple[Evaluation, ...]
+
+    @property
+    def before(self) -> Evaluation:
+        """The defaults."""
+        return self.evaluations[0]
+
+    @property
+    def after(self) -> Evaluation:
+        """The tuning with the least objective; the defaults if none is better."""
+        return min(self.evaluations, key=lambda one: one.objective)
+
+    @property
+    def tuning(self) -> Tuning:
+        """The numbers that were found."""
+        return self.after.tuning
+
+    @property
+    def warning(self) -> str:
+        """A sentence if no tuning keeps the limit of M_s, or ""."""
+        if self.after.robust:
+            return ""
+        least = self.after.sensitivity_peak
+        return (
+            f"no tuning kept M_s at or below {self.problem.limit:g} (least {least:.2f}): try more evaluations, or "
+            "shorten the dead time"
+        )
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Return what is figured, before, and after, in words; errors are 80 % quantiles over the draws."""
+        before, after = _words(self.before), _words(self.after)
+        return [(name, before[name], after[name]) for name in before]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what was found: numbers in SI units, and figures before and after."""
+        return {
+            "controller": self.tuning.controller,
+            "tuning": dict(self.tuning.numbers),
+            "evaluations": len(self.evaluations),
+            "draws": len(self.problem.draws),
+            "seed": self.problem.seed,
+            "before": _figures(self.before),
+            "after": _figures(self.after),
+        }
+
+    def save(self, plant: FilePath, out: FilePath) -> None:
+        """Write the plant's file `plant` with the table [tuning] to `out`, everything else as it stands.
+
+        Raises `InvalidFile` and `CannotWrite`.
+        """
+        write_text(out, with_tuning(plant, self.tuning))
+
+    def __repr__(self) -> str:
+        """Say what was gained."""
+        before, after, count = self.before, self.after, len(self.evaluations)
+        return (
+            f"Tuned {self.tuning.controller} in {count} evaluations on {len(self.problem.draws)} draws: cost "
+            f"{before.error:.2f} → {after.error:.2f}°, M_s {before.sensitivity_peak:.2f} → {after.sensitivity_peak:.2f}"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return before and after as a table for notebooks."""
+        return html_table(repr(self), ((name, f"{before} → {after}") for name, before, after in self.rows()))
+
+
+def with_tuning(path: FilePath, tuning: Tuning) -> str:
+    """Return the text of a plant's file with the table [tuning], in the place of one that it has.
+
+    Raises `InvalidFile` if that one is not written as a table of its own.
+    """
+    Table.read(path)
+    text = Path(path).read_text(encoding="utf-8-sig")
+    kept = re.sub(rf"(?ms)^\[{TABLE}\].*?(?=^\[|\Z)", "", text).rstrip("\n") + "\n"
+    made = kept + "\n".join(tuning.lines()) + "\n"
+    if TABLE in Table.parsed(path, kept).entries:
+        raise InvalidFile(path, f"[{TABLE}] is not written as a table; remove it")
+    Table.parsed(path, made)
+    return made
+
+
+def _words(e: Evaluation) -> dict[str, str]:
+    motions = {
+        f"{name}, RMS before / with load [°]": f"{e.rms(name):.2f} / {e.rms(f'{name} loaded'):.2f}" for name in MOTIONS
+    }
+    return {
+        "cost, 80 % quantile [°]": f"{e.error:.2f}",
+        **motions,
+        "load comes, RMS [°]": f"{e.rms('load'):.2f}",
+        "commands at rest [bar/s]": f"{e.chatter:.2f}",
+        "stiffness error, RMS [%]": f"{100 * e.K_error:.1f}",
+        "M_s on model and draws": f"{e.sensitivity_peak:.2f}",
+        "delay margin on the model [ms]": f"{1e3 * e.delay_margin:.0f}",
+    }
+
+
+def _figures(e: Evaluation) -> dict[str, object]:
+    legs = e.draws[0].rms
+    return {
+        "cost_deg": e.error,
+        **{f"{leg.replace(' ', '_')}_deg": e.rms(leg) for leg in legs},
+        "chatter_bar_per_s": e.chatter,
+        "K_error": e.K_error,
+        "sensitivity_peak": e.sensitivity_peak,
+        "delay_margin_s": e.delay_margin,
+    }

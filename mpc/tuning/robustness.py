@@ -1,0 +1,77 @@
+"""Margins of one loop on its model and on draws of real plants, by compiled runs where there are some.
+
+It is the experiment of `mpc.trials.margins`, made shorter: the plant rests, one angle reading is disturbed, and S is
+the Fourier transform of what follows in the readings. The plants slide, and their regulators move.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mpc.model.faults import WrongReadings
+from mpc.model.friction.dahl import Friction
+from mpc.model.plant import Plant
+from mpc.model.real_plant import RealPlant
+from mpc.observer.base import Observer
+from mpc.tracking.base import BaseController
+from mpc.trials.loops import Settings, loop
+from mpc.trials.many.loop import Compiled, Loop, outcomes
+from mpc.trials.margins import DELTA, Margins, linear
+from mpc.trials.reference import Reference
+from mpc.tuning.tour import Tour
+from mpc.yardsticks.baselines import Baseline
+
+SETTLE, LISTEN = 0.4, 3.6  # [s] before the disturbed reading and after it
+_SILENT = 1e-3  # [Pa] of noise: an observer takes readings that repeat exactly for frozen ones
+_UNEQUAL = 1 + 1e-12  # a force gain of 1 would make another formula, to be compiled for itself
+
+
+class Listening:
+    """Runs that tell the margins of loops on a model and on draws: each plant with and without a disturbed reading."""
+
+    def __init__(self, settings: Settings, draws: Sequence[RealPlant], tour: Tour) -> None:
+        plant, self.dt = settings.plant, settings.dt
+        self._places = [*tour.postures, *[(0.0, tour.K)] * len(draws)]
+        model = sliding(RealPlant.of(plant, settings.compensation, force_gains=(_UNEQUAL, _UNEQUAL)), plant)
+        nominal = len(self._places) - len(draws)
+        plants = [model] * nominal + [sliding(draw, draw.nominal) for draw in draws]
+        bump = WrongReadings(SETTLE, SETTLE + settings.dt, (0,), DELTA, added=True)
+        pairs = {plant: (plant, replace(plant, faults=(bump,))) for plant in plants}
+        self._pairs = [pairs[plant] for plant in plants]
+        self._nominal = nominal
+        self._made = Compiled()
+
+    def margins(self, name: str, settings: Settings) -> tuple[tuple[Margins, ...], tuple[float, ...]]:
+        """Return the margins on the model by posture, and M_s of each draw, of the loop called `name`."""
+        controller, observer = quick_loop(name, settings._replace(compensation=linear(settings.compensation)))
+        controller.rest = False
+        samples = round((SETTLE + LISTEN) / self.dt)
+        t = np.asarray(self.dt * np.arange(samples + 1), float)
+        loops = []
+        for (theta, K), pair in zip(self._places, self._pairs, strict=True):
+            reference, x0 = Reference(t, np.full_like(t, theta), np.full_like(t, K)), settings.plant.at_rest(theta, K)
+            loops += [Loop(0, plant, controller, reference, observer, x0, 0) for plant in pair]
+        found = [one.run for _, one in outcomes(loops, True, self._made.for_others()) if one.run is not None]
+        first = round(SETTLE / self.dt)
+        heard: list[Margins] = []
+        for place, (quiet, loud) in zip(self._places, zip(found[::2], found[1::2], strict=True), strict=True):
+            response = (loud.theta - quiet.theta)[first:-1] / DELTA
+            response[0] += 1.0
+            heard.append(Margins.of(*place, response, self.dt))
+        return tuple(heard[: self._nominal]), tuple(m.sensitivity_peak for m in heard[self._nominal :])
+
+
+def quick_loop(name: str, settings: Settings) -> tuple[BaseController, Observer]:
+    """Return the loop called `name`, compiled as far as it can be."""
+    controller, observer = loop(name, settings)
+    assert isinstance(controller, BaseController)  # what can be tuned is one
+    return controller.compile() if isinstance(controller, Baseline) else controller, observer
+
+
+def sliding(real: RealPlant, nominal: Plant) -> RealPlant:
+    """Return a real plant without what is not linear: friction, dead band, steps of the encoder."""
+    return replace(
+        real, nominal=nominal, friction=Friction(), dead_band=0.0, flow=np.inf, encoder=0.0, pressure_noise=_SILENT,
+        pressure_offset=(0.0, 0.0), torque_profile=(),
+    )  # fmt: skip

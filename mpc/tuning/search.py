@@ -1,0 +1,154 @@
+"""`tune`: search for the numbers of a loop that make its objective least, by an evolution strategy.
+
+CMA-ES of the library pycma (Hansen, arXiv:1604.00772) over the logarithms of the numbers, from the defaults on. Only
+the order of the objectives counts for it, and the charge beyond the limit of M_s keeps that order (`mpc.tuning.cost`).
+The defaults are the first evaluation, so the answer is never worse than they are. All draws and points follow from
+the seed, whatever runs them.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from allocator import checks
+from allocator.errors import InvalidInput
+from mpc.model.compensation import Compensation
+from mpc.model.plant import Plant
+from mpc.trials.loops import Settings, robust
+from mpc.trials.margins import ROBUST
+from mpc.trials.tuned import Tuning, parameters_of
+from mpc.tuning.cost import Evaluation, Problem
+from mpc.tuning.draws import Spreads, draws, payloads
+from mpc.tuning.result import Tuned
+from mpc.tuning.tour import Tour
+
+EVALUATIONS, DRAWS = 60, 8  # some minutes on two cores
+_STEP = 0.5  # standard deviation of the first points [-], of logarithms: a factor of 1.6
+_OF_RANGE = 0.25  # and at most so much of a range
+
+Progress = Callable[..., Iterable[Evaluation]]
+
+
+def tune(
+    plant: Plant,
+    compensation: Compensation | None = None,
+    *,
+    controller: str = "mpc",
+    spreads: Spreads | None = None,
+    K: float | None = None,
+    peak: float = ROBUST,
+    evaluations: int = EVALUATIONS,
+    n_draws: int = DRAWS,
+    seed: int = 0,
+    dt: float = 0.01,
+    horizon: int = 20,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Tuned:
+    """Return the numbers of a controller and its observer that suit a fitted plant best, with what they come to.
+
+    Minimised is the 80 % quantile of the closed-loop cost over draws of real plants, subject to a limit of M_s.
+
+    Parameters
+    ----------
+    plant, compensation
+        The model, and what controller and observer are told beyond it: `Plant.load` and `Compensation.load`.
+    controller
+        Which loop: mpc, lqr, predictive-pid, pid, pi.
+    spreads
+        How far real plants are off, as `Spreads.load` reads it from a file; None: as after data sheets.
+    K
+        Stiffness [N·m/rad] of the tour; by default the joint's usual one.
+    peak
+        Limit of M_s, the peak of the sensitivity.
+    evaluations, n_draws
+        How many tunings are tried, each on so many real plants.
+    seed
+        Of draws, sensors' noise and search.
+    dt, horizon
+        Sample time [s] and samples that the MPC looks ahead.
+    executor
+        Any `concurrent.futures.Executor` to run on, e.g. a `ProcessPoolExecutor`, or `distributed.Client(...)
+        .get_executor()` for a Dask cluster (extra `antagonist[dask]`). None: in this thread.
+    progress
+        What to wrap the iteration over evaluations in, called with `total=`: `tqdm.tqdm`, `rich.progress.track`.
+
+    Raises
+    ------
+    InvalidInput
+        For counts below 1 (of evaluations below 2), and a limit of M_s of 1 or less, which no loop keeps.
+    MissingBackend
+        For a controller that cannot be tuned.
+    """
+    evaluations, n = checks.count("evaluations", evaluations, least=2), checks.count("n_draws", n_draws, least=1)
+    seed = checks.count("seed", seed, least=0)
+    if not (peak := checks.number("peak", peak, "-")) > 1:
+        raise InvalidInput(f"peak = {peak:g} has to be above 1: no loop that feeds back keeps such an M_s")
+    parameters_of(controller)
+    spreads = Spreads() if spreads is None else spreads
+    known = Compensation.of(plant.joint) if compensation is None else compensation
+    settings = robust(controller, Settings(plant, dt, horizon, known))
+    tour = Tour.of(plant.joint, dt, None if K is None else checks.positive("K", K, "N·m/rad"))
+    plants, loads = draws(plant, known, n, seed, spreads), payloads(n, seed, tour.K, spreads)
+    problem = Problem(controller, settings, plants, loads, tour, peak, seed)
+    found = _searched(problem, evaluations, executor)
+    return Tuned(problem, tuple(found if progress is None else progress(found, total=evaluations)))
+
+
+def _searched(problem: Problem, evaluations: int, executor: Executor | None) -> Iterator[Evaluation]:
+    """Yield what is evaluated: the defaults first, then generation after generation."""
+    import cma
+
+    start = Tuning.start(problem.controller, problem.settings)
+    parameters = parameters_of(problem.controller)
+    low, high = (np.log([getattr(p, end) for p in parameters.values()]) for end in ("low", "high"))
+    at = np.clip(np.log([*start.numbers.values()]), low, high)
+    random = np.random.default_rng([problem.seed, 35])
+    options: dict[str, Any] = {
+        "bounds": [low, high],
+        "CMA_stds": np.minimum(1.0, _OF_RANGE / _STEP * (high - low)),
+        "seed": np.nan,  # leave NumPy's own generator alone
+        "randn": lambda *shape: random.standard_normal(shape),
+        "verbose": -9,
+        "verb_log": 0,
+    }
+    yield problem.evaluated(start, always=True)
+    strategy, left = cma.CMAEvolutionStrategy(at, _STEP, options), evaluations - 1
+    while left > 0:
+        points = strategy.ask()
+        tunings = [Tuning(problem.controller, dict(zip(parameters, np.exp(x).tolist(), strict=True))) for x in points]
+        tried = []
+        for one in _each(problem, tunings[:left], executor):
+            tried.append(one)
+            yield one
+        left -= len(tried)
+        if left > 0:
+            strategy.tell(points, [one.objective for one in tried])
+
+
+def _each(problem: Problem, tunings: list[Tuning], executor: Executor | None) -> Iterator[Evaluation]:
+    """Yield what the tunings come to, in their order."""
+    if executor is None:
+        yield from map(problem.evaluated, tunings)
+        return
+    futures = [executor.submit(_evaluated, problem, tuning) for tuning in tunings]
+    try:
+        for future in futures:
+            yield future.result()
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+@lru_cache(maxsize=1)
+def _kept(problem: Problem) -> Problem:
+    """Return the problem that is equal to this one, with what it has compiled."""
+    return problem
+
+
+def _evaluated(problem: Problem, tuning: Tuning) -> Evaluation:
+    """Return what a tuning comes to, in another process."""
+    return _kept(problem).evaluated(tuning)

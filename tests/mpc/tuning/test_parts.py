@@ -1,0 +1,128 @@
+"""Parts of a tuning: draws, the tour, the numbers and their table in a file."""
+
+import itertools
+import pickle
+
+import numpy as np
+import pytest
+
+from allocator import BAR, InvalidFile, InvalidInput
+from allocator.errors import MissingBackend
+from mpc import Compensation, Plant
+from mpc.trials.loops import Settings, loop
+from mpc.trials.tuned import TUNABLE, Tuning
+from mpc.tuning.draws import LEAST, Spreads, draws, payloads
+from mpc.tuning.result import with_tuning
+from mpc.tuning.tour import MOTIONS, Tour
+
+PLANT, TOLD = Plant(gas=True), Compensation(dead_time=0.02, dead_band=0.08 * BAR)
+USUAL = Settings(PLANT, compensation=TOLD)
+FILE = "# mine\n[machine]\npressure_limits = [0.0, 5e5]  # kept\n"
+
+
+def test_draws_differ_as_their_spreads_say():
+    many = draws(PLANT, TOLD, 400, 0, Spreads())
+    gains = np.log([plant.force_gains for plant in many])
+    assert gains.std(axis=0) == pytest.approx([Spreads.strength] * 2, rel=0.1)
+    assert np.abs(gains.mean(axis=0)).max() < 0.005
+    inertia = np.log([plant.nominal.inertia / PLANT.inertia for plant in many])
+    assert inertia.std() == pytest.approx(Spreads.inertia, rel=0.1)
+    offsets = np.array([plant.pressure_offset for plant in many])
+    assert np.abs(offsets).max() <= Spreads.offset
+    assert np.abs(offsets.mean(axis=0)).max() < 0.02 * Spreads.offset
+    length = PLANT.joint.geometry.rest_length
+    volumes = [plant.nominal.joint.agonist.volume_at_rest(length) for plant in many]
+    assert np.log(volumes).std() == pytest.approx(Spreads.volume, rel=0.1)
+
+
+def test_the_hysteresis_is_a_share_of_what_is_told():
+    from mpc.model.friction.maxwell_slip import MaxwellSlip
+
+    told = Compensation(MaxwellSlip.of_width(PLANT, 0.1))
+    shares = [plant.friction.springs[0] / told.friction.springs[0] for plant in draws(PLANT, told, 50, 0, Spreads())]
+    assert 0.5 <= min(shares) < 0.55
+    assert 1.15 < max(shares) <= 1.2
+
+
+def test_the_seed_alone_decides_on_the_draws():
+    assert draws(PLANT, TOLD, 4, 7, Spreads()) == draws(PLANT, TOLD, 4, 7, Spreads())
+    assert draws(PLANT, TOLD, 4, 7, Spreads()) != draws(PLANT, TOLD, 4, 8, Spreads())
+    one, two = np.sign(payloads(2, 0, 5.0, Spreads()))
+    assert one == -two
+
+
+def test_intervals_of_a_fit_narrow_the_draws_down_to_the_error_of_the_model():
+    spreads = Spreads.of({"inertia": (0.0490, 0.0510), "lag_up": (0.1, 0.2), "dead_time": (0.0, 0.0)})
+    assert spreads.inertia == pytest.approx(np.hypot(LEAST, 0.02 / 1.96))
+    assert spreads.lag == pytest.approx(np.hypot(LEAST, 1 / 3 / 1.96))
+    assert (spreads.strength, spreads.dead_time) == (Spreads.strength, Spreads.dead_time)
+
+
+def test_a_file_without_intervals_has_the_usual_spreads(tmp_path):
+    path = tmp_path / "plant.toml"
+    path.write_text(FILE)
+    assert Spreads.load(path) == Spreads()
+    path.write_text(FILE + "[intervals]\ninertia = [2.0, 1.0]\n")
+    with pytest.raises(InvalidFile, match="inertia"):
+        Spreads.load(path)
+
+
+def test_every_leg_of_the_tour_begins_and_ends_at_rest_without_the_others():
+    tour = Tour.of(PLANT.joint, 0.01)
+    theta, legs = tour.reference.theta, list(tour.legs.values())
+    assert set(tour.legs) == {*MOTIONS, "load", *(f"{name} loaded" for name in MOTIONS)}
+    for leg in legs:
+        assert np.abs(theta[[leg.start - 1, leg.stop - 1]]).max() < 1e-6
+    assert all(before.stop <= after.start for before, after in itertools.pairwise(legs))
+    for rest in tour.rests:
+        assert not theta[rest].any()
+    assert tour.legs["load"].start * 0.01 == pytest.approx(tour.loaded)
+
+
+@pytest.mark.parametrize("name", TUNABLE)
+def test_the_numbers_to_begin_with_are_those_of_the_usual_loop(name):
+    tuned, usual = Tuning.start(name, USUAL).applied(USUAL), USUAL
+    assert tuned.noise == usual.noise
+    assert tuned.weights.theta == pytest.approx(usual.weights.theta, rel=1e-12)
+    if name in ("pid", "pi", "predictive-pid"):
+        assert tuned.gains == loop(name, usual)[0].gains
+        assert loop(name, tuned)[0].gains == tuned.gains
+    for number, parameter in zip(Tuning.start(name, USUAL).numbers.values(), TUNABLE[name].values(), strict=True):
+        assert parameter.low <= number <= parameter.high
+
+
+def test_a_tuning_goes_through_a_plants_file_and_leaves_the_rest_alone(tmp_path):
+    path, tuning = tmp_path / "plant.toml", Tuning.start("mpc", USUAL)
+    path.write_text(FILE + "[tuning]  # an old one\ncontroller = 'pid'\n\n[plant]\ninertia = 0.05  # kept\n")
+    text = with_tuning(path, tuning)
+    path.write_text(text)
+    assert Tuning.load(path) == tuning
+    assert text.startswith(FILE)
+    assert "inertia = 0.05  # kept" in text
+    assert text.count("[tuning]") == 1
+    assert pickle.loads(pickle.dumps(tuning)) == tuning
+
+
+def test_wrong_tables_are_named(tmp_path):
+    path = tmp_path / "plant.toml"
+    lines = "\n".join(Tuning.start("mpc", USUAL).lines())
+    for text, named in (
+        ('[tuning]\ncontroller = "me"', "me"),
+        ('[tuning]\ncontroller = "mpc"\nd_walk = 1.0', "theta_error"),
+        (lines.replace("d_walk = 1.9", "d_walk = -1.0"), "d_walk"),
+        (lines.replace("d_walk = 1.9", 'd_walk = "much"'), "d_walk"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InvalidFile, match=named):
+            Tuning.load(path)
+    path.write_text(FILE)
+    assert Tuning.load(path) is None
+
+
+def test_what_cannot_be_tuned_is_named():
+    with pytest.raises(MissingBackend, match="feedforward"):
+        Tuning.start("feedforward", USUAL)
+    with pytest.raises(InvalidInput, match="hysteresis"):
+        Spreads(hysteresis=(1.2, 0.5))
+    with pytest.raises(InvalidInput, match="lag"):
+        Spreads(lag=-0.1)
