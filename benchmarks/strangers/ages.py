@@ -16,9 +16,8 @@ from allocator.units import DEG
 from benchmarks.closed_loop.runs import LEAD, STEADY
 from benchmarks.strangers.identified import Model, data_sheet
 from benchmarks.strangers.plants import Stranger, drawn
-from benchmarks.strangers.runs import CASES, DT, OFFSET, PAYLOAD, Case, rms
+from benchmarks.strangers.runs import CASES, DT, PAYLOAD, Case, rms
 from mpc import KalmanObserver, RealPlant, simulate
-from mpc.observer.filter import Noise
 from mpc.trials.loops import Settings, loop, robust
 
 AGES = 0.0, 0.01, 0.02, 0.03, 0.05  # [s] beyond the encoder's own
@@ -49,7 +48,7 @@ def runs(structure: str, seed: int, age: float, told: bool, cases: Iterable[str]
     plant, model = older(structure, seed, age)
     known = replace(model.told, reading_age=model.told.reading_age + age * told)
     control, _ = loop("mpc", robust("mpc", Settings(model.plant, DT, compensation=known)))
-    observer, rows = KalmanObserver(model.plant, DT, Noise(offset=OFFSET), known), []
+    observer, rows = KalmanObserver(model.plant, DT, compensation=known), []
     for name in cases:
         case, delays, k = CASES[name], list[float](), [0]
 
