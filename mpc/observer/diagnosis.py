@@ -64,7 +64,7 @@ class Diagnosis:
     """
 
     def __init__(self, plant: Plant, dt: float, sigma: float, compensation: Compensation, tolerance: float) -> None:
-        self.dt, self.tolerance = dt, tolerance
+        self.dt, self.tolerance, self._gas = dt, tolerance, plant.gas is not None
         self._pulls = Buffered(pulling(plant))
         middle, P = float(np.mean(plant.joint.angle_range)), float(np.mean(plant.joint.pressure_limits))
         usual = float(np.abs(self._pulls(np.array([middle, 0.0, P, P]))[0][0, :NU]).mean())
@@ -190,19 +190,28 @@ class Diagnosis:
     def _of_pressures(self) -> Iterator[Finding]:
         one, two = self.pressures
         common = FaultKind.SUPPLY_DROP in one.suspected & two.suspected or bool(one.low and two.low)
-        suspected = [own for own in self.pressures if own.suspected]
-        self._low_supply = bool(suspected) and (self._low_supply or (len(suspected) == NU and common))
+        slack = [self._slack(i) for i in range(NU)]
+        suspected = [i for i, own in enumerate(self.pressures) if own.suspected and not slack[i]]
+        low = (self._low_supply and not any(slack)) or (len(suspected) == NU and common)
+        self._low_supply = bool(suspected) and low
         if self._low_supply:
-            yield Finding(_LOW_SUPPLY, min(own.since for own in suspected))
+            yield Finding(_LOW_SUPPLY, min(self.pressures[i].since for i in suspected))
         else:
-            yield from (self._of_pressure(i) for i, own in enumerate(self.pressures) if own.suspected)
+            yield from map(self._of_pressure, suspected)
+
+    def _slack(self, i: int) -> bool:
+        """Return whether the pressure of muscle `i` is explained by its broken cable: no motion moves its gas then."""
+        return self._gas and self.torque.broken == i
 
     def _of_torque(self) -> Iterator[Finding]:
         torque = self.torque
-        drifting = any(FaultKind.DRIFTING_SENSOR in own.suspected for own in self.pressures)
+        explaining = {FaultKind.DRIFTING_SENSOR, FaultKind.BROKEN_CABLE}
+        explained = any(explaining & own.suspected for own in self.pressures)
         if torque.broken is not None:
-            yield Finding((Suspect(FaultKind.BROKEN_CABLE, MUSCLES[torque.broken]),), torque.since)
-        elif torque.loaded is not None and not drifting:
+            own = self.pressures[torque.broken]
+            since = min(own.since, torque.since) if self._gas and own.suspected else torque.since
+            yield Finding((Suspect(FaultKind.BROKEN_CABLE, MUSCLES[torque.broken]),), since)
+        elif torque.loaded is not None and not explained:
             yield Finding(_LOAD, torque.loaded)
 
     def _of_offsets(self) -> Iterator[Finding]:

@@ -15,13 +15,14 @@ until the pressure has been well for `HOLD` seconds, by
     supply drop        P still falls after SETTLED, or r > 0, or the other muscle holds more than this one does
     drifting sensor    r moves quickly, or d̂ does not move by -(∂T/∂P) r
     all but that       d̂ does: the torque that P would make is not there
+    broken cable       P lies outside of what regulators make without q, which has a sum of its own
 
 The last two are told by the regression coefficient of d̂ on -(∂T/∂P) r with a memory of MEMORY seconds, 1 for a drift
 and 0 for the others. What is more than noise is counted in standard deviations σ of the sensor. If nothing were left,
 as when a fault ends, the last explanations stay.
 
 The functions work on what is remembered as numbers m, each in its place: a list in Python, a part of a flat array where
-numba compiles them (`mpc.observer.compiled`). Sets of explanations are sums of STUCK, LEAK, DROP and DRIFT.
+numba compiles them (`mpc.observer.compiled`). Sets of explanations are sums of STUCK, LEAK, DROP, DRIFT and CABLE.
 """
 
 from math import exp, nan
@@ -43,10 +44,11 @@ _SMOOTH = 0.3  # weight of a new reading in what is compared
 _SEEN = 0.12  # of the joint's usual torque: standard deviation of (∂T/∂P) r from which the regression counts
 _NO_DRIFT, _DRIFT = 0.35, 0.65  # regression coefficients at most, and at least
 
-STUCK, LEAK, DROP, DRIFT = 1, 2, 4, 8
-_ANY = STUCK + LEAK + DROP + DRIFT
+STUCK, LEAK, DROP, DRIFT, CABLE = 1, 2, 4, 8, 16
+_ANY = STUCK + LEAK + DROP + DRIFT + CABLE
 _KINDS = {
-    STUCK: FaultKind.STUCK_VALVE, LEAK: FaultKind.LEAK, DROP: FaultKind.SUPPLY_DROP, DRIFT: FaultKind.DRIFTING_SENSOR
+    STUCK: FaultKind.STUCK_VALVE, LEAK: FaultKind.LEAK, DROP: FaultKind.SUPPLY_DROP, DRIFT: FaultKind.DRIFTING_SENSOR,
+    CABLE: FaultKind.BROKEN_CABLE,
 }  # fmt: skip
 
 (
@@ -55,6 +57,8 @@ _KINDS = {
     READ,  # the last reading [Pa]
     LOW, HIGH,  # sums of r [Pa]
     QUICK, SLOW,  # m of the quick and of the slow regulator [Pa]
+    QUICK_STILL, SLOW_STILL,  # the same without q
+    STILL,  # sum of the residuals outside of these [Pa]
     MEAN_X, MEAN_Y, VARIANCE, COVARIANCE,  # of (∂T/∂P) r and d̂ [N·m]
     SUSPECTED,  # explanations that are left; 0: nothing is suspected
     SINCE,  # onset of what is suspected [s]
@@ -65,7 +69,7 @@ _KINDS = {
     ILL,  # when it last was [s]
     COUNT,  # of what was put into PAST
     PAST,  # and following: (P, r) of the samples within LATELY
-) = range(22)  # fmt: skip
+) = range(25)  # fmt: skip
 
 Numbers: TypeAlias = list[float] | Array
 
@@ -138,19 +142,22 @@ def follow(
     [Pa/s], and `other` what is remembered of the other muscle. A repeated reading says nothing.
     """
     if m[P] != m[P]:  # NaN: the first one
-        m[P] = m[QUICK] = m[SLOW] = read
+        m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = read
     m[QUICK] = m[QUICK] + k.quick * beyond(v - m[QUICK], k.rest) - k.dt * q
     m[SLOW] = m[SLOW] + k.slow * beyond(v - m[SLOW], k.rest) - k.dt * q
+    m[QUICK_STILL] = m[QUICK_STILL] + k.quick * beyond(v - m[QUICK_STILL], k.rest)
+    m[SLOW_STILL] = m[SLOW_STILL] + k.slow * beyond(v - m[SLOW_STILL], k.rest)
     if read != read or read == m[READ]:
         return
     m[READ] = read
-    r = read - min(max(read, min(m[QUICK], m[SLOW])), max(m[QUICK], m[SLOW]))
+    r, still = outside(read, m[QUICK], m[SLOW]), outside(read, m[QUICK_STILL], m[SLOW_STILL])
     m[P] += _SMOOTH * (read - m[P])
     m[R] += _SMOOTH * (r - m[R])
     regress(m, k.dt / MEMORY, gain * m[R], d)
     most, margin = 2 * LIMIT * k.sigma, MARGIN * k.sigma
     m[LOW] = min(max(m[LOW] - r - margin, 0.0), most)
     m[HIGH] = min(max(m[HIGH] + r - margin, 0.0), most)
+    m[STILL] = min(max(m[STILL] + abs(still) - margin, 0.0), most)
     check(m, other, k, t, v)
     size = (len(m) - PAST) // 2
     place = PAST + 2 * (int(m[COUNT]) % size)
@@ -161,6 +168,11 @@ def follow(
 def beyond(e: float, rest: float) -> float:
     """Return `e` less what a dead band of ±`rest` takes."""
     return e - min(max(e, -rest), rest)
+
+
+def outside(P: float, one: float, other: float) -> float:
+    """Return by how much `P` lies outside of what is between `one` and `other`."""
+    return P - min(max(P, min(one, other)), max(one, other))
 
 
 def regress(m: Numbers, weight: float, x: float, y: float) -> None:
@@ -205,7 +217,7 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
         m[ABOVE] += k.dt
     too_high = m[HIGH] > LIMIT / 2 * sigma
     answers = -m[COVARIANCE] / m[VARIANCE] if m[VARIANCE] > k.seen else 0.5
-    out = _ANY - DRIFT if answers > _DRIFT else 0
+    out = _ANY - DRIFT - CABLE if answers > _DRIFT else 0
     if abs(m[P] - m[ONSET]) > _MOVED * sigma:
         out |= STUCK
     if too_high or m[P] > m[LEAST] + _MOVED * sigma:
@@ -214,4 +226,6 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
         out |= DROP
     if answers < _NO_DRIFT or abs(m[R] - r_lately) > _QUICK * sigma:
         out |= DRIFT
+    if m[STILL] > 0:
+        out |= CABLE
     return out

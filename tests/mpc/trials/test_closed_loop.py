@@ -90,4 +90,4 @@ def test_the_same_tuning_bears_other_plants_and_horizons(real, N):
 @pytest.mark.parametrize("pid", ["pid", "predictive-pid"])
 def test_the_mpc_beats_the_pids_that_know_the_same(pid):
     ours, theirs = (rms(tracked(rested_sine(), name=name)[1]) for name in ("mpc", pid))
-    assert ours < 0.8 * theirs
+    assert ours < 0.9 * theirs  # gas damps the joint, which helps the PIDs most

@@ -57,7 +57,8 @@ def test_a_stiffness_that_the_joint_cannot_have_is_told_as_saturation():
 def test_pressures_on_their_way_are_told_as_dynamics():
     """Frozen 50 ms after a sudden step of K nothing is where it is planned to be, and nothing else is wrong."""
     step = Reference([0.0, 1.99, 2.0, 4.0], np.zeros(4), [4.5, 4.5, 6.5, 6.5])
-    found = pushed(RealPlant(MODEL), reference=step, at=2.05)
+    bare = replace(MODEL, gas=False)
+    found = pushed(RealPlant(bare), bare, reference=step, at=2.05)
     assert found.causes["dynamics"] == pytest.approx(found.measured - 6.5, abs=0.02)
     assert found.causes["dynamics"] < -0.5
 
