@@ -69,7 +69,7 @@ def ages_report(seeds: range, pool: ProcessPoolExecutor) -> str:
     found = [row for job in track(jobs, "ages", console=Console(stderr=True)) for row in job.result()]
     rows = sorted(found, key=lambda row: ([*STRUCTURES, ages.OWN].index(row.structure), row.age))
     lines = ["# Readings that are older than told", "", (ages.__doc__ or "").split("\n\n", 1)[1].strip(), ""]
-    lines += [f"Seeds {seeds[0]} to {seeds[-1]} of each structure, model of data sheets. Errors in degrees.", ""]
+    lines += [f"Seeds of each structure: {', '.join(map(str, seeds))}. Model of data sheets. Errors in degrees.", ""]
     return "\n".join([*lines, *ages.ages_table(rows)]) + "\n"
 
 

@@ -118,6 +118,16 @@ def test_a_compiled_loop_rests_as_simulate_does(driver):
     assert np.isnan(many[0].step_time).all()
 
 
+@pytest.mark.slow
+def test_a_compiled_loop_predicts_the_present_from_old_readings_as_simulate_does():
+    known = replace(REAL.known(), dead_time=0.01, reading_age=0.02)
+    controller = TrackingMPC(MODEL, DT, N=5, weights=Weights.calm(), compensation=known)
+    observer = KalmanObserver(MODEL, DT, compensation=known)
+    many = simulate_many(REAL, controller, MOVE, observers=observer, seeds=[11], keep=True)
+    assert many.implementation == ("compiled",)
+    assert same(many[0], simulate(REAL, controller, MOVE, observer=observer, seed=11))
+
+
 @pytest.mark.parametrize("other", [{"iterations": 2}, {"budget": 10.0}, {"solver": "daqp"}])
 def test_controllers_that_are_not_compiled_are_left_to_simulate(driver, other):
     controller = replace(driver[0], **other)

@@ -22,7 +22,7 @@ OFFSET = (0.02 * BAR, -0.03 * BAR)
 
 def log(age, seconds=60.0):
     """Times, angle, commands and measured pressures of random steps."""
-    plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG)
+    plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG, gas=False)
     slip = MaxwellSlip.of_width(plant, WIDTH)
     real = RealPlant(
         plant, friction=slip, dead_time=DEAD_TIME, reading_age=age, pressure_noise=0.02 * BAR, pressure_offset=OFFSET
