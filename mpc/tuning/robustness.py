@@ -11,7 +11,6 @@ import numpy as np
 
 from mpc.model.faults import WrongReadings
 from mpc.model.friction.dahl import Friction
-from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
@@ -22,7 +21,7 @@ from mpc.trials.reference import Reference
 from mpc.tuning.tour import Tour
 from mpc.yardsticks.baselines import Baseline
 
-SETTLE, LISTEN = 0.4, 3.6  # [s] before the disturbed reading and after it
+SETTLE, LISTEN = 1.0, 3.5  # [s] before the disturbed reading and after it
 _SILENT = 1e-3  # [Pa] of noise: an observer takes readings that repeat exactly for frozen ones
 _UNEQUAL = 1 + 1e-12  # a force gain of 1 would make another formula, to be compiled for itself
 
@@ -33,9 +32,10 @@ class Listening:
     def __init__(self, settings: Settings, draws: Sequence[RealPlant], tour: Tour) -> None:
         plant, self.dt = settings.plant, settings.dt
         self._places = [*tour.postures, *[(0.0, tour.K)] * len(draws)]
-        model = sliding(RealPlant.of(plant, settings.compensation, force_gains=(_UNEQUAL, _UNEQUAL)), plant)
+        known = replace(settings.compensation, lag_up=None, lag_down=None)
+        model = sliding(RealPlant.of(plant, known, force_gains=(_UNEQUAL, _UNEQUAL)))
         nominal = len(self._places) - len(draws)
-        plants = [model] * nominal + [sliding(draw, draw.nominal) for draw in draws]
+        plants = [model] * nominal + [sliding(draw) for draw in draws]
         bump = WrongReadings(SETTLE, SETTLE + settings.dt, (0,), DELTA, added=True)
         pairs = {plant: (plant, replace(plant, faults=(bump,))) for plant in plants}
         self._pairs = [pairs[plant] for plant in plants]
@@ -55,10 +55,10 @@ class Listening:
         found = [one.run for _, one in outcomes(loops, True, self._made.for_others()) if one.run is not None]
         first = round(SETTLE / self.dt)
         heard: list[Margins] = []
-        for place, (quiet, loud) in zip(self._places, zip(found[::2], found[1::2], strict=True), strict=True):
-            response = (loud.theta - quiet.theta)[first:-1] / DELTA
-            response[0] += 1.0
-            heard.append(Margins.of(*place, response, self.dt))
+        for place, (plant, _), quiet, loud in zip(self._places, self._pairs, found[::2], found[1::2], strict=True):
+            moved, sample = (loud.theta - quiet.theta)[first:-1] / DELTA, np.arange(samples - first)
+            read = np.interp(sample - plant.reading_age / self.dt, sample, moved)  # as old as the readings are
+            heard.append(Margins.of(*place, read + (sample == 0), self.dt))
         return tuple(heard[: self._nominal]), tuple(m.sensitivity_peak for m in heard[self._nominal :])
 
 
@@ -69,9 +69,11 @@ def quick_loop(name: str, settings: Settings) -> tuple[BaseController, Observer]
     return controller.compile() if isinstance(controller, Baseline) else controller, observer
 
 
-def sliding(real: RealPlant, nominal: Plant) -> RealPlant:
-    """Return a real plant without what is not linear: friction, dead band, steps of the encoder."""
+def sliding(real: RealPlant) -> RealPlant:
+    """Return a real plant without what is not linear: friction, dead band, steps of the encoder, unequal lags."""
+    lags = tuple(own for own in (real.lag_up, real.lag_down) if own is not None) or real.nominal.lags
+    lag = float(np.mean(lags))
     return replace(
-        real, nominal=nominal, friction=Friction(), dead_band=0.0, flow=np.inf, encoder=0.0, pressure_noise=_SILENT,
-        pressure_offset=(0.0, 0.0), torque_profile=(),
+        real, nominal=replace(real.nominal, lag=(lag, lag)), lag_up=None, lag_down=None, flow=np.inf, dead_band=0.0,
+        friction=Friction(), encoder=0.0, pressure_noise=_SILENT, pressure_offset=(0.0, 0.0), torque_profile=(),
     )  # fmt: skip

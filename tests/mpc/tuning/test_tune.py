@@ -19,6 +19,7 @@ from mpc.trials.margins import linear, margins
 from mpc.trials.tuned import Tuning
 from mpc.tuning.cost import THROWN
 from mpc.tuning.picture import plot_tuned
+from mpc.tuning.robustness import Listening
 
 mpl.use("Agg")
 
@@ -61,8 +62,11 @@ def test_the_seed_decides_and_not_who_runs_it(tuned):
 @pytest.mark.compiles
 def test_margins_of_compiled_runs_are_those_of_the_readable_loop(tuned):
     settings = tuned.tuning.applied(tuned.problem.settings)
+    two = replace(settings.compensation, lag_up=0.08, lag_down=0.14, flow=5 * BAR, reading_age=0.01)
+    settings, tour = settings._replace(compensation=two), tuned.problem.tour
+    found, _ = Listening(settings, tuned.problem.draws, tour).margins("mpc", settings)
     parts = loop("mpc", settings._replace(compensation=linear(settings.compensation)))
-    for ours, theirs in zip(tuned.after.nominal, margins(*parts, tuned.problem.tour.postures), strict=True):
+    for ours, theirs in zip(found, margins(*parts, tour.postures), strict=True):
         assert (ours.theta, ours.K) == (theirs.theta, theirs.K)
         assert ours.sensitivity_peak == pytest.approx(theirs.sensitivity_peak, rel=0.02)
 
