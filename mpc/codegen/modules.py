@@ -78,7 +78,8 @@ def _surroundings() -> str:
         *(_MPC / "codegen" / name for name in ("jit.py", "addresses.py", "records.py", "views.py")),
         _MPC / "model" / "compiled_friction.py",
         _MPC / "model" / "integration.py",
-        *(_MPC / "trials" / "many" / name for name in ("records.py", "rest.py")),
+        _MPC / "tracking" / "resting.py",
+        _MPC / "trials" / "many" / "records.py",
         *(Path(str(m.__file__)) for m in (kernels, compiled, jit, status, units)),
     ]
     return "".join(file.read_text(encoding="utf-8") for file in files)

@@ -23,7 +23,7 @@ from mpc.model.plant import NU, NX
 from mpc.observer import gating, kalman
 from mpc.observer.filter import OFFSET_TIME, SETTLED
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking import preview, rest
+from mpc.tracking import preview, resting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
@@ -188,33 +188,33 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
 
 
 def _rest(controller: TrackingMPC) -> Numbers:
-    mode = controller.rest_mode
+    rules = controller.rest_mode.rules
     return {
         "RESTS": (int(controller.rests), "whether commands come to rest at a constant reference"),
-        "REST_SAME_THETA": (rest.SAME[0], "a preview that varies less is constant [rad]"),
-        "REST_SAME_K": (rest.SAME[1], "[N*m/rad]"),
-        "REST_DWELL": (mode.dwell, "samples of constant preview before a rest"),
-        "REST_START": (rest.START, "mean error to rest at then [rad]"),
-        "REST_GROWTH": (rest.GROWTH * controller.dt, "what may be added to it a sample [rad]"),
-        "REST_MEAN": (rest.MEAN, "its bound [rad]"),
-        "REST_SWING": (rest.SWING, "peak to peak, the most to rest at [rad]"),
-        "REST_FAR": (rest.FAR, "errors from where on the time counts anew [rad]"),
-        "REST_RINGING": (rest.RINGING, "to both sides, of a joint without the friction that it should have [rad]"),
-        "REST_DEAD_ZONE": (rest.DEAD_ZONE, "errors below are left [rad]"),
-        "REST_STILL": (rest.STILL, "peak to peak over half a period of a joint that does not move [rad]"),
-        "REST_FIRST": (rest.FIRST, "gain of the first correction, of the stiffness [-]"),
-        "REST_STIFFEST": (rest.STIFFEST, "the greatest one [-]"),
-        "REST_RESOLUTION": (rest.RESOLUTION, "to which the effect of a correction is known [rad]"),
-        "REST_OVERSHOOT": (rest.OVERSHOOT, "that a correction may have [rad]"),
-        "REST_MOST": (rest.MOST, "of a correction [Pa]"),
-        "REST_JOLT": (rest.JOLT, "from the predicted angle: a push [rad]"),
-        "REST_PUSH": (rest.PUSH, "from the mean angle: a push [rad]"),
-        "REST_EDGE": (rest.EDGE, "by which the regulators' way to their edges may turn the joint [rad]"),
-        "REST_LEAK": (rest.LEAK, "of a pressure from where it is held [Pa]"),
-        "REST_PRESSURE_NOISE": (rest.NOISE, "of a pressure's mean [Pa]"),
-        "REST_SETTLING": (mode.settling, "samples for which a correction acts"),
-        "REST_QUARTER_LEAST": (float(mode.quarter_range[0]), "samples of a quarter of the joint's period"),
-        "REST_QUARTER_MOST": (float(mode.quarter_range[1]), ""),
+        "REST_SAME_THETA": (resting.SAME[0], "a preview that varies less is constant [rad]"),
+        "REST_SAME_K": (resting.SAME[1], "[N*m/rad]"),
+        "REST_DWELL": (rules.dwell, "samples of constant preview before a rest"),
+        "REST_START": (resting.START, "mean error to rest at then [rad]"),
+        "REST_GROWTH": (resting.GROWTH * controller.dt, "what may be added to it a sample [rad]"),
+        "REST_MEAN": (resting.MEAN, "its bound [rad]"),
+        "REST_SWING": (resting.SWING, "peak to peak, the most to rest at [rad]"),
+        "REST_FAR": (resting.FAR, "errors from where on the time counts anew [rad]"),
+        "REST_RINGING": (resting.RINGING, "to both sides, of a joint without the friction that it should have [rad]"),
+        "REST_DEAD_ZONE": (resting.DEAD_ZONE, "errors below are left [rad]"),
+        "REST_STILL": (resting.STILL, "peak to peak over half a period of a joint that does not move [rad]"),
+        "REST_FIRST": (resting.FIRST, "gain of the first correction, of the stiffness [-]"),
+        "REST_STIFFEST": (resting.STIFFEST, "the greatest one [-]"),
+        "REST_RESOLUTION": (resting.RESOLUTION, "to which the effect of a correction is known [rad]"),
+        "REST_OVERSHOOT": (resting.OVERSHOOT, "that a correction may have [rad]"),
+        "REST_MOST": (resting.MOST, "of a correction [Pa]"),
+        "REST_JOLT": (resting.JOLT, "from the predicted angle: a push [rad]"),
+        "REST_PUSH": (resting.PUSH, "from the mean angle: a push [rad]"),
+        "REST_EDGE": (resting.EDGE, "by which the regulators' way to their edges may turn the joint [rad]"),
+        "REST_LEAK": (resting.LEAK, "of a pressure from where it is held [Pa]"),
+        "REST_PRESSURE_NOISE": (resting.NOISE, "of a pressure's mean [Pa]"),
+        "REST_SETTLING": (rules.settling, "samples for which a correction acts"),
+        "REST_QUARTER_LEAST": (float(rules.shortest), "samples of a quarter of the joint's period"),
+        "REST_QUARTER_MOST": (float(rules.longest), ""),
     }
 
 

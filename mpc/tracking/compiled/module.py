@@ -1,10 +1,12 @@
 """Compiled functions of a plant: its formulas in the template `step`, and the solution of the QP, which has none."""
 
+from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 
 from allocator.allocation.kernels import compiled
 from allocator.allocation.kernels.choice import JointKernel, coefficients, kernel_of
@@ -14,6 +16,7 @@ from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import translated
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
+from mpc.tracking import resting
 
 if TYPE_CHECKING:
     from casadi import SX, Function
@@ -49,9 +52,18 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
         text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
     kernel = _kernel_of(plant)
     compiled.register()
+    _register()
     numbers = ", ".join(f"int(p[{i}])" if isinstance(value, int) else f"p[{i}]" for i, value in enumerate(kernel.p))
     step = imported(with_formulas(_TEMPLATE, _IMPORTS + text + _ALLOCATED[kernel.name].format(numbers=numbers)))
     return CompiledPlant(step, c, np.array(kernel.p, float), dt / substeps, substeps)
+
+
+@cache
+def _register() -> None:
+    """Teach numba the functions of the rest mode, which Python runs as they are."""
+    for function in vars(resting).values():
+        if isinstance(function, FunctionType) and function.__module__ == resting.__name__:
+            register_jitable(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)(function)
 
 
 def solve_module() -> ModuleType:
@@ -93,13 +105,15 @@ def _functions(plant: Plant) -> dict[str, "Function"]:
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
     rate = ca.SX(ca.vertcat(*plant.rate(x, BAR * u, d)))
     y = ca.vertcat(plant.stiffness(x), *plant.forces(x))
+    gains = [side.torque_gain(x[2 + i]) for i, side in enumerate(plant.joint.sides(x[0]))]
+    pressing = ca.vertcat(plant.pull(x), plant.isobaric(x), *gains)
     return {
         "rate": ca.Function("rate", [x, u, d], ca.cse([rate])),
         "variational": variational(x, u, d, rate),
         "outputs": ca.Function("outputs", [x], ca.cse([y])),
         "output_slopes": ca.Function("output_slopes", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
         "expansion": ca.Function("expansion", [x], ca.cse([ca.densify(ca.SX(ca.vertcat(*plant.expansion(x))))])),
-        "pressing": ca.Function("pressing", [x], ca.cse([ca.densify(ca.vertcat(plant.pull(x), plant.isobaric(x)))])),
+        "pressing": ca.Function("pressing", [x], ca.cse([ca.densify(pressing)])),
         **_coefficients(plant),
     }
 

@@ -3,8 +3,8 @@
 `mpc.tracking.compiled.module` puts the formulas of the joint in the place of the lines below that
 begin with `FORMULAS`, as functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `variational` (x, S, u, d) ↦
 (x', S') with the `layout` of `mpc.tracking.compiled.module`, `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦
-(y, its Jacobian by columns), `expansion` x ↦ the pressures' fall as the muscles swell, `pressing` x ↦ what presses on
-that which rubs.
+(y, its Jacobian by columns), `expansion` x ↦ the pressures' fall as the muscles swell, `pressing` x ↦ the loads on
+the sliding surfaces (pull, isobaric stiffness) and ∂T/∂P.
 `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there is one.
 The array c holds the numbers of all of them, p those of the kernel.
 
@@ -23,7 +23,7 @@ from mpc.codegen.jit import assign, compiled_flat, inlined_flat
 from mpc.model.compiled_friction import ABSENT, Pressed, Rubbing, followed, less_friction, rubbing_in
 from mpc.model.integration import NODES, SHARES
 from mpc.tracking.compiled.commands import cumulative, excess, limit
-from mpc.tracking.compiled.records import Indices, Path, Reference, given_in, path_in, setting_in
+from mpc.tracking.compiled.records import Bounds, Given, Indices, Path, Reference, given_in, path_in, setting_in
 from mpc.tracking.compiled.sample.calls import settle_at
 from mpc.tracking.compiled.sample.layout import (
     Asked,
@@ -44,8 +44,8 @@ from mpc.tracking.compiled.sample.stages import (
     WHOLE,
     ask,
     copy_set,
+    hold,
     invert_dead_band,
-    moves,
     plausible,
     remember,
     shift_set,
@@ -53,6 +53,7 @@ from mpc.tracking.compiled.sample.stages import (
     under_way,
 )
 from mpc.tracking.compiled.structured_qp.certificate import finite
+from mpc.tracking.resting import HELD, RESTS, RINGS, SIDE, THETA, begin, constant, decided, due, turn
 
 FORMULAS: Any = None
 rate = variational = begun = advanced = ended = outputs = output_slopes = expansion = pressing = allocated = FORMULAS
@@ -65,12 +66,13 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     `table` is the address of one of `Inputs`, `last` what the previous step made, `out` what this one makes
     (`mpc.tracking.compiled.sample.layout`). The parts are the feed-forward for what is `asked`, the linear model for
     what is `given`, and the rollout of `z`; the whole step is for the state `x`, previews `theta` and `K`, torque `d`.
+    Where it rests, pressures that are held take the place of the QP's solution.
     """
     i = inputs_at(table)
     began = seconds_at(i.clock, i.name)
     last, out = floats_at(last.ctypes.data, last.size), floats_at(out.ctypes.data, out.size)  # not to be counted
     k, want, now, f = known_in(i.known), asked_in(i.asked), given_in(i.given), rubbing_in(i.friction)
-    N, whole, done, angle = now.u.shape[0], what == WHOLE, True, 0.0
+    N, whole, done, rests, angle = now.u.shape[0], what == WHOLE, True, False, 0.0
     m, n, size = want.theta.size - N - 1, f.springs.size, plan_length(N)
     was, made = made_in(last[:size]), made_in(out[:size])
     before, after = state_in(last[size:], was.u, n, m), state_in(out[size:], made.u, n, m)
@@ -79,22 +81,31 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     if whole:
         ask(x, theta, K, d, want)
         done, angle = foreseen(i.c, k, f, want, before, after.memory, waiting, path)
+        rests = done and resting(i.c, k, want, before, after.rest)
     if done and (whole or what == FEED):
         previews, slopes = (want.theta[m:], want.K[m:], want.torques[m:]), i.slopes.reshape(2, N + 1, N + 1)
         done = feed_forward(i.c, i.p, k, slopes, *previews, now.reference, made.moved)
     fed = seconds_at(i.clock, i.name)
-    if whole and done:
+    if whole and done and not rests:
         take(path[m], want.torques[m:], before, now)
         shift_set(i.starts, i.kept, i.guess)
-    if done and (whole or what == LINEARISE):
+    if done and not rests and (whole or what == LINEARISE):
         linearise(i.c, k.h, k.substeps, i.numbers, i.starts, i.given, i.buffer)
     linearised = seconds_at(i.clock, i.name)
-    if whole and done:
+    bounds = setting_in(i.numbers, i.starts).bounds
+    if whole and done and not rests:
         done, i.counted[0] = settle_at(i.settle, i.numbers, i.starts, i.given, i.buffer, i.guess, i.z)
     if done and (whole or what == ROLLOUT):
-        done = rollout(i.c, k.h, k.substeps, i.numbers, i.starts, i.given, i.buffer, i.z, made)
+        start, torques = now.x, now.d
+        if rests:
+            hold(after.rest, bounds, before, made)
+            start, torques = path[m], want.torques[m:]
+        else:
+            planned(bounds, i.starts, i.buffer, now, i.z, made)
+        done = rollout(i.c, k.h, k.substeps, bounds, start, torques, made)
     if whole and done:
-        invert_dead_band(k, setting_in(i.numbers, i.starts).bounds, want, before, made)
+        invert_dead_band(k, bounds, want, before, after.rest[SIDE] if rests else 0.0, made)
+        made.rests[0] = 1.0 if rests else 0.0
         remember(want, now, path, angle, made, before, after)
         made.times[0], made.times[1] = fed - began, linearised - fed
         made.times[2] = seconds_at(i.clock, i.name) - linearised
@@ -110,22 +121,38 @@ def foreseen(
     """Fill in what `Preview.task` foresees: the torques, what friction has `felt` (n,), and the motion `path` (m+1, 4)
     up to when a command acts; return whether the sample is an ordinary one, and friction's angle.
     """
-    m, x, d, angle = path.shape[0] - 1, asked.x, asked.d[0], state.angle[0]
-    if not (plausible(known, asked) and (not known.rests or moves(state.rest, asked.theta[m:], asked.K[m:]))):
+    x, d, angle = asked.x, asked.d[0], state.angle[0]
+    if not plausible(known, asked):
         return False, angle
     if friction.kind == ABSENT:
         for k in range(asked.torques.size):
             asked.torques[k] = d
         assign(felt, state.memory)
     else:
-        pulled, stiffness = pressing(x[0], x[1], x[2], x[3], c)
+        pulled, stiffness, _, _ = pressing(x[0], x[1], x[2], x[3], c)
         pressed = Pressed(pulled, x[2] + x[3], stiffness)
         angle = followed(friction, x[0], pressed, angle, state.memory, felt)
-        back = asked.theta[0] + known.corrected[0] * (x[0] - asked.theta[0])
+        corrected = 0.0 if known.rests and state.rest[RINGS] > 0 else known.corrected
+        back = asked.theta[0] + corrected * (x[0] - asked.theta[0])
         less_friction(friction, felt, back, asked.theta, pressed, d, asked.torques)
     under_way(state, x, waiting)
     motion(c, x, waiting, asked.torques, known.h, known.substeps, path)
     return finite(path), angle
+
+
+@inlined_flat
+def resting(c: Array, known: Known, asked: Asked, state: State, rest: Array) -> bool:
+    """Fill in what the `rest` mode remembers of a sample, and return whether pressures are held: see `RestMode`."""
+    m, rules = asked.theta.size - state.u.shape[0] - 1, known.rules
+    assign(rest, state.rest)
+    if not known.rests:
+        return False
+    if not constant(rest, rules, asked.theta[m:], asked.K[m:]):
+        begin(rest)
+    elif decided(rest, rules, asked.x, state.expected[0]):
+        found = pressing(rest[THETA] + due(rest)[0], 0.0, rest[HELD], rest[HELD + 1], c)
+        turn(rest, found[1], found[2], found[3])
+    return bool(rest[RESTS] > 0)
 
 
 @inlined_flat
@@ -178,21 +205,22 @@ def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Indices
 
 
 @inlined_flat
-def rollout(
-    c: Array, h: float, substeps: int, numbers: Array, starts: Indices, given: Array, buffer: Array, z: Array,
-    made: Made,
-) -> bool:  # fmt: skip
-    """Fill in what follows from `z`: commands [Pa], states, K and F, and how far the soft limits are left; return
-    whether all is finite.
-    """
-    bounds, (_, u) = setting_in(numbers, starts).bounds, path_in(buffer)
-    x0, _, d, _, last = given_in(given)
-    N, moved, x, K, F = u.shape[0], made.u, made.x, made.K, made.F
+def planned(bounds: Bounds, starts: Indices, buffer: Array, given: Given, z: Array, made: Made) -> None:
+    """Fill in the commands [bar] that follow from `z`."""
+    u, moved = path_in(buffer).u, made.u
     cumulative(starts, z, moved)
-    for k in range(N):
+    for k in range(u.shape[0]):
         moved[k, 0] += u[k, 0]
         moved[k, 1] += u[k, 1]
-    limit(bounds.low, bounds.high, bounds.step, last[0], BAR, moved)
+    limit(bounds.low, bounds.high, bounds.step, given.last[0], BAR, moved)
+
+
+@inlined_flat
+def rollout(c: Array, h: float, substeps: int, bounds: Bounds, x0: Array, d: Array, made: Made) -> bool:
+    """Fill in what follows from the commands [bar]: these in Pa, states, K and F, and how far the soft limits are left;
+    return whether all is finite.
+    """
+    N, moved, x, K, F = made.u.shape[0], made.u, made.x, made.K, made.F
     motion(c, x0, moved, d, h, substeps, x)
     for k in range(N + 1):
         K[k], F[k, 0], F[k, 1] = outputs(x[k, 0], x[k, 1], x[k, 2], x[k, 3], c)

@@ -22,20 +22,6 @@ class Plant(NamedTuple):
     torques: Array  # (M,)
 
 
-class Resting(NamedTuple):
-    """Settings and memory of `mpc.tracking.rest.RestMode`."""
-
-    worthwhile: bool
-    c: Array  # numbers of the formulas
-    known: Array  # (8,), see `mpc.trials.many.rest`
-    rest: Array  # (14,), see there
-    reference: Array  # (2,) that stands still
-    p: Array  # (2,) pressures that are held [Pa]
-    began: Array  # (2,) pressures when the rest began, or as they were corrected [Pa]
-    quarters: Array  # (4, 5)
-    total: Array  # (3,)
-
-
 class Answers(NamedTuple):
     """What is recorded of M samples: see `mpc.trials.simulation.Run`."""
 

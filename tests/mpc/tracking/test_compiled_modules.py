@@ -209,7 +209,10 @@ def test_nothing_is_left_of_a_module_that_fails(caches):
 def test_no_module_of_the_package_itself_keeps_compiled_code():
     module.compiled_plant(Plant(), 0.01)
     assert module.solve_module().settle.stats.cache_path is not None  # where numba says so
-    for name in ("mpc.trials.many.rest", "mpc.observer.compiled.sample"):  # what other tests may have imported
+    for name in (
+        "mpc.tracking.compiled.sample.stages",
+        "mpc.observer.compiled.sample",
+    ):  # what other tests may have imported
         import_module(name)
     functions = [
         value

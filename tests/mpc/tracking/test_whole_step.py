@@ -201,8 +201,7 @@ def test_whoever_looks_at_a_part_finds_what_the_stages_remember(every):
         if k % every == 0 or k == 11:
             for name in ("motion", "u_star", "_left", "_held"):
                 compare(*(getattr(ladder, name) for ladder, _, _ in parts))
-            for name in ("reference", "resting", "ringing", "_samples", "_quarter", "_counted"):
-                compare(*(getattr(rest_mode, name) for _, rest_mode, _ in parts))
+            compare(*(rest_mode.numbers for _, rest_mode, _ in parts))
             for name in ("last_sent", "expected", "waiting", "_blind"):
                 compare(*(getattr(preview, name) for *_, preview in parts))
             compare(*(preview.friction.theta for *_, preview in parts))
@@ -289,10 +288,7 @@ def test_with_what_is_known_of_a_real_joint_the_whole_step_is_that_of_the_stages
     taken = np.array(pair.taken)
     assert taken[:90].mean() > 0.9
     assert taken[126:150].all()
-    if pair.whole.rests:
-        assert not taken[165:].any()  # the preview stands still: that is for the rest mode
-    else:
-        assert taken[126:].all()
+    assert taken[126:].all()
 
 
 def test_friction_of_an_own_kind_is_left_to_the_stages():
@@ -304,13 +300,32 @@ def test_friction_of_an_own_kind_is_left_to_the_stages():
     assert mpc.step(REAL.at_rest(0.0, 5.5), 0.1, 5.5).rung is Rung.QP
 
 
-def test_a_swing_that_rings_is_left_to_the_rest_mode_and_comes_back():
+def test_a_swing_that_rings_is_that_of_the_stages():
     pair = Pair(REAL.nominal, compensation=REAL.known())
-    x, ahead = REAL.at_rest(0.0, 5.5), pair.whole.ahead
+    x, ahead, ringing = REAL.at_rest(0.0, 5.5), pair.whole.ahead, []
     for k in range(400):
         held = k < 380
         theta = np.zeros(ahead + 1) if held else 0.01 * (k - 379 + np.arange(ahead + 1))
         pair.step(x + np.array([0.02 * np.sin(0.3 * k), 0.0, 0.0, 0.0]), theta, 5.5)
         assert pair.whole.rest_mode.ringing == pair.staged.rest_mode.ringing
-    assert pair.taken[-1]
-    assert not any(pair.taken[1:380])
+        ringing.append(pair.whole.rest_mode.ringing)
+    assert all(pair.taken)
+    assert True in ringing
+    assert not ringing[-1]
+
+
+@pytest.mark.parametrize("known", [KNOWN["standard"], KNOWN["dead band"]], ids=["standard", "dead band"])
+def test_a_rest_with_its_corrections_is_that_of_the_stages(known):
+    pair, rng = Pair(REAL.nominal, compensation=known, weights=Weights.calm()), np.random.default_rng(2)
+    x, held, error = REAL.at_rest(0.3, 5.5), [], 0.0
+    for k in range(600):
+        error += (k > 330) * (0.05 * DEG * np.sin(k / 50) + 0.05 * DEG - error) / 40
+        noise = rng.normal(size=4) * np.array([1e-5, 0.0, 200.0, 200.0])
+        plan = pair.step(x + noise + error * np.eye(4)[0], 0.3, 5.5)
+        held.append(plan.u[0] if plan.status is PlanStatus.RESTING else np.zeros(2))
+    assert all(pair.taken)
+    assert (np.array(held)[-50:] > 0).all()
+    assert len(np.unique(np.array(held)[:, 0])) > 2  # corrected
+    pushed = pair.step(x + np.array([1 * DEG, 0.0, 0.0, 0.0]), 0.3, 5.5)
+    assert pushed.status is PlanStatus.OPTIMAL
+    assert all(pair.taken)

@@ -22,6 +22,7 @@ from mpc.tracking.compiled.sample.layout import (
 from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.preview import CORRECTED
+from mpc.tracking.resting import Rules
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.module import CompiledPlant
@@ -39,6 +40,7 @@ class Beyond(NamedTuple):
     delay: int  # [samples]
     dead_band: float  # [Pa]
     rests: bool  # whether commands come to rest at a constant reference
+    rules: Rules  # of that
 
     @property
     def memory(self) -> int:
@@ -46,7 +48,7 @@ class Beyond(NamedTuple):
         return memory_of(self.friction)
 
 
-_NOTHING = Beyond(flat(NO_FRICTION), 0, 0.0, rests=False)
+_NOTHING = Beyond(flat(NO_FRICTION), 0, 0.0, rests=False, rules=Rules(*8 * (0.0,)))
 
 
 class StepArrays:
@@ -106,7 +108,7 @@ class StepArrays:
 def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[Array, Array], beyond: Beyond) -> Known:
     steps = plant.h, plant.substeps
     numbers = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *steps, 0.0, 0.0, 0.0
-    nothing = Known(*numbers, *gate, beyond.dead_band, beyond.rests, np.array([CORRECTED]))
+    nothing = Known(*numbers, *gate, beyond.dead_band, beyond.rests, beyond.rules, CORRECTED)
     if inverse is None:
         return nothing
     physical, (alpha1, alpha2) = inverse.plant, inverse.alpha.tolist()

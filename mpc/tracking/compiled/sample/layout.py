@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.codegen.views import in_python, length_of, measure, opened, viewer
+from mpc.tracking.resting import SIZE as RESTING
+from mpc.tracking.resting import Rules
 
 
 class Asked(NamedTuple):
@@ -56,7 +58,7 @@ class State(NamedTuple):
     sent: Annotated[Array, 2]  # [Pa]
     expected: Annotated[Array, 4]  # the state that was predicted for now
     angle: Annotated[Array, 1]  # from which the motion counts that friction remembers [rad]
-    rest: Annotated[Array, 2]  # the reference while it stands still [rad], [N·m/rad]
+    rest: Annotated[Array, RESTING]  # numbers of `mpc.tracking.resting`
     memory: Annotated[Array, "n"]  # of friction
     waiting: Annotated[Array, "m", 2]  # commands as they will act, oldest first [Pa]
 
@@ -72,6 +74,7 @@ class Made(NamedTuple):
     slack: Annotated[Array, 2]  # of the angle [rad], of forces [N]
     moved: Annotated[Array, 3]  # see `mpc.tracking.plan.Moved`
     times: Annotated[Array, 3]  # of feed-forward, linearising, solving [s]
+    rests: Annotated[Array, 1]  # whether pressures are held
 
 
 class Known(NamedTuple):
@@ -93,7 +96,8 @@ class Known(NamedTuple):
     upper: Annotated[Array, 4]
     dead_band: float  # [Pa]
     rests: bool  # whether commands come to rest at a constant reference
-    corrected: Annotated[Array, 1]  # [-] of an error of the angle counts as motion that friction opposes
+    rules: Rules
+    corrected: float  # [-] of an error of the angle counts as motion that friction opposes
 
 
 asked_in: Callable[[Array], Asked] = viewer(Asked)

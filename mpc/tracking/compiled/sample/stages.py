@@ -15,7 +15,7 @@ from mpc.model.plant import NU
 from mpc.tracking.compiled.commands import limit
 from mpc.tracking.compiled.records import Bounds, Given, Indices, Signs
 from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State
-from mpc.tracking.rest import SAME
+from mpc.tracking.resting import HELD
 
 WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # what of a step is made
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.preview`
@@ -41,15 +41,6 @@ def plausible(known: Known, asked: Asked) -> bool:
         if not (-_TURN <= asked.theta[k] <= _TURN and _LEAST <= asked.K[k] < inf):
             return False
     return bool(np.isfinite(asked.d[0]))
-
-
-@inlined_flat
-def moves(rest: Array, theta: Array, K: Array) -> bool:
-    """Return whether the previews are not the constant reference `rest` (2,) [rad], [N·m/rad]: see `RestMode`."""
-    moved = False
-    for k in range(theta.size):
-        moved = moved or not (abs(theta[k] - rest[0]) <= SAME[0] and abs(K[k] - rest[1]) <= SAME[1])
-    return moved
 
 
 @inlined_flat
@@ -99,13 +90,23 @@ def copy_set(one: Signs, other: Signs) -> None:
 
 
 @inlined_flat
-def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, made: Made) -> None:
-    """Fill in what has to be sent for the plan's commands to act: see `Preview.sent`."""
+def hold(rest: Array, bounds: Bounds, state: State, made: Made) -> None:
+    """Fill in the approach [bar] to the pressures of a `rest`: see `BaseController._approach`."""
+    for k in range(made.u.shape[0]):
+        for i in range(NU):
+            made.u[k, i] = rest[HELD + i] / BAR
+    limit(bounds.low, bounds.high, bounds.step, state.u[0], BAR, made.u)
+
+
+@inlined_flat
+def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, side: float, made: Made) -> None:
+    """Fill in what has to be sent for the plan's commands to act, on the `side` of the band: see `Preview.sent`."""
     N, half = made.u.shape[0], known.dead_band / 2
     for k in range(N):
         for i in range(2):
             v = made.u[k, i]
-            made.sent[k, i] = v if half == 0.0 else (v + half * np.tanh((v - made.x[k, 2 + i]) / SOFT)) / BAR
+            edge = side if side != 0.0 or half == 0.0 else np.tanh((v - made.x[k, 2 + i]) / SOFT)
+            made.sent[k, i] = v if half == 0.0 else (v + half * edge) / BAR
     if half == 0.0:
         return
     last = asked.x[2:] if np.isnan(state.sent[0]) else state.sent
@@ -127,4 +128,4 @@ def remember(asked: Asked, given: Given, path: Array, angle: float, made: Made, 
             after.waiting[k, i] = asked.x[2 + i] if np.isnan(later) else later
     for i in range(4):
         after.expected[i] = path[1, i] if m > 0 else made.x[1, i]
-    after.rest[0], after.rest[1], after.angle[0] = asked.theta[m], asked.K[m], angle
+    after.angle[0] = angle

@@ -81,7 +81,7 @@ def _fill_ladder(ladder: Ladder, newest: Newest) -> None:
 def _fill_rest_mode(rest_mode: RestMode, newest: Newest) -> None:
     """Let `rest_mode` take note of the newest sample."""
     newest.known = True
-    rest_mode.go_on(*newest.state.rest.tolist())
+    rest_mode.go_on(newest.state.rest)
 
 
 class WholeStep:
@@ -93,7 +93,7 @@ class WholeStep:
         self.qp_step, self.feed_forward, self._parts, self.rest = qp_step, feed_forward, parts, parts.rest
         preview, N = parts.preview, parts.ladder.predictor.N
         rests = parts.rest and parts.rest_mode.worthwhile
-        beyond = Beyond(numbers, preview.delay, preview.compensation.dead_band, rests)
+        beyond = Beyond(numbers, preview.delay, preview.compensation.dead_band, rests, parts.rest_mode.rules)
         gate = preview.lower, preview.upper
         self._arrays = arrays = StepArrays(qp_step.plant, N, qp_step.structured, feed_forward.readable, gate, beyond)
         self._step, self._table, self._size = arrays.step, arrays.address, arrays.nothing.size
@@ -105,8 +105,6 @@ class WholeStep:
         """Return the plan of an ordinary step by the `deadline`; None, and nothing has changed, if there is none."""
         newest = self._newest
         if self.behind:
-            if self._parts.rest_mode.ringing:
-                return None
             self._take()
         if not (
             d.__class__ is float and x.__class__ is theta_ref.__class__ is K_ref.__class__ is np.ndarray
@@ -166,7 +164,7 @@ class WholeStep:
         for array, value in (
             (state.u, u), (state.u_star, ladder.u_star), (state.sent, preview.last_sent),
             (state.waiting, preview.waiting or None), (state.expected, preview.expected), (state.angle, friction.theta),
-            (state.memory, friction.memory), (state.rest, rest_mode.reference),
+            (state.memory, friction.memory), (state.rest, rest_mode.numbers),
         ):  # fmt: skip
             array[...] = np.nan if value is None else value
 
@@ -174,9 +172,10 @@ class WholeStep:
 def _fields(size: int, out: Array, took: float) -> dict[str, object]:
     """Return the fields of the plan that was made."""
     made = made_of(out[:size])
-    (slack, slack_force), (theta, K, T), (feed_forward, linearise, solve) = map(np.ndarray.tolist, made[5:])
+    (slack, slack_force), (theta, K, T), (feed_forward, linearise, solve), (rests,) = map(np.ndarray.tolist, made[5:])
+    status, rung = (PlanStatus.RESTING, Rung.ALLOCATION) if rests else (PlanStatus.OPTIMAL, Rung.QP)
     return {
-        "u": made.sent, "x": made.x, "K": made.K, "status": PlanStatus.OPTIMAL, "rung": Rung.QP, "slack": slack,
+        "u": made.sent, "x": made.x, "K": made.K, "status": status, "rung": rung, "slack": slack,
         "times": Times(feed_forward, linearise, 0.0, solve, took), "slack_force": slack_force,
         "moved": Moved(theta, K, T),
     }  # fmt: skip
