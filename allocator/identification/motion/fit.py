@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.motion.doubt import Bands, possible_changes
-from allocator.identification.motion.problem import LOWER, STIFFEST, UPPER, MotionProblem, Prediction
-from allocator.identification.motion.regulators import fit_regulators, sensed_at, with_regulators
+from allocator.identification.motion.problem import ABSENT, LOWER, STIFFEST, UPPER, MotionProblem, Prediction
+from allocator.identification.motion.regulators import REGULATOR, fit_regulators, sensed_at
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, search
@@ -32,6 +32,8 @@ _SIGNS = {  # what is told together, and the sentence if it is not; what may pas
     ("dead_time",): "the dead time: steps of the pressures, at a higher sample rate, would show it",
     ("lag_up", "lag_down"): "the lags: steps of the pressures would show them",
 }
+_UNFILLED = "how fast the valves can fill the muscles: great steps of the pressures would show it"
+_OF_REGULATORS = {_UNFILLED, *(sentence for names, sentence in _SIGNS.items() if names != ("base",))}
 _FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
 _MODEL = 0.05  # share by which fits err of plants of another structure, however long the log: `benchmarks.motion_truth`
 _MODEL_OF_LOOPS = 0.1  # of what hysteresis is
@@ -97,9 +99,9 @@ def fit_motion(
     kinds = [False] if joint is None or gas is False else [True] if gas else [False, True]
     problems = [MotionProblem.of(log, _static(full, log.greatest_pressure, held)) for held in kinds]
     sensed = None if measured is None else sensed_at(log.t, t, measured)
-    if sensed is not None and log.varies_speed:
-        problems = [with_regulators(problem, fit_regulators(problem, sensed, every)) for problem in problems]
     trained, unseen = min((_seen(problem, early, tell) for problem in problems), key=lambda seen: seen[0].rms)
+    if sensed is not None and log.varies_speed:
+        trained, unseen = _with_regulators(trained, sensed, early), [one for one in unseen if one not in _OF_REGULATORS]
     _check_sign(trained, early)
     tell("all rows")
     found = trained.again(every)
@@ -115,7 +117,7 @@ def fit_motion(
     errors = np.where(every, np.nansum([error for _, error in left_out], axis=0), np.nan)
     parameters = _estimates(_named(found, every), jackknife, choices, changes, log, found.rms * DEG)
     if sensed is not None and log.varies_speed:
-        parameters = _apart(parameters, found.problem, sensed)
+        parameters = _apart(parameters, found, sensed)
     return MotionFit(
         operator=found.problem.operator(found.x, run.weights),
         parameters=parameters,
@@ -168,16 +170,15 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
     tell("filling")
     if "lag_up" in found.problem.free:
         found = _if_better(found, used, **_FILLING)
-    if "lag_up" in found.problem.known and problem.gas:
-        found = _if_better(found, used, volume=1.0)
-    if "filling" not in found.problem.known:
-        unseen.append("how fast the valves can fill the muscles: great steps of the pressures would show it")
+        found = _if_better(found, used, volume=1.0) if problem.gas else found
+    if "filling" not in found.problem.free:
+        unseen.append(_UNFILLED)
     best = found.rms
     for names, sentence in _SIGNS.items():
         tell("what is seen")
         if set(names) & set(found.problem.free):
             found = _if_needed(found, best, used, names)
-        if not set(names) & found.problem.known:
+        if not set(names) & set(found.problem.free):
             unseen.append(sentence)
     if not found.problem.swings:
         found = _if_better(found, used, **_DYNAMIC)
@@ -314,12 +315,24 @@ def _estimates(
     return found
 
 
-def _apart(total: dict[str, Estimate], problem: MotionProblem, sensed: tuple[Array, Array]) -> dict[str, Estimate]:
+def _with_regulators(found: Found, sensed: tuple[Array, Array], used: Mask) -> Found:
+    """Return the fit with the regulators of the pressures `sensed` (n,); the angle's delay on commands is unknown."""
+    before, told = found.problem.values(found.x), fit_regulators(found, sensed, found.problem.log.settled)
+    late = before["dead_time"] + sum(before[lag] - told[lag] for lag in ("lag_up", "lag_down")) / 2
+    less, _ = found.without(*REGULATOR)
+    less = replace(less, assumed=tuple((name, told[name]) for name in REGULATOR if name != "dead_time"))
+    rest = found.x[len(found.problem.free) :]
+    one = found._replace(problem=less, x=np.concatenate([[before[name] for name in less.free], rest]))
+    problem, x = one.extended(used, dead_time=max(late, 0.0))
+    return search(problem, used, x)
+
+
+def _apart(total: dict[str, Estimate], found: Found, sensed: tuple[Array, Array]) -> dict[str, Estimate]:
     """Return the estimates with those of the regulators, and the angle's delay apart as dead time and reading age."""
-    log, every = problem.log, problem.log.settled
-    jackknife = [fit_regulators(problem, sensed, rows & every) for rows in _blocks(log.n, _JACKKNIFE)]
-    own = _estimates(fit_regulators(problem, sensed, every), jackknife, [], {}, log, 0.0)
-    own = {name: estimate for name, estimate in own.items() if estimate.value}
+    log, every = found.problem.log, found.problem.log.settled
+    jackknife = [fit_regulators(found, sensed, rows & every) for rows in _blocks(log.n, _JACKKNIFE)]
+    own = _estimates(fit_regulators(found, sensed, every), jackknife, [], {}, log, 0.0)
+    own = {name: estimate for name, estimate in own.items() if estimate.value != ABSENT[name]}
     late, dead = total.get("dead_time"), own.get("dead_time", Estimate(0.0, 0.0, 0.0, 0.0, "s"))
     if late is None:
         return total | own

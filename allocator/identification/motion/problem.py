@@ -103,11 +103,6 @@ class MotionProblem:
         qs, ss = (1 + 0 * q, q, q * q, q * q * q), (1 + 0 * s, s, s * s)
         return np.stack([qs[i] * ss[j] for i, j in self.powers])
 
-    @property
-    def known(self) -> set[str]:
-        """Names of the nonlinear unknowns that are free or assumed."""
-        return {*self.free, *dict(self.assumed)}
-
     def values(self, x: Array) -> dict[str, float]:
         """Return the nonlinear unknowns by name; those that are not free are absent."""
         values = ABSENT | dict(self.assumed) | dict(zip(self.free, x.tolist(), strict=False))

@@ -20,9 +20,9 @@ DEAD_TIME, AGE = 0.03, 0.05
 OFFSET = (0.02 * BAR, -0.03 * BAR)
 
 
-def log(age, seconds=60.0):
+def log(age, seconds=60.0, gas=False):
     """Times, angle, commands and measured pressures of random steps."""
-    plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG, gas=False)
+    plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG, gas=gas)
     slip = MaxwellSlip.of_width(plant, WIDTH)
     real = RealPlant(
         plant, friction=slip, dead_time=DEAD_TIME, reading_age=age, pressure_noise=0.02 * BAR, pressure_offset=OFFSET
@@ -71,6 +71,16 @@ def test_both_are_in_the_plant_s_file_which_predicts_the_angle_as_it_is_read(fit
         text = (tmp_path / "plant.toml").read_text(encoding="utf-8")
         write_text(tmp_path / "new.toml", text.replace("[sensors]  # s\nreading_age = ", "[source.was]\nage = "))
         assert replay(tmp_path / "new.toml", fit.log).errors().every > 1.5 * plant.errors.every
+
+
+@pytest.mark.slow
+def test_gas_that_motion_compresses_is_told_from_the_regulators():
+    t, theta, u1, u2, P1, P2 = log(AGE, gas=True)
+    found = fit_motion(t, theta, u1, u2, joint=JOINT, measured=(P1, P2)).parameters
+    truths = {"dead_time": DEAD_TIME, "reading_age": AGE, "lag_up": LAG, "lag_down": LAG, "volume": 1.0}
+    for name, truth in truths.items():
+        assert found[name].low < truth < found[name].high
+        assert found[name].value == pytest.approx(truth, rel=0.12)
 
 
 def test_a_row_per_sample_is_asked_for():
