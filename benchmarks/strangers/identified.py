@@ -49,11 +49,6 @@ def identified(stranger: Stranger) -> Model:
         return Model(Plant.load(path), Compensation.load(path), Spreads.load(path))
 
 
-def identified_and_tuned(stranger: Stranger) -> Model:
-    """Return the model that is found, for controllers that are tuned for it."""
-    return identified(stranger)._replace(tuned=True)
-
-
 def swept(stranger: Stranger) -> dict[str, Array]:
     """Return the rests of slow sweeps up and down: one pressure held, the other stepped; and of weights hung on it."""
     stops = [(P1, P2, 0.0, s) for P1 in HELD for s, path in ((-1, HELD), (1, HELD[::-1])) for P2 in path]

@@ -7,7 +7,7 @@ import numpy as np
 
 from allocator.units import DEG
 from benchmarks.closed_loop.runs import LEAD, STEADY, UNSTABLE
-from benchmarks.strangers.identified import Model, data_sheet, identified, identified_and_tuned
+from benchmarks.strangers.identified import Model, data_sheet, identified
 from benchmarks.strangers.plants import Stranger, drawn
 from benchmarks.strangers.tuned import tuned
 from mpc import Reference, simulate
@@ -15,7 +15,11 @@ from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.trajectories import min_jerk, point_to_point, rested_sine, steps
 
 CONTROLLERS = ("mpc", "lqr", "predictive-pid", "pid", "pi", "feedforward")
-MODELS = {"data sheet": data_sheet, "identified": identified, "identified and tuned": identified_and_tuned}
+MODELS = {
+    "data sheet": (data_sheet, False),
+    "identified": (identified, False),
+    "identified and tuned": (identified, True),
+}
 PAYLOAD = 1.0  # [N·m]
 K = 5.0  # [N·m/rad]
 DT = 0.01  # [s]
@@ -97,11 +101,12 @@ class Row(NamedTuple):
     figures: Figures
 
 
-def rows_of(structure: str, seed: int, model: str, controllers: tuple[str, ...]) -> list[Row]:
-    """Return the runs of one stranger with one model of it."""
+def rows_of(structure: str, seed: int, models: tuple[str, ...], controllers: tuple[str, ...]) -> list[Row]:
+    """Return the runs of one stranger with these models of it."""
     stranger = drawn(structure, seed)
-    told = MODELS[model](stranger)
+    made = {make: make(stranger) for make in dict.fromkeys(MODELS[model][0] for model in models)}
+    told = {model: made[MODELS[model][0]]._replace(tuned=MODELS[model][1]) for model in models}
     return [
-        Row(structure, seed, model, name, case, figures(stranger, told, name, CASES[case]))
-        for name, case in product(controllers, CASES)
+        Row(structure, seed, model, name, case, figures(stranger, told[model], name, CASES[case]))
+        for model, name, case in product(models, controllers, CASES)
     ]
