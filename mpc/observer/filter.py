@@ -15,7 +15,8 @@ integrators as outputs, and nothing constant is left of the angle's error (Panno
     o_{k+1} = o_k + dt/T_o (y_P - o - P̂_{k|k-1})_k within ± `Noise.offset`,      T_o = `OFFSET_TIME`
 
 while the pressure is within `SETTLED` of its command: a leak is farther off, and lags do not look like offsets.
-Within a dead band that is known P̂ stays and the innovations cancel, so that o does not wind up.
+All angles have to be believed, since the motion moves the gas. Within a dead band that is known P̂ stays and the
+innovations cancel, so that o does not wind up.
 
 The plant is evaluated only within the joint range and the supply, for which its muscles' laws are made; beyond, its
 slope there is continued: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state within.
@@ -178,7 +179,7 @@ class Filter:
         `v` (m,) [Pa] are the commands that act.
         """
         n, most, P = self.plant.n, self.noise.offset, expected.xi[self.measured[self.plant.n :]]
-        error = np.where(there[n:] & (np.abs(v - P) <= SETTLED), read[n:] - P, 0.0)
+        error = np.where(there[:n].all() & there[n:] & (np.abs(v - P) <= SETTLED), read[n:] - P, 0.0)
         moved = offset + self.dt / OFFSET_TIME * error
         return np.asarray(np.minimum(np.maximum(moved, -most), most))
 

@@ -194,7 +194,7 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     rival_or(o, &expected, read);
     believed(o, there);
     for (int i = 0; i < 2; i++) {
-        const int learns = there[1 + i] && ant_abs(o->commands[0][i] - expected.xi[2 + i]) <= ANT_SETTLED;
+        const int learns = there[0] && there[1 + i] && ant_abs(o->commands[0][i] - expected.xi[2 + i]) <= ANT_SETTLED;
         const ant_real error = learns ? read[1 + i] - expected.xi[2 + i] : 0;
         o->offset[i] = ant_clip(o->offset[i] + ANT_LEARNING * error, -ANT_MOST_OFFSET, ANT_MOST_OFFSET);
     }
