@@ -46,6 +46,7 @@ def test_the_readme_has_the_whole_way_from_a_table_to_a_controller_and_to_c():
         "plan-joint",
         "fit-joint",
         "fit-motion",
+        "tune",
         "muscles",
         "track",
         "export",
