@@ -6,9 +6,9 @@ A sound regulator makes of the commands v that act a pressure between those of a
     m' = dz(v - m)/τ' - q,   τ' = τ/SPREAD and SPREAD τ,   dz(e) = e less the dead band, 0 within it,
 
 q being what the motion takes from the pressure of a gas (`Plant.expansion`), and the residual r is how far the measured
-P lies outside. Sums of it beyond MARGIN, one a sign, that end at zero (Page's CUSUM, 1954), say that something is wrong
-when one passes LIMIT, and since when: since it last was zero. All explanations are possible then. One is struck out,
-until the pressure has been well for `HOLD` seconds, by
+P lies outside. Sums of it beyond MARGIN and what SWELLING leaves open, one a sign, that end at zero (Page's CUSUM,
+1954), say that something is wrong when one passes LIMIT, and since when: since it last was zero. All explanations are
+possible then. One is struck out, until the pressure has been well for `HOLD` seconds, by
 
     stuck valve        P moves
     leak               P rises, or r > 0
@@ -33,6 +33,7 @@ from mpc.observer.health import FaultKind
 
 SPREAD = 1.3  # of the lag that counts as sound [-]
 MARGIN = 4.5  # [σ]
+SWELLING = 0.07  # share by which a muscle swells more or less than its law says [-]
 LIMIT = 15.0  # [σ], summed over samples
 HOLD = 2.0  # [s] for which a suspicion outlives what gave rise to it
 SETTLED = 0.6  # [s] after which a muscle has fallen to what the supply gives
@@ -59,6 +60,7 @@ _KINDS = {
     QUICK, SLOW,  # m of the quick and of the slow regulator [Pa]
     QUICK_STILL, SLOW_STILL,  # the same without q
     STILL,  # sum of the residuals outside of these [Pa]
+    UNSURE,  # of m, as q is known to SWELLING only [Pa]
     MEAN_X, MEAN_Y, VARIANCE, COVARIANCE,  # of (∂T/∂P) r and d̂ [N·m]
     SUSPECTED,  # explanations that are left; 0: nothing is suspected
     SINCE,  # onset of what is suspected [s]
@@ -69,7 +71,7 @@ _KINDS = {
     ILL,  # when it last was [s]
     COUNT,  # of what was put into PAST
     PAST,  # and following: (P, r) of the samples within LATELY
-) = range(25)  # fmt: skip
+) = range(26)  # fmt: skip
 
 Numbers: TypeAlias = list[float] | Array
 
@@ -145,6 +147,7 @@ def follow(
         m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = read
     m[QUICK] = m[QUICK] + k.quick * beyond(v - m[QUICK], k.rest) - k.dt * q
     m[SLOW] = m[SLOW] + k.slow * beyond(v - m[SLOW], k.rest) - k.dt * q
+    m[UNSURE] += k.dt * SWELLING * abs(q) - k.slow * m[UNSURE]
     m[QUICK_STILL] = m[QUICK_STILL] + k.quick * beyond(v - m[QUICK_STILL], k.rest)
     m[SLOW_STILL] = m[SLOW_STILL] + k.slow * beyond(v - m[SLOW_STILL], k.rest)
     if read != read or read == m[READ]:
@@ -154,7 +157,7 @@ def follow(
     m[P] += _SMOOTH * (read - m[P])
     m[R] += _SMOOTH * (r - m[R])
     regress(m, k.dt / MEMORY, gain * m[R], d)
-    most, margin = 2 * LIMIT * k.sigma, MARGIN * k.sigma
+    most, margin = 2 * LIMIT * k.sigma, MARGIN * k.sigma + m[UNSURE]
     m[LOW] = min(max(m[LOW] - r - margin, 0.0), most)
     m[HIGH] = min(max(m[HIGH] + r - margin, 0.0), most)
     m[STILL] = min(max(m[STILL] + abs(still) - margin, 0.0), most)
