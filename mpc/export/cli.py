@@ -44,11 +44,14 @@ class ControllerOptions(PlantOptions):
         """Build controller and observer, told what is known of the plant, with the tuning of its file."""
         from mpc.export.controller.tuning import weights_from
         from mpc.export.entry import default_controller
+        from mpc.export.joint import kernel_of
         from mpc.observer.kalman import KalmanObserver
         from mpc.trials.loops import Settings
         from mpc.trials.robust import robust_weights
 
-        s, tuned = self.tuned(Settings(self.plant(), N=self.horizon, compensation=self.compensation()), "mpc")
+        plant = self.plant()
+        kernel_of(plant.joint)  # what cannot be exported is refused before any work
+        s, tuned = self.tuned(Settings(plant, N=self.horizon, compensation=self.compensation()), "mpc")
         weights = s.weights
         if self.errors is not None:
             weights = weights_from(self.errors)

@@ -112,7 +112,9 @@ class Margins:
         """Advice in a sentence, or "" for a robust loop."""
         if self.sensitivity_peak <= ROBUST + 0.05:  # the accuracy of `robust_weights`
             return ""
-        return f"M_s is above {ROBUST:g}: raise Weights.rate or lower Weights.theta, or shorten the dead time"
+        return (
+            f"M_s is above {ROBUST:g}: take slower weights or lower gains (`antagonist tune`), or shorten the dead time"
+        )
 
 
 def margins(

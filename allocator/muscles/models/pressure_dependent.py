@@ -94,12 +94,24 @@ class PressureDependent(Braided):
         return self.efficiency * self.S * (steady - self.a * P * fall * (eps**2 - 2 * k * eps**3 / 3))
 
     def gain_integral_slope(self, P: Value, eps: Value) -> Value:
-        """Return its derivative by P, S q a [-(2k' + P k'')(ε² - 2kε³/3) + 2 P k'² ε³/3]"""
-        if self.edges is not None:
-            return super().gain_integral_slope(P, eps)
-        k, fall = self.k(P), self._k_slope(P)
-        bent = (2 * fall - P * fall / self.P_k) * (eps**2 - 2 * k * eps**3 / 3)  # k'' = -k'/P_k
+        """Return its derivative by P, S q a [-(2k' + P k'')(ε² - 2kε³/3) + 2 P k'² ε³/3]; (R1) is linear in F."""
+        formulas = (lambda e: self._gain_slope(P, e)), (lambda e: self._gain_integral_slope(P, e))
+        return continued_integral(*formulas, eps, self.edges)
+
+    def _gain_slope(self, P: Value, eps: Value) -> Value:
+        """Return ∂²F/∂P² = -2 S q a ε [(1 - kε)(2k' + P k'') - ε P k'²]"""
+        fall, bend = self._k_slope(P), self._bend(P)
+        bent = (1 - self.k(P) * eps) * bend - eps * P * fall**2
+        return -2 * self.efficiency * self.S * self.a * eps * bent
+
+    def _gain_integral_slope(self, P: Value, eps: Value) -> Value:
+        k, fall, bend = self.k(P), self._k_slope(P), self._bend(P)
+        bent = bend * (eps**2 - 2 * k * eps**3 / 3)
         return self.efficiency * self.S * self.a * (2 * P * fall**2 * eps**3 / 3 - bent)
+
+    def _bend(self, P: Value) -> Value:
+        """Return 2k' + P k'' with k'' = -k'/P_k."""
+        return (2 - P / self.P_k) * self._k_slope(P)
 
     def _k_slope(self, P: Value) -> Value:
         return -self.k_1 / self.P_k * exp(-P / self.P_k)
