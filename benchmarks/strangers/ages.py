@@ -71,10 +71,10 @@ def older(structure: str, seed: int, age: float) -> tuple[Stranger | RealPlant, 
         real = RealPlant.standard()
         return replace(real, reading_age=age), Model(real.nominal, real.known())
     stranger = drawn(structure, seed)
-    plant, told = data_sheet(stranger)
+    model = data_sheet(stranger)
     late = stranger.sensors.late
     sensors = replace(stranger.sensors, late=late + round(age / DT))
-    return replace(stranger, sensors=sensors), Model(plant, replace(told, reading_age=late * DT))
+    return replace(stranger, sensors=sensors), model._replace(told=replace(model.told, reading_age=late * DT))
 
 
 def burdened(plant: Stranger | RealPlant, case: Case) -> Stranger | RealPlant:

@@ -68,7 +68,7 @@ def figures(stranger: Stranger, model: Model, controller: str, case: Case, paylo
     if model.tuned:
         settings = tuned(f"{stranger.structure}-{stranger.seed}", controller, settings, model.spreads, K)
     else:
-        settings = robust(controller, settings)
+        settings = robust(controller, settings, case.reference)
     control, observer = loop(controller, settings)
     loaded = stranger.loaded(payload, case.loaded)
     x0 = model.plant.at_rest(case.reference.theta[0], case.reference.K[0])

@@ -11,6 +11,7 @@ of the angle the loop is unstable. Names and signs are those of `control.stabili
 Murray, Feedback Systems, 2nd ed., 2020, section 10.3.
 """
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from allocator import checks, stiffness_interval
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint.assumption import AssumedSlack, Extrapolated
 from allocator.units import DEG
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction
@@ -113,7 +115,7 @@ class Margins:
         if self.sensitivity_peak <= ROBUST + 0.05:  # the accuracy of `robust_weights`
             return ""
         return (
-            f"M_s is above {ROBUST:g}: take slower weights or lower gains (`antagonist tune`), or shorten the dead time"
+            f"M_s is above {ROBUST:g}: take lower gains or slower weights (`antagonist tune`), or less dead time"
         )
 
 
@@ -159,7 +161,10 @@ def usual_postures(plant: Plant) -> list[tuple[float, float]]:
     """Return three angles, at 15, 50 and 85 % of the joint range, with the middle of the stiffness of each."""
     low, high = plant.angle_limits
     angles = low + np.array([0.15, 0.5, 0.85]) * (high - low)
-    least, greatest = stiffness_interval(angles, plant.gravity_torque * np.sin(angles), joint=plant.joint)
+    with warnings.catch_warnings():  # only places to look at are taken from it
+        for assumed in (AssumedSlack, Extrapolated):
+            warnings.simplefilter("ignore", assumed)
+        least, greatest = stiffness_interval(angles, plant.gravity_torque * np.sin(angles), joint=plant.joint)
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
 
 

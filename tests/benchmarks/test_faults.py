@@ -100,7 +100,7 @@ def test_the_loop_names_a_broken_cable_and_leaves_a_sound_joint_alone(part, tmp_
     )]  # fmt: skip
     broken, sound = rows
     assert broken.delay < 0.2
-    assert broken.at_once == broken.after_all == "right"
+    assert (broken.at_once, broken.after_all) == ("group", "right")  # the gas that the jerk moves hides it at first
     assert (sound.false_alarms, sound.seconds) == (0, pytest.approx(8.5))
     text = "\n".join(report.markdown(rows, planned=9))
     assert "Made were 2 of 9 runs" in text
