@@ -27,7 +27,7 @@ def random_qp(seed, n=12, m=8):
 
 def mpc_qp():
     """The QP of a real step in which slew and joint range bind."""
-    plant = Plant()
+    plant = Plant(gas=False)
     controller, seen = TrackingMPC(plant), []
     solve = controller._solve
     controller._solve = lambda qp, limit: (seen.append(qp), solve(qp, limit))[1]

@@ -19,7 +19,7 @@ SENT, PLANNED = 5e-4 * BAR, 2e-3 * BAR  # [Pa] the two integrate with steps of t
 
 def both(joint, **settings):
     """Controllers of a link that swings under gravity, as a joint and as an arm."""
-    plant = Plant(joint, INERTIA + MASS * CENTRE**2, DAMPING, LAG, MASS * CENTRE * EARTH)
+    plant = Plant(joint, INERTIA + MASS * CENTRE**2, DAMPING, LAG, MASS * CENTRE * EARTH, gas=False)
     link = Bodies((0.3,), (MASS,), (CENTRE,), (INERTIA,), (DAMPING,), (EARTH, 0.0))
     arm = Arm(Mechanism.from_joint(joint), link, lag=LAG)
     shared = {"N": N, "solver": "daqp", "blocks": (1,) * N, **settings}
