@@ -30,8 +30,8 @@ atmosphere = 101325.0          # [Pa]
 
 [source]                       # where the numbers come from, for the reader; ignored when loading
 
-[plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; ignored here
-[intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; ignored here
+[plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
+[intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`
 
 One joint with two muscles, an `AntagonistJoint`, calls them "agonist" and "antagonist" and may have more:
 

@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument(
         "--models",
         default=",".join(MODELS),
-        help="what controllers know; tuning takes a quarter of an hour per stranger",
+        help="models of the controllers; tuning takes a quarter of an hour per stranger",
     )
     parser.add_argument("--ages", action="store_true", help="readings that are older than told, instead")
     parser.add_argument("--out", type=Path, help="file to write; else in benchmarks/results")

@@ -3,7 +3,7 @@
 A stranger's own encoder is told as it is, and then made older. RMS errors of the angle are those of the sine before and
 with the payload, the swing is that of the last second of all trajectories, peak to peak; medians over the strangers. A
 run is named if `KalmanObserver.health` said that the loop rings; the delay is counted from the first of the swings that
-it saw. The weights of the controller are those of `mpc.robust_weights` for what it is told.
+it saw. The weights of the controller are those of `mpc.robust_weights` for its model.
 """
 
 from collections.abc import Iterable

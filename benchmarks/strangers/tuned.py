@@ -20,7 +20,7 @@ KEPT = Path(__file__).parents[1] / "results" / "strangers_tuning"
 def tuned(name: str, controller: str, settings: Settings, spreads: Spreads, K: float) -> Settings:
     """Return the settings tuned for the model of the stranger called `name`; the robust ones if there is no tuning.
 
-    What is kept is taken, anything else is tuned now.
+    A kept tuning is taken; any other is made now.
     """
     if controller not in TUNABLE:
         return robust(controller, settings)

@@ -2,7 +2,7 @@
 
 An observer takes it for granted that readings are evenly spaced, and at 1 rad/s a millisecond is 0.06°: what was read
 late is brought to the time at which it was due. So is an angle that its device dates up to a sample earlier, by the
-estimated velocity; what is always as old is told to the observer (`Compensation.reading_age`). Where samples had to be
+estimated velocity; a constant age is told to the observer (`Compensation.reading_age`). Where samples had to be
 left out the observer is told so: a sample without a reading under the command that was held.
 """
 

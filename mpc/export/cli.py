@@ -41,7 +41,7 @@ class ControllerOptions(PlantOptions):
     ] = None
 
     def built(self) -> "Built":
-        """Build controller and observer, told what is known of the plant, with the tuning of its file."""
+        """Build controller and observer with the compensation and the tuning of the plant's file."""
         from mpc.export.controller.tuning import weights_from
         from mpc.export.entry import default_controller
         from mpc.export.joint import kernel_of
@@ -50,7 +50,7 @@ class ControllerOptions(PlantOptions):
         from mpc.trials.robust import robust_weights
 
         plant = self.plant()
-        kernel_of(plant.joint)  # what cannot be exported is refused before any work
+        kernel_of(plant.joint)  # refuses other joints before any work
         s, tuned = self.tuned(Settings(plant, N=self.horizon, compensation=self.compensation()), "mpc")
         weights = s.weights
         if self.errors is not None:

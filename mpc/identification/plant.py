@@ -201,7 +201,9 @@ class _Written:
                 lines += section("sensors", {"reading_age": values["reading_age"]}, "s")
         if fit.parameters:
             intervals = {name: (max(e.low, 0.0), e.high) for name, e in fit.parameters.items() if np.isfinite(e.high)}
-            lines += section("intervals", intervals, "95 % of what the log shows: s, Pa, rad, -; over stiffness s, s²")
+            lines += section(
+                "intervals", intervals, "95 %, as far as the log shows: s, Pa, rad, -; over stiffness s, s²"
+            )
         return "\n".join(lines) + "\n"
 
 

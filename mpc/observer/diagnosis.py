@@ -1,6 +1,6 @@
 """What an observer has anyway is turned into the `Health` of the joint, sample by sample.
 
-Four parts look for what they understand: `mpc.observer.pressure_diagnosis` at each muscle's pressure against its
+Four parts look for faults: `mpc.observer.pressure_diagnosis` at each muscle's pressure against its
 command, `mpc.observer.torque_diagnosis` at the disturbance torque, `mpc.observer.ringing` at the velocity, and this
 file at the observer's own flags. One cause is assumed where one explains all: two pressures that are both too low have
 a low supply, a torque that a broken cable or a drifting pressure sensor accounts for is no load, and of a loop that
@@ -259,7 +259,7 @@ def large_since(since: float, offset: float, t: float) -> float:
 
 
 def steps(since: float, offset: float) -> float:
-    """Return the `offset` [Pa] in steps of what is named, 0 if it is not large `since` any time [s]."""
+    """Return the `offset` [Pa] in the steps of its message, 0 if it is not large `since` any time [s]."""
     return 0.0 if since != since else np.floor(offset / SHOWN + 0.5)
 
 

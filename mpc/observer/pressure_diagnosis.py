@@ -6,7 +6,7 @@ A sound regulator makes of the commands v that act a pressure between those of a
     m' = dz(v - m)/τ' - q,   τ' = τ/SPREAD and SPREAD τ,   dz(e) = e less the dead band, 0 within it,
 
 q being what the motion takes from the pressure of a gas (`Plant.expansion`), and the residual r is how far the measured
-P lies outside. Sums of it beyond MARGIN and what SWELLING leaves open, one a sign, that end at zero (Page's CUSUM,
+P lies outside. Sums of it beyond MARGIN and the uncertainty by SWELLING, one a sign, that end at zero (Page's CUSUM,
 1954), say that something is wrong when one passes LIMIT, and since when: since it last was zero. All explanations are
 possible then. One is struck out, until the pressure has been well for `HOLD` seconds, by
 

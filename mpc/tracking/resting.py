@@ -54,7 +54,7 @@ Numbers: TypeAlias = list[float] | Array
 
 
 class Rules(NamedTuple):
-    """What is known of a joint and its regulators."""
+    """Known numbers of a joint and its regulators."""
 
     inertia: float  # [kg·m²]
     dt: float  # [s]
@@ -119,7 +119,7 @@ def pushed(m: Numbers, theta: float, expected: float) -> bool:
         return False
     mean, width = swing(m, QUARTERS)
     away = abs(theta - m[THETA] - mean)
-    jolt = JOLT * (2 if m[RINGS] > 0 else 1)  # friction that is not there is predicted, too
+    jolt = JOLT * (2 if m[RINGS] > 0 else 1)  # the prediction includes friction that a ringing joint lacks
     return abs(theta - expected) > jolt or away > PUSH + width + m[FREE]
 
 

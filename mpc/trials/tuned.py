@@ -105,7 +105,7 @@ class Tuning:
 
 
 def parameters_of(controller: str) -> Mapping[str, Parameter]:
-    """Return what can be tuned of a controller. Raises `MissingBackend` for an unknown one."""
+    """Return the tunable numbers of a controller. Raises `MissingBackend` for an unknown one."""
     if controller not in TUNABLE:
         raise MissingBackend("controller to tune", controller, TUNABLE)
     return TUNABLE[controller]
@@ -143,4 +143,4 @@ TUNABLE: Mapping[str, Mapping[str, Parameter]] = {
     "pid": _gains("pid") | _SHARE,
     "pi": _gains("pi") | _SHARE,
 }
-"""What can be tuned, by the names of the loops in `mpc.trials.loops`."""
+"""Tunable numbers, by the names of the loops in `mpc.trials.loops`."""

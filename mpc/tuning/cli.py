@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from mpc.tuning.result import Tuned
 
-_KEPT = ".before-tuning"  # what the name of a copy ends in
+_KEPT = ".before-tuning"  # suffix of a copy's name
 
 
 def tune_command(
@@ -88,7 +88,7 @@ def tune_command(
     target = plant if in_place else out
     if target is not None:
         tuned.save(plant, target)
-        say(console, f"written: {target}" + f", with a copy of what it was in {copy}" * in_place)
+        say(console, f"written: {target}" + f", with a copy of the file before in {copy}" * in_place)
     else:
         say(console, "not written: give --out FILE, or --in-place")
     if plot is not None:
@@ -114,7 +114,7 @@ def _describe(tuned: "Tuned", console: "Console") -> None:
 
 @contextmanager
 def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor | None]:
-    """Give what runs evaluations: processes on this machine, or a Dask cluster. Raises `MissingPackage`."""
+    """Give an executor for the evaluations: processes on this machine, or a Dask cluster. Raises `MissingPackage`."""
     if scheduler is not None:
         if workers is not None:
             raise InvalidInput("--workers are of this machine, and --scheduler has its own; give one of the two")

@@ -1,4 +1,4 @@
-"""Closed-loop cost of a loop on draws of real plants, and its margins: what a tuning is judged by.
+"""Closed-loop cost of a loop on draws of real plants, and its margins.
 
     cost of a draw = mean RMS error over the legs of the tour [°] + CHATTER · mean |u'| at rest [bar/s]
                      + STIFFNESS · RMS error of K over K
@@ -37,7 +37,7 @@ THROWN = 45.0  # [°] that a leg costs at most: the joint is thrown about
 
 
 class Figures(NamedTuple):
-    """What one draw came to."""
+    """Figures of one draw."""
 
     rms: Mapping[str, float]  # of each leg [°]
     chatter: float  # at rest [bar/s]
@@ -50,7 +50,7 @@ class Figures(NamedTuple):
 
 
 class Evaluation(NamedTuple):
-    """What a tuning came to over all draws."""
+    """Figures of a tuning over all draws."""
 
     tuning: Tuning
     draws: tuple[Figures, ...]  # none of a loop far beyond the limit of M_s
@@ -80,7 +80,7 @@ class Evaluation(NamedTuple):
 
     @property
     def objective(self) -> float:
-        """What is minimised [°]."""
+        """The objective to minimise [°]."""
         return self.error + BEYOND * max(0.0, 1 - self.limit / self.sensitivity_peak)
 
     def rms(self, leg: str) -> float:
@@ -128,7 +128,7 @@ class Problem:
         return tuple(replace(p, torque_profile=((at, T),)) for p, T in zip(self.draws, self.payloads, strict=True))
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what is compiled."""
+        """Leave out compiled functions."""
         return {name: value for name, value in self.__dict__.items() if name not in ("plants", "_made", "_listening")}
 
     @cached_property
@@ -140,7 +140,7 @@ class Problem:
         return Listening(self.settings, self.draws, self.tour)
 
     def evaluated(self, tuning: Tuning, always: bool = False) -> Evaluation:
-        """Return what a tuning comes to; `always` simulates loops far beyond the limit of M_s, too."""
+        """Return the evaluation of a tuning; `always` also simulates loops far beyond the limit of M_s."""
         settings = tuning.applied(self.settings)
         nominal, peaks = self._listening.margins(self.controller, settings)
         margins = Evaluation(tuning, (), nominal, peaks, self.limit)
@@ -156,7 +156,7 @@ class Problem:
 
 
 def figures(run: Run, tour: Tour) -> Figures:
-    """Return what a run along a tour came to."""
+    """Return the figures of a run along a tour."""
     error = (run.theta - run.theta_ref)[:-1] / DEG
     rms = {name: _rms(error[leg]) for name, leg in tour.legs.items()}
     moving = [np.abs(np.diff(run.u[rest], axis=0)).mean() / run.dt / BAR for rest in tour.rests]

@@ -97,7 +97,7 @@ class Spreads:
 
 
 def draws(plant: Plant, known: Compensation, n: int, seed: int, spreads: Spreads) -> tuple[RealPlant, ...]:
-    """Return `n` real plants that `plant` and what is `known` of it may stand for; without payload."""
+    """Return `n` real plants that `plant` and its compensation `known` may stand for; without payload."""
     unit = qmc.LatinHypercube(_NUMBERS, rng=np.random.default_rng([seed, 33])).random(n)
     friction = MaxwellSlip.of_width(plant, spreads.width) if known.friction.absent else known.friction
     return tuple(_drawn(plant, known, friction, row, spreads) for row in unit)

@@ -10,7 +10,7 @@ from mpc.tuning.result import Tuned
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MOST_PEAK = 3.0  # shown of M_s, in its limit; what is beyond, and what does not settle, stands at the edge
+_MOST_PEAK = 3.0  # shown of M_s, in its limit; greater peaks and loops that do not settle stand at the edge
 _MOST_ERROR = 3.0  # shown of the cost, in the greater of before and after
 
 

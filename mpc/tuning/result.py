@@ -48,12 +48,12 @@ class Tuned:
         )
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Return what is figured, before, and after, in words; errors are 80 % quantiles over the draws."""
+        """Return name, figure before and figure after, in words; errors are 80 % quantiles over the draws."""
         before, after = _words(self.before), _words(self.after)
         return [(name, before[name], after[name]) for name in before]
 
     def to_dict(self) -> dict[str, object]:
-        """Return what was found: numbers in SI units, and figures before and after."""
+        """Return the result: numbers in SI units, and figures before and after."""
         return {
             "controller": self.tuning.controller,
             "tuning": dict(self.tuning.numbers),
@@ -72,7 +72,7 @@ class Tuned:
         write_text(out, with_tuning(plant, self.tuning))
 
     def __repr__(self) -> str:
-        """Say what was gained."""
+        """Return the gain in words."""
         before, after, count = self.before, self.after, len(self.evaluations)
         return (
             f"Tuned {self.tuning.controller} in {count} evaluations on {len(self.problem.draws)} draws: cost "

@@ -1,7 +1,7 @@
 """Margins of one loop on its model and on draws of real plants, by compiled runs where there are some.
 
 It is the experiment of `mpc.trials.margins`, made shorter: the plant rests, one angle reading is disturbed, and S is
-the Fourier transform of what follows in the readings. The plants slide, and their regulators move.
+the Fourier transform of the change of the readings. The plants slide, and their regulators move.
 """
 
 from collections.abc import Sequence
@@ -65,12 +65,12 @@ class Listening:
 def quick_loop(name: str, settings: Settings) -> tuple[BaseController, Observer]:
     """Return the loop called `name`, compiled as far as it can be."""
     controller, observer = loop(name, settings)
-    assert isinstance(controller, BaseController)  # what can be tuned is one
+    assert isinstance(controller, BaseController)
     return controller.compile() if isinstance(controller, Baseline) else controller, observer
 
 
 def sliding(real: RealPlant) -> RealPlant:
-    """Return a real plant without what is not linear: friction, dead band, steps of the encoder, unequal lags."""
+    """Return a real plant without nonlinear effects: friction, dead band, steps of the encoder, unequal lags."""
     lags = tuple(own for own in (real.lag_up, real.lag_down) if own is not None) or real.nominal.lags
     lag = float(np.mean(lags))
     return replace(

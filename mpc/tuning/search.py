@@ -48,14 +48,14 @@ def tune(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Return the numbers of a controller and its observer that suit a fitted plant best, with what they come to.
+    """Return the numbers of a controller and its observer that suit a fitted plant best, and their figures.
 
     Minimised is the 80 % quantile of the closed-loop cost over draws of real plants, subject to a limit of M_s.
 
     Parameters
     ----------
     plant, compensation
-        The model, and what controller and observer are told beyond it: `Plant.load` and `Compensation.load`.
+        The model and the compensation of controller and observer: `Plant.load` and `Compensation.load`.
     controller
         Which loop: mpc, lqr, predictive-pid, pid, pi.
     spreads
@@ -74,7 +74,7 @@ def tune(
         Any `concurrent.futures.Executor` to run on, e.g. a `ProcessPoolExecutor`, or `distributed.Client(...)
         .get_executor()` for a Dask cluster (extra `antagonist[dask]`). None: in this thread.
     progress
-        What to wrap the iteration over evaluations in, called with `total=`: `tqdm.tqdm`, `rich.progress.track`.
+        Function around the iteration over evaluations, called with `total=`: `tqdm.tqdm`, `rich.progress.track`.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def tune(
 
 
 def _searched(problem: Problem, evaluations: int, executor: Executor | None) -> Iterator[Evaluation]:
-    """Yield what is evaluated: the defaults first, then generation after generation."""
+    """Yield the evaluations: the defaults first, then generation after generation."""
     import cma
 
     start = Tuning.start(problem.controller, problem.settings)
@@ -130,7 +130,7 @@ def _searched(problem: Problem, evaluations: int, executor: Executor | None) -> 
 
 
 def _each(problem: Problem, tunings: list[Tuning], executor: Executor | None) -> Iterator[Evaluation]:
-    """Yield what the tunings come to, in their order."""
+    """Yield the evaluations of the tunings, in their order."""
     if executor is None:
         yield from map(problem.evaluated, tunings)
         return
@@ -145,10 +145,10 @@ def _each(problem: Problem, tunings: list[Tuning], executor: Executor | None) ->
 
 @lru_cache(maxsize=1)
 def _kept(problem: Problem) -> Problem:
-    """Return the problem that is equal to this one, with what it has compiled."""
+    """Return the problem that is equal to this one, with its compiled functions."""
     return problem
 
 
 def _evaluated(problem: Problem, tuning: Tuning) -> Evaluation:
-    """Return what a tuning comes to, in another process."""
+    """Return the evaluation of a tuning, in another process."""
     return _kept(problem).evaluated(tuning)

@@ -1,4 +1,4 @@
-"""Controllers tuned for the model of a stranger: results that are kept, and what a tuning is worth on unseen draws."""
+"""Controllers tuned for the model of a stranger: results that are kept, and the worth of a tuning on unseen draws."""
 
 from dataclasses import replace
 

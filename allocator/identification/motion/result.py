@@ -70,7 +70,7 @@ class MotionFit:
     """`lag_up`, `lag_down`, `dead_time` [s], `reading_age` [s] if pressures were measured beside commands, `dead_band`
     [Pa], `filling` [s/Pa] at least of a rising or falling pressure, `base` [-] of the widths, `loop_width` [rad] of a
     wide sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-]; `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of
-    the static angle over that of the given joint. What the log does not show is left out."""
+    the static angle over that of the given joint. Parameters that the log does not show are left out."""
     error: Errors  # of the log that was fitted
     held_out: Errors  # of the last 40 %, predicted from the first 60 %
     blocks: tuple[Errors, ...]  # of five contiguous blocks, each predicted from the others

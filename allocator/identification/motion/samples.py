@@ -5,7 +5,7 @@ Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in 
     time [s, ms, us, ns, min]   increasing; s without a unit; also clock times (12:03:04.567, ISO 8601)
     theta [deg, rad]            as the encoder shows it
     pressure1, pressure2 [bar, mbar, kPa, MPa, Pa, psi], gauge, commanded or measured
-    measured1, measured2        beside commands: what the regulators made of them; both or neither
+    measured1, measured2        measured pressures beside commands; both or neither
 
 Of a log with gaps of more than a second the longest part is used.
 """

@@ -195,7 +195,7 @@ def _rest(controller: TrackingMPC) -> Numbers:
         "REST_SAME_K": (resting.SAME[1], "[N*m/rad]"),
         "REST_DWELL": (rules.dwell, "samples of constant preview before a rest"),
         "REST_START": (resting.START, "mean error to rest at then [rad]"),
-        "REST_GROWTH": (resting.GROWTH * controller.dt, "what may be added to it a sample [rad]"),
+        "REST_GROWTH": (resting.GROWTH * controller.dt, "growth of that per sample [rad]"),
         "REST_MEAN": (resting.MEAN, "its bound [rad]"),
         "REST_SWING": (resting.SWING, "peak to peak, the most to rest at [rad]"),
         "REST_FAR": (resting.FAR, "errors from where on the time counts anew [rad]"),

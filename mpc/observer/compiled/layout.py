@@ -138,7 +138,7 @@ class Made(NamedTuple):
 
 
 def made(known: Mapping[str, object], c: Array, friction: Array, sizes: tuple[int, ...]) -> Made:
-    """Return what a sample works on: what is `known`, the formulas' numbers `c`, and the `sizes` (7,) of a `Tail`."""
+    """Return the data of a sample: the numbers `known`, the formulas' numbers `c`, and the `sizes` (7,) of a `Tail`."""
     records, ends = new_records(Sample), [*accumulate(sizes, initial=0)]
     flat, past = np.full((2, ends[-1]), np.nan)
     record = records[0]

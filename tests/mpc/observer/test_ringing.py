@@ -19,7 +19,7 @@ STILL = Reference(np.arange(0, 3, DT), np.full(300, 15 * DEG), np.full(300, 5.5)
 
 
 class Listener(KalmanObserver):
-    """What health says after every estimate."""
+    """An observer that keeps its health after every estimate."""
 
     def reset(self):
         super().reset()
@@ -32,7 +32,7 @@ class Listener(KalmanObserver):
 
 
 def said(real, told, reference=STILL):
-    """What health says in a run, and the run."""
+    """Health sample by sample in a run, and the run."""
     controller = TrackingMPC(REAL.nominal, DT, weights=Weights.calm(), compensation=told, compiled=False)
     listener = Listener(REAL.nominal, DT, compensation=told, compiled=False)
     run = simulate(real, controller, reference, observer=listener)

@@ -212,7 +212,7 @@ def test_no_module_of_the_package_itself_keeps_compiled_code():
     for name in (
         "mpc.tracking.compiled.sample.stages",
         "mpc.observer.compiled.sample",
-    ):  # what other tests may have imported
+    ):  # other tests may have imported them
         import_module(name)
     functions = [
         value

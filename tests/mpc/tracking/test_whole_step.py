@@ -310,7 +310,7 @@ def test_a_swing_that_rings_is_that_of_the_stages():
         assert pair.whole.rest_mode.ringing == pair.staged.rest_mode.ringing
         ringing.append(pair.whole.rest_mode.ringing)
     assert all(pair.taken)
-    assert True in ringing
+    assert any(ringing)
     assert not ringing[-1]
 
 

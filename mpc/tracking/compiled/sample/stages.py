@@ -100,7 +100,7 @@ def hold(rest: Array, bounds: Bounds, state: State, made: Made) -> None:
 
 @inlined_flat
 def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, side: float, made: Made) -> None:
-    """Fill in what has to be sent for the plan's commands to act, on the `side` of the band: see `Preview.sent`."""
+    """Fill in the pressures to send so that the plan's commands act, on the `side` of the band: see `Preview.sent`."""
     N, half = made.u.shape[0], known.dead_band / 2
     for k in range(N):
         for i in range(2):
