@@ -38,6 +38,16 @@ def test_the_readme_s_two_commands_are_what_ci_runs():
     assert readme == commands((ROOT / ".ci" / "run").read_text())
 
 
+def test_every_test_that_ci_names_is_there():
+    script = (ROOT / ".ci" / "run").read_text()
+    named = re.findall(r"tests/[\w/.{},-]+", script)
+    assert len(named) > 5
+    printed = subprocess.run(
+        ["bash", "-c", f"printf '%s\\n' {' '.join(named)}"], capture_output=True, text=True, check=True
+    )
+    assert [path for path in printed.stdout.split() if not (ROOT / path).exists()] == []
+
+
 def modules():
     for package in (allocator, mpc):
         yield package.__name__
