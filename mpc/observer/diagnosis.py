@@ -190,18 +190,20 @@ class Diagnosis:
     def _of_pressures(self) -> Iterator[Finding]:
         one, two = self.pressures
         common = FaultKind.SUPPLY_DROP in one.suspected & two.suspected or bool(one.low and two.low)
-        slack = [self._slack(i) for i in range(NU)]
-        suspected = [i for i, own in enumerate(self.pressures) if own.suspected and not slack[i]]
-        low = (self._low_supply and not any(slack)) or (len(suspected) == NU and common)
+        thrown = self._gas and self.torque.broken is not None
+        suspected = [i for i, own in enumerate(self.pressures) if own.suspected and not (thrown and self._moved(i))]
+        low = (self._low_supply and not thrown) or (len(suspected) == NU and common)
         self._low_supply = bool(suspected) and low
         if self._low_supply:
             yield Finding(_LOW_SUPPLY, min(self.pressures[i].since for i in suspected))
         else:
             yield from map(self._of_pressure, suspected)
 
-    def _slack(self, i: int) -> bool:
-        """Return whether the pressure of muscle `i` is explained by its broken cable: no motion moves its gas then."""
-        return self._gas and self.torque.broken == i
+    def _moved(self, i: int) -> bool:
+        """Return whether a broken cable explains the pressure of muscle `i`: no motion moves the gas of its own muscle,
+        and the other one's is wrong later, by a motion that no model says.
+        """
+        return self.torque.broken == i or self.pressures[i].since >= self.torque.since
 
     def _of_torque(self) -> Iterator[Finding]:
         torque = self.torque

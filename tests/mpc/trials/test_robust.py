@@ -30,7 +30,7 @@ def peaks(weights, dead_time):
 def test_the_loop_has_the_peak_that_was_asked_for_at_each_posture(dead_time):
     found = peaks(robust_weights(PLANT, DT, compensation=Compensation(dead_time=dead_time)), dead_time)
     assert [m.sensitivity_peak for m in found] == pytest.approx([2.0] * 3, rel=0.07)
-    assert min(m.delay_margin for m in found) >= 1.98 * DT  # with gas 19.9 ms at one of them
+    assert min(m.delay_margin for m in found) >= 2 * DT
     assert found[1].sensitivity_peak == pytest.approx(2.0, rel=0.03)
 
 
