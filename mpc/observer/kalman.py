@@ -9,9 +9,7 @@ first repetition on a second belief is kept that does not use the readings of th
 are not believed. If it expects another reading, with five standard deviations between, and this lasts, the sensor is
 frozen: the second belief takes over, and the sensor counts as silent until it says something new.
 
-While readings are rejected there is a rival belief that uses them. It begins anew whenever it cannot explain a reading;
-once it has explained all of them for long enough (`Gate.hesitation`, `Gate.patience`) it takes over. So a joint that
-was hit, and an encoder that has lost its zero, are found again, in motion too.
+While readings are rejected there is a rival belief that uses them (`mpc.observer.rivalry`).
 """
 
 from collections import deque
@@ -34,13 +32,13 @@ from mpc.observer.diagnosis import Diagnosis, diagnosis_of
 from mpc.observer.filter import Belief, Filter, Noise
 from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
+from mpc.observer.rivalry import Readings, Rivalry
 
 if TYPE_CHECKING:
     from mpc.observer.compiled.whole import CompiledEstimate  # which imports numba
 
 FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
 COARSEST = 1 * DEG  # step of an encoder
-ONCE = 1.5  # samples; an angle may repeat once where the joint turns round
 
 
 class KalmanObserver:
@@ -78,10 +76,9 @@ class KalmanObserver:
         self.compensation = Compensation() if compensation is None else compensation
         self.gate = Gate.of(plant, dt, (self.noise.theta, self.noise.pressure)) if gate is None else gate
         self.filter = Filter(plant, dt, self.noise, self.compensation, self.gate)
-        times = self.gate.hesitation, self.gate.patience, tolerance
-        self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
         self._measured, self._angles = self.filter.measured, slice(plant.n)
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(self._measured.size)]
+        self.rivalry = Rivalry(self.filter, self._gates, self.gate, dt, tolerance)
         self.age = self.compensation.age(dt)  # of the angle's readings [samples]
         self.diagnosis = diagnosis_of(plant, dt, self.noise.pressure, self.compensation, tolerance)
         self.compiled: CompiledEstimate | None = None
@@ -101,11 +98,7 @@ class KalmanObserver:
         self._repeating = np.zeros(self._measured.size)  # for how long [s]
         self._frozen = np.zeros(self._measured.size, bool)
         self._without: dict[int, Belief] = {}  # by sensor that repeats: what is thought without it
-        self._rival: Belief | None = None  # that believes what the gates reject
-        self._explained = 0  # samples for which it has explained all readings
-        self._doubted = 0  # for how many it has to
-        self._contested = np.zeros(self._measured.size, bool)  # sensors that it is about
-        self._unrivalled = self.crossing  # samples since anything was rejected
+        self.rivalry.reset()
         self._samples = 0  # since the beginning, up to FIRST + 1
         self._step = np.full(self.plant.n, COARSEST)  # the least change of each angle's reading so far [rad]
         self._variances = np.diag(self.filter.R).copy()  # of the sensors
@@ -236,7 +229,7 @@ class KalmanObserver:
         not ordinary.
         """
         belief, friction, diagnosis = self._belief, self._friction, self.diagnosis
-        quiet = self._rival is None and not self._frozen.any() and all(gate.quiet for gate in self._gates)
+        quiet = not self.rivalry.going_on and not self._frozen.any() and all(gate.quiet for gate in self._gates)
         if belief is None or not quiet or not isinstance(diagnosis, Diagnosis):
             return None
         one, two = diagnosis.pressures
@@ -263,7 +256,8 @@ class KalmanObserver:
         self._without = {i: Belief.of(state.without[i]) for i in sensors if state.repeats[i]}
         self._step, self._variances = np.array([state.step]), state.variances.copy()
         self._gates[0].floor = float(state.floor[0])
-        self._samples, self._unrivalled = min(self._samples + samples, FIRST + 1), self._unrivalled + samples
+        self._samples = min(self._samples + samples, FIRST + 1)
+        self.rivalry.rest(samples)
         self._friction.go_on(float(state.angle), tail.memory)
         self._commands.extend(tail.commands.copy())
         self._held.extend(tail.held.copy())
@@ -327,7 +321,7 @@ class KalmanObserver:
         self._verdicts = self._checked(read, expected)
         repeated = said == self._read
         expected = self._without_frozen(previous, expected, repeated, read, memory)
-        expected = self._rival_or(expected, read, repeated, memory)
+        expected = self._rival_or(expected, read, memory)
         believed = self._believed
         self._offset = self.filter.learned(self._offset, read, expected, believed, self._commands[0])
         found = self.filter.corrected(expected, read, believed, self._variances)
@@ -366,54 +360,27 @@ class KalmanObserver:
         variance = foreseen.covariance[i, i] + self._variances[sensor]
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
-    def _rival_or(self, expected: Belief, read: Array, repeated: Mask, memory: Value) -> Belief:
-        """Return `expected`, or what a rival belief expects that has explained the rejected readings for long
-        enough.
-        """
+    def _rival_or(self, expected: Belief, read: Array, memory: Value) -> Belief:
+        """Return `expected`, or what a rival expects that takes over and whose readings are accepted."""
         rejected = np.array([verdict is Verdict.REJECTED for verdict in self._verdicts])
-        self._unrivalled = 0 if rejected.any() else self._unrivalled + 1
-        if self._unrivalled > self.crossing:  # not at once: it is near by chance when two motions cross
-            self._end_rivalry()
-        if self._rival is None and not rejected.any():
-            return expected
-        used = self._believed | rejected
-        rival = self._rival and self.filter.predicted(self._rival, self._commands[0], memory, self.filter.Q)
-        if rival is None or not self._explains(rival, read, used):
-            rival, self._explained = self.filter.unsure_at(expected, read, rejected), 0
-            near = np.abs(read - expected.xi[self._measured]) <= self.gate.jump
-            self._doubted = self.hesitation if near[rejected].all() else self.patience
-        self._contested |= rejected
-        repeating = float(self._repeating[self._contested].max(initial=0.0))
-        if repeating > ONCE * self.dt:  # as a blow does not, but a sensor that sticks
-            self._doubted = self.patience
-        elif repeating > 0:
-            self._explained = 0
-        self._explained += bool((used & self._contested).any())
-        if not rejected.any() or (self._explained <= self._doubted and self._samples > FIRST):
-            self._rival = self.filter.corrected(rival, read, used, self._variances)
+        readings = Readings(read, self._believed, rejected, self._repeating, self._variances)
+
+        def predicted(belief: Belief) -> Belief:
+            return self.filter.predicted(belief, self._commands[0], memory, self.filter.Q)
+
+        rival = self.rivalry.taken_over(expected, readings, predicted, confirmed=self._samples > FIRST)
+        if rival is None:
             return expected
         for i in np.flatnonzero(rejected).tolist():
             self._verdicts[i] = Verdict.ACCEPTED
             self._gates[i].reset()
-        self._end_rivalry()
         self._without = {}
         return rival
-
-    def _end_rivalry(self) -> None:
-        self._rival, self._explained = None, 0
-        self._contested[:] = False
-
-    def _explains(self, belief: Belief, read: Array, used: Mask) -> bool:
-        """Return whether the readings `used` (n + m,) are as near to what `belief` expects as true ones are."""
-        i = self._measured
-        variance = (belief.covariance[i, i] + self._variances).tolist()
-        width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
-        return bool((np.abs(read - belief.xi[i]) <= width)[used].all())
 
     def _rebuilt(self, previous: Belief, read: Array, believed: Mask) -> Belief:
         """Return a state from the readings, where the filter has none that is finite."""
         self.rebuilt += 1
-        self._end_rivalry()
+        self.rivalry.end()
         self._without = {}
         xi = np.where(np.isfinite(previous.xi), previous.xi, 0.0)
         xi[self.plant.n : 2 * self.plant.n] = xi[self.plant.size :] = 0.0

@@ -20,7 +20,7 @@ from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
 from mpc.model import compensation
 from mpc.model.plant import NU, NX
-from mpc.observer import gating, kalman
+from mpc.observer import gating, kalman, rivalry
 from mpc.observer.filter import OFFSET_TIME, SETTLED
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, resting
@@ -172,11 +172,11 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             ),
             "MAX_SPEED": (observer.gate.max_speed, "that an estimate may have [rad/s]"),
             "MAX_TORQUE": (observer.gate.max_torque, "and from outside [N*m]"),
-            "HESITATION": (observer.hesitation, "samples for which a rival has to explain what is rejected"),
-            "GATE_PATIENCE": (observer.patience, "the same after a jump"),
-            "CROSSING": (observer.crossing, "samples without a rejection after which there is no rival"),
+            "HESITATION": (observer.rivalry.hesitation, "samples for which a rival has to explain what is rejected"),
+            "GATE_PATIENCE": (observer.rivalry.patience, "the same after a jump"),
+            "CROSSING": (observer.rivalry.crossing, "samples without a rejection after which there is no rival"),
             "FIRST": (kalman.FIRST, "samples in which what is rejected may as well be right"),
-            "REPEATED": (kalman.ONCE * observer.dt, "for which an angle repeats where the joint turns round [s]"),
+            "REPEATED": (rivalry.ONCE * observer.dt, "for which an angle repeats where the joint turns round [s]"),
             "COARSEST": (kalman.COARSEST, "step of an encoder at most [rad]"),
             "LEARNING": (observer.dt / OFFSET_TIME, "share of an innovation by which a pressure's offset moves"),
             "SETTLED": (SETTLED, "a pressure this near to its command shows its offset [Pa]"),

@@ -1,0 +1,111 @@
+"""A rival belief uses the readings that the gates reject, and takes over once it has explained all for long enough.
+
+It begins anew whenever it cannot explain a reading. Enough are `Gate.hesitation` where it began near what was expected,
+and `Gate.patience` after a jump. So a joint that was hit, and an encoder that has lost its zero, are found again, in
+motion too.
+"""
+
+from collections.abc import Callable
+from math import nan
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from mpc.observer.filter import Belief, Filter
+from mpc.observer.gating import Gate, SensorGate
+
+ONCE = 1.5  # samples; an angle may repeat once where the joint turns round
+
+
+class Readings(NamedTuple):
+    """The readings of a sample, each of n angles and m pressures (n + m,)."""
+
+    read: Array  # [rad], [Pa]
+    believed: Mask
+    rejected: Mask
+    repeating: Array  # for how long [s]
+    variances: Array  # of the sensors
+
+
+class Rivalry:
+    """The rivalry is between what an observer expects, and a belief that uses what the `gates` reject.
+
+    It ends when nothing has been rejected for `tolerance` seconds.
+    """
+
+    def __init__(self, filter: Filter, gates: list[SensorGate], gate: Gate, dt: float, tolerance: float) -> None:
+        self._filter, self._gates, self._jump, self._dt = filter, gates, gate.jump, dt
+        times = gate.hesitation, gate.patience, tolerance
+        self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._contested = np.zeros(len(self._gates), bool)  # sensors that it is about
+        self._doubted = 0  # samples for which the rival has to explain all readings
+        self._unrivalled = self.crossing  # samples since anything was rejected
+        self.end()
+
+    def end(self) -> None:
+        """Let the rival go."""
+        self._rival: Belief | None = None
+        self._explained = 0  # samples for which it has explained all readings
+        self._contested[:] = False
+
+    @property
+    def going_on(self) -> bool:
+        """Return whether there is a rival."""
+        return self._rival is not None
+
+    def rest(self, samples: int) -> None:
+        """Note that nothing was rejected in as many `samples`."""
+        self._unrivalled += samples
+
+    def taken_over(
+        self, expected: Belief, y: Readings, predicted: Callable[[Belief], Belief], confirmed: bool
+    ) -> Belief | None:
+        """Return what the rival of the belief `expected` expects if it takes over at the readings `y`, else None.
+
+        `predicted` maps a belief of a sample ago to that of now. What was begun with is not `confirmed` at first: then
+        whatever is rejected may as well be right.
+        """
+        some = bool(y.rejected.any())
+        self._unrivalled = 0 if some else self._unrivalled + 1
+        if self._unrivalled > self.crossing:  # not at once: it is near by chance when two motions cross
+            self.end()
+        if self._rival is None and not some:
+            return None
+        used = y.believed | y.rejected
+        rival = self._rival and predicted(self._rival)
+        if rival is None or not self._explains(rival, y, used):
+            rival = self._begun(expected, y)
+        self._count(y, used)
+        if not some or (self._explained <= self._doubted and confirmed):
+            self._rival = self._filter.corrected(rival, y.read, used, y.variances)
+            return None
+        self.end()
+        return rival
+
+    def _begun(self, expected: Belief, y: Readings) -> Belief:
+        near = np.abs(y.read - expected.xi[self._filter.measured]) <= self._jump
+        self._doubted = self.hesitation if near[y.rejected].all() else self.patience
+        self._explained = 0
+        return self._filter.unsure_at(expected, y.read, y.rejected)
+
+    def _count(self, y: Readings, used: Mask) -> None:
+        """Count the sample for the rival, which has explained it."""
+        self._contested |= y.rejected
+        repeating = float(y.repeating[self._contested].max(initial=0.0))
+        if repeating > ONCE * self._dt:  # as a blow does not, but a sensor that sticks
+            self._doubted = self.patience
+        elif repeating > 0:
+            self._explained = 0
+        self._explained += bool((used & self._contested).any())
+
+    def _explains(self, belief: Belief, y: Readings, used: Mask) -> bool:
+        """Return whether the readings `used` (n + m,) are as near to what `belief` expects as true ones are."""
+        i = self._filter.measured
+        variance = (belief.covariance[i, i] + y.variances).tolist()
+        width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
+        return bool((np.abs(y.read - belief.xi[i]) <= width)[used].all())
