@@ -10,9 +10,10 @@ longer that of S, which grows while a sensor is not believed and would soon swal
 `widening`.
 
 Models are not right, and true motion is rejected too. But rejected readings that a motion of this joint explains are
-accepted (`mpc.observer.kalman`), those that began near what was expected after `hesitation`: a blow, or a load as great
-as the muscles' torque T of which nobody tells, moves the joint no farther than 0.9 T dt²/J before the observer would
-have found it. What began with a greater jump, as an encoder does that has lost its zero, is accepted after `patience`.
+accepted (`mpc.observer.rivalry`), those that began near what was expected after `hesitation`: a blow, or a load as
+great as the muscles' torque T of which nobody tells, moves the joint no farther than 0.9 T dt²/J before the observer
+would have found it. What began with a greater jump, as an encoder does that has lost its zero, is accepted after
+`patience`.
 
 Y. Bar-Shalom, X. Li, T. Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 11.
 """

@@ -95,9 +95,8 @@ def test_a_supply_that_drops_to_3_bar_is_survived():
     assert run.P[DURING][50:].max() < 3.1 * BAR < healthy.P[DURING][50:].max()
 
 
-@pytest.mark.parametrize(
-    ("torque", "plant"), [(13.0, DAHL), (-16.0, DAHL), (-13.0, GASLESS)]
-)  # gas that the motion compresses resists, too
+# gas that the motion compresses resists, too: with it, it takes more
+@pytest.mark.parametrize(("torque", "plant"), [(13.0, DAHL), (-16.0, DAHL), (-13.0, GASLESS)])
 def test_a_load_beyond_capacity_is_survived_and_said(torque, plant):
     run = driven(torque=((BEGIN, torque), (END, 0.0)), plant=plant)
     assert survived(run)
