@@ -2,7 +2,7 @@
 
 Muscles are assigned to joints (`assign_muscles`), every joint gets the law whose terms show on left-out episodes
 (`choose_terms`), and its parameters are fitted five times, each time without a fifth of the episodes. A prediction is
-the mean of the five free runs, in which all joints are predicted. The errors of each model on the episodes that it has
+the median of the five free runs, in which all joints are predicted. The errors of each model on the episodes that it has
 not seen give the bands: their 95 % quantile by step of the horizon and by how far the joint is predicted to have moved.
 """
 
@@ -21,6 +21,7 @@ from allocator.units import DEG
 _MEMBERS = 5
 _MOVES = (0.5 * DEG, 5 * DEG)  # between a joint that rests, one that moves, and one that moves far
 _COVERED = 0.95
+_FEWER = 2  # every so many windows decide which terms show
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def _kind(predicted: Array, start: Array) -> Array:
 
 @dataclass(frozen=True)
 class ArmFit:
-    """Laws of all joints with the parameters of five fits, and the bands of their mean."""
+    """Laws of all joints with the parameters of five fits, and the bands of their median."""
 
     assignment: Assignment
     laws: tuple[JointLaw, ...]
@@ -70,7 +71,7 @@ class ArmFit:
         Of the windows' measured angles only the first two rows are used.
         """
         runs = run(_members(self.laws, self.members), windows.q, windows.v, windows.p / self.full, windows.step)
-        predicted = np.stack([runs[j].mean(axis=0) for j in range(len(self.laws))], axis=-1)
+        predicted = np.stack([np.median(runs[j], axis=0) for j in range(len(self.laws))], axis=-1)
         return predicted, self.bands.around(predicted, windows.q[:, 1])
 
 
@@ -107,12 +108,13 @@ def fit_arm(
     windows = Windows.cut(episodes, horizon, every)
     full = float(np.abs(windows.p).max())
     windows = windows._replace(p=windows.p / full)
+    few = windows.only(np.arange(len(windows.q)) % _FEWER == 0)
     laws, members = [], []
     left_out = folds(windows, _MEMBERS)
     for j, pair in enumerate(assignment.pairs):
         ends = float(windows.q[..., j].min()), float(windows.q[..., j].max())
         law = JointLaw(j, pair, len(assignment.pairs), () if terms is None else terms[j], ends)
-        law = choose_terms(law, windows, tell) if terms is None else law
+        law = choose_terms(law, few, tell) if terms is None else law
         laws.append(law)
         tell(f"joint {j + 1}: {', '.join(law.terms) or 'no further terms'}")
         members.append(np.stack([fit_law(law, windows.only(~out)) for out in left_out]))

@@ -76,7 +76,9 @@ class JointLaw:
         for muscle, start in (("a", 40.0), ("b", -40.0)):
             surface += [Parameter(f"{muscle}{i}", start if i == 0 else 0.0, 50.0) for i in range(3)]
             surface.append(Parameter(f"{muscle}'", 0.0, 50.0))
-        friction = [Parameter(name, start, 10.0) for name, start in (("d0", 8.0), ("d1", 0.0), ("f0", 3.0), ("f1", 1.0))]
+        friction = [
+            Parameter(name, start, 10.0) for name, start in (("d0", 8.0), ("d1", 0.0), ("f0", 3.0), ("f1", 1.0))
+        ]
         return (*surface, *friction, *(p for term in self.terms for p in self._of_term(term)))
 
     def _of_term(self, term: str) -> list[Parameter]:

@@ -17,7 +17,7 @@ from allocator.identification.arm.episodes import Windows
 from allocator.identification.arm.law import TERMS, JointLaw, run
 from allocator.units import DEG
 
-_HELD = 0.1  # λ [°/°]
+_HELD = 0.3  # λ [°/°]
 _DIFFERENCE = 3e-4  # of a usual size
 _ITERATIONS = 40
 _BETTER = 0.98  # of the error on left-out episodes that a further term has to reach
