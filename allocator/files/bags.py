@@ -1,11 +1,11 @@
 """Topics of recordings of robots: ROS 1 bags, ROS 2 bags and MCAP files, as columns of a table.
 
 A quantity is a number in the messages of one topic, `theta=/joint_states.position[0]`, with a unit where it is not SI,
-`pressure1=/valves.data[2]:bar`. Messages are read one after the other, and only the numbers are kept. Times are those at
-which a message was recorded.
+`pressure1=/valves.data[2]:bar`. Messages are read one after the other, and only the numbers are kept. Times are those
+at which a message was recorded.
 
-Topics come at times of their own. The table has a row for every message of the first quantity's topic; the others are as
-in their last message before it, and a row is left out where that is older than `_STALE`.
+Topics come at times of their own. The table has a row for every message of the first quantity's topic; the others are
+as in their last message before it, and a row is left out where that is older than `_STALE`.
 """
 
 import json
@@ -135,7 +135,7 @@ class _Decoder:
         self._path = path
         self._known: dict[str, Callable[[bytes], object]] = {}
 
-    def __call__(self, encoding: str, schema: Any, data: bytes) -> object:  # noqa: ANN401  # of a library without types
+    def __call__(self, encoding: str, schema: Any, data: bytes) -> object:
         if encoding == "json":
             return json.loads(data)
         if encoding not in ("cdr", "ros1") or schema is None:
@@ -176,13 +176,14 @@ def read_topics(path: Path, quantities: Sequence[Quantity]) -> dict[str, tuple[A
                 try:
                     value = q.of(message)
                 except (LookupError, AttributeError, TypeError, ValueError):
-                    raise InvalidFile(path, f"{q.name}: a message of {topic} has no number there; it has {_shape(message)}")
+                    what = f"{q.name}: a message of {topic} has no number there; it has {_shape(message)}"
+                    raise InvalidFile(path, what) from None
                 times, values = series[q.name]
                 times.append(time)
                 values.append(value)
     begin = min(times[0] for times, _ in series.values())
     return {
-        name: ((np.frombuffer(times, np.int64) - begin) * _NANO, np.frombuffer(values, float))
+        name: (np.asarray((np.frombuffer(times, np.int64) - begin) * _NANO), np.array(values, float))
         for name, (times, values) in series.items()
     }
 

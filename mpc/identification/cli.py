@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def fit_motion_command(
     log: Annotated[
         list[Path],
-        typer.Argument(help="One CSV or several with time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above."),
+        typer.Argument(help="One CSV or several: time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above."),
     ],
     machine: Annotated[
         Path | None, typer.Option(help="Joint of the same kind, a TOML file of fit-joint: needed for --out.")

@@ -107,4 +107,4 @@ class Windows(NamedTuple):
     @property
     def horizon(self) -> int:
         """Number of steps of a run."""
-        return self.q.shape[1] - 2
+        return int(self.q.shape[1]) - 2

@@ -2,8 +2,8 @@
 
 Muscles are assigned to joints (`assign_muscles`), every joint gets the law whose terms show on left-out episodes
 (`choose_terms`), and its parameters are fitted five times, each time without a fifth of the episodes. A prediction is
-the median of the five free runs, in which all joints are predicted. The errors of each model on the episodes that it has
-not seen give the bands: their 95 % quantile by step of the horizon and by how far the joint is predicted to have moved.
+the median of the five free runs, in which all joints are predicted. The errors of each model on the episodes that it
+has not seen give the bands: their 95 % quantile by step of the horizon and by how far the joint is predicted to move.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -171,10 +171,8 @@ def run(laws: Mapping[int, tuple[JointLaw, Array]], q: Array, v: Array, p: Array
         before = dict(speed)
         for j, (law, _) in laws.items():
             now = p[:, t + 1]
-            around = Surroundings(
-                *(tuple(rows[i] for i in law.others) for rows in (at, fast, turn)),
-                tuple(now[:, i] for i in law.other_muscles),
-            )
+            near = [tuple(rows[i] for i in law.others) for rows in (at, fast, turn)]
+            around = Surroundings(near[0], near[1], near[2], tuple(now[:, i] for i in law.other_muscles))
             pa, pb = now[:, law.pair[0]], now[:, law.pair[1]]
             angle[j], speed[j] = law.step(named[j], at[j], fast[j], pa, pb, around, h)
             out[j][..., t] = angle[j]

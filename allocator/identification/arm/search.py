@@ -2,8 +2,9 @@
 
     minimise  Σ (q̂_t - q_t)²/deg²  +  λ² w Σ_i ((x_i - x_i⁰)/s_i)²        over x, all windows w and steps t
 
-q̂ is the free run of the joint, its neighbours as measured. The second part holds what the log does not show. Derivatives
-are differences over the whole batch of parameters at once: sticking joints have none by the usual rules.
+q̂ is the free run of the joint, its neighbours as measured. The second part holds parameters that the log does not show.
+Derivatives are differences of free runs of all changed parameters at once: the motion of a joint that sticks is not
+differentiable.
 """
 
 from collections.abc import Callable

@@ -196,10 +196,12 @@ def test_an_angle_that_wraps_is_to_be_unwrapped():
 @pytest.mark.parametrize("swings", [False, True])
 def test_the_memory_begins_anew_after_a_gap(swings):
     """A log with a gap is predicted as its two parts are, each by itself."""
-    values = {"lag_up": 0.1, "lag_down": 0.2, "dead_time": 0.02} | ({"damping": 0.03, "inertia": 0.01} if swings else {})
+    swinging = {"damping": 0.03, "inertia": 0.01} if swings else {}
+    values = {"lag_up": 0.1, "lag_down": 0.2, "dead_time": 0.02} | swinging
     whole = some_log(1000)
     log = replace(whole, t=whole.t + 3 * (np.arange(1000) >= 400))
-    halves = [replace(log, **{name: getattr(log, name)[part] for name in ("t", "theta", "P1", "P2")}) for part in log.parts]
+    columns = ("t", "theta", "P1", "P2")
+    halves = [replace(log, **{name: getattr(log, name)[part] for name in columns}) for part in log.parts]
     problem = MotionProblem(log, Difference(4 * BAR), tuple(values))
     springs = 0.3 * np.ones(problem.widths.size) if swings else []
     x = np.array([*values.values(), *springs, 0.0, 0.5, *np.zeros(len(problem.powers) - 2)])
