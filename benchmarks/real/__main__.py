@@ -5,8 +5,8 @@
 
 Splits are fixed and every model sees the rest only. Scores: RMS error; NRMSE, the RMS error over the standard deviation
 of what was measured; coverage and mean half width (sharpness) of the stated 95 % bands. Intervals are 95 % of 1000
-bootstrap draws of whole episodes. Settings of our models were chosen on episodes that both splits fit. Files that may
-not be shipped are looked for in `--data`, and refused if their checksum is another.
+bootstrap draws of whole episodes. The least RMS error is bold. The form of the grey box was chosen with episodes that
+both splits fit. Files that may not be shipped are looked for in `--data`, and refused if their checksum is another.
 """
 
 import argparse
@@ -26,6 +26,16 @@ _TITLES = {
 }
 
 
+_SUBMIT = """## Submit a model
+
+Add a function from episodes to an `ArmModel` to `MODELS` in `benchmarks/real/arm.py` (or to those of `joint.py` and
+`forces.py`), run `python -m benchmarks.real --tasks d --models 'ARX,yours'`, and open a pull request with the function
+and the table. A model may use anything but the held-out episodes; bands are what it states for 95 %. To measure on an
+arm of your own, put one CSV an episode into a folder (`time_s`, `q1_deg` …, two pressures a joint `p1`, `p2` …) and
+pass it with `--arm`.
+"""
+
+
 def _models(names: str | None) -> list[str]:
     """Return the arm's models to compare; the network only where scikit-learn is installed."""
     if names is not None:
@@ -41,8 +51,7 @@ def section(task: str, data: Path | None, models: list[str]) -> list[str]:
     if path is None:
         return [*lines, f"Not run: `{source.path}` is not in the folder of `--data`. sha256 {source.sha256}", ""]
     about = {"a": forces, "c": joint, "d": arm}[task].__doc__ or ""
-    told = about.split("\n\n", 1)[1:] if task != "d" else []
-    lines += [*(text.strip() for text in told), *([""] if told else [])]
+    lines += [about.split("\n\n", 1)[1].strip(), ""]
     if task == "d":
         return lines + arm.table(arm.compare(mpi_arm(path), models))
     return [*lines, *(forces if task == "a" else joint).table(path), ""]
@@ -70,6 +79,7 @@ def main() -> None:
     lines = ["# Real measurements", "", about, "", f"Python {platform.python_version()}, {platform.machine()}.", ""]
     for task in tasks:
         lines += section(task, options.data, models)
+    lines.append(_SUBMIT)
     print(text := "\n".join(lines))
     if options.write:
         _RESULTS.write_text(text.rstrip() + "\n", encoding="utf-8")

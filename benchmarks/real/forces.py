@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from allocator.errors import InvalidInput
 from allocator.identification.muscle.fit import fit
 from allocator.identification.muscle.surface import ForceSurface
 from allocator.muscles import MODELS, Muscle
+from benchmarks.real.scores import best_in_bold
 
 FILE = Path("festo_isometric") / "dmsp_10mm_20_30cm.csv"
 END_LENGTH = 0.04  # [m], of `allocator.identification.muscle.surface`
@@ -144,15 +144,12 @@ def table(path: Path) -> list[str]:
     head = " | ".join(f"{100 * length:.0f} cm" for length in lengths)
     lines = ["Held-out repetition: RMS (median) error [N]; median error of the slope.", ""]
     lines += [f"| model | {head} |", f"|---{'|---' * lengths.size}|"]
-    for name, method in METHODS.items():
-        cells = []
-        for length in lengths:
-            try:
-                rms, median, slope = _repetition(rows.only(rows.length == length), method)
-                cells.append(f"{rms:.1f} ({median:.1f}); {100 * slope:.0f} %")
-            except InvalidInput as error:
-                cells.append(f"refused: {error}")
-        lines.append(f"| {name} | {' | '.join(cells)} |")
+    found = [
+        (name, [_repetition(rows.only(rows.length == length), method) for length in lengths])
+        for name, method in METHODS.items()
+    ]
+    cells_of = [(name, [f"{rms:.1f} ({mid:.1f}); {slope:.0%}" for rms, mid, slope in cells]) for name, cells in found]
+    lines += best_in_bold(cells_of, [[cell[0] for cell in cells] for _, cells in found])
     cells = [f"{repeatability(rows.only(rows.length == length)):.1f}" for length in lengths]
     lines += [f"| repeatability, 3 to 6.2 bar | {' | '.join(cells)} |", ""]
     lines += ["Held-out length, inflating: RMS error [N] of each length, predicted from the other.", ""]

@@ -15,7 +15,7 @@ from allocator.calculus import Array
 from allocator.identification.motion.fit import fit_motion
 from allocator.identification.motion.samples import MotionLog, read_motion_log
 from allocator.units import DEG
-from benchmarks.real.scores import Score
+from benchmarks.real.scores import Score, best_in_bold
 
 FILE = Path("joint_log_40hz.csv")
 HORIZONS = 1.0, 5.0, 30.0  # [s]
@@ -118,16 +118,20 @@ def table(path: Path) -> list[str]:
         "",
     ]
     lines += [f"| model | {' | '.join(f'{s:g} s' for s in HORIZONS)} |", f"|---{'|---' * len(HORIZONS)}|"]
+    found = []
     for name, make in MODELS.items():
-        model, cells = make(log, trained), []
-        for seconds in HORIZONS:
-            rows = round(seconds / log.step)
-            at = starts(log, trained, log.n, rows)
-            runs = model(at, rows)
-            s = Score.of(runs.theta / DEG, runs.half / DEG, measured(log, at, rows) / DEG, at)
-            low, high = s.rms_interval
-            cells.append(
-                f"{s.rms:.2f} ({low:.1f}–{high:.1f}); {s.nrmse:.2f}; {100 * s.coverage:.0f} %, ±{s.sharpness:.1f}"
-            )
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return lines
+        model = make(log, trained)
+        found.append((name, [_score(log, model, trained, round(seconds / log.step)) for seconds in HORIZONS]))
+    rows = [(name, [_cell(score) for score in scores]) for name, scores in found]
+    return lines + best_in_bold(rows, [[score.rms for score in scores] for _, scores in found])
+
+
+def _score(log: MotionLog, model: Model, trained: int, rows: int) -> Score:
+    at = starts(log, trained, log.n, rows)
+    runs = model(at, rows)
+    return Score.of(runs.theta / DEG, runs.half / DEG, measured(log, at, rows) / DEG, at)
+
+
+def _cell(s: Score) -> str:
+    low, high = s.rms_interval
+    return f"{s.rms:.2f} ({low:.1f}–{high:.1f}); {s.nrmse:.2f}; {100 * s.coverage:.0f} %, ±{s.sharpness:.1f}"

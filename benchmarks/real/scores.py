@@ -1,6 +1,6 @@
 """Scores of predictions with bands, by episode, with bootstrap intervals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,16 @@ class Score(NamedTuple):
         wide = np.nan if half is None else float(np.mean(half))
         interval = bootstrap(mean_square, episode, lambda squares: float(np.sqrt(squares.mean())))
         return cls(rms, interval, rms / float(np.std(measured)), inside, wide)
+
+
+def best_in_bold(rows: Sequence[tuple[str, Sequence[str]]], errors: Sequence[Sequence[float]]) -> list[str]:
+    """Return lines of Markdown of named rows of cells, the cell of the least error (rows, columns) of a column bold."""
+    table = np.array(errors, float)
+    best = np.nanargmin(table, axis=0)
+    return [
+        f"| {name} | {' | '.join(f'**{cell}**' if best[j] == i else cell for j, cell in enumerate(cells))} |"
+        for i, (name, cells) in enumerate(rows)
+    ]
 
 
 def bootstrap(values: Array, episode: Array, statistic: Callable[[Array], float]) -> tuple[float, float]:
