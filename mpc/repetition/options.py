@@ -1,7 +1,7 @@
 """Options of commands that repeat a motion: `antagonist track` and `run`; degrees here, SI behind."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -83,7 +83,8 @@ class RepeatOptions:
 
         if self.learned is not None and trajectory is None:
             return Correction.load(self.learned).wanted
-        return called()
+        found = called()
+        return found if found.name or trajectory is None else replace(found, name=Path(trajectory).stem)
 
     def begun(self, reference: "Reference", owner: "Owner", dt: float) -> "Correction | None":
         """Return the correction of --from for a reference sampled every `dt` [s]; None without --from.
@@ -153,7 +154,7 @@ def report(
 def _table(learner: "Learner") -> "Table":
     from rich.table import Table
 
-    table = Table("repetition", "RMS [°]", "worst [°]", "predicted at most [°]", "gain", title="angle error, as read")
+    table = Table("repetition", "RMS [°]", "worst [°]", "predicted [°]", "gain", title="angle error, as read")
     update, first = learner.update, learner.history[0].rms
     for i, one in enumerate(learner.history):
         promised = "" if update is None else f"{update.predicted[i] * first / DEG:.3g}"

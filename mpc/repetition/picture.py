@@ -32,14 +32,15 @@ def plot_learning(
     left.semilogy(number, [one.worst / DEG for one in learner.history], "s:", color=GREY, ms=4, label="worst")
     if learner.update is not None:
         promised = rms[0] * np.array(learner.update.predicted[: rms.size])
-        left.semilogy(number, promised, "--", color="k", lw=1, label="RMS predicted at most")
+        left.semilogy(number, promised, "--", color="k", lw=1, label="RMS predicted")
     left.set(xlabel="repetition", ylabel="angle error [°]", title=title)
     left.set_xticks(_ticks(rms.size))
     left.legend(frameon=False, fontsize="small")
     course = learner.course
-    t, wanted = course.wanted.t[: course.count], course.wanted.theta[: course.count]
+    shown = slice(course.begin, course.count)  # without the first rest
+    t, wanted = course.wanted.t[shown], course.wanted.theta[shown]
     for angles, colour, name in ((before, _BEFORE, "first"), (after, _AFTER, "best")):
-        lines = right.plot(t, ((angles - wanted) / DEG).reshape(t.size, -1), color=colour, lw=1)
+        lines = right.plot(t, ((angles[shown] - wanted) / DEG).reshape(t.size, -1), color=colour, lw=1)
         lines[0].set_label(f"{name} repetition")
     right.axhline(0, color="k", lw=0.6)
     right.set(xlabel="time [s]", ylabel="angle error [°]", title="before and after")

@@ -5,7 +5,8 @@ spectrum; the response of the joints, divided by that of the bump, is
 
     T(iω) = Θ(iω)/B(iω),      (n, n) of n joints
 
-The controller previews the bump before it is asked for, so T includes the effect of preview: its phase may lead. The loop's own doubt is a set of responses: on the model at several postures, and on draws from its posterior.
+The controller previews the bump before it is asked for, so T includes the effect of preview: its phase may lead. The
+loop's own doubt is a set of responses: on the model at several postures, and on draws from its posterior.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,7 +26,7 @@ from mpc.trials.simulation import Controller, Process, simulate
 from mpc.tuning.draws import Spreads, draws
 from mpc.tuning.robustness import sliding
 
-DRAWS = 6
+DRAWS = 4
 SETTLE, LISTEN = 1.5, 3.5  # [s] before the bump's middle and after it
 BUMP, WIDTH = 1e-5, 0.02  # [rad] height, [s] standard deviation
 HIGHEST, STEP = 16.0, 0.1  # [Hz] of the frequencies; the bump has an eighth of its spectrum left there

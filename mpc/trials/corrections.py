@@ -102,10 +102,12 @@ class Correction:
                     f"{path} was learned with another {what}: {learned}, not {given}; learn it again with --repeat"
                 )
 
-    def along(self, other: Reference, path: FilePath = "the correction") -> "Correction":
+    def along(
+        self, other: Reference, path: FilePath = "the correction", speeds: tuple[float, float] = SPEEDS
+    ) -> "Correction":
         """Return the correction for the same motion at another speed, scaled in time. Raises `InvalidInput`.
 
-        The motion between first and last rest has to have the same path of angle and stiffness, at `SPEEDS` times the
+        The motion between first and last rest has to have the same path of angle and stiffness, at `speeds` times the
         learned speed. Hysteresis depends on the path alone, but lags and inertia do not; beyond these speeds it is
         refused.
         """
@@ -116,7 +118,7 @@ class Correction:
             learned, asked = getattr(self.wanted, name), getattr(other, name)
             if learned.shape[1:] != asked.shape[1:] or not _close(_at(self.wanted.t, learned, at), asked, unit):
                 raise InvalidInput(f"{path} was learned for another motion ({self.wanted.summary})")
-        low, high = SPEEDS
+        low, high = speeds
         if not low <= speed <= high:
             raise InvalidInput(
                 f"{path} was learned at another speed: this motion is {speed:.2f} times as fast, and a correction is "
