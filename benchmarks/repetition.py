@@ -125,10 +125,11 @@ class Row(NamedTuple):
         until = int(rms.argmin()) + 1
         noise = 0.03 * rms[:-1] + ready.stranger.sensors.step / 12**0.5
         limits = ("commanded pressure", "pressure slew", "joint range")
-        kept = (not metrics(run).violations[name][0] for run in (practice.first, practice.best) for name in limits)
+        runs = practice.first, practice.best
+        kept = (not metrics(run).violations[name][0] for run in runs for name in limits)
         return cls(
             ready.stranger.structure, ready.stranger.seed, motion, error(practice.first, begin),
-            error(practice.best, begin), *(stiffness_error(ready.stranger, run, begin) for run in (practice.first, practice.best)),
+            error(practice.best, begin), *(stiffness_error(ready.stranger, run, begin) for run in runs),
             learner.update.predicted[1] if learner.update else np.nan, rms[1] / rms[0],
             int((np.diff(rms) > noise)[: until - 1].sum()), len(rms), learner.reason.name, not all(kept),
         )  # fmt: skip
@@ -241,8 +242,8 @@ def report(
         first, best, last = (np.array([o[i] for o in off]) for i in range(3))
         lines += [
             f"{len(off)} runs of the min-jerk motion, at most {WRONG} repetitions. Median error "
-            f"{np.median(first):.2f}° → {np.median(best):.3f}°, divided by {np.median(first / best):.1f} in the median and "
-            f"{(first / best).min():.1f} at least. The last repetition was worse than the first in "
+            f"{np.median(first):.2f}° → {np.median(best):.3f}°, divided by {np.median(first / best):.1f} in the median "
+            f"and {(first / best).min():.1f} at least. The last repetition was worse than the first in "
             f"{(last > first).sum()} runs, the best one kept never. Learning stopped as the error grew in "
             f"{sum(o[3] == Reason.GREW.name for o in off)} runs. Greatest error of a last repetition: "
             f"{last.max():.2f}°.",
