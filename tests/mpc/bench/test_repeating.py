@@ -4,27 +4,40 @@ import numpy as np
 import pytest
 
 from allocator.units import DEG
+from mpc.bench.loop import RealTimeLoop
 from mpc.bench.repeating import compared, finished, read, repeat
+from mpc.observer.base import Differentiator
 from mpc.repetition.learner import Learner
 from mpc.repetition.response import Response
 
+DT = 0.01
 FREQUENCY = np.arange(0.0, 16.0, 0.1)
 
 
 @pytest.fixture
 def taught(bench):
     """A learner of the bench's motion, with a loop that is taken to lag by 50 ms, and what drives along a reference."""
-    lagging = Response(FREQUENCY, (1 / (1 + 0.1j * np.pi * FREQUENCY))[:, None, None])
+    lagging = Response(FREQUENCY, (1 / (1 + 2j * np.pi * FREQUENCY * 0.05))[:, None, None])
     return Learner(bench.reference, (lagging,), bench.controller.dt, 3)
+
+
+def loop_along(bench, reference):
+    """Return the bench's loop along another reference."""
+    first = bench.loop()
+    settings = first.cycle.settings
+    return RealTimeLoop(
+        bench.device, bench.controller, Differentiator(DT), reference, start=settings.start, stop=settings.stop,
+        clock=bench.clock,
+    )  # fmt: skip
 
 
 def driving(bench, commands):
     """Return what drives the bench along a reference; the pressures after each loop are added to `commands`."""
 
     def drive(reference):
-        driven = bench.loop(reference=reference)
+        driven = loop_along(bench, reference)
         record = driven.run()
-        commands.append(bench.device.command)
+        commands.append(np.array(bench.device.commands[-1]))
         return record
 
     return drive
@@ -46,7 +59,7 @@ def test_a_loop_that_does_not_finish_ends_it_and_keeps_what_was_learned(bench, t
 
     def drive(reference):
         count[0] += 1
-        driven = bench.loop(reference=reference)
+        driven = loop_along(bench, reference)
         if count[0] == 3:
             driven.stop()
         return driven.run()
