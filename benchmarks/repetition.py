@@ -239,15 +239,16 @@ def off_report(off: list[tuple[float, float, float, str]], strangers: int) -> st
     grew = sum(o[3] == Reason.GREW.name for o in off)
     lines = ["# Motions that are learned with models 30 % off", ""]
     lines += [
-        f"Runs: {len(off)}, of the min-jerk motion on {strangers} strangers, at most {WRONG} repetitions. Inertia, force "
-        "and lags of the joint are 30 % off, each up or down, with controller and update of the model unchanged. Errors "
-        "as read, RMS after the first rest, by `python -m benchmarks.repetition --off N`.",
+        f"Runs: {len(off)}, of the min-jerk motion; strangers: {strangers}; at most {WRONG} repetitions. Inertia, "
+        "force and lags of the joint are 30 % off, each up or down, with controller and update of the model unchanged. "
+        "Errors as read, RMS after the first rest, by `python -m benchmarks.repetition --off N`.",
         "",
         "| median error, first → best | divided by: median, least | last worse than first | stopped as it grew | worst "
         "last error |",
         "|---|---|---|---|---|",
         f"| {np.median(first):.2f}° → {np.median(best):.3f}° | {np.median(first / best):.1f}, "
-        f"{(first / best).min():.1f} | {(last > first).sum()} of {len(off)} | {grew} of {len(off)} | {last.max():.2f}° |",
+        f"{(first / best).min():.1f} | {(last > first).sum()} of {len(off)} | {grew} of {len(off)} | "
+        f"{last.max():.2f}° |",
     ]
     return "\n".join(lines) + "\n"
 

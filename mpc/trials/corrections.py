@@ -187,7 +187,7 @@ def _apart(moving: tuple[float, float], t: Array) -> list[float]:
 def _at(t: Array, values: Array, at: Array) -> Array:
     rows = values.reshape(t.size, -1)
     columns = np.stack([np.interp(at, t, row) for row in rows.T], axis=1)
-    return np.asarray(columns.reshape(at.size, *values.shape[1:]))
+    return np.asarray(columns.reshape(at.size, *values.shape[1:]), float)
 
 
 def _close(one: Array, other: Array, unit: str) -> bool:

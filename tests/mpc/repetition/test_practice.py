@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator.units import DEG
 from mpc import Plant, RealPlant, Reference, simulate
 from mpc.cli import app
 from mpc.observer.base import Differentiator
