@@ -174,7 +174,7 @@ def _moving(reference: Reference) -> tuple[float, float]:
 
 def _onto(t: Array, theirs: tuple[float, float], of: Array, mine: tuple[float, float]) -> Array:
     """Return the learned times for the times `t` of the other motion: first rest, motion and last rest each scaled."""
-    return np.interp(t, [t[0], *_apart(theirs, t)], [of[0], *_apart(mine, of)])
+    return np.asarray(np.interp(t, [t[0], *_apart(theirs, t)], [of[0], *_apart(mine, of)]))
 
 
 def _apart(moving: tuple[float, float], t: Array) -> list[float]:
