@@ -1,7 +1,7 @@
 """Motions of strangers that are learned by repeating them.
 
-    python -m benchmarks.repetition [--seeds 2] [--structures braid,tips]
-    python -m benchmarks.repetition --off 200
+    python -m benchmarks.repetition [--seeds 1] [--structures braid,tips,power,exponential]
+    python -m benchmarks.repetition --off 60 --structures braid
 
 The joints are those of `benchmarks.strangers`, which the library does not model. The MPC has the model of data sheets
 and the usual robust weights, and is told the age of the encoder's readings. Each motion is repeated 10 times, or until
@@ -202,7 +202,7 @@ def floors(rows: list[Row], steps: dict[str, float]) -> list[str]:
 def main() -> None:
     """Run the benchmark and write the report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=2, help="strangers per structure")
+    parser.add_argument("--seeds", type=int, default=1, help="strangers per structure")
     parser.add_argument("--first", type=int, default=REPORTING, help="the first seed; from 1000 on they are for tuning")
     parser.add_argument("--structures", default=",".join(STRUCTURES))
     parser.add_argument("--off", type=int, default=0, help="runs with models 30 %% off, instead")
