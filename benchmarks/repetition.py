@@ -7,7 +7,7 @@ The joints are those of `benchmarks.strangers`, which the library does not model
 and the usual robust weights, and is told the age of the encoder's readings. Each motion is repeated 10 times, or until
 learning stops by itself; all repetitions begin in one state, with noise of their own. Learning sees the encoder, the
 figures are true angles after the first rest. For each run, *predicted* is the ratio of the second error to the first
-that the design guarantees for the worst plant it reckons with, *seen* the true one.
+that the design computes for the worst of its linear plants, *seen* that of the errors as read.
 
 Corrections at another speed are those of the min-jerk motion in 1 s, scaled in time.
 """

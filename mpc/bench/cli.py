@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Self
 
@@ -197,12 +198,9 @@ def run_command(
         told = told if tuned else robust(controller, told, reference)
         driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
         sentences = margins_in_words(controller, told, reference, driver)
-        learner = None
-        if learned:
-            learner = repeated.learner(
-                reference, lambda: responses(controller, told, reference, options.spreads()), at.dt, begun,
-                plant.angle_limits, controller,
-            )  # fmt: skip
+        answers = partial(responses, controller, told, reference, options.spreads())
+        limits = plant.angle_limits
+        learner = repeated.learner(reference, answers, at.dt, begun, limits, controller) if learned else None
 
     def drive(asked: "Reference") -> "Record":
         watch = _Watch(plant.joint.pressure_limits[1], at.dt, bench)
