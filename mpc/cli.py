@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
 _NOMINAL, _REAL = "nominal", "real"  # plants
 _REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
-_SUFFIXES = (*IMAGES, ".csv", ".npz", ".gif", ".mp4")
-_OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix != ".npz")
+_SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap", ".gif", ".mp4")
+_OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".mcap"))
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _OWN_FILM = "tracking.gif"  # of several joints
 _MPC = "mpc"
@@ -77,8 +77,8 @@ def track(
     out: Annotated[
         list[Path] | None,
         typer.Option(
-            help="a .csv, .npz (of one joint), .png, .gif or .mp4 to write, or a directory for tracking.png and .csv, "
-            "of several joints also .gif; may be repeated"
+            help="a .csv, .npz or .mcap (of one joint), .png, .gif or .mp4 to write, or a directory for tracking.png "
+            "and .csv, of several joints also .gif; may be repeated"
         ),
     ] = None,
     solver: Annotated[
@@ -224,7 +224,7 @@ def _refuse(**given: object) -> None:
 
 def _show(files: list[Path]) -> None:
     for path in files:
-        if path.suffix not in (".csv", ".npz"):
+        if path.suffix not in (".csv", ".npz", ".mcap"):
             typer.launch(str(path))
 
 

@@ -34,7 +34,7 @@ _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
 _OBSERVING = ("mpc", "predictive-pid", "lqr")  # controllers
 _STOPPED = 4  # exit code of a loop that ended for safety
 _SIM = "sim"
-_SUFFIXES = (*IMAGES, ".csv", ".npz")
+_SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap")
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def run_command(
     ] = None,
     out: Annotated[
         list[Path] | None,
-        typer.Option(help="a .csv (written sample by sample), .npz or .png to write; may be repeated"),
+        typer.Option(help="a .csv (written sample by sample), .npz, .mcap or .png to write; may be repeated"),
     ] = None,
     controller: Annotated[str, typer.Option(help="mpc, pid, pi, predictive-pid, lqr, feedforward")] = "mpc",
     settle: Annotated[float, typer.Option(help="under control at the first point of the trajectory [s]")] = 1.0,
@@ -161,7 +161,7 @@ def run_command(
     It begins with a soft start from the present pressures, and ends with the pressures as --stop says, whatever ends
     it: the end of the trajectory, Ctrl-C (twice: vent at once), SIGTERM, a closed terminal, a device or a log that
     fails. Exit code 0 at the end, 130 after Ctrl-C, 143 after SIGTERM or a closed terminal, 4 if the loop ended itself.
-    With .npz or .png alone the samples go into a .csv beside it, which is removed when all is well.
+    With .npz, .mcap or .png alone the samples go into a .csv beside it, which is removed when all is well.
     """
     from rich.console import Console
 
@@ -370,11 +370,14 @@ def _journal(files: list[Path]) -> Path | None:
 
 def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
     """Write the other files, and remove a journal that nobody asked for."""
+    from mpc.trials.mcap import save_mcap
     from mpc.trials.pictures.plotting import save_tracking_figure
 
     for path in files:
         if path.suffix == ".npz":
             record.save(path)
+        elif path.suffix == ".mcap":
+            save_mcap(record.run(), path)
         elif path.suffix != ".csv":
             save_tracking_figure(record.run(), path)
     if journal is not None and journal not in files:
