@@ -179,8 +179,8 @@ class PairAllocation(Allocation):
         """Return how much better an answer might be than this one, for all that is proved; 0 for closed forms.
 
         A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
-        (muscles not affine) prove some 1e-13. Of an optimising method: how much worse than the bound of "exact". NaN where nothing is proved: methods "analytic" and "uncertain",
-        and muscles that are not affine with a pull.
+        (muscles not affine) prove some 1e-13. Of an optimising method: how much worse than the bound of "exact". NaN
+        where nothing is proved: methods "analytic" and "uncertain", and a pull on muscles that are not affine.
         """
         if self._gap is not None:
             return self._gap
