@@ -1,16 +1,25 @@
 """Parts of the benchmark of felt stiffness: python -m benchmarks.felt PART; each prints its figures."""
 
 import sys
+from functools import partial
 
-from benchmarks.felt import allocation
+from benchmarks.felt import allocation, drift, hidden, refusals, strangers
 
-PARTS = {"allocation": allocation.report}
+PARTS = {
+    "allocation": allocation.report,
+    "hidden": hidden.report,
+    "inertia": partial(hidden.report, inertia_error=0.05),
+    "refusals": refusals.report,
+    "strangers": strangers.report,
+    "identified": partial(strangers.report, n=2, of="identified"),
+    "drift": drift.report,
+}
 
 
 def main(names: list[str]) -> None:
     if len(names) != 1 or names[0] not in PARTS:
         sys.exit(f"usage: python -m benchmarks.felt {{{','.join(PARTS)}}}")
-    print(PARTS[names[0]]())
+    print(PARTS[names[0]]())  # type: ignore[operator]
 
 
 if __name__ == "__main__":

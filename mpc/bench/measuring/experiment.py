@@ -3,7 +3,7 @@
     hold the rest
     each muscle alone at a low frequency, until the angle swings by A       (their amplitudes brought together)
     both muscles against each other: low at 1.4 A, and slower at A
-    each muscle alone, and both, at frequencies well above the resonance that the low tones have shown
+    both muscles in three proportions at two frequencies well above the resonance that the low tones have shown
     both muscles at a low frequency with a series of amplitudes: the curve K_felt(A)
 
 The amplitude of a command follows A_{k+1} = a_k (A/measured)^0.6, in steps of 1.4 at most, since friction jumps. A drive
@@ -22,7 +22,7 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.guard import Pressures
-from mpc.bench.measuring.phasors import Phasors, phasors
+from mpc.bench.measuring.loops import Tone, tone_of
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 
@@ -34,12 +34,15 @@ _CUT = 0.5
 _BEGIN = 0.9  # of the drive that is expected
 _SUDDEN = 4.0  # of the steps across the dead band
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
-_LEAST_ABOVE = 1.3
+_LEAST_ABOVE, _ENOUGH_ABOVE, _LOWEST_ABOVE = 1.3, 1.5, 1.2
+_SHORT = 0.93  # of the amplitude: less has not been reached
+_PLANNED = 1.0, 1.4, 0.75, 2.0, 0.5  # of the amplitude asked for, in the order in which they are tried
 _SAMPLES = 16  # a period, at least
 _HIGHEST = 8.0  # [Hz]
 _FLOW_SHARE = 0.8  # of the regulators' flow that a tone takes
 _MARGIN = 0.15 * BAR  # from a pressure at which a cable is slack, and from the supply's ends
 ONE, TWO, BOTH = (1.0, 0.0), (0.0, 1.0), (0.5, 0.5)  # shares of the torque
+MORE, LESS = (0.6, 0.4), (0.4, 0.6)  # at the upper frequency, where a muscle alone may be too slow
 
 
 @dataclass(frozen=True)
@@ -70,8 +73,8 @@ class Refused(Exception):  # a finding, said in the result
 class Findings:
     """Everything that the experiment saw."""
 
-    tones: list[Phasors] = field(default_factory=list)
-    curve: list[Phasors] = field(default_factory=list)
+    tones: list[Tone] = field(default_factory=list)
+    curve: list[Tone] = field(default_factory=list)
     quantum: float = 0.0  # of the encoder [rad]
     refusal: str = ""
     duration: float = 0.0  # [s]
@@ -87,7 +90,7 @@ class Experiment:
         self.first: Pressures = (float(x[2]), float(x[3]))
         self.findings = Findings()
         self._rest = theta
-        self._asked = tones.amplitude
+        self._asked = self._amplitude = tones.amplitude
         self._gains = self._torque_gains(theta)
         self._tick: Tick | None = None
         self._angles: list[float] = []  # of all samples [rad]
@@ -110,7 +113,8 @@ class Experiment:
 
     def _sequence(self) -> Iterator[Decision]:
         tones, found = self.tones, self.findings.tones
-        A, stiff = tones.amplitude, self._expected(tones.amplitude)
+        A = self._amplitude = self._planned()
+        stiff = self._expected(A)
         rest = yield from self._seen(self._hold(tones.settle))
         yield from self._shaken(A, stiff)
         self._find_rest(rest)
@@ -120,9 +124,12 @@ class Experiment:
             stiff = self._stiffness(tone, stiff)
         found.append((yield from self._brought(tones.low, BOTH, 1.4 * A, stiff, close=0.15)))
         found.append((yield from self._brought(tones.slowest, BOTH, A, stiff)))
-        upper, further = self._upper(abs(stiff))
-        for frequency, share in ((upper, ONE), (upper, TWO), (further, BOTH)):
-            found.append((yield from self._brought(frequency, share, A, stiff)))
+        upper, further = self._upper(stiff)
+        lowest = _LOWEST_ABOVE * self._resonance(stiff)
+        tone, upper = yield from self._reached(upper, lowest, MORE, A, stiff)
+        found += [tone, (yield from self._brought(upper, LESS, A, stiff))]
+        tone, _ = yield from self._reached(max(further, 1.08 * upper), 1.08 * upper, BOTH, A, stiff)
+        found += [tone] if tone.swing > _SHORT * A else []
         for amplitude in tones.series:
             tone = yield from self._brought(tones.slow, BOTH, amplitude, stiff, close=0.15)
             self.findings.curve.append(tone)
@@ -158,9 +165,10 @@ class Experiment:
             raise Refused("the device gave no readings of the angle")
         return (max(seen) + min(seen)) / 2
 
-    def _stiffness(self, tone: Phasors, expected: complex) -> complex:
+    def _stiffness(self, tone: Tone, expected: complex) -> complex:
         """Return K_felt + i h [N·m/rad] by a tone, with strengths of 1, in proportion to what is `expected`."""
-        found = complex(sum(tone.torque) / tone.theta) + self.plant.inertia * tone.omega**2
+        loop = tone.loop(self.known.reading_age)
+        found = complex(sum(loop.secants) + self.plant.inertia * loop.acceleration, sum(loop.losses))
         return found if 0.2 < abs(found) / abs(expected) < 10 else expected
 
     def _expected(self, amplitude: float) -> complex:
@@ -170,16 +178,31 @@ class Experiment:
         K = self.plant.joint.stiffness(self._rest, P1, P2, amplitude=amplitude, loop=loop)
         return complex(K) + self.plant.gravity_torque * np.cos(self._rest)
 
-    def _upper(self, stiffness: float) -> tuple[float, float]:
+    def _planned(self) -> float:
+        """Return the amplitude asked for, or one near to it at which the regulators can better follow."""
+        margins = []
+        for share in _PLANNED:
+            self._amplitude = share * self.tones.amplitude
+            stiffness = 1.1 * self._expected(self._amplitude)
+            margins.append(self._margin(_ENOUGH_ABOVE * self._resonance(stiffness), max(MORE), stiffness))
+            if margins[-1] >= 1:
+                break
+        self._amplitude = _PLANNED[int(np.argmax(margins))] * self.tones.amplitude
+        return self._amplitude
+
+    def _resonance(self, stiffness: complex) -> float:
+        return sqrt(max(stiffness.real, 0.0) / self.plant.inertia) / 2 / pi
+
+    def _upper(self, stiffness: complex) -> tuple[float, float]:
         """Return the two upper frequencies [Hz]: well above the resonance, as far as valves and samples follow."""
-        resonance = sqrt(stiffness / self.plant.inertia) / 2 / pi
+        resonance = self._resonance(stiffness)
         most = min(_HIGHEST, 1 / (_SAMPLES * self.dt))
         upper = min(max(_ABOVE[0] * resonance, 3 * self.tones.low), most / 1.2)
-        while upper > _LEAST_ABOVE * resonance and not self._follows(upper, max(ONE), stiffness):
+        while upper > _LEAST_ABOVE * resonance and not self._follows(upper, max(MORE), stiffness):
             upper *= 0.97
-        if upper < 1.25 * resonance:
+        if not self._follows(upper, max(MORE), stiffness):
             raise Refused(
-                f"the regulators cannot move the joint by ±{self.tones.amplitude / DEG:.2g}° above its resonance of "
+                f"the regulators cannot move the joint by ±{self._amplitude / DEG:.2g}° above its resonance of "
                 f"{resonance:.2g} Hz (flow, slack cables, or the sample time {self.dt:g} s); take a smaller amplitude"
             )
         further = min(_ABOVE[1] / _ABOVE[0] * upper, most)
@@ -187,30 +210,40 @@ class Experiment:
             further *= 0.97
         return upper, further
 
-    def _follows(self, frequency: float, share: float, stiffness: float) -> bool:
+    def _follows(self, frequency: float, share: float, stiffness: complex) -> bool:
         """Return whether the pressures of a tone keep to flow, slew, supply and taut cables."""
+        return self._margin(frequency, share, stiffness) >= 1
+
+    def _margin(self, frequency: float, share: float, stiffness: complex) -> float:
+        """Return how many times as great the pressures of a tone might be."""
         omega = 2 * pi * frequency
-        torque = self.tones.amplitude * abs(stiffness - self.plant.inertia * omega**2) * share
-        pressures = [torque / abs(g) for g in self._gains]
-        fastest = min(self.known.flow, self.plant.slew / 1.3)
-        commands = [p * abs(1 + 1j * omega * tau) for p, tau in zip(pressures, self.plant.lags, strict=True)]
-        return (
-            max(pressures) * omega <= _FLOW_SHARE * self.known.flow
-            and max(commands) * omega <= max(fastest, self.plant.slew)
-            and all(p <= room for p, room in zip(commands, self._room, strict=True))
-        )
+        torque = self._amplitude * abs(stiffness - self.plant.inertia * omega**2) * share
+        pressures = np.array([torque / abs(g) for g in self._gains])
+        commands = pressures * np.abs(1 + 1j * omega * np.array(self.plant.lags))
+        taken = pressures.max() * omega / (_FLOW_SHARE * self.known.flow), commands.max() * omega / self.plant.slew
+        return 1 / max(*taken, float((commands / np.array(self._room)).max()))
+
+    def _reached(
+        self, f: float, lowest: float, shares: tuple[float, float], A: float, stiff: complex
+    ) -> Generator[Decision, None, tuple[Tone, float]]:
+        """Return a tone that swings by A, and its frequency [Hz]: lower than `f` where the regulators are too slow."""
+        tone = yield from self._brought(f, shares, A, stiff)
+        while tone.swing < _SHORT * A and f > lowest:
+            f = max(0.9 * f, lowest)
+            tone = yield from self._brought(f, shares, A, stiff)
+        return tone, f
 
     # --- one tone ---------------------------------------------------------------------------------------------------
 
     def _brought(
         self, f: float, shares: tuple[float, float], A: float, stiff: complex, close: float = _CLOSE
-    ) -> Generator[Decision, None, Phasors]:
+    ) -> Generator[Decision, None, Tone]:
         """Drive a tone until the angle swings by A, and return it."""
         net, dead = self._drive(f, shares, A, stiff)
         quick = f > _QUICK
         step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
         self._asked, scale, phase = A, _BEGIN, 0.0
-        tone, periods = None, step
+        tone, periods, last = None, step, 0.0
         for k in range(self.tones.rounds):
             rows, phase, cut = yield from self._played(f, net * scale, dead, periods, phase, ramp=k == 0)
             seen = rows[-round(1 / f / self.dt) :, 1] if periods == step else rows[:, 1]
@@ -222,8 +255,12 @@ class Experiment:
             near = abs(ratio - 1) <= close and not cut
             if near and periods != step:
                 break
+            stuck = k > 1 and ratio > 1 / _SHORT and swing < 1.03 * last and not cut  # the regulators give no more
+            if stuck and periods != step:
+                break
+            last = swing
             scale *= 1 / _STEP if cut else min(max(ratio**_EXPONENT, 1 / _STEP), _STEP)
-            periods = measured if near or k >= self.tones.rounds - 2 else step
+            periods = measured if near or stuck or k >= self.tones.rounds - 2 else step
         yield from self._hold(0.1)
         assert tone is not None
         return tone
@@ -264,14 +301,14 @@ class Experiment:
             yield Decision((float(u[0]), float(u[1])), Phase.RUN)
         return np.array(rows), phase, cut
 
-    def _tone(self, rows: Array, f: float) -> Phasors:
-        """Return the phasors of the rows."""
+    def _tone(self, rows: Array, f: float) -> Tone:
+        """Return the tone in the rows."""
         rows = rows[np.isfinite(rows).all(axis=1)]
         if len(rows) < 8:
             raise Refused("the device gave too few readings of angle and pressures")
         agonist, antagonist = self.plant.joint.sides(self._rest)
         T = np.column_stack([agonist.torque(rows[:, 2]), antagonist.torque(rows[:, 3])])
-        return phasors(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
+        return tone_of(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
 
     # --- sample by sample -------------------------------------------------------------------------------------------
 

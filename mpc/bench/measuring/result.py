@@ -1,6 +1,6 @@
 """What a measurement says: strengths, backbone K, felt K by amplitude, loss and damping, or why it says nothing."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import NamedTuple, Self
 
@@ -11,12 +11,14 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.felt import Loop
 from allocator.units import BAR, DEG
 from mpc.bench.measuring.experiment import Findings, Tones
-from mpc.bench.measuring.phasors import Phasors
-from mpc.bench.measuring.strengths import WIDER, Known, Solution, solve, why_not
+from mpc.bench.measuring.loops import Tone
+from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_not
 from mpc.model.plant import Plant
 
 _LEAST_STEPS = 4.0  # of the encoder in a swing
 _SCATTER = 0.015  # of K_felt: waveform of the turns, which no error of a phasor shows
+_BALANCED = 0.025  # of a muscle's torque: offsets of sensors, the law
+_CENTRED = 0.25  # of the height of a loop: how well it is centred
 _NORMAL = 1.96  # of 95 %
 
 
@@ -75,6 +77,7 @@ class MeasuredStiffness:
             return cls._refused(findings, findings.refusal or "the experiment ended before it had measured")
         A = float(np.mean([t.swing for i, t in enumerate(findings.tones) if i != WIDER]))
         why = why_not(findings.tones, A, None, _LEAST_STEPS * step)
+        known = replace(known, loads=(*known.loads, _balance(plant, findings.tones[:4], A)))
         found = None if why else solve(findings.tones, A, known)
         if why := why or why_not(findings.tones, A, found, 0.0):
             return cls._refused(findings, why)
@@ -99,7 +102,8 @@ class MeasuredStiffness:
         inertia = found.values.get("J", plant.inertia)
         gravity = plant.gravity_torque * float(np.cos(theta))
         slow = [*findings.tones[:3], *findings.curve]
-        curve = [_felt(tone, plant.joint, loop, theta, P, g, C, inertia, gravity) for tone in slow]
+        age = found.values["age"]
+        curve = [_felt(tone, age, plant.joint, loop, theta, P, g, C, inertia, gravity) for tone in slow]
         felt = (_mean(*curve[:2]), *curve[2:])
         return cls(
             theta, P, found.strengths, C, float(g @ k), sqrt(float(k @ C @ k)), float(k.sum()), felt,
@@ -165,8 +169,21 @@ class MeasuredStiffness:
         }
 
 
+def _balance(plant: Plant, tones: list[Tone], A: float) -> Load:
+    """Return the balance of the mean torques during slow tones, whose symmetric loops have no mean of their own.
+
+    It is trusted to a share of the torques, for sensors' offsets and the law, and to one of the loop's height.
+    """
+    one, two = np.mean([t.mean_torque for t in tones], axis=0).tolist()
+    theta = float(np.mean([t.middle[0] for t in tones]))
+    height = float(np.mean([abs(sum(t.loop().losses)) for t in tones])) * A
+    error = sqrt((_BALANCED * (abs(one) + abs(two)) / 2) ** 2 + (_CENTRED * height) ** 2)
+    return Load((one, two), plant.gravity_torque * float(np.sin(theta)), error)
+
+
 def _felt(
-    tone: Phasors,
+    tone: Tone,
+    age: float,
     joint: AntagonistJoint,
     loop: Loop,
     theta: float,
@@ -177,13 +194,12 @@ def _felt(
     gravity: float,
 ) -> Felt:
     """Return the felt stiffness that a slow tone shows: the secant of torque, inertia and gravity at its turns."""
-    s = np.array(tone.turns)
-    K = float(g @ s) + inertia * tone.inertial - gravity
-    noise = 1.5 * float(np.hypot(*(g * tone.ratio_error)))
-    std = sqrt(float(s @ C @ s) + noise**2 + (_SCATTER * K) ** 2)
-    Z = sum(gi * p / tone.theta for gi, p in zip(g, tone.torque, strict=True))
-    model = float(joint.stiffness(theta, *P, amplitude=tone.swing, loop=loop))
-    return Felt(tone.swing, K, std, float(Z.imag) / K, model)
+    cycle = tone.loop(age)
+    s = np.array(cycle.secants)
+    K = float(g @ s) + inertia * cycle.acceleration - gravity
+    std = sqrt(float(s @ C @ s) + tone.error**2 + (_SCATTER * K) ** 2)
+    model = float(joint.stiffness(theta, *P, amplitude=cycle.swing, loop=loop))
+    return Felt(cycle.swing, K, std, float(g @ np.array(cycle.losses)) / K, model)
 
 
 def _mean(one: Felt, two: Felt) -> Felt:

@@ -1,19 +1,18 @@
-"""Strengths of the muscles from tones of equal amplitude: equations (S4), (S5).
+"""Strengths of the muscles from loops of equal amplitude: equations (S4), (S5) for any waveform.
 
-With the phasors Θ of the angle and Π_i of muscle i's torque by the model at the measured pressure, its true strength
-g_i, damping D and the known inertia J, small motions about a rest obey
+With the torques T_i of the model at the measured pressures, the muscles' true strengths g_i, damping D and the known
+inertia J, steady motions about a rest obey J θ'' + D θ' + K θ + T_f = Σ g_i T_i. At the turns, and over a cycle,
 
-    (K_felt(A) + i h(A) - J ω² + i ω D) Θ = g_1 Π_1 + g_2 Π_2                                                 (S4)
+    g_1 s_1 + g_2 s_2 + J a = K_felt(A)                                                                        (S4)
+    g_1 w_1 + g_2 w_2 - D v = h(A)
 
-Rate-independent hysteresis answers equally at all frequencies where A is equal. Tones in either muscle at a low and at a
-high frequency, one of another amplitude and a third and fourth frequency therefore determine g_1, g_2, K_felt and h at
-the amplitude A_0, their slopes by A, and D:
+with the secants s, a and works w, v of `mpc.bench.measuring.loops`. Secant K_felt and loss h of rate-independent
+hysteresis depend on the swing A alone. Tones of equal A in either muscle at a low and at a high frequency, one of
+another amplitude and a third and fourth frequency therefore determine g_1, g_2, K_felt and h at A_0, their slopes by A,
+and D: two equations a tone, by least squares. For sines, A = |Θ| and phasors this is (S5).
 
-    g_1 Π_1/Θ + g_2 Π_2/Θ - (K + K' ΔA) - i (h + h' ΔA) - i ω D = -J ω²
-
-two real equations a tone, solved by least squares. Readings of the angle that are δ old turn Θ by e^{-iωδ}; δ is one
-unknown more, with what is told of it as a prior. A stiffness that rises with the logarithm of the frequency instead is
-looked for, and refuses the measurement.
+The age δ of the angle's readings is one unknown more, with what is told of it as a prior. A stiffness that rises with
+the logarithm of the frequency instead is looked for, and refuses the measurement.
 """
 
 from dataclasses import dataclass
@@ -23,11 +22,12 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.bench.measuring.phasors import Phasors
+from mpc.bench.measuring.loops import Loop, Tone
 
 NAMES = ("g1", "g2", "K", "h", "dK/dA", "dh/dA", "D", "age")
 WIDER = 2  # number of the tone of another amplitude
 _FLOOR = 0.006  # of the impedance K - Jω² + …: what no scatter of periods shows (waveform, dead band)
+_TINY = 1e-4  # [s] of a difference
 _STEPS = 12  # of Gauss–Newton in the age
 _APART = 0.10  # of the amplitude: tones farther apart say nothing
 _RATE = 3.5  # standard errors of a rate dependence that is believed
@@ -71,7 +71,7 @@ class Solution:
         return self.values["g1"], self.values["g2"]
 
 
-def solve(tones: list[Phasors], amplitude: float, known: Known) -> Solution:
+def solve(tones: list[Tone], amplitude: float, known: Known) -> Solution:
     """Return strengths and the rest from tones about the amplitude A_0 [rad]."""
     added = known.added or (0.0,) * len(tones)
     values, covariance, chi = _fitted(tones, added, amplitude, known, rate=False)
@@ -90,29 +90,36 @@ def solve(tones: list[Phasors], amplitude: float, known: Known) -> Solution:
 
 
 def _fitted(
-    tones: list[Phasors], added: tuple[float, ...], A0: float, known: Known, *, rate: bool
+    tones: list[Tone], added: tuple[float, ...], A0: float, known: Known, *, rate: bool
 ) -> tuple[Array, Array, float]:
     """Return unknowns, their covariance and √(χ²/dof): linear but for the age, by Gauss–Newton."""
     J = known.inertia
     n = len(NAMES) + (J is None) + rate
     x, age = np.zeros(n), known.age
     x[:2] = 1.0
+    centre = _centre(tones)
     for _ in range(_STEPS):
         rows, targets, sigma = [], [], []
         for tone, more in zip(tones, added, strict=True):
-            w, Theta = tone.omega, tone.theta * np.exp(1j * tone.omega * age)
-            dA = tone.swing - A0
-            r1, r2 = (p / Theta for p in tone.torque)
-            column = [r1, r2, -1, -1j, -dA, -1j * dA, -1j * w, -1j * w * (x[0] * r1 + x[1] * r2)]
-            column += [w**2] if J is None else []
-            column += [-(log(tone.frequency) - _centre(tones)) / log(10)] if rate else []
-            target = -(0.0 if J is None else J) * w**2 - more * w**2
-            target = target + column[7] * age
-            error = _error(tone, x)
-            for part in (np.real, np.imag):
-                rows.append([float(part(c)) for c in column])
-                targets.append(float(part(target)))
-                sigma.append(error)
+            here, later = tone.loop(age), tone.loop(age + _TINY)
+            g1, g2 = x[:2]
+            (s1, s2), (w1, w2), dA, a = here.secants, here.losses, here.swing - A0, here.acceleration
+            inertia = 0.0 if J is None else J
+            turned = [(_left(l, g1, g2, inertia + more)) for l in (here, later)]
+            by_age = [(b - c) / _TINY for c, b in zip(*turned, strict=True)]
+            more_columns = (
+                ([a, 0.0] if J is None else []),
+                ([-(log(tone.frequency) - centre) / log(10), 0.0] if rate else []),
+            )
+            for k, row in enumerate(
+                (
+                    [s1, s2, -1.0, 0.0, -dA, 0.0, 0.0, by_age[0]],
+                    [w1, w2, 0.0, -1.0, 0.0, -dA, -here.velocity, by_age[1]],
+                )
+            ):
+                rows.append([*row, *(c[k] for c in more_columns if c)])
+                targets.append((-(inertia + more) * a if k == 0 else 0.0) + row[7] * age)
+                sigma.append(sqrt(tone.error**2 + (_FLOOR * max(abs(x[2]), abs(inertia * a))) ** 2))
         rows.append([0.0] * 7 + [1.0] + [0.0] * (n - 8))
         targets.append(known.age)
         sigma.append(known.age_error)
@@ -127,22 +134,20 @@ def _fitted(
             break
         age = float(x[7])
     left = y - X @ x
-    dof = max(len(y) - n, 1)
-    return x, np.linalg.pinv(X.T @ X), sqrt(float(left @ left) / dof)
+    return x, np.linalg.pinv(X.T @ X), sqrt(float(left @ left) / max(len(y) - n, 1))
 
 
-def _error(tone: Phasors, x: Array) -> float:
-    """Return the standard deviation [N·m/rad] of each part of a tone's equation."""
-    scatter = sqrt(sum((g * e) ** 2 for g, e in zip((1.0, 1.0), tone.ratio_error, strict=True)))
-    size = abs(sum(p / tone.theta for p in tone.torque))
-    return max(scatter, 1e-9) + _FLOOR * max(size, abs(x[2]))
+def _left(loop: Loop, g1: float, g2: float, inertia: float) -> tuple[float, float]:
+    """Return the sides of both equations that change with the age of the readings."""
+    (s1, s2), (w1, w2) = loop.secants, loop.losses
+    return g1 * s1 + g2 * s2 + inertia * loop.acceleration, g1 * w1 + g2 * w2
 
 
-def _centre(tones: list[Phasors]) -> float:
+def _centre(tones: list[Tone]) -> float:
     return float(np.mean([log(t.frequency) for t in tones]))
 
 
-def why_not(tones: list[Phasors], amplitude: float, found: Solution | None, least_swing: float) -> str:
+def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_swing: float) -> str:
     """Return why the tones do not measure the strengths, or ""."""
     A = [t.swing for t in tones]
     if min(A) < least_swing:
