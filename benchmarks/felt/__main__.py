@@ -7,7 +7,7 @@ from benchmarks.felt import allocation, drift, hidden, refusals, strangers
 
 PARTS = {
     "allocation": allocation.report,
-    "hidden": hidden.report,
+    "hidden": partial(hidden.report, n=60),
     "inertia": partial(hidden.report, inertia_error=0.05),
     "refusals": refusals.report,
     "strangers": strangers.report,

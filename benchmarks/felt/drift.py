@@ -10,7 +10,7 @@ from allocator import DEG, allocate
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.machine_file import load_joint
 from benchmarks.felt.hidden import DT
-from mpc import Plant, RealPlant
+from mpc import RealPlant
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.simulation import driven
@@ -55,7 +55,7 @@ def drifted(seed: int, directory: Path) -> tuple[tuple[float, float], tuple[floa
         driven(real, e, Limits.of(plant, DT), theta, seed)
         known = Known(plant.inertia)
         found.append(MeasuredStiffness.of(plant, told.friction.loop, e.findings, e.tones, known, real.encoder))
-    joint = update(path, found, plant.inertia)
+    joint = update(path, found, plant.inertia) if any(m.success for m in found) else load_joint(path)
     return before, errors(joint, real), [f"strengths {gains[0]:.2f} {gains[1]:.2f}", *(m.sentence for m in found)]
 
 

@@ -144,10 +144,12 @@ def summary(found: list[Outcome]) -> str:
     strengths = np.array([o.strengths for o in there])
     felt = np.array([(e, s) for o in there for _, e, s in o.felt])
     times, far = (np.array([getattr(o.measured, name) for o in found]) for name in ("duration", "furthest"))
+    wide = 100 * np.quantile(np.abs(error), 0.9), 100 * np.quantile(np.abs(strengths), 0.9)
+    felt_wide = 100 * np.quantile(np.abs(felt[:, 0]), 0.9)
+    K_cover, felt_cover = (100 * np.mean(np.abs(e) <= 1.96 * s) for e, s in ((error, std), (felt[:, 0], felt[:, 1])))
     return (
         f"{len(there)} of {len(found)} measured; K: median error {100 * np.median(error):+.2f} %, nine in ten within "
-        f"{100 * np.quantile(np.abs(error), 0.9):.1f} %, 95 % interval covers {100 * np.mean(np.abs(error) <= 1.96 * std):.0f} %"
-        f"; strengths: nine in ten within {100 * np.quantile(np.abs(strengths), 0.9):.1f} %; felt K: nine in ten within "
-        f"{100 * np.quantile(np.abs(felt[:, 0]), 0.9):.1f} %, covered {100 * np.mean(np.abs(felt[:, 0]) <= 1.96 * felt[:, 1]):.0f} %"
-        f"; {np.median(times):.0f} s ({times.max():.0f} at most), moved by up to {far.max():.2f} A"
+        f"{wide[0]:.1f} %, 95 % interval covers {K_cover:.0f} %; strengths: nine in ten within {wide[1]:.1f} %; "
+        f"felt K: nine in ten within {felt_wide:.1f} %, covered {felt_cover:.0f} %; {np.median(times):.0f} s "
+        f"({times.max():.0f} at most), moved by up to {far.max():.2f} A"
     )

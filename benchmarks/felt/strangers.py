@@ -116,9 +116,13 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet") -> str:
             strengths += gs
             felts += [e for a, e in curve if 1 * DEG <= a <= 8.5 * DEG]
             backbones.append((m.K / K - 1, m.model_K / K - 1))
-            print(structure, seed, f"strengths {100 * gs[0]:+.1f} {100 * gs[1]:+.1f} %, K {100 * (m.K / K - 1):+.1f} % "
-                  f"(model alone {100 * (m.model_K / K - 1):+.1f}), felt",
-                  " ".join(f"{a / DEG:.1f}°: {100 * e:+.1f}" for a, e in curve), f"{m.duration:.0f} s", flush=True)  # fmt: skip
+            felt = " ".join(f"{a / DEG:.1f}°: {100 * e:+.1f}" for a, e in curve)
+            alone = 100 * (m.model_K / K - 1)
+            print(
+                f"{structure} {seed} strengths {100 * gs[0]:+.1f} {100 * gs[1]:+.1f} %, K {100 * (m.K / K - 1):+.1f} % "
+                f"(model alone {alone:+.1f}), felt {felt}, {m.duration:.0f} s",
+                flush=True,
+            )
     g, f, k = (np.abs(np.array(v)) for v in (strengths, felts, backbones))
     return (
         f"strangers ({of}): {total - refused} of {total} measured; nine in ten strengths within "

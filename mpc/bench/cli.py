@@ -362,6 +362,7 @@ def _report(record: "Record", console: "Console") -> None:
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
+    """Say how a loop ended, what became of the pressures, and how late its samples were."""
     say(console, f"ended: {ending}")
     if ending.action is not None:
         say(console, f"pressures: {ending.action}" + ("" if ending.delivered else ", which the device did not take"))

@@ -6,8 +6,8 @@
     both muscles in three proportions at two frequencies well above the resonance that the low tones have shown
     both muscles at a low frequency with a series of amplitudes: the curve K_felt(A)
 
-The amplitude of a command follows A_{k+1} = a_k (A/measured)^0.6, in steps of 1.4 at most, since friction jumps. A drive
-is cut as soon as the angle leaves 1.5 times the amplitude asked for.
+The amplitude of a command follows a_{k+1} = a_k (A/measured)^0.6, in steps of 1.4 at most, since friction jumps. A
+drive is cut as soon as the angle leaves 1.5 times the amplitude asked for.
 """
 
 from collections.abc import Generator, Iterator
@@ -35,6 +35,7 @@ _BEGIN = 0.9  # of the drive that is expected
 _SUDDEN = 4.0  # of the steps across the dead band
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
 _LEAST_ABOVE, _ENOUGH_ABOVE, _LOWEST_ABOVE = 1.3, 1.5, 1.2
+_USED = 1.2  # of the slew: beyond it sines become triangles
 _SHORT = 0.93  # of the amplitude: less has not been reached
 _PLANNED = 1.0, 1.4, 0.75, 2.0, 0.5  # of the amplitude asked for, in the order in which they are tried
 _SAMPLES = 16  # a period, at least
@@ -176,7 +177,7 @@ class Experiment:
         P1, P2 = self.first
         loop = self.known.friction.loop
         K = self.plant.joint.stiffness(self._rest, P1, P2, amplitude=amplitude, loop=loop)
-        return complex(K) + self.plant.gravity_torque * np.cos(self._rest)
+        return complex(float(K) + self.plant.gravity_torque * float(np.cos(self._rest)))
 
     def _planned(self) -> float:
         """Return the amplitude asked for, or one near to it at which the regulators can better follow."""
@@ -221,7 +222,7 @@ class Experiment:
         pressures = np.array([torque / abs(g) for g in self._gains])
         commands = pressures * np.abs(1 + 1j * omega * np.array(self.plant.lags))
         taken = pressures.max() * omega / (_FLOW_SHARE * self.known.flow), commands.max() * omega / self.plant.slew
-        return 1 / max(*taken, float((commands / np.array(self._room)).max()))
+        return float(1 / max(*taken, (commands / np.array(self._room)).max()))
 
     def _reached(
         self, f: float, lowest: float, shares: tuple[float, float], A: float, stiff: complex
@@ -243,7 +244,7 @@ class Experiment:
         quick = f > _QUICK
         step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
         self._asked, scale, phase = A, _BEGIN, 0.0
-        tone, periods, last = None, step, 0.0
+        tone, periods = None, step
         for k in range(self.tones.rounds):
             rows, phase, cut = yield from self._played(f, net * scale, dead, periods, phase, ramp=k == 0)
             seen = rows[-round(1 / f / self.dt) :, 1] if periods == step else rows[:, 1]
@@ -255,15 +256,20 @@ class Experiment:
             near = abs(ratio - 1) <= close and not cut
             if near and periods != step:
                 break
-            stuck = k > 1 and ratio > 1 / _SHORT and swing < 1.03 * last and not cut  # the regulators give no more
+            stuck = ratio > 1 / _SHORT and self._saturated(rows, f, net * scale)
             if stuck and periods != step:
                 break
-            last = swing
             scale *= 1 / _STEP if cut else min(max(ratio**_EXPONENT, 1 / _STEP), _STEP)
             periods = measured if near or stuck or k >= self.tones.rounds - 2 else step
         yield from self._hold(0.1)
         assert tone is not None
         return tone
+
+    def _saturated(self, rows: Array, f: float, drive: Array) -> bool:
+        """Return whether slew or flow are used up, so that a greater drive gives no more."""
+        omega = 2 * pi * f
+        fastest = float(np.nanmax(np.ptp(rows[-round(1 / f / self.dt) :, 2:], axis=0))) / 2 * omega
+        return float(np.abs(drive).max()) * omega > _USED * self.plant.slew or fastest > self.known.flow
 
     def _drive(self, f: float, shares: tuple[float, float], A: float, stiff: complex) -> tuple[Array, Array]:
         """Return the amplitudes of both commands [Pa] for a swing A, and what the dead band takes besides.

@@ -99,11 +99,10 @@ class MeasuredStiffness:
         theta, P = float(middle[0]), (float(middle[1]), float(middle[2]))
         k = np.array([float(s.stiffness(p)) for s, p in zip(plant.joint.sides(theta), P, strict=True)])
         g, C = np.array(found.strengths), found.covariance
-        inertia = found.values.get("J", plant.inertia)
         gravity = plant.gravity_torque * float(np.cos(theta))
         slow = [*findings.tones[:3], *findings.curve]
         age = found.values["age"]
-        curve = [_felt(tone, age, plant.joint, loop, theta, P, g, C, inertia, gravity) for tone in slow]
+        curve = [_felt(tone, age, plant.joint, loop, theta, P, g, C, plant.inertia, gravity) for tone in slow]
         felt = (_mean(*curve[:2]), *curve[2:])
         return cls(
             theta, P, found.strengths, C, float(g @ k), sqrt(float(k @ C @ k)), float(k.sum()), felt,

@@ -29,7 +29,8 @@ def driven(process: Process, source: CommandSource, limits: Limits, theta: float
     guard = Guard(limits, watchdog, watchdog.angle_margin)
     trial = process.begin(dt, np.array([theta, 0.0, *source.first]), seed)
     sent: Pressures = source.first
-    rows, k = [], 0
+    rows: list[tuple[float, ...]] = []
+    k = 0
     while True:
         y = trial.measure()
         reading = Reading(k * dt, float(y[0]), float(y[2]), float(y[3]))

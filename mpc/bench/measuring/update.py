@@ -131,7 +131,7 @@ def _entry(
 
 
 def _exchanged(text: str, joint: AntagonistJoint) -> str:
-    """Return the text of a joint's file with the muscles and the covariance of `joint`, all other tables as they are."""
+    """Return the text of a joint's file with the muscles and the covariance of `joint`; the rest stays."""
     kept: list[str] = []
     name, written = "", False
     for line in text.splitlines(keepends=True):

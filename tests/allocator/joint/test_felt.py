@@ -12,6 +12,7 @@ from allocator.joint.antagonist import report_joint
 from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import Slip
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc.model.felt import first_push
 from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
@@ -149,3 +150,14 @@ def test_what_has_no_felt_answer_is_refused():
         allocate(0.1, 8.0, joint=JOINT, stiffness=Stiffness(amplitude=5.0))
     with pytest.raises(InvalidInput, match="amplitude of a push"):
         allocate(0.1, 8.0, joint=JOINT, stiffness=Stiffness(loop=Loop()))
+
+
+def test_the_first_push_on_meets_the_backbone_and_one_back_meets_more():
+    friction, contact = MODELS["Maxwell slip"], Contact(PLANT, X)
+    memory = friction.moved(friction.begun(0.0), 40 * DEG, contact)
+    K, A, s = contact.stiffness, 1 * DEG, friction.scale(contact.filled)
+    assert first_push(friction, memory, A, contact) == pytest.approx(K, rel=1e-12)
+    more = sum(k * min(1.0, 2 * r * s / A) for k, r in zip(friction.springs, friction.widths, strict=True))
+    assert first_push(friction, memory, -A, contact) == pytest.approx(K + more, rel=1e-12)
+    with pytest.raises(InvalidInput, match="no push"):
+        first_push(friction, memory, 0.0, contact)
