@@ -8,11 +8,11 @@ from benchmarks.felt import allocation, drift, hidden, refusals, strangers
 PARTS = {
     "allocation": allocation.report,
     "hidden": partial(hidden.report, n=60),
-    "inertia": partial(hidden.report, inertia_error=0.05),
+    "inertia": partial(hidden.report, n=30, inertia_error=0.05),
     "refusals": refusals.report,
-    "strangers": strangers.report,
-    "identified": partial(strangers.report, n=2, of="identified"),
-    "drift": drift.report,
+    "strangers": partial(strangers.report, n=3),
+    "identified": partial(strangers.report, n=1, of="identified"),
+    "drift": partial(drift.report, n=8),
 }
 
 

@@ -1,8 +1,8 @@
 """Stiffness that the first push after a motion meets, by what friction remembers of it.
 
-A steady loop is symmetric (`allocator.joint.felt`); the first push is not. A hand that turns a joint on in the direction
-in which it came meets the backbone alone; one that turns it back by A meets up to K + Σ k_i min(1, 2 ρ_i/A). With the
-memory m of a hysteresis, as plants under test and observers (`FrictionState`) keep it, a push by Δθ meets
+A steady loop is symmetric (`allocator.joint.felt`); the first push is not. A hand that turns a joint on in the
+direction in which it came meets the backbone alone; one that turns it back by A meets up to K + Σ k_i min(1, 2 ρ_i/A).
+With the memory m of a hysteresis, as plants under test and observers (`FrictionState`) keep it, a push by Δθ meets
 
     K_first = K + [T_f(m after Δθ) - T_f(m)]/Δθ
 """
