@@ -43,7 +43,10 @@ _TAPER = 0.3  # of the widths, at the ends of the range
 _LOOPS = ("loop_width", "stuck_slope", "base")
 _TIMES = ("dead_time", "lag_up", "lag_down")  # that pass for each other within a sample
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
-STEPS = 8 + LEFT_OUT + _JACKKNIFE + 2 * len(_SIGNS)  # of `progress`, at most
+_USUAL = {"lag_up": 0.1, "lag_down": 0.13, "dead_time": 0.03, "dead_band": 0.08 * BAR, "filling": 0.15 / BAR}
+_USUAL |= {"volume": 1.3, "base": 0.8, "damping": 0.03, "inertia": 6e-3}  # to start from all at once
+_SPRING = 0.02  # κ_i of each stop
+STEPS = 9 + LEFT_OUT + _JACKKNIFE + 2 * len(_SIGNS)  # of `progress`, at most
 
 
 def fit_motion(
@@ -171,6 +174,8 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
     if "lag_up" in found.problem.free:
         found = _if_better(found, used, **_FILLING)
         found = _if_better(found, used, volume=1.0) if problem.gas else found
+    tell("all at once")
+    found = _all_at_once(found, used)
     if "filling" not in found.problem.free:
         unseen.append(_UNFILLED)
     best = found.rms
@@ -189,6 +194,22 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
         if "inertia" not in found.problem.free:
             unseen.append("the inertia: faster steps, of a joint that swings, show it")
     return found, unseen
+
+
+def _all_at_once(found: Found, used: Mask) -> Found:
+    """Return the fit with every unknown from usual values on, if it is better: one by one they can end in a valley
+    where the first have taken the place of the others.
+    """
+    log = found.problem.log
+    if not log.varies_speed:
+        return found
+    usual = _USUAL if found.problem.gas else {name: value for name, value in _USUAL.items() if name != "volume"}
+    free = tuple(name for name in usual if name != "base" or log.varies_sum)
+    problem = replace(found.problem, free=free)
+    springs = np.full(problem.widths.size, _SPRING)
+    x = np.concatenate([[usual[name] for name in free], springs, np.zeros(len(problem.powers))])
+    other = search(problem, used, problem.anew(x, used))
+    return other if other.rms * _MUCH_WORSE < found.rms else found
 
 
 def _if_needed(found: Found, best: float, used: Mask, names: tuple[str, ...]) -> Found:

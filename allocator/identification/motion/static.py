@@ -35,6 +35,7 @@ _SHARES, _CONTRACTIONS = np.meshgrid([1 / 3, 2 / 3, 1.0], [0.0, 0.08, 0.16, 0.24
 _MOST_CHANGE = 0.9  # of a parameter, in itself
 _MOST_ZERO = 0.35  # of the encoder [rad]
 _TURN = np.pi  # [rad] beyond which no joint is looked for
+_LEAST_FIRM = 0.25  # of the median stiffness, by which torques are told as angles at least
 _CLOSE = 1e-7  # [rad] a Newton step after which the next is below rounding
 
 
@@ -144,10 +145,19 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
         changed = (forces(agonist, antagonist) - usual) / np.linalg.norm(usual)
         return np.concatenate([error, _HOLD * np.sqrt(u.size) * np.append(changed, x[0] / _ZERO)]) / DEG
 
+    def torques(x: Array) -> Array:
+        error = _balance(joint, *muscles(x), u - x[0], P1, P2)[0] / firm
+        changed = (forces(*muscles(x)) - usual) / np.linalg.norm(usual)
+        return np.concatenate([error, _HOLD * np.sqrt(u.size) * np.append(changed, x[0] / _ZERO)]) / DEG
+
     usual = forces(joint.agonist, joint.antagonist)
+    K = _balance(joint, joint.agonist, joint.antagonist, u, P1, P2)[1]
+    firm = np.maximum(K, _LEAST_FIRM * np.median(K))
     most = np.array([_MOST_ZERO, *[_MOST_CHANGE] * given.size])
     size = np.array([0.05, *[0.2] * given.size])
-    x = least_squares(residual, 0 * size, bounds=(-most, most), x_scale=size, ftol=1e-6, max_nfev=60).x
+    x = 0 * size
+    for objective in (torques, residual):  # from afar the angles jump where the joint is soft; torques are smooth
+        x = least_squares(objective, x, bounds=(-most, most), x_scale=size, ftol=1e-6, max_nfev=60).x
     agonist, antagonist = muscles(x)
     try:
         one = joint.agonist.with_parameters(agonist.parameters)
@@ -161,13 +171,21 @@ def _equilibrium(
     joint: AntagonistJoint, agonist: Muscle, antagonist: Muscle, start: Array, P1: Array, P2: Array
 ) -> Array:
     """Return θ_eq (n,) [rad], sought from `start` (n,) [rad]."""
-    reach, l0 = joint.geometry.reach, joint.geometry.rest_length
+    reach = joint.geometry.reach
     low, high = (np.full(start.size, end) for end in (max(reach[0], -_TURN), min(reach[1], _TURN)))
 
     def balance(theta: Array) -> tuple[Array, Array]:
-        one = OneMuscle.at_joint(agonist, True, l0, joint.geometry.agonist(theta))
-        two = OneMuscle.at_joint(antagonist, False, l0, joint.geometry.antagonist(theta))
-        with np.errstate(all="ignore"):
-            return one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)
+        return _balance(joint, agonist, antagonist, theta, P1, P2)
 
     return falling_root(balance, np.clip(start, low, high), low, high, _CLOSE)
+
+
+def _balance(
+    joint: AntagonistJoint, agonist: Muscle, antagonist: Muscle, theta: Array, P1: Array, P2: Array
+) -> tuple[Array, Array]:
+    """Return torques (n,) [N·m] and stiffnesses (n,) [N·m/rad] at the angles `theta` (n,) [rad]."""
+    l0 = joint.geometry.rest_length
+    one = OneMuscle.at_joint(agonist, True, l0, joint.geometry.agonist(theta))
+    two = OneMuscle.at_joint(antagonist, False, l0, joint.geometry.antagonist(theta))
+    with np.errstate(all="ignore"):
+        return one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)

@@ -1,0 +1,27 @@
+"""Muscles from static angles, where the given joint rests far from them."""
+
+import numpy as np
+
+from allocator import BAR, DEG, AntagonistJoint, Pulley
+from allocator.identification.motion.static import fit_muscles
+from allocator.muscles import Muscle
+from allocator.muscles.models.sarosi import Sarosi2012
+
+ONE = Sarosi2012(c1=-0.010896, c2=-0.019754, c3=0.0043103, c4=-127.05, c5=-72.568, c6=-27.038)
+
+
+def _joint(agonist: Muscle, antagonist: Muscle) -> AntagonistJoint:
+    return AntagonistJoint(Pulley(0.25, 0.02, 0.13), agonist, antagonist)
+
+
+def test_muscles_are_found_from_a_joint_that_rests_elsewhere() -> None:
+    rng = np.random.default_rng(1)
+    P1, P2 = rng.uniform(1.5, 4.2, (2, 300)) * BAR
+    u = np.asarray(_joint(ONE, ONE).equilibrium(P1, P2))
+    others = np.array([*ONE.parameters.values()]) * (1 + 0.15 * rng.standard_normal((13, 2, 6)))
+    for given in others[7:]:  # the angles of the second jump where it is soft: a search over them alone got stuck
+        one, two = (ONE.with_parameters(dict(zip(ONE.parameters, row.tolist(), strict=True))) for row in given)
+        agonist, antagonist, zero = fit_muscles(_joint(one, two), u, P1, P2)
+        found = zero + np.asarray(_joint(agonist, antagonist).equilibrium(P1, P2))
+        assert np.sqrt(np.mean((found - u) ** 2)) < 0.1 * DEG
+        assert abs(zero) < 2 * DEG
