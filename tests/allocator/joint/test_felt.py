@@ -133,7 +133,7 @@ def test_the_jacobian_of_a_felt_answer_is_its_slope(valves):
 
 
 def test_a_map_of_felt_stiffness_agrees_with_allocate():
-    theta, K, meant = np.linspace(-1, 1, 7), np.linspace(2, 20, 9), Stiffness(amplitude=1 * DEG)
+    theta, K, meant = np.linspace(-1, 1, 4), np.linspace(2, 20, 7), Stiffness(amplitude=1 * DEG)
     found = feasibility_map(theta, K, 0.5, joint=JOINT, stiffness=meant)
     a = allocate(theta[:, None], K, 0.5, joint=JOINT, stiffness=meant)
     assert (found.status[..., 0] == a.status).all() if found.status.ndim == 3 else (found.status == a.status).all()
