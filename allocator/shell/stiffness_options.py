@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from typer import Option
 
 from allocator.errors import InvalidInput
+from allocator.shell.options import within
 from allocator.units import DEG
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ class StiffnessOptions:
         """Return the stiffness meant, see `kind`. Raises `InvalidInput`."""
         from allocator.joint.gas import Stiffness
 
+        within("--amplitude", self.amplitude, "degrees", 1e-3, 180)
         amplitude = None if self.amplitude is None else self.amplitude * DEG
         return Stiffness(self.kind(file, muscles), amplitude=amplitude)
 

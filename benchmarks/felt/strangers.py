@@ -23,7 +23,7 @@ from mpc.bench.safety import Stopped
 from mpc.tracking.limits import Limits
 
 DT = 0.01  # [s]
-STEPS, CYCLES = 400, 3  # of a push, quasi-static
+STEPS, CYCLES = 120, 2  # of a push, quasi-static
 
 
 def pushed(stranger: Stranger, theta: float, P: Array, amplitude: float) -> float:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.options import grouped, numbers, row, within
+from allocator.shell.options import grouped, row, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, PERCENT
@@ -121,8 +121,13 @@ def _rest(text: str | None, plant: "Plant") -> tuple[float, float]:
     from allocator.feasibility import stiffness_interval
 
     if text is not None:
-        theta, K = numbers("--around", text, 2, 2, "10:6")
-        within("--around", theta, "°", -360, 360)
+        try:
+            theta, K = map(float, text.split(":"))
+        except ValueError:
+            raise InvalidInput(f"--around {text}: expected ANGLE:STIFFNESS in ° and N·m/rad, such as 10:6") from None
+        left, right = (end / DEG for end in plant.angle_limits)
+        within("--around", theta, "°, the joint's range", left, right)
+        within("--around", K, "N·m/rad", 1e-3, 1e6)
         return theta * DEG, K
     theta = float(plant.middle)
     return theta, float(sum(stiffness_interval(theta, 0.0, joint=plant.joint))) / 2

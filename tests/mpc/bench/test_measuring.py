@@ -182,3 +182,25 @@ def test_measurements_about_several_rests_are_weighed_and_the_inertia_is_common(
 def test_a_law_that_does_not_scale_is_refused():
     with pytest.raises(InvalidInput, match="positive"):
         strengthened(NOMINAL.joint, np.array([1.0, -1.0]), np.eye(2))
+
+
+@pytest.mark.slow
+def test_the_command_measures_updates_draws_and_refuses(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from mpc.cli import app
+
+    monkeypatch.chdir(tmp_path)
+    Plant(replace(NOMINAL.joint, hysteresis=OPERATOR), 0.045).save("joint.toml")
+    with open("joint.toml", "a") as file:
+        file.write("\n[regulators]\ndead_band = 5000.0\nflow = 800000.0\n")
+    common = ["measure", "--machine", "joint.toml", "--device", "sim:joint.toml", "--fast", "--quiet", "--series", "0"]
+    run = CliRunner().invoke(app, [*common, "--around", "5:6", "--update", "--out", "felt.png"])
+    assert run.exit_code == 0, run.output
+    assert "backbone K" in run.output
+    assert (tmp_path / "felt.png").stat().st_size > 1000
+    assert (tmp_path / "joint.toml").read_text().count("[[measured]]") == 1
+    for around, why in (("5", "ANGLE:STIFFNESS"), ("500:6", "the joint's range")):
+        refused = CliRunner().invoke(app, [*common, "--around", around])
+        assert isinstance(refused.exception, InvalidInput)
+        assert why in str(refused.exception)
