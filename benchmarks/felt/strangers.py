@@ -99,7 +99,7 @@ def measured(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K:
 
 def report(n: int = 5, first: int = 0, of: str = "data sheet") -> str:
     """Measure n strangers of each structure and return the figures."""
-    strengths, felts, backbones, refused, total = [], [], [], 0, 0
+    strengths, felts, backbones, predicted, refused, total = [], [], [], [], 0, 0
     for structure in STRUCTURES:
         for seed in range(first, first + n):
             stranger = drawn(structure, seed)
@@ -112,7 +112,9 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet") -> str:
             P = np.array(m.pressures)
             gs = [g / t - 1 for g, t in zip(m.strengths, true_strengths(stranger, model, m), strict=True)]
             K = float(stranger.along(np.array([[m.theta, 0.0, *P]]))[0][0])
-            curve = [(f.amplitude, f.K / pushed(stranger, m.theta, P, f.amplitude) - 1) for f in m.felt]
+            pushes = [pushed(stranger, m.theta, P, f.amplitude) for f in m.felt]
+            curve = [(f.amplitude, f.K / met - 1) for f, met in zip(m.felt, pushes, strict=True)]
+            predicted += [f.model / met - 1 for f, met in zip(m.felt, pushes, strict=True)]
             strengths += gs
             felts += [e for a, e in curve if 1 * DEG <= a <= 8.5 * DEG]
             backbones.append((m.K / K - 1, m.model_K / K - 1))
@@ -123,10 +125,12 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet") -> str:
                 f"(model alone {alone:+.1f}), felt {felt}, {m.duration:.0f} s",
                 flush=True,
             )
-    g, f, k = (np.abs(np.array(v)) for v in (strengths, felts, backbones))
+    g, f, k, model = (np.abs(np.array(v)) for v in (strengths, felts, backbones, predicted))
     return (
         f"strangers ({of}): {total - refused} of {total} measured; nine in ten strengths within "
         f"{100 * np.quantile(g, 0.9):.1f} %, felt K at 1–8° within {100 * np.quantile(f, 0.9):.1f} %, backbone within "
         f"{100 * np.quantile(k[:, 0], 0.9):.1f} % (model alone {100 * np.quantile(k[:, 1], 0.9):.1f} %); medians "
-        f"{100 * np.median(g):.1f}, {100 * np.median(f):.1f}, {100 * np.median(k[:, 0]):.1f} %"
+        f"{100 * np.median(g):.1f}, {100 * np.median(f):.1f}, {100 * np.median(k[:, 0]):.1f} %; "
+        f"felt K that the model alone predicts: median error {100 * np.median(model):.1f} %, nine in ten within "
+        f"{100 * np.quantile(model, 0.9):.1f} %"
     )
