@@ -7,6 +7,7 @@ import typer
 
 from allocator.allocate_cli import allocate_command
 from allocator.feasibility.cli import map_command
+from allocator.identification.bag_cli import bag_command
 from allocator.identification.joint.cli import fit_joint_command
 from allocator.identification.joint.planning.cli import plan_joint_command
 from allocator.identification.muscle.cli import fit_command
@@ -69,5 +70,6 @@ def muscles() -> None:
 app.command("allocate", cls=Command, short_help="pressures for a torque and a stiffness")(allocate_command)
 app.command("fit", cls=Command, short_help="a muscle from measured forces (CSV)")(fit_command)
 app.command("fit-joint", cls=Command, short_help="a joint from angles at pressures (CSV)")(fit_joint_command)
+app.command("bag", cls=Command, short_help="topics of a ROS bag or MCAP file as a CSV log")(bag_command)
 app.command("plan-joint", cls=Command, short_help="what to measure for fit-joint")(plan_joint_command)
 app.command("map", cls=Command, short_help="which angles, stiffnesses and torques exist")(map_command)

@@ -29,6 +29,7 @@ from mpc.export.cli import export_app
 from mpc.export.serial.cli import bench_check_command
 from mpc.identification.cli import fit_motion_command
 from mpc.plant_cli import LoopOptions, PlantOptions, init_command
+from mpc.repetition.options import RepeatOptions, progress, report
 from mpc.trials.trajectories import TRAJECTORIES
 from mpc.tuning.cli import tune_command
 
@@ -43,11 +44,11 @@ if TYPE_CHECKING:
 
 _NOMINAL, _REAL = "nominal", "real"  # plants
 _REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
-_SUFFIXES = (*IMAGES, ".csv", ".npz", ".gif", ".mp4")
-_OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix != ".npz")
+_SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap", ".gif", ".mp4")
+_OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".mcap"))
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _OWN_FILM = "tracking.gif"  # of several joints
-_MPC, _CIRCLE = "mpc", "circle"
+_MPC = "mpc"
 _WORTH_SAYING = 5.0  # [% of the steps] at the slew limit: fewer belong to any good controller
 
 
@@ -65,6 +66,7 @@ def track(
     options: PlantOptions,
     at: LoopOptions,
     more: ArmOptions,
+    repeated: RepeatOptions,
     trajectory: Annotated[
         str | None,
         typer.Argument(
@@ -76,8 +78,8 @@ def track(
     out: Annotated[
         list[Path] | None,
         typer.Option(
-            help="a .csv, .npz (of one joint), .png, .gif or .mp4 to write, or a directory for tracking.png and .csv, "
-            "of several joints also .gif; may be repeated"
+            help="a .csv, .npz or .mcap (of one joint), .png, .gif or .mp4 to write, or a directory for tracking.png "
+            "and .csv, of several joints also .gif; may be repeated"
         ),
     ] = None,
     solver: Annotated[
@@ -125,6 +127,9 @@ def track(
     from rich.progress import track as tracked
 
     from mpc.model.plant import Plant
+    from mpc.repetition.practice import practise
+    from mpc.repetition.response import responses
+    from mpc.trials.corrections import Owner, compared
     from mpc.trials.files import reference_called
     from mpc.trials.loops import loop, margins_in_words, robust, sliding_margins
     from mpc.trials.pictures.animation import save_animation
@@ -139,27 +144,30 @@ def track(
     own = (*_OWN_NAMES, _OWN_FILM) if several else _OWN_NAMES
     files = files_of_run(out or [Path()], _OF_SEVERAL if several else _SUFFIXES, own)
     check_ending("--margins", margins, IMAGES)
-    claim(*files, margins, inputs=(trajectory, *options.files), force=force, own=own)
+    learned = repeated.written(trajectory)
+    claim(*files, margins, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force, own=own)
     if several:
         named = None if controller == _MPC else controller
         _refuse(stiffness=at.stiffness, margins=margins, solver=solver, observer=observer, controller=named)
         track_arm(
             options,
             more,
-            trajectory or _CIRCLE,
+            trajectory,
             files,
             plant=plant,
             payload=payload,
             dt=at.dt,
             horizon=at.horizon,
             seed=seed,
+            repeated=repeated,
+            learned=learned,
         )
         _show(files if show else [])
         return
     if more != ArmOptions():
         raise InvalidInput("--stiffness-of, --hand and --view go with a --machine of several joints")
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
-    reference = reference_called(trajectory, at.stiffness, nominal)
+    reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, nominal))
     reference.samples(at.dt)  # before anything is built
     half_way = float(reference.t[-1] - reference.t[0]) / 2
     known = options.compensation()
@@ -171,15 +179,30 @@ def track(
         if tested is not nominal and not tuned:
             settings = robust(controller, settings, reference)
         driver, estimator = loop(controller, settings, observer)
-    done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
+    owner = Owner.of(nominal, known, controller, repeated.load or (f"payload {payload:g} N·m" if payload else ""))
+    begun = repeated.begun(reference, owner, at.dt)
+    if learned:
+        learner = repeated.learner(
+            reference, lambda: responses(controller, settings, reference, options.spreads(), observer=observer),
+            at.dt, begun, nominal.angle_limits, controller,
+        )  # fmt: skip
+        practice = practise(tested, driver, learner, observer=estimator, seed=seed, progress=progress(console))
+        done = practice.best
+    elif begun is not None:
+        done = compared(simulate(tested, driver, begun.reference, observer=estimator, seed=seed), begun.wanted)
+        say(console, f"played: {begun.summary}")
+    else:
+        done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
 
     title = f"{controller} on the {plant} plant, {_muscles(nominal)}"
-    progress = partial(tracked, description="drawing", console=console)
+    bar = partial(tracked, description="drawing", console=console)
     for path in files:
         if path.suffix in IMAGES:
             say(console, f"drawing {path}")
-        write_run(done, path, lambda file: save_animation(done, file, title, progress=progress), title)
+        write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title)
     _report(done, nominal, known, reference, console)
+    if learned:
+        report(learner, owner, practice.first.theta, done.theta, learned, console)
     if tuned:
         say(console, tuned)
     if observer is not False:
@@ -202,7 +225,7 @@ def _refuse(**given: object) -> None:
 
 def _show(files: list[Path]) -> None:
     for path in files:
-        if path.suffix not in (".csv", ".npz"):
+        if path.suffix not in (".csv", ".npz", ".mcap"):
             typer.launch(str(path))
 
 

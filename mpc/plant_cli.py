@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
     from mpc.trials.loops import Settings
+    from mpc.tuning.draws import Spreads
 
 
 _LAGS = ("lag_up", "lag_down")
@@ -127,6 +128,12 @@ class PlantOptions(MachineOptions):
         if tuning is None or tuning.controller != controller:
             return settings, ""
         return tuning.applied(settings), tuning.summary
+
+    def spreads(self) -> "Spreads":
+        """Return the spreads of the file's fit; those of data sheets without a file."""
+        from mpc.tuning.draws import Spreads
+
+        return Spreads() if self.file is None else Spreads.load(self.file)
 
     def _numbers(self) -> dict[str, float | tuple[float, ...]]:
         """Return the numbers of `Plant` that are given."""

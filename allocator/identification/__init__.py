@@ -1,5 +1,8 @@
 """A muscle is found from measured forces, a joint from measured angles at rest, and what moves it from a log."""
 
+from allocator.identification.arm.assignment import assign_muscles
+from allocator.identification.arm.episodes import Episode, Windows
+from allocator.identification.arm.fit import ArmFit, fit_arm
 from allocator.identification.joint.comparison import compare_joint_models
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
@@ -14,20 +17,27 @@ from allocator.identification.muscle.ranking import rank_models
 from allocator.identification.muscle.reading import DATASETS, Dataset, load_dataset, read_samples
 from allocator.identification.muscle.result import Fit, Level, has_closed_form_inverse
 from allocator.identification.muscle.samples import Samples
+from allocator.identification.muscle.surface import ForceSurface
 from allocator.identification.trapped_gas import GasFit, fit_gas
 
 __all__ = [
     "DATASETS",
+    "ArmFit",
     "Dataset",
+    "Episode",
     "Fit",
+    "ForceSurface",
     "GasFit",
     "JointFit",
     "Level",
     "MotionFit",
     "RelativeJoint",
     "Samples",
+    "Windows",
+    "assign_muscles",
     "compare_joint_models",
     "fit",
+    "fit_arm",
     "fit_gas",
     "fit_joint",
     "fit_motion",

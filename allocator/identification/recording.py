@@ -88,8 +88,9 @@ def note_spikes(measured: Measured) -> Measured:
 
 def refuse_turns(measured: Measured) -> None:
     """Raise `InvalidFile` with the lines of angles that are more than half a turn from the row before."""
+    t = measured.values["time"]
     steps = np.abs(np.diff(measured.values["theta"], prepend=measured.values["theta"][:1]))
-    turned = np.flatnonzero(steps > np.pi)
+    turned = np.flatnonzero((steps > np.pi) & (np.diff(t, prepend=t[:1]) <= GAP))
     if turned.size:
         what = f"{steps[turned[0]] / DEG:.3g}° from the row before, as in {_at(measured, turned)}"
         sentence = f"{what}: a wrap, or a missed reading; unwrap the angle (numpy.unwrap), or leave the rows out"
@@ -113,22 +114,25 @@ def stretches(t: Array) -> list[slice]:
     return [slice(first, last) for first, last in zip([0, *ends[:-1]], ends, strict=True)]
 
 
-def longest_stretch(measured: Measured) -> Measured:
-    """Return the longest part of a log without a gap of more than 1 s, with a note of the rows that were left out."""
-    t = measured.values["time"]
+def long_stretches(measured: Measured, least: float) -> Measured:
+    """Return the parts of a log without a gap of more than 1 s that last `least` [s] or more.
+
+    A note lists the gaps and the rows that were left out; the longest part stays in any case.
+    """
+    t, lines = measured.values["time"], measured.table.lines
     parts = stretches(t)
     if len(parts) == 1:
         return measured
-    best = max(parts, key=lambda part: float(t[part.stop - 1] - t[part.start]))
-    lines = measured.table.lines
-    used = f"lines {lines[best.start]} to {lines[best.stop - 1]}, {t[best.stop - 1] - t[best.start]:.3g} s, are used"
-    left = t.size - (best.stop - best.start)
-    gaps = f"{len(parts) - 1} {'gap' if len(parts) == 2 else 'gaps'} of more than {GAP:g} s"
-    begins = listed([lines[part.start] for part in parts[1:]])
-    note = f"the log has {gaps} (before {begins}): {used}, the longest part; {left} rows in the others were left out"
+    durations = [float(t[part.stop - 1] - t[part.start]) for part in parts]
+    kept = [part for part, lasts in zip(parts, durations, strict=True) if lasts >= min(least, max(durations))]
     keep = np.zeros(t.size, bool)
-    keep[best] = True
-    return measured.where(keep, note)
+    for part in kept:
+        keep[part] = True
+    note = f"the log has gaps of more than {GAP:g} s before {listed([lines[part.start] for part in parts[1:]])}"
+    note += f": {len(kept)} stretches are used" if len(kept) > 1 else f": only one stretch lasts {least:g} s"
+    left = int(t.size - keep.sum())
+    note += f"; {left} rows in shorter ones were left out" if left else ""
+    return measured.where(keep, note) if left else measured._replace(notes=(*measured.notes, note))
 
 
 def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, list[int]]:

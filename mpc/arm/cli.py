@@ -11,16 +11,20 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import within
 from allocator.shell.printing import say
 from allocator.units import BAR, DEG, MM
+from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
     from allocator.mechanism.endpoint import Endpoint
     from mpc.arm.mujoco_plant import MujocoPlant
     from mpc.model.arm.model import Arm
     from mpc.plant_cli import PlantOptions
+    from mpc.repetition.response import Response
+    from mpc.trials.reference import Reference
 
 _NOMINAL, _REAL = "nominal", "real"
 _REAL_EFFECTS = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
 _JOINTS, _HAND = _TRACKED = "joints", "hand"
+_MPC, _CIRCLE = "mpc", "circle"
 _MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # where nothing else is said of a model's muscles
 _OFF = 0.05  # of the muscles' forces, on a real plant
 
@@ -46,7 +50,7 @@ class ArmOptions:
 def track_arm(
     options: "PlantOptions",
     more: ArmOptions,
-    trajectory: str,
+    trajectory: str | None,
     files: list[Path],
     *,
     plant: str,
@@ -54,12 +58,16 @@ def track_arm(
     dt: float,
     horizon: int,
     seed: int,
+    repeated: RepeatOptions,
+    learned: tuple[Path, Path] | tuple[()],
 ) -> None:
     """Let an arm of pneumatic muscles follow angles and a stiffness matrix on MuJoCo, film it, and say how it went."""
     from rich.console import Console
 
     from mpc.arm.film import Film
+    from mpc.repetition.practice import practise
     from mpc.trials.arm_trajectories import reference as asked_for
+    from mpc.trials.corrections import Owner, compared, digest_of
     from mpc.trials.metrics import metrics
     from mpc.trials.pictures.animation import ENDINGS, check_film
     from mpc.trials.pictures.report import table_of, write_run
@@ -71,10 +79,14 @@ def track_arm(
         if path.suffix.lower() in ENDINGS:
             check_film(path)
     arm, tested, point, notes = _machine(options, more, plant, seed)
-    asked = asked_for(trajectory, arm)
+    asked = repeated.reference(trajectory, lambda: asked_for(trajectory or _CIRCLE, arm))
     half_way = asked.duration / 2
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 30 seconds)"):
         controller, observer = _loop(arm, plant, dt, horizon)
+
+    load = repeated.load or (f"payload {payload:g} N·m" if payload else "")
+    owner = Owner(arm.summary, digest_of(_text_of(options), more.stiffness_of, more.hand), _MPC, load)
+    begun = repeated.begun(asked, owner, dt)
 
     def push(t: float) -> list[float]:
         return [payload * (t >= half_way)] + [0.0] * (arm.n - 1)
@@ -88,7 +100,18 @@ def track_arm(
             window.watch()
 
         x0 = in_motion(arm, asked)
-        done = simulate(tested, controller, asked, x0=x0, observer=observer, load=push, seed=seed, watch=watch)
+        given, practice = begun.reference if begun is not None else asked, None
+        if learned:
+            learner = repeated.learner(
+                asked, lambda: _responses(options, more, plant, controller, observer, asked), dt, begun,
+                arm.angle_limits, _MPC,
+            )  # fmt: skip
+            practice = practise(
+                tested, controller, learner, observer=observer, x0=x0, load=push, seed=seed, progress=progress(console)
+            )
+            given = learner.reference  # the best one is played again, to be seen
+        done = simulate(tested, controller, given, x0=x0, observer=observer, load=push, seed=seed, watch=watch)
+        done = compared(done, asked)
     for path in files:
         write_run(done, path, film.save, hand=point)
     say(console, f"arm: {arm.summary}")
@@ -96,6 +119,10 @@ def track_arm(
         say(console, note)
     say(console, f"trajectory: {asked.name}, {asked.duration:g} s")
     console.print(table_of(done, metrics(done)))
+    if learned and practice is not None:
+        report(practice.learner, owner, practice.first.theta, practice.best.theta, learned, console)
+    elif begun is not None:
+        say(console, f"played: {begun.summary}")
     if filmed:
         say(console, f"filmed by {film.by}")
     say(console, f"written: {', '.join(map(str, files))}")
@@ -179,6 +206,23 @@ def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
     known = Compensation(dead_time=delay)
     observer = KalmanObserver(arm, dt, CALM_NOISE, known)
     return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=known), observer
+
+
+def _responses(
+    options: "PlantOptions", more: ArmOptions, kind: str, controller: Any, observer: Any, asked: "Reference"
+) -> "tuple[Response, ...]":
+    """Return the responses of the loop on its model in the middle of a reference, and those that it may have."""
+    from mpc.repetition.response import doubted, postures, response
+
+    _, model, _, _ = _machine(options, more, _NOMINAL, 0)
+    model.dead_time = controller.compensation.dead_time
+    return doubted([response(model, controller, observer, *postures(asked)[1])])
+
+
+def _text_of(options: "PlantOptions") -> str:
+    """Return the text of the machine's file and its muscles, or their names."""
+    named = [str(options.machine), *(options.muscle or [])]
+    return "\0".join(Path(name).read_text(encoding="utf-8") if Path(name).is_file() else name for name in named)
 
 
 class _Window:

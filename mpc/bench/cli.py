@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Self
 
@@ -15,6 +16,7 @@ from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import say
 from allocator.units import BAR, DEG, PERCENT
 from mpc.plant_cli import LoopOptions, PlantOptions
+from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,12 +28,13 @@ if TYPE_CHECKING:
     from mpc.bench.safety import Ending
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
+    from mpc.trials.reference import Reference
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
 _OBSERVING = ("mpc", "predictive-pid", "lqr")  # controllers
 _STOPPED = 4  # exit code of a loop that ended for safety
 _SIM = "sim"
-_SUFFIXES = (*IMAGES, ".csv", ".npz")
+_SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap")
 
 
 @dataclass(frozen=True)
@@ -141,12 +144,13 @@ def run_command(
     options: PlantOptions,
     at: LoopOptions,
     bench: BenchOptions,
+    repeated: RepeatOptions,
     trajectory: Annotated[
         str | None, typer.Argument(help="a standard trajectory (`antagonist track --help`), or a CSV, as of `track`")
     ] = None,
     out: Annotated[
         list[Path] | None,
-        typer.Option(help="a .csv (written sample by sample), .npz or .png to write; may be repeated"),
+        typer.Option(help="a .csv (written sample by sample), .npz, .mcap or .png to write; may be repeated"),
     ] = None,
     controller: Annotated[str, typer.Option(help="mpc, pid, pi, predictive-pid, lqr, feedforward")] = "mpc",
     settle: Annotated[float, typer.Option(help="under control at the first point of the trajectory [s]")] = 1.0,
@@ -157,11 +161,15 @@ def run_command(
     It begins with a soft start from the present pressures, and ends with the pressures as --stop says, whatever ends
     it: the end of the trajectory, Ctrl-C (twice: vent at once), SIGTERM, a closed terminal, a device or a log that
     fails. Exit code 0 at the end, 130 after Ctrl-C, 143 after SIGTERM or a closed terminal, 4 if the loop ended itself.
-    With .npz or .png alone the samples go into a .csv beside it, which is removed when all is well.
+    With .npz, .mcap or .png alone the samples go into a .csv beside it, which is removed when all is well.
     """
     from rich.console import Console
 
     from mpc.bench.loop import RealTimeLoop
+    from mpc.bench.repeating import compared, finished, read, repeat
+    from mpc.repetition.learner import Course
+    from mpc.repetition.response import responses
+    from mpc.trials.corrections import Owner
     from mpc.trials.files import reference_called
     from mpc.trials.loops import Settings as LoopSettings
     from mpc.trials.loops import loop, margins_in_words, robust
@@ -172,11 +180,15 @@ def run_command(
     for path in files:
         check_ending("--out", path, _SUFFIXES)
     journal = _journal(files)
-    claim(*files, None if journal in files else journal, inputs=(trajectory, *options.files), force=force)
+    learned = repeated.written(trajectory)
+    inputs = (trajectory, repeated.learned, *options.files)
+    claim(*files, None if journal in files else journal, *learned, inputs=inputs, force=force)
     settings = bench.settings(settle)
     opened = bench.opened(options)
     plant, known = opened.plant, opened.known
-    reference = reference_called(trajectory, at.stiffness, plant)
+    reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, plant))
+    owner = Owner.of(plant, known, controller, repeated.load or "")
+    begun = repeated.begun(reference, owner, at.dt)
     say(console, f"plant: {plant.summary}" + f"; {known.summary}" * bool(known.summary))
     if assumed := opened.assumed(options):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
@@ -186,21 +198,36 @@ def run_command(
         told = told if tuned else robust(controller, told, reference)
         driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
         sentences = margins_in_words(controller, told, reference, driver)
+        answers = partial(responses, controller, told, reference, options.spreads())
+        limits = plant.angle_limits
+        learner = repeated.learner(reference, answers, at.dt, begun, limits, controller) if learned else None
+
+    def drive(asked: "Reference") -> "Record":
         watch = Watch(plant.joint.pressure_limits[1], at.dt, bench)
         driven = RealTimeLoop(
-            opened.device, driver, observer, reference, plant=plant, start=settings.start, stop=settings.stop,
-            watchdog=settings.watchdog, overrun=settings.overrun, log=journal, replace=force, clock=opened.clock,
-            watch=watch,
+            opened.device, driver, observer, asked, plant=plant, start=settings.start, stop=settings.stop,
+            watchdog=settings.watchdog, overrun=settings.overrun, log=journal, replace=force or learner is not None,
+            clock=opened.clock, watch=watch,
         )  # fmt: skip
+        watch.health = lambda: "" if driven.tracking.health.well else driven.tracking.health
+        _run(driven.cycle, watch, console)
+        return driven.record
+
     for sentence in (*filter(None, [tuned]), *sentences):
         say(console, sentence)
-    watch.health = lambda: "" if driven.tracking.health.well else driven.tracking.health
-    _run(driven.cycle, watch, console)
-    record = driven.record
+    if learner is None:
+        record = drive(reference if begun is None else begun.reference)
+        best = record if begun is None else compared(record, Course.of(reference, at.dt))
+    else:
+        done = repeat(drive, learner, age=known.reading_age, progress=progress(console))
+        record, best = done.last, done.best or done.last
     with _exiting(record.ending):
-        if record.controlled:
-            _write(record, files, journal)
-        _report(record, console)
+        if best.controlled:
+            _write(best, files, journal)
+        _report(best if finished(record) else record, console)
+        if learner is not None and done.first is not None and done.best is not None:
+            first, after = (read(one, learner.course, known.reading_age) for one in (done.first, done.best))
+            report(learner, owner, first, after, learned, console)
         if record.controlled and files:
             say(console, f"written: {', '.join(map(str, files))}")
 
@@ -343,11 +370,14 @@ def _journal(files: list[Path]) -> Path | None:
 
 def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
     """Write the other files, and remove a journal that nobody asked for."""
+    from mpc.trials.mcap import save_mcap
     from mpc.trials.pictures.plotting import save_tracking_figure
 
     for path in files:
         if path.suffix == ".npz":
             record.save(path)
+        elif path.suffix == ".mcap":
+            save_mcap(record.run(), path)
         elif path.suffix != ".csv":
             save_tracking_figure(record.run(), path)
     if journal is not None and journal not in files:

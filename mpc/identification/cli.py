@@ -12,7 +12,7 @@ from allocator.files import toml
 from allocator.identification.columns import parse_columns
 from allocator.identification.motion.fit import STEPS, fit_motion
 from allocator.identification.motion.result import LABELS, MotionFit
-from allocator.identification.motion.samples import read_motion_log
+from allocator.identification.motion.samples import joined, read_motion_log
 from allocator.identification.options import DropSpikes, SkipRows, clock, columns_option
 from allocator.machine_file import joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 def fit_motion_command(
     log: Annotated[
-        Path, typer.Argument(help="CSV with time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above.")
+        list[Path],
+        typer.Argument(help="One CSV or several: time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above."),
     ],
     machine: Annotated[
         Path | None, typer.Option(help="Joint of the same kind, a TOML file of fit-joint: needed for --out.")
@@ -49,6 +50,8 @@ def fit_motion_command(
     commanded or measured); in these or other units and words (P1_kPa, phi [rad]). Everything is found by predicting the
     angle from the pressures alone. A minute or more of random steps of both pressures tells most; a log
     of slow sweeps shows the width of the hysteresis instead. Begin the log at rest: the prediction does, too.
+    Several logs, and the stretches between gaps of more than a second, are fitted together, each without memory of what
+    was before.
 
     Commands show the sum of dead time and age of the angle's readings. With columns measured1 and measured2 [bar]
     beside them both are found apart.
@@ -58,11 +61,13 @@ def fit_motion_command(
     the file of --out.
     """
     check_ending("--plot", plot, IMAGES)
-    claim(out, plot, inputs=(log, machine), force=force)
+    claim(out, plot, inputs=(*log, machine), force=force)
     if out is not None and machine is None:
         raise InvalidInput("--out writes a plant with muscles: give --machine, a file of fit-joint to begin with")
     console = Console(stderr=as_json)
-    data = read_motion_log(log, parse_columns(columns), skip_rows=skip_rows, drop_spikes=drop_spikes)
+    data = joined(
+        [read_motion_log(one, parse_columns(columns), skip_rows=skip_rows, drop_spikes=drop_spikes) for one in log]
+    )
     for note in data.notes:
         say(console, note)
     content = None if machine is None else toml.Table.read(machine)
@@ -125,6 +130,7 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
         f"95 % band of predicted angles: ± {bands.taut / DEG:.2f}° in taut rows, ± {bands.other / DEG:.2f}° in others, "
         f"coverage of left-out blocks {bands.coverage:.1%}",
     )
+    _describe_drift(fit, console)
     table = Table("", "value", "95 % interval", "unit", title="what the motion shows")
     for name, e in fit.parameters.items():
         label = LABELS[name]
@@ -142,6 +148,16 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
         say(console, f"beware: {warning}")
     for sentence in fit.unseen:
         say(console, f"not seen by this log: {sentence}")
+
+
+def _describe_drift(fit: MotionFit, console: Console) -> None:
+    """Print the errors of the stretches, and how the strength changes over them."""
+    drift = fit.drift
+    if (count := len(fit.log.parts)) > 1:
+        errors = ", ".join(f"{error / DEG:.2f}" for error in drift.errors)
+        say(console, f"{count} stretches without a gap; error over the log's pieces, in their order [°]: {errors}")
+    if drift.shows:
+        say(console, f"the angle's swing changes by {drift.per_hour:+.1%} ± {drift.std:.1%} an hour")
 
 
 def _values(fit: MotionFit, plant: "IdentifiedPlant | None") -> dict[str, object]:

@@ -63,8 +63,12 @@ def replay(path: str | PathLike[str], log: MotionLog) -> Replay:
     if abs(zero) > 2 * np.pi:
         raise InvalidFile(path, f"[source]: encoder_zero_deg = {zero / DEG:g} is over a turn")
     commanded = pressures == COMMANDED
-    theta = free_run(real, log.t, log.P1, log.P2, begin=float(log.theta[0]) - zero, commanded=commanded)
-    return Replay(log, np.interp(log.t - real.reading_age, log.t, theta) + zero)
+    theta = []
+    for part in log.parts:
+        t, begin = log.t[part], float(log.theta[part.start]) - zero
+        run = free_run(real, t, log.P1[part], log.P2[part], begin=begin, commanded=commanded)
+        theta.append(np.interp(t - real.reading_age, t, run) + zero)
+    return Replay(log, np.concatenate(theta))
 
 
 _REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "filling")

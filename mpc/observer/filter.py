@@ -55,7 +55,7 @@ class Noise:
     theta: float = 0.01 * DEG  # [rad]
     pressure: float = 0.02 * BAR  # [Pa]
     omega_walk: float = 0.2  # [rad/s/√s]
-    pressure_walk: float = 0.07 * BAR  # [Pa/√s]
+    pressure_walk: float = 0.02 * BAR  # [Pa/√s]
     d_walk: float = 1.9  # [N·m/√s]
     offset: float = 0.15 * BAR  # bound of the estimated sensor offsets [Pa]; 0: none
 

@@ -20,6 +20,7 @@ unknowns then. The gain of H is 1: what is left belongs to the static angle. φ 
 equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -30,10 +31,13 @@ from allocator.calculus import Array, Mask
 from allocator.identification.motion import loops
 from allocator.identification.motion.samples import TAUT_FROM, MotionLog, even_times, evenly
 from allocator.identification.motion.static import Difference, Equilibrium
+from allocator.identification.recording import stretches
 from allocator.joint.hysteresis import FILLED, PrandtlIshlinskii
 from allocator.units import BAR, DEG
 
 Static = Difference | Equilibrium
+Parts = Sequence[slice]
+_WHOLE = (slice(None),)
 
 STIFFEST = 0.1  # w_min: the least weight without play, that H can be inverted and a stuck joint is not rigid
 _FINEST = 0.004  # least half width r_1, in the range of the angle
@@ -149,7 +153,10 @@ class MotionProblem:
         """Return the pressures (m,) [Pa] of regulators (up, down, dead, whole dead band, slowest) and gas `lags`."""
         *regulator, volume = lags
         squeezed, around = self.static.squeezed(theta, volume)
-        one, two = (loops.pressures(t, u, s, around, regulator) for u, s in zip(commands, squeezed, strict=True))
+        one, two = (
+            np.concatenate([loops.pressures(t[part], u[part], s[part], around, regulator) for part in stretches(t)])
+            for u, s in zip(commands, squeezed, strict=True)
+        )
         return one, two
 
     def _lags(self, x: Array) -> tuple[float, ...]:
@@ -166,19 +173,25 @@ class MotionProblem:
         """Return the prediction from the static angle u (n,) [rad] on, with the best weights on the rows `used`."""
         if self.swings:
             kappa = self.springs(x)
-            return Prediction(self.swung(u, P1, P2, x, kappa, self.log.step), u, P1, P2, kappa)
-        behind = self.behind(u, P1, P2, x)
+            return Prediction(self.swung(u, P1, P2, x, kappa, self.log.step, self.log.parts), u, P1, P2, kappa)
+        behind = self.behind(u, P1, P2, x, self.log.parts)
         weights = best_weights(behind[:, used], (self.log.theta - u)[used], 1 - STIFFEST)
         return Prediction(u + np.einsum("i,in", weights, behind), u, P1, P2, weights)
 
-    def behind(self, u: Array, P1: Array, P2: Array, x: Array) -> Array:
-        """Return p_i - u (widths, n) [rad]."""
-        return loops.plays(u, self._scale(u, P1, P2, x), self.widths) - u
+    def behind(self, u: Array, P1: Array, P2: Array, x: Array, parts: Parts = _WHOLE) -> Array:
+        """Return p_i - u (widths, n) [rad]; the memory begins anew in each of the `parts`."""
+        return self._plays(u, self._scale(u, P1, P2, x), parts) - u
 
-    def swung(self, u: Array, P1: Array, P2: Array, x: Array, kappa: Array, step: float) -> Array:
-        """Return θ (n,) [rad] of a joint that swings, for rows that are `step` [s] apart."""
-        v, k = self.values(x), self._stiffness(P1, P2)
-        return loops.swung(u, self._scale(u, P1, P2, x), k, kappa, self.widths, v["damping"], v["inertia"], step)
+    def _plays(self, u: Array, scale: Array, parts: Parts) -> Array:
+        return np.concatenate([loops.plays(u[part], scale[part], self.widths) for part in parts], axis=1)
+
+    def swung(
+        self, u: Array, P1: Array, P2: Array, x: Array, kappa: Array, step: float, parts: Parts = _WHOLE
+    ) -> Array:
+        """Return θ (n,) [rad] of a joint that swings, for rows that are `step` [s] apart; each of the `parts` anew."""
+        v, k, s = self.values(x), self._stiffness(P1, P2), self._scale(u, P1, P2, x)
+        a1, a2 = v["damping"], v["inertia"]
+        return np.concatenate([loops.swung(u[i], s[i], k[i], kappa, self.widths, a1, a2, step) for i in parts])
 
     def _stiffness(self, P1: Array, P2: Array) -> Array:
         """Return k (n,) [-] over the usual stiffness. The last answer is remembered, as that of `regulated` is."""
@@ -201,11 +214,16 @@ class MotionProblem:
     def first_springs(self, u: Array, P1: Array, P2: Array, x: Array, used: Mask) -> Array:
         """Return κ (widths,) [-] to begin with: u - θ ≈ Σ κ_i e_i with the stops of the measured angle."""
         theta = self.log.theta
-        stops = theta - loops.plays(theta, self._scale(u, P1, P2, x), self.widths)
+        stops = theta - self._plays(theta, self._scale(u, P1, P2, x), self.log.parts)
         return best_weights(stops[:, used], (u - theta)[used], _STRONGEST)
 
     def elsewhere(self, t: Array, commands: tuple[Array, Array], x: Array, weights: Array) -> Prediction:
         """Return a free run over other rows: times [s], commands (m,) [Pa] of both muscles."""
+        parts = stretches(t)
+        if len(parts) > 1:
+            runs = [self.elsewhere(t[i], (commands[0][i], commands[1][i]), x, weights) for i in parts]
+            rows = [np.concatenate([run[column] for run in runs]) for column in range(4)]
+            return Prediction(rows[0], rows[1], rows[2], rows[3], weights)
         if not evenly(t):
             even = even_times(t)
             before = np.searchsorted(t, even, side="right") - 1

@@ -13,6 +13,7 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.least_squares import rms
 from allocator.identification.motion.doubt import AngleBand, Bands
+from allocator.identification.motion.drift import Drift
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Equilibrium, fit_muscles
@@ -111,6 +112,11 @@ class MotionFit:
     def run(self) -> Prediction:
         """Return the free run over the log."""
         return self.problem.run(self.x, self.log.settled)
+
+    @cached_property
+    def drift(self) -> Drift:
+        """Change of the joint's strength over the log, and the errors of its stretches."""
+        return Drift.of(self.log, self.run.theta)
 
     def errors(self) -> Array:
         """Return the angle measured minus that of the free run (n,) [rad]."""
@@ -219,6 +225,9 @@ class MotionFit:
             "band_deg": self.bands.other / DEG,
             "band_taut_deg": self.bands.taut / DEG,
             "band_coverage": self.bands.coverage,
+            "stretches": len(self.log.parts),
+            "drift_per_hour": self.drift.per_hour,
+            "drift_per_hour_std": self.drift.std,
         }
         for name, e in self.parameters.items():
             key, unit = LABELS[name].key, LABELS[name].unit

@@ -7,11 +7,13 @@ Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in 
     pressure1, pressure2 [bar, mbar, kPa, MPa, Pa, psi], gauge, commanded or measured
     measured1, measured2        measured pressures beside commands; both or neither
 
-Of a log with gaps of more than a second the longest part is used.
+A gap of more than a second ends a stretch. Several stretches, of one file or of several, are one log: how the joint
+moves is the same in all of them, and its memory begins anew in each.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -25,10 +27,11 @@ from allocator.identification.columns import read_columns
 from allocator.identification.recording import (
     GAP,
     in_time,
-    longest_stretch,
+    long_stretches,
     refuse_spikes,
     refuse_turns,
     spikes_of,
+    stretches,
     without_spikes,
 )
 from allocator.units import BAR, DEG
@@ -37,6 +40,8 @@ TAUT_FROM = 1.5 * BAR  # both pressures, above which muscles of this kind are ta
 _LEAST_ROWS = 200
 _LEAST_TIME = 10.0  # [s]
 _LONGEST_STEP = 0.2  # [s] between rows
+_LEAST_STRETCH = 4.0  # [s], below which hardly a row is left after the beginning is forgotten
+_BETWEEN = 10.0  # [s] put between two logs
 _FORGOTTEN = 2.0  # [s] after which a joint has come from where it was to where the first commands hold it
 _LEAST_SWING = 2 * DEG  # from the least to the greatest angle
 _LEAST_MOVE = 0.1 * BAR  # of a pressure
@@ -98,6 +103,11 @@ class MotionLog:
         """Return the number of rows."""
         return self.t.size
 
+    @cached_property
+    def parts(self) -> tuple[slice, ...]:
+        """The rows of each stretch without a gap."""
+        return tuple(stretches(self.t))
+
     @property
     def step(self) -> float:
         """Return the median time between rows [s]."""
@@ -105,8 +115,8 @@ class MotionLog:
 
     @property
     def settled(self) -> Mask:
-        """Return which rows (n,) do not depend any more on how the log began, of which it says nothing."""
-        return np.asarray(self.t - self.t[0] >= _FORGOTTEN)
+        """Return which rows (n,) do not depend any more on how their stretch began, of which the log says nothing."""
+        return np.concatenate([self.t[part] - self.t[part.start] >= _FORGOTTEN for part in self.parts])
 
     @property
     def swing(self) -> float:
@@ -149,9 +159,10 @@ class MotionLog:
 
         Inertia and damping are a filter with one step for all rows.
         """
-        if evenly(self.t):
+        if all(evenly(self.t[part]) for part in self.parts):
             return self
-        t = even_times(self.t)
+        step = max(self.step, sum(float(np.ptp(self.t[part])) for part in self.parts) / _MOST_ROWS)
+        t = np.concatenate([even_times(self.t[part], step) for part in self.parts])
         before = np.searchsorted(self.t, t, side="right") - 1
         return replace(self, t=t, theta=np.interp(t, self.t, self.theta), P1=self.P1[before], P2=self.P2[before])
 
@@ -164,7 +175,9 @@ class MotionLog:
 
         width = 2 * round(_MEDIAN_OVER / 2 / self.step) + 1
         P1, P2 = (
-            median_filter(P, width, mode="nearest") if np.median(np.abs(np.diff(P, 2))) > 0 else P
+            np.concatenate([median_filter(P[part], width, mode="nearest") for part in self.parts])
+            if np.median(np.abs(np.diff(P, 2))) > 0
+            else P
             for P in (self.P1, self.P2)
         )
         return replace(self, P1=P1, P2=P2)
@@ -177,12 +190,8 @@ class MotionLog:
             raise InvalidInput(
                 f"rows are {self.step:g} s apart, too far to see how the joint moves: record at 20 Hz; ms for s?"
             )
-        gap = int(np.argmax(np.diff(self.t))) + 1
-        if (missing := float(self.t[gap] - self.t[gap - 1])) > GAP:
-            raise InvalidInput(
-                f"t[{gap}] is {missing:.3g} s after the row before it: what the joint did in between is not known; "
-                "take the longest part of the log without such a gap"
-            )
+        if min(part.stop - part.start for part in self.parts) < 2:
+            raise InvalidInput(f"a row stands alone between two gaps of more than {GAP:g} s: leave it out")
 
     def _check_readings(self) -> None:
         """Refuse angles and pressures that no joint goes through: rows that jump there and back, turns within a row."""
@@ -193,7 +202,7 @@ class MotionLog:
                 f"spikes in {', '.join(wrong[:_SHOWN])}{more}, which jump there and back as no joint does; "
                 "leave these rows out"
             )
-        turned = np.abs(np.diff(self.theta)) > np.pi
+        turned = (np.abs(np.diff(self.theta)) > np.pi) & (np.diff(self.t) <= GAP)
         if turned.any():
             i = int(np.argmax(turned)) + 1
             raise InvalidInput(
@@ -203,7 +212,7 @@ class MotionLog:
 
     def _check_excitation(self) -> None:
         """Refuse a log that cannot tell lags from hysteresis, and say which experiment would."""
-        duration = float(self.t[-1] - self.t[0])
+        duration = sum(float(np.ptp(self.t[part])) for part in self.parts)
         if self.n < _LEAST_ROWS or duration < _LEAST_TIME:
             raise InvalidInput(
                 f"{self.n} rows over {duration:.3g} s are too few: record a minute or more of random steps of both "
@@ -244,9 +253,10 @@ def evenly(t: Array) -> bool:
     return bool(steps.std() <= _UNEVEN * np.median(steps))
 
 
-def even_times(t: Array) -> Array:
-    """Return times [s] from the first to the last of t (n,), with its median step or a longer one."""
-    step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
+def even_times(t: Array, step: float | None = None) -> Array:
+    """Return times [s] from the first to the last of t (n,), with this step [s], or its median one or a longer one."""
+    if step is None:
+        step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
     return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
 
 
@@ -266,7 +276,7 @@ def read_motion_log(
         measured = without_spikes(measured)
     else:
         refuse_spikes(measured)
-    measured = longest_stretch(measured)
+    measured = long_stretches(measured, _LEAST_STRETCH)
     refuse_turns(measured)
     t, theta, P1, P2 = (measured.values[quantity] for (quantity,) in _WANTED)
     try:
@@ -277,3 +287,20 @@ def read_motion_log(
     if len(there) == 1:
         raise InvalidFile(path, f"only one of {' and '.join(_MEASURED)} is there: give both, or neither")
     return MotionLog(t, theta, P1, P2, (there[0], there[1]) if there else None, notes=measured.notes)
+
+
+def joined(logs: Sequence[MotionLog]) -> MotionLog:
+    """Return several logs of one joint as one, each a stretch or more, in the order given.
+
+    Raises `InvalidInput` if only some of them have pressures measured beside commands.
+    """
+    if len({log.measured is None for log in logs}) > 1:
+        raise InvalidInput("some of the logs have measured1 and measured2, others not: give all of them, or none")
+    times, end = [], 0.0
+    for log in logs:
+        times.append(log.t - log.t[0] + end)
+        end = float(times[-1][-1]) + _BETWEEN
+    theta, P1, P2 = (np.concatenate([getattr(log, name) for log in logs]) for name in ("theta", "P1", "P2"))
+    pairs = [log.measured for log in logs if log.measured is not None]
+    measured = (np.concatenate([one for one, _ in pairs]), np.concatenate([two for _, two in pairs])) if pairs else None
+    return MotionLog(np.concatenate(times), theta, P1, P2, measured, notes=tuple(n for log in logs for n in log.notes))

@@ -56,11 +56,13 @@ class SimulatedDevice:
         at = middle if theta is None else float(checks.angle("theta", theta))
         self._x0 = np.array([at, 0.0, *checks.pressure("pressures", pressures)])
         self._seed, self._measures_pressure = seed, measures_pressure
+        self._entered = 0
         self.torque = 0.0  # of a weight that somebody has hung [N·m], positive where it pulls θ down
         self._experiment: RealExperiment | None = None
 
     def __enter__(self) -> Self:
-        self._experiment = self.plant.begin(STEP, self._x0, self._seed)
+        self._experiment = self.plant.begin(STEP, self._x0, self._seed + self._entered)  # noise does not come back
+        self._entered += 1
         self._u = self._x0[2:].copy()
         self._began, self._steps = self.clock.now(), 0
         return self

@@ -9,6 +9,7 @@ import numpy as np
 from allocator.mechanism.endpoint import Endpoint
 from mpc.model.plant import Plant
 from mpc.trials.files import save_recording, save_run
+from mpc.trials.mcap import save_mcap
 from mpc.trials.metrics import Errors, Metrics
 from mpc.trials.pictures.animation import ENDINGS
 from mpc.trials.pictures.plotting import save_tracking_figure
@@ -23,12 +24,14 @@ _NOTHING = 1e-6  # of an entry of the stiffness: no muscle crosses both joints
 def write_run(
     run: Run, path: Path, film: Callable[[Path], None], title: str = "", hand: Endpoint | None = None
 ) -> None:
-    """Write `run` as CSV or NPZ, as a film by `film`, or as a picture with the path of its `hand`."""
+    """Write `run` as CSV, NPZ or MCAP, as a film by `film`, or as a picture with the path of its `hand`."""
     ending = path.suffix.lower()
     if ending == ".csv":
         save_run(run, path)
     elif ending == ".npz":
         save_recording(run, path)
+    elif ending == ".mcap":
+        save_mcap(run, path)
     elif ending in ENDINGS:
         film(path)
     else:

@@ -214,13 +214,14 @@ def test_times_that_cannot_be_are_refused_with_line_and_likely_unit(written, nam
     assert said in refused(written(HEADER.replace("t [s]", name) + "\n" + lines(times, THETA, P1, P2)))
 
 
-def test_of_a_log_with_gaps_the_longest_part_is_used_and_said(written):
-    late = T + 5 * (AT >= 150) + 3 * (AT >= 870)
+def test_stretches_between_gaps_are_used_unless_they_are_short_and_that_is_said(written):
+    late = T + 5 * (AT >= 150) + 3 * (AT >= 600)
     log = read_motion_log(written(HEADER + "\n" + lines(late, THETA, P1, P2)))
-    np.testing.assert_allclose(log.theta, THETA[150:870] * DEG, atol=1e-9)
+    np.testing.assert_allclose(log.theta, THETA[150:] * DEG, atol=1e-9)
+    assert log.parts == (slice(0, 450), slice(450, N - 150))
     assert log.notes == (
-        "the log has 2 gaps of more than 1 s (before lines 152 and 872): lines 152 to 871, 14.4 s, are used, the "
-        "longest part; 180 rows in the others were left out",
+        "the log has gaps of more than 1 s before lines 152 and 602: 2 stretches are used; 150 rows in shorter ones "
+        "were left out",
     )
 
 

@@ -1,5 +1,7 @@
 """The parts of the fit of a moving joint: regulators, plays, weights and the free run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -191,9 +193,29 @@ def test_an_angle_that_wraps_is_to_be_unwrapped():
         MotionLog.checked(**rows(theta=np.mod(0.6 * np.sin(T), 2 * np.pi)))
 
 
-def test_a_gap_in_the_log_is_pointed_out():
-    with pytest.raises(InvalidInput, match=r"t\[500\] is 3.05 s after the row before it"):
-        MotionLog.checked(**rows(t=np.where(np.arange(1000) < 500, T, T + 3)))
+@pytest.mark.parametrize("swings", [False, True])
+def test_the_memory_begins_anew_after_a_gap(swings):
+    """A log with a gap is predicted as its two parts are, each by itself."""
+    swinging = {"damping": 0.03, "inertia": 0.01} if swings else {}
+    values = {"lag_up": 0.1, "lag_down": 0.2, "dead_time": 0.02} | swinging
+    whole = some_log(1000)
+    log = replace(whole, t=whole.t + 3 * (np.arange(1000) >= 400))
+    columns = ("t", "theta", "P1", "P2")
+    halves = [replace(log, **{name: getattr(log, name)[part] for name in columns}) for part in log.parts]
+    problem = MotionProblem(log, Difference(4 * BAR), tuple(values))
+    springs = 0.3 * np.ones(problem.widths.size) if swings else []
+    x = np.array([*values.values(), *springs, 0.0, 0.5, *np.zeros(len(problem.powers) - 2)])
+    weights = problem.run(x, np.ones(1000, bool)).weights
+    together = problem.elsewhere(log.t, (log.P1, log.P2), x, weights).theta
+    apart = [problem.elsewhere(half.t, (half.P1, half.P2), x, weights).theta for half in halves]
+    np.testing.assert_allclose(together, np.concatenate(apart), atol=1e-12)
+    np.testing.assert_allclose(problem.run(x, np.ones(1000, bool)).theta, together, atol=1e-9)
+    assert not problem.log.settled[[0, 400]].any()
+
+
+def test_a_row_alone_between_gaps_is_refused():
+    with pytest.raises(InvalidInput, match="a row stands alone between two gaps of more than 1 s"):
+        MotionLog.checked(**rows(t=T + 3 * (np.arange(1000) >= 500) + 3 * (np.arange(1000) >= 501)))
 
 
 def test_rows_at_uneven_times_are_filtered_at_even_ones():

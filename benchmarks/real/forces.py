@@ -1,0 +1,161 @@
+"""Tasks a and b: isometric forces of two real muscles of 10 mm, inflated and deflated, and their slope.
+
+Repetitions 8 and 9 are fitted and 10 is predicted, one direction of the pressure at a time. Another length is predicted
+from all repetitions of the first, inflating. Bins of fewer than 20 readings while deflating are transients. The slope
+is judged by differences of the predicted and the measured forces of neighbouring contractions, where both pull. Each
+rig's load cell is zeroed by its readings of slack muscles. The end length comes from the forces at no contraction of
+four lengths of the same laboratory, 20 and 30 cm among them: at no contraction the held-out length is not unseen.
+"""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array, Mask
+from allocator.identification.muscle.fit import fit
+from allocator.identification.muscle.surface import ForceSurface
+from allocator.muscles import MODELS, Muscle
+from benchmarks.real.scores import best_in_bold
+
+FILE = Path("festo_isometric") / "dmsp_10mm_20_30cm.csv"
+END_LENGTH = 0.04  # [m], of `allocator.identification.muscle.surface`
+_LEAST_BIN = 20
+_MOST_PRESSURE = 625e3  # [Pa]
+_HELD_OUT = 10
+_PULLS = 30.0  # [N], above which a slope is judged
+_PRESSURES = np.arange(300e3, 620e3, 20e3)  # [Pa] at which it is
+
+Force = Callable[[Array, Array], Array]
+_LAWS = "Sarosi2012", "MartensBoblan2017", "AffinePolynomial", "ThresholdPolynomial", "TableMuscle"
+_SLACK = 100e3  # [Pa], below which a contracted muscle is slack and shows the load cell's zero
+
+
+class Forces(NamedTuple):
+    """Rows of the table; arrays (n,)."""
+
+    length: Array  # [m]
+    contraction: Array  # [-]
+    pressure: Array  # [Pa]
+    force: Array  # [N]
+    test: Array
+    inflating: Mask
+
+    def only(self, keep: Mask) -> "Forces":
+        """Return some of the rows."""
+        return Forces(*(column[keep] for column in self))
+
+
+def read(path: Path) -> Forces:
+    """Return the bins that are no transients, each length with the load cell's zero taken off."""
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    number = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "direction"}
+    inflating = np.array([row["direction"] == "inflating" for row in rows])
+    P = number["pressure_kPa"] * 1e3
+    kept = (inflating | (number["n"] >= _LEAST_BIN)) & (P < _MOST_PRESSURE)
+    columns = number["cut_length_cm"] / 100, number["contraction"], P, number["force_N"], number["test"], inflating
+    found = Forces(*columns).only(kept)
+    for length in np.unique(found.length):
+        here = found.length == length
+        slack = here & (found.pressure < _SLACK) & (found.contraction > 0)
+        found.force[here] -= np.median(found.force[slack])
+    return found
+
+
+def surface(rows: Forces) -> ForceSurface:
+    """Fit the surface."""
+    return ForceSurface.fit(rows.contraction, rows.pressure, rows.force, pressures=16)
+
+
+def law(model: type[Muscle]) -> Callable[[Forces], Force]:
+    """Return what fits a parametric law to rows."""
+
+    def fitted(rows: Forces) -> Force:
+        P = np.maximum(rows.pressure, 0.0)
+        muscle = fit(model, rows.contraction, P, rows.force, folds=0).muscle
+        return lambda P, eps: np.maximum(muscle.force(P, eps), 0.0)  # slack: it pushes nothing
+
+    return fitted
+
+
+METHODS: dict[str, Callable[[Forces], Force]] = {
+    **{name: law(MODELS[name]) for name in _LAWS},
+    "B-spline surface": lambda rows: surface(rows).force,
+}
+
+
+def _repetition(rows: Forces, method: Callable[[Forces], Force]) -> tuple[float, float, float]:
+    """Return RMS and median error [N] on the held-out repetition, and the median relative error of its slope."""
+    errors, slopes = [], []
+    for up in (True, False):
+        one = rows.only(rows.inflating == up)
+        seen, held = one.only(one.test < _HELD_OUT), one.only(one.test == _HELD_OUT)
+        force = method(seen)
+        errors.append(force(np.maximum(held.pressure, 0.0), held.contraction) - held.force)
+        slopes.append(_slope_errors(force, held))
+    error = np.concatenate(errors)
+    return float(np.sqrt(np.mean(error**2))), float(np.median(np.abs(error))), float(np.median(np.concatenate(slopes)))
+
+
+def _slope_errors(force: Force, held: Forces) -> Array:
+    steps = np.unique(held.contraction)
+    measured = []
+    for eps in steps:
+        at = held.only(held.contraction == eps)
+        order = np.argsort(at.pressure)
+        measured.append(np.interp(_PRESSURES, at.pressure[order], at.force[order]))
+    predicted = [force(_PRESSURES, np.full(_PRESSURES.size, eps)) for eps in steps]
+    fell, expected = np.diff(measured, axis=0), np.diff(predicted, axis=0)
+    pulls = np.array(measured)[1:] > _PULLS
+    return np.asarray(np.abs(expected / fell - 1)[pulls])
+
+
+def repeatability(rows: Forces) -> float:
+    """Return the RMS difference [N] of the held-out repetition from the mean of the others, at equal pressures."""
+    squares = []
+    for eps in np.unique(rows.contraction):
+        for up in (True, False):
+            at = rows.only((rows.contraction == eps) & (rows.inflating == up))
+            curves = []
+            for test in np.unique(at.test):
+                one = at.only(at.test == test)
+                order = np.argsort(one.pressure)
+                curves.append(np.interp(_PRESSURES, one.pressure[order], one.force[order]))
+            squares.append((curves[-1] - np.mean(curves[:-1], axis=0)) ** 2)
+    return float(np.sqrt(np.mean(squares)))
+
+
+def _other_length(rows: Forces, end_length: float) -> list[float]:
+    """Return the RMS errors [N] of each length, predicted from the other."""
+    lengths, errors = np.unique(rows.length), []
+    for one, other in ((lengths[0], lengths[1]), (lengths[1], lengths[0])):
+        seen, held = (rows.only((rows.length == length) & rows.inflating) for length in (one, other))
+        error = surface(seen).at_length(one, other, end_length).force(held.pressure, held.contraction) - held.force
+        errors.append(float(np.sqrt(np.mean(error**2))))
+    return errors
+
+
+def table(path: Path) -> list[str]:
+    """Return the scores as lines of Markdown."""
+    rows = read(path)
+    lengths = np.unique(rows.length)
+    head = " | ".join(f"{100 * length:.0f} cm" for length in lengths)
+    lines = ["Held-out repetition: RMS (median) error [N]; median error of the slope.", ""]
+    lines += [f"| model | {head} |", f"|---{'|---' * lengths.size}|"]
+    found = [
+        (name, [_repetition(rows.only(rows.length == length), method) for length in lengths])
+        for name, method in METHODS.items()
+    ]
+    cells_of = [(name, [f"{rms:.1f} ({mid:.1f}); {slope:.0%}" for rms, mid, slope in cells]) for name, cells in found]
+    lines += best_in_bold(cells_of, [[cell[0] for cell in cells] for _, cells in found])
+    cells = [f"{repeatability(rows.only(rows.length == length)):.1f}" for length in lengths]
+    lines += [f"| repeatability, 3 to 6.2 bar | {' | '.join(cells)} |", ""]
+    lines += ["Held-out length, inflating: RMS error [N] of each length, predicted from the other.", ""]
+    lines += [f"| end length | {head} |", f"|---{'|---' * lengths.size}|"]
+    for e in (0.0, END_LENGTH):
+        back = _other_length(rows, e)[::-1]
+        lines.append(f"| {1000 * e:.0f} mm | {' | '.join(f'{error:.1f}' for error in back)} |")
+    return lines

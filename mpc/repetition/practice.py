@@ -1,0 +1,107 @@
+"""Practice: a simulated loop that repeats a motion and learns it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allocator.calculus import Array, Value
+from mpc.observer.base import Observer
+from mpc.repetition.learner import Learner, Repetition
+from mpc.trials.corrections import compared
+from mpc.trials.reference import Reference
+from mpc.trials.simulation import Controller, Load, Process, Run, simulate
+
+
+@dataclass(frozen=True, eq=False)
+class Practice:
+    """Runs of a motion that was learned, each compared with the angles that were wanted."""
+
+    learner: Learner
+    first: Run
+    best: Run
+
+    def __repr__(self) -> str:
+        """Return what was gained, and why it ended."""
+        return f"Practice: {self.learner}"
+
+
+class Listener:
+    """An observer that keeps the angles that it is told."""
+
+    def __init__(self, observer: Observer, n: int) -> None:
+        self.observer, self.n = observer, n
+        self.heard: list[Array] = []
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.heard = []
+        self.observer.reset()
+
+    def estimate(self, y: Array, u: Array) -> tuple[Array, Value]:
+        """Return the observer's estimate."""
+        self.heard.append(np.array(y[: self.n]))
+        return self.observer.estimate(y, u)
+
+
+def practise(
+    plant: Process,
+    controller: Controller,
+    learner: Learner,
+    *,
+    observer: Observer,
+    x0: ArrayLike | None = None,
+    load: Load | None = None,
+    seed: int = 0,
+    progress: Callable[[Repetition], None] | None = None,
+) -> Practice:
+    """Repeat the motion of `learner` in simulation until it is done, and return the first run and the best one.
+
+    All repetitions begin in the same state, `x0` or the plant's rest at the reference's first point, with noise of
+    their own; the learner sees what the sensors of the angle say. `progress` is called after each. Other arguments are
+    those of `simulate`.
+    """
+    first = best = None
+    while not learner.done:
+        number = len(learner.history)
+        run, theta = played(
+            plant, controller, learner.reference, learner, observer=observer, x0=x0, load=load, seed=seed + number
+        )
+        found = learner.learn(theta)
+        first = run if first is None else first
+        best = run if best is None or found is learner.best else best
+        if progress is not None:
+            progress(found)
+    assert first is not None
+    assert best is not None
+    return Practice(learner, first, best)
+
+
+def played(
+    plant: Process,
+    controller: Controller,
+    given: Reference,
+    learner: Learner,
+    *,
+    observer: Observer,
+    x0: ArrayLike | None = None,
+    load: Load | None = None,
+    seed: int = 0,
+) -> tuple[Run, Array]:
+    """Return the run along a `given` reference, compared with the wanted one, and the angles (M, …) [rad] as read."""
+    course, listener = learner.course, Listener(observer, plant.nominal.n)
+    run = simulate(plant, controller, given, x0=x0, observer=listener, load=load, seed=seed)
+    read = np.array([*listener.heard, listener.heard[-1]])
+    age = getattr(getattr(controller, "compensation", None), "reading_age", 0.0)
+    theta = on_time(run.t - run.t[0], read, age).reshape(run.theta.shape)
+    return compared(run, course.wanted), theta
+
+
+def on_time(t: Array, read: Array, age: float) -> Array:
+    """Return angles (M, n) at the times `t` (M,) [s] from readings that are `age` [s] old; a reading may be missing."""
+    columns = []
+    for column in read.T:
+        seen = np.isfinite(column)
+        columns.append(np.interp(t, t[seen] - age, column[seen]))
+    return np.stack(columns, axis=1)
