@@ -63,7 +63,6 @@ def allocate_command(
 
     from allocator.allocation import Method
     from allocator.joint.antagonist import AntagonistJoint
-    from allocator.joint.gas import Stiffness
     from allocator.joint.limits import Limits
 
     if priority not in ("torque", "stiffness"):
@@ -78,14 +77,14 @@ def allocate_command(
         if theta is None or at_least:
             raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
         hand.none()
-        meant = Stiffness(stiffness_options.kind(options.file))
+        meant = stiffness_options.meant(options.file)
         one = _of_one(machine, theta, stiffness, torque, meant, **asked)
         values, tables, success = _values_of_one(one), [_table(one)], one.success
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
-        kind = stiffness_options.kind(options.file, machine.muscle_names)
-        several = _of_several(machine, hand, stiffness, torque, at_least, Stiffness(kind), **asked)
+        meant = stiffness_options.meant(options.file, machine.muscle_names)
+        several = _of_several(machine, hand, stiffness, torque, at_least, meant, **asked)
         values, tables, success = _values_of_several(several), _tables(several), several.success
     if as_json:
         print_json(values)

@@ -32,6 +32,7 @@ atmosphere = 101325.0          # [Pa]
 
 [plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
 [intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`
+[[measured]]                     # history of its strengths, see `mpc.bench.measuring.update`; not read by `load`
 
 One joint with two muscles, an `AntagonistJoint`, calls them "agonist" and "antagonist" and may have more:
 
@@ -76,7 +77,7 @@ _GEOMETRIES: Mapping[str, type[geometry.Geometry]] = {
 _ROUTES: Mapping[str, type[Routes]] = {kind.__name__: kind for kind in (Pulleys, Sites, Tables)}
 _PAIR = ("agonist", "antagonist")
 _TABLES = ("machine", "routes", "muscle", "gas", "source", "plant")
-_OF_A_JOINT = "covariance", "hysteresis", "regulators", "sensors", "intervals", "tuning"
+_OF_A_JOINT = "covariance", "hysteresis", "regulators", "sensors", "intervals", "tuning", "measured"
 _OF_MORE = ("bodies",)
 _LIMITS = ("pressure_limits", "min_contraction", "angle_limits")
 _UNITS = "SI units: Pa, m, rad, N"
@@ -114,13 +115,22 @@ def dumps(machine: Machine, *, scale_known: bool = True, source: Mapping[str, st
     if machine.gas != AIR:
         lines += section("gas", {f.name: getattr(machine.gas, f.name) for f in fields(Gas)}, "-, Pa")
     lines += section("source", source) if source else []
-    if joint and joint.covariance is not None:
-        note = "of the agonist's and then the antagonist's parameters"
-        lines += section("covariance", {"rows": joint.covariance}, note)
+    lines += _covariance_lines(joint) if joint else []
     if joint and (operator := joint.hysteresis) is not None:
         values = {f.name: getattr(operator, f.name) for f in fields(operator)}
         lines += section("hysteresis", values, "Prandtl–Ishlinskii operator of the angle; rad, at P1 + P2 = 5 bar")
     return "\n".join(lines) + "\n"
+
+
+def muscle_text(joint: AntagonistJoint) -> str:
+    """Return the tables of a joint's muscles and of their covariance alone."""
+    lines = _muscle_lines(dict(_named_muscles(joint))) + _covariance_lines(joint)
+    return "\n".join(lines).lstrip("\n") + "\n\n"
+
+
+def _covariance_lines(joint: AntagonistJoint) -> list[str]:
+    note = "of the agonist's and then the antagonist's parameters"
+    return [] if joint.covariance is None else section("covariance", {"rows": joint.covariance}, note)
 
 
 def _limits(machine: Machine) -> dict[str, object]:

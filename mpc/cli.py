@@ -23,6 +23,7 @@ from allocator.shell.printing import say
 from allocator.units import BAR
 from mpc.arm.cli import ArmOptions, track_arm
 from mpc.bench.cli import devices_command, run_command, sweep_command
+from mpc.bench.measure_cli import measure_command
 from mpc.explorer.cli import explore
 from mpc.export.cli import export_app
 from mpc.export.serial.cli import bench_check_command
@@ -286,6 +287,9 @@ app.add_typer(export_app, name="export", short_help="C, FMUs, firmware: what run
 app.command("devices", cls=Command, short_help="list what `run` and `sweep` can drive")(devices_command)
 app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)
 app.command("sweep", cls=Command, short_help="run the experiment that identifies a joint")(sweep_command)
+app.command("measure", cls=Command, short_help="measure a joint's stiffness, isobaric and felt, on a device")(
+    measure_command
+)
 app.command("explore", cls=Command, short_help="see in the browser what a joint can do")(explore)
 app.command("bench-check", cls=Command, short_help="does a board on a serial line do as it should?")(
     bench_check_command

@@ -9,6 +9,7 @@ from allocator.allocation.problem import PRIORITIES, Priority, Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.felt import Secant
 from allocator.joint.gas import Shares
 from allocator.joint.limits import TAUT, Limits, checked_limits
 from allocator.joint.torque_levels import Pair
@@ -28,11 +29,12 @@ def problem_from(
     tolerance: object = 0.0,
     pull: object = None,
     shares: Shares | None = None,
+    felt: Secant | None = None,
 ) -> tuple[Problem, Array]:
     """Return the checked, flat problem, and the angles asked for in the common shape of all arguments.
 
-    Arguments are those of `allocate`, the limits as their value, `shares` those of the trapped gas in the stiffness;
-    angles are moved into the joint range. Raises InvalidInput, as `allocate` says.
+    Arguments are those of `allocate`, the limits as their value, `shares` those of the trapped gas in the stiffness,
+    `felt` the hysteresis in it; angles are moved into the joint range. Raises InvalidInput, as `allocate` says.
     """
     named = {"theta": checks.angle("theta", theta), "K": checks.stiffness("K", K), "T": checks.real("T", T, "N·m")}
     limits = checked_limits(limits)
@@ -55,6 +57,7 @@ def problem_from(
         stiffness_tolerance=_tolerance(chosen, tolerance),
         pull=rho,
         reference=_pair(flat, "P1_ref", "P2_ref"),
+        felt=felt,
     )
     problem = problem if shares is None else problem.with_shares(shares)
     return problem, flat["theta"].reshape(arrays[0].shape)

@@ -29,17 +29,27 @@ _HELD = 1e-3  # a step is held where the limits leave less than this of it
 
 
 def residual(problem: Problem, P1: Array, P2: Array) -> Array:
-    """Return the step that would still improve (P1, P2), in fractions of the supply range; (n,), inf for NaN."""
+    """Return the step that would still improve (P1, P2), in fractions of the supply range; (n,), inf for NaN.
+
+    NaN at a kink of a felt stiffness, which has no gradient there.
+    """
     weigh = _weighted if problem.priority == "weighted" else _lexicographic
     with np.errstate(invalid="ignore", divide="ignore"):
         found = weigh(problem, P1, P2) / problem.joint.pressure_span
-    return np.asarray(np.where(np.isnan(found), np.inf, found))
+    found = np.where(np.isnan(found), np.inf, found)
+    if problem.felt is not None:
+        kink = problem.felt.on_kink(P1 + P2, CLOSED_FORM.binds * problem.joint.pressure_span)
+        found = np.where(kink, np.nan, found)
+    return np.asarray(found)
 
 
 def _gradients(problem: Problem, P1: Array, P2: Array) -> tuple[Pair, Pair]:
     """Return ((∂T/∂P1, ∂T/∂P2), (∂K/∂P1, ∂K/∂P2))."""
     one, two = problem.sides
-    return (one.torque_gain(P1), two.torque_gain(P2)), (_stiffness_gain(one, P1), _stiffness_gain(two, P2))
+    torques = one.torque_gain(P1), two.torque_gain(P2)
+    if problem.felt is not None:
+        return torques, problem.stiffness_slopes(P1, P2)
+    return torques, (_stiffness_gain(one, P1), _stiffness_gain(two, P2))
 
 
 def _stiffness_gain(side: OneMuscle, P: Array) -> Array:

@@ -109,7 +109,8 @@ def allocate(
         `previous` without `max_step` says to which of equally good pressures the answer is nearest, instead of to 0.
     stiffness
         Which stiffness `K` is: by default isobaric; `Stiffness("shut")` with gas trapped, `Stiffness(frequency=2.0,
-        lag=0.1)` what motions meet, `Stiffness(tolerance=0.5)` any so near; of free valves see `Allocation.valves`.
+        lag=0.1)` what motions meet, `Stiffness(amplitude=2*DEG)` what pushes by ±2° meet with the hysteresis of a joint
+        with affine muscles, `Stiffness(tolerance=0.5)` any so near; of free valves see `Allocation.valves`.
         Of an endpoint K is K_x [N/m], matrices (…, dim, dim), diagonals or a number, and T what is asked for besides
         Jᵀ·force; nearest is the least ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F. With n > dim the joints that the hand
         does not see are free: the answer is a local optimum, found by linearising K_x again and again.
@@ -199,6 +200,7 @@ def _of_a_pair(joint: AntagonistJoint, asked: Asked) -> Allocation:
         tolerance=asked.stiffness.tolerance,
         pull=asked.pull,
         shares=None if kind.shares is None else kind.fixed,
+        felt=kind.secant(joint.loop) if kind.amplitude is not None else None,
     )
     solve = _solver(chosen, angles, _axis(asked.along, angles.ndim, chosen, asked.limits))
     answer = partial(_answer, solve=solve, kind=kind)
@@ -260,6 +262,12 @@ def _check_together(kind: StiffnessKind, method: Method, along: object) -> None:
         raise InvalidInput(
             f"uncertainty is for the isobaric stiffness: it does not know what a {kind.name} stiffness "
             "owes to the muscles' volumes; leave out valves and frequency"
+        )
+    if kind.amplitude is not None and (method.name != "exact" or along is not None):
+        raise InvalidInput(
+            f"a stiffness felt by a push is allocated by method='exact' and without along, not by {method.name!r}"
+            if along is None
+            else "along plans pressures for a stiffness without hysteresis; leave out along or amplitude"
         )
     if kind.shares is None and method.name == "analytic":
         raise InvalidInput(

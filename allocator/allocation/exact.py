@@ -9,7 +9,7 @@ level, takes the inverse's place. Nothing but comparing a few candidates is left
 
 For other muscles J may be singular in the box, and several pairs may give the same torque and stiffness:
 `allocator.search` finds them all, and a bound on what it has dropped, the `gap`. With a pull there is no exact answer
-for such muscles.
+for such muscles. The stiffness that a push meets couples both pressures, and has an exact answer of its own: `felt`.
 """
 
 from collections.abc import Iterator
@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator import search
+from allocator.allocation import felt
 from allocator.allocation.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
@@ -38,6 +39,8 @@ class Optimum(NamedTuple):
 
 def solve(problem: Problem) -> Optimum:
     """Return the optimum of n problems. Raises InvalidInput for a pull on muscles for which there is no closed form."""
+    if problem.felt is not None:
+        return Optimum(*felt.solve(problem), np.zeros(problem.theta.shape))
     if problem.joint.affine or problem.pull:
         return Optimum(*_closed(problem), np.zeros(problem.theta.shape))
     T, K, now = problem.T_aim, problem.K_aim, problem.limits.previous
@@ -62,7 +65,7 @@ def determinant_signs(problem: Problem) -> Array:
     on one pressure each), and along a torque level the stiffness rises (1) or falls (-1). Affine muscles: the
     determinant is constant. Others: by the slopes of both curves at the ends of their pieces, of any geometry.
     """
-    if _jumps(problem):
+    if problem.felt is not None or _jumps(problem):
         return np.zeros(problem.theta.shape)
     if problem.tondu_pulley:  # F_Pε < 0 everywhere, and F_P falls with P: [M] holds up to the upper bounds
         (one, two), (first, second) = problem.sides, problem.box

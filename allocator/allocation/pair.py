@@ -1,7 +1,7 @@
 """The answer about a pair of muscles, whose targets are numbers: in floats and arrays."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,7 @@ from allocator.errors import InvalidInput
 from allocator.inverse import why_no_inverse
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import assumptions
-from allocator.joint.gas import HELD, StiffnessKind
+from allocator.joint.gas import HELD, StiffnessKind, Valves
 from allocator.joint.limits import Limits, names
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.torque_levels import Pair, torque_interval
@@ -31,7 +31,7 @@ _STATUS = tuple(Status)
 
 @dataclass(frozen=True, eq=False)
 class PairAllocation(Allocation):
-    """A `PairAllocation` is the `Allocation` of a joint: floats for scalars, else arrays of the targets' shape."""
+    """The `Allocation` of a joint: floats for scalars, else arrays of the targets' shape."""
 
     theta: Value  # joint angle asked for [rad]
     T_target: Value  # torque asked for [N·m]
@@ -58,13 +58,14 @@ class PairAllocation(Allocation):
             return self._built
         targets = self.theta, self.K_target, self.T_target
         asked: dict[str, Any] = {"limits": self._within, "priority": self.priority, "shares": self.kind.fixed}
+        asked["felt"] = self.kind.secant(self.joint.loop) if self.kind.amplitude is not None else None
         return problem_from(self.joint, *targets, **asked)[0]
 
     @property
     def valves(self) -> tuple[bool | Mask, bool | Mask]:
         """Return whether the valves of (agonist, antagonist) are shut while the joint is as stiff as `K`.
 
-        Two truth values, or arrays of them. Where a `frequency` was asked for they are regulated, and counted as open.
+        Two truth values, or arrays of them; regulated ones, where a `frequency` was asked for, count as open.
         """
         shares = self._problem.shares
         if shares is None or self.kind.frequency is not None:
@@ -106,6 +107,11 @@ class PairAllocation(Allocation):
         met = (CLOSED_FORM if self.method == "exact" else OPTIMISER).met
         return self._formed(np.abs(np.ravel(error)) <= tolerance + met * scale)
 
+    def felt_stiffness(self, amplitude: float, valves: Valves = "open") -> Value:
+        """Return the stiffness [N·m/rad] that pushes by ±`amplitude` [rad] meet, `AntagonistJoint.stiffness`   (S3)"""
+        at = self._problem.theta, np.ravel(self.P1), np.ravel(self.P2)
+        return self._formed(np.asarray(self.joint.stiffness(*at, valves, amplitude=amplitude)))
+
     @property
     def holds(self) -> Any:
         """Return whether the joint holds itself: K > 0."""
@@ -121,8 +127,7 @@ class PairAllocation(Allocation):
         """Sentence listing the assumptions behind the answer that the data could not confirm, or "".
 
         Equilibria of some joints do not show a force common to both muscles: the pressures at which cables go slack
-        are then assumed, and a target is met if the cables are taut. A muscle fitted to forces is extrapolated beyond
-        the contractions and pressures at which it was measured.
+        are then assumed. A muscle fitted to forces is extrapolated beyond the contractions and pressures measured.
         """
         theta = np.clip(np.ravel(self.theta), *self.joint.angle_range)  # where the pressures belong
         return assumptions(self.joint, theta, np.ravel(self.P1), np.ravel(self.P2))
@@ -131,8 +136,8 @@ class PairAllocation(Allocation):
     def active(self) -> Any:
         """Return the names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples.
 
-        A limit binds where the pressure lies on it, up to 1e-9 of the supply range; of limits that lie at one pressure
-        all bind, since relieving one does not help. Supply and validity of the model count as one limit, the lower.
+        A limit binds where the pressure lies on it, up to 1e-9 of the supply range; of limits at one pressure all bind,
+        since relieving one does not help. Supply and validity of the model count as one limit, the lower.
         """
         return self._listed(map(names, np.ravel(self.limits)))
 
@@ -174,9 +179,8 @@ class PairAllocation(Allocation):
         """Return how much better an answer might be than this one, for all that is proved; 0 for closed forms.
 
         A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
-        (muscles that are not affine) prove some 1e-13, up to rounding. Of an optimising method it is how much worse
-        its answer is than the proved bound of "exact". NaN where nothing is proved: methods "analytic" and "uncertain",
-        and muscles that are not affine with a pull.
+        (muscles not affine) prove some 1e-13. Of an optimising method: how much worse than the bound of "exact". NaN
+        where nothing is proved: methods "analytic" and "uncertain", and a pull on muscles that are not affine.
         """
         if self._gap is not None:
             return self._gap
@@ -302,7 +306,8 @@ class PairAllocation(Allocation):
         """Return which stiffness it is, with the valves of the answer where they were free: "shut stiffness", …"""
         if self.kind.shares is not None:
             return self.kind.text
-        return self.kind.text if self._shape else StiffnessKind.of(tuple(map(bool, self.valves))).text
+        state = StiffnessKind.of("open" if self._shape else tuple(map(bool, self.valves)))
+        return self.kind.text if self._shape else replace(state, amplitude=self.kind.amplitude).text
 
     def _shaped(self, first: Array, second: Array) -> Pair:
         return self._formed(first), self._formed(second)

@@ -20,7 +20,8 @@ least pressures, which is also the one with the least air, is wanted. Along a to
 stiffness, so that it is the least stiffness: K* - tolerance is aimed at.
 
 K is the isobaric stiffness, or with `shares` of the trapped gas the one of (G5) in `allocator.joint.gas`. That is a sum
-of one function of one pressure a muscle again, so that all of the above stays as it is.
+of one function of one pressure a muscle again, so that all of the above stays as it is. With `felt` hysteresis is
+added as a push meets it, (S3) in `allocator.joint.felt`: there both pressures are coupled, see `allocation.felt`.
 """
 
 from collections.abc import Callable
@@ -33,6 +34,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.felt import Secant
 from allocator.joint.gas import Shares
 from allocator.joint.limits import TAUT, Limits, PressureBox
 from allocator.joint.tondu_pulley import TonduPulley
@@ -64,6 +66,7 @@ class Problem:
     pull: float = 0.0  # ρ [cost]/[Pa]²
     reference: Pair | None = None  # P_ref [Pa], where there is a pull
     shares: Pair | None = None  # s1, s2 of the trapped gas in the stiffness [-], None: it is isobaric
+    felt: Secant | None = None  # hysteresis in the stiffness, None: there is none in it
 
     @cached_property
     def sides(self) -> BothMuscles:
@@ -92,7 +95,7 @@ class Problem:
     @property
     def tondu_pulley(self) -> TonduPulley | None:
         """Return the closed forms of the report's joint where they hold: for its isobaric stiffness."""
-        return self.joint.tondu_pulley if self.shares is None else None
+        return self.joint.tondu_pulley if self.shares is None and self.felt is None else None
 
     @cached_property
     def T_aim(self) -> Array:
@@ -102,13 +105,19 @@ class Problem:
     @cached_property
     def K_aim(self) -> Array:
         """Return the stiffness aimed at: the least that is as good as the target, or a nearer one likewise."""
-        return self._near(self.K, [side.stiffness for side in self.sides]) - self.stiffness_tolerance
+        return self._near(self.K, [side.stiffness for side in self.sides], self._hysteresis) - self.stiffness_tolerance
 
-    def _near(self, target: Array, added: list[Callable[[Array], Array]]) -> Array:
+    def _near(
+        self,
+        target: Array,
+        added: list[Callable[[Array], Array]],
+        further: Callable[[Array, Array], Array | float] = lambda P1, P2: 0.0,
+    ) -> Array:
         """Clip `target` to so many times what the muscles add at the greatest pressures that the joint ever has."""
         supply, muscles = self.joint.pressure_limits[1], (self.joint.agonist, self.joint.antagonist)
         most = [np.full(self.theta.shape, min(supply, muscle.max_pressure)) for muscle in muscles]
-        reach = _FAR[self.priority] * sum(np.abs(add(P)) for add, P in zip(added, most, strict=True))
+        reach = sum(np.abs(add(P)) for add, P in zip(added, most, strict=True)) + np.abs(further(*most))
+        reach = _FAR[self.priority] * reach
         return np.asarray(np.clip(target, -reach, reach))
 
     @property
@@ -123,8 +132,33 @@ class Problem:
 
     def given(self, P1: Array, P2: Array) -> Pair:
         """Return the torque and the stiffness (T, K) at pressures (…, n)."""
+        return self.sides[0].torque(P1) + self.sides[1].torque(P2), self.stiffness(P1, P2)
+
+    def stiffness(self, P1: Array, P2: Array) -> Array:
+        """Return the stiffness K [N·m/rad] at pressures (…, n)."""
+        return np.asarray(self.sides[0].stiffness(P1) + self.sides[1].stiffness(P2) + self._hysteresis(P1, P2))
+
+    def stiffness_slopes(self, P1: Array, P2: Array) -> Pair:
+        """Return ∂K/∂P1 and ∂K/∂P2 [N·m/rad/Pa]; from below at a kink of the hysteresis."""
         one, two = self.sides
-        return one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)
+        k1, k2 = one.stiffness_gain(P1), two.stiffness_gain(P2)
+        if self.felt is None:
+            return k1, k2
+        a, b, drag = one.isobaric, two.isobaric, self.felt.drag
+        share, slope, own = self.felt.affine_at(P1 + P2)
+        K = a.stiffness(P1) + b.stiffness(P2)
+        return (
+            k1 + a.stiffness_gain(P1) * share + K * slope + own + drag * one.torque_gain(P1),
+            k2 + b.stiffness_gain(P2) * share + K * slope + own - drag * two.torque_gain(P2),
+        )
+
+    def _hysteresis(self, P1: Array, P2: Array) -> Array | float:
+        """Return what hysteresis adds to the stiffness [N·m/rad]   (S1), (S2)"""
+        if self.felt is None:
+            return 0.0
+        one, two = self.sides
+        K = one.isobaric.stiffness(P1) + two.isobaric.stiffness(P2)
+        return np.asarray(self.felt.added(K, one.torque(P1) - two.torque(P2), P1 + P2))
 
     def pull_cost(self, P1: Array, P2: Array) -> Array:
         """Return ρ ‖P - P_ref‖² at pressures (…, n)."""
@@ -138,7 +172,10 @@ class Problem:
         hi1, hi2 = self.box.agonist.hi, self.box.antagonist.hi
         return (
             np.abs(one.torque(hi1)) + np.abs(two.torque(hi2)) + np.abs(self.T_aim),
-            np.abs(one.stiffness(hi1)) + np.abs(two.stiffness(hi2)) + np.abs(self.K_aim),
+            np.abs(one.stiffness(hi1))
+            + np.abs(two.stiffness(hi2))
+            + np.abs(self._hysteresis(hi1, hi2))
+            + np.abs(self.K_aim),
         )
 
     def take(self, where: Mask | NDArray[np.intp]) -> Self:

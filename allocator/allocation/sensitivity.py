@@ -11,7 +11,6 @@ from allocator.allocation.problem import Problem
 from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array, Mask, five_point
 from allocator.joint.limits import Limit, PressureInterval
-from allocator.joint.torque_levels import BothMuscles
 
 _BY_FORCE = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.AGONIST_FORCE | Limit.ANTAGONIST_FORCE
 _BY_VOLUME = Limit.AGONIST_VALIDITY | Limit.ANTAGONIST_VALIDITY
@@ -73,9 +72,8 @@ def _torque_row(problem: Problem, P1: Array, P2: Array) -> Array:
 
 def _stiffness_row(problem: Problem, P1: Array, P2: Array) -> Array:
     """Return the row of K(θ, P) - K* = 0."""
-    one, two = problem.sides
-    K_theta = five_point(lambda h: _total_stiffness(problem.sides_at(problem.theta + h), P1, P2), 0.0, STEP)
-    return _row(one.stiffness_gain(P1), two.stiffness_gain(P2), K_theta, -1.0, 0.0)
+    K_theta = five_point(lambda h: problem.at(problem.theta + h).stiffness(P1, P2), 0.0, STEP)
+    return _row(*problem.stiffness_slopes(P1, P2), K_theta, -1.0, 0.0)
 
 
 def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, float] | None) -> Array:
@@ -83,18 +81,18 @@ def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[flo
     (w_T, w_K), (R1, R2), step = _second_goal(problem), problem.P_ref, STEP * problem.joint.pressure_span
 
     def phi(dP1: float, dP2: float, dtheta: float) -> Array:
-        one, two = problem.sides_at(problem.theta + dtheta)
-        Q1, Q2 = P1 + dP1, P2 + dP2
+        moved = problem.at(problem.theta + dtheta)
+        (one, two), Q1, Q2 = moved.sides, P1 + dP1, P2 + dP2
         e_T = one.torque(Q1) + two.torque(Q2) - problem.T_aim
-        e_K = _total_stiffness((one, two), Q1, Q2) - problem.K_aim
-        t, k = (one.torque_gain(Q1), two.torque_gain(Q2)), (one.stiffness_gain(Q1), two.stiffness_gain(Q2))
+        e_K = moved.stiffness(Q1, Q2) - problem.K_aim
+        t, k = (one.torque_gain(Q1), two.torque_gain(Q2)), moved.stiffness_slopes(Q1, Q2)
         level = t if problem.priority == "torque" else k
         v = (-level[1], level[0]) if direction is None else direction
         slopes = [w_T * e_T * t[i] + w_K * e_K * k[i] for i in (0, 1)]
         return np.asarray((slopes[0] + problem.pull * (Q1 - R1)) * v[0] + (slopes[1] + problem.pull * (Q2 - R2)) * v[1])
 
     one, two = problem.sides
-    t, k = (one.torque_gain(P1), two.torque_gain(P2)), (one.stiffness_gain(P1), two.stiffness_gain(P2))
+    t, k = (one.torque_gain(P1), two.torque_gain(P2)), problem.stiffness_slopes(P1, P2)
     level = t if problem.priority == "torque" else k
     v = (-level[1], level[0]) if direction is None else direction
     return _row(
@@ -142,10 +140,6 @@ def _on_bound(interval: PressureInterval, P: Array, near: float) -> Mask:
 
 def _where(mask: Mask, row: Array, other: Array) -> Array:
     return np.where(mask[:, None], row, other)
-
-
-def _total_stiffness(sides: BothMuscles, P1: Array, P2: Array) -> Array:
-    return np.asarray(sides[0].stiffness(P1) + sides[1].stiffness(P2))
 
 
 def _row(*entries: Array | float) -> Array:

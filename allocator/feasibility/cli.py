@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from allocator.calculus import Array
     from allocator.feasibility.result import FeasibilityMap
     from allocator.joint.antagonist import AntagonistJoint
-    from allocator.joint.gas import StiffnessKind
+    from allocator.joint.gas import Stiffness
 
 _LONG = 8  # chunks from which on a progress bar is shown
 _ENDINGS = (*IMAGES, ".csv", ".npz")
@@ -92,8 +92,8 @@ def map_command(
     }
     console = Console(stderr=as_json)
     joints = options.compared(base)
-    kind = stiffness_options.kind(options.file)
-    maps = {name: _map(axes, joint, kind, min_force, max_memory, console) for name, joint in joints.items()}
+    meant = stiffness_options.meant(options.file)
+    maps = {name: _map(axes, joint, meant, min_force, max_memory, console) for name, joint in joints.items()}
     _write(maps, out, pressures)
     if as_json:
         print_json({"maps": [_values(name, found) for name, found in maps.items()], "written": str(out)})
@@ -151,7 +151,7 @@ def _torque(torque: str | None, *others: str | None) -> "Array | float | None":
 def _map(
     axes: "dict[str, Array | float | None]",
     joint: "AntagonistJoint",
-    kind: "StiffnessKind",
+    meant: "Stiffness",
     min_force: float,
     max_memory: float,
     console: "Console",
@@ -159,13 +159,12 @@ def _map(
     from rich.progress import track
 
     from allocator.feasibility.maps import feasibility_map
-    from allocator.joint.gas import Stiffness
     from allocator.joint.limits import Limits
 
     def progress(chunks: Sequence[int]) -> Iterable[int]:
         return track(chunks, "mapping", console=console, transient=True) if len(chunks) >= _LONG else chunks
 
-    asked: dict[str, Any] = axes | {"joint": joint, "limits": Limits(min_force), "stiffness": Stiffness(kind)}
+    asked: dict[str, Any] = axes | {"joint": joint, "limits": Limits(min_force), "stiffness": meant}
     return feasibility_map(**asked, max_bytes=max_memory * 1e9, progress=progress)
 
 

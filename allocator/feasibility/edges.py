@@ -19,7 +19,7 @@ from allocator.feasibility.setting import Columns, Setting
 from allocator.feasibility.spans import spans
 from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import BINDS, names
-from allocator.joint.torque_levels import Pair, stiffness, torque, torque_interval
+from allocator.joint.torque_levels import Pair, torque, torque_interval
 
 _POINTS = 201  # of an edge over the joint range; more where limits hand over
 _COLUMNS = ("theta", "K", "T", "P1", "P2")
@@ -108,7 +108,7 @@ def _column_ends(found: Columns) -> tuple[End, End]:
 
 def _stiffness_margin(problem: Problem) -> Array:
     """Return how far the stiffnesses of `problem` are inside what exists at any torque, in fractions of the scale."""
-    K_min, K_max = (stiffness(problem.sides, pair) for pair in reach.stiffness_range(problem))
+    K_min, K_max = (problem.stiffness(*pair) for pair in reach.stiffness_range(problem))
     inside = np.minimum(K_max - problem.K, problem.K - K_min)
     return np.asarray(np.where(problem.box.empty, -1.0, inside / problem.scales[1]))
 
@@ -187,4 +187,4 @@ def _wall(setting: Setting, ends: Ends, theta: float) -> Edge | None:
 def _edge(limits: int, end: End) -> Edge:
     """Return the edge through these pressures."""
     problem, pair = end
-    return Edge(limits, problem.theta, stiffness(problem.sides, pair), torque(problem.sides, pair), *pair)
+    return Edge(limits, problem.theta, problem.stiffness(*pair), torque(problem.sides, pair), *pair)

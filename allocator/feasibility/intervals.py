@@ -29,7 +29,6 @@ from allocator.joint.assumption import AssumedSlack, Extrapolated, assumption, v
 from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair
-from allocator.joint.torque_levels import stiffness as stiffness_at
 from allocator.joint.torque_levels import torque_interval as torque_interval_in
 from allocator.muscles.measured import extrapolation
 from allocator.notices import notice_once
@@ -106,7 +105,7 @@ def torque_intervals(
 def _torque_intervals(setting: Setting, asked: Array, K: Array) -> Array:
     """Return the intervals (n, m, 2) [N·m] for one state of the valves, NaN where a target has fewer."""
     problem, _ = setting.problem(asked, 0.0, K)
-    K_min, K_max = (stiffness_at(problem.sides, pair) for pair in reach.stiffness_range(problem))
+    K_min, K_max = (problem.stiffness(*pair) for pair in reach.stiffness_range(problem))
     beyond = np.maximum(K_min - problem.K, problem.K - K_max) > CLOSED_FORM.met * problem.scales[1]
     found = reach.torque_intervals(problem, problem.K)  # (n, m, 2)
     _tell_extrapolation(problem, *_corners(problem))

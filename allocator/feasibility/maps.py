@@ -150,7 +150,8 @@ def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
     signs = exact.determinant_signs(setting.problem(theta)[0])
     found = columns(problem, np.repeat(signs, T.size))
     cells = _filled(setting, found, asked.ravel(), K)  # (columns, K)
-    if (several := (found.signs == 0) & (not setting.joint.affine)).any():
+    curved = not setting.joint.affine or problem.felt is not None  # along a torque level K is not linear
+    if (several := (found.signs == 0) & curved).any():
         _answered(setting, cells, several, asked.ravel(), problem.T, K)
     return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
 
@@ -183,7 +184,7 @@ def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
 
 def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np.intp]) -> Pair:
     """Return the pressures of cells between the ends of their columns."""
-    if found.problem.joint.affine:  # the level is a straight line, and K linear along it
+    if found.problem.joint.affine and found.problem.felt is None:  # the level is a straight line, and K linear along it
         share = (K[row] - found.K_min[column]) / (found.K_max - found.K_min)[column]
         P1, P2 = (lo[column] + share * (hi - lo)[column] for lo, hi in zip(found.low, found.high, strict=True))
         return P1, P2

@@ -22,7 +22,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, joint_or_report
 from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind, of_a_joint
 from allocator.joint.limits import TAUT, Limits, checked_limits
-from allocator.joint.torque_levels import Pair, stiffness, torque_interval
+from allocator.joint.torque_levels import Pair, torque_interval
 
 _NO_TARGET = 1.0  # [N·m/rad] stands for the stiffness where none is asked for
 
@@ -81,8 +81,9 @@ class Setting:
 
         Where the valves are free they are open, which leaves the widest choice of pressures and torques.
         """
-        shares = self.states[0].kind.fixed
-        return problem_from(self.joint, theta, K, T, limits=self.limits, shares=shares)
+        kind = self.states[0].kind
+        felt = kind.secant(self.joint.loop) if kind.amplitude is not None else None
+        return problem_from(self.joint, theta, K, T, limits=self.limits, shares=kind.fixed, felt=felt)
 
     def columns(self, theta: Value, T: Value) -> Columns:
         """Return the columns at angles in the joint range, and at torques brought within reach.
@@ -104,8 +105,8 @@ def columns(problem: Problem, signs: Array | None = None) -> Columns:
         problem,
         low,
         high,
-        stiffness(problem.sides, low),
-        stiffness(problem.sides, high),
+        problem.stiffness(*low),
+        problem.stiffness(*high),
         np.minimum(problem.T - T_min, T_max - problem.T) / scale,
         signs,
         problem,

@@ -10,18 +10,21 @@ and everything static in this package is said in terms of the two, each `OneMusc
 """
 
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
+from math import pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
-from allocator.calculus import Array, Value, rising_roots
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint import gas as trapped
+from allocator.joint.equilibrium import after_history, nearest_equilibrium
+from allocator.joint.felt import Loop, Secant, loss_factor
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked_gas
 from allocator.joint.geometry import Geometry, Pulley
-from allocator.joint.hysteresis import PrandtlIshlinskii, through_friction, through_plays
+from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox, checked_supply
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
@@ -29,8 +32,6 @@ from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 from allocator.muscles.base import Covariance
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from allocator.units import BAR, DEG
-
-_EQUILIBRIUM_PIECES = 64  # of the joint range, in each of which one equilibrium is looked for
 
 
 @dataclass(frozen=True)
@@ -101,13 +102,27 @@ class AntagonistJoint:
         agonist, antagonist = self.sides(theta)
         return agonist.torque(P1) + antagonist.torque(P2)
 
-    def stiffness(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, valves: Valves = "open") -> Value:
+    def stiffness(
+        self,
+        theta: ArrayLike,
+        P1: ArrayLike,
+        P2: ArrayLike,
+        valves: Valves = "open",
+        *,
+        amplitude: float | None = None,
+        loop: Loop | None = None,
+    ) -> Value:
         """Return the joint's stiffness [N·m/rad]: the isobaric K = -∂T/∂θ at constant pressures, or with shut valves.
 
         `valves` "open" is isobaric   (5), [G]; "shut", or a pair of truth values for agonist and antagonist, adds what
-        the gas trapped there does   (G2). Raises InvalidInput for valves that there are not, where a muscle's volume
-        is not known, and where the law's volume is none: V^eff ≤ 0.
+        the gas trapped there does   (G2). With an `amplitude` A [rad] it is the secant that pushes by ±A meet, with the
+        hysteresis of the joint, or that of a `loop`   (S3). Raises InvalidInput for valves that there are not, where a
+        muscle's volume is not known, where the law's volume is none, V^eff ≤ 0, and for an amplitude that is none.
         """
+        if amplitude is not None:
+            return self._secant(amplitude, loop).added(*self._loaded(theta, P1, P2)) + self.stiffness(
+                theta, P1, P2, valves
+            )
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         isobaric = agonist.stiffness(P1) + antagonist.stiffness(P2)
@@ -119,20 +134,69 @@ class AntagonistJoint:
         return isobaric + sum(s * k for s, k in zip(shares, self._trapped(theta, P1, P2, shares), strict=True) if s)
 
     def dynamic_stiffness(
-        self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, frequency: ArrayLike, lag: float | tuple[float, float]
+        self,
+        theta: ArrayLike,
+        P1: ArrayLike,
+        P2: ArrayLike,
+        frequency: ArrayLike,
+        lag: float | tuple[float, float],
+        *,
+        amplitude: float | None = None,
+        loop: Loop | None = None,
+        damping: float = 0.0,
     ) -> Value:
-        """Return the complex stiffness [N·m/rad] that small motions at a `frequency` [Hz] meet   (G4)
+        """Return the complex stiffness [N·m/rad] that motions at a `frequency` [Hz] meet   (G4)
 
         Its real part stores, its imaginary part takes energy; at 0 Hz it is the isobaric stiffness, far above
-        1/(2π lag) the shut one. `lag` [s] is the regulators' time constant, or a pair of them. Arguments broadcast.
-        Raises InvalidInput as `stiffness`, and for a frequency or a lag that is negative.
+        1/(2π lag) the shut one. `lag` [s] is the regulators' time constant, or a pair of them. Motions of an
+        `amplitude` A [rad] meet hysteresis, too: K_h and i W/(π A²)   (S1); a viscous `damping` D [N·m·s/rad] adds
+        i 2π f D. Arguments broadcast. Raises InvalidInput as `stiffness`, and for a frequency, a lag or a damping that
+        is negative.
         """
+        if amplitude is not None:
+            secant, state = self._secant(amplitude, loop), self._loaded(theta, P1, P2)
+            hysteresis = secant.added(*state) + 1j * secant.work(*state) / (pi * secant.amplitude**2)
+            return hysteresis + self.dynamic_stiffness(theta, P1, P2, frequency, lag, damping=damping)
+        viscous = checks.not_negative("damping", damping, "N·m·s/rad")
         theta, P1, P2 = self._checked(theta, P1, P2)
         f, taus = trapped.frequencies(frequency), trapped.lags(lag)
         agonist, antagonist = self.sides(theta)
         K = agonist.stiffness(P1) + antagonist.stiffness(P2)
         gas = self._trapped(theta, P1, P2, (1.0, 1.0))
-        return K + sum(k * trapped.complex_share(f, tau) for k, tau in zip(gas, taus, strict=True))
+        return (
+            K
+            + sum(k * trapped.complex_share(f, tau) for k, tau in zip(gas, taus, strict=True))
+            + (2j * pi * f * viscous)
+        )
+
+    def loop_work(
+        self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, amplitude: float, loop: Loop | None = None
+    ) -> Value:
+        """Return the work [J] that hysteresis takes per cycle of ±`amplitude` [rad]   (S1), (S2)
+
+        `loop` is that of the joint by default. Raises InvalidInput as `stiffness`.
+        """
+        return self._secant(amplitude, loop).work(*self._loaded(theta, P1, P2))
+
+    def loss_factor(
+        self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, amplitude: float, loop: Loop | None = None
+    ) -> Value:
+        """Return η = W/(π K_felt A²) [-] of slow cycles of ±`amplitude` [rad] with held pressures.
+
+        `loop` is that of the joint by default. Raises InvalidInput as `stiffness`.
+        """
+        work = self.loop_work(theta, P1, P2, amplitude, loop)
+        return loss_factor(work, self.stiffness(theta, P1, P2, amplitude=amplitude, loop=loop), amplitude)
+
+    def _secant(self, amplitude: float, loop: Loop | None) -> Secant:
+        return (self.loop if loop is None else loop).secant(amplitude)
+
+    def _loaded(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value, Value]:
+        """Return what hysteresis depends on: K [N·m/rad], a1 F1 + a2 F2 [N·m], P1 + P2 [Pa]."""
+        at, one, two = self._checked(theta, P1, P2)
+        agonist, antagonist = self.sides(at)
+        K = agonist.stiffness(one) + antagonist.stiffness(two)
+        return K, agonist.torque(one) - antagonist.torque(two), one + two
 
     def gas_damping(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, lag: float | tuple[float, float]) -> Value:
         """Return the damping Σ κ (P_i + p_a) τ_i g_i²/V_i^eff [N·m·s/rad] of the gas in slow motions   (G4)
@@ -186,6 +250,14 @@ class AntagonistJoint:
 
     def _checked(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value, Value]:
         return checks.angle_or_symbol("theta", theta), *checks.pressures_or_symbols(P1, P2)
+
+    @property
+    def loop(self) -> Loop:
+        """Hysteresis as steady loops show it: that which was identified, or without one Dahl's of `friction`."""
+        if self.hysteresis is not None:
+            slip = self.hysteresis.slip.with_gain
+            return Loop(slip if slip.springs else None)
+        return Loop(mu=self.friction)
 
     # --- limits -----------------------------------------------------------------------------------------------------
 
@@ -265,46 +337,12 @@ class AntagonistJoint:
         P2.
         """
         if history is not None:
-            return self._after(history, P1, P2, checks.number("T", T, "N·m"))
+            return after_history(self, history, P1, P2, checks.number("T", T, "N·m"))
         one, two = checks.pressures_or_symbols(P1, P2)
         flat = checks.broadcast(P1=one, P2=two, T=checks.real("T", T, "N·m"))
-        theta = self.tondu_pulley.equilibrium(*flat) if self.tondu_pulley else self._equilibrium(*flat)
+        theta = self.tondu_pulley.equilibrium(*flat) if self.tondu_pulley else nearest_equilibrium(self, *flat)
         left, right = self.angle_range
         return np.asarray(np.where((theta >= left) & (theta <= right), theta, np.nan))
-
-    def _after(self, history: tuple[ArrayLike, ArrayLike], P1: ArrayLike, P2: ArrayLike, T: float) -> Array:
-        """Return the angles [rad] after the `history`, see `equilibrium`."""
-        before = checks.broadcast(**checks.pressure_pair("history", history, ("history[0]", "history[1]")))
-        now = checks.broadcast(P1=checks.pressure("P1", P1), P2=checks.pressure("P2", P2))
-        if before[0].ndim > 1 or now[0].ndim > 1:
-            raise InvalidInput("a history, and the pressures after it, have to be numbers or rows, in their order")
-        one, two = (np.concatenate([np.atleast_1d(b), np.atleast_1d(n)]) for b, n in zip(before, now, strict=True))
-        u = self.equilibrium(one, two, T) if self.hysteresis else self.equilibrium(one[:1], two[:1], T)
-        if self.hysteresis:
-            theta = through_plays(self.hysteresis, u, one + two)
-        elif np.isnan(u[0]):
-            raise InvalidInput("at the first pressures of the history the joint rests at no angle of its range")
-        else:
-            theta = through_friction(partial(self._exceeding, T), float(u[0]), one, two, self.angle_range)
-        left, right = self.angle_range
-        theta = np.where((theta >= left) & (theta <= right), theta, np.nan)[-now[0].size :]
-        return np.asarray(theta.reshape(now[0].shape))
-
-    def _exceeding(self, T: float, theta: float, P1: float, P2: float, z: float) -> float:
-        """Return the torque [N·m] less friction in the state `z` [-] and less the load `T` [N·m]."""
-        agonist, antagonist = self.sides(theta)
-        t1, t2 = agonist.torque(P1), antagonist.torque(P2)
-        return float(t1 + t2 - self.friction * z * (t1 - t2) - T)
-
-    def _equilibrium(self, P1: Array, P2: Array, T: Array) -> Array:
-        def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
-            agonist, antagonist = self.sides(theta)
-            return np.asarray(T - agonist.torque(P1) - antagonist.torque(P2))
-
-        left, right = (np.asarray(end) for end in self.angle_range)
-        found = rising_roots(lacking, left, right, P1, P2, T, pieces=_EQUILIBRIUM_PIECES)  # rising: K > 0
-        nearest = np.abs(np.where(np.isfinite(found), found, np.inf)).argmin(axis=0, keepdims=True)
-        return np.asarray(np.take_along_axis(found, nearest, 0)[0])
 
     @property
     def affine(self) -> bool:

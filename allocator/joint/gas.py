@@ -19,7 +19,7 @@ g_i dθ; with dP/(P + p_a) = -κ dV/V its pressure changes by -κ (P + p_a) g_i 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
@@ -29,6 +29,8 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.joint.felt import Loop, Secant, checked_amplitude
+from allocator.units import DEG
 
 if TYPE_CHECKING:
     from allocator.mechanism.endpoint import Endpoint
@@ -76,11 +78,13 @@ AIR = Gas()
 
 @dataclass(frozen=True)
 class StiffnessKind:
-    """A `StiffnessKind` says which stiffness is meant: isobaric, shut, or the one that is felt at a frequency."""
+    """Which stiffness is meant: isobaric, shut, at a frequency, and each of them with the hysteresis of a push."""
 
     name: str  # the adjective: "isobaric", "shut", …
     shares: tuple[float, ...] | None  # s_i of (G5), one a muscle; None: those of the valves that are best
     frequency: float | None = None  # [Hz] of motions against regulators; None: valves are open or shut
+    amplitude: float | None = None  # A [rad] of a push that meets hysteresis, too (S3); None: none is in it
+    loop: Loop | None = None  # hysteresis that is met; None: the joint's
     free: ClassVar[tuple[tuple[float, float], ...]] = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
     """The four states that two free valves may have; the open ones come first."""
 
@@ -138,26 +142,40 @@ class StiffnessKind:
     @property
     def text(self) -> str:
         """Return what to call it: "isobaric stiffness", "shut stiffness", "dynamic stiffness at 2 Hz", …"""
-        return f"{self.name} stiffness" + ("" if self.frequency is None else f" at {self.frequency:g} Hz")
+        at = "" if self.frequency is None else f" at {self.frequency:g} Hz"
+        by = "" if self.amplitude is None else f" felt by ±{self.amplitude / DEG:.4g}°"
+        return f"{self.name} stiffness{at}{by}"
+
+    @property
+    def held(self) -> bool:
+        """Whether no gas is in it: pressures are held."""
+        return self.shares is not None and not any(self.shares)
 
     @property
     def isobaric(self) -> bool:
-        """Return whether no gas is in it: pressures are held."""
-        return self.shares is not None and not any(self.shares)
+        """Return whether neither gas nor hysteresis is in it."""
+        return self.held and self.amplitude is None
+
+    def secant(self, own: Loop) -> Secant | None:
+        """Return the hysteresis in it, that of a joint with the `own` loop; None where there is none in it."""
+        return None if self.amplitude is None else (own if self.loop is None else self.loop).secant(self.amplitude)
 
     @property
     def states(self) -> "tuple[StiffnessKind, ...]":
         """Return the kinds of stiffness that may be chosen from: four of free valves, else this one."""
         if self.shares is not None:
             return (self,)
-        return tuple(StiffnessKind.of((one == 1, two == 1)) for one, two in self.free)
+        return tuple(
+            replace(StiffnessKind.of((one == 1, two == 1)), amplitude=self.amplitude, loop=self.loop)
+            for one, two in self.free
+        )
 
     @property
     def fixed(self) -> Shares | None:
         """Return the shares where there are any: None for isobaric stiffness. Raises InvalidInput for free valves."""
         if self.shares is None:
             raise InvalidInput("valves='free' is a question to `allocate`, maps and intervals; a state is needed here")
-        return None if self.isobaric else self.shares
+        return None if self.held else self.shares
 
 
 HELD = StiffnessKind.of()
@@ -166,9 +184,10 @@ HELD = StiffnessKind.of()
 
 @dataclass(frozen=True)
 class Stiffness:
-    """A `Stiffness` is which stiffness a target K is: of held pressures unless `valves` or `frequency` say otherwise.
+    """Which stiffness a target K is: of held pressures unless `valves` or `frequency` say otherwise.
 
-    Of a mechanism it may be that of a hand, K_x [N/m], while this exerts a force.
+    With an `amplitude` it is the one that a push by so much meets, with the joint's hysteresis   (S3). Of a mechanism
+    it may be that of a hand, K_x [N/m], while this exerts a force.
     """
 
     valves: object = "open"  # "open", "shut", whether each is shut, "free" (of a pair: whichever are best), or a kind
@@ -177,10 +196,16 @@ class Stiffness:
     tolerance: float = 0.0  # stiffnesses this near to K are as good [N·m/rad]; of a pair
     endpoint: "Endpoint | None" = None  # the hand whose stiffness is meant, instead of the joints'
     force: ArrayLike = 0.0  # which the hand exerts (…, dim) [N]
+    amplitude: float | None = None  # A [rad] of pushes by ±A that meet hysteresis, too; of a pair
+    loop: Loop | None = None  # the hysteresis; None: that of the joint
 
     def kind(self, muscles: Sequence[str] = PAIR) -> StiffnessKind:
         """Return the kind of stiffness of a machine with muscles of these names. Raises InvalidInput."""
         kind = StiffnessKind.of(self.valves, self.frequency, self.lag, muscles)
+        if self.amplitude is not None:
+            kind = replace(kind, amplitude=checked_amplitude(self.amplitude), loop=self.loop)
+        elif self.loop is not None:
+            raise InvalidInput("a loop of hysteresis goes with the amplitude of a push; one came without the other")
         return HELD if kind.isobaric and len(muscles) == 2 else kind
 
 

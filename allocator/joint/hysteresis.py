@@ -30,7 +30,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from math import copysign, exp
+from math import copysign, exp, inf
 from typing import NamedTuple
 
 import numpy as np
@@ -43,16 +43,25 @@ from allocator.units import BAR, DEG
 
 FILLED = 5 * BAR  # P1 + P2 [Pa] for which widths are given
 PRESLIDING = 0.5 * DEG  # δ of measured joints in slow sweeps [rad]
+NO_GAIN = 1e-12  # by which a gain differs from 1 by rounding
 _PIECES = 32  # of the way to the end of the joint range in which the nearest root is looked for
 
 
 class Slip(NamedTuple):
     """Hysteresis as friction: Maxwell's springs in series with sliders, see `PrandtlIshlinskii.slip`."""
 
-    springs: tuple[float, ...]  # κ_i [-], shares of the isobaric stiffness K(θ, P1, P2)
-    widths: tuple[float, ...]  # r'_i, half widths of the plays where P1 + P2 = 5 bar [rad]
+    springs: tuple[float, ...]  # κ_i [-], shares of the isobaric stiffness K(θ, P1, P2); or k_i [N·m/rad]
+    widths: tuple[float, ...]  # r'_i, half widths of the plays where P1 + P2 = 5 bar [rad]; inf: it never slips
     base: float  # s_0 [-], share of the widths that is left without pressure
-    gain: float  # W_n [-], of wide motions
+    gain: float = 1.0  # W_n [-], of wide motions
+    elastic: bool = True  # whether the springs are shares of K
+
+    @property
+    def with_gain(self) -> "Slip":
+        """The same with the gain as an element that never slips."""
+        if abs(self.gain - 1) <= NO_GAIN:
+            return self._replace(gain=1.0)
+        return Slip((*self.springs, 1 / self.gain - 1), (*self.widths, inf), self.base)
 
 
 @dataclass(frozen=True)

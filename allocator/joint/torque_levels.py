@@ -75,11 +75,6 @@ def _lifted(sides: BothMuscles, box: PressureBox, T: Array, low: Pair, high: Pai
     return P1, np.maximum(low[1], antagonist.pressure_for_torque(T - agonist.torque(P1)))
 
 
-def stiffness(sides: BothMuscles, pair: Pair) -> Array:
-    """Return the stiffness K [N·m/rad] of a pressure pair."""
-    return np.asarray(sides[0].stiffness(pair[0]) + sides[1].stiffness(pair[1]))
-
-
 def torque(sides: BothMuscles, pair: Pair) -> Array:
     """Return the torque T [N·m] of a pressure pair."""
     return np.asarray(sides[0].torque(pair[0]) + sides[1].torque(pair[1]))

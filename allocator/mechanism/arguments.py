@@ -77,6 +77,8 @@ def _meant(mechanism: Mechanism, stiffness: object) -> tuple[StiffnessKind, Endp
     if checks.not_negative("tolerance", stiffness.tolerance, "N·m/rad"):
         raise InvalidInput("a stiffness tolerance is for an AntagonistJoint, whose stiffness is one number")
     kind = stiffness.kind(mechanism.muscle_names)
+    if kind.amplitude is not None:
+        raise InvalidInput("amplitude is for an AntagonistJoint: a mechanism has no hysteresis of its own")
     if kind.shares is None:
         raise InvalidInput("valves = 'free' are for an AntagonistJoint; of a mechanism choose 'open' or 'shut'")
     return kind, stiffness.endpoint, stiffness.force

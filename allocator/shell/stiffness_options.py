@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from typer import Option
 
 from allocator.errors import InvalidInput
+from allocator.shell.options import within
+from allocator.units import DEG
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from allocator.joint.gas import StiffnessKind
+    from allocator.joint.gas import Stiffness, StiffnessKind
 
 PAIR = ("agonist", "antagonist")
 _STATES = {"agonist": (True, False), "antagonist": (False, True)}
@@ -20,7 +22,7 @@ _LAG = 0.1  # [s], that of a plant without one
 
 @dataclass(frozen=True)
 class StiffnessOptions:
-    """The options are which valves are shut, or which frequency is felt; without them pressures are held."""
+    """Which valves are shut, or which frequency is felt, and by which push; without them pressures are held."""
 
     PANEL: ClassVar[str] = "Which stiffness"
 
@@ -36,6 +38,18 @@ class StiffnessOptions:
         float | None,
         Option(help=f"lag of the regulators [s], for --frequency; else that of --machine's plant, or {_LAG:g}"),
     ] = None
+
+    amplitude: Annotated[
+        float | None, Option(help="stiffness that pushes by ± this meet, with the joint's hysteresis [degrees]")
+    ] = None
+
+    def meant(self, file: str | None, muscles: Sequence[str] = PAIR) -> "Stiffness":
+        """Return the stiffness meant, see `kind`. Raises `InvalidInput`."""
+        from allocator.joint.gas import Stiffness
+
+        within("--amplitude", self.amplitude, "degrees", 1e-3, 180)
+        amplitude = None if self.amplitude is None else self.amplitude * DEG
+        return Stiffness(self.kind(file, muscles), amplitude=amplitude)
 
     def kind(self, file: str | None, muscles: Sequence[str] = PAIR) -> "StiffnessKind":
         """Return which stiffness of the `muscles` is meant, with the lags in a machine's `file` where none is given.

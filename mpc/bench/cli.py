@@ -203,7 +203,7 @@ def run_command(
         learner = repeated.learner(reference, answers, at.dt, begun, limits, controller) if learned else None
 
     def drive(asked: "Reference") -> "Record":
-        watch = _Watch(plant.joint.pressure_limits[1], at.dt, bench)
+        watch = Watch(plant.joint.pressure_limits[1], at.dt, bench)
         driven = RealTimeLoop(
             opened.device, driver, observer, asked, plant=plant, start=settings.start, stop=settings.stop,
             watchdog=settings.watchdog, overrun=settings.overrun, log=journal, replace=force or learner is not None,
@@ -283,14 +283,14 @@ def sweep_command(
         console,
         f"{len(source.visits)} visits of setpoints, {motion:g} s of random steps: {source.duration / 60:.1f} min",
     )
-    watch = _Watch(limits.pressure[1], dt, bench)
+    watch = Watch(limits.pressure[1], dt, bench)
     cycle = Cycle(
         opened.device, source, limits, settings, log=files[-1], replace=force, about=about(dt), clock=opened.clock,
         watch=watch,
     )  # fmt: skip
     ending = _run(cycle, watch, console)
     with _exiting(ending):
-        _say_ending(ending, cycle.lateness, console)
+        say_ending(ending, cycle.lateness, console)
         if source.restless:
             over = f"the angle did not come to rest within {pace.longest:g} s"
             say(console, f"{source.restless} visits were left out: {over}")
@@ -308,7 +308,7 @@ def _hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
     return Asking(lambda torque: say(console, f"\n{REQUEST.format(abs(torque), 'down' if torque > 0 else 'up')}"))
 
 
-def _run(cycle: "Cycle", watch: "_Watch", console: "Console") -> "Ending":
+def _run(cycle: "Cycle", watch: "Watch", console: "Console") -> "Ending":
     """Run to the end and return it; an exception of a device's own kind is an ending."""
     from mpc.bench.safety import Reason
 
@@ -320,7 +320,7 @@ def _run(cycle: "Cycle", watch: "_Watch", console: "Console") -> "Ending":
         if ending is None or ending.action is None:  # nothing was commanded
             raise
         if ending.reason is not Reason.DEVICE or isinstance(error, AntagonistError):
-            _say_ending(ending, cycle.lateness, console)
+            say_ending(ending, cycle.lateness, console)
             raise
         return ending
 
@@ -328,7 +328,7 @@ def _run(cycle: "Cycle", watch: "_Watch", console: "Console") -> "Ending":
 @contextmanager
 def _exiting(ending: "Ending") -> Iterator[None]:
     """Exit with the code of an ending after a report, also where standard output is gone with its terminal."""
-    code = _code(ending)
+    code = exit_code(ending)
     try:
         yield
     except OSError as error:
@@ -337,7 +337,7 @@ def _exiting(ending: "Ending") -> Iterator[None]:
     raise typer.Exit(code)
 
 
-class _Watch:
+class Watch:
     """The watch of a loop shows its samples on a dashboard, unless it is to be quiet."""
 
     def __init__(self, highest: float, dt: float, bench: BenchOptions) -> None:
@@ -386,18 +386,19 @@ def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
 
 def _report(record: "Record", console: "Console") -> None:
     """Say how it ended and how well it went."""
-    _say_ending(record.ending, record.lateness, console)
+    say_ending(record.ending, record.lateness, console)
     if record.tracked:
         say(console, f"angle error: {record.theta_rms / DEG:.3g}° RMS, as measured")
 
 
-def _say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
+def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
+    """Say how a loop ended, what became of the pressures, and how late its samples were."""
     say(console, f"ended: {ending}")
     if ending.action is not None:
         say(console, f"pressures: {ending.action}" + ("" if ending.delivered else ", which the device did not take"))
     say(console, str(lateness))
 
 
-def _code(ending: "Ending") -> int:
+def exit_code(ending: "Ending") -> int:
     """Return the exit code that an ending asks for."""
     return _EXITS.get(str(ending.reason), _STOPPED)

@@ -25,6 +25,7 @@ _VALVES: dict[str, Valves] = {
     "antagonist": (False, True),
     "free": "free",
 }
+_PUSH = 2 * DEG  # of a hand
 _SLACK = 1e-3  # [N] that a muscle may push by rounding
 _COLUMNS = 41
 _DRAWN = 120  # points of an edge at most
@@ -133,6 +134,7 @@ class Answer:
             "stiffness": a.K,
             "torque": a.T,
             "name": a.stiffness_name,
+            "three": three(self.joint, theta, a.P1, a.P2),
             "status": a.status.name,
             "met": bool(a.success),
             "message": a.message,
@@ -165,6 +167,16 @@ class Answer:
         there = ~np.isnan(ends[0])
         curves = ((theta[there] / DEG).tolist(), *(end[there].tolist() for end in ends))
         return [{"limits": None, "theta": curves[0], "stiffness": K} for K in curves[1:] if there.any()]
+
+
+def three(joint: AntagonistJoint, theta: float, P1: float, P2: float) -> dict[str, float | None]:
+    """Return the backbone's stiffness, that felt by ±2° and that with shut valves [N·m/rad]; None for unknown gas."""
+    shut = float(joint.stiffness(theta, P1, P2, "shut")) if _has_gas(joint) else None
+    found = {
+        "backbone": float(joint.stiffness(theta, P1, P2)),
+        "felt": float(joint.stiffness(theta, P1, P2, amplitude=_PUSH)),
+    }
+    return {name: _or_none(K) for name, K in found.items()} | {"shut": shut}
 
 
 def muscles(joint: AntagonistJoint, theta: float, P1: float, P2: float) -> list[dict[str, object]]:

@@ -58,7 +58,7 @@ def answer(
     first = _FIRST.get(priority, False) if type(priority) is str else False
     if not name or first is False or floor is not None:
         return None
-    if kind is not HELD and (name != "affine" or kind.shares is None):
+    if kind is not HELD and (name != "affine" or kind.shares is None or kind.amplitude is not None):
         return None
     if not (max_force is None and type(min_force) is float and 0 <= min_force < inf):
         if (checked := _forces(limits)) is None:

@@ -32,8 +32,10 @@ def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
     """Return the spread of everything at the pressures; a muscle without covariance counts as exactly known."""
     (one, two), joint = problem.sides, problem.joint
     root1, root2 = roots(joint)
-    torque1, stiffness1, force1 = _of_muscle(one, P1, root1)
-    torque2, stiffness2, force2 = _of_muscle(two, P2, root2)
+    share, drag = _of_hysteresis(problem, P1 + P2)
+    torque1, stiffness1, force1 = _of_muscle(one, P1, root1, share)
+    torque2, stiffness2, force2 = _of_muscle(two, P2, root2, share)
+    stiffness1, stiffness2 = stiffness1 + drag * torque1, stiffness2 - drag * torque2
     if joint.covariance is not None or joint.agonist == joint.antagonist:
         return Spread(torque1 + torque2, stiffness1 + stiffness2, (force1, force2))
     return Spread(np.hstack([torque1, torque2]), np.hstack([stiffness1, stiffness2]), (force1, force2))
@@ -59,12 +61,22 @@ def _is_known(joint: AntagonistJoint) -> bool:
     return any(fitted.covariance is not None for fitted in (joint, joint.agonist, joint.antagonist))
 
 
-def _of_muscle(side: OneMuscle, P: Array, root: Array) -> tuple[Array, Array, Array]:
-    """Return (torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m)."""
+def _of_hysteresis(problem: Problem, filled: Array) -> tuple[Array, float]:
+    """Return the share (n,) of K and the share [1/rad] of the pull that hysteresis adds to the stiffness."""
+    if problem.felt is None:
+        return np.zeros(filled.shape), 0.0
+    return problem.felt.affine_at(filled)[0], problem.felt.drag
+
+
+def _of_muscle(side: OneMuscle, P: Array, root: Array, share: Array) -> tuple[Array, Array, Array]:
+    """Return (torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m).
+
+    Hysteresis adds a `share` (n,) of the isobaric stiffness.
+    """
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
     force, slope = force @ root, slope @ root
     arm, bend = side.arm[:, None], side.bend[:, None]
-    stiffness = -(arm**2) / side.rest_length * slope + bend * force
+    stiffness = (1 + share[:, None]) * (-(arm**2) / side.rest_length * slope + bend * force)
     if side.share is not None:
         stiffness = stiffness + np.asarray(side.share)[:, None] * (_trapped_gradient(side, P) @ root)
     return arm * force, stiffness, force

@@ -8,6 +8,7 @@ have the same interface, so that each of them may be in the plant under test and
 from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 from allocator.calculus import Array, Value
+from allocator.joint.felt import Loop
 from mpc.codegen.buffered import Buffered
 from mpc.model.plant import NX, Plant
 
@@ -100,6 +101,10 @@ class Hysteresis(Protocol):
 
     def share(self, share: float) -> Self:
         """Return the same with a `share` [-] of its torque."""
+
+    @property
+    def loop(self) -> Loop:
+        """Its steady loops, see `allocator.joint.felt`."""
 
     def as_dahl(self, plant: Plant) -> "Hysteresis":
         """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar."""

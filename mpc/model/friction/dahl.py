@@ -16,6 +16,7 @@ import numpy as np
 
 from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
+from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import PRESLIDING, dahl
 from allocator.units import BAR
 from mpc.model.friction.contact import Contact
@@ -93,6 +94,11 @@ class Friction:
     def share(self, share: float) -> Self:
         """Return the same with a `share` [-] of its torque."""
         return replace(self, mu=share * self.mu, coulomb=share * self.coulomb)
+
+    @property
+    def loop(self) -> Loop:
+        """Its steady loops, see `allocator.joint.felt`."""
+        return Loop(None, self.mu, self.coulomb, self.presliding)
 
     def as_dahl(self, plant: Plant) -> "Friction":
         """Return itself: it is Dahl's."""

@@ -32,7 +32,8 @@ import numpy as np
 
 from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
-from allocator.joint.hysteresis import PrandtlIshlinskii
+from allocator.joint.felt import Loop
+from allocator.joint.hysteresis import NO_GAIN, PrandtlIshlinskii, Slip
 from allocator.units import DEG
 from mpc.model.friction.contact import Contact, Hysteresis
 from mpc.model.friction.dahl import WIDTH_AT, Friction, torque_of_width
@@ -42,8 +43,6 @@ _PRESLIDING = tuple(r * DEG for r in (0.5, 1.0, 2.0, 4.0))  # r_i [rad], of elem
 # turn round on average within r_i as Dahl's model does within δ, which a measured lever joint of McKibben muscles puts
 # at 0.5° in slow sweeps and at 3.2° in a log of random steps
 _BASE = 0.2  # s_0 [-]: as K is nearly proportional to P1 + P2, loops stay about as wide in degrees, as measured ones do
-
-_NO_GAIN = 1e-12  # by which a gain differs from 1 by rounding
 
 
 @dataclass(frozen=True)
@@ -87,14 +86,10 @@ class MaxwellSlip:
         A gain of the operator other than 1 becomes an element that never slips. Raises `InvalidInput` where nothing is
         left, or where a weight is negative.
         """
-        slip = operator.slip
-        elements = [*zip(slip.springs, slip.widths, strict=True)]
-        if abs(slip.gain - 1) > _NO_GAIN:
-            elements.append((1 / slip.gain - 1, inf))
-        if not elements:
+        slip = operator.slip.with_gain
+        if not slip.springs:
             raise InvalidInput("this PrandtlIshlinskii has neither plays nor a gain: say `Friction()`, which is none")
-        springs, widths = zip(*elements, strict=True)
-        return cls(springs, widths, slip.base, elastic=True)
+        return cls(slip.springs, slip.widths, slip.base, elastic=True)
 
     @property
     def size(self) -> int:
@@ -167,6 +162,11 @@ class MaxwellSlip:
         """Return s [N·m/rad] or [-], by which Σ k_i e_i is multiplied."""
         return contact.stiffness if self.elastic else 1.0
 
+    @property
+    def loop(self) -> Loop:
+        """Its steady loops, see `allocator.joint.felt`."""
+        return Loop(Slip(self.springs, self.widths, self.base, elastic=self.elastic))
+
     def as_dahl(self, plant: Plant) -> Friction:
         """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar: all that is found without this one."""
         contact = Contact(plant, np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT]))
@@ -179,7 +179,7 @@ def friction_of(given: object) -> Hysteresis:
     Raises `InvalidInput` for anything else.
     """
     if isinstance(given, PrandtlIshlinskii):
-        return MaxwellSlip.of(given) if given.size or abs(given.gain - 1) > _NO_GAIN else Friction()
+        return MaxwellSlip.of(given) if given.size or abs(given.gain - 1) > NO_GAIN else Friction()
     if isinstance(given, type) or not isinstance(given, Hysteresis):
         raise InvalidInput(f"friction = {given!r} has to be a Friction, a MaxwellSlip or a PrandtlIshlinskii")
     return given

@@ -1,0 +1,1 @@
+"""Felt stiffness: allocated, predicted, measured. `python -m benchmarks.felt` lists the parts."""

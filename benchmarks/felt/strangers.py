@@ -1,0 +1,136 @@
+"""Measured stiffness on strangers, whose structure no model of the library has: python -m benchmarks.felt strangers.
+
+The model is that of data sheets, or with "identified" the one that `fit_joint` and `fit_motion` find in the stranger's
+own logs. Felt stiffness is compared with pushes: quasi-static cycles of ±A at pressures that are held, of the
+stranger's own equations.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from allocator import DEG
+from allocator.calculus import Array
+from allocator.errors import InvalidInput
+from benchmarks.strangers.identified import Model, data_sheet, identified
+from benchmarks.strangers.physics import slipped
+from benchmarks.strangers.plants import STRUCTURES, Stranger, drawn, gain, settled, stretch
+from mpc.bench.measuring.experiment import Experiment, Tones
+from mpc.bench.measuring.result import MeasuredStiffness
+from mpc.bench.measuring.simulation import driven
+from mpc.bench.measuring.strengths import Known
+from mpc.bench.safety import Stopped
+from mpc.tracking.limits import Limits
+
+DT = 0.01  # [s]
+STEPS, CYCLES = 120, 2  # of a push, quasi-static
+
+
+def pushed(stranger: Stranger, theta: float, P: Array, amplitude: float) -> float:
+    """Return the secant stiffness that a hand meets in slow cycles of ±A about θ at held true pressures [N·m/rad]."""
+    p = stranger.parts
+    up = np.linspace(-1, 1, STEPS)
+    way = np.concatenate([np.linspace(0, 1, STEPS // 2), *[np.concatenate([-up, up]) for _ in range(CYCLES)]])
+    f, eps = np.zeros((2, 4)), np.array([settled_at(stranger, i, theta, P[i], np.zeros(2)) for i in range(2)])
+    held, z, before, torques = np.zeros(2), 0.0, theta, []
+    for x in way:
+        angle, torque = theta + amplitude * float(x), 0.0
+        for i in range(2):
+            now = settled_at(stranger, i, angle, float(P[i]), held)
+            slipped(p, f[i], float(P[i]), float(now), float(now - eps[i]))
+            held[i], eps[i] = f[i].sum(), now
+            s, lever = stretch(p, i, np.array([angle]), np.array([now]))
+            torque += (1 if i == 0 else -1) * float(lever[0] * p.cable * max(float(s[0]), 0.0))
+        if p.bearing > 0:
+            move = (angle - before) / p.presliding
+            z += move * (1 - abs(z) * (0.3 + 0.7 * np.sign(move * z)))
+            torque -= p.bearing * z
+        before = angle
+        torques.append(torque)
+    return -(torques[-1] - torques[-STEPS]) / (2 * amplitude)
+
+
+def settled_at(stranger: Stranger, i: int, theta: float, P: float, held: Array) -> float:
+    """Return the contraction at which muscle i, its hysteresis `held` [N] included, balances its cable."""
+    p, eps = stranger.parts, float(settled(stranger.parts, i, np.array([theta]), np.array([P]))[0])
+    for _ in range(3):
+        s, _ = stretch(p, i, np.array([theta]), np.array([eps]))
+        A, slope, _ = gain(p, np.array([eps]))
+        k = p.cable * p.rest_length
+        lacking = p.strength[i] * A[0] * P - _elastic(p, eps) - held[i] - p.cable * max(float(s[0]), 0.0)
+        eps += float(lacking / (k - p.strength[i] * slope[0] * P))
+    return eps
+
+
+def _elastic(p, eps: float) -> float:  # type: ignore[no-untyped-def]
+    from benchmarks.strangers.plants import elastic
+
+    return float(elastic(p, np.array([eps]))[0][0])
+
+
+def true_strengths(stranger: Stranger, model: Model, m: MeasuredStiffness) -> tuple[float, float]:
+    """Return by how much more torque a pressure gives on the stranger than by the model, at the rest."""
+    p, found = stranger.parts, []
+    for i, side in enumerate(model.plant.joint.sides(m.theta)):
+        P, h = m.pressures[i] + p.offset[i], 2e3
+        torque = []
+        for q in (P - h, P + h):
+            eps = settled(p, i, np.array([m.theta]), np.array([q]))
+            s, lever = stretch(p, i, np.array([m.theta]), eps)
+            torque.append((1 if i == 0 else -1) * float(lever[0] * p.cable * max(float(s[0]), 0.0)))
+        found.append((torque[1] - torque[0]) / (2 * h) / float(side.torque_gain(m.pressures[i])))
+    return found[0], found[1]
+
+
+def measured(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K: float = 5.0) -> MeasuredStiffness:
+    """Measure a stranger with its true inertia told, and the age of its readings."""
+    plant = replace(model.plant, inertia=stranger.parts.inertia)
+    age = stranger.sensors.late * DT
+    told = replace(model.told, reading_age=age, flow=min(model.told.flow, stranger.parts.flow))
+    tones = Tones()
+    e = Experiment(plant, told, theta, K, DT, tones)
+    try:
+        driven(stranger, e, Limits.of(plant, DT), theta, seed)
+    except (Stopped, InvalidInput) as ended:
+        e.findings.refusal = e.findings.refusal or str(ended)
+    return MeasuredStiffness.of(plant, told.friction.loop, e.findings, tones, Known(plant.inertia, 0.0, age),
+                                stranger.sensors.step)  # fmt: skip
+
+
+def report(n: int = 5, first: int = 0, of: str = "data sheet") -> str:
+    """Measure n strangers of each structure and return the figures."""
+    strengths, felts, backbones, predicted, refused, total = [], [], [], [], 0, 0
+    for structure in STRUCTURES:
+        for seed in range(first, first + n):
+            stranger = drawn(structure, seed)
+            model = identified(stranger) if of == "identified" else data_sheet(stranger)
+            m, total = measured(stranger, model, seed), total + 1
+            if m.refusal:
+                refused += 1
+                print(structure, seed, m.sentence, flush=True)
+                continue
+            P = np.array(m.pressures)
+            gs = [g / t - 1 for g, t in zip(m.strengths, true_strengths(stranger, model, m), strict=True)]
+            K = float(stranger.along(np.array([[m.theta, 0.0, *P]]))[0][0])
+            pushes = [pushed(stranger, m.theta, P, f.amplitude) for f in m.felt]
+            curve = [(f.amplitude, f.K / met - 1) for f, met in zip(m.felt, pushes, strict=True)]
+            predicted += [f.model / met - 1 for f, met in zip(m.felt, pushes, strict=True)]
+            strengths += gs
+            felts += [e for a, e in curve if 1 * DEG <= a <= 8.5 * DEG]
+            backbones.append((m.K / K - 1, m.model_K / K - 1))
+            felt = " ".join(f"{a / DEG:.1f}°: {100 * e:+.1f}" for a, e in curve)
+            alone = 100 * (m.model_K / K - 1)
+            print(
+                f"{structure} {seed} strengths {100 * gs[0]:+.1f} {100 * gs[1]:+.1f} %, K {100 * (m.K / K - 1):+.1f} % "
+                f"(model alone {alone:+.1f}), felt {felt}, {m.duration:.0f} s",
+                flush=True,
+            )
+    g, f, k, model = (np.abs(np.array(v)) for v in (strengths, felts, backbones, predicted))
+    return (
+        f"strangers ({of}): {total - refused} of {total} measured; nine in ten strengths within "
+        f"{100 * np.quantile(g, 0.9):.1f} %, felt K at 1–8° within {100 * np.quantile(f, 0.9):.1f} %, backbone within "
+        f"{100 * np.quantile(k[:, 0], 0.9):.1f} % (model alone {100 * np.quantile(k[:, 1], 0.9):.1f} %); medians "
+        f"{100 * np.median(g):.1f}, {100 * np.median(f):.1f}, {100 * np.median(k[:, 0]):.1f} %; "
+        f"felt K that the model alone predicts: median error {100 * np.median(model):.1f} %, nine in ten within "
+        f"{100 * np.quantile(model, 0.9):.1f} %"
+    )

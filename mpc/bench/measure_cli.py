@@ -1,0 +1,167 @@
+"""`antagonist measure`: the stiffness of a joint on a device; degrees here, SI behind."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allocator.errors import InvalidInput
+from allocator.shell.options import grouped, row, within
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim
+from allocator.shell.printing import AsJSON, print_json, say
+from allocator.units import BAR, DEG, PERCENT
+from mpc.bench.cli import BenchOptions, Watch, exit_code, say_ending
+from mpc.plant_cli import PlantOptions
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from mpc.bench.measuring.experiment import Tones
+    from mpc.bench.measuring.result import MeasuredStiffness
+    from mpc.model.plant import Plant
+
+_NOT_MEASURED = 3  # exit code
+
+
+@grouped
+def measure_command(
+    options: PlantOptions,
+    bench: BenchOptions,
+    around: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="ANGLE:STIFFNESS to measure about [°, N·m/rad]; repeatable; else the middle of angles and stiffnesses"
+        ),
+    ] = None,
+    amplitude: Annotated[float, typer.Option(help="of the tones that are compared [±°]")] = 1.5,
+    series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A) [±°], with commas; 0: none")] = "4,8",
+    inertia_error: Annotated[float, typer.Option(help="standard deviation of --inertia [%]")] = 0.0,
+    update: Annotated[
+        bool, typer.Option("--update", help="write the strengths into the file of --machine, its history kept")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="picture of K_felt against the amplitude (.png, .pdf, .svg)")] = None,
+    dt: Annotated[float, typer.Option(help="sample time [s]")] = 0.01,
+    force: Force = False,
+    as_json: AsJSON = False,
+) -> None:
+    """Measure the stiffness of a joint: the muscles' strengths, the backbone K and what pushes meet.
+
+    Tones of both pressures about a rest, of equal amplitude at a low and at a high frequency, are compared: hysteresis
+    drops out, and the inertia is the scale. It needs an encoder, two pressure sensors and the inertia of --machine or
+    --inertia, for which a payload counts. It begins and ends as `antagonist run` does. Exit code 0 if all was
+    measured, 3 if not; the message says why.
+    """
+    from rich.console import Console
+
+    console = Console(stderr=as_json)
+    check_ending("--out", out, IMAGES)
+    claim(out, inputs=options.files, force=force)
+    within("--inertia-error", inertia_error, "%", 0, 50)
+    if update and options.file is None:
+        raise InvalidInput("--update writes into a file: name that of the joint by --machine")
+    found, code = _on_device(options, bench, around or [], _tones(amplitude, series), inertia_error, dt, console)
+    good = [m for m in found if m.success]
+    if as_json:
+        print_json({"measurements": [m.to_dict() for m in found]})
+    for m in found:
+        console.print(_table(m)) if m.success else say(console, m.sentence)
+    if out is not None and good:
+        _draw(good, options, bench, out, console)
+    if update:
+        _updated(good, options, inertia_error, console)
+    if code or len(good) < len(found) or not found:
+        raise typer.Exit(code or _NOT_MEASURED)
+
+
+def _tones(amplitude: float, series: str) -> "Tones":
+    from mpc.bench.measuring.experiment import Tones
+
+    within("--amplitude", amplitude, "°", 0.05, 20)
+    given = [a for a in row("--series", series, "°") if a]
+    for a in given:
+        within("--series", a, "°", 0.05, 45)
+    return Tones(amplitude * DEG, series=tuple(a * DEG for a in given))
+
+
+def _on_device(
+    options: PlantOptions,
+    bench: BenchOptions,
+    around: list[str],
+    tones: "Tones",
+    inertia_error: float,
+    dt: float,
+    console: "Console",
+) -> "tuple[list[MeasuredStiffness], int]":
+    """Measure about every rest, until one ends by anything but its end; return that exit code."""
+    from mpc.bench.measuring.session import Told, measure
+
+    settings, found = bench.settings(), []
+    rests: list[str | None] = [*around] or [None]
+    for text in rests:
+        opened = bench.opened(options)
+        theta, K = _rest(text, opened.plant)
+        say(console, f"about {theta / DEG:.3g}° and {K:.3g} N·m/rad, with the inertia {opened.plant.inertia:g} kg·m²")
+        watch = Watch(opened.plant.joint.pressure_limits[1], dt, bench)
+        told = Told(opened.plant, opened.known, inertia_error * PERCENT)
+        with watch:
+            m, cycle = measure(
+                opened.device, told, theta, K, dt=dt, tones=tones, settings=settings, clock=opened.clock, watch=watch
+            )
+        found.append(m)
+        assert cycle.ending is not None
+        if code := exit_code(cycle.ending):
+            say_ending(cycle.ending, cycle.lateness, console)
+            return found, code
+    return found, 0
+
+
+def _rest(text: str | None, plant: "Plant") -> tuple[float, float]:
+    """Return angle [rad] and stiffness [N·m/rad] of a rest; the middle of what the joint has where none is given."""
+    from allocator.feasibility import stiffness_interval
+
+    if text is not None:
+        try:
+            theta, K = map(float, text.split(":"))
+        except ValueError:
+            raise InvalidInput(f"--around {text}: expected ANGLE:STIFFNESS in ° and N·m/rad, such as 10:6") from None
+        left, right = (end / DEG for end in plant.angle_limits)
+        within("--around", theta, "°, the joint's range", left, right)
+        within("--around", K, "N·m/rad", 1e-3, 1e6)
+        return theta * DEG, K
+    theta = float(plant.middle)
+    return theta, float(sum(stiffness_interval(theta, 0.0, joint=plant.joint))) / 2
+
+
+def _table(m: "MeasuredStiffness") -> "Table":
+    from rich.table import Table
+
+    title = f"{m.theta / DEG:.1f}°, {m.pressures[0] / BAR:.2f} and {m.pressures[1] / BAR:.2f} bar · {m.duration:.0f} s"
+    table = Table("", "measured", "", title=title)
+    for cells in m.rows:
+        table.add_row(*cells)
+    return table
+
+
+def _draw(
+    good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOptions, out: Path, console: "Console"
+) -> None:
+    from allocator.presentation.plotting import save_figure
+    from mpc.bench.measuring.picture import plot_measured
+
+    opened = bench.opened(options)
+    save_figure(plot_measured(good, opened.plant.joint, opened.known.friction.loop), out)
+    say(console, f"written: {out}")
+
+
+def _updated(good: "list[MeasuredStiffness]", options: PlantOptions, inertia_error: float, console: "Console") -> None:
+    """Write the strengths into the joint's file."""
+    from mpc.bench.measuring.update import update
+
+    if not good:
+        say(console, f"{options.file} stays as it is")
+        return
+    path = str(options.file)
+    joint = update(path, good, options.plant().inertia, inertia_error * PERCENT)
+    K = float(joint.stiffness(good[0].theta, *good[0].pressures))
+    say(console, f"written: {path}: backbone K {good[0].model_K:.3g} → {K:.3g} N·m/rad about the first rest")

@@ -1,0 +1,117 @@
+"""Steady loops of sampled tones: secant and work, whatever the waveform.
+
+A signal y(t) ≈ c + d t + Re Σ_h Y_h e^{i h ω t} over whole periods is fitted by least squares. A rate-independent
+hysteresis that swings between ±A takes the same torque at the turns, and the same work per cycle, by whatever waveform
+it gets there. So a loop is described by what is exact for each waveform, with odd harmonics (even ones cancel between
+both turns):
+
+    s_i = [T_i(θ_max) - T_i(θ_min)]/(2A)      secant of the torque of muscle i
+    a   = -[θ''(θ_max) - θ''(θ_min)]/(2A)     of the acceleration; ω² of a sine
+    w_i = ∮ T_i dθ/(π A²)                     work as a loss stiffness
+    v   = ∮ θ' dθ/(π A²)                      of the velocity; ω of a sine
+
+Readings of the angle that are δ old are turned forward, θ_h e^{i h ω δ}.
+"""
+
+from dataclasses import dataclass
+from math import pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+
+HARMONICS = 5  # that are fitted
+_ODD = 1, 3, 5  # that make a loop
+_QUICK = 2.5  # [Hz] above which inertia leaves a third harmonic at most
+_GRID = 720  # points of a period on which its turns are looked for
+
+
+class Loop(NamedTuple):
+    """Steady loop of a tone; stiffnesses in N·m/rad, of torques by the model."""
+
+    swing: float  # A [rad]
+    secants: tuple[float, float]  # s_i
+    acceleration: float  # a [1/s²]
+    losses: tuple[float, float]  # w_i
+    velocity: float  # v [1/s]
+
+
+@dataclass(frozen=True)
+class Tone:
+    """Tone of one `frequency` [Hz]: harmonics of angle and model torques, and what they were measured by."""
+
+    frequency: float  # [Hz]
+    harmonics: Array  # complex (HARMONICS, 3): θ [rad], T_1, T_2 [N·m] at measured pressures and the angle at rest
+    noise: tuple[float, float, float]  # standard deviations of a phasor of each
+    coherence: float  # share of the angle's variance that is the tone and its harmonics [-]
+    middle: tuple[float, float, float]  # means of angle [rad] and pressures [Pa]
+    mean_torque: tuple[float, float]  # of the model [N·m]
+
+    @property
+    def omega(self) -> float:
+        """ω [rad/s]."""
+        return 2 * pi * self.frequency
+
+    @property
+    def odd(self) -> list[int]:
+        """The harmonics that make its loop."""
+        return [h for h in _ODD if h == 1 or h * self.frequency < 3 * _QUICK]
+
+    @property
+    def swing(self) -> float:
+        """A [rad], half the way between the turns."""
+        return self.loop().swing
+
+    @property
+    def error(self) -> float:
+        """Standard deviation of a secant of both torques by noise [N·m/rad], strengths of 1 taken."""
+        angle, one, two = (n * sqrt(len(self.odd)) for n in self.noise)
+        found = self.loop()
+        size = abs(sum(found.secants)) + abs(sum(found.losses))
+        return sqrt(one**2 + two**2 + (angle * size) ** 2) / found.swing
+
+    def loop(self, age: float = 0.0) -> Loop:
+        """Return the loop with readings of the angle that are `age` [s] old."""
+        h = np.array(self.odd)
+        Y = self.harmonics[h - 1] * 1.0
+        Y[:, 0] *= np.exp(1j * h * self.omega * age)
+        phase = np.linspace(0, 2 * pi, _GRID, endpoint=False)
+        theta = (np.exp(1j * np.outer(phase, h)) @ Y[:, 0]).real
+        turn = np.exp(1j * h * _refined(phase, theta))
+        A, one, two = ((turn @ Y).real).tolist()
+        acceleration = float((turn @ (Y[:, 0] * (h * self.omega) ** 2)).real)
+        work = (h[:, None] * (Y[:, 1:] * Y[:, :1].conj()).imag).sum(axis=0) / A**2
+        velocity = float(self.omega * (h**2 * np.abs(Y[:, 0]) ** 2).sum() / A**2)
+        return Loop(A, (one / A, two / A), acceleration / A, (float(work[0]), float(work[1])), velocity)
+
+
+def _refined(phase: Array, theta: Array) -> float:
+    """Return the phase of the greatest angle, by a parabola through three points about it."""
+    k = int(theta.argmax())
+    before, here, after = theta[k - 1], theta[k], theta[(k + 1) % theta.size]
+    bend = before - 2 * here + after
+    shift = 0.0 if bend == 0 else (before - after) / (2 * bend)
+    return float(phase[k] + shift * (phase[1] - phase[0]))
+
+
+def tone_of(t: Array, theta: Array, P: Array, T: Array, frequency: float) -> Tone:
+    """Return the tone in samples: times (n,) [s], angles (n,) [rad], pressures [Pa] and torques [N·m] (n, 2)."""
+    omega = 2 * pi * frequency
+    step = (t[-1] - t[0]) / max(t.size - 1, 1)
+    periods = max(int((t[-1] - t[0] + step) * frequency * (1 + 1e-9) + 1e-6), 1)
+    keep = t > t[-1] + step / 2 - periods / frequency
+    t, theta, P, T = t[keep], theta[keep], P[keep], T[keep]
+    waves = [wave(h * omega * t) for h in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)]
+    X = np.stack([np.ones(t.size), t - t.mean(), *waves], axis=1)
+    signals = np.column_stack([theta, T])
+    c, *_ = np.linalg.lstsq(X, signals, rcond=None)
+    left = signals - X @ c
+    spread = left.std(axis=0) * sqrt(2 / t.size)
+    variance = float(np.var(theta - X[:, :2] @ c[:2, 0]))
+    return Tone(
+        frequency, c[2::2] - 1j * c[3::2], (float(spread[0]), float(spread[1]), float(spread[2])),
+        1 - float(np.var(left[:, 0])) / max(variance, 1e-30),
+        (float(theta.mean()), float(P[:, 0].mean()), float(P[:, 1].mean())),
+        (float(T[:, 0].mean()), float(T[:, 1].mean())),
+    )  # fmt: skip

@@ -1,0 +1,207 @@
+"""What a measurement says: strengths, backbone K, felt K by amplitude, loss and damping, or why it says nothing."""
+
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.felt import Loop
+from allocator.units import BAR, DEG
+from mpc.bench.measuring.experiment import Findings, Tones
+from mpc.bench.measuring.loops import Tone
+from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_not
+from mpc.model.plant import Plant
+
+_LEAST_STEPS = 4.0  # of the encoder in a swing
+_SCATTER = 0.015  # of K_felt: waveform of the turns, which no error of a phasor shows
+_BALANCED = 0.025  # of a muscle's torque: offsets of sensors, the law
+_CENTRED = 0.25  # of the height of a loop: how well it is centred
+_NORMAL = 1.96  # of 95 %
+
+
+class Felt(NamedTuple):
+    """Felt stiffness at one amplitude."""
+
+    amplitude: float  # A [rad]
+    K: float  # secant [N·m/rad], at held pressures
+    K_std: float
+    loss: float  # loss factor η [-]
+    model: float  # K_felt(A) by the model as it was [N·m/rad]
+
+
+@dataclass(frozen=True)
+class MeasuredStiffness:
+    """Stiffness measured about one rest."""
+
+    theta: float  # [rad]
+    pressures: tuple[float, float]  # [Pa]
+    strengths: tuple[float, float]  # g_i [-], in the model's
+    covariance: Array  # of the strengths (2, 2) [-]
+    K: float  # backbone [N·m/rad]: the model's with these strengths
+    K_std: float
+    model_K: float  # backbone by the model as it was [N·m/rad]
+    felt: tuple[Felt, ...]
+    damping: float  # D [N·m·s/rad]
+    damping_std: float
+    age: float  # of the angle's readings [s], as found
+    solution: Solution | None
+    duration: float  # [s]
+    furthest: float  # greatest excursion in the amplitude asked for [-]
+    refusal: str = ""  # why nothing was measured; then all of the above but posture and duration is NaN
+
+    @property
+    def success(self) -> bool:
+        """Whether it was measured."""
+        return not self.refusal
+
+    @property
+    def strengths_std(self) -> tuple[float, float]:
+        """Standard deviations of the strengths [-]."""
+        return sqrt(self.covariance[0, 0]), sqrt(self.covariance[1, 1])
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the backbone K [N·m/rad]."""
+        return self.K - _NORMAL * self.K_std, self.K + _NORMAL * self.K_std
+
+    @classmethod
+    def of(cls, plant: Plant, loop: Loop, findings: Findings, tones: Tones, known: Known, step: float = 0.0) -> Self:
+        """Return what the findings say.
+
+        `plant` is the model that commanded, `loop` its hysteresis, `step` the encoder's [rad].
+        """
+        if findings.refusal or not findings.tones:
+            return cls._refused(findings, findings.refusal or "the experiment ended before it had measured")
+        A = float(np.mean([t.swing for i, t in enumerate(findings.tones) if i != WIDER]))
+        why = why_not(findings.tones, A, None, _LEAST_STEPS * step)
+        known = replace(known, loads=(*known.loads, _balance(plant, findings.tones[:4], A)))
+        found = None if why else solve(findings.tones, A, known)
+        if why := why or why_not(findings.tones, A, found, 0.0):
+            return cls._refused(findings, why)
+        assert found is not None
+        return cls._measured(plant, loop, findings, found)
+
+    @classmethod
+    def _refused(cls, findings: Findings, why: str) -> Self:
+        nan = float("nan")
+        at = findings.tones[0].middle if findings.tones else (nan, nan, nan)
+        return cls(
+            at[0], at[1:], (nan, nan), np.full((2, 2), nan), nan, nan, nan, (), nan, nan, nan, None,
+            findings.duration, findings.furthest, why,
+        )  # fmt: skip
+
+    @classmethod
+    def _measured(cls, plant: Plant, loop: Loop, findings: Findings, found: Solution) -> Self:
+        middle = np.mean([t.middle for t in findings.tones[:4]], axis=0)
+        theta, P = float(middle[0]), (float(middle[1]), float(middle[2]))
+        k = np.array([float(s.stiffness(p)) for s, p in zip(plant.joint.sides(theta), P, strict=True)])
+        g, C = np.array(found.strengths), found.covariance
+        gravity = plant.gravity_torque * float(np.cos(theta))
+        slow = [*findings.tones[:3], *findings.curve]
+        age = found.values["age"]
+        curve = [_felt(tone, age, plant.joint, loop, theta, P, g, C, plant.inertia, gravity) for tone in slow]
+        felt = (_mean(*curve[:2]), *curve[2:])
+        return cls(
+            theta, P, found.strengths, C, float(g @ k), sqrt(float(k @ C @ k)), float(k.sum()), felt,
+            found.values["D"], found.errors["D"], found.values["age"], found, findings.duration, findings.furthest,
+        )  # fmt: skip
+
+    @property
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Name, value and remark of everything measured, for tables."""
+        g, s = self.strengths, self.strengths_std
+        found = [
+            ("strength of the agonist", f"{g[0]:.3f} ± {s[0]:.3f}", "times the model's"),
+            ("strength of the antagonist", f"{g[1]:.3f} ± {s[1]:.3f}", "times the model's"),
+            ("backbone K [N·m/rad]", f"{self.K:.3g} ± {self.K_std:.2g}", f"model {self.model_K:.3g}"),
+        ]
+        found += [
+            (
+                f"felt K at ±{f.amplitude / DEG:.2g}° [N·m/rad]",
+                f"{f.K:.3g} ± {f.K_std:.2g}",
+                f"loss factor {f.loss:.2f}; model {f.model:.3g}",
+            )
+            for f in self.felt
+        ]
+        return [*found, ("damping [N·m·s/rad]", f"{self.damping:.2g} ± {self.damping_std:.1g}", "")]
+
+    @property
+    def sentence(self) -> str:
+        """The result in a sentence, or why there is none."""
+        at = f"about {self.theta / DEG:.1f}°, {self.pressures[0] / BAR:.2f} and {self.pressures[1] / BAR:.2f} bar"
+        if self.refusal:
+            return f"not measured, because {self.refusal}"
+        return (
+            f"{at}: strengths {self.strengths[0]:.3f} and {self.strengths[1]:.3f}, backbone K {self.K:.3g} ± "
+            f"{self.K_std:.2g} N·m/rad (model {self.model_K:.3g})"
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """Return everything by name, units in the names."""
+        return {
+            "measured": self.success,
+            "message": self.sentence,
+            "theta_deg": self.theta / DEG,
+            "P1_bar": self.pressures[0] / BAR,
+            "P2_bar": self.pressures[1] / BAR,
+            "strengths": list(self.strengths),
+            "strengths_covariance": self.covariance.tolist(),
+            "stiffness_Nm_per_rad": self.K,
+            "stiffness_std_Nm_per_rad": self.K_std,
+            "stiffness_of_model_Nm_per_rad": self.model_K,
+            "felt": [
+                {
+                    "amplitude_deg": f.amplitude / DEG,
+                    "stiffness_Nm_per_rad": f.K,
+                    "std_Nm_per_rad": f.K_std,
+                    "loss_factor": f.loss,
+                    "of_model_Nm_per_rad": f.model,
+                }
+                for f in self.felt
+            ],
+            "damping_Nms_per_rad": self.damping,
+            "age_s": self.age,
+            "duration_s": self.duration,
+        }
+
+
+def _balance(plant: Plant, tones: list[Tone], A: float) -> Load:
+    """Return the balance of the mean torques during slow tones, whose symmetric loops have no mean of their own.
+
+    It is trusted to a share of the torques, for sensors' offsets and the law, and to one of the loop's height.
+    """
+    one, two = np.mean([t.mean_torque for t in tones], axis=0).tolist()
+    theta = float(np.mean([t.middle[0] for t in tones]))
+    height = float(np.mean([abs(sum(t.loop().losses)) for t in tones])) * A
+    error = sqrt((_BALANCED * (abs(one) + abs(two)) / 2) ** 2 + (_CENTRED * height) ** 2)
+    return Load((one, two), plant.gravity_torque * float(np.sin(theta)), error)
+
+
+def _felt(
+    tone: Tone,
+    age: float,
+    joint: AntagonistJoint,
+    loop: Loop,
+    theta: float,
+    P: tuple[float, float],
+    g: Array,
+    C: Array,
+    inertia: float,
+    gravity: float,
+) -> Felt:
+    """Return the felt stiffness that a slow tone shows: the secant of torque, inertia and gravity at its turns."""
+    cycle = tone.loop(age)
+    s = np.array(cycle.secants)
+    K = float(g @ s) + inertia * cycle.acceleration - gravity
+    std = sqrt(float(s @ C @ s) + tone.error**2 + (_SCATTER * K) ** 2)
+    model = float(joint.stiffness(theta, *P, amplitude=cycle.swing, loop=loop))
+    return Felt(cycle.swing, K, std, float(g @ np.array(cycle.losses)) / K, model)
+
+
+def _mean(one: Felt, two: Felt) -> Felt:
+    """Return the mean of two tones of one amplitude, of one muscle each."""
+    middle = [(a + b) / 2 for a, b in zip(one, two, strict=True)]
+    return Felt(middle[0], middle[1], max(one.K_std, two.K_std) / sqrt(2) + abs(one.K - two.K) / 4, *middle[3:])

@@ -1,0 +1,79 @@
+"""Measurement of a joint on a device: soft start, tones, safe stop, for one rest after the other."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from allocator import checks
+from mpc.bench.cycle import Cycle, Settings
+from mpc.bench.device import Clock, Device
+from mpc.bench.loop import about
+from mpc.bench.measuring.experiment import Experiment, Tones
+from mpc.bench.measuring.result import MeasuredStiffness
+from mpc.bench.measuring.strengths import Known
+from mpc.bench.record import Row
+from mpc.bench.safety import Ending, Reason
+from mpc.model.compensation import Compensation
+from mpc.model.plant import Plant
+from mpc.tracking.limits import Limits
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is told of a joint that is to be measured."""
+
+    plant: Plant  # its inertia is the known one
+    known: Compensation  # friction, dead time and dead band, flow, age of the readings
+    inertia_error: float = 0.0  # relative standard deviation of the inertia [-]
+
+    def __post_init__(self) -> None:
+        checks.not_negative("inertia_error", self.inertia_error, "-")
+
+
+def measure(
+    device: Device,
+    told: Told,
+    theta: float,
+    K: float,
+    *,
+    dt: float = 0.01,
+    tones: Tones | None = None,
+    settings: Settings | None = None,
+    clock: Clock | None = None,
+    watch: Callable[[Row], None] | None = None,
+    log: str | Path | None = None,
+    replace: bool = False,
+) -> tuple[MeasuredStiffness, Cycle]:
+    """Measure the stiffness of a joint on a device about the angle `theta` [rad], as stiff as `K` [N·m/rad].
+
+    `K` is the isobaric stiffness by the model. Returns the measurement, which says why where it has measured nothing,
+    and the cycle, which knows how it ended. Arguments and exceptions are those of `mpc.bench.loop.RealTimeLoop`.
+    """
+    tones = Tones() if tones is None else tones
+    source = Experiment(told.plant, told.known, theta, K, dt, tones)
+    cycle = Cycle(
+        device, source, Limits.of(told.plant, dt), settings or Settings(), log=log, replace=replace, about=about(dt),
+        clock=clock, watch=watch,
+    )  # fmt: skip
+    ending = cycle.run()
+    return result_of(source, told, ending, cycle.recorder.columns["theta"]), cycle
+
+
+def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray) -> MeasuredStiffness:
+    """Return what an experiment that has ended says, `theta` (n,) [rad] being all readings of the angle."""
+    if ending.reason is not Reason.FINISHED:
+        source.findings.refusal = f"the loop ended: {ending}"
+    known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)
+    return MeasuredStiffness.of(
+        told.plant, told.known.friction.loop, source.findings, source.tones, known, encoder_step(theta)
+    )
+
+
+def encoder_step(theta: np.ndarray) -> float:
+    """Return the step [rad] of an encoder by its readings: the least difference of two; 0 where hardly any repeat."""
+    values = np.unique(theta[np.isfinite(theta)])
+    if values.size < 2 or values.size > 0.5 * theta.size:
+        return 0.0
+    return float(np.diff(values).min())

@@ -1,0 +1,45 @@
+"""Measurements on simulated joints: any process with `begin`, sample by sample, without a clock."""
+
+from typing import Protocol
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.bench.cycle import CommandSource, Tick
+from mpc.bench.device import Reading
+from mpc.bench.guard import Guard, Pressures
+from mpc.bench.safety import Watchdog
+from mpc.model.experiment import Experiment
+from mpc.tracking.limits import Limits
+
+
+class Process(Protocol):
+    """A simulated joint."""
+
+    def begin(self, dt: float, x0: Array, seed: int) -> Experiment:
+        """Begin an experiment from the state `x0` (4,) with commands every `dt` [s]."""
+
+
+def driven(process: Process, source: CommandSource, limits: Limits, theta: float, seed: int = 0) -> Array:
+    """Let a source command a process from rest at its first pressures; return the rows (t, θ, P1, P2, u1, u2).
+
+    Commands keep to supply and slew; raises `Stopped` where a reading breaks a limit, as a loop on a device does.
+    """
+    dt, watchdog = source.dt, Watchdog()
+    guard = Guard(limits, watchdog, watchdog.angle_margin)
+    trial = process.begin(dt, np.array([theta, 0.0, *source.first]), seed)
+    sent: Pressures = source.first
+    rows: list[tuple[float, ...]] = []
+    k = 0
+    while True:
+        y = trial.measure()
+        reading = Reading(k * dt, float(y[0]), float(y[2]), float(y[3]))
+        if wrong := guard.broken(reading):
+            raise wrong
+        decision = source.decide(Tick(k, 0, reading, sent, k * dt))
+        if decision is None:
+            return np.array(rows)
+        sent = guard.command(decision.u, sent)
+        rows.append((*reading, *sent))
+        trial.advance(np.array(sent))
+        k += 1

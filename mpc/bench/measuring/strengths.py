@@ -1,0 +1,157 @@
+"""Strengths of the muscles from loops of equal amplitude: equations (S4), (S5) for any waveform.
+
+With the torques T_i of the model at the measured pressures, the muscles' true strengths g_i, damping D and the known
+inertia J, steady motions about a rest obey J θ'' + D θ' + K θ + T_f = Σ g_i T_i. At the turns, and over a cycle,
+
+    g_1 s_1 + g_2 s_2 + J a = K_felt(A)                                                                        (S4)
+    g_1 w_1 + g_2 w_2 - D v = h(A)
+
+with the secants s, a and works w, v of `mpc.bench.measuring.loops`. Secant K_felt and loss h of rate-independent
+hysteresis depend on the swing A alone. Tones of equal A in either muscle at a low frequency and in both at high ones,
+one of another amplitude and a slower one therefore determine g_1, g_2, K_felt and h at A_0, their slopes by A, and D:
+two equations a tone, by least squares. For sines, A = |Θ| and phasors this is (S5).
+
+The age δ of the angle's readings is one unknown more, with what is told of it as a prior. A stiffness that rises with
+the logarithm of the frequency instead is looked for, and refuses the measurement.
+"""
+
+from dataclasses import dataclass
+from math import log, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.bench.measuring.loops import Loop, Tone
+
+NAMES = ("g1", "g2", "K", "h", "dK/dA", "dh/dA", "D", "age")
+WIDER = 2  # number of the tone of another amplitude
+_FLOOR = 0.006  # of the impedance K - Jω² + …: what no scatter of periods shows (waveform, dead band)
+_MODEL = 0.015  # of the strengths, common to both: what the equations leave out, by hidden joints (seeds >= 1000)
+_TINY, _STILL = 1e-4, 1e-7  # [s] of a difference, and of a step that is the last
+_STEPS = 12  # of Gauss–Newton in the age
+_APART = 0.10  # of the amplitude: tones farther apart say nothing
+_RATE = 3.5  # standard errors of a rate dependence that is believed
+_RATE_LEAST = 0.06  # of K_felt a decade, below which a rate dependence is no matter
+
+
+class Load(NamedTuple):
+    """Equation of two mean torques with a known difference: g·ΔT̄ = ΔW."""
+
+    torque: tuple[float, float]  # ΔT̄_i of the model [N·m]
+    weight: float  # ΔW [N·m]
+    error: float  # its standard deviation [N·m]
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known besides the tones."""
+
+    inertia: float  # J [kg·m²]
+    inertia_error: float = 0.0  # relative standard deviation [-]
+    age: float = 0.0  # δ of the angle's readings [s] …
+    age_error: float = 0.0005  # … and its standard deviation [s]
+    loads: tuple[Load, ...] = ()
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Least squares of (S4): unknowns, covariance, and how well the equations agree."""
+
+    values: dict[str, float]
+    covariance: Array  # of g1, g2, inertia included (2, 2)
+    errors: dict[str, float]  # standard deviations
+    disagreement: float  # √(χ²/degrees of freedom)
+    rate: float  # K's growth a decade of frequency, as a share of K [-]
+    rate_error: float
+
+    @property
+    def strengths(self) -> tuple[float, float]:
+        """(g_1, g_2) [-]."""
+        return self.values["g1"], self.values["g2"]
+
+
+def solve(tones: list[Tone], amplitude: float, known: Known) -> Solution:
+    """Return strengths and the rest from tones about the amplitude A_0 [rad]."""
+    values, covariance, chi = _fitted(tones, amplitude, known, rate=False)
+    scale = max(1.0, chi)
+    errors = {name: scale * sqrt(covariance[i, i]) for i, name in enumerate(NAMES)}
+    found = dict(zip(NAMES, values.tolist(), strict=True))
+    common = known.inertia_error**2 + _MODEL**2
+    both = scale**2 * covariance[:2, :2] + common * np.outer(values[:2], values[:2])
+    errors |= {f"g{i + 1}": sqrt(both[i, i]) for i in range(2)}
+    rated, of_rate, rate_chi = _fitted(tones, amplitude, known, rate=True)
+    unit = max(abs(found["K"]), 1e-9)
+    error = max(1.0, rate_chi) * sqrt(of_rate[-1, -1])
+    return Solution(found, both, errors, chi, float(rated[-1]) / unit, error / unit)
+
+
+def _fitted(tones: list[Tone], A0: float, known: Known, *, rate: bool) -> tuple[Array, Array, float]:
+    """Return unknowns, their covariance and √(χ²/degrees of freedom): linear but for the age, by Gauss–Newton.
+
+    With `rate` the last unknown is the growth of K a decade of frequency.
+    """
+    n = len(NAMES) + rate
+    x = np.zeros(n)
+    x[:2], x[7] = 1.0, known.age
+    for _ in range(_STEPS):
+        X, y = _equations(tones, A0, known, x, rate)
+        new = np.asarray(np.linalg.lstsq(X, y, rcond=None)[0], float)
+        change, x = abs(new[7] - x[7]), new
+        if change < _STILL:
+            break
+    left = y - X @ x
+    covariance = np.asarray(np.linalg.pinv(X.T @ X), float)
+    return x, covariance, sqrt(float(left @ left) / max(len(y) - n, 1))
+
+
+def _equations(tones: list[Tone], A0: float, known: Known, x: Array, rate: bool) -> tuple[Array, Array]:
+    """Return the weighted equations X x = y about the unknowns `x`, each divided by its standard deviation."""
+    rows, centre = [], float(np.mean([log(tone.frequency) for tone in tones]))
+    for tone in tones:
+        here, J = tone.loop(x[7]), known.inertia
+        (s1, s2), (w1, w2), dA, a = here.secants, here.losses, here.swing - A0, here.acceleration
+        later = _left(tone.loop(x[7] + _TINY), x, J)
+        by_age = [(after - now) / _TINY for now, after in zip(_left(here, x, J), later, strict=True)]
+        decades = [-(log(tone.frequency) - centre) / log(10)] * rate
+        error = sqrt(tone.error**2 + (_FLOOR * max(abs(x[2]), abs(J * a))) ** 2)
+        secant = [s1, s2, -1, 0, -dA, 0, 0, by_age[0], *decades, by_age[0] * x[7] - J * a]
+        loss = [w1, w2, 0, -1, 0, -dA, -here.velocity, by_age[1], *[0.0] * rate, by_age[1] * x[7]]
+        rows += [(secant, error), (loss, error)]
+    rest = [0.0] * rate
+    rows.append(([0.0] * 7 + [1.0, *rest, known.age], known.age_error))
+    rows += [([*load.torque, *[0.0] * 6, *rest, load.weight], load.error) for load in known.loads]
+    table = np.array([np.array(row, float) / error for row, error in rows])
+    return table[:, :-1], table[:, -1]
+
+
+def _left(loop: Loop, x: Array, inertia: float) -> tuple[float, float]:
+    """Return the sides of both equations that change with the age of the readings."""
+    (s1, s2), (w1, w2) = loop.secants, loop.losses
+    return x[0] * s1 + x[1] * s2 + inertia * loop.acceleration, x[0] * w1 + x[1] * w2
+
+
+def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_swing: float) -> str:
+    """Return why the tones do not measure the strengths, or ""."""
+    A = [t.swing for t in tones]
+    if min(A) < least_swing:
+        return f"the joint moved by only ±{np.degrees(min(A)):.2g}°, less than its encoder resolves for this"
+    if (quality := min(t.coherence for t in tones)) < 0.8:
+        return f"the motion is no tone: {100 * (1 - quality):.0f} % of its variance is something else"
+    same = [a for i, a in enumerate(A) if i != WIDER]
+    if max(abs(a / amplitude - 1) for a in same) > _APART:
+        listed = ", ".join(f"±{np.degrees(a):.3g}° at {t.frequency:.2g} Hz" for t, a in zip(tones, A, strict=True))
+        return f"the amplitudes did not come together ({listed}); friction jumps, or the regulators are too slow"
+    if found is None:
+        return ""
+    if abs(found.rate) > _RATE * found.rate_error and abs(found.rate) > _RATE_LEAST:
+        return (
+            f"the stiffness depends on the rate: {100 * found.rate:+.0f} % a decade of frequency "
+            f"(± {100 * found.rate_error:.0f}); tones then do not tell the muscles' strengths"
+        )
+    worst = max(found.errors["g1"] / abs(found.strengths[0]), found.errors["g2"] / abs(found.strengths[1]))
+    if not worst < 0.15 or min(found.strengths) <= 0:
+        return f"the excitation is too small: the strengths are known to ± {100 * min(worst, 9.99):.0f} % only"
+    if found.disagreement > 6:
+        return f"the frequencies disagree: {found.disagreement:.1f} times their errors"
+    return ""

@@ -1,0 +1,163 @@
+"""Felt stiffness against loops that are simulated step by step, and by its laws."""
+
+from dataclasses import replace
+from math import inf, pi
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG, InvalidInput, PrandtlIshlinskii, Stiffness, allocate, stiffness_interval
+from allocator.feasibility import feasibility_map, torque_intervals
+from allocator.joint.antagonist import report_joint
+from allocator.joint.felt import Loop
+from allocator.joint.hysteresis import Slip
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc.model.felt import first_push
+from mpc.model.friction.contact import Contact
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.model.plant import Plant
+
+OPERATOR = PrandtlIshlinskii((0.6, 0.15, 0.15, 0.1), (1 * DEG, 2.5 * DEG, 5 * DEG), base=0.2)
+JOINT = replace(report_joint(SAROSI_DMSP_20_400N), hysteresis=OPERATOR)
+PLANT = Plant(JOINT)
+X = np.array([0.1, 0.0, 2.8 * BAR, 2.2 * BAR])
+MODELS = {
+    "Maxwell slip": MaxwellSlip((10.0, 4.0, 3.0), (0.5 * DEG, 2 * DEG, 6 * DEG), 0.3),
+    "elastic operator": MaxwellSlip.of(OPERATOR),
+    "elastic operator with a gain": MaxwellSlip.of(PrandtlIshlinskii((0.5, 0.2, 0.1), (1 * DEG, 4 * DEG), base=0.5)),
+    "Dahl": Friction(0.1, 0.05, 0.7 * DEG),
+}
+AMPLITUDES = 0.3 * DEG, 1 * DEG, 3 * DEG, 12 * DEG
+
+
+def steady_loop(friction, amplitude):
+    """Angles and torques T_f of a cycle between ±amplitude, stepped finely, after many cycles."""
+    contact, n = Contact(PLANT, X), 4000
+    memory = friction.moved(friction.begun(0.0), -amplitude, contact)
+    for _ in range(40):
+        for motion in (2 * amplitude, -2 * amplitude):
+            memory = friction.moved(memory, motion, contact)
+    turn = amplitude * np.concatenate([np.linspace(-1, 1, n), np.linspace(1, -1, n)[1:]])
+    return turn, np.array([friction.torque(m, contact) for m in friction.along(memory, turn, contact)])
+
+
+@pytest.mark.parametrize("amplitude", AMPLITUDES)
+@pytest.mark.parametrize("name", MODELS)
+def test_secant_and_work_are_those_of_the_simulated_loop(name, amplitude):
+    friction, contact = MODELS[name], Contact(PLANT, X)
+    secant = friction.loop.secant(amplitude)
+    state = contact.stiffness, contact.pulled, contact.filled
+    angle, T = steady_loop(friction, amplitude)
+    top = angle.size // 2
+    assert (T[top] - T[0]) / (2 * amplitude) == pytest.approx(secant.added(*state), rel=1e-9)
+    assert abs(np.trapezoid(T, angle) - secant.work(*state)) <= 1e-5 * 4 * amplitude * abs(T).max()
+
+
+def test_a_joint_has_the_loop_of_its_operator_or_friction():
+    at = 0.1, 2.8 * BAR, 2.2 * BAR
+    contact = Contact(PLANT, X)
+    for joint, friction in (
+        (JOINT, MODELS["elastic operator"]),
+        (replace(JOINT, hysteresis=None, friction=0.1), Friction(0.1)),
+    ):
+        secant = friction.loop.secant(2 * DEG)
+        K_h = secant.added(contact.stiffness, contact.pulled, contact.filled)
+        assert joint.stiffness(*at, amplitude=2 * DEG) == pytest.approx(joint.stiffness(*at) + K_h, rel=1e-12)
+        K, W = joint.stiffness(*at, amplitude=2 * DEG), joint.loop_work(*at, 2 * DEG)
+        assert joint.loss_factor(*at, 2 * DEG) == pytest.approx(W / (pi * K * (2 * DEG) ** 2), rel=1e-12)
+        dynamic = joint.dynamic_stiffness(*at, 0.5, 0.1, amplitude=2 * DEG, damping=0.2)
+        assert dynamic - joint.dynamic_stiffness(*at, 0.5, 0.1) == pytest.approx(
+            K_h + 1j * (W / (pi * (2 * DEG) ** 2) + 2 * pi * 0.5 * 0.2), rel=1e-12
+        )
+    bare = replace(JOINT, hysteresis=None)
+    assert bare.loop.absent
+    assert bare.stiffness(*at, amplitude=2 * DEG) == bare.stiffness(*at)
+
+
+def test_felt_stiffness_falls_with_the_amplitude_to_the_backbone_of_wide_motions():
+    K = [JOINT.stiffness(0.1, 3 * BAR, 2 * BAR, amplitude=A) for A in np.geomspace(0.1 * DEG, 180 * DEG, 30)]
+    assert (np.diff(K) <= 1e-12).all()
+    assert K[0] == pytest.approx(JOINT.stiffness(0.1, 3 * BAR, 2 * BAR) / 0.6, rel=1e-12)  # stuck: 1/w_0
+    assert K[-1] == pytest.approx(JOINT.stiffness(0.1, 3 * BAR, 2 * BAR), rel=0.05)
+
+
+def test_the_secant_is_affine_between_its_kinks():
+    loops = (
+        JOINT.loop,
+        MODELS["Maxwell slip"].loop,
+        Loop(Slip((0.2, 0.1), (0.02, inf), 0.4)),
+        Loop(mu=0.1, coulomb=0.2),
+    )
+    for loop in loops:
+        secant = loop.secant(2 * DEG)
+        for S in np.linspace(0.0, 10.0, 23) * BAR:
+            r = next(r for r in secant.regions if r.low <= S <= r.high)
+            found = 7.0 * (r.share + r.share_slope * S) + r.own + r.own_slope * S + secant.drag * 3.0
+            assert found == pytest.approx(secant.added(7.0, 3.0, S), rel=1e-12)
+
+
+def test_a_felt_target_is_met_and_said():
+    a = allocate(0.1, 8.0, 1.0, joint=JOINT, stiffness=Stiffness(amplitude=2 * DEG))
+    assert a.success
+    assert JOINT.stiffness(0.1, a.P1, a.P2, amplitude=2 * DEG) == pytest.approx(8.0, rel=1e-12)
+    assert JOINT.torque(0.1, a.P1, a.P2) == pytest.approx(1.0, rel=1e-12)
+    assert a.K == pytest.approx(a.felt_stiffness(2 * DEG), rel=1e-12)
+    assert a.isobaric_stiffness == pytest.approx(JOINT.stiffness(0.1, a.P1, a.P2), rel=1e-12)
+    assert "isobaric stiffness felt by ±2°" in repr(a)
+    assert a.gap == 0
+    assert a.kkt_residual <= 1e-12
+    assert a.pairs == 1
+    K_min, K_max = stiffness_interval(0.1, 1.0, joint=JOINT, stiffness=Stiffness(amplitude=2 * DEG))
+    assert a.stiffness_interval == pytest.approx((K_min, K_max), rel=1e-9)
+    low, high = torque_intervals(0.1, 8.0, joint=JOINT, stiffness=Stiffness(amplitude=2 * DEG))
+    assert low[0] < 1.0 < high[0]
+    for T in (low[0], high[0]):
+        assert allocate(0.1, 8.0, T, joint=JOINT, stiffness=Stiffness(amplitude=2 * DEG)).K == pytest.approx(8.0, 1e-8)
+
+
+@pytest.mark.parametrize("valves", ["open", "shut", "free"])
+def test_the_jacobian_of_a_felt_answer_is_its_slope(valves):
+    filled = replace(JOINT.agonist, rest_volume=1.2e-4)
+    joint = replace(JOINT, agonist=filled, antagonist=filled)
+    meant, h = Stiffness(valves, amplitude=2 * DEG), 1e-6
+
+    def at(theta, K, T):
+        return allocate(theta, K, T, joint=joint, stiffness=meant)
+
+    a = at(0.2, 10.0, 0.5)
+    assert a.success
+    steps = np.eye(3) * h
+    slopes = [(at(0.2 + d, 10.0 + e, 0.5 + f).P - at(0.2 - d, 10.0 - e, 0.5 - f).P) / (2 * h) for d, e, f in steps]
+    assert a.jacobian() == pytest.approx(np.stack(slopes, axis=1), rel=1e-5)
+
+
+def test_a_map_of_felt_stiffness_agrees_with_allocate():
+    theta, K, meant = np.linspace(-1, 1, 4), np.linspace(2, 20, 7), Stiffness(amplitude=1 * DEG)
+    found = feasibility_map(theta, K, 0.5, joint=JOINT, stiffness=meant)
+    a = allocate(theta[:, None], K, 0.5, joint=JOINT, stiffness=meant)
+    assert (found.status[..., 0] == a.status).all() if found.status.ndim == 3 else (found.status == a.status).all()
+    assert found.edges
+
+
+def test_what_has_no_felt_answer_is_refused():
+    meant = Stiffness(amplitude=2 * DEG)
+    with pytest.raises(InvalidInput, match="not affine"):
+        allocate(0.1, 8.0, joint=replace(report_joint(), hysteresis=OPERATOR), stiffness=meant)
+    with pytest.raises(InvalidInput, match="method='exact'"):
+        allocate(0.1, 8.0, joint=JOINT, stiffness=meant, method="qp")
+    with pytest.raises(InvalidInput, match="for degrees"):
+        allocate(0.1, 8.0, joint=JOINT, stiffness=Stiffness(amplitude=5.0))
+    with pytest.raises(InvalidInput, match="amplitude of a push"):
+        allocate(0.1, 8.0, joint=JOINT, stiffness=Stiffness(loop=Loop()))
+
+
+def test_the_first_push_on_meets_the_backbone_and_one_back_meets_more():
+    friction, contact = MODELS["Maxwell slip"], Contact(PLANT, X)
+    memory = friction.moved(friction.begun(0.0), 40 * DEG, contact)
+    K, A, s = contact.stiffness, 1 * DEG, friction.scale(contact.filled)
+    assert first_push(friction, memory, A, contact) == pytest.approx(K, rel=1e-12)
+    more = sum(k * min(1.0, 2 * r * s / A) for k, r in zip(friction.springs, friction.widths, strict=True))
+    assert first_push(friction, memory, -A, contact) == pytest.approx(K + more, rel=1e-12)
+    with pytest.raises(InvalidInput, match="no push"):
+        first_push(friction, memory, 0.0, contact)

@@ -1,0 +1,206 @@
+"""Measured stiffness: loops of any waveform, strengths of hidden joints, refusals, and the updated file."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG, PrandtlIshlinskii, allocate
+from allocator.errors import InvalidInput
+from allocator.machine_file import load_joint
+from mpc import Plant
+from mpc.bench.device import SimulatedClock
+from mpc.bench.devices.simulated import SimulatedDevice
+from mpc.bench.measuring.experiment import Experiment, Tones
+from mpc.bench.measuring.loops import tone_of
+from mpc.bench.measuring.picture import plot_measured
+from mpc.bench.measuring.result import MeasuredStiffness
+from mpc.bench.measuring.session import Told, encoder_step, measure
+from mpc.bench.measuring.simulation import driven
+from mpc.bench.measuring.strengths import Known, solve
+from mpc.bench.measuring.update import combined, strengthened, update
+from mpc.model.friction.contact import Contact
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.model.real_plant import RealPlant
+from mpc.tracking.limits import Limits
+
+OPERATOR = PrandtlIshlinskii((0.7, 0.12, 0.1, 0.08), (0.5 * DEG, 1.5 * DEG, 4 * DEG), base=0.2)
+NOMINAL = replace(RealPlant.standard().nominal, inertia=0.045)
+GAINS = 1.1, 0.93
+REAL = replace(
+    RealPlant.standard(GAINS, nominal=replace(NOMINAL, joint=replace(NOMINAL.joint, hysteresis=OPERATOR))),
+    friction=OPERATOR,
+    dead_band=0.05 * BAR,
+    flow=8 * BAR,
+)
+KNOWN = replace(REAL.known(), friction=REAL.friction, flow=8 * BAR)
+QUICK = Tones(series=(6 * DEG,))
+
+
+def loop_of(friction, way, t, f):
+    """The tone of a way of the angle (n,), for which muscles take the torque of hysteresis alone."""
+    contact = Contact(NOMINAL, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]))
+    memory = friction.begun(0.0)
+    for _ in range(30):
+        memory = friction.along(memory, np.concatenate([[0.0], way]), contact)[-1]
+    T = np.array([friction.torque(m, contact) for m in friction.along(memory, way, contact)])
+    return tone_of(t, way, np.zeros((t.size, 2)), np.column_stack([T, 0 * T]), f).loop()
+
+
+@pytest.mark.parametrize("friction", [MaxwellSlip((4.0, 3.0), (1 * DEG, 3 * DEG)), Friction(0.0, 0.1, 1.0 * DEG)])
+def test_secant_and_work_of_a_loop_do_not_ask_for_its_waveform(friction):
+    f, A = 1.0, 2 * DEG
+    t = np.arange(0, 3, 0.001)
+    phase = 2 * np.pi * f * t
+    sine, peaked = np.sin(phase), (np.sin(phase) - 0.12 * np.sin(3 * phase)) / 1.12
+    one, two = (loop_of(friction, A * way, t, f) for way in (sine, peaked))
+    assert two.swing == pytest.approx(one.swing, rel=0.01)
+    assert two.secants[0] == pytest.approx(one.secants[0], rel=0.03)
+    assert two.losses[0] == pytest.approx(one.losses[0], rel=0.03)
+    secant = friction.loop.secant(A)
+    contact = Contact(NOMINAL, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]))
+    state = contact.stiffness, contact.pulled, contact.filled
+    assert one.secants[0] == pytest.approx(secant.added(*state), rel=0.03)
+    assert one.losses[0] == pytest.approx(secant.work(*state) / (np.pi * A**2), rel=0.03)
+
+
+def test_strengths_of_exact_tones_are_exact():
+    """A linear joint: K + iωD - Jω² with strengths, an age of the readings, and no noise."""
+    J, K, D, age, g = 0.05, 8.0, 0.2, 0.01, (1.1, 0.9)
+    t, tones = np.arange(0, 4, 0.01), []
+    for f, (a, b) in ((1, (1, 0)), (1, (0, 1)), (1, (0.5, 0.5)), (0.5, (0.5, 0.5)), (4, (0.6, 0.4)), (4.5, (0.5, 0.5))):
+        w, A = 2 * np.pi * f, (2.1 if len(tones) == 2 else 1.5) * DEG
+        Z = (K + 1j * w * D - J * w**2) * A
+        T = np.column_stack([(s * Z / gi * np.exp(1j * w * t)).real for s, gi in zip((a, b), g, strict=True)])
+        theta = (A * np.exp(1j * w * (t - age))).real
+        tones.append(tone_of(t, theta, np.zeros((t.size, 2)), T, f))
+    found = solve(tones, 1.5 * DEG, Known(J, age=age))
+    assert found.strengths == pytest.approx(g, rel=1e-4)
+    assert found.values["K"] == pytest.approx(K, rel=1e-4)
+    assert found.values["D"] == pytest.approx(D, rel=1e-3)
+    assert abs(found.rate) < 1e-3
+
+
+@pytest.fixture(scope="module")
+def measured():
+    e = Experiment(REAL.nominal, KNOWN, 0.1, 6.0, 0.01, QUICK)
+    rows = driven(REAL, e, Limits.of(REAL.nominal, 0.01), 0.1, seed=3)
+    known = Known(REAL.nominal.inertia)
+    return rows, e, MeasuredStiffness.of(REAL.nominal, REAL.friction.loop, e.findings, QUICK, known, REAL.encoder)
+
+
+@pytest.mark.slow
+def test_a_hidden_joint_is_measured_within_its_errors(measured):
+    rows, e, m = measured
+    assert m.success, m.sentence
+    for g, s, true in zip(m.strengths, m.strengths_std, GAINS, strict=True):
+        assert abs(g - true) < 3 * s
+        assert s < 0.06
+    x = np.array([m.theta, 0.0, *m.pressures])
+    K = float(REAL.isobaric(x))
+    assert abs(m.K - K) < 3 * m.K_std
+    assert m.K_std < 0.04 * K
+    for f in m.felt:
+        contact = Contact(REAL, x)
+        felt = K + REAL.friction.loop.secant(f.amplitude).added(K, contact.pulled, contact.filled)
+        assert abs(f.K - felt) < 3 * f.K_std
+    low, high = REAL.nominal.pressure_limits
+    assert ((rows[:, 4:] >= low) & (rows[:, 4:] <= high)).all()
+    assert np.abs(np.diff(rows[:, 4:], axis=0)).max() <= REAL.nominal.slew * 0.01 * (1 + 1e-9)
+    assert e.findings.duration < 90
+    assert encoder_step(rows[:, 1]) == pytest.approx(REAL.encoder, rel=1e-6)
+    axes = plot_measured([m], REAL.nominal.joint, REAL.friction.loop).axes[0]
+    assert len(axes.get_legend().get_texts()) == 4
+
+
+@pytest.mark.slow
+def test_a_joint_on_a_device_is_measured_with_soft_start_and_safe_stop():
+    clock = SimulatedClock()
+    device = SimulatedDevice(REAL, clock, seed=5)
+    told = Told(REAL.nominal, KNOWN, inertia_error=0.05)
+    m, cycle = measure(device, told, 0.1, 6.0, tones=Tones(series=()), clock=clock)
+    assert m.success, m.sentence
+    assert min(m.strengths_std) > 0.045  # of the inertia
+    assert str(cycle.ending.reason) == "finished"
+    assert device.command == pytest.approx([0.0, 0.0])
+
+
+@pytest.mark.slow
+def test_what_cannot_be_measured_is_refused():
+    tones = Tones(0.1 * DEG, series=())
+    real = replace(REAL, friction=Friction(), encoder=0.1 * DEG)
+    e = Experiment(REAL.nominal, replace(KNOWN, friction=Friction()), 0.1, 6.0, 0.01, tones)
+    driven(real, e, Limits.of(REAL.nominal, 0.01), 0.1, seed=3)
+    m = MeasuredStiffness.of(REAL.nominal, real.friction.loop, e.findings, tones, Known(0.045), real.encoder)
+    assert not m.success
+    assert m.sentence.startswith("not measured, because")
+    with pytest.raises(InvalidInput, match="nothing was measured"):
+        combined([m])
+
+
+def like(strengths, covariance, theta=0.1):
+    """A measurement that found these strengths."""
+    nothing = float("nan")
+    P = 2.5 * BAR, 2.4 * BAR
+    return MeasuredStiffness(
+        theta, P, strengths, np.array(covariance), 6.0, 0.1, 6.0, (), nothing, nothing, 0.0, None, 50.0, 1.5
+    )
+
+
+def test_an_update_changes_the_muscles_and_keeps_everything_else(tmp_path):
+    path = tmp_path / "joint.toml"
+    joint = replace(NOMINAL.joint, hysteresis=OPERATOR)
+    Plant(joint, 0.045).save(path)
+    path.write_text(path.read_text() + "\n[regulators]  # mine\ndead_time = 0.02\n")
+    kept = path.read_text()
+    after = update(path, [like((1.1, 0.9), np.diag([4e-4, 1e-4]))], 0.045, now="2026-11-24T12:00:00")
+    text = path.read_text()
+    assert "[regulators]  # mine\ndead_time = 0.02" in text
+    assert kept[: kept.index("[[muscle]]")] in text
+    assert after == load_joint(path)
+    at = 0.1, 2.5 * BAR, 2.4 * BAR
+    forces = [g * F for g, F in zip((1.1, 0.9), joint.forces(*at), strict=True)]
+    assert after.forces(*at) == pytest.approx(forces, rel=1e-9)
+    one, two = (side.stiffness(P) for side, P in zip(joint.sides(0.1), at[1:], strict=True))
+    a = allocate(0.1, float(after.stiffness(*at)), float(after.torque(*at)), joint=after)
+    assert a.K_std == pytest.approx(np.hypot(0.02 * one, 0.01 * two), rel=1e-6)
+    assert Plant.load(path).inertia == 0.045
+    again = update(path, [like((1.0, 1.0), np.diag([4e-4, 1e-4]))], 0.045)
+    assert path.read_text().count("[[measured]]") == 2
+    assert again.stiffness(*at) == pytest.approx(after.stiffness(*at), rel=1e-9)
+
+
+def test_measurements_about_several_rests_are_weighed_and_the_inertia_is_common():
+    C = np.diag([4e-4, 4e-4])
+    common = 0.05**2
+    g, found = combined([like((1.0, 1.0), C + common), like((1.02, 0.98), C + common)], 0.05)
+    assert g == pytest.approx([1.01, 0.99], abs=1e-3)
+    assert found[0, 0] == pytest.approx(2e-4 + common, rel=0.05)
+
+
+def test_a_law_that_does_not_scale_is_refused():
+    with pytest.raises(InvalidInput, match="positive"):
+        strengthened(NOMINAL.joint, np.array([1.0, -1.0]), np.eye(2))
+
+
+@pytest.mark.slow
+def test_the_command_measures_updates_draws_and_refuses(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from mpc.cli import app
+
+    monkeypatch.chdir(tmp_path)
+    Plant(replace(NOMINAL.joint, hysteresis=OPERATOR), 0.045).save("joint.toml")
+    with open("joint.toml", "a") as file:
+        file.write("\n[regulators]\ndead_band = 5000.0\nflow = 800000.0\n")
+    common = ["measure", "--machine", "joint.toml", "--device", "sim:joint.toml", "--fast", "--quiet", "--series", "0"]
+    run = CliRunner().invoke(app, [*common, "--around", "5:6", "--update", "--out", "felt.png"])
+    assert run.exit_code == 0, run.output
+    assert "backbone K" in run.output
+    assert (tmp_path / "felt.png").stat().st_size > 1000
+    assert (tmp_path / "joint.toml").read_text().count("[[measured]]") == 1
+    for around, why in (("5", "ANGLE:STIFFNESS"), ("500:6", "the joint's range")):
+        refused = CliRunner().invoke(app, [*common, "--around", around])
+        assert isinstance(refused.exception, InvalidInput)
+        assert why in str(refused.exception)
