@@ -1,128 +1,37 @@
 """Commands about hardware are here: `antagonist devices`, `run` and `sweep`; degrees and bar here, SI behind."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
 from allocator import checks
-from allocator.errors import AntagonistError, InvalidInput
-from allocator.shell.options import finite, grouped, numbers, within
+from allocator.errors import AntagonistError
+from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import say
 from allocator.units import BAR, DEG, PERCENT
+from mpc.bench.options import BenchOptions
 from mpc.plant_cli import LoopOptions, PlantOptions
 from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from mpc.bench.cycle import Cycle, Settings
-    from mpc.bench.device import Clock, Device
+    from mpc.bench.cycle import Cycle
+    from mpc.bench.device import Device
     from mpc.bench.logs import Record
     from mpc.bench.record import Lateness, Row
     from mpc.bench.safety import Ending
-    from mpc.model.compensation import Compensation
-    from mpc.model.plant import Plant
     from mpc.trials.reference import Reference
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
 _OBSERVING = ("mpc", "predictive-pid", "lqr")  # controllers
 _STOPPED = 4  # exit code of a loop that ended for safety
-_SIM = "sim"
 _SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap")
-
-
-@dataclass(frozen=True)
-class BenchOptions:
-    """The options are those of every command that moves a joint."""
-
-    PANEL: ClassVar[str] = "The bench"
-
-    device: Annotated[
-        str, typer.Option(help="NAME or NAME:ADDRESS, such as sim, serial:/dev/ttyUSB0, modbus:192.168.0.5:502")
-    ]
-    present: Annotated[
-        str | None, typer.Option(help="pressures at the start [bar], P1:P2, where the device measures none; 0:0 vented")
-    ] = None
-    start_rate: Annotated[float, typer.Option(help="of the soft start [bar/s]")] = 1.0
-    stop: Annotated[str, typer.Option(help="what then happens to the pressures, however it ends: ramp, hold, vent")] = (
-        "ramp"
-    )
-    stop_rate: Annotated[float, typer.Option(help="of the ramp down [bar/s]")] = 1.0
-    overrun: Annotated[
-        str, typer.Option(help="what follows samples that took too long: skip (the reference goes on), catch-up, stop")
-    ] = "skip"
-    fast: Annotated[bool, typer.Option("--fast", help="with sim: as fast as the computer can")] = False
-    quiet: Annotated[bool, typer.Option("--quiet", help="show nothing while it runs")] = False
-    plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window, too")] = False
-
-    def opened(self, options: PlantOptions) -> "Opened":
-        """Return the device, the clock of its loop, and what the options tell of the joint.
-
-        A `sim` without a file simulates the joint of the options, with what a bench does besides. Its controller is
-        told what the options tell, as on any other device, and of the rest what a fit would find.
-        """
-        from mpc.bench.device import MonotonicClock, SimulatedClock
-        from mpc.bench.devices.registry import open_device
-        from mpc.bench.devices.simulated import SimulatedDevice, open_simulated, simulated
-        from mpc.model.real_plant import RealPlant
-
-        name, _, address = self.device.partition(":")
-        clock = SimulatedClock() if self.fast else MonotonicClock()
-        plant, known = options.plant(), options.compensation()
-        if name == _SIM and not address:
-            plant = RealPlant.standard().nominal if options == PlantOptions() else plant
-            real = simulated(plant, known)
-            found = replace(real.known(share=1.0), **known.told)
-            return Opened(SimulatedDevice(real, clock), clock, plant, found)
-        if name == _SIM:
-            return Opened(open_simulated(address, clock), clock, plant, known)
-        if self.fast:
-            raise InvalidInput(f"--fast is for --device {_SIM}: {name} is as fast as it is")
-        return Opened(open_device(self.device), clock, plant, known)
-
-    def settings(self, settle: float = 0.0) -> "Settings":
-        """Return how a loop starts, what ends it and what then happens."""
-        from mpc.bench.cycle import Overrun, Settings
-        from mpc.bench.safety import Action, SafeStop, SoftStart
-
-        within("--start-rate", self.start_rate, "bar/s", 1e-3, 100)
-        within("--stop-rate", self.stop_rate, "bar/s", 1e-3, 100)
-        _chosen("--stop", self.stop, list(Action))
-        policies = {policy.name.lower().replace("_", "-"): policy for policy in Overrun}
-        _chosen("--overrun", self.overrun, policies)
-        present = None
-        if self.present is not None:
-            one, two = numbers("--present", self.present, 2, 2, "0:0")
-            present = one * BAR, two * BAR
-        start = SoftStart(self.start_rate * BAR, settle=settle, present=present)
-        return Settings(policies[self.overrun], start, stop=SafeStop(Action(self.stop), self.stop_rate * BAR))
-
-
-class Opened(NamedTuple):
-    """What is opened is a device with its clock, and what is known of the joint behind it."""
-
-    device: "Device"
-    clock: "Clock"
-    plant: "Plant"
-    known: "Compensation"
-
-    def assumed(self, options: PlantOptions) -> str:
-        """Return what is known of a joint from a file without standing there, or ""."""
-        from mpc.model.compensation import Compensation
-
-        told = options.compensation().told if options.file else self.known.told
-        return Compensation(**{name: value for name, value in self.known.told.items() if name not in told}).summary
-
-
-def _chosen(option: str, value: str, among: Iterable[str]) -> None:
-    if value not in (names := list(among)):
-        raise InvalidInput(f"{option} {value}: choose one of {', '.join(names)}")
 
 
 def devices_command() -> None:

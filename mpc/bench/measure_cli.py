@@ -10,7 +10,8 @@ from allocator.shell.options import grouped, row, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, PERCENT
-from mpc.bench.cli import BenchOptions, Watch, exit_code, say_ending
+from mpc.bench.cli import Watch, exit_code, say_ending
+from mpc.bench.options import BenchOptions
 from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:

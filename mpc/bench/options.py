@@ -1,0 +1,108 @@
+"""Options of every command that moves a joint, and the device that they open; bar here, SI behind."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
+
+import typer
+
+from allocator.errors import InvalidInput
+from allocator.shell.options import numbers, within
+from allocator.units import BAR
+from mpc.plant_cli import PlantOptions
+
+if TYPE_CHECKING:
+    from mpc.bench.cycle import Settings
+    from mpc.bench.device import Clock, Device
+    from mpc.model.compensation import Compensation
+    from mpc.model.plant import Plant
+
+_SIM = "sim"
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """Options of a command that moves a joint."""
+
+    PANEL: ClassVar[str] = "The bench"
+
+    device: Annotated[
+        str, typer.Option(help="NAME or NAME:ADDRESS, such as sim, serial:/dev/ttyUSB0, modbus:192.168.0.5:502")
+    ]
+    present: Annotated[
+        str | None, typer.Option(help="pressures at the start [bar], P1:P2, where the device measures none; 0:0 vented")
+    ] = None
+    start_rate: Annotated[float, typer.Option(help="of the soft start [bar/s]")] = 1.0
+    stop: Annotated[str, typer.Option(help="what then happens to the pressures, however it ends: ramp, hold, vent")] = (
+        "ramp"
+    )
+    stop_rate: Annotated[float, typer.Option(help="of the ramp down [bar/s]")] = 1.0
+    overrun: Annotated[
+        str, typer.Option(help="what follows samples that took too long: skip (the reference goes on), catch-up, stop")
+    ] = "skip"
+    fast: Annotated[bool, typer.Option("--fast", help="with sim: as fast as the computer can")] = False
+    quiet: Annotated[bool, typer.Option("--quiet", help="show nothing while it runs")] = False
+    plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window, too")] = False
+
+    def opened(self, options: PlantOptions) -> "Opened":
+        """Return the device, the clock of its loop, and what the options tell of the joint.
+
+        A `sim` without a file simulates the joint of the options, with what a bench does besides. Its controller is
+        told what the options tell, as on any other device, and of the rest what a fit would find.
+        """
+        from mpc.bench.device import MonotonicClock, SimulatedClock
+        from mpc.bench.devices.registry import open_device
+        from mpc.bench.devices.simulated import SimulatedDevice, open_simulated, simulated
+        from mpc.model.real_plant import RealPlant
+
+        name, _, address = self.device.partition(":")
+        clock = SimulatedClock() if self.fast else MonotonicClock()
+        plant, known = options.plant(), options.compensation()
+        if name == _SIM and not address:
+            plant = RealPlant.standard().nominal if options == PlantOptions() else plant
+            real = simulated(plant, known)
+            found = replace(real.known(share=1.0), **known.told)
+            return Opened(SimulatedDevice(real, clock), clock, plant, found)
+        if name == _SIM:
+            return Opened(open_simulated(address, clock), clock, plant, known)
+        if self.fast:
+            raise InvalidInput(f"--fast is for --device {_SIM}: {name} is as fast as it is")
+        return Opened(open_device(self.device), clock, plant, known)
+
+    def settings(self, settle: float = 0.0) -> "Settings":
+        """Return how a loop starts, what ends it and what then happens."""
+        from mpc.bench.cycle import Overrun, Settings
+        from mpc.bench.safety import Action, SafeStop, SoftStart
+
+        within("--start-rate", self.start_rate, "bar/s", 1e-3, 100)
+        within("--stop-rate", self.stop_rate, "bar/s", 1e-3, 100)
+        _chosen("--stop", self.stop, list(Action))
+        policies = {policy.name.lower().replace("_", "-"): policy for policy in Overrun}
+        _chosen("--overrun", self.overrun, policies)
+        present = None
+        if self.present is not None:
+            one, two = numbers("--present", self.present, 2, 2, "0:0")
+            present = one * BAR, two * BAR
+        start = SoftStart(self.start_rate * BAR, settle=settle, present=present)
+        return Settings(policies[self.overrun], start, stop=SafeStop(Action(self.stop), self.stop_rate * BAR))
+
+
+class Opened(NamedTuple):
+    """An open device with its clock, and what is known of the joint behind it."""
+
+    device: "Device"
+    clock: "Clock"
+    plant: "Plant"
+    known: "Compensation"
+
+    def assumed(self, options: PlantOptions) -> str:
+        """Return what is known of a joint from a file without standing there, or ""."""
+        from mpc.model.compensation import Compensation
+
+        told = options.compensation().told if options.file else self.known.told
+        return Compensation(**{name: value for name, value in self.known.told.items() if name not in told}).summary
+
+
+def _chosen(option: str, value: str, among: Iterable[str]) -> None:
+    if value not in (names := list(among)):
+        raise InvalidInput(f"{option} {value}: choose one of {', '.join(names)}")
