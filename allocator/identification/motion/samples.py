@@ -159,13 +159,14 @@ class MotionLog:
     def _even(self) -> Self:
         """Return the log with rows at even times: angles between two rows on a line, pressures as in the row before.
 
-        Inertia and damping are a filter with one step for all rows.
+        Inertia and damping are a filter with one step for all rows. A row that is late by less than `_UNEVEN` of a step,
+        such as by the rounding of its stamp, is in time: or its commands would come a step later.
         """
         if all(evenly(self.t[part]) for part in self.parts):
             return self
         step = max(self.step, sum(float(np.ptp(self.t[part])) for part in self.parts) / _MOST_ROWS)
         t = np.concatenate([even_times(self.t[part], step) for part in self.parts])
-        before = np.searchsorted(self.t, t, side="right") - 1
+        before = np.searchsorted(self.t, t + _UNEVEN * step, side="right") - 1
         return replace(self, t=t, theta=np.interp(t, self.t, self.theta), P1=self.P1[before], P2=self.P2[before])
 
     def _without_noise(self) -> Self:

@@ -193,6 +193,15 @@ def test_all_spikes_and_drop_outs_are_left_out_and_noted():
     assert log.greatest_pressure == clean.greatest_pressure
 
 
+def test_rounded_stamps_do_not_delay_the_commands_of_a_log_with_missing_rows():
+    given = rows()
+    kept = ~np.isin(np.arange(1000), np.arange(0, 1000, 37) + 1)
+    late = 1e-7 * np.random.default_rng(0).uniform(-1, 1, 1000)
+    log = MotionLog.checked(**{name: (a + late if name == "t" else a)[kept] for name, a in given.items()})
+    there = np.flatnonzero(kept)[:-1]
+    np.testing.assert_array_equal(log.P1[there], given["P1"][there])
+
+
 def test_an_angle_that_wraps_is_to_be_unwrapped():
     with pytest.raises(InvalidInput, match=r"theta\[\d+\] is 3\d\d° from the row before it: a wrap .*numpy.unwrap"):
         MotionLog.checked(**rows(theta=np.mod(0.6 * np.sin(T), 2 * np.pi)))
