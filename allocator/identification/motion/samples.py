@@ -159,7 +159,7 @@ class MotionLog:
     def _even(self) -> Self:
         """Return the log with rows at even times: angles between two rows on a line, pressures as in the row before.
 
-        Inertia and damping are a filter with one step for all rows. A row that is late by less than `_UNEVEN` of a step,
+        Inertia and damping are a filter with one step for all rows. A row that is late by less than `_UNEVEN` steps,
         such as by the rounding of its stamp, is in time: or its commands would come a step later.
         """
         if all(evenly(self.t[part]) for part in self.parts):

@@ -10,8 +10,8 @@
 
 The inequalities on the coefficients are sufficient, since B-splines are not negative, and make one convex QP. The last
 kind holds where C_{i,j+1} of a first solution without it is above 2 % of the greatest coefficient, from where on the
-muscle pulls. It is slack up to a pressure that grows with its contraction, so an interval of contractions has a slack end
-first, which then gains force faster than the other: the slope over the interval falls there on real muscles.
+muscle pulls. It is slack up to a pressure that grows with its contraction, so one end of an interval of contractions is
+slack at first, and then gains force faster than the other: the slope over the interval falls there on real muscles.
 
 The ends of a muscle do not contract. A muscle of another length L than the measured L_0 is taken as
 
