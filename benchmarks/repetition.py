@@ -10,9 +10,9 @@ figures are true angles after the first rest. For each run, *predicted* is the r
 that the design computes for the worst of its linear plants, *seen* that of the errors as read.
 
 The best correction is then played five times more, with other noise. Over time, the standard deviation between these
-runs is what *does not return*: no learning gets below it. A repetition *rose* if its error is greater than that of the one
-before by more than noise, which is 3 % and the encoder's RMS error, or 2√2 times the standard deviation of the RMS
-errors of these runs if that is more.
+runs is what *does not return*: no learning gets below it. A repetition *rose* if its error is greater than that of
+the one before by more than noise, which is 3 % and the encoder's RMS error, or 2√2 times the standard deviation of the
+RMS errors of these runs if that is more.
 
 Corrections at another speed are those of the min-jerk motion in 1 s, scaled in time.
 """
