@@ -84,13 +84,14 @@ class Ready(NamedTuple):
         settings = robust("mpc", Settings(model.plant, DT, compensation=told), MOTIONS["sine"])
         return cls(stranger, settings, responses("mpc", settings, MOTIONS["sine"], n_draws=DRAWS))
 
-    def learned(self, motion: Reference, repetitions: int, parts: Parts | None = None) -> Practice:
-        """Let the stranger, or one with other `parts`, learn a motion."""
+    def learned(self, motion: Reference, repetitions: int, parts: Parts | None = None, draw: int = 0) -> Practice:
+        """Let the stranger, or one with other `parts`, learn a motion; `draw` is that of the noise."""
         plant = Unwatched.of(self.stranger, parts or self.stranger.parts)
         controller, observer = loop("mpc", self.settings)
         x0 = self.settings.plant.at_rest(motion.theta[0], motion.K[0])
         learner = Learner(motion, self.responses, DT, repetitions, angle_limits=self.settings.plant.angle_limits)
-        return practise(plant, controller, learner, observer=observer, x0=x0, seed=100 * self.stranger.seed)
+        seed = 100 * self.stranger.seed + 1000 * draw
+        return practise(plant, controller, learner, observer=observer, x0=x0, seed=seed)
 
     def again(self, learner: Learner) -> tuple[float, float]:
         """Return the RMS error that does not return, and the standard deviation of RMS errors, as read [rad]."""
@@ -162,7 +163,7 @@ def wrong(ready: Ready, draw: int) -> tuple[float, float, float, str]:
     p = ready.stranger.parts
     inertia, force, lag = OFF ** rng.choice([-1, 1], 3)
     parts = p._replace(inertia=p.inertia * inertia, strength=p.strength * force, up=p.up * lag, down=p.down * lag)
-    learner = ready.learned(MOTIONS["min-jerk"], WRONG, parts).learner
+    learner = ready.learned(MOTIONS["min-jerk"], WRONG, parts, draw).learner
     return learner.history[0].rms / DEG, learner.best.rms / DEG, learner.history[-1].rms / DEG, learner.reason.name
 
 
@@ -260,7 +261,8 @@ def off_report(off: list[tuple[float, float, float, str]], strangers: int) -> st
     lines = ["# Motions that are learned with models 30 % off", ""]
     lines += [
         f"Runs: {len(off)}, of the min-jerk motion; strangers: {strangers}; at most {WRONG} repetitions. Inertia, "
-        "force and lags of the joint are 30 % off, each up or down, with controller and update of the model unchanged. "
+        "force and lags of the joint are 30 % off, each up or down, with noise of its own in each run, and with controller and "
+        "update of the model unchanged. "
         "Errors as read, RMS after the first rest, by `python -m benchmarks.repetition --off N`.",
         "",
         "| median error, first → best | divided by: median, least | last worse than first | stopped as it grew | worst "
