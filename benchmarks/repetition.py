@@ -261,8 +261,8 @@ def off_report(off: list[tuple[float, float, float, str]], strangers: int) -> st
     lines = ["# Motions that are learned with models 30 % off", ""]
     lines += [
         f"Runs: {len(off)}, of the min-jerk motion; strangers: {strangers}; at most {WRONG} repetitions. Inertia, "
-        "force and lags of the joint are 30 % off, each up or down, with noise of its own in each run; controller and update "
-        "stay those of the model. "
+        "force and lags of the joint are 30 % off, each up or down, with noise of its own in each run; controller and "
+        "update stay those of the model. "
         "Errors as read, RMS after the first rest, by `python -m benchmarks.repetition --off N`.",
         "",
         "| median error, first → best | divided by: median, least | last worse than first | stopped as it grew | worst "
