@@ -30,6 +30,7 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 from allocator.muscles.base import Covariance
+from allocator.muscles.cabled import checked_cables
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from allocator.units import BAR, DEG
 
@@ -70,6 +71,7 @@ class AntagonistJoint:
         if not isinstance(self.hysteresis, PrandtlIshlinskii | None):
             raise InvalidInput(f"hysteresis = {checks.brief(self.hysteresis)} has to be a PrandtlIshlinskii, or None")
         checked_gas(self.gas)
+        checked_cables((self.agonist, self.antagonist), (self.geometry.rest_length,) * 2)
         if self.covariance is not None:
             n = len(self.agonist.parameters) + len(self.antagonist.parameters)
             object.__setattr__(self, "covariance", checks.covariance("covariance of a joint", self.covariance, n))
