@@ -126,13 +126,17 @@ class OneMuscle:
 
     # --- the gas ----------------------------------------------------------------------------------------------------
 
-    def trapped(self, P: Value) -> Value:
-        """Return what all of the trapped gas adds to the stiffness, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2)"""
-        return self._squared(self._gas_stiffness(P))
+    def trapped(self, P: Value, kappa: Value = None) -> Value:
+        """Return what all of the trapped gas adds to the stiffness, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2)
 
-    def _gas_stiffness(self, P: Value) -> Value:
+        `kappa` is the gas's, unless another one is given, such as the complex one at a frequency.
+        """
+        return self._squared(self._gas_stiffness(P, kappa))
+
+    def _gas_stiffness(self, P: Value, kappa: Value = None) -> Value:
         """Return what all of the trapped gas adds to the muscle's own stiffness, κ (P + p_a) F_P²/V^eff [N/m]."""
-        return self.gas.kappa * (P + self.gas.atmosphere) * self.force_gain(P) ** 2 / self.effective_volume(P)
+        kappa = self.gas.kappa if kappa is None else kappa
+        return kappa * (P + self.gas.atmosphere) * self.force_gain(P) ** 2 / self.effective_volume(P, kappa)
 
     def volume(self, P: Value) -> Value:
         """Return the volume V of the gas [m³], unchecked   (G1)"""
@@ -164,11 +168,12 @@ class OneMuscle:
                 f"the {self.name} would fall with the pressure faster than its gas is compressed (V^eff <= 0)"
             )
 
-    def effective_volume(self, P: Value) -> Value:
+    def effective_volume(self, P: Value, kappa: Value = None) -> Value:
         """Return V^eff = V + κ (P + p_a) ∂V/∂P |ε [m³]; V where the law is affine in the pressure   (G2)"""
         if self.affine:
             return self.volume(P)
-        return self.volume(P) + self.gas.kappa * (P + self.gas.atmosphere) * self._volume_gain(P)
+        kappa = self.gas.kappa if kappa is None else kappa
+        return self.volume(P) + kappa * (P + self.gas.atmosphere) * self._volume_gain(P)
 
     def _volume_gain(self, P: Value) -> Value:
         return self.rest_length * self.muscle.gain_integral_slope(P, self.contraction)

@@ -213,7 +213,7 @@ class Mechanism:
 
     def kind(self, valves: object = "open", frequency: object = None, lag: object = None) -> StiffnessKind:
         """Return which stiffness these arguments of `stiffness` mean. Raises `InvalidInput`."""
-        return StiffnessKind.of(valves, frequency, lag, self.muscle_names)
+        return StiffnessKind.of(valves, frequency, lag, self.muscle_names).of_gas(self.gas, self.affine)
 
     def targets_map(self, q: ArrayLike) -> TargetsMap:
         """Return y(P) = y0 + M P, torques and stiffnesses over the pressures [Pa], at the postures `q` (…, n).
