@@ -17,10 +17,10 @@ from allocator import checks
 from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell import failures
-from allocator.shell.options import Command, finite, grouped
+from allocator.shell.options import Command, finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run
 from allocator.shell.printing import say
-from allocator.units import BAR
+from allocator.units import BAR, DEG
 from mpc.arm.cli import ArmOptions, track_arm
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.bench.measure_cli import measure_command
@@ -103,6 +103,9 @@ def track(
         float, typer.Option(help="load that nobody tells of, from half-way on, of several joints on the first [N·m]")
     ] = 0.0,
     seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
+    amplitude: Annotated[
+        float, typer.Option(help="of pushes whose felt stiffness is said where the plant has hysteresis, ± this [°]")
+    ] = 2.0,
     margins: Annotated[
         Path | None, typer.Option(help="a picture to write of the loop's robustness at three postures, of one joint")
     ] = None,
@@ -127,6 +130,7 @@ def track(
     from rich.progress import track as tracked
 
     from mpc.model.plant import Plant
+    from mpc.model.real_plant import RealPlant
     from mpc.repetition.practice import practise
     from mpc.repetition.response import responses
     from mpc.trials.corrections import Owner, compared
@@ -139,6 +143,7 @@ def track(
 
     console = Console()
     finite("--payload", payload, "N·m")
+    within("--amplitude", amplitude, "°", 1e-3, 180)
     checks.count("--seed", seed, least=0)
     several = options.of_several
     own = (*_OWN_NAMES, _OWN_FILM) if several else _OWN_NAMES
@@ -201,6 +206,9 @@ def track(
             say(console, f"drawing {path}")
         write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title)
     _report(done, nominal, known, reference, console)
+    if isinstance(tested, RealPlant) and not tested.friction.loop.absent:
+        K = done.felt(amplitude * DEG, tested.friction.loop)
+        say(console, f"pushes by ±{amplitude:g}° would have met {K.min():.3g} … {K.max():.3g} N·m/rad, with hysteresis")
     if learned:
         report(learner, owner, practice.first.theta, done.theta, learned, console)
     if tuned:
