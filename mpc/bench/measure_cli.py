@@ -1,4 +1,4 @@
-"""`antagonist measure`: the stiffness of a joint on a device; degrees here, SI behind."""
+"""`antagonist measure`: the stiffness of a joint on a device, or in a log; degrees here, SI behind."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -29,6 +29,13 @@ _NOT_MEASURED = 3  # exit code
 def measure_command(
     options: PlantOptions,
     bench: BenchOptions,
+    log: Annotated[
+        Path | None,
+        typer.Argument(
+            help="a log to look into instead of a --device: of `antagonist run`, or a CSV with time, theta, pressure1 "
+            "and pressure2 (measured)"
+        ),
+    ] = None,
     around: Annotated[
         list[str] | None,
         typer.Option(
@@ -50,25 +57,32 @@ def measure_command(
 
     Tones of both pressures about a rest, of equal amplitude at a low and at a high frequency, are compared: hysteresis
     drops out, and the inertia is the scale. It needs an encoder, two pressure sensors and the inertia of --machine or
-    --inertia, for which a payload counts. It begins and ends as `antagonist run` does. Exit code 0 if all was
+    --inertia, for which a payload counts. It begins and ends as `antagonist run` does.
+
+    Or it looks into a log, which tells as much where it has quick motions of both pressures. Exit code 0 if all was
     measured, 3 if not; the message says why.
     """
     from rich.console import Console
 
     console = Console(stderr=as_json)
     check_ending("--out", out, IMAGES)
-    claim(out, inputs=options.files, force=force)
+    claim(out, inputs=(*options.files, log), force=force)
     within("--inertia-error", inertia_error, "%", 0, 50)
     if update and options.file is None:
         raise InvalidInput("--update writes into a file: name that of the joint by --machine")
-    found, code = _on_device(options, bench, around or [], _tones(amplitude, series), inertia_error, dt, console)
+    if log is not None:
+        if bench.device or around:
+            raise InvalidInput("a log is looked into as it is: leave out --device and --around")
+        found, code = [_in_log(log, options, inertia_error)], 0
+    else:
+        found, code = _on_device(options, bench, around or [], _tones(amplitude, series), inertia_error, dt, console)
     good = [m for m in found if m.success]
     if as_json:
         print_json({"measurements": [m.to_dict() for m in found]})
     for m in found:
         console.print(_table(m)) if m.success else say(console, m.sentence)
     if out is not None and good:
-        _draw(good, options, bench, out, console)
+        _draw(good, options, bench if log is None else None, out, console)
     if update:
         _updated(good, options, inertia_error, console)
     if code or len(good) < len(found) or not found:
@@ -117,6 +131,16 @@ def _on_device(
     return found, 0
 
 
+def _in_log(log: Path, options: PlantOptions, inertia_error: float) -> "MeasuredStiffness":
+    """Return what a log says."""
+    from mpc.bench.measuring.log import from_log, read_log_of_motion
+    from mpc.bench.measuring.strengths import Known
+
+    plant, known = options.plant(), options.compensation()
+    told = Known(plant.inertia, inertia_error * PERCENT, known.reading_age)
+    return from_log(plant, known.friction.loop, read_log_of_motion(log), told)
+
+
 def _rest(text: str | None, plant: "Plant") -> tuple[float, float]:
     """Return angle [rad] and stiffness [N·m/rad] of a rest; the middle of what the joint has where none is given."""
     from allocator.feasibility import stiffness_interval
@@ -145,13 +169,16 @@ def _table(m: "MeasuredStiffness") -> "Table":
 
 
 def _draw(
-    good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOptions, out: Path, console: "Console"
+    good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOptions | None, out: Path, console: "Console"
 ) -> None:
     from allocator.presentation.plotting import save_figure
     from mpc.bench.measuring.picture import plot_measured
 
-    opened = bench.opened(options)
-    save_figure(plot_measured(good, opened.plant.joint, opened.known.friction.loop), out)
+    if bench is None:
+        plant, known = options.plant(), options.compensation()
+    else:
+        _, _, plant, known = bench.opened(options)
+    save_figure(plot_measured(good, plant.joint, known.friction.loop), out)
     say(console, f"written: {out}")
 
 
