@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.options import grouped, row, within
+from allocator.shell.options import finite, grouped, row, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, PERCENT
-from mpc.bench.cli import Watch, exit_code, say_ending
+from mpc.bench.cli import Watch, exit_code, hanger, say_ending
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import PlantOptions
 
@@ -45,6 +45,9 @@ def measure_command(
     amplitude: Annotated[float, typer.Option(help="of the tones that are compared [±°]")] = 1.5,
     series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A) [±°], with commas; 0: none")] = "4,8",
     inertia_error: Annotated[float, typer.Option(help="standard deviation of --inertia [%]")] = 0.0,
+    weight: Annotated[
+        float, typer.Option(help="torque of a weight that is asked for in the end [N·m], θ down positive; 0: none")
+    ] = 0.0,
     update: Annotated[
         bool, typer.Option("--update", help="write the strengths into the file of --machine, its history kept")
     ] = False,
@@ -68,14 +71,17 @@ def measure_command(
     check_ending("--out", out, IMAGES)
     claim(out, inputs=(*options.files, log), force=force)
     within("--inertia-error", inertia_error, "%", 0, 50)
+    finite("--weight", weight, "N·m")
     if update and options.file is None:
         raise InvalidInput("--update writes into a file: name that of the joint by --machine")
     if log is not None:
-        if bench.device or around:
-            raise InvalidInput("a log is looked into as it is: leave out --device and --around")
+        if bench.device or around or weight:
+            raise InvalidInput("a log is looked into as it is: leave out --device, --around and --weight")
         found, code = [_in_log(log, options, inertia_error)], 0
     else:
-        found, code = _on_device(options, bench, around or [], _tones(amplitude, series), inertia_error, dt, console)
+        found, code = _on_device(
+            options, bench, around or [], _tones(amplitude, series), inertia_error, weight, dt, console
+        )
     good = [m for m in found if m.success]
     if as_json:
         print_json({"measurements": [m.to_dict() for m in found]})
@@ -105,11 +111,13 @@ def _on_device(
     around: list[str],
     tones: "Tones",
     inertia_error: float,
+    weight: float,
     dt: float,
     console: "Console",
 ) -> "tuple[list[MeasuredStiffness], int]":
     """Measure about every rest, until one ends by anything but its end; return that exit code."""
     from mpc.bench.measuring.session import Told, measure
+    from mpc.bench.measuring.weighing import Weight
 
     settings, found = bench.settings(), []
     rests: list[str | None] = [*around] or [None]
@@ -117,12 +125,14 @@ def _on_device(
         opened = bench.opened(options)
         theta, K = _rest(text, opened.plant)
         say(console, f"about {theta / DEG:.3g}° and {K:.3g} N·m/rad, with the inertia {opened.plant.inertia:g} kg·m²")
+        hung = Weight(weight, hanger(opened.device, console)) if weight else None
         watch = Watch(opened.plant.joint.pressure_limits[1], dt, bench)
         told = Told(opened.plant, opened.known, inertia_error * PERCENT)
         with watch:
             m, cycle = measure(
-                opened.device, told, theta, K, dt=dt, tones=tones, settings=settings, clock=opened.clock, watch=watch
-            )
+                opened.device, told, theta, K, dt=dt, tones=tones, settings=settings, clock=opened.clock, watch=watch,
+                weight=hung,
+            )  # fmt: skip
         found.append(m)
         assert cycle.ending is not None
         if code := exit_code(cycle.ending):

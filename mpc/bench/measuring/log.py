@@ -252,5 +252,5 @@ def _refused(middle: Sequence[float], duration: float, why: str) -> MeasuredStif
     nan = float("nan")
     return MeasuredStiffness(
         middle[0], (middle[1], middle[2]), (nan, nan), np.full((2, 2), nan), nan, nan, nan, (), nan, nan, nan, None,
-        duration, nan, why,
+        duration, nan, refusal=why,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from mpc.bench.loop import about
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.strengths import Known
+from mpc.bench.measuring.weighing import Weight
 from mpc.bench.record import Row
 from mpc.bench.safety import Ending, Reason
 from mpc.model.compensation import Compensation
@@ -45,14 +46,16 @@ def measure(
     watch: Callable[[Row], None] | None = None,
     log: str | Path | None = None,
     replace: bool = False,
+    weight: Weight | None = None,
 ) -> tuple[MeasuredStiffness, Cycle]:
     """Measure the stiffness of a joint on a device about the angle `theta` [rad], as stiff as `K` [N·m/rad].
 
-    `K` is the isobaric stiffness by the model. Returns the measurement, which says why where it has measured nothing,
-    and the cycle, which knows how it ended. Arguments and exceptions are those of `mpc.bench.loop.RealTimeLoop`.
+    `K` is the isobaric stiffness by the model. A `weight` is asked for in the end, for the scale. Returns the
+    measurement, which says why where it has measured nothing, and the cycle, which knows how it ended. Arguments and
+    exceptions are those of `mpc.bench.loop.RealTimeLoop`.
     """
     tones = Tones() if tones is None else tones
-    source = Experiment(told.plant, told.known, theta, K, dt, tones)
+    source = Experiment(told.plant, told.known, theta, K, dt, tones, weight)
     cycle = Cycle(
         device, source, Limits.of(told.plant, dt), settings or Settings(), log=log, replace=replace, about=about(dt),
         clock=clock, watch=watch,
@@ -67,7 +70,13 @@ def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray)
         source.findings.refusal = f"the loop ended: {ending}"
     known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)
     return MeasuredStiffness.of(
-        told.plant, told.known.friction.loop, source.findings, source.tones, known, encoder_step(theta)
+        told.plant,
+        told.known.friction.loop,
+        source.findings,
+        source.tones,
+        known,
+        encoder_step(theta),
+        0.0 if source.weight is None else source.weight.torque,
     )
 
 
