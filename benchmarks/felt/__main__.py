@@ -12,6 +12,7 @@ PARTS = {
     "logs": logs.report,
     "refusals": refusals.report,
     "strangers": partial(strangers.report, n=3),
+    "stranger-logs": partial(strangers.report, n=3, by=strangers.in_log),
     "identified": partial(strangers.report, n=1, of="identified"),
     "drift": partial(drift.report, n=8),
 }

@@ -14,11 +14,12 @@ from mpc.bench.measuring.update import combined
 
 SEED = 1000  # Maxwell slip; strengths 1.04 and 1.02
 JOINT = hidden(SEED)
+REST = logs.rest_of(JOINT)
 
 
 @pytest.fixture(scope="module")
 def noise():
-    return logs.recorded(JOINT, "noise", SEED, 40.0)
+    return logs.recorded(JOINT.real, REST, "noise", SEED, 40.0)
 
 
 def test_quick_motions_tell_strengths_backbone_and_felt_stiffness(noise):
@@ -45,14 +46,14 @@ def test_the_inertia_is_the_scale_and_its_error_is_said(noise):
 
 
 def test_a_slow_sine_is_refused_since_friction_follows_it_as_well():
-    m = logs.measured(JOINT, logs.recorded(JOINT, "sine", SEED, 20.0))
+    m = logs.measured(JOINT, logs.recorded(JOINT.real, REST, "sine", SEED, 20.0))
     assert not m.success
     assert "excitation" in m.sentence
 
 
 def test_commands_instead_of_pressures_are_refused(noise):
     n, rng = noise.t.size, np.random.default_rng([SEED, 77])
-    u = logs.commands(JOINT, "noise", n, rng)
+    u = logs.commands(REST, "noise", n, rng)
     m = logs.measured(JOINT, Samples.of(noise.t, noise.theta, u[:, 0], u[:, 1]))
     assert "commanded pressures" in m.sentence
 
