@@ -294,10 +294,14 @@ def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
 
 
 def _report(record: "Record", console: "Console") -> None:
-    """Say how it ended and how well it went."""
+    """Say how it ended and how well it went, and whether the strengths want a check."""
+    from mpc.trials.due import check_due
+
     say_ending(record.ending, record.lateness, console)
     if record.tracked:
         say(console, f"angle error: {record.theta_rms / DEG:.3g}° RMS, as measured")
+        if due := check_due(record.run()):
+            say(console, due)
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
