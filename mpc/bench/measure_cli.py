@@ -1,7 +1,7 @@
 """`antagonist measure`: the stiffness of a joint on a device, or in a log; degrees here, SI behind."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -43,6 +43,10 @@ def measure_command(
         ),
     ] = None,
     amplitude: Annotated[float, typer.Option(help="of the tones that are compared [±°]")] = 1.5,
+    shake: Annotated[
+        float,
+        typer.Option(help="shake by noise instead of tones, so that the joint moves by about this [±°]; 0: tones"),
+    ] = 0.0,
     series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A) [±°], with commas; 0: none")] = "4,8",
     inertia_error: Annotated[float, typer.Option(help="standard deviation of --inertia [%]")] = 0.0,
     weight: Annotated[
@@ -62,7 +66,8 @@ def measure_command(
     drops out, and the inertia is the scale. It needs an encoder, two pressure sensors and the inertia of --machine or
     --inertia, for which a payload counts. It begins and ends as `antagonist run` does.
 
-    Or it looks into a log, which tells as much where it has quick motions of both pressures. Exit code 0 if all was
+    With --shake noise takes the place of the tones: wider motions, which slow regulators and friction bear better. Or
+    it looks into a log, which tells as much where it has quick motions of both pressures. Exit code 0 if all was
     measured, 3 if not; the message says why.
     """
     from rich.console import Console
@@ -75,13 +80,12 @@ def measure_command(
     if update and options.file is None:
         raise InvalidInput("--update writes into a file: name that of the joint by --machine")
     if log is not None:
-        if bench.device or around or weight:
-            raise InvalidInput("a log is looked into as it is: leave out --device, --around and --weight")
+        if bench.device or around or weight or shake:
+            raise InvalidInput("a log is looked into as it is: leave out --device, --around, --weight and --shake")
         found, code = [_in_log(log, options, inertia_error)], 0
     else:
-        found, code = _on_device(
-            options, bench, around or [], _tones(amplitude, series), inertia_error, weight, dt, console
-        )
+        method = _tones(amplitude, series) if not shake else _shaken(shake, weight)
+        found, code = _on_device(options, bench, around or [], method, inertia_error, weight, dt, console)
     good = [m for m in found if m.success]
     if as_json:
         print_json({"measurements": [m.to_dict() for m in found]})
@@ -105,18 +109,28 @@ def _tones(amplitude: float, series: str) -> "Tones":
     return Tones(amplitude * DEG, series=tuple(a * DEG for a in given))
 
 
+def _shaken(amplitude: float, weight: float) -> float:
+    within("--shake", amplitude, "°", 1, 45)
+    if weight:
+        raise InvalidInput("--weight goes with tones: leave out --shake")
+    return amplitude * DEG
+
+
 def _on_device(
     options: PlantOptions,
     bench: BenchOptions,
     around: list[str],
-    tones: "Tones",
+    method: "Tones | float",
     inertia_error: float,
     weight: float,
     dt: float,
     console: "Console",
 ) -> "tuple[list[MeasuredStiffness], int]":
-    """Measure about every rest, until one ends by anything but its end; return that exit code."""
-    from mpc.bench.measuring.session import Told, measure
+    """Measure about every rest, by tones or by noise of an amplitude [rad], until one ends by anything but its end.
+
+    Return the measurements and that exit code.
+    """
+    from mpc.bench.measuring.session import Told, measure, shake
     from mpc.bench.measuring.weighing import Weight
 
     settings, found = bench.settings(), []
@@ -128,11 +142,12 @@ def _on_device(
         hung = Weight(weight, hanger(opened.device, console)) if weight else None
         watch = Watch(opened.plant.joint.pressure_limits[1], dt, bench)
         told = Told(opened.plant, opened.known, inertia_error * PERCENT)
+        driven: dict[str, Any] = {"dt": dt, "settings": settings, "clock": opened.clock, "watch": watch}
         with watch:
-            m, cycle = measure(
-                opened.device, told, theta, K, dt=dt, tones=tones, settings=settings, clock=opened.clock, watch=watch,
-                weight=hung,
-            )  # fmt: skip
+            if isinstance(method, float):
+                m, cycle = shake(opened.device, told, theta, K, method, **driven)
+            else:
+                m, cycle = measure(opened.device, told, theta, K, tones=method, weight=hung, **driven)
         found.append(m)
         assert cycle.ending is not None
         if code := exit_code(cycle.ending):

@@ -15,11 +15,12 @@ K. The gas acts through the measured pressures alone, so that the stiffness is t
 
 The inertia is the scale, hence a log is refused whose accelerations the torques do not explain: friction alone follows
 a slow sine as well as muscles do, with strengths that are wrong by half. The standard deviations are those of leaving
-out every twelfth of the log in turn, and the unexplained share squared, since errors of the regressors attenuate.
+out every twelfth of the log in turn, of the readings' age, and the unexplained share squared, since errors of the
+regressors attenuate.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import sqrt
 from pathlib import Path
@@ -46,11 +47,12 @@ _STOPS, _NARROWEST, _WIDEST = 8, 0.3 * DEG, 12 * DEG
 _SWING = 0.05, 0.95  # quantiles of the angle between which it swings
 _PARTS = 12  # of the log, which are left out in turn
 _SETTLED = 4  # bumps at the beginning, before stops know where they are
-_LEAST_ROWS = 400
+LEAST_ROWS = 400
 _UNEXPLAINED = 0.15  # of the inertia's torque (RMS), beyond which a log is refused
 _KNOWN = 0.05  # standard deviation of a strength, beyond which a log is refused
 _SPRINGS = 0.15  # of what hysteresis adds: neighbouring stops share it
 _MODEL = 0.0125  # of the strengths: what the equations leave out, by hidden joints (seeds >= 1000)
+_AGE = 0.002  # [s] standard deviation of the age of the angle's readings, which turns accelerations into damping
 _CURVE = 1 * DEG, 2 * DEG, 4 * DEG, 8 * DEG  # amplitudes of the felt stiffness
 
 
@@ -68,8 +70,8 @@ class Samples:
         """Check the rows. Raises `InvalidInput`."""
         named = {"t": checks.real("t", t, "s"), "theta": checks.angle("theta", theta)}
         named |= {name: checks.pressure(name, P) for name, P in (("P1", P1), ("P2", P2))}
-        if any(a.ndim != 1 or a.size != named["t"].size for a in named.values()) or named["t"].size < _LEAST_ROWS:
-            raise InvalidInput(f"t, theta, P1 and P2 have to be rows of the same length, {_LEAST_ROWS} samples or more")
+        if any(a.ndim != 1 or a.size != named["t"].size for a in named.values()) or named["t"].size < LEAST_ROWS:
+            raise InvalidInput(f"t, theta, P1 and P2 have to be rows of the same length, {LEAST_ROWS} samples or more")
         if not (np.diff(named["t"]) > 0).all():
             raise InvalidInput("t has to increase [s]")
         return cls(*(np.array(a, float) for a in named.values()))
@@ -102,16 +104,16 @@ def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredSt
     duration = float(sum(np.ptp(log.t[part]) for part in stretches(log.t)))
     middle = tuple(float(np.median(a)) for a in (log.theta, log.P1, log.P2))
     if len(table.y) < 4 * table.X.shape[1]:
-        return _refused(middle, duration, f"{duration:.0f} s are too short")
+        return refused(middle, duration, f"{duration:.0f} s are too short")
     x = _solved(table.X, table.y)
     left = float(np.std(table.y - table.X @ x) / np.std(table.y))
     scattered = _scatter(table)
     C = scattered[:2, :2]
     std = np.sqrt(np.diag(C)) / np.maximum(x[:2], 1e-9)
     if why := _why_not(left, float(std.max()), x):
-        return _refused(middle, duration, why)
+        return refused(middle, duration, why)
     common = _MODEL**2 + left**4 + known.inertia_error**2
-    C = C + common * np.outer(x[:2], x[:2])
+    C = C + common * np.outer(x[:2], x[:2]) + _by_age(plant, log, known, x)
     return _measured(plant, loop, table, x, C, sqrt(scattered[2, 2]), middle, duration)
 
 
@@ -214,6 +216,14 @@ def _scatter(table: _Table) -> Array:
     return np.asarray((_PARTS - 1) / _PARTS * off.T @ off)
 
 
+def _by_age(plant: Plant, log: Samples, known: Known, x: Array) -> Array:
+    """Return the covariance (2, 2) of both strengths by the age of the readings."""
+    error = max(known.age_error, _AGE)
+    later = _Table.of(plant, log, replace(known, age=known.age + error))
+    off = _solved(later.X, later.y)[:2] - x[:2]
+    return np.outer(off, off)
+
+
 def _measured(
     plant: Plant,
     loop: Loop,
@@ -248,7 +258,8 @@ def _felt(A: float, K: float, K_std: float, w: Array, r: Array, model: float) ->
     return Felt(A, K + K_h, sqrt(K_std**2 + (_SPRINGS * K_h) ** 2), work / (np.pi * A**2 * (K + K_h)), model)
 
 
-def _refused(middle: Sequence[float], duration: float, why: str) -> MeasuredStiffness:
+def refused(middle: Sequence[float], duration: float, why: str) -> MeasuredStiffness:
+    """Return a measurement that has none, about the angle [rad] and pressures [Pa] `middle` (3,), and `why`."""
     nan = float("nan")
     return MeasuredStiffness(
         middle[0], (middle[1], middle[2]), (nan, nan), np.full((2, 2), nan), nan, nan, nan, (), nan, nan, nan, None,
