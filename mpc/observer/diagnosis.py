@@ -41,7 +41,7 @@ _FLAGS = {
     Verdict.REJECTED: FaultKind.REJECTED_SENSOR,
     Verdict.FROZEN: FaultKind.FROZEN_SENSOR,
 }
-_REJECTED_ANGLE = Suspect(FaultKind.REJECTED_SENSOR, Part.ANGLE)
+_DOUBTED_ANGLE = tuple(Suspect(kind, Part.ANGLE) for kind in (FaultKind.REJECTED_SENSOR, FaultKind.FROZEN_SENSOR))
 _LOAD = Suspect(FaultKind.LOAD, Part.JOINT), Suspect(FaultKind.DRIFTING_SENSOR, Part.ANGLE)
 _RINGING = (Suspect(FaultKind.RINGING, Part.LOOP),)
 _LOW_SUPPLY = (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
@@ -164,8 +164,8 @@ class Diagnosis:
 
     def _of_sensors(self) -> Iterator[Finding]:
         for finding in self.sensors:
-            if finding and not (finding.suspects[0] == _REJECTED_ANGLE and self._first < finding.since):
-                yield finding  # else another fault threw the joint out of its range
+            if finding and not (finding.suspects[0] in _DOUBTED_ANGLE and self._first < finding.since):
+                yield finding  # else another fault threw the joint out of its range, or holds it where it should move
 
     @property
     def _first(self) -> float:
