@@ -197,7 +197,10 @@ class Experiment:
         """Return K_felt + i h [N·m/rad] by a tone, with strengths of 1, in proportion to what is `expected`."""
         loop = tone.loop(self.known.reading_age)
         found = complex(sum(loop.secants) + self.plant.inertia * loop.acceleration, sum(loop.losses))
-        return found if 0.2 < abs(found) / abs(expected) < 10 else expected
+        likely = (
+            0.2 < abs(found) / abs(expected) < 10 and found.real > 0.2 * expected.real
+        )  # below an encoder's step: no
+        return found if likely else expected
 
     def _expected(self, amplitude: float) -> complex:
         """Return K_felt(A) [N·m/rad] by the model, before anything is measured, with the gas of held commands."""
