@@ -215,7 +215,7 @@ def _responses(
     from mpc.repetition.response import doubted, postures, response
 
     _, model, _, _ = _machine(options, more, _NOMINAL, 0)
-    model.dead_time = controller.compensation.dead_time
+    model.supply.dead_time = controller.compensation.dead_time
     return doubted([response(model, controller, observer, *postures(asked)[1])])
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.addresses import floats, opener
 from mpc.codegen.jit import compiled, inlined
-from mpc.model.compiled_friction import ABSENT, Pressed, followed, rubbing_in, strength
+from mpc.model.compiled_friction import ABSENT, followed, rubbing_in, strength
+from mpc.model.friction.contact import Pressed
 from mpc.model.integration import NODES, SHARES
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import MEASURED, SIZE, Belief, Places, Sample
