@@ -25,9 +25,10 @@ from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State, Tail
-from mpc.observer.diagnosis import Diagnosis, diagnosis_of
+from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import Belief, Filter, Noise
 from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
@@ -79,7 +80,7 @@ class KalmanObserver:
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(self._measured.size)]
         self.rivalry = Rivalry(self.filter, self._gates, self.gate, dt, tolerance)
         self.age = self.compensation.age(dt)  # of the angle's readings [samples]
-        self.diagnosis = diagnosis_of(plant, dt, self.noise.pressure, self.compensation, tolerance)
+        self.diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
         self.compiled: CompiledEstimate | None = None
         self._compiles = compiled
         self.reset()
@@ -208,14 +209,13 @@ class KalmanObserver:
 
     def _compile(self) -> None:
         """Make or load the compiled estimate, where there can be one."""
-        if not (self._compiles and isinstance(self.diagnosis, Diagnosis)):
+        if not (self._compiles and isinstance(self.plant, Plant)):
             return
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
         self.compiled = compiled_estimate(self.filter, self.diagnosis, self._readable, self.wait, again)
 
     @property
     def _readable(self) -> Readable:
-        assert isinstance(self.diagnosis, Diagnosis)
         return Readable(self._remembered, self._go_on_from, self.diagnosis.conclude)
 
     def _catch_up(self) -> None:
@@ -229,7 +229,7 @@ class KalmanObserver:
         """
         belief, friction, diagnosis = self._belief, self._frictions[0], self.diagnosis
         quiet = not self.rivalry.going_on and not self._frozen.any() and all(gate.quiet for gate in self._gates)
-        if belief is None or not quiet or not isinstance(diagnosis, Diagnosis):
+        if belief is None or not quiet:
             return None
         one, two = diagnosis.pressures
         return {
@@ -239,11 +239,11 @@ class KalmanObserver:
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
             "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
             "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
-            "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta,
+            "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta[0],
             "lost": diagnosis.lost, "said": diagnosis.said, "large": diagnosis.large,
             "found": [found is not None for found in diagnosis.sensors],
             "one": one.numbers, "two": two.numbers, "torque": diagnosis.torque.numbers,
-            "loop": diagnosis.ringing.numbers,
+            "loop": diagnosis.loops[0].numbers,
         }  # fmt: skip
 
     def _go_on_from(self, state: State, tail: Tail) -> None:
@@ -260,7 +260,6 @@ class KalmanObserver:
         self._frictions[0].go_on(float(state.angle), tail.memory)
         self._commands.extend(tail.commands.copy())
         self._held.extend(tail.held.copy())
-        assert isinstance(self.diagnosis, Diagnosis)
         numbers = tail.one, tail.two, tail.torque, tail.loop
         diagnosed = state.lost, state.said, state.found, state.offset, state.large, numbers
         self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
