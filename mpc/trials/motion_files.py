@@ -72,7 +72,9 @@ def _followed(table: Table, arm: Arm, hand: Endpoint, path: Array) -> Array:
     found: list[Array] = []
     for k, x in enumerate(path):
         reached = [_posture(arm, hand, x, q) for q in (found[-1:] or starts)]
-        missed, q = next((one for one in reached if one[0] <= _NEAR), min(reached, key=lambda one: one[0]))
+        missed, q = next((one for one in reached if one[0] <= _NEAR), (np.inf, starts[0]))
+        if missed > _NEAR:
+            missed, q = min((_nearest(arm, hand, x, q) for q in (*found[-1:], *starts[:4])), key=lambda one: one[0])
         if missed > _NEAR:
             where = ", ".join(f"{value / MM:g}" for value in x)
             nearest = f"the nearest it comes is {missed / MM:.1f} mm away"
@@ -93,6 +95,15 @@ def _posture(arm: Arm, hand: Endpoint, x: Array, q: Array) -> tuple[float, Array
         step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-12))
         q = np.clip(q + step, *arm.angle_limits)
     return float(np.linalg.norm(x - hand.at(q).position)), q
+
+
+def _nearest(arm: Arm, hand: Endpoint, x: Array, q: Array) -> tuple[float, Array]:
+    """Return as `_posture` does, by a slower method that goes along the ends of the ranges."""
+    from scipy.optimize import least_squares
+
+    q = np.clip(q, *arm.angle_limits)
+    found = least_squares(lambda q: hand.at(q).position - x, q, lambda q: hand.at(q).jacobian, arm.angle_limits)
+    return float(np.linalg.norm(found.fun)), found.x
 
 
 def _stiffness(table: Table, arm: Arm, q: Array) -> Array:
