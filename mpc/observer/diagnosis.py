@@ -39,6 +39,7 @@ _FLAGS = {
     Verdict.REJECTED: FaultKind.REJECTED_SENSOR,
     Verdict.FROZEN: FaultKind.FROZEN_SENSOR,
 }
+_DOUBTED = FaultKind.REJECTED_SENSOR, FaultKind.FROZEN_SENSOR
 _LOW_SUPPLY = (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
 
 
@@ -178,9 +179,8 @@ class Diagnosis:
         angles = self.names.sensors[: self.n]
         for finding in filter(None, self.sensors):
             fault, part, _ = finding.suspects[0]
-            thrown = fault is FaultKind.REJECTED_SENSOR and part in angles and self._first < finding.since
-            if not thrown:  # out of its range, by another fault
-                yield finding
+            if not (fault in _DOUBTED and part in angles and self._first < finding.since):
+                yield finding  # else another fault threw the joint out of its range, or holds it where it should move
 
     @property
     def _first(self) -> float:

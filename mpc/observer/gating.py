@@ -38,6 +38,7 @@ NEAR_A_TURN = 20 * DEG  # an angle is off by whole turns if it is that near to t
 _MARGIN, _NO_STOPS = 10 * DEG, 90 * DEG  # of the joint range, with end stops and without
 _BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # of the supply range: margins of pressures, and a jump of them
 _LEAST = 1 * DEG  # jump of the angle
+_NEAR = 0.06  # of the supply range: floor of pressures, which such a reading moves by a tenth of that
 ROUGH = 8.0  # standard deviations of the noise: floor, and more than two steps of an encoder
 
 
@@ -103,7 +104,7 @@ class Gate:
         return cls(
             rows(left - margin, low - _BELOW * supply),
             rows(right + margin, high + _ABOVE * supply),
-            rows(np.full(plant.n, theta), pressure),
+            rows(np.full(plant.n, theta), max(pressure, _NEAR * supply)),
             rows(jump + theta, _JUMP * supply),
             float(np.sqrt(T_most * span / inertia).max()),  # half of the range to get there, half to brake
             3 * float(T_most.max()),

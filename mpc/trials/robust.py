@@ -19,7 +19,7 @@ from mpc.tracking.qp.step import CompilingBeside, SlowStep
 from mpc.tracking.weights import Weights
 from mpc.trials.margins import ROBUST, linear, margins, usual_postures
 
-QUICKEST, SLOWEST = 0.8, 32.0  # detuning
+QUICKEST, SLOWEST = 0.75, 32.0  # detuning; a quicker loop has a delay margin below two samples
 _LISTEN = 1.5  # [s], enough for the peak
 _ACCURACY = 0.02  # of log(M_s - 1)
 _SLOPE = -0.7  # usual slope of log(M_s - 1) over log s
@@ -41,7 +41,7 @@ def robust_weights(
 
     A posture is a pair (θ [rad], K [N·m/rad]); None is the middle of the joint range and of the stiffness there.
     The loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt)`, both with `compensation`,
-    `wait` and `compiled`; dt is in seconds. s stays within 0.8 and 32, so that a long dead time can leave a greater
+    `wait` and `compiled`; dt is in seconds. s stays within 0.75 and 32, so that a long dead time can leave a greater
     peak. Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
     """
     wanted = checks.number("sensitivity_peak", sensitivity_peak, "-")

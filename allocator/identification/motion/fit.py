@@ -239,7 +239,7 @@ def _taken(found: Found, run: Prediction) -> list[str]:
 
 def _at_most(found: Found, run: Prediction) -> bool:
     """Return whether the plays have all the weight that they may have."""
-    return found.problem.operator(found.x, run.weights).weights[0] <= STIFFEST * (1 + 1e-6)
+    return found.problem.operator(found.x, run.weights).weights[0] <= STIFFEST * (1 + 1e-4)
 
 
 def _blocks(n: int, count: int) -> list[Mask]:

@@ -108,7 +108,7 @@ def test_damping_is_in_the_file_of_a_measured_joint_that_does_not_show_its_inert
     joint = AntagonistJoint(Lever(rest_length=0.25, anchor=0.1655, lever=0.05094, offset=0.051), muscle, muscle)
     fit, path = fit_motion(*measured, joint=joint), tmp_path / "plant.toml"
     IdentifiedPlant.of(fit).save(path)
-    assert "inertia" not in fit.parameters
+    assert fit.parameters["inertia"].low == 0.0  # it may as well have none
     plant, P = Plant.load(path), (float(fit.run.P1.mean()), float(fit.run.P2.mean()))
     K = float(plant.joint.stiffness(plant.joint.equilibrium(*P), *P))
     assert plant.damping / K == pytest.approx(fit.parameters["damping"].value, rel=1e-6)

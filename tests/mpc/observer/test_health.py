@@ -87,7 +87,7 @@ def alarm(healths):
         (StuckValve(BEGIN, muscle=2), FaultKind.STUCK_VALVE, Part.MUSCLE_2, 0.6),
         (BrokenCable(BEGIN, muscle=1), FaultKind.BROKEN_CABLE, Part.MUSCLE_1, 0.25),
         (BrokenCable(BEGIN, muscle=2), FaultKind.BROKEN_CABLE, Part.MUSCLE_2, 0.25),
-        (DriftingSensor(BEGIN, sensor=P1, rate=0.3 * BAR), FaultKind.DRIFTING_SENSOR, Part.P1, 0.8),
+        (DriftingSensor(BEGIN, sensor=P1, rate=0.3 * BAR), FaultKind.DRIFTING_SENSOR, Part.P1, 0.85),
         (DriftingSensor(BEGIN, sensor=P2, rate=-0.3 * BAR), FaultKind.DRIFTING_SENSOR, Part.P2, 0.8),
         (FrozenSensors(BEGIN, sensors=(THETA,)), FaultKind.FROZEN_SENSOR, Part.ANGLE, 0.3),
         (SilentSensors(BEGIN, sensors=(P2,)), FaultKind.SILENT_SENSOR, Part.P2, 0.15),
@@ -96,11 +96,7 @@ def alarm(healths):
 def test_a_fault_is_named_soon_and_alone_in_the_end(joint, fault, kind, part, within):
     healths = said(joint, fault)
     named_soon(healths, kind, part, within)
-    if (joint, kind, part) == ("Tondu's muscles", FaultKind.BROKEN_CABLE, Part.MUSCLE_1):
-        low = Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY)  # its gas that no motion moves looks like it, too
-        assert healths[-1].suspects == (low, Suspect(kind, part))
-    else:
-        alone_in_the_end(healths, kind, part)
+    alone_in_the_end(healths, kind, part)
 
 
 @pytest.mark.slow
