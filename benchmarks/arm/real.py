@@ -49,8 +49,11 @@ LOST = 20.0  # [°] an error beyond is no following
 _HERE = Path(__file__).parent
 _BEGIN, _LAST = 1.0, 1.0  # [s]
 START = {"arm26": [1.0, 0.4, 22.0, 18.0, 2.0, 0.2], "three": [1.0, 0.6, 0.3, 15.0, 12.0, 5.0, 1.0, 0.4, 0.02]}
-GAINS: dict[str, list[float]] = dict(START)
+GAINS: dict[str, list[float]] = START | {"arm26": [0.625, 0.358, 21.1, 17.5, 2.48, 0.527]}
 """P, I and D of every joint."""
+
+
+Key = tuple[str, float, str, int]  # arm, width of the hysteresis [°], controller, seed
 
 
 class Machine(NamedTuple):
@@ -183,7 +186,19 @@ def tuned(name: str, evaluations: int) -> list[float]:
     return np.exp(found.x).tolist()
 
 
-def markdown(rows: dict[tuple[str, float, str, int], Figures]) -> Iterator[str]:
+def write(rows: dict[Key, Figures], path: Path) -> None:
+    """Write one line a run."""
+    lines = [",".join(map(str, [*key, *(f"{v:.5g}" for v in found)])) for key, found in rows.items()]
+    path.write_text("\n".join([",".join(["arm", "width", "controller", "seed", *Figures._fields]), *lines, ""]))
+
+
+def read(path: Path) -> dict[Key, Figures]:
+    """Read what `write` wrote."""
+    cells = (line.split(",") for line in path.read_text().splitlines()[1:])
+    return {(c[0], float(c[1]), c[2], int(c[3])): Figures(*map(float, c[4:])) for c in cells}
+
+
+def markdown(rows: dict[Key, Figures]) -> Iterator[str]:
     """The lines of the report."""
     yield "# Arms that are not their models"
     yield ""
@@ -209,6 +224,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=ARMS)
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--more", action="store_true", help="keep the other runs of the table that is there")
     parser.add_argument("--tune", type=int, default=0, metavar="EVALUATIONS", help="of the PIDs' gains, instead")
     parser.add_argument("--out", type=Path, default=_HERE.parent / "results")
     given = parser.parse_args()
@@ -216,12 +232,14 @@ def main() -> None:
         for name in given.arms:
             print("best:", name, [float(f"{v:.3g}") for v in tuned(name, given.tune)])
         return
-    rows: dict[tuple[str, float, str, int], Figures] = {}
+    given.out.mkdir(parents=True, exist_ok=True)
+    kept = given.out / f"{NAME}.csv"
+    rows = read(kept) if given.more and kept.exists() else {}
     for key in product(given.arms, WIDTHS, CONTROLLERS, range(1, 1 + given.seeds)):
         rows[key] = row(key[0], key[1], loop(*key[:3]), key[3])
         print(*key, [float(f"{v:.3g}") for v in rows[key]], flush=True)
+        write(rows, kept)
     text = "\n".join(markdown(rows)) + "\n"
-    given.out.mkdir(parents=True, exist_ok=True)
     (given.out / f"{NAME}.md").write_text(text, encoding="utf-8")
     print(text)
 
