@@ -138,7 +138,7 @@ def row(job: tuple[str, str, int, float]) -> Row:
     )  # fmt: skip
     onset = round(ONSET / DT) if case else len(said)
     early = next((str(health) for health in said[:onset] if not health.well), "")
-    worst = float(np.abs((run.theta - run.theta_ref) / DEG)[min(onset, len(said) - 1) :].max())
+    worst = float(np.abs((run.theta - run.theta_ref) / DEG)[round(ONSET / DT) :].max())
     held = bool(np.isfinite(run.u).all() and np.isfinite(run.x).all())
     alarm = next((k for k in range(onset, len(said)) if not said[k].well), None)
     if case is None or alarm is None:
