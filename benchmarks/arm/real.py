@@ -7,9 +7,9 @@ noise of 0.02 bar and pressure sensors ±0.03 bar off. A payload of which nobody
 0.2 kg at that of three joints under gravity (`three_joints.xml`), adds inertia and weight. The joints have a hysteresis
 of 0 or 5° (Maxwell slip); both controllers are told 75 % of it. The error is the RMS over circle and reach, apart from
 the first second, at the worst joint; at rest there are mean, swing and rate of the commands in the last second.
-Seeds below 1000 are judged. The gains of the PIDs were found by Nelder and Mead's method on seed 1001
-with 5° (`--tune`), in 44 evaluations for arm26 and 39 for three joints, of which the last ten gained 10 %. The numbers of
-the MPC are those that were tuned for arm26 on another plant (`benchmarks.arm.rough`). The MPC has the observer's
+Seeds below 1000 are judged. The gains of the PIDs were found by Nelder and Mead's method on seed 1001 with 5°
+(`--tune`), in 44 evaluations for arm26 and 39 for three joints, of which the last ten gained 10 %. The numbers of the
+MPC are those that were tuned for arm26 on another plant (`benchmarks.arm.rough`). The MPC has the observer's
 disturbance torque, which a predictive PID replaces by its integral.
 """
 
