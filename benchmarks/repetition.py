@@ -1,13 +1,18 @@
 """Motions of strangers that are learned by repeating them.
 
     python -m benchmarks.repetition [--seeds 1] [--structures braid,tips,power,exponential]
-    python -m benchmarks.repetition --off 60 --structures braid
+    python -m benchmarks.repetition --off 200
 
 The joints are those of `benchmarks.strangers`, which the library does not model. The MPC has the model of data sheets
 and the usual robust weights, and is told the age of the encoder's readings. Each motion is repeated 10 times, or until
 learning stops by itself; all repetitions begin in one state, with noise of their own. Learning sees the encoder, the
 figures are true angles after the first rest. For each run, *predicted* is the ratio of the second error to the first
 that the design computes for the worst of its linear plants, *seen* that of the errors as read.
+
+The best correction is then played five times more, with other noise. Over time, the standard deviation between these
+runs is what *does not return*: no learning gets below it. A repetition *rose* if its error is greater than that of
+the one before by more than noise, which is 3 % and the encoder's RMS error, or 2√2 times the standard deviation of the
+RMS errors of these runs if that is more.
 
 Corrections at another speed are those of the min-jerk motion in 1 s, scaled in time.
 """
@@ -29,7 +34,7 @@ from benchmarks.strangers.plants import REPORTING, STRUCTURES, Stranger, drawn
 from benchmarks.strangers.runs import DT, K
 from mpc import Reference, Run, simulate
 from mpc.repetition.learner import Learner, Reason
-from mpc.repetition.practice import Practice, practise
+from mpc.repetition.practice import Practice, played, practise
 from mpc.repetition.response import Response, responses
 from mpc.trials.corrections import Correction, Owner
 from mpc.trials.loops import Settings, loop, robust
@@ -37,6 +42,7 @@ from mpc.trials.metrics import metrics
 from mpc.trials.trajectories import chirp, point_to_point, rested_sine
 
 REPETITIONS, WRONG = 10, 5  # of the motions, of the runs with wrong models
+PLAYED = 5  # times the best correction, to see what does not return
 OFF = 1.3
 DRAWS = 2  # beside three postures of the model
 SPEEDS = (0.5, 0.8, 1.25, 2.0)
@@ -78,13 +84,28 @@ class Ready(NamedTuple):
         settings = robust("mpc", Settings(model.plant, DT, compensation=told), MOTIONS["sine"])
         return cls(stranger, settings, responses("mpc", settings, MOTIONS["sine"], n_draws=DRAWS))
 
-    def learned(self, motion: Reference, repetitions: int, parts: Parts | None = None) -> Practice:
-        """Let the stranger, or one with other `parts`, learn a motion."""
+    def learned(self, motion: Reference, repetitions: int, parts: Parts | None = None, draw: int = 0) -> Practice:
+        """Let the stranger, or one with other `parts`, learn a motion; `draw` is that of the noise."""
         plant = Unwatched.of(self.stranger, parts or self.stranger.parts)
         controller, observer = loop("mpc", self.settings)
         x0 = self.settings.plant.at_rest(motion.theta[0], motion.K[0])
         learner = Learner(motion, self.responses, DT, repetitions, angle_limits=self.settings.plant.angle_limits)
-        return practise(plant, controller, learner, observer=observer, x0=x0, seed=100 * self.stranger.seed)
+        seed = 100 * self.stranger.seed + 1000 * draw
+        return practise(plant, controller, learner, observer=observer, x0=x0, seed=seed)
+
+    def again(self, learner: Learner) -> tuple[float, float]:
+        """Return the RMS error that does not return, and the standard deviation of RMS errors, as read [rad]."""
+        plant = Unwatched.of(self.stranger, self.stranger.parts)
+        controller, observer = loop("mpc", self.settings)
+        wanted, begin, count = learner.course.wanted, learner.course.begin, learner.course.count
+        x0 = self.settings.plant.at_rest(wanted.theta[0], wanted.K[0])
+        reads = [
+            played(plant, controller, learner.reference, learner, observer=observer, x0=x0, seed=seed)[1]
+            for seed in range(9000, 9000 + PLAYED)
+        ]
+        errors = (wanted.theta[:count] - np.array(reads))[:, begin:]
+        apart = float(np.sqrt(errors.var(axis=0, ddof=1).mean()))
+        return apart, float(np.sqrt((errors**2).mean(axis=1)).std(ddof=1))
 
 
 def error(run: Run, begin: int) -> float:
@@ -114,6 +135,7 @@ class Row(NamedTuple):
     done: int
     reason: str
     broken: bool  # a limit of commands or of the joint range
+    apart: float  # RMS error that does not return [°]
 
     @classmethod
     def of(cls, ready: Ready, motion: str) -> "Row":
@@ -122,7 +144,8 @@ class Row(NamedTuple):
         learner, begin = practice.learner, practice.learner.course.begin
         rms = np.array([one.rms for one in learner.history])
         until = int(rms.argmin()) + 1
-        noise = 0.03 * rms[:-1] + ready.stranger.sensors.step / 12**0.5
+        apart, std = ready.again(learner)
+        noise = np.maximum(0.03 * rms[:-1] + ready.stranger.sensors.step / 12**0.5, 2 * 2**0.5 * std)
         limits = ("commanded pressure", "pressure slew", "joint range")
         runs = practice.first, practice.best
         kept = (not metrics(run).violations[name][0] for run in runs for name in limits)
@@ -130,7 +153,7 @@ class Row(NamedTuple):
             ready.stranger.structure, ready.stranger.seed, motion, error(practice.first, begin),
             error(practice.best, begin), *(stiffness_error(ready.stranger, run, begin) for run in runs),
             learner.update.predicted[1] if learner.update else np.nan, rms[1] / rms[0],
-            int((np.diff(rms) > noise)[: until - 1].sum()), len(rms), learner.reason.name, not all(kept),
+            int((np.diff(rms) > noise)[: until - 1].sum()), len(rms), learner.reason.name, not all(kept), apart / DEG,
         )  # fmt: skip
 
 
@@ -140,7 +163,7 @@ def wrong(ready: Ready, draw: int) -> tuple[float, float, float, str]:
     p = ready.stranger.parts
     inertia, force, lag = OFF ** rng.choice([-1, 1], 3)
     parts = p._replace(inertia=p.inertia * inertia, strength=p.strength * force, up=p.up * lag, down=p.down * lag)
-    learner = ready.learned(MOTIONS["min-jerk"], WRONG, parts).learner
+    learner = ready.learned(MOTIONS["min-jerk"], WRONG, parts, draw).learner
     return learner.history[0].rms / DEG, learner.best.rms / DEG, learner.history[-1].rms / DEG, learner.reason.name
 
 
@@ -167,9 +190,9 @@ def faster(ready: Ready) -> list[tuple[float, float, float]]:
 def table(rows: list[Row]) -> list[str]:
     """Return the figures by motion, and by structure, as lines of Markdown."""
     lines = [
-        "| | RMS error [°], first → best | divided by: median, least | e₂/e₁ predicted, seen | "
+        "| | RMS error [°], first → best | does not return [°] | divided by: median, least | e₂/e₁ predicted, seen | "
         "repetitions that rose | K error, first → best [N·m/rad] | limits broken |",
-        "|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|",
     ]
     groups = [(m, [r for r in rows if r.motion == m]) for m in MOTIONS]
     groups += [(s, [r for r in rows if r.structure == s]) for s in STRUCTURES] + [("all", rows)]
@@ -177,14 +200,12 @@ def table(rows: list[Row]) -> list[str]:
         if not mine:
             continue
         ratio = np.array([r.first / r.best for r in mine])
-        first, best, K1, K2, said, seen = (
-            np.median([getattr(r, n) for r in mine])
-            for n in ("first", "best", "K_first", "K_best", "predicted", "seen")
-        )
+        names = ("first", "best", "K_first", "K_best", "predicted", "seen", "apart")
+        first, best, K1, K2, said, seen, apart = (np.median([getattr(r, n) for r in mine]) for n in names)
         rises = f"{sum(r.rises for r in mine)} of {sum(r.done - 1 for r in mine)}"
         lines.append(
-            f"| {name} | {first:.2f} → {best:.3f} | {np.median(ratio):.1f}, {ratio.min():.1f} | {said:.2f}, "
-            f"{seen:.2f} | {rises} | {K1:.3f} → {K2:.3f} | {sum(r.broken for r in mine)} of {len(mine)} |"
+            f"| {name} | {first:.2f} → {best:.3f} | {apart:.3f} | {np.median(ratio):.1f}, {ratio.min():.1f} | "
+            f"{said:.2f}, {seen:.2f} | {rises} | {K1:.3f} → {K2:.3f} | {sum(r.broken for r in mine)} of {len(mine)} |"
         )
     return lines
 
@@ -240,7 +261,8 @@ def off_report(off: list[tuple[float, float, float, str]], strangers: int) -> st
     lines = ["# Motions that are learned with models 30 % off", ""]
     lines += [
         f"Runs: {len(off)}, of the min-jerk motion; strangers: {strangers}; at most {WRONG} repetitions. Inertia, "
-        "force and lags of the joint are 30 % off, each up or down, with controller and update of the model unchanged. "
+        "force and lags of the joint are 30 % off, each up or down, with noise of its own in each run, and with controller and "
+        "update of the model unchanged. "
         "Errors as read, RMS after the first rest, by `python -m benchmarks.repetition --off N`.",
         "",
         "| median error, first → best | divided by: median, least | last worse than first | stopped as it grew | worst "

@@ -24,9 +24,12 @@ from allocator.files.atomic import replacing
 
 _STALE = 1.0  # [s]
 _NANO = 1e-9
+FORMAT = "%.9g"  # of numbers in a table
 _WANTED = re.compile(r"(\w+)=(/?[\w/]+)((?:\.\w+|\[\d+\])+)(?::(\w+))?")
 _STEP = re.compile(r"\.(\w+)|\[(\d+)\]")
-_UNITS = {"theta": "rad"}  # others are pressures
+_UNITS = {"theta": "rad", "force": "N", "torque": "Nm", "contraction": "ratio", "direction": "", "slack": ""}
+_UNITS |= dict.fromkeys(("length", "shortening", "rest_length"), "m")  # others are pressures
+_RECORDINGS = (".bag", ".mcap")
 _MOST_SHOWN = 12
 
 
@@ -51,6 +54,8 @@ class Quantity(NamedTuple):
             name, topic, path, unit = match.groups()
             steps = tuple(field or int(index) for field, index in _STEP.findall(path))
             found.append(cls(name, topic, steps, unit or _UNITS.get(name, "Pa")))
+        if len({q.name for q in found}) < len(found):
+            raise InvalidInput(f"--topics {text}: a quantity is given twice")
         if not found:
             raise InvalidInput("--topics is empty: NAME=/topic.field[0]:unit, several with blanks between them")
         return tuple(found)
@@ -71,6 +76,11 @@ class Bag(NamedTuple):
 
     topics: dict[str, tuple[str, int]]  # type and number of the messages
     messages: Callable[[Sequence[str]], Iterator[tuple[str, int, object]]]  # of topics: topic, time [ns], message
+
+
+def is_recording(path: Path) -> bool:
+    """Return whether this is a recording by its name, or the folder of a ROS 2 bag."""
+    return path.suffix in _RECORDINGS or (path / "metadata.yaml").exists()
 
 
 @contextmanager
@@ -205,6 +215,16 @@ def to_csv(path: Path, quantities: Sequence[Quantity], out: Path) -> tuple[int, 
 
     Raises `InvalidFile` as `read_topics` does, and `CannotWrite`.
     """
+    names, table, left = sampled(path, quantities)
+    with replacing(out) as draft:
+        np.savetxt(draft, table, fmt=FORMAT, delimiter=",", header=",".join(names), comments="")
+    return len(table), left
+
+
+def sampled(path: Path, quantities: Sequence[Quantity]) -> tuple[list[str], Array, int]:
+    """Return names with units and the values (n, 1 + quantities) of a table, times first, and how many rows were left
+    out. Raises `InvalidFile` as `read_topics` does.
+    """
     series = read_topics(path, quantities)
     t, _ = series[quantities[0].name]
     order = np.argsort(t, kind="stable")
@@ -216,8 +236,5 @@ def to_csv(path: Path, quantities: Sequence[Quantity], out: Path) -> tuple[int, 
         at = np.searchsorted(times[sort], t, side="right") - 1
         known &= (at >= 0) & (t - times[sort][at] <= _STALE)
         columns.append(values[sort][at])
-    table = np.stack([t, *columns], axis=1)[known]
-    header = ",".join(["time [s]", *(f"{q.name} [{q.unit}]" for q in quantities)])
-    with replacing(out) as draft:
-        np.savetxt(draft, table, fmt="%.9g", delimiter=",", header=header, comments="")
-    return len(table), int((~known).sum())
+    names = ["time [s]", *(f"{q.name} [{q.unit}]" if q.unit else q.name for q in quantities)]
+    return names, np.stack([t, *columns], axis=1)[known], int((~known).sum())

@@ -36,6 +36,11 @@ def is_missing(cell: str) -> bool:
     return cell.strip().casefold() in _MISSING
 
 
+def is_misspelled(cell: str) -> bool:
+    """Return whether the cell has a digit and is neither a number nor a spelling of a missing one."""
+    return bool(re.search(r"\d", cell)) and not is_number(cell)
+
+
 def complaint(cell: str) -> str:
     """Return the sentence about a cell that is no finite number."""
     text = cell.strip()

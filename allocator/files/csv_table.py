@@ -14,7 +14,7 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files import labview
-from allocator.files.cells import complaint, floats, is_missing, is_number, listed, thousands
+from allocator.files.cells import complaint, floats, is_missing, is_misspelled, is_number, listed, thousands
 from allocator.files.clock import clock_seconds, is_clock
 from allocator.files.layout import Layout, lay_out
 from allocator.files.text import FilePath, read_text
@@ -32,7 +32,7 @@ class Table(NamedTuple):
     notes: tuple[str, ...] = ()  # about lines that were not read
 
     def numbers(self, index: int, *, gaps: bool = False, hint: str = "") -> Array:
-        """Return the column (n,) as floats; with `gaps` a cell without a finite number is NaN.
+        """Return the column (n,) as floats; with `gaps` a cell without a number is NaN, unless half of them are.
 
         `hint` is added to the message about such cells. Raises `InvalidFile` with the lines of all cells that are no
         finite numbers, or whose commas are ambiguous.
@@ -42,12 +42,12 @@ class Table(NamedTuple):
             self._refuse_two_marks(index, cells)
         return self._known(index, floats(cells, self.decimal_comma), gaps, hint)
 
-    def times(self, index: int, *, gaps: bool = False, hint: str = "") -> Array:
+    def times(self, index: int, *, gaps: bool = False) -> Array:
         """Return the column (n,) as `numbers` does, or in seconds if it holds clock times. Raises `InvalidFile`."""
         cells = [row[index] for row in self.rows]
         if not self.is_clock(index):
-            return self.numbers(index, gaps=gaps, hint=hint)
-        return self._known(index, clock_seconds(cells), gaps, hint)
+            return self.numbers(index, gaps=gaps)
+        return self._known(index, clock_seconds(cells), gaps, "")
 
     def is_clock(self, index: int) -> bool:
         """Return whether the first cell of the column in which a value is not missing is a clock time."""
@@ -72,10 +72,12 @@ class Table(NamedTuple):
         wrong = ~np.isfinite(values)
         if not wrong.any():
             return values
-        if gaps:
+        gaps = gaps and 2 * wrong.sum() < wrong.size
+        rows = [i for i in np.flatnonzero(wrong).tolist() if not gaps or is_misspelled(self.rows[i][index])]
+        if not rows:
             values[wrong] = np.nan
             return values
-        i, *others = np.flatnonzero(wrong).tolist()
+        i, *others = rows
         sentence = complaint(self.rows[i][index])
         if others:
             sentence += f"; nor is there a number in {listed([self.lines[k] for k in others])}"

@@ -9,12 +9,14 @@ that are not read are listed in `Measured.notes`.
 
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.files import bags
 from allocator.files.cells import listed
 from allocator.files.csv_table import Table, read_table
 from allocator.files.text import FilePath
@@ -81,24 +83,25 @@ def read_columns(
     columns: Mapping[str, str] | None = None,
     *,
     skip_rows: int = 0,
-    drop_missing: bool | None = None,
+    topics: str | None = None,
 ) -> Measured:
     """Read the quantities `wanted`, one of each tuple of alternatives, and those of the `optional` that are there.
 
-    `skip_rows` lines are left out at the beginning of the file. With `drop_missing`, rows without a number in one of
-    the columns are left out; where it is False the messages offer that by its option, --drop-spikes.
+    `skip_rows` lines are left out at the beginning of the file. `topics` says which number of a recording is what
+    (see `allocator.files.bags`); its lines are then the messages of the first topic. With a column of times, rows
+    without a number in one of the columns are left out, unless they are half of all.
 
     Raises `InvalidFile`, with line and column, for a column that is missing, given twice, or cannot be in its unit, and
     for an unread column whose unit is a torque if one is wanted.
     """
-    table = read_table(path, skip_rows=skip_rows, is_unit=is_unit)
+    table = _table(path, skip_rows, topics)
     mapping = dict(columns or {})
     ignored = {_place(table, name.strip()) for name in mapping.pop(_IGNORE, "").split(";") if name.strip()}
     groups = [*wanted, *((quantity,) for quantity in optional)]
     chosen = _choose(table, groups, len(wanted), mapping, ignored)
     unused = [i for i, name in enumerate(table.names) if name and i not in {c.place for c in chosen.values()}]
     _refuse_torque(table, [i for i in unused if i not in ignored], groups, chosen)
-    values = {quantity: _values(table, column, drop_missing) for quantity, column in chosen.items()}
+    values = {quantity: _values(table, column, gaps="time" in chosen) for quantity, column in chosen.items()}
     notes = table.notes
     if unused:
         notes = (*notes, f"columns not used: {', '.join(table.names[i] for i in unused)}")
@@ -114,6 +117,25 @@ def read_columns(
     return measured
 
 
+def _table(path: FilePath, skip_rows: int, topics: str | None) -> Table:
+    """Return the table of a CSV file, or that of the `topics` of a recording."""
+    place = Path(path)
+    if topics is None:
+        if bags.is_recording(place):
+            with bags.opened(place) as bag:
+                told = bags.described(bag)
+            raise InvalidFile(path, f"is a recording: say by --topics which number is what; topics: {told}")
+        return read_table(path, skip_rows=skip_rows, is_unit=is_unit)
+    if not bags.is_recording(place):
+        raise InvalidFile(path, "is no recording, for which --topics is: .bag, .mcap, or the folder of a ROS 2 bag")
+    names, values, left = bags.sampled(place, bags.Quantity.parse(topics))
+    if not len(values):
+        raise InvalidFile(path, "never has all these topics within a second")
+    notes = (f"{left} messages without a recent one of the other topics were left out",) if left else ()
+    rows = [[bags.FORMAT % value for value in row] for row in values.tolist()]
+    return Table(path, names, rows, [*range(1, len(rows) + 1)], False, 1, notes)
+
+
 def parse_columns(text: str | None) -> dict[str, str]:
     """Read the mapping in `pressure=p:bar,force=F:N`, as the command line takes it."""
     if not text:
@@ -127,12 +149,11 @@ def parse_columns(text: str | None) -> dict[str, str]:
     return {quantity.strip(): column.strip() for quantity, _, column in parts}
 
 
-def _values(table: Table, column: Column, drop_missing: bool | None) -> Array:
-    """Return the column (n,) in SI units; with `drop_missing`, NaN in cells without a number."""
-    gaps = bool(drop_missing)
-    hint = "; --drop-spikes (drop_spikes=True) leaves such rows out" if drop_missing is False else ""
+def _values(table: Table, column: Column, *, gaps: bool) -> Array:
+    """Return the column (n,) in SI units; with `gaps`, NaN in cells without a number."""
+    hint = ""
     if column.quantity == "time":
-        times = table.times(column.place, gaps=gaps, hint=hint)
+        times = table.times(column.place, gaps=gaps)
         scale = 1.0 if table.is_clock(column.place) else column.scale
         first = times[np.isfinite(times)][:1]
         if first.size and abs(first[0]) * scale > _STAMPS:

@@ -1,6 +1,7 @@
 """Options of the commands that read measured data, and their progress display."""
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
@@ -13,15 +14,16 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 T = TypeVar("T")
+P = TypeVar("P", str, Path)
 
 SkipRows = Annotated[
     int, typer.Option("--skip-rows", min=0, help="Leave out so many lines at the beginning of the file.")
 ]
-DropSpikes = Annotated[
-    bool,
+Topics = Annotated[
+    str | None,
     typer.Option(
-        "--drop-spikes",
-        help="Leave out the rows of a log in which a reading jumps there and back, drops out, or is missing.",
+        help="Which number of a ROS bag or an MCAP file is what, such as 'theta=/joint_states.position[0] "
+        "pressure1=/valves.data[0]:bar'; SI unless a unit follows. There is a row for every message of the first."
     ),
 ]
 
@@ -33,6 +35,17 @@ def columns_option(example: str) -> OptionInfo:
         ":bar(abs) takes the atmosphere off; ignore=NAME leaves a column out)."
     )
     return option
+
+
+def short(paths: Sequence[P]) -> dict[str, P]:
+    """Return the files by their names, or by their whole paths if two of them have the same name.
+
+    Raises `InvalidInput` for a file that is given twice.
+    """
+    if len({Path(path).absolute() for path in paths}) < len(paths):
+        raise InvalidInput(f"a file is given twice: {', '.join(map(str, paths))}")
+    names = [Path(path).name for path in paths]
+    return dict(zip(names if len(set(names)) == len(names) else map(str, paths), paths, strict=True))
 
 
 def assigned(option: str, settings: Sequence[str], expected: str) -> dict[str, float]:

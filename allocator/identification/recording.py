@@ -11,21 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
-from allocator.errors import InvalidFile
 from allocator.files.cells import listed
 from allocator.identification.columns import Measured
 from allocator.identification.headers import UNITS
-from allocator.units import BAR, DEG
+from allocator.units import BAR, DEG, MM
 
 GAP = 1.0  # [s] without a row, over which a log is not continued
 _PLAUSIBLE_STEP = (1e-4, 0.5)  # [s] between rows
 _LEAST_DURATION = 1.0  # [s]
-_LOG = ("theta", "pressure1", "pressure2")
+_PRESSURES = ("pressure1", "pressure2", "measured1", "measured2", "pressure")
+_LEAST = {"theta": 2 * DEG, "force": 20.0, "contraction": 0.02, "length": 6 * MM, "shortening": 6 * MM}  # of a spike
 _LONGEST = 3  # rows of a spike
 _USUAL = 5.0  # times the jump there and back that 97 % of the rows keep to
 _NEAR = 5  # rows, in which three have to be without a jump
 _AROUND = 3.0  # times the range of the rows around, about their parabola
-_LEAST_ANGLE = 2 * DEG
 _LEAST_PRESSURE = 1 * BAR
 _LEAST_DROP = 0.3 * BAR  # from which a pressure drops out,
 _EMPTY = 0.05 * BAR  # and to which
@@ -57,6 +56,12 @@ def in_time(measured: Measured) -> Measured:
     return measured
 
 
+def is_raw(measured: Measured) -> bool:
+    """Return whether the rows are a log in the order of time, with steps in which a motion can be seen."""
+    steps = np.diff(measured.values.get("time", np.zeros(0)))
+    return bool(steps.size and (steps > 0).all() and np.median(steps) <= _PLAUSIBLE_STEP[1])
+
+
 def without_spikes(measured: Measured) -> Measured:
     """Return the log without the rows in which a reading is a spike."""
     found = _spikes(measured)
@@ -66,24 +71,6 @@ def without_spikes(measured: Measured) -> Measured:
     for rows in found.values():
         drop[rows] = True
     return measured.where(~drop, f"rows with spikes were left out: {describe_spikes(measured, found)}")
-
-
-def refuse_spikes(measured: Measured) -> None:
-    """Raise `InvalidFile` with the lines of all spikes, if there are any."""
-    if found := _spikes(measured):
-        raise InvalidFile(
-            measured.table.path,
-            f"some readings jump there and back, which no joint or regulator does: {describe_spikes(measured, found)}; "
-            "--drop-spikes (drop_spikes=True) leaves these rows out",
-        )
-
-
-def note_spikes(measured: Measured) -> Measured:
-    """Return the log with a note of its spikes, for an evaluation that does not use the rows around them."""
-    if not (found := _spikes(measured)):
-        return measured
-    note = f"some readings jump there and back: {describe_spikes(measured, found)}; --drop-spikes leaves them out"
-    return measured._replace(notes=(*measured.notes, note))
 
 
 def refuse_turns(measured: Measured) -> None:
@@ -101,8 +88,8 @@ def describe_spikes(measured: Measured, found: dict[str, list[int]]) -> str:
     """Return the columns and lines of spikes in words, each with the reading of the first."""
     parts = []
     for quantity, rows in found.items():
-        value = measured.values[quantity][rows[0]]
-        shown = f"{value / DEG:.4g}°" if quantity == "theta" else f"{value / BAR:.4g} bar"
+        column, value = measured.columns[quantity], measured.values[quantity][rows[0]]
+        shown = f"{(value + column.offset) / column.scale:.4g} {column.unit}"
         lines = listed([measured.table.lines[i] for i in rows])
         parts.append(f"column {measured.columns[quantity].name!r} in {lines} ({'the first ' * (len(rows) > 1)}{shown})")
     return ", ".join(parts)
@@ -136,13 +123,14 @@ def long_stretches(measured: Measured, least: float) -> Measured:
 
 
 def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, list[int]]:
-    """Return the rows of spikes by column, if it has any; `theta` is an angle [rad], the others are pressures [Pa]."""
-    masks = {q: angle_spikes(t, a) if q == "theta" else pressure_spikes(t, a) for q, a in columns.items()}
+    """Return the rows of spikes by column, if it has any; pressures [Pa] may drop out, too."""
+    masks = {q: pressure_spikes(t, a) if q in _PRESSURES else _jumps(t, a, _LEAST[q]) for q, a in columns.items()}
     return {quantity: np.flatnonzero(mask).tolist() for quantity, mask in masks.items() if mask.any()}
 
 
 def _spikes(measured: Measured) -> dict[str, list[int]]:
-    return spikes_of(measured.values["time"], {quantity: measured.values[quantity] for quantity in _LOG})
+    columns = {q: a for q, a in measured.values.items() if q in _PRESSURES or q in _LEAST}
+    return spikes_of(measured.values["time"], columns)
 
 
 def _once(measured: Measured) -> Measured:
@@ -177,11 +165,6 @@ def _check_unit(measured: Measured, step: float, duration: float) -> None:
 
 def _at(measured: Measured, rows: NDArray[np.intp]) -> str:
     return listed([measured.table.lines[i] for i in rows])
-
-
-def angle_spikes(t: Array, theta: Array) -> Mask:
-    """Return which rows (n,) of the angle [rad] at times t [s] are spikes."""
-    return _jumps(t, theta, _LEAST_ANGLE)
 
 
 def pressure_spikes(t: Array, P: Array) -> Mask:

@@ -13,7 +13,7 @@ from allocator.identification.columns import parse_columns
 from allocator.identification.motion.fit import STEPS, fit_motion
 from allocator.identification.motion.result import LABELS, MotionFit
 from allocator.identification.motion.samples import joined, read_motion_log
-from allocator.identification.options import DropSpikes, SkipRows, clock, columns_option
+from allocator.identification.options import SkipRows, Topics, clock, columns_option
 from allocator.machine_file import joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
@@ -27,14 +27,16 @@ if TYPE_CHECKING:
 def fit_motion_command(
     log: Annotated[
         list[Path],
-        typer.Argument(help="One CSV or several: time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above."),
+        typer.Argument(
+            help="One CSV or bag, or several: time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above."
+        ),
     ],
     machine: Annotated[
         Path | None, typer.Option(help="Joint of the same kind, a TOML file of fit-joint: needed for --out.")
     ] = None,
     columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
     skip_rows: SkipRows = 0,
-    drop_spikes: DropSpikes = False,
+    topics: Topics = None,
     out: Annotated[Path | None, typer.Option(help="Write the plant to this TOML file, for --machine.")] = None,
     gas: Annotated[
         bool | None,
@@ -51,7 +53,7 @@ def fit_motion_command(
     angle from the pressures alone. A minute or more of random steps of both pressures tells most; a log
     of slow sweeps shows the width of the hysteresis instead. Begin the log at rest: the prediction does, too.
     Several logs, and the stretches between gaps of more than a second, are fitted together, each without memory of what
-    was before.
+    was before. Rows with spikes, drop-outs and missing readings are left out and listed.
 
     Commands show the sum of dead time and age of the angle's readings. With columns measured1 and measured2 [bar]
     beside them both are found apart.
@@ -65,9 +67,7 @@ def fit_motion_command(
     if out is not None and machine is None:
         raise InvalidInput("--out writes a plant with muscles: give --machine, a file of fit-joint to begin with")
     console = Console(stderr=as_json)
-    data = joined(
-        [read_motion_log(one, parse_columns(columns), skip_rows=skip_rows, drop_spikes=drop_spikes) for one in log]
-    )
+    data = joined([read_motion_log(one, parse_columns(columns), skip_rows=skip_rows, topics=topics) for one in log])
     for note in data.notes:
         say(console, note)
     content = None if machine is None else toml.Table.read(machine)

@@ -11,13 +11,17 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.repetition.response import Response
-from mpc.repetition.update import Update, designed
+from mpc.repetition.update import Update, designed, power_of, unforeseen
 from mpc.trials.reference import Reference
 from mpc.trials.trajectories import min_jerk
 
 NOISE = 0.03  # relative change of an RMS error that is none
-PATIENCE = 2  # repetitions in a row that gain nothing, or grow
+PATIENCE = 3  # repetitions in a row that gain nothing
+GROWTH = 2  # repetitions in a row that grow
+AHEAD = 4  # repetitions that an update is designed for, the last one among them
+_LEAST_GROWTH = 0.5  # of the power of the best error: more is growth, however little returns
 FADE = 0.25  # [s] in which a correction sets in where the reference has no first rest
+_LEAST_OF_SEVERAL = 1.5  # times the least of several estimated powers is an estimate again
 _MOVED = 1e-9  # [rad] and relative stiffness
 
 
@@ -27,7 +31,7 @@ class Reason(Enum):
     RUNNING = "it goes on"
     ENOUGH = "all repetitions that were asked for are done"
     SETTLED = f"{PATIENCE} repetitions in a row gained less than {100 * NOISE:.0f} %"
-    GREW = f"the error grew {PATIENCE} times in a row, the second time with half the gain"
+    GREW = f"the error grew {GROWTH} times in a row, the second time with half the gain"
     UNKNOWN = "no update is guaranteed to lessen the error"
 
 
@@ -65,9 +69,11 @@ class Learner:
     """Learning of the correction of one motion, see `mpc.repetition.update`.
 
     `reference` is what the controller is to be given next; after each repetition call `learn` with the angles that were
-    measured. The first repetition is done without a correction, or with a given one. If the error grows, the next
+    measured. The first repetition is done without a correction, or with a given one. The update is designed anew after
+    each repetition, with what has turned out not to return as noise. If the error grows by more than that, the next
     repetition returns to the best correction and takes half the gain from it; after the second growth in a row, and
-    after two repetitions in a row without gain, learning is `done`, and `reason` is why. `best` is the best repetition.
+    after three repetitions in a row without gain, learning is `done`, and `reason` is why. `best` is the best
+    repetition, and `update` the first one.
 
     Parameters
     ----------
@@ -105,8 +111,10 @@ class Learner:
         self.history: list[Repetition] = []
         self.update: Update | None = None
         self.reason = Reason.RUNNING
-        self._gain, self._best, self._grown, self._idle = 0.0, 0, 0, 0
-        self._error = np.zeros((self.course.count, *shape[1:]))  # of the best repetition
+        self._now: Update | None = None
+        self._best, self._base, self._grown, self._idle, self._caution = 0, 0, 0, 0, 1.0
+        self._errors: list[Array] = []
+        self._noises: list[Array] = []  # powers (f,) of what did not return
 
     @property
     def done(self) -> bool:
@@ -146,50 +154,70 @@ class Learner:
         error = self.course.wanted.theta[: self.course.count] - checks.real("theta", theta, "rad")
         counted = error[self.course.begin :]
         rms, worst = float(np.sqrt(np.mean(counted**2))), float(np.abs(counted).max())
-        self.history.append(Repetition(rms, worst, self._next, self._gain))
-        self._judge(error, rms)
+        self.history.append(Repetition(rms, worst, self._next, 0.0 if self._now is None else self._now.gain))
+        self._errors.append(error)
+        if len(self.history) > 1:
+            self._judge(rms)
         if self.reason is Reason.RUNNING and len(self.history) == self.repetitions:
             self.reason = Reason.ENOUGH
+        if not self.done:
+            self._design()
         if not self.done:
             self._next = self._updated()
         return self.history[-1]
 
-    def _judge(self, error: Array, rms: float) -> None:
-        """Compare the last repetition with the best before, and end if two in a row gained nothing."""
-        if len(self.history) == 1:
-            self._error = error
-            return self._design()
-        before = self.best.rms
+    def _judge(self, rms: float) -> None:
+        """Compare the last repetition with the best before, and end if several in a row gained nothing or grew."""
+        last, before, model = len(self.history) - 1, self.best.rms, self._responses[0]
+        change = self.history[last].correction - self.history[self._base].correction
+        old, new, shift = map(self._counted, (self._errors[self._base], self._errors[last], change))
+        self._noises.append(unforeseen(model, old, new, shift, self.dt))
+        share = self._noise.sum() / max(power_of(new, model, self.dt), 1e-300)
+        doubt = min(share * rms**2, _LEAST_GROWTH * before**2)
         if rms < before:
-            self._best, self._error = len(self.history) - 1, error
-        if rms > (1 + NOISE) * before:
-            self._grown, self._gain = self._grown + 1, self._gain / 2
+            self._best = last
+        if rms**2 > ((1 + NOISE) * before) ** 2 + doubt:
+            self._grown, self._caution, self._base = self._grown + 1, self._caution / 2, self._best
+            self._noises.pop()  # an error that grows is the update's fault until it is shown not to be
         else:
-            self._grown = 0
+            self._grown, self._base = 0, last
         self._idle = self._idle + 1 if rms > (1 - NOISE) * before else 0
-        if self._grown == PATIENCE:
+        if self._grown == GROWTH:
             self.reason = Reason.GREW
         elif self._idle == PATIENCE:
             self.reason = Reason.SETTLED
 
+    @property
+    def _noise(self) -> Array:
+        """Power (f,) of what did not return: the least of all repetitions, since a wrong response adds to each."""
+        return np.asarray(np.minimum(_LEAST_OF_SEVERAL * np.min(self._noises, axis=0), self._noises[-1]))
+
+    def _counted(self, values: Array) -> Array:
+        """Return the part (M, n) of `values` in which the motion counts."""
+        part = values[self.course.begin : self.course.count]
+        return part.reshape(len(part), -1)
+
     def _design(self) -> None:
         shown = self.course.fade[self.course.begin] if self.course.begin else 1.0
-        error = shown * self._error[self.course.begin :].reshape(self.course.count - self.course.begin, -1)
+        error = shown * self._counted(self._errors[self._base])
+        noise: Array | float = self._noise if self._noises else 0.0
+        ahead = self.repetitions if self.update is None else AHEAD
         try:
-            self.update = designed(self._responses, error, self.dt, self.repetitions)
+            update = designed(self._responses, error, self.dt, ahead, noise, self.update)
         except InvalidInput:
             self.reason = Reason.UNKNOWN
             return
-        self._gain = self.update.gain
+        self.update = self.update or update
+        self._now = replace(update, gain=self._caution * update.gain)
 
     def _updated(self) -> Array:
         """Return the next correction; the tail, in which no error is known, goes on with the last one."""
-        assert self.update is not None
+        assert self._now is not None
         size, count = self._next.shape[0], self.course.count
-        faded = self._error.reshape(count, -1) * self.course.fade[:, None]
+        faded = self._errors[self._base].reshape(count, -1) * self.course.fade[:, None]
         error = np.concatenate([faded, np.tile(faded[-1], (size - count, 1))])
-        update = replace(self.update, gain=self._gain)
-        corrected = update.applied(self.best.correction.reshape(size, -1), error, self.dt)
+        base = self.history[self._base].correction
+        corrected = self._now.applied(base.reshape(size, -1), error, self.dt)
         fade = np.ones(size)
         fade[:count] = self.course.fade
         return np.asarray((corrected * fade[:, None]).reshape(self._next.shape))

@@ -143,7 +143,7 @@ def report(
     console.print(_table(learner))
     if learner.update is not None:
         rate = f"{100 * learner.update.rate:.0f} % or less at every frequency, but for what the low-pass keeps out"
-        say(console, f"update: {learner.update}; on all plants that were reckoned with errors fall to {rate}")
+        say(console, f"first update: {learner.update}; on all plants that were reckoned with errors fall to {rate}")
     say(console, f"learned: {learner}")
     errors = tuple(one.rms for one in learner.history)
     Correction(learner.course.wanted, learner.best.correction, owner, errors).save(files[0])

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.bags import Quantity, read_topics, to_csv
+from allocator.identification import read_samples
 
 ANGLE = 0.01 * np.arange(50) - 0.2
 TOPICS = "theta=/joint_states.position[1] pressure1=/one.fluid_pressure pressure2=/valves.data[0]:bar"
@@ -125,3 +126,25 @@ def test_the_command_lists_topics_and_writes_a_log(tmp_path):
     wrote = CliRunner().invoke(app, ["bag", str(path), "--topics", "theta=/q.v:deg", "--out", str(out)])
     assert wrote.exit_code == 0
     assert out.read_text().splitlines()[0] == "time [s],theta [deg]"
+
+
+def test_a_bag_goes_straight_into_the_readers_of_the_fits(tmp_path):
+    turn = 10_000_000  # [ns]
+    path = write_json(
+        tmp_path / "a.mcap",
+        {
+            "/cell": [(k * turn, {"load": 100.0 + k}) for k in range(300)],
+            "/valve": [(k * turn, {"bar": 1 + 0.01 * k, "stroke": 0.0001 * k}) for k in range(300)],
+        },
+    )
+    topics = "force=/cell.load pressure=/valve.bar:bar shortening=/valve.stroke"
+    found = read_samples(path, 0.3, topics=topics)
+    np.testing.assert_allclose(found.force, 100.0 + np.arange(300))
+    np.testing.assert_allclose(found.contraction, 0.0001 * np.arange(300) / 0.3)
+    with pytest.raises(InvalidFile, match=r"say by --topics which number is what; topics: /cell \(j, 300\), /valve"):
+        read_samples(path, 0.3)
+    (tmp_path / "a.csv").write_text("force_N,pressure_bar,length_mm\n1,1,300\n")
+    with pytest.raises(InvalidFile, match="is no recording, for which --topics is"):
+        read_samples(tmp_path / "a.csv", 0.3, topics=topics)
+    with pytest.raises(InvalidInput, match="a quantity is given twice"):
+        read_samples(path, 0.3, topics="force=/cell.load force=/cell.load")

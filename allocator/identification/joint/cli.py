@@ -13,10 +13,10 @@ from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
 from allocator.identification.joint.comparison import JointComparison, compare_joint_models
 from allocator.identification.joint.fit import fit_joint
-from allocator.identification.joint.reading import JointLog, read_joint_log
+from allocator.identification.joint.reading import JointLog, joined_logs, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
-from allocator.identification.options import DropSpikes, SkipRows, assigned, clock, columns_option, each, print_lines
+from allocator.identification.options import SkipRows, Topics, assigned, clock, columns_option, each, print_lines, short
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.presentation.plotting import save_figure
 from allocator.shell.options import within
@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 
 def fit_joint_command(
-    log: Annotated[Path, typer.Argument(help="CSV with theta [deg], pressure1 [bar], pressure2 [bar]; see above.")],
+    log: Annotated[
+        list[Path],
+        typer.Argument(help="CSV or bag, or several, with theta [deg], pressure1 [bar], pressure2 [bar]; see above."),
+    ],
     lever: Annotated[
         str | None,
         typer.Option(
@@ -43,7 +46,7 @@ def fit_joint_command(
     ] = None,
     columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
     skip_rows: SkipRows = 0,
-    drop_spikes: DropSpikes = False,
+    topics: Topics = None,
     model: Annotated[str, typer.Option(help="Muscle model.")] = "Sarosi2012",
     every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
     average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
@@ -66,18 +69,21 @@ def fit_joint_command(
     [Nm] of a weight, positive where it pulls θ down; direction (+1 where θ was rising, -1 falling) or sweep;
     rest_length [mm] where there are several; slack (1, 2 or 3 in the rows of a sag test: agonist, antagonist or both
     just went slack, else 0; `antagonist plan-joint` proposes one); in these or other units and words (P1_kPa,
-    phi [rad]). With a column time [s] the file is a raw log: what was steady for a second is used.
+    phi [rad]). With a column time [s] the file is a raw log: what was steady for a second is used, without rows with
+    spikes, drop-outs or missing readings. Several files of one joint are fitted together, and each left out in turn.
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--dead-band", dead_band, "bar", 0, 100)
     check_ending("--plot", plot, IMAGES)
-    claim(out, plot, inputs=(log,), force=force)
+    claim(out, plot, inputs=log, force=force)
     console = Console(stderr=as_json)
-    data = read_joint_log(
-        log, _sweeps(sweep or []), parse_columns(columns), skip_rows=skip_rows, drop_spikes=drop_spikes
+    ways, read = _sweeps(sweep or []), parse_columns(columns)
+    data = joined_logs(
+        {name: read_joint_log(one, ways, read, skip_rows=skip_rows, topics=topics) for name, one in short(log).items()}
     )
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, rest_length, data.rest_length)
+    groups = groups or list(data.files) or None
     options: dict[str, Any] = {
         "geometry": geometry,
         "torque": data.torque,

@@ -49,7 +49,8 @@ def fit_joint(
     """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
 
     More than 1000 samples are put into cells of 0.05 bar, or wider if need be, and their means are fitted; see
-    `JointSamples.binned`. Samples at which the force law of the model cannot be evaluated are left out, and counted.
+    `JointSamples.binned`. Samples at which the force law of the model cannot be evaluated are left out, and counted; so
+    are angles that stand apart from those at like pressures, see `allocator.identification.outliers`.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def fit_joint(
     slack_by_pressure = (samples.P1 < dead) | (samples.P2 < dead)
     samples = samples.without(slack_by_pressure, f"a pressure below the dead band of {dead / BAR:g} bar")
     _check_data(samples, friction and not average)
-    samples = samples.binned(_MOST_SAMPLES)
+    samples = samples.without_outliers().binned(_MOST_SAMPLES)
     if average:
         samples = samples.averaged()
     told = bool((samples.direction != 0).any())

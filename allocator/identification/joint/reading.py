@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.errors import InvalidFile
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.text import FilePath
 from allocator.identification.columns import Measured, read_columns
-from allocator.identification.recording import in_time, note_spikes, stretches, without_spikes
+from allocator.identification.recording import in_time, stretches, without_spikes
 from allocator.units import BAR, DEG
 
 _WINDOW = 1.0  # [s]
@@ -54,6 +54,7 @@ class JointLog(NamedTuple):
     used: int  # rows that went into an equilibrium
     slack: Array | None = None  # 1, 2 or 3: a row of a sag test, see `fit_joint`; None: there are none
     notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
+    files: tuple[str, ...] = ()  # name of the file of each equilibrium, where there are several
 
     @property
     def dropped_share(self) -> float:
@@ -67,31 +68,56 @@ def read_joint_log(
     columns: Mapping[str, str] | None = None,
     *,
     skip_rows: int = 0,
-    drop_spikes: bool = False,
+    topics: str | None = None,
 ) -> JointLog:
     """Read equilibria; `sweeps` gives the direction (+1, -1) of each number in the column `sweep`.
 
     `columns` says which column is what where the names do not: ``{"theta": "phi:deg", "pressure1": "p1:bar"}``.
 
-    `skip_rows` lines are left out at the beginning of the file. With `drop_spikes`, rows are left out in which a
-    reading is missing, and those of a raw log in which one jumps there and back or is a pressure that drops out.
-    `JointLog.notes` lists what was not used.
+    `skip_rows` lines are left out at the beginning of the file. Of a raw log, rows are left out in which a reading is
+    missing, jumps there and back, or is a pressure that drops out. `topics` says which number of a ROS bag or an MCAP
+    file is what, see `read_motion_log`. `JointLog.notes` lists what was not used.
 
     Raises `InvalidFile`, with line and column, at anything that cannot be read.
     """
-    measured = read_columns(path, _WANTED, _OPTIONAL, columns, skip_rows=skip_rows, drop_missing=drop_spikes)
+    measured = read_columns(path, _WANTED, _OPTIONAL, columns, skip_rows=skip_rows, topics=topics)
     if "time" in measured.values:
-        measured = in_time(measured)
-        measured = without_spikes(measured) if drop_spikes else note_spikes(measured)
+        measured = without_spikes(in_time(measured))
     values, rows = measured.values, measured.values["theta"].size
-    given = {name: values[quantity] for name, quantity in _GIVEN.items()}
+    given: dict[str, Array] = {name: values[quantity] for name, quantity in _GIVEN.items()}
     given["torque"] = values.get("torque", np.zeros(rows))
     if "time" in values:
         return _rests(measured, given)
     way, slack, lengths = _directions(measured, sweeps or {}), _slack(measured), values.get("rest_length")
     return JointLog(
-        **given, direction=way, rest_length=lengths, rows=rows, used=rows, slack=slack, notes=measured.notes
+        **given, direction=way, rest_length=lengths, rows=rows, used=rows, slack=slack, notes=measured.notes, files=()
     )
+
+
+def joined_logs(logs: Mapping[str, JointLog]) -> JointLog:
+    """Return the logs of one joint by the names of their files as one; each has begun without memory.
+
+    Raises `InvalidInput` if only some of them have rest lengths.
+    """
+    if len(logs) == 1:
+        return next(iter(logs.values()))
+    every = tuple(logs.values())
+    lengths = [log.rest_length for log in every if log.rest_length is not None]
+    if lengths and len(lengths) < len(every):
+        raise InvalidInput("some of the files have a column of rest lengths, others not: give it in all, or in none")
+    slack = [np.zeros(log.theta.size) if log.slack is None else log.slack for log in every]
+    theta, P1, P2, torque, way = (
+        np.concatenate([getattr(log, name) for log in every]) for name in ("theta", "P1", "P2", "torque", "direction")
+    )
+    return JointLog(
+        theta, P1, P2, torque, way,
+        np.concatenate(lengths) if lengths else None,
+        sum(log.rows for log in every),
+        sum(log.used for log in every),
+        None if all(log.slack is None for log in every) else np.concatenate(slack),
+        tuple(f"{name}: {note}" for name, log in logs.items() for note in log.notes),
+        tuple(name for name, log in logs.items() for _ in range(log.theta.size)),
+    )  # fmt: skip
 
 
 def _rests(measured: Measured, given: Mapping[str, Array]) -> JointLog:
@@ -120,7 +146,7 @@ def _rests(measured: Measured, given: Mapping[str, Array]) -> JointLog:
     used = int(np.unique(np.concatenate(runs)).size)
     lengths = None if lengths is None else np.array([lengths[run[-1]] for run in runs])
     way = np.concatenate(ways)
-    return JointLog(**means, direction=way, rest_length=lengths, rows=t.size, used=used, notes=measured.notes)
+    return JointLog(**means, direction=way, rest_length=lengths, rows=t.size, used=used, notes=measured.notes, files=())
 
 
 def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray[np.intp]]:

@@ -82,11 +82,17 @@ class JointFit:
     @property
     def joint(self) -> AntagonistJoint | RelativeJoint:
         """Return the joint; one that refuses absolute stiffness where the scale is unknown."""
-        if len(self.shapes) > 1:
+        if self._several:
             raise InvalidInput(
                 f"the fit is of several geometries: take joint_of({' or '.join(map(repr, self.shapes))})"
             )
         return self.joint_of(next(iter(self.shapes)))
+
+    @property
+    def _several(self) -> bool:
+        """Whether the groups differ in geometry, and are not files of one joint."""
+        (_, first), *others = self.samples.groups
+        return any(geometry is not first for _, geometry in others)
 
     def joint_of(self, group: object) -> AntagonistJoint | RelativeJoint:
         """Return the joint of one group of samples."""
@@ -195,14 +201,15 @@ class JointFit:
         """
         if self.scale is not None:
             raise InvalidInput("the force scale is known already, from the weight in the data")
-        if len(self.shapes) > 1:
+        if self._several:
             raise InvalidInput("T_P belongs to one geometry, and this fit is of several: fit them with a known weight")
-        (label, shape), (theta, P1, P2) = next(iter(self.shapes.items())), at
+        shape, (theta, P1, P2) = next(iter(self.shapes.values())), at
         joint = RelativeJoint(shape).with_scale(T_P, (theta - self.zero, P1, P2), std)
         names, powers = list(shape.agonist.parameters), strength_powers(shape.agonist)
         name, power = next((n, p) for n, p in zip(names, powers, strict=True) if p)
         factor = (joint.agonist.parameters[name] / shape.agonist.parameters[name]) ** (1 / power)
-        return replace(self, shapes={label: joint}, scale=CONVENTIONAL_AREA * float(factor), scale_std=std / T_P)
+        scale, shapes = CONVENTIONAL_AREA * float(factor), dict.fromkeys(self.shapes, joint)
+        return replace(self, shapes=shapes, scale=scale, scale_std=std / T_P)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``.

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.identification.outliers import outlying, some
 from allocator.joint.geometry import Geometry
-from allocator.units import BAR
+from allocator.units import BAR, DEG
 
 Geometries = Geometry | Mapping[str, Geometry] | Mapping[int, Geometry] | Mapping[float, Geometry]
 Routes = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
@@ -98,6 +99,16 @@ class JointSamples:
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
+
+    def without_outliers(self) -> Self:
+        """Return the samples but those whose angle stands apart from the angles at like pressures, which are listed."""
+        kinds = np.stack([self.torque, self.direction, self.group.astype(float)], axis=1)
+        apart = outlying(np.stack([self.P1, self.P2], axis=1), self.theta, kinds)
+        shown = [
+            f"{theta / DEG:.3g}° at {P1 / BAR:.3g} and {P2 / BAR:.3g} bar"
+            for theta, P1, P2 in zip(self.theta[apart], self.P1[apart], self.P2[apart], strict=True)
+        ]
+        return self.without(apart, f"angle apart from those at like pressures: {some(shown)}")
 
     def routes(self, theta: Array) -> Routes:
         """Return (ε, a, a') of agonist and antagonist at the true angles `theta` (n,), and the rest lengths (n,)."""

@@ -28,7 +28,6 @@ from allocator.identification.recording import (
     GAP,
     in_time,
     long_stretches,
-    refuse_spikes,
     refuse_turns,
     spikes_of,
     stretches,
@@ -72,6 +71,8 @@ class MotionLog:
     def checked(cls, t: ArrayLike, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, *, medians: bool = True) -> Self:
         """Make a log of anything array-like, with `medians` of noisy pressures, and rows at even times.
 
+        Rows are left out in which a reading jumps there and back, or is a pressure that drops out; a note lists them.
+
         Raises `InvalidInput` at what is no log in SI units, and at one that moves too little to tell anything, with
         what to measure instead.
         """
@@ -86,7 +87,8 @@ class MotionLog:
         rows = [np.array(a, float) for a in checks.broadcast(**named)]
         log = cls(rows[0], rows[1], rows[2], rows[3])
         log._check_time()
-        log._check_readings()
+        log = log._without_spikes()
+        log._check_turns()
         log._check_excitation()
         log = log._even()
         log = log._without_noise() if medians else log
@@ -157,13 +159,14 @@ class MotionLog:
     def _even(self) -> Self:
         """Return the log with rows at even times: angles between two rows on a line, pressures as in the row before.
 
-        Inertia and damping are a filter with one step for all rows.
+        Inertia and damping are a filter with one step for all rows. A row that is late by less than `_UNEVEN` steps,
+        such as by the rounding of its stamp, is in time: or its commands would come a step later.
         """
         if all(evenly(self.t[part]) for part in self.parts):
             return self
         step = max(self.step, sum(float(np.ptp(self.t[part])) for part in self.parts) / _MOST_ROWS)
         t = np.concatenate([even_times(self.t[part], step) for part in self.parts])
-        before = np.searchsorted(self.t, t, side="right") - 1
+        before = np.searchsorted(self.t, t + _UNEVEN * step, side="right") - 1
         return replace(self, t=t, theta=np.interp(t, self.t, self.theta), P1=self.P1[before], P2=self.P2[before])
 
     def _without_noise(self) -> Self:
@@ -193,15 +196,20 @@ class MotionLog:
         if min(part.stop - part.start for part in self.parts) < 2:
             raise InvalidInput(f"a row stands alone between two gaps of more than {GAP:g} s: leave it out")
 
-    def _check_readings(self) -> None:
-        """Refuse angles and pressures that no joint goes through: rows that jump there and back, turns within a row."""
-        spikes = spikes_of(self.t, {"theta": self.theta, "P1": self.P1, "P2": self.P2})
-        if wrong := [f"{name}[{i}]" for name, rows in spikes.items() for i in rows]:
-            more = f" and {len(wrong) - _SHOWN} more" if len(wrong) > _SHOWN else ""
-            raise InvalidInput(
-                f"spikes in {', '.join(wrong[:_SHOWN])}{more}, which jump there and back as no joint does; "
-                "leave these rows out"
-            )
+    def _without_spikes(self) -> Self:
+        found = spikes_of(self.t, {"theta": self.theta, "pressure1": self.P1, "pressure2": self.P2})
+        spikes = {name.replace("pressure", "P"): rows for name, rows in found.items()}
+        if not (wrong := [f"{name}[{i}]" for name, rows in spikes.items() for i in rows]):
+            return self
+        keep = np.ones(self.n, bool)
+        keep[[i for rows in spikes.values() for i in rows]] = False
+        more = f" and {len(wrong) - _SHOWN} more" if len(wrong) > _SHOWN else ""
+        note = f"rows with spikes were left out: {', '.join(wrong[:_SHOWN])}{more}"
+        t, theta, P1, P2 = (a[keep] for a in (self.t, self.theta, self.P1, self.P2))
+        return replace(self, t=t, theta=theta, P1=P1, P2=P2, notes=(*self.notes, note))
+
+    def _check_turns(self) -> None:
+        """Refuse angles that no joint goes through: turns within a row."""
         turned = (np.abs(np.diff(self.theta)) > np.pi) & (np.diff(self.t) <= GAP)
         if turned.any():
             i = int(np.argmax(turned)) + 1
@@ -261,21 +269,18 @@ def even_times(t: Array, step: float | None = None) -> Array:
 
 
 def read_motion_log(
-    path: FilePath, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0, drop_spikes: bool = False
+    path: FilePath, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0, topics: str | None = None
 ) -> MotionLog:
     """Read the log of a moving joint; `columns` as for `read_joint_log`: ``{"theta": "phi:deg"}``.
 
-    `skip_rows` lines are left out at the beginning of the file. With `drop_spikes`, rows are left out in which a
-    reading is missing, jumps there and back, or is a pressure that drops out. `MotionLog.notes` lists what was not
-    used.
+    `skip_rows` lines are left out at the beginning of the file. Rows are left out in which a reading is missing, jumps
+    there and back, or is a pressure that drops out. `topics` says which number of a ROS bag or an MCAP file is what:
+    ``"theta=/joint_states.position[0] pressure1=/valves.data[0]:bar …"``. `MotionLog.notes` lists what was not used.
 
     Raises `InvalidFile`, with line and column where one is at fault, also where the log moves too little.
     """
-    measured = in_time(read_columns(path, _WANTED, _MEASURED, columns, skip_rows=skip_rows, drop_missing=drop_spikes))
-    if drop_spikes:
-        measured = without_spikes(measured)
-    else:
-        refuse_spikes(measured)
+    measured = read_columns(path, _WANTED, _MEASURED, columns, skip_rows=skip_rows, topics=topics)
+    measured = without_spikes(in_time(measured))
     measured = long_stretches(measured, _LEAST_STRETCH)
     refuse_turns(measured)
     t, theta, P1, P2 = (measured.values[quantity] for (quantity,) in _WANTED)

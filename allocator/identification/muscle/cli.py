@@ -15,8 +15,8 @@ from allocator.identification.columns import parse_columns
 from allocator.identification.muscle.ranking import Ranking, rank_models
 from allocator.identification.muscle.reading import DATASETS, read_samples
 from allocator.identification.muscle.result import Fit
-from allocator.identification.muscle.samples import Samples
-from allocator.identification.options import SkipRows, assigned, columns_option, each, print_lines
+from allocator.identification.muscle.samples import Samples, joined
+from allocator.identification.options import SkipRows, Topics, assigned, columns_option, each, print_lines, short
 from allocator.muscles import MODELS, Muscle
 from allocator.presentation.plotting import save_figure
 from allocator.shell.options import within
@@ -30,14 +30,18 @@ _DEFAULT = "dmsp-20-300-map"
 
 def fit_command(
     data: Annotated[
-        str, typer.Argument(help=f"CSV file, or a table of the package: {', '.join(DATASETS)}.", metavar="DATA")
-    ] = _DEFAULT,
+        list[str] | None,
+        typer.Argument(
+            help=f"CSV or bag, or several, or a table of the package: {', '.join(DATASETS)}.", metavar="DATA"
+        ),
+    ] = None,
     model: Annotated[
         str | None, typer.Option(help="Fit this model only; by default all are, and ranked by name.")
     ] = None,
     rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
     columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
     skip_rows: SkipRows = 0,
+    topics: Topics = None,
     hold: Annotated[
         list[str] | None, typer.Option(help="Parameter not to be fitted, in SI units: r0=0.0109. Repeatable.")
     ] = None,
@@ -55,16 +59,19 @@ def fit_command(
     """Fit muscle models to measured forces, rank them, and save the best (or the one asked for).
 
     Columns by name with unit: contraction [%], length or shortening [mm], pressure [bar] (gauge), force [N], in these
-    or other units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used.
+    or other units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used. One
+    muscle is fitted to several files, each with the zero of the load cell that it shows.
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--min-pressure", min_pressure, "bar", -1, 100)
     within("--min-contraction", min_contraction, "(a ratio, not percent)", -1, 1)
     within("--zero-noise", zero_noise, "N", 0, 1_000_000)
     check_ending("--plot", plot, IMAGES)
-    claim(out, plot, inputs=(data,), force=force)
+    files = data or [_DEFAULT]
+    claim(out, plot, inputs=files, force=force)
     console = Console(stderr=as_json)
-    samples = _samples(data, rest_length, columns, skip_rows)
+    read = {name: _samples(str(one), rest_length, columns, skip_rows, topics) for name, one in short(files).items()}
+    samples = joined(read)
     ranking = rank_models(
         samples,
         _models(model),
@@ -83,7 +90,7 @@ def fit_command(
         _report(ranking, console)
         _describe(best, console)
     if out is not None:
-        best.save(out, {"data": Path(data).name.encode(errors="replace").decode()})
+        best.save(out, {"data": ", ".join(Path(one).name.encode(errors="replace").decode() for one in files)})
         say(console, f"written: {out}")
     if plot is not None:
         from allocator.identification.muscle.plotting import fit_figure
@@ -92,11 +99,11 @@ def fit_command(
         say(console, f"written: {plot}")
 
 
-def _samples(data: str, rest_length: float | None, columns: str | None, skip_rows: int) -> Samples:
+def _samples(data: str, rest_length: float | None, columns: str | None, skip_rows: int, topics: str | None) -> Samples:
     if data in DATASETS:
         return DATASETS[data].samples()
     length = None if rest_length is None else rest_length * MM
-    return read_samples(data, length, parse_columns(columns), skip_rows=skip_rows)
+    return read_samples(data, length, parse_columns(columns), skip_rows=skip_rows, topics=topics)
 
 
 def _models(name: str | None) -> tuple[type[Muscle], ...]:
@@ -152,6 +159,7 @@ def _describe(fit: Fit[Muscle], console: Console) -> None:
         lines.append(f"  slack is a force below {samples.slack_limit:.3g} N, three times the zero noise")
     if not samples.zero_seen:
         lines.append("  the load cell's zero was not seen: no plateau of slack readings shows it")
+    lines += [f"  {f.name}: {f.samples} taut samples, {f.rms:.2f} N RMS, mean {f.mean:+.2f} N" for f in fit.files]
     lines += [f"  {note}" for note in samples.notes]
     lines += [f"  {n} samples left out: {reason}" for reason, n in samples.dropped.items()]
     print_lines(console, [*lines, *(f"  beware: {warning}" for warning in fit.warnings)])
@@ -175,6 +183,7 @@ def _values(ranking: Ranking, best: Fit[Muscle]) -> dict[str, object]:
         "failures": ranking.failures,
         "best": {
             **best.to_dict(),
+            "files": [f._asdict() for f in best.files],
             "samples_left_out": best.samples.dropped,
             "notes": best.samples.notes,
             "measured": None if best.muscle.measured is None else vars(best.muscle.measured),

@@ -14,7 +14,7 @@ from allocator.identification.least_squares import Determination, at_bound, dete
 from allocator.identification.muscle.load_cell import hysteresis, weighted, zeroed
 from allocator.identification.muscle.problem import MuscleProblem, Solution
 from allocator.identification.muscle.result import Fit, Level
-from allocator.identification.muscle.samples import Samples, thinned
+from allocator.identification.muscle.samples import Samples, joined, thinned
 from allocator.muscles import Muscle, Recipe, monotonicity_failure
 from allocator.muscles.base import Covariance
 from allocator.muscles.measured import MeasuredRegion
@@ -44,11 +44,13 @@ def fit(
     contraction_range: Range = EVERYTHING,
     folds: int = 5,
     zero_noise: float | None = None,
+    file: ArrayLike | None = None,
 ) -> Fit[M]:
     """Fit `model` to forces [N] measured at contractions [-] and gauge pressures [Pa], arrays that broadcast.
 
     Logs of more than 2000 rows are averaged over cells first (see `thinning`), and the load cell's sign and offset are
-    corrected if the slack readings show them (see `load_cell`); `samples.notes` of the answer says so.
+    corrected if the slack readings show them (see `load_cell`); `samples.notes` of the answer says so. Forces that
+    stand apart from their neighbours are left out (see `outliers`), and `samples.dropped` lists them.
 
     Parameters
     ----------
@@ -69,6 +71,9 @@ def fit(
     zero_noise
         Standard deviation of the load cell's readings at no force [N]; estimated from the slack ones if not given.
         Where there is some, samples are weighted by the variance of their readings.
+    file
+        Label of the file, or the experiment, of each sample: sign and zero of the load cell, outliers and hysteresis
+        are found in each for itself, and errors are reported for each (`Fit.files`). One muscle is fitted to all.
 
     Raises
     ------
@@ -76,7 +81,7 @@ def fit(
         If the samples cannot be what they should be, are fewer than the parameters, at one pressure only, or if no
         muscle of this kind comes near them.
     """
-    samples = Samples.checked(contraction, pressure, force, weights)
+    samples = Samples.checked(contraction, pressure, force, weights, file)
     samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
     problem, starts, _ = build_problem(model, samples, hold, start, taut_only=taut_only)
     return conclude(model, problem, folds, starts)
@@ -91,7 +96,7 @@ def prepared(
     taut_only: bool = True,
 ) -> Samples:
     """Return what every model is fitted to: the samples within the ranges, few enough, as a perfect load cell gives
-    them.
+    them, without outliers. Each file has a zero, outliers and a hysteresis of its own.
     """
     if zero_noise is not None:
         zero_noise = checks.not_negative("zero_noise", zero_noise, "N")
@@ -103,10 +108,17 @@ def prepared(
         raise InvalidInput("no samples are left to fit")
     if not taut_only:
         return thinned(samples)
-    samples = zeroed(samples, zero_noise)
+    told = joined({name: _zeroed(part, zero_noise) for name, part in samples.parts.items()})
+    if samples.file is not None:
+        told = replace(told, dropped={**samples.dropped, **told.dropped}, notes=(*samples.notes, *told.notes))
+    return weighted(thinned(told))
+
+
+def _zeroed(samples: Samples, zero_noise: float | None) -> Samples:
+    samples = zeroed(samples.without_outliers(), zero_noise)
     for branches in hysteresis(samples):
         samples = samples.noted(str(branches))
-    return weighted(thinned(samples))
+    return samples
 
 
 def build_problem(

@@ -7,6 +7,7 @@ the notes:
     pressure [bar, mbar, kPa, MPa, Pa, psi], gauge
     force [N, kN, mN, lbf, kgf, gf]
     direction +1, up, inflating, … where the varied quantity rises; -1, down, deflating, … where it falls
+    time [s, ms, us, ns, min] of rows at most 0.5 s apart makes the file a raw log, whose spikes are left out
 
 in the words of `headers`: `eps [%]`, `Pressure (kPa)`, `force_N`, `Kraft [N]`, …; for other names see `columns`.
 """
@@ -22,23 +23,33 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.files.text import FilePath
 from allocator.identification.columns import Measured, read_columns
 from allocator.identification.muscle.samples import Samples, find_mistake
+from allocator.identification.recording import is_raw, without_spikes
 
 _CONTRACTION = ("contraction", "length", "shortening")
 _WANTED = (_CONTRACTION, ("pressure",), ("force",))
 
 
 def read_samples(
-    path: FilePath, rest_length: float | None = None, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0
+    path: FilePath,
+    rest_length: float | None = None,
+    columns: Mapping[str, str] | None = None,
+    *,
+    skip_rows: int = 0,
+    topics: str | None = None,
 ) -> Samples:
     """Read measured forces; `rest_length` [m] is needed for a length or a shortening.
 
     `columns` says which column is what where the names do not: ``{"pressure": "p:bar", "force": "F:-N"}``, name and
     unit; a minus turns the sign round, ``bar(abs)`` takes the atmosphere off. `skip_rows` lines are left out at the
-    beginning of the file. `Samples.notes` lists what was not used.
+    beginning of the file. Of a raw log, rows are left out in which a reading is missing, jumps there and back, or is a
+    pressure that drops out. `topics` says which number of a ROS bag or an MCAP file is what, see `read_motion_log`.
+    `Samples.notes` lists what was not used.
 
     Raises `InvalidFile`, with line and column, at anything that cannot be read or cannot be right.
     """
-    measured = read_columns(path, _WANTED, ("direction",), columns, skip_rows=skip_rows)
+    measured = read_columns(path, _WANTED, ("direction", "time"), columns, skip_rows=skip_rows, topics=topics)
+    if is_raw(measured):
+        measured = without_spikes(measured)
     P, F = measured.values["pressure"], measured.values["force"]
     eps = _contraction(measured, rest_length)
     if mistake := find_mistake(eps, P, F):

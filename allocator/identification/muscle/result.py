@@ -8,6 +8,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from allocator.calculus import Array, Mask
+from allocator.identification.least_squares import rms
 from allocator.identification.muscle.samples import Samples
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 from allocator.presentation.tables import first_of, html_table, number
@@ -21,6 +22,15 @@ class Level(NamedTuple):
     """
 
     pressure: float  # mean [Pa]
+    samples: int  # how many
+    mean: float  # [N]
+    rms: float  # [N]
+
+
+class FileError(NamedTuple):
+    """Residuals F_model - F_measured of the taut samples of one file."""
+
+    name: str
     samples: int  # how many
     mean: float  # [N]
     rms: float  # [N]
@@ -77,6 +87,15 @@ class Fit(Generic[M_co]):
     def n_taut(self) -> int:
         """Return how many samples are equations."""
         return int((~self.slack).sum())
+
+    @property
+    def files(self) -> tuple[FileError, ...]:
+        """Return the errors of each file, of none where there is one."""
+        if self.samples.file is None:
+            return ()
+        error = self.residuals()
+        taut = [(name, error[~self.slack & (self.samples.file == i)]) for i, name in enumerate(self.samples.files)]
+        return tuple(FileError(name, e.size, float(e.mean()), rms(e)) for name, e in taut if e.size)
 
     def residuals(self) -> Array:
         """Return F_model - F_measured (n,) [N]; where the model and the muscle are slack, the cell's reading alone."""

@@ -5,11 +5,12 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.identification.outliers import outlying, some
 from allocator.units import BAR
 
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
@@ -41,12 +42,22 @@ class Samples:
     scatter: Array | None = None  # standard deviation [N] of the readings that a sample is the mean of; None: of one
     notes: tuple[str, ...] = ()  # what was done to the readings
     direction: Array | None = None  # +1 where the quantity that was varied rises, -1 where it falls; None: not told
+    file: NDArray[np.intp] | None = None  # index of the file in `files`; None: there is one
+    files: tuple[str, ...] = ()
 
     @classmethod
     def checked(
-        cls, contraction: ArrayLike, pressure: ArrayLike, force: ArrayLike, weights: ArrayLike | None = None
+        cls,
+        contraction: ArrayLike,
+        pressure: ArrayLike,
+        force: ArrayLike,
+        weights: ArrayLike | None = None,
+        file: ArrayLike | None = None,
     ) -> Self:
-        """Make samples of anything array-like; raises `InvalidInput` at what cannot be a muscle's force in SI units."""
+        """Make samples of anything array-like, with a label of the file of each if there are several.
+
+        Raises `InvalidInput` at what cannot be a muscle's force in SI units.
+        """
         eps, P = checks.real("contraction", contraction, "ratio"), checks.pressure("pressure", pressure)
         F = checks.real("force", force, "N")
         w = checks.real("weights", np.ones_like(F) if weights is None else weights, "relative")
@@ -56,7 +67,12 @@ class Samples:
         eps, P, F, w = (_frozen(array) for array in arrays)
         if mistake := find_mistake(eps, P, F):
             raise InvalidInput(f"sample {mistake.place}: {mistake.sentence}")
-        return cls(eps, P, F, w)
+        if file is None:
+            return cls(eps, P, F, w)
+        if (labels := np.asarray(file).ravel()).size != F.size:
+            raise InvalidInput(f"file has {labels.size} labels for {F.size} samples")
+        names, index = np.unique(labels, return_inverse=True)
+        return cls(eps, P, F, w, file=index.ravel(), files=tuple(map(str, names)))
 
     @property
     def n(self) -> int:
@@ -115,17 +131,68 @@ class Samples:
         eps, P, F, w = (_frozen(array[keep]) for array in (self.contraction, self.pressure, self.force, self.weights))
         scatter = None if self.scatter is None else _frozen(self.scatter[keep])
         way = None if self.direction is None else _frozen(self.direction[keep])
-        return replace(self, contraction=eps, pressure=P, force=F, weights=w, scatter=scatter, direction=way)
+        file = None if self.file is None else self.file[keep]
+        return replace(self, contraction=eps, pressure=P, force=F, weights=w, scatter=scatter, direction=way, file=file)
+
+    @property
+    def parts(self) -> dict[str, Self]:
+        """The samples of each file that has any, by its name; "" if there is one file."""
+        if self.file is None:
+            return {"": self}
+        each = {name: self.where(self.file == i) for i, name in enumerate(self.files)}
+        return {
+            name: replace(
+                part, file=None, files=(), dropped={}, notes=(),
+                direction=part.direction if part.direction is not None and part.direction.any() else None,
+            )
+            for name, part in each.items()
+            if part.n
+        }  # fmt: skip
 
     def noted(self, note: str) -> Self:
         """Return these samples with one more note."""
         return replace(self, notes=(*self.notes, note))
+
+    def without_outliers(self) -> Self:
+        """Return the samples but those whose force stands apart from those of their neighbours, which are listed."""
+        apart = outlying(np.stack([self.contraction, self.pressure], axis=1), self.force)
+        shown = [
+            f"{F:.4g} N at {eps:.3g} and {P / BAR:.3g} bar"
+            for F, eps, P in zip(self.force[apart], self.contraction[apart], self.pressure[apart], strict=True)
+        ]
+        return self.without(apart, f"force apart from those at like contractions and pressures: {some(shown)}")
 
     def without(self, drop: Mask, reason: str) -> Self:
         """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
+
+
+def joined(parts: Mapping[str, Samples]) -> Samples:
+    """Return the samples of several files by their names as one; of one file those samples.
+
+    The zero noise is the greatest of them, the load cell cuts its readings off if it does in all, and directions are
+    forgotten. Notes and reasons name their file.
+    """
+    if len(parts) == 1:
+        return next(iter(parts.values()))
+    each = tuple(parts.values())
+    eps, P, F, w = (
+        _frozen(np.concatenate([getattr(part, name) for part in each]))
+        for name in ("contraction", "pressure", "force", "weights")
+    )
+    return Samples(
+        eps, P, F, w,
+        dropped={f"{name}: {reason}": n for name, part in parts.items() for reason, n in part.dropped.items()},
+        zero_noise=max(part.zero_noise for part in each),
+        cut=all(part.cut for part in each),
+        zero_seen=all(part.zero_seen for part in each),
+        notes=tuple(f"{name}: {note}" for name, part in parts.items() for note in part.notes),
+        direction=_frozen(np.concatenate([np.zeros(p.n) if p.direction is None else p.direction for p in each])),
+        file=np.repeat(np.arange(len(each)), [part.n for part in each]),
+        files=tuple(parts),
+    )  # fmt: skip
 
 
 def _normal(z: Array) -> Array:
@@ -246,7 +313,10 @@ def thinned(samples: Samples) -> Samples:
         np.minimum((q - q.min()) / max(float(np.ptp(q)), 1e-300) * parts, parts - 1).astype(np.intp)
         for q, parts in zip((rows.contraction, rows.pressure), _CELLS, strict=True)
     ]
-    _, cell = np.unique(places[0] * _CELLS[1] + places[1], return_inverse=True)
+    file = np.zeros(rows.n, np.intp) if rows.file is None else rows.file
+    _, first, cell = np.unique(
+        (file * _CELLS[0] + places[0]) * _CELLS[1] + places[1], return_index=True, return_inverse=True
+    )
     total = np.bincount(cell, rows.weights)
     weight = rows.weights / total[cell]
 
@@ -265,6 +335,7 @@ def thinned(samples: Samples) -> Samples:
         weights=np.minimum(total / np.median(total), 1.0),
         scatter=np.ptp(rows.force) * _scatter(moments),
         direction=None,  # both branches are in a cell
+        file=None if rows.file is None else file[first],
     )
     return cells.noted(
         f"{samples.n} rows became {total.size} samples, means over cells of contraction and pressure (loading and "

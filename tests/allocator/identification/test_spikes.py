@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 
-from allocator.identification.recording import angle_spikes, pressure_spikes
+from allocator.identification.recording import pressure_spikes, spikes_of
 from allocator.units import BAR, DEG
 
 T = 0.02 * np.arange(2000)
+
+
+def angle_spikes(t, theta):
+    """Return which rows of the angle are spikes."""
+    return np.isin(np.arange(t.size), spikes_of(t, {"theta": theta}).get("theta", []))
 
 
 def moving(speed):

@@ -20,6 +20,7 @@ from mpc.cli import app
 from mpc.export.serial.check import examine
 from mpc.export.serial.firmware import Safety
 from mpc.export.serial.simulated import SimulatedBoard
+from mpc.trials.corrections import Correction, Owner
 
 from ...rigs.fuzz import noise
 from ...rigs.needs import needs, posix
@@ -204,10 +205,12 @@ def test_an_address_names_port_and_baud():
 
 
 @pytest.mark.slow
-def test_a_controller_on_the_board_tracks_as_the_same_one_here_does():
+def test_a_controller_on_the_board_tracks_a_corrected_motion_as_the_same_one_here_does():
     process = RealPlant.standard()
     controller = TrackingMPC(process.nominal, N=5, weights=Weights.calm(), compensation=process.known())
-    reference = sine(K=5.5, duration=3.2, ramp=1.0).resampled(controller.dt)
+    wanted = sine(K=5.5, duration=3.2, ramp=1.0).resampled(controller.dt)
+    owner = Owner.of(process.nominal, controller.compensation)
+    reference = Correction(wanted, 0.1 * wanted.theta, owner).reference
     last, errors, statuses = reference.t.size - 1, [], set()
     with (
         SimulatedBoard(process, controller, step=controller.dt, x0=process.at_rest(0.0, 5.5), flags=("-O0",)) as board,

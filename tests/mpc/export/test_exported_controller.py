@@ -17,6 +17,8 @@ from mpc.export.controller.sizes import check_pair
 from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.repetition.update import Update
+from mpc.trials.corrections import Correction, Owner
 from mpc.trials.trajectories import point_to_point
 
 from ...rigs import toolchain as tools
@@ -111,6 +113,25 @@ def test_single_precision_keeps_commands_to_a_thousandth_of_the_supply(faulty_lo
     got = replayed(tools.compiled(exported["single"], CONTROL, "vectors"), samples)
     np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
     assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-3 * SPAN
+
+
+@needs_gcc
+def test_a_corrected_motion_of_a_file_is_played_in_c_as_in_python(faulty_loop, exported, tmp_path):
+    """One update of a learner between two repetitions; the corrected reference comes from its file."""
+    controller, observer, *_ = faulty_loop
+    process, motion = STANDARD, sine(K=5.5, frequency=0.5, duration=6.0).resampled(0.01)
+    before, _ = recorded(process, controller, observer, motion)
+    error = np.append(motion.theta[:-1] - before[:, 0], 0.0)[:, None]
+    shift = Update(0.7, 0.03, 4.0, 0.9, ()).applied(np.zeros_like(error), error, 0.01)[:, 0]
+    owner = Owner.of(process.nominal, controller.compensation)
+    Correction(motion, shift, owner).save(tmp_path / "sine.correction.toml")
+    played = Correction.load(tmp_path / "sine.correction.toml").reference
+    samples, wanted = recorded(process, controller, observer, played)
+    got = replayed(tools.compiled(exported["double"], CONTROL, "vectors"), samples)
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-8 * SPAN
+    first, second = (np.sqrt(np.mean((motion.theta[:-1] - read[:, 0]) ** 2)) for read in (before, samples))
+    assert second < 0.8 * first
 
 
 BINDING = pytest.mark.parametrize(

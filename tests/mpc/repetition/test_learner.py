@@ -10,7 +10,7 @@ from allocator.units import DEG
 from mpc import Reference
 from mpc.repetition.learner import Learner, Reason
 from mpc.repetition.response import Response, doubted
-from mpc.repetition.update import MOST, Update, designed, filtered
+from mpc.repetition.update import MOST, Update, designed, filtered, power_of, unforeseen
 from mpc.trials.trajectories import point_to_point
 
 DT, LAG = 0.01, 0.05
@@ -78,6 +78,38 @@ def test_it_stops_where_noise_is_all_that_is_left():
     assert learner.reason in (Reason.SETTLED, Reason.GREW)
     assert len(learner.history) < 30
     assert learner.best.rms == pytest.approx(0.1 * DEG, rel=0.15)
+
+
+def wander(seed, size=0.5 * DEG):
+    """Errors (M,) [rad] below 2 Hz that come in one repetition only, of this RMS."""
+    noise = filtered(np.random.default_rng(seed).standard_normal((WANTED.t.size, 1)), 2.0, DT)[:, 0]
+    noise *= np.clip((WANTED.t[-1] - WANTED.t) / 0.5, 0, 1)  # none at the end
+    return size * noise / np.sqrt(np.mean(noise**2))
+
+
+def test_the_gain_falls_to_what_is_left_to_learn_where_errors_do_not_return():
+    """With the gain of the first update errors of one repetition would return in the next: √2 of their size."""
+    learner = Learner(WANTED, (FIRST_ORDER,), DT, 14)
+    while not learner.done:
+        learner.learn(followed(learner.reference.theta, lag=0.08) + wander(len(learner.history)))
+    gains, rms = ([getattr(one, name) for one in learner.history] for name in ("gain", "rms"))
+    assert learner.history[0].rms > 1 * DEG
+    assert np.median(gains[3:]) < 0.5 * gains[1]
+    assert np.median(rms[3:]) < 1.2 * 0.5 * DEG
+
+
+def test_what_is_unforeseen_is_the_power_of_what_does_not_return():
+    t = DT * np.arange(WANTED.t.size)
+    before, change = wander(1)[:, None], (0.02 * np.exp(-(((t - 5) / 0.3) ** 2)))[:, None]
+    after = before - followed(change[:, 0])[:, None]
+    nothing = unforeseen(FIRST_ORDER, before, after, change, DT)
+    assert nothing.sum() < 1e-3 * power_of(change, FIRST_ORDER, DT)
+    noises = [wander(seed)[:, None] for seed in range(2, 42)]
+    found = [
+        unforeseen(FIRST_ORDER, before + one, after + other, change, DT).sum()
+        for one, other in zip(noises[::2], noises[1::2], strict=True)
+    ]
+    assert np.mean(found) == pytest.approx(np.mean([power_of(one, FIRST_ORDER, DT) for one in noises]), rel=0.3)
 
 
 def test_no_guarantee_no_learning():

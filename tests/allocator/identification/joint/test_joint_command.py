@@ -57,6 +57,23 @@ def test_a_log_becomes_a_joint_that_allocates(table, tmp_path, all_twins):
 
 
 @pytest.mark.slow
+def test_several_files_make_one_joint_and_each_is_left_out_in_turn(table, tmp_path):
+    header, *rows = table.read_text().splitlines()
+    one, two, both = (tmp_path / name for name in ("one.csv", "two.csv", "both.toml"))
+    one.write_text("\n".join([header, *rows[::2]]))
+    two.write_text("\n".join([header, *rows[1::2]]))
+    given = ["--pulley", "0.02,0.11", "--rest-length", 300, "--model", "MartensBoblan2017"]
+    result = run(one, two, *given, "--out", both)
+    assert result.exit_code == 0, result.output
+    assert f"group one.csv: {len(rows[::2])} samples" in result.output
+    whole = run(table, *given, "--out", tmp_path / "whole.toml")
+    assert whole.exit_code == 0
+    angles, P = np.linspace(-0.3, 0.3, 5), (2.5 * BAR, 2.5 * BAR)
+    joints = [load_joint(path) for path in (both, tmp_path / "whole.toml")]
+    np.testing.assert_allclose(joints[0].stiffness(angles, *P), joints[1].stiffness(angles, *P), rtol=1e-3)
+
+
+@pytest.mark.slow
 def test_without_a_weight_it_says_that_stiffness_is_relative(table, tmp_path):
     rows = [row for row in table.read_text().splitlines() if row.split(",")[3] in ("torque_Nm", "0")]
     table.write_text("\n".join(rows))

@@ -179,13 +179,27 @@ def test_a_joint_that_rests_nowhere_at_these_pressures_is_not_the_joint_of_the_l
         Equilibrium(joint, 5 * BAR)(np.array([2 * BAR]), np.array([3 * BAR]))
 
 
-def test_all_spikes_and_drop_outs_are_pointed_out_at_once():
+def test_all_spikes_and_drop_outs_are_left_out_and_noted():
+    clean = MotionLog.checked(**rows())
     given = rows()
     given["theta"] = np.where(np.isin(np.arange(1000), (517, 801)), given["theta"] + 40 * DEG, given["theta"])
     given["P1"] = np.where(np.arange(1000) == 33, 30 * BAR, given["P1"])
     given["P2"] = np.where(np.arange(1000) == 700, 0.0, given["P2"])
-    with pytest.raises(InvalidInput, match=r"spikes in theta\[517\], theta\[801\], P1\[33\], P2\[700\], which jump"):
-        MotionLog.checked(**given)
+    log = MotionLog.checked(**given)
+    assert log.notes == ("rows with spikes were left out: theta[517], theta[801], P1[33], P2[700]",)
+    assert (log.n, clean.n) == (1000, 1000)  # even times, the rows left out on a line between their neighbours
+    kept = ~np.isin(np.arange(1000), (33, 517, 700, 801))
+    np.testing.assert_allclose(log.theta[kept], clean.theta[kept], atol=1e-9)
+    assert log.greatest_pressure == clean.greatest_pressure
+
+
+def test_rounded_stamps_do_not_delay_the_commands_of_a_log_with_missing_rows():
+    given = rows()
+    kept = ~np.isin(np.arange(1000), np.arange(0, 1000, 37) + 1)
+    late = 1e-7 * np.random.default_rng(0).uniform(-1, 1, 1000)
+    log = MotionLog.checked(**{name: (a + late if name == "t" else a)[kept] for name, a in given.items()})
+    there = np.flatnonzero(kept)[:-1]
+    np.testing.assert_array_equal(log.P1[there], given["P1"][there])
 
 
 def test_an_angle_that_wraps_is_to_be_unwrapped():

@@ -8,7 +8,10 @@ from typer.testing import CliRunner
 
 from allocator.identification import fit, load_dataset
 from allocator.identification.muscle.cli import fit_command
+from allocator.identification.muscle.fit import prepared
 from allocator.identification.muscle.plotting import plot_isobars
+from allocator.identification.muscle.reading import read_samples
+from allocator.identification.muscle.samples import joined
 from allocator.muscles import MODELS, Muscle, Sarosi2012
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
@@ -68,6 +71,44 @@ def test_what_was_done_to_the_readings_is_said(tmp_path):
     assert result.exit_code == 0
     assert "the forces are negative where the muscle pulls: taken with the other sign" in result.output
     assert "slack is a force below 6 N, three times the zero noise" in result.output
+
+
+def forces(path, pressures, offset):
+    """Write forces of a known muscle, 1 % and 1.5 N of noise, from a load cell with its own zero."""
+    rng = np.random.default_rng(abs(round(offset)))
+    P, eps = (a.ravel() for a in np.meshgrid(pressures, np.arange(28.0)))
+    F = np.maximum(SAROSI_DMSP_20_400N.force(P * BAR, eps / 100), 0.0)
+    F = F * (1 + 0.01 * rng.normal(size=F.size)) + 1.5 * rng.normal(size=F.size) + offset
+    rows = "\n".join(f"{e},{p},{f:.3f}" for e, p, f in zip(eps, P, F, strict=True))
+    path.write_text("contraction_pct,pressure_bar,force_N\n" + rows, encoding="utf-8")
+    return path
+
+
+def test_several_files_make_one_muscle_each_with_the_zero_of_its_load_cell(tmp_path):
+    one, two = forces(tmp_path / "monday.csv", (1, 2, 3, 4), 9.0), forces(tmp_path / "tuesday.csv", (2, 3, 4, 5), -14.0)
+    result = run(one, two, "--model", "Sarosi2012", "--out", tmp_path / "my.toml")
+    assert result.exit_code == 0
+    said = " ".join(result.output.split())
+    zeros = [
+        float(said.split(f"{name}: slack readings lie round ")[1].split()[0]) for name in ("monday.csv", "tuesday.csv")
+    ]
+    assert zeros == pytest.approx([9.0, -14.0], abs=0.5)
+    errors = [line.split() for line in result.output.splitlines() if "taut samples, " in line and ".csv: " in line]
+    assert [words[0] for words in errors] == ["monday.csv:", "tuesday.csv:"]
+    assert all(float(words[4]) < 10 and abs(float(words[-2])) < 3 for words in errors)
+    found = Muscle.load(tmp_path / "my.toml")
+    P, eps = np.meshgrid(np.arange(1, 6) * BAR, np.linspace(0, 0.2, 9))
+    np.testing.assert_allclose(found.force(P, eps), SAROSI_DMSP_20_400N.force(P, eps), atol=12)
+    assert "data" in (tmp_path / "my.toml").read_text()
+    assert "monday.csv, tuesday.csv" in (tmp_path / "my.toml").read_text()
+    twice = run(one, one)
+    assert "a file is given twice" in str(twice.exception)
+
+
+def test_files_have_a_hysteresis_each_and_none_between_them(tmp_path):
+    """Each file rises; the step back to the next file's beginning is no falling branch."""
+    samples = joined({name: read_samples(forces(tmp_path / f"{name}.csv", (3,), 0.0)) for name in "abcdef"})
+    assert not any("hysteresis" in note for note in prepared(samples).notes)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,99 @@
+"""Samples that stand apart from their neighbours: a drop-out of a sensor, a reading in a wrong row.
+
+What was measured over the plane of what was set lies on a smooth surface. A polynomial of low degree takes most of that
+away, and the median over the nearest neighbours takes the rest, so no law is needed and its errors make no outlier. A
+sample is left out where it differs from its neighbours by both
+
+    8 times the usual difference (1.4826 · its median magnitude: the standard deviation if errors are normal),
+    10 % of the range of what was measured,
+
+and where a plane through the neighbours that do not stand apart misses it by that and by three times what it misses
+these by: at a corner of the table a median is no prediction.
+
+That is a trimmed fit with one round: no sample of a normal distribution is that far off, so the covariance of a fit to
+the others needs no correction.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from allocator.calculus import Array, Mask
+
+_DEGREES = (4, 3, 2)  # of the polynomial along both axes
+_SAMPLES_PER_TERM = 8  # with fewer it bends to a single sample
+_NEAR = 9  # neighbours, the sample itself among them
+_AROUND = 3.0  # times the greatest error of a plane through the neighbours
+_FAR = 8.0  # usual differences
+_LEAST = 0.1  # of the range
+_RARE = 0.05  # share of the samples that outliers are less than
+_PASSES = 3
+_SHOWN = 8
+_KIND = 10.0  # distance of two kinds, in ranges of the plane
+
+
+def outlying(places: Array, values: Array, kinds: Array | None = None) -> Mask:
+    """Return which values (n,) stand apart from those at neighbouring `places` (n, 2).
+
+    Samples are neighbours within their row of `kinds` (n, k), such as direction, torque and group. Where few samples
+    are there, or many would stand apart, none does.
+    """
+    found = np.zeros(values.size, bool)
+    plane = (places - places.min(axis=0)) / np.maximum(np.ptp(places, axis=0), 1e-300)
+    rows = np.zeros((values.size, 0)) if kinds is None else kinds
+    terms = _terms(plane, rows)
+    if terms is None:
+        return found
+    low, high = np.quantile(values, (0.02, 0.98))
+    at = np.concatenate([plane, _KIND * rows / np.maximum(np.ptp(rows, axis=0), 1e-300)], axis=1)
+    for _ in range(_PASSES):
+        apart = _apart(at, values, terms, ~found)
+        limit = max(_FAR * 1.4826 * float(np.median(apart[~found])), _LEAST * float(high - low))
+        if (apart > limit).sum() == found.sum():
+            break
+        found = apart > limit
+    found[found] = _missed(at, values - terms @ _surface(values, terms, ~found), found) > limit
+    return found if found.mean() < _RARE else np.zeros(values.size, bool)
+
+
+def some(shown: Sequence[str]) -> str:
+    """Return the first of these words, and how many there are more."""
+    more = f" and {len(shown) - _SHOWN} more" if len(shown) > _SHOWN else ""
+    return ", ".join(shown[:_SHOWN]) + more
+
+
+def _terms(plane: Array, kinds: Array) -> Array | None:
+    """Return the polynomials (n, terms) of the plane, and a slope along each kind; None if the samples are too few."""
+    for degree in _DEGREES:
+        smooth = np.asarray(chebyshev.chebvander2d(2 * plane[:, 0] - 1, 2 * plane[:, 1] - 1, (degree, degree)))
+        if len(plane) >= _SAMPLES_PER_TERM * smooth.shape[1]:
+            return np.concatenate([smooth, kinds], axis=1)
+    return None
+
+
+def _apart(at: Array, values: Array, terms: Array, kept: Mask) -> Array:
+    """Return the magnitude (n,) of the difference from the median of the neighbours that are `kept`."""
+    from scipy.spatial import cKDTree
+
+    left = values - terms @ _surface(values, terms, kept)
+    _, near = cKDTree(at[kept]).query(at, _NEAR)
+    return np.asarray(np.abs(left - np.median(left[kept][near], axis=1)))
+
+
+def _surface(values: Array, terms: Array, kept: Mask) -> Array:
+    return np.asarray(np.linalg.lstsq(terms[kept], values[kept], rcond=1e-10)[0])
+
+
+def _missed(at: Array, left: Array, found: Mask) -> Array:
+    """Return by how much planes through the nearest others miss each sample `found`, less what they miss these by."""
+    from scipy.spatial import cKDTree
+
+    others = np.flatnonzero(~found)
+    _, near = cKDTree(at[others]).query(at[found], _NEAR + 1)
+    missed = []
+    for here, rows in zip(np.flatnonzero(found), others[near], strict=True):
+        plane = np.column_stack([np.ones(rows.size), at[rows, :2] - at[here, :2]])
+        p = np.linalg.lstsq(plane, left[rows], rcond=1e-6)[0]
+        missed.append(abs(left[here] - p[0]) - _AROUND * np.abs(plane @ p - left[rows]).max())
+    return np.array(missed)

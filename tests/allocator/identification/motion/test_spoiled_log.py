@@ -1,0 +1,119 @@
+"""A log as it comes: a gap, spikes, drop-outs and stamps in ns, as one CSV and as three bags of different kinds."""
+
+import json
+
+import numpy as np
+import pytest
+
+from allocator import BAR, DEG, fit_motion
+from allocator.identification.motion.samples import joined, read_motion_log
+
+from ....rigs.moving_joint import JOINT
+
+pytestmark = pytest.mark.slow
+BEGIN = 1_700_000_000_000_000_000  # [ns]
+TOPICS = "theta=/joint.position[0] pressure1=/valves.data[0] pressure2=/valves.data[1]"
+SPIKES = np.array([190, 433, 700, 951, 1210, 1777, 2003, 2222, 2500, 2871])
+DROPS = ((333, 334), (1250, 1252), (2690, 2691))  # rows of P1 at zero
+GAP = slice(1500, 1600)
+
+
+@pytest.fixture(scope="module")
+def spoiled(slow_joint):
+    """Stamps [ns], angle [rad] and pressures [Pa]."""
+    t, theta, P1, P2 = (np.array(a) for a in slow_joint.rows)
+    theta[SPIKES] += np.resize([35, -50, 20, -28], SPIKES.size) * DEG
+    for first, last in DROPS:
+        P1[first:last] = 0.0
+    kept = np.ones(t.size, bool)
+    kept[GAP] = False
+    stamps = BEGIN + np.round(t * 1e9).astype(np.int64)
+    return stamps[kept], theta[kept], P1[kept], P2[kept]
+
+
+def as_csv(path, rows):
+    lines = ["stamp [ns],theta [deg],p1 [bar],p2 [bar]"]
+    lines += [f"{t},{a / DEG:.6f},{p / BAR:.6f},{q / BAR:.6f}" for t, a, p, q in zip(*rows, strict=True)]
+    path.write_text("\n".join(lines))
+    return read_motion_log(path)
+
+
+def as_bags(folder, rows):
+    """Write a third of the rows each as ROS 1 bag, ROS 2 bag and MCAP file of JSON; read them as one log."""
+    thirds = [[a[part] for a in rows] for part in np.array_split(np.arange(rows[0].size), 3)]
+    paths = [write(folder, third) for write, third in zip((ros1, ros2, mcap), thirds, strict=True)]
+    return joined([read_motion_log(path, topics=TOPICS) for path in paths])
+
+
+def ros_messages(store, rows):
+    make = store.types
+    stamp = make["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    layout = make["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+    header = make["std_msgs/msg/Header"]
+    head = header(stamp=stamp, frame_id="", **({"seq": 0} if "seq" in header.__dataclass_fields__ else {}))
+    for t, theta, P1, P2 in zip(*rows, strict=True):
+        yield "/valves", int(t), make["std_msgs/msg/Float64MultiArray"](layout, np.array([P1, P2]))
+        yield (
+            "/joint",
+            int(t),
+            make["sensor_msgs/msg/JointState"](head, ["a"], np.array([theta]), np.zeros(0), np.zeros(0)),
+        )
+
+
+def write_all(writer, store, serialize, rows):
+    known = {}
+    for topic, time, message in ros_messages(store, rows):
+        if topic not in known:
+            known[topic] = writer.add_connection(topic, message.__msgtype__, typestore=store)
+        writer.write(known[topic], time, serialize(message, message.__msgtype__))
+
+
+def ros1(folder, rows):
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(folder / "one.bag") as writer:
+        write_all(writer, store, store.serialize_ros1, rows)
+    return folder / "one.bag"
+
+
+def ros2(folder, rows):
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(folder / "two", version=9) as writer:
+        write_all(writer, store, store.serialize_cdr, rows)
+    return folder / "two"
+
+
+def mcap(folder, rows):
+    from mcap.writer import Writer
+
+    with (folder / "three.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("j", "jsonschema", b"{}")
+        joint, valves = (writer.register_channel(topic, "json", schema) for topic in ("/joint", "/valves"))
+        for t, theta, P1, P2 in zip(*rows, strict=True):
+            for channel, message in ((valves, {"data": [P1, P2]}), (joint, {"position": [theta]})):
+                writer.add_message(channel, int(t), json.dumps(message).encode(), int(t))
+        writer.finish()
+    return folder / "three.mcap"
+
+
+def test_a_spoiled_log_gives_parameters_within_the_intervals_of_the_clean_one(spoiled, slow_fit, tmp_path):
+    log, csv = as_bags(tmp_path, spoiled), as_csv(tmp_path / "log.csv", spoiled)
+    assert log.n == spoiled[0].size - SPIKES.size - sum(last - first for first, last in DROPS)
+    for one, other in ((log.theta, csv.theta), (log.P1, csv.P1), (log.P2, csv.P2)):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7)  # the same rows
+    assert all(any("spikes were left out" in note for note in read.notes) for read in (log, csv))
+    found = fit_motion(log.t, log.theta, log.P1, log.P2, joint=JOINT)
+    outside = {
+        name: (clean.low, found.parameters[name].value, clean.high)
+        for name, clean in slow_fit.parameters.items()
+        if name not in found.parameters or not clean.low <= found.parameters[name].value <= clean.high
+    }
+    assert not outside
+    assert found.error.every < 1.2 * slow_fit.error.every
