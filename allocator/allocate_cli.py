@@ -79,7 +79,8 @@ def allocate_command(
         hand.none()
         meant = stiffness_options.meant(options.file)
         one = _of_one(machine, theta, stiffness, torque, meant, **asked)
-        values, tables, success = _values_of_one(one), [_table(one)], one.success
+        damping = stiffness_options.damping(options.file)
+        values, tables, success = _values_of_one(one, damping), [_table(one, damping)], one.success
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
@@ -120,13 +121,14 @@ def _one(option: str, text: str, unit: str) -> float:
         raise InvalidInput(f"{option} {text}: expected one number [{unit}]") from None
 
 
-def _values_of_one(a: "PairAllocation") -> dict[str, Any]:
-    """Return what `--json` prints."""
+def _values_of_one(a: "PairAllocation", damping: float) -> dict[str, Any]:
+    """Return what `--json` prints, `damping` [N·m·s/rad] being the plant's."""
     return a.to_dict() | {
         "limits": a.active,
         "stiffness": a.stiffness_name,
         "met": bool(a.success),
         "stiffness_std_Nm_per_rad": a.K_std,
+        "loss_factor": _loss_factor(a, damping) if a.kind.frequency else None,
         "F1_N": a.forces[0],
         "F2_N": a.forces[1],
         "F1_std_N": None if a.forces_std is None else a.forces_std[0],
@@ -139,7 +141,15 @@ def _values_of_one(a: "PairAllocation") -> dict[str, Any]:
     }
 
 
-def _table(a: "PairAllocation") -> "Table":
+def _loss_factor(a: "PairAllocation", damping: float) -> float:
+    """Return Im/Re [-] of the dynamic stiffness of the answer, with a `damping` [N·m·s/rad]."""
+    at: Any = (a.theta, a.P1, a.P2, a.kind.frequency, a.kind.lags)
+    loop = a.kind.loop
+    K = complex(a.joint.dynamic_stiffness(*at, amplitude=a.kind.amplitude, loop=loop, damping=damping))
+    return K.imag / K.real
+
+
+def _table(a: "PairAllocation", damping: float) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
@@ -153,6 +163,9 @@ def _table(a: "PairAllocation") -> "Table":
         table.add_row("  its standard deviation", "", number(a.K_std, 2), "from the fit")
     if not a.kind.isobaric:
         table.add_row("  isobaric [N·m/rad]", "", number(a.isobaric_stiffness), "with the pressures held")
+    if a.kind.frequency:
+        viscous = f"with a damping of {number(damping)} N·m·s/rad"
+        table.add_row("  its loss factor", "", number(_loss_factor(a, damping)), viscous)
     unseen = ", a common force was not seen" if a.joint.slack_assumed else ""
     for i, (name, pressure) in enumerate((("agonist", a.P1), ("antagonist", a.P2))):
         std = "" if a.forces_std is None else f" ± {number(a.forces_std[i], 2)}"

@@ -27,6 +27,7 @@ like = "shoulder flexor"       # a law that stands above
 [gas]                          # in the muscles; or without this table
 kappa = 1.3
 atmosphere = 101325.0          # [Pa]
+corner = 0.04                  # [Hz] below which slow motions are isothermal; or without this line
 
 [source]                       # where the numbers come from, for the reader; ignored when loading
 
@@ -113,7 +114,8 @@ def dumps(machine: Machine, *, scale_known: bool = True, source: Mapping[str, st
     lines += _route_lines(machine)
     lines += _muscle_lines(dict(_named_muscles(machine)))
     if machine.gas != AIR:
-        lines += section("gas", {f.name: getattr(machine.gas, f.name) for f in fields(Gas)}, "-, Pa")
+        values = {f.name: getattr(machine.gas, f.name) for f in fields(Gas)}
+        lines += section("gas", {name: v for name, v in values.items() if v is not None}, "-, Pa, Hz")
     lines += section("source", source) if source else []
     lines += _covariance_lines(joint) if joint else []
     if joint and (operator := joint.hysteresis) is not None:

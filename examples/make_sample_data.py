@@ -8,6 +8,8 @@ The muscles are Sarosi2012 with the numbers of the DMSP-20-400N, at rest 400 mm 
 
 In motion both pressures step at random, the pressures written down are the commands; regulators have a lag of 0.12 s,
 30 ms of dead time and a dead band of 0.1 bar, the joint has hysteresis with loops of 3°.
+
+The hand of arm26 moves along a rectangle of 12 by 5.5 cm, with rests at its corners, while its stiffness grows.
 """
 
 from dataclasses import replace
@@ -78,6 +80,19 @@ def motion_log(rng: np.random.Generator) -> None:
     np.savetxt(HERE / "motion_log.csv", rows, "%.5g", ",", header=header, comments="", encoding="utf-8")
 
 
+def hand_path() -> None:
+    """Minimum-jerk movements along a rectangle, 0.8 s each with rests of 0.4 s; K11 and K22 grow."""
+    corners = np.array([[575.0, -60.0], [575.0, 60.0], [630.0, 60.0], [630.0, -60.0], [575.0, -60.0]])  # [mm]
+    t = np.arange(0.0, 5.6 + 1e-9, 0.05)
+    s = np.clip((t % 1.2 - 0.4) / 0.8, 0.0, 1.0)
+    done = np.where(t >= 4.8, 4.0, np.minimum(t // 1.2, 3) + s**3 * (10 - 15 * s + 6 * s**2))
+    sides = [np.interp(done, np.arange(5), corner) for corner in corners.T]
+    grown = 1.5 * done / 4
+    table = np.column_stack([t, *sides, 10 + grown, np.full(t.size, 3.5), 8 + grown])
+    header = "# arm26: where the hand is, and the stiffness of the joints [N·m/rad]\nt,x_mm,y_mm,K11,K12,K22"
+    np.savetxt(HERE / "hand_path.csv", table, "%.5g", ",", header=header, comments="", encoding="utf-8")
+
+
 def setpoints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pressures [Pa] and torque of the weight [N·m] of every setpoint."""
     up = np.linspace(-1, 1, 7)
@@ -107,3 +122,4 @@ if __name__ == "__main__":
     force_table(rng)
     joint_log(rng)
     motion_log(rng)
+    hand_path()

@@ -17,10 +17,10 @@ from allocator import checks
 from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell import failures
-from allocator.shell.options import Command, finite, grouped
+from allocator.shell.options import Command, finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run
 from allocator.shell.printing import say
-from allocator.units import BAR
+from allocator.units import BAR, DEG
 from mpc.arm.cli import ArmOptions, track_arm
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.bench.measure_cli import measure_command
@@ -72,9 +72,10 @@ def track(
         typer.Argument(
             help="a standard trajectory (see below), or a CSV with the columns t,theta_deg,stiffness; without it ±40° "
             "at 0.5 Hz with K = 7.6 ± 0.3, or what another joint than the report's has room for; of several joints "
-            "circle (the default), reach, hold, or draw (arm26)"
+            "circle (the default), reach, hold, draw (arm26), or a CSV of angles or the hand's path and of stiffness"
         ),
     ] = None,
+    reference: Annotated[str | None, typer.Option(help="the trajectory's CSV, in the place of the argument")] = None,
     out: Annotated[
         list[Path] | None,
         typer.Option(
@@ -103,6 +104,9 @@ def track(
         float, typer.Option(help="load that nobody tells of, from half-way on, of several joints on the first [N·m]")
     ] = 0.0,
     seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
+    amplitude: Annotated[
+        float, typer.Option(help="of pushes whose felt stiffness is said where the plant has hysteresis, ± this [°]")
+    ] = 2.0,
     margins: Annotated[
         Path | None, typer.Option(help="a picture to write of the loop's robustness at three postures, of one joint")
     ] = None,
@@ -127,6 +131,7 @@ def track(
     from rich.progress import track as tracked
 
     from mpc.model.plant import Plant
+    from mpc.model.real_plant import RealPlant
     from mpc.repetition.practice import practise
     from mpc.repetition.response import responses
     from mpc.trials.corrections import Owner, compared
@@ -139,9 +144,13 @@ def track(
 
     console = Console()
     finite("--payload", payload, "N·m")
+    within("--amplitude", amplitude, "°", 1e-3, 180)
     checks.count("--seed", seed, least=0)
     several = options.of_several
     own = (*_OWN_NAMES, _OWN_FILM) if several else _OWN_NAMES
+    if None not in (trajectory, reference):
+        raise InvalidInput(f"two trajectories are asked for: {trajectory} and --reference {reference}; leave one out")
+    trajectory = trajectory if reference is None else reference
     files = files_of_run(out or [Path()], _OF_SEVERAL if several else _SUFFIXES, own)
     check_ending("--margins", margins, IMAGES)
     learned = repeated.written(trajectory)
@@ -167,9 +176,9 @@ def track(
     if more != ArmOptions():
         raise InvalidInput("--stiffness-of, --hand and --view go with a --machine of several joints")
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
-    reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, nominal))
-    reference.samples(at.dt)  # before anything is built
-    half_way = float(reference.t[-1] - reference.t[0]) / 2
+    asked = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, nominal))
+    asked.samples(at.dt)  # before anything is built
+    half_way = float(asked.t[-1] - asked.t[0]) / 2
     known = options.compensation()
     tested, settings = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
     settings, tuned = options.tuned(settings._replace(dt=at.dt, N=at.horizon, solver=solver, wait=wait), controller)
@@ -177,13 +186,13 @@ def track(
         observer = False  # the whole state is measured, and nothing disturbs
     with Console(stderr=True).status("building the controller"):
         if tested is not nominal and not tuned:
-            settings = robust(controller, settings, reference)
+            settings = robust(controller, settings, asked)
         driver, estimator = loop(controller, settings, observer)
     owner = Owner.of(nominal, known, controller, repeated.load or (f"payload {payload:g} N·m" if payload else ""))
-    begun = repeated.begun(reference, owner, at.dt)
+    begun = repeated.begun(asked, owner, at.dt)
     if learned:
         learner = repeated.learner(
-            reference, lambda: responses(controller, settings, reference, options.spreads(), observer=observer),
+            asked, lambda: responses(controller, settings, asked, options.spreads(), observer=observer),
             at.dt, begun, nominal.angle_limits, controller,
         )  # fmt: skip
         practice = practise(tested, driver, learner, observer=estimator, seed=seed, progress=progress(console))
@@ -192,7 +201,7 @@ def track(
         done = compared(simulate(tested, driver, begun.reference, observer=estimator, seed=seed), begun.wanted)
         say(console, f"played: {begun.summary}")
     else:
-        done = simulate(tested, driver, reference, observer=estimator, seed=seed, progress=True)
+        done = simulate(tested, driver, asked, observer=estimator, seed=seed, progress=True)
 
     title = f"{controller} on the {plant} plant, {_muscles(nominal)}"
     bar = partial(tracked, description="drawing", console=console)
@@ -200,13 +209,16 @@ def track(
         if path.suffix in IMAGES:
             say(console, f"drawing {path}")
         write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title)
-    _report(done, nominal, known, reference, console)
+    _report(done, nominal, known, asked, console)
+    if isinstance(tested, RealPlant) and not tested.friction.loop.absent:
+        K = done.felt(amplitude * DEG, tested.friction.loop)
+        say(console, f"pushes by ±{amplitude:g}° would have met {K.min():.3g} … {K.max():.3g} N·m/rad, with hysteresis")
     if learned:
         report(learner, owner, practice.first.theta, done.theta, learned, console)
     if tuned:
         say(console, tuned)
     if observer is not False:
-        for sentence in margins_in_words(controller, settings, reference, driver):
+        for sentence in margins_in_words(controller, settings, asked, driver):
             say(console, sentence)
     if margins is not None:
         plot_margins(sliding_margins(controller, settings), margins, title)

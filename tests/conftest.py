@@ -19,7 +19,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # `benchmarks`; last, so that w
 
 os.environ.setdefault("ANTAGONIST_WAIT", "1")  # commands compile in their own process, and leave none behind
 
-settings.register_profile("project", deadline=None, max_examples=60, derandomize=True)
+settings.register_profile("project", deadline=None, max_examples=30, derandomize=True)
 settings.load_profile("project")
 
 PULLEY = Pulley(rest_length=0.40, radius=0.02, initial_contraction=0.1375)

@@ -46,6 +46,7 @@ def problem_from(
     arrays = checks.broadcast(**named)
     flat = {name: array.flatten() for name, array in zip(named, arrays, strict=True)}  # copies: they stay as they are
     low, high = _force_limits(limits)
+    push = None if felt is None or joint.affine else felt.separable
     problem = Problem(
         joint,
         theta=np.clip(flat["theta"], *joint.angle_range),
@@ -57,7 +58,8 @@ def problem_from(
         stiffness_tolerance=_tolerance(chosen, tolerance),
         pull=rho,
         reference=_pair(flat, "P1_ref", "P2_ref"),
-        felt=felt,
+        felt=None if push is not None else felt,
+        push=push,
     )
     problem = problem if shares is None else problem.with_shares(shares)
     return problem, flat["theta"].reshape(arrays[0].shape)

@@ -152,7 +152,7 @@ def allocate(
         and type(limits) is Limits
         and _ordinary(joint, direction, stiffness)
     ):
-        kind = HELD if stiffness is ISOBARIC else stiffness.kind()
+        kind = HELD if stiffness is ISOBARIC else stiffness.kind().of_gas(joint.gas, joint.affine)
         found = calls.answer(joint, theta, K, T, priority, limits, kind)
         if found is not None:
             return found
@@ -186,7 +186,7 @@ def allocated(joint: object, asked: Asked) -> Allocation:
 @allocated.register
 def _of_a_pair(joint: AntagonistJoint, asked: Asked) -> Allocation:
     """Return the allocation of two muscles that no kernel has answered."""
-    chosen, kind = _checked_method(asked.method), of_a_joint(asked.stiffness)
+    chosen, kind = _checked_method(asked.method), of_a_joint(asked.stiffness, joint.gas, joint.affine)
     _check_together(kind, chosen, asked.along)
     if chosen.uncertainty is not None:
         joint = with_covariance(joint, chosen.uncertainty)

@@ -21,7 +21,8 @@ stiffness, so that it is the least stiffness: K* - tolerance is aimed at.
 
 K is the isobaric stiffness, or with `shares` of the trapped gas the one of (G5) in `allocator.joint.gas`. That is a sum
 of one function of one pressure a muscle again, so that all of the above stays as it is. With `felt` hysteresis is
-added as a push meets it, (S3) in `allocator.joint.felt`: there both pressures are coupled, see `allocation.felt`.
+added as a push meets it, (S3) in `allocator.joint.felt`: there both pressures may be coupled, see `allocation.felt`.
+Where they are not, and the muscles are not affine, a `push` in the muscles' own stiffness says the same.
 """
 
 from collections.abc import Callable
@@ -66,7 +67,8 @@ class Problem:
     pull: float = 0.0  # ρ [cost]/[Pa]²
     reference: Pair | None = None  # P_ref [Pa], where there is a pull
     shares: Pair | None = None  # s1, s2 of the trapped gas in the stiffness [-], None: it is isobaric
-    felt: Secant | None = None  # hysteresis in the stiffness, None: there is none in it
+    felt: Secant | None = None  # hysteresis that couples both pressures in the stiffness, None: there is none in it
+    push: tuple[float, float] | None = None  # (α, drag) of hysteresis that does not, see `Secant.separable`
 
     @cached_property
     def sides(self) -> BothMuscles:
@@ -75,7 +77,8 @@ class Problem:
 
     def sides_at(self, theta: Array) -> BothMuscles:
         """Return both muscles, held at other angles (n,) [rad]."""
-        return self.joint.sides(theta, self.shares)
+        one, two = self.joint.sides(theta, self.shares)
+        return (one, two) if self.push is None else (replace(one, push=self.push), replace(two, push=self.push))
 
     @cached_property
     def box(self) -> PressureBox:
@@ -95,7 +98,7 @@ class Problem:
     @property
     def tondu_pulley(self) -> TonduPulley | None:
         """Return the closed forms of the report's joint where they hold: for its isobaric stiffness."""
-        return self.joint.tondu_pulley if self.shares is None and self.felt is None else None
+        return self.joint.tondu_pulley if self.shares is None and self.felt is None and self.push is None else None
 
     @cached_property
     def T_aim(self) -> Array:

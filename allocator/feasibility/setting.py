@@ -64,12 +64,13 @@ class Setting:
 
         Raises `InvalidInput` for a slew limit, a tolerance and an endpoint, which no map has.
         """
-        kind = of_a_joint(stiffness)
+        joint = joint_or_report(joint)
+        kind = of_a_joint(stiffness, joint.gas, joint.affine)
         if checked_limits(limits).previous is not None or limits.max_step is not None:
             raise InvalidInput("a slew limit belongs to one target; maps and intervals have none")
         if checks.not_negative("tolerance", stiffness.tolerance, "N·m/rad"):
             raise InvalidInput("a tolerance is for `allocate`; maps and intervals are of a joint's K")
-        return cls(joint_or_report(joint), limits, kind)
+        return cls(joint, limits, kind)
 
     @property
     def states(self) -> "tuple[Setting, ...]":

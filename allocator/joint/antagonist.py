@@ -30,6 +30,7 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
 from allocator.muscles.base import Covariance
+from allocator.muscles.cabled import checked_cables
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from allocator.units import BAR, DEG
 
@@ -70,6 +71,7 @@ class AntagonistJoint:
         if not isinstance(self.hysteresis, PrandtlIshlinskii | None):
             raise InvalidInput(f"hysteresis = {checks.brief(self.hysteresis)} has to be a PrandtlIshlinskii, or None")
         checked_gas(self.gas)
+        checked_cables((self.agonist, self.antagonist), (self.geometry.rest_length,) * 2)
         if self.covariance is not None:
             n = len(self.agonist.parameters) + len(self.antagonist.parameters)
             object.__setattr__(self, "covariance", checks.covariance("covariance of a joint", self.covariance, n))
@@ -148,10 +150,10 @@ class AntagonistJoint:
         """Return the complex stiffness [N·m/rad] that motions at a `frequency` [Hz] meet   (G4)
 
         Its real part stores, its imaginary part takes energy; at 0 Hz it is the isobaric stiffness, far above
-        1/(2π lag) the shut one. `lag` [s] is the regulators' time constant, or a pair of them. Motions of an
-        `amplitude` A [rad] meet hysteresis, too: K_h and i W/(π A²)   (S1); a viscous `damping` D [N·m·s/rad] adds
-        i 2π f D. Arguments broadcast. Raises InvalidInput as `stiffness`, and for a frequency, a lag or a damping that
-        is negative.
+        1/(2π lag) the shut one. `lag` [s] is the regulators' time constant, or a pair of them; 0 holds a pressure.
+        Motions of an `amplitude` A [rad] meet hysteresis, too: K_h and i W/(π A²)   (S1); a viscous `damping` D
+        [N·m·s/rad] adds i 2π f D. Arguments broadcast. Raises InvalidInput as `stiffness`, and for a frequency, a lag
+        or a damping that is negative.
         """
         if amplitude is not None:
             secant, state = self._secant(amplitude, loop), self._loaded(theta, P1, P2)
@@ -162,7 +164,7 @@ class AntagonistJoint:
         f, taus = trapped.frequencies(frequency), trapped.lags(lag)
         agonist, antagonist = self.sides(theta)
         K = agonist.stiffness(P1) + antagonist.stiffness(P2)
-        gas = self._trapped(theta, P1, P2, (1.0, 1.0))
+        gas = self._trapped(theta, P1, P2, (taus[0] > 0, taus[1] > 0), self.gas.exponent(f))
         return (
             K
             + sum(k * trapped.complex_share(f, tau) for k, tau in zip(gas, taus, strict=True))
@@ -204,7 +206,7 @@ class AntagonistJoint:
         `lag` [s] is the regulators' time constant, or a pair of them. Raises InvalidInput as `dynamic_stiffness`.
         """
         theta, P1, P2 = self._checked(theta, P1, P2)
-        gas = self._trapped(theta, P1, P2, (1.0, 1.0))
+        gas = self._trapped(theta, P1, P2, (1.0, 1.0), self.gas.exponent(0.0).real)
         return sum(tau * k for tau, k in zip(trapped.lags(lag), gas, strict=True))
 
     def volumes(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value]:
@@ -213,13 +215,13 @@ class AntagonistJoint:
         agonist, antagonist = self.sides(theta)
         return agonist.volume(P1), antagonist.volume(P2)
 
-    def _trapped(self, theta: Value, P1: Value, P2: Value, shares: Shares) -> tuple[Value, Value]:
+    def _trapped(self, theta: Value, P1: Value, P2: Value, shares: Shares, kappa: Value = None) -> tuple[Value, Value]:
         """Return what the gas of both muscles adds [N·m/rad], 0 where none of it is asked for   (G2)"""
         found = []
         for side, P, share in zip(self.sides(theta, (1.0, 1.0)), (P1, P2), shares, strict=True):
             if share:
                 side.check_effective_volume(P)
-            found.append(side.trapped(P) if share else 0.0)
+            found.append(side.trapped(P, kappa) if share else 0.0)
         return found[0], found[1]
 
     def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value]:

@@ -117,6 +117,14 @@ class Secant:
         return [] if slip is None else [r if r == inf else r * _scale(slip, filled) for r in slip.widths]
 
     @property
+    def separable(self) -> tuple[float, float] | None:
+        """(α, drag) where it is α K + drag · (a1 F1 + a2 F2), a sum of functions of one pressure; else None."""
+        slip = self.loop.slip
+        if self.loop.coulomb or (slip is not None and not (slip.elastic and slip.base == 1)):
+            return None
+        return self.regions[0].share, self.drag
+
+    @property
     def regions(self) -> tuple[Region, ...]:
         """Ranges of P1 + P2 in their order, over all pressures: within each the secant is affine in P1 + P2."""
         slip, constant = self.loop.slip, self.loop.coulomb * self._dahl

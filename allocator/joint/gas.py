@@ -16,6 +16,16 @@ of which the real part, the *storage* stiffness, has the shares s_i of the trapp
 
 s_i = 0 is an open valve, s_i = 1 a shut one. Proof of (G2): by V_ε = L F_P a turn dθ changes the volume of muscle i by
 g_i dθ; with dP/(P + p_a) = -κ dV/V its pressure changes by -κ (P + p_a) g_i dθ/V^eff, and the torque by g_i times that.
+
+Slow motions leave the gas time to exchange heat with the muscle's wall: it is isothermal far below a corner frequency
+f_c, and adiabatic far above. With the thermal time constant t = 1/(2π f_c) small motions meet the exponent
+
+    κ(s) = (1 + κ s t)/(1 + s t)                                                                                  (G6)
+
+(heat balance m c_v T' = -P V' - (m c_v/t)(T - T_wall), linearised; A. Pourmovahed & D. R. Otis, "An experimental
+thermal time-constant correlation for hydraulic accumulators", J. Dyn. Syst. Meas. Control 112 (1990) 116-121). In a
+tube of radius r the slowest mode of diffusion, with the diffusivity α = 2.1e-5 m²/s at 1 bar (absolute), falling with
+the pressure, gives f_c = κ (2.405/r)² α/(2π): `thermal_corner`, 0.03 … 0.08 Hz for 26 mm at 1 … 4 bar.
 """
 
 from collections.abc import Sequence
@@ -30,13 +40,16 @@ from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop, Secant, checked_amplitude
-from allocator.units import DEG
+from allocator.units import BAR, DEG
 
 if TYPE_CHECKING:
     from allocator.mechanism.endpoint import Endpoint
 
 _KAPPA = 1.0, 1.67  # isothermal, and adiabatic of a monatomic gas
 _ATMOSPHERE = 1e3, 2e6  # [Pa] of what surrounds a joint
+_HIGHEST_CORNER = 100.0  # [Hz], of a tube of less than 1 mm
+_AIR_KAPPA = 1.4
+_DIFFUSIVITY, _MODE = 2.1e-5, 2.4048  # α of air at 1 bar absolute, 20 °C [m²/s]; first zero of J_0
 _FASTEST = 1e9  # [Hz] beyond which no motion is meant
 _SLOWEST = 100.0  # [s] a longer lag is in milliseconds
 
@@ -55,9 +68,10 @@ class Gas:
 
     kappa: float = 1.3  # κ [-]: 1 isothermal (slow), 1.4 adiabatic (air, fast), 1.3 usual for motions of a second
     atmosphere: float = 101_325.0  # p_a, absolute pressure around the joint [Pa]
+    corner: float | None = None  # f_c [Hz] below which motions at a frequency are isothermal; None: κ at all   (G6)
 
     def __post_init__(self) -> None:
-        """Check both numbers."""
+        """Check the numbers."""
         kappa = checks.number("Gas: kappa", self.kappa, "-")
         if not _KAPPA[0] <= kappa <= _KAPPA[1]:
             raise InvalidInput(
@@ -70,6 +84,33 @@ class Gas:
             )
         object.__setattr__(self, "kappa", kappa)
         object.__setattr__(self, "atmosphere", atmosphere)
+        if self.corner is not None:
+            corner = checks.number("Gas: corner", self.corner, "Hz")
+            if not 0 < corner <= _HIGHEST_CORNER:
+                raise InvalidInput(
+                    f"Gas: corner = {corner:g} Hz has to be positive and at most {_HIGHEST_CORNER:g} Hz, such as 0.04"
+                )
+            object.__setattr__(self, "corner", corner)
+
+    def exponent(self, frequency: Value) -> Value:
+        """Return the complex exponent κ(s) [-] of small motions at the frequencies [Hz]; κ without a corner   (G6)"""
+        if self.corner is None:
+            return self.kappa
+        s = 1j * frequency / self.corner
+        return (1 + self.kappa * s) / (1 + s)
+
+
+def thermal_corner(radius: float, pressure: ArrayLike) -> Value:
+    """Return the corner f_c [Hz] of air in a tube of `radius` [m] at a gauge `pressure` [Pa]   (G6)
+
+    At sea level, with κ = 1.4, which is the exponent to go with a corner. Only the slowest mode of diffusion is in it:
+    κ(s) is within 0.12 of that of all modes. Raises `InvalidInput`.
+    """
+    r = checks.number("radius", radius, "m")
+    if not 0 < r < 1:
+        raise InvalidInput(f"radius = {r:g} m is no muscle's radius")
+    diffusivity = _DIFFUSIVITY * BAR / (checks.pressure("pressure", pressure) + AIR.atmosphere)
+    return _AIR_KAPPA * (_MODE / r) ** 2 * diffusivity / (2 * pi)
 
 
 AIR = Gas()
@@ -85,6 +126,7 @@ class StiffnessKind:
     frequency: float | None = None  # [Hz] of motions against regulators; None: valves are open or shut
     amplitude: float | None = None  # A [rad] of a push that meets hysteresis, too (S3); None: none is in it
     loop: Loop | None = None  # hysteresis that is met; None: the joint's
+    lags: tuple[float, ...] = ()  # τ_i of the regulators [s], with a frequency
     free: ClassVar[tuple[tuple[float, float], ...]] = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
     """The four states that two free valves may have; the open ones come first."""
 
@@ -114,7 +156,23 @@ class StiffnessKind:
         f = float(frequencies(checks.number("frequency", frequency, "Hz")))
         if f == 0:
             return cls("isobaric", (0.0,) * len(taus))
-        return cls("dynamic", tuple(float(storage_share(f, tau)) for tau in taus), f)
+        return cls("dynamic", tuple(float(storage_share(f, tau)) for tau in taus), f, lags=taus)
+
+    def of_gas(self, gas: Gas | None, affine: bool) -> Self:
+        """Return the kind with the shares of this `gas`, Re[κ(s)/κ s τ/(1 + s τ)], where it has a corner   (G6)
+
+        Raises InvalidInput where muscles are not `affine` in the pressure: their V^eff depends on κ.
+        """
+        if gas is None or gas.corner is None or self.frequency is None or not self.lags:
+            return self
+        if not affine:
+            raise InvalidInput(
+                "the corner of the gas is known to stiffnesses at a frequency of muscles affine in the pressure only; "
+                "leave out corner and say kappa at this frequency, or read the joint's dynamic_stiffness"
+            )
+        warmed = gas.exponent(self.frequency) / gas.kappa
+        shares = tuple(float((warmed * complex_share(self.frequency, tau)).real) for tau in self.lags)
+        return replace(self, shares=shares)
 
     @classmethod
     def _of_valves(cls, valves: object, muscles: tuple[str, ...]) -> Self:
@@ -225,12 +283,12 @@ def checked_stiffness(stiffness: object) -> Stiffness:
     return stiffness
 
 
-def of_a_joint(stiffness: object) -> StiffnessKind:
-    """Return the kind of stiffness of a joint, which has no hand. Raises InvalidInput."""
+def of_a_joint(stiffness: object, gas: Gas, affine: bool) -> StiffnessKind:
+    """Return the kind of stiffness of a joint with this gas, which has no hand. Raises InvalidInput."""
     given = checked_stiffness(stiffness)
     if given.endpoint is not None or np.any(given.force):
         raise InvalidInput("endpoint and force are of a Mechanism; a joint has no hand")
-    return given.kind()
+    return given.kind().of_gas(gas, affine)
 
 
 def frequencies(frequency: object) -> Array:

@@ -34,6 +34,9 @@ class OneMuscle:
     bend: Value  # H [m/rad]: (…), or (…, n, n)
     share: Value | None = None  # s of the trapped gas in the stiffness [-]; None: none, pressures are held
     gas: Gas = AIR
+    push: tuple[float, float] | None = (
+        None  # (α, drag) of hysteresis in the stiffness of a joint, see `Secant.separable`
+    )
     vector: bool = False  # whether arm and bend are a vector and a matrix
 
     @classmethod
@@ -68,7 +71,7 @@ class OneMuscle:
     @property
     def isobaric(self) -> Self:
         """Return the muscle at a held pressure."""
-        return replace(self, share=None)
+        return replace(self, share=None, push=None)
 
     def force(self, P: Value) -> Value:
         """Return the muscle's force F [N]; negative where the cable would be slack."""
@@ -85,7 +88,8 @@ class OneMuscle:
 
     def stiffness(self, P: Value) -> Value:
         """Return the stiffness k r rᵀ + F H [N·m/rad] that the muscle adds   (M2)"""
-        return self._squared(self.own_stiffness(P)) + self._bent(self.force(P))
+        K = self._squared(self.own_stiffness(P)) + self._bent(self.force(P))
+        return K if self.push is None else K + self.met(self.isobaric.stiffness(P), self.force(P))
 
     def force_gain(self, P: Value) -> Value:
         """Return dF/dP [N/Pa]."""
@@ -102,13 +106,22 @@ class OneMuscle:
 
     def stiffness_gain(self, P: Value) -> Value:
         """Return k' r rᵀ + F_P H [N·m/rad/Pa], the derivative of `stiffness` by P."""
-        return self._squared(self.own_stiffness_gain(P)) + self._bent(self.force_gain(P))
+        gain = self._squared(self.own_stiffness_gain(P)) + self._bent(self.force_gain(P))
+        return gain if self.push is None else gain + self.met(self.isobaric.stiffness_gain(P), self.force_gain(P))
+
+    def met(self, K: Value, F: Value) -> Value:
+        """Return α K + drag a F, what hysteresis adds to the isobaric K [N·m/rad] and force F [N]; or their slopes."""
+        alpha, drag = (0.0, 0.0) if self.push is None else self.push
+        return alpha * K + drag * self.moment_arm * F
 
     def stiffness_gain_terms(self, P: Value) -> tuple[Value, ...]:
         """Return the two terms of `stiffness_gain`, elastic and geometric, and the gas's if there is any."""
         elastic = self._squared(-self.muscle.gain_slope(P, self.contraction) / self.rest_length)
         isobaric = elastic, self._bent(self.force_gain(P))
-        return isobaric if self.share is None else (*isobaric, self._squared(self.share * self._gas_stiffness_gain(P)))
+        gas = () if self.share is None else (self._squared(self.share * self._gas_stiffness_gain(P)),)
+        if self.push is None:
+            return (*isobaric, *gas)
+        return (*isobaric, *gas, self.met(elastic + isobaric[1], self.force_gain(P)))
 
     def _along(self, F: Value) -> Value:
         """Return r F."""
@@ -126,13 +139,17 @@ class OneMuscle:
 
     # --- the gas ----------------------------------------------------------------------------------------------------
 
-    def trapped(self, P: Value) -> Value:
-        """Return what all of the trapped gas adds to the stiffness, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2)"""
-        return self._squared(self._gas_stiffness(P))
+    def trapped(self, P: Value, kappa: Value = None) -> Value:
+        """Return what all of the trapped gas adds to the stiffness, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2)
 
-    def _gas_stiffness(self, P: Value) -> Value:
+        `kappa` is the gas's, unless another one is given, such as the complex one at a frequency.
+        """
+        return self._squared(self._gas_stiffness(P, kappa))
+
+    def _gas_stiffness(self, P: Value, kappa: Value = None) -> Value:
         """Return what all of the trapped gas adds to the muscle's own stiffness, κ (P + p_a) F_P²/V^eff [N/m]."""
-        return self.gas.kappa * (P + self.gas.atmosphere) * self.force_gain(P) ** 2 / self.effective_volume(P)
+        kappa = self.gas.kappa if kappa is None else kappa
+        return kappa * (P + self.gas.atmosphere) * self.force_gain(P) ** 2 / self.effective_volume(P, kappa)
 
     def volume(self, P: Value) -> Value:
         """Return the volume V of the gas [m³], unchecked   (G1)"""
@@ -164,11 +181,12 @@ class OneMuscle:
                 f"the {self.name} would fall with the pressure faster than its gas is compressed (V^eff <= 0)"
             )
 
-    def effective_volume(self, P: Value) -> Value:
+    def effective_volume(self, P: Value, kappa: Value = None) -> Value:
         """Return V^eff = V + κ (P + p_a) ∂V/∂P |ε [m³]; V where the law is affine in the pressure   (G2)"""
         if self.affine:
             return self.volume(P)
-        return self.volume(P) + self.gas.kappa * (P + self.gas.atmosphere) * self._volume_gain(P)
+        kappa = self.gas.kappa if kappa is None else kappa
+        return self.volume(P) + kappa * (P + self.gas.atmosphere) * self._volume_gain(P)
 
     def _volume_gain(self, P: Value) -> Value:
         return self.rest_length * self.muscle.gain_integral_slope(P, self.contraction)

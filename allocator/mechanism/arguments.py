@@ -76,7 +76,7 @@ def _meant(mechanism: Mechanism, stiffness: object) -> tuple[StiffnessKind, Endp
         raise InvalidInput("force is that of an endpoint; give endpoint, too")
     if checks.not_negative("tolerance", stiffness.tolerance, "N·m/rad"):
         raise InvalidInput("a stiffness tolerance is for an AntagonistJoint, whose stiffness is one number")
-    kind = stiffness.kind(mechanism.muscle_names)
+    kind = stiffness.kind(mechanism.muscle_names).of_gas(mechanism.gas, mechanism.affine)
     if kind.amplitude is not None:
         raise InvalidInput("amplitude is for an AntagonistJoint: a mechanism has no hysteresis of its own")
     if kind.shares is None:

@@ -29,6 +29,7 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.pulleys import routes_of
 from allocator.muscles import Muscle
+from allocator.muscles.cabled import checked_cables
 from allocator.units import BAR
 
 Indices = NDArray[np.intp]
@@ -63,6 +64,7 @@ class Mechanism:
         muscles = (self.muscles,) * m if isinstance(self.muscles, Muscle) else tuple(self.muscles)
         if len(muscles) != m or not all(isinstance(muscle, Muscle) for muscle in muscles):
             raise InvalidInput(f"muscles: {len(muscles)} given; the routes lead m = {m} muscles over n = {n} joints")
+        checked_cables(muscles, self.routes.rest_length)
         object.__setattr__(self, "muscles", muscles)
         object.__setattr__(self, "pressure_limits", checked_supply(self.pressure_limits))
         object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
@@ -211,7 +213,7 @@ class Mechanism:
 
     def kind(self, valves: object = "open", frequency: object = None, lag: object = None) -> StiffnessKind:
         """Return which stiffness these arguments of `stiffness` mean. Raises `InvalidInput`."""
-        return StiffnessKind.of(valves, frequency, lag, self.muscle_names)
+        return StiffnessKind.of(valves, frequency, lag, self.muscle_names).of_gas(self.gas, self.affine)
 
     def targets_map(self, q: ArrayLike) -> TargetsMap:
         """Return y(P) = y0 + M P, torques and stiffnesses over the pressures [Pa], at the postures `q` (…, n).

@@ -6,6 +6,7 @@
 
 from allocator.muscles.base import AffineMuscle, Muscle
 from allocator.muscles.basis import Basis
+from allocator.muscles.cabled import Cabled
 from allocator.muscles.models import MODELS
 from allocator.muscles.models.affine_polynomial import AffinePolynomial
 from allocator.muscles.models.chou import ChouHannaford1996
@@ -39,6 +40,7 @@ __all__ = [
     "AffinePolynomial",
     "Basis",
     "Andrikopoulos2016",
+    "Cabled",
     "ChouHannaford1996",
     "FunctionMuscle",
     "Hildebrandt2005",

@@ -11,6 +11,10 @@ inner_radius = 0.01     # [m], for laws that have no radius
 rest_volume = 1.257e-4  # [m³] at rest length
 tube_volume = 2e-5      # [m³] between muscle and valve
 
+[cable]                 # by which the muscle pulls, see `allocator.muscles.cabled`; or without this table
+cable_stiffness = 4e4   # [N/m]
+rest_length = 0.4       # of the muscle [m]
+
 [measured]              # corners of the convex hull of the samples of its fit, see `allocator.muscles.measured`
 contraction = [0.0, …]  # [-]
 pressure = [35000.0, …] # [Pa]
@@ -22,6 +26,8 @@ rows = [[…], …]
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from os import PathLike
 from typing import Any, TypeVar
 
@@ -31,6 +37,7 @@ from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
 from allocator.files.toml import Table, section, written
 from allocator.muscles.base import Muscle
+from allocator.muscles.cabled import Cabled
 from allocator.muscles.measured import MeasuredRegion
 from allocator.units import BAR
 
@@ -49,6 +56,8 @@ def save(muscle: Muscle, path: str | PathLike[str], source: Mapping[str, str | f
 
 def muscle_lines(muscle: Muscle, above: str = "") -> list[str]:
     """Return the lines of `muscle` but for its covariance; its tables lie in the one called `above`."""
+    if isinstance(muscle, Cabled):
+        return _cabled_lines(muscle, above)
     fields, inside = type(muscle).number_fields(), f"{above}." if above else ""
     if not fields:
         raise InvalidInput(
@@ -66,6 +75,13 @@ def muscle_lines(muscle: Muscle, above: str = "") -> list[str]:
     return lines
 
 
+def _cabled_lines(cabled: Cabled, above: str) -> list[str]:
+    volume = {name: getattr(cabled, name) for name in _VOLUME}
+    cable = {name: getattr(cabled, name) for name in _CABLE}
+    lines = muscle_lines(replace(cabled.muscle, **volume), above)
+    return lines + section(f"{above}.cable" if above else "cable", cable, "N/m, m")
+
+
 def load(cls: type[M], path: str | PathLike[str]) -> M:
     """Read the muscle in `path`, which has to be a `cls`."""
     return muscle_from(cls, Table.read(path))
@@ -78,7 +94,7 @@ def muscle_from(cls: type[M], table: Table, *further: str) -> M:
         raise table.fault("has no table [parameters]")
     _compare(table, model, parameters.entries)
     table.only((*_ENTRIES, *further), "a muscle")
-    volume, measured = table.table("volume"), table.table("measured")
+    volume, measured, cable = table.table("volume"), table.table("measured"), table.table("cable")
     if volume is not None:
         volume.only(_VOLUME)
     given = {**parameters.entries, **({} if volume is None else volume.entries)}
@@ -88,7 +104,12 @@ def muscle_from(cls: type[M], table: Table, *further: str) -> M:
     except (InvalidInput, TypeError, ValueError) as error:
         raise table.fault(error) from None
     _try(table, muscle)
-    return muscle
+    if cable is None:
+        return muscle
+    if not issubclass(Cabled, cls):
+        raise table.fault(f"holds a {model.__name__} with a cable, not a {cls.__name__}")
+    cable.only(_CABLE, "a cable")
+    return cable.made(partial(Cabled, muscle), "a cable")  # type: ignore[return-value]  # a subclass of M, see above
 
 
 def covariance_rows(table: Table) -> Any:
@@ -119,9 +140,10 @@ def _try(table: Table, muscle: Muscle) -> None:
         raise table.fault(f"the force of this {type(muscle).__name__} {wrong}; check {given}")
 
 
-_ENTRIES = ("model", "parameters", "source", "covariance", "volume", "measured")  # of a file
+_ENTRIES = ("model", "parameters", "source", "covariance", "volume", "measured", "cable")  # of a file
 _VOLUME = ("inner_radius", "rest_volume", "tube_volume")
 _MEASURED = ("contraction", "pressure")
+_CABLE = ("cable_stiffness", "rest_length")
 _USUAL = 5 * BAR, (0.0, 0.05, 0.1)  # pressure [Pa], and contraction ratios [-] at one of which every muscle pulls
 _MOST = 1e7  # [N] far above any muscle
 

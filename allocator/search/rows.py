@@ -106,6 +106,8 @@ def _segment(side: OneMuscle, basis: Basis, lo: float, hi: float) -> Array:
     arm, bend = np.ravel(side.arm), np.ravel(side.bend)
     torque = arm * force
     stiffness = -(arm**2) / side.rest_length * slope + bend * force
+    if side.push is not None:
+        stiffness = stiffness + side.push[0] * stiffness + side.push[1] * np.abs(arm) * force
     if side.share is not None:  # of an affine law: affine in the pressure as well
         nodes, inverse, greatest = sampling(basis, lo, hi, len(force))
         stiffness = stiffness + _significant(inverse @ (side.share * side.trapped(nodes[:, None])), greatest)

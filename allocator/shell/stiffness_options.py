@@ -51,6 +51,10 @@ class StiffnessOptions:
         amplitude = None if self.amplitude is None else self.amplitude * DEG
         return Stiffness(self.kind(file, muscles), amplitude=amplitude)
 
+    def damping(self, file: str | None) -> float:
+        """Return the viscous damping [N·m·s/rad] of the plant in a machine's `file`; 0 where there is none."""
+        return float(_stored(file, "damping", 0.0))  # type: ignore[arg-type]
+
     def kind(self, file: str | None, muscles: Sequence[str] = PAIR) -> "StiffnessKind":
         """Return which stiffness of the `muscles` is meant, with the lags in a machine's `file` where none is given.
 
@@ -61,13 +65,13 @@ class StiffnessOptions:
         states = ("open", "shut", *(("free", *_STATES) if tuple(muscles) == PAIR else ()))
         if self.valves not in states:
             raise InvalidInput(f"--valves {self.valves}: choose one of {', '.join(states)}")
-        lag = _stored_lag(file) if self.frequency is not None and self.lag is None else self.lag
+        lag = _stored(file, "lag", _LAG) if self.frequency is not None and self.lag is None else self.lag
         return StiffnessKind.of(_STATES.get(self.valves, self.valves), self.frequency, lag, muscles)
 
 
-def _stored_lag(path: str | None) -> "ArrayLike":
-    """Return the lag or the two lags [s] of the plant in the file; raises `InvalidFile` if [plant] is no table."""
+def _stored(path: str | None, name: str, otherwise: float) -> "ArrayLike":
+    """Return a number of the plant in the file, such as its lag or two lags; raises `InvalidFile` for no table."""
     from allocator.files.toml import Table
 
     plant = None if path is None else Table.read(path).table("plant")
-    return _LAG if plant is None else plant.entries.get("lag", _LAG)
+    return otherwise if plant is None else plant.entries.get(name, otherwise)

@@ -13,11 +13,13 @@ import numpy as np
 from allocator import allocate
 from allocator.calculus import Array
 from mpc.model.arm.model import Arm
+from mpc.model.compensation import Compensation
 from mpc.tracking.compiled.arm.inverse_dynamics import CompiledArmFeedForward
 from mpc.tracking.compiled.arm.module import compiled_arm
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times
+from mpc.tracking.preview import Preview
 
 _FILTER = 0.02  # [s] of the derivative
 _SHORT = 1e-6  # [N·m]
@@ -69,3 +71,45 @@ class ArmPID:
         u = self._last[None].copy()
         states, K = np.stack([x, x]), np.tile(np.eye(n), (2, 1, 1))
         return Plan(u, states, K, PlanStatus.CLOSED_FORM, Rung.ALLOCATION, 0.0, Times(0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+class PredictivePID:
+    """PIDs at n joints by the rule of `mpc.yardsticks.baselines.PredictivePIDControl`, with the MPC's feed-forward.
+
+    Errors are those predicted for when the command acts, the integral is one of the measured error. What is known of
+    dead time, friction and dead band is taken account of as the MPC does; the disturbance torque is not.
+    """
+
+    def __init__(self, arm: Arm, dt: float, gains: Gains, compensation: Compensation, N: int = 20) -> None:
+        self.arm, self.dt, self.gains, self._limits = arm, dt, gains, Limits.of(arm, dt)
+        self._preview = Preview(arm, dt, N, compensation, self._limits)
+        readable = InverseDynamics(arm, dt, N)
+        self._feed_forward = CompiledArmFeedForward(arm, compiled_arm(arm, dt), readable.ready())
+        self.reset()
+
+    @property
+    def ahead(self) -> int:
+        """The samples of preview after the present one."""
+        return self._preview.ahead
+
+    def reset(self) -> None:
+        """The integral is 0."""
+        self._preview.reset()
+        self._integral, self._saturated = np.zeros(self.arm.n), False
+        self._last: Array | None = None
+
+    def step(self, x: Any, q_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
+        """The commands of this sample."""
+        n, gains, task = self.arm.n, self.gains, self._preview.task(x, q_ref, K_ref, d)
+        error = np.nan_to_num(q_ref[0] - x[:n])
+        if not self._saturated:
+            self._integral = self._integral + self.dt * error
+        omega = np.gradient(task.theta[:3], self.dt, axis=0, edge_order=2)[0]
+        T = gains.proportional * (task.theta[0] - task.x[:n]) + gains.integral * self._integral
+        T = T + gains.derivative * (omega - task.x[n : 2 * n])
+        wanted = self._feed_forward(task.theta, task.K, task.d - task.known - T).u[:1]
+        u = self._limits.limited(task.x[2 * n :] if self._last is None else self._last, wanted)
+        self._last, self._saturated = u[0], bool((u != wanted).any())
+        states, K = np.stack([task.x, task.x]), np.tile(np.eye(n), (2, 1, 1))
+        sent = self._preview.sent(u, states)
+        return Plan(sent, states, K, PlanStatus.CLOSED_FORM, Rung.ALLOCATION, 0.0, Times(0.0, 0.0, 0.0, 0.0, 0.0))

@@ -3,14 +3,17 @@
 import sys
 from functools import partial
 
-from benchmarks.felt import allocation, drift, hidden, refusals, strangers
+from benchmarks.felt import allocation, drift, hidden, logs, refusals, strangers
 
 PARTS = {
     "allocation": allocation.report,
     "hidden": partial(hidden.report, n=60),
+    "shaken": partial(hidden.report, n=60, by=hidden.shaken),
     "inertia": partial(hidden.report, n=30, inertia_error=0.05),
+    "logs": logs.report,
     "refusals": refusals.report,
     "strangers": partial(strangers.report, n=3),
+    "stranger-logs": partial(strangers.report, n=3, by=strangers.in_log),
     "identified": partial(strangers.report, n=1, of="identified"),
     "drift": partial(drift.report, n=8),
 }

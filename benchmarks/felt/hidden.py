@@ -16,7 +16,9 @@ from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from mpc import Plant, RealPlant
 from mpc.bench.measuring.experiment import Experiment, Tones
+from mpc.bench.measuring.log import from_log, refused
 from mpc.bench.measuring.result import MeasuredStiffness
+from mpc.bench.measuring.shaking import Shaking
 from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.safety import Stopped
@@ -108,7 +110,26 @@ def measured(h: Hidden, seed: int, tones: Tones | None = None, inertia_error: fl
     except (Stopped, InvalidInput) as ended:
         e.findings.refusal = e.findings.refusal or str(ended)
     known = Known(plant.inertia, inertia_error, h.told.reading_age)
-    m = MeasuredStiffness.of(plant, h.told.friction.loop, e.findings, tones, known, h.real.encoder)
+    return outcome(h, MeasuredStiffness.of(plant, h.told.friction.loop, e.findings, tones, known, h.real.encoder))
+
+
+def shaken(h: Hidden, seed: int, inertia_error: float = 0.0, J: float = 1.0) -> Outcome:
+    """Measure a hidden joint by noise that moves it by about 10°."""
+    plant = replace(h.real.nominal, inertia=J * h.real.nominal.inertia)
+    source = Shaking(plant, h.theta, h.K, DT, 10 * DEG, 45.0)
+    middle = (h.theta, *source.first)
+    try:
+        driven(h.real, source, Limits.of(plant, DT), h.theta, seed)
+    except (Stopped, InvalidInput) as ended:
+        return outcome(h, refused(middle, source.duration, str(ended)))
+    assert source.log is not None
+    known = Known(plant.inertia, inertia_error, h.told.reading_age)
+    m = from_log(plant, h.told.friction.loop, source.log, known)
+    return outcome(h, replace(m, furthest=source.furthest))
+
+
+def outcome(h: Hidden, m: MeasuredStiffness) -> Outcome:
+    """Return a measurement beside the truth."""
     if m.refusal:
         return Outcome(m, np.nan, np.nan, (np.nan, np.nan), ())
     K, felt = truth(h, m)
@@ -118,13 +139,13 @@ def measured(h: Hidden, seed: int, tones: Tones | None = None, inertia_error: fl
     return Outcome(m, m.K / K - 1, m.K_std / K, errors, curve)  # type: ignore[arg-type]
 
 
-def report(n: int = 100, first: int = 0, inertia_error: float = 0.0) -> str:
+def report(n: int = 100, first: int = 0, inertia_error: float = 0.0, by: Callable[..., Outcome] = measured) -> str:
     """Measure n hidden joints and return the figures."""
     found = []
     for seed in range(first, first + n):
         rng = np.random.default_rng([seed, 35])
         J = float(1 + inertia_error * rng.standard_normal())
-        out = measured(hidden(seed), seed, inertia_error=inertia_error, J=J)
+        out = by(hidden(seed), seed, inertia_error=inertia_error, J=J)
         found.append(out)
         m = out.measured
         print(

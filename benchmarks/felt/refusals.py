@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator import DEG
 from allocator.calculus import Array
-from benchmarks.felt.hidden import Hidden, hidden, measured
+from benchmarks.felt.hidden import Hidden, hidden, measured, shaken
 from mpc import RealPlant
 from mpc.bench.measuring.experiment import Tones
 from mpc.model.friction.dahl import Friction
@@ -46,7 +46,7 @@ class RubberTrial(RealExperiment):
 
 def report(n: int = 10) -> str:
     """Return how many of each kind were refused."""
-    counts = {"too small": 0, "rubber": 0}
+    counts = {"too small": 0, "rubber": 0, "rubber, shaken": 0}
     for seed in range(n):
         h = hidden(seed)
         calm = replace(h.real, friction=Friction(), encoder=0.1 * DEG)
@@ -59,4 +59,7 @@ def report(n: int = 10) -> str:
             m = measured(joint, seed, tones).measured
             counts[name] += bool(m.refusal)
             print(seed, name, m.sentence, flush=True)
+        noisy = shaken(cases["rubber"][0], seed).measured
+        counts["rubber, shaken"] += bool(noisy.refusal)
+        print(seed, "rubber, shaken", noisy.sentence, flush=True)
     return "; ".join(f"{name}: {count} of {n} refused" for name, count in counts.items())

@@ -5,17 +5,21 @@ own logs. Felt stiffness is compared with pushes: quasi-static cycles of ±A at 
 stranger's own equations.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
 from allocator import DEG
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from benchmarks.felt.logs import Rest, recorded
 from benchmarks.strangers.identified import Model, data_sheet, identified
 from benchmarks.strangers.physics import slipped
 from benchmarks.strangers.plants import STRUCTURES, Stranger, drawn, gain, settled, stretch
 from mpc.bench.measuring.experiment import Experiment, Tones
+from mpc.bench.measuring.log import from_log
 from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
@@ -97,14 +101,24 @@ def measured(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K:
                                 stranger.sensors.step)  # fmt: skip
 
 
-def report(n: int = 5, first: int = 0, of: str = "data sheet") -> str:
+Road: TypeAlias = Callable[[Stranger, Model, int], MeasuredStiffness]
+
+
+def in_log(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K: float = 5.0) -> MeasuredStiffness:
+    """Look into a minute of noise between 0.3 and 4 Hz, what is told being the same."""
+    plant = replace(model.plant, inertia=stranger.parts.inertia)
+    log = recorded(stranger, Rest(plant, theta, K), "noise", seed)
+    return from_log(plant, model.told.friction.loop, log, Known(plant.inertia, 0.0, stranger.sensors.late * DT))
+
+
+def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measured) -> str:
     """Measure n strangers of each structure and return the figures."""
     strengths, felts, backbones, predicted, refused, total = [], [], [], [], 0, 0
     for structure in STRUCTURES:
         for seed in range(first, first + n):
             stranger = drawn(structure, seed)
             model = identified(stranger) if of == "identified" else data_sheet(stranger)
-            m, total = measured(stranger, model, seed), total + 1
+            m, total = by(stranger, model, seed), total + 1
             if m.refusal:
                 refused += 1
                 print(structure, seed, m.sentence, flush=True)

@@ -66,7 +66,6 @@ def track_arm(
 
     from mpc.arm.film import Film
     from mpc.repetition.practice import practise
-    from mpc.trials.arm_trajectories import reference as asked_for
     from mpc.trials.corrections import Owner, compared, digest_of
     from mpc.trials.metrics import metrics
     from mpc.trials.pictures.animation import ENDINGS, check_film
@@ -79,7 +78,7 @@ def track_arm(
         if path.suffix.lower() in ENDINGS:
             check_film(path)
     arm, tested, point, notes = _machine(options, more, plant, seed)
-    asked = repeated.reference(trajectory, lambda: asked_for(trajectory or _CIRCLE, arm))
+    asked = repeated.reference(trajectory, lambda: _asked(trajectory or _CIRCLE, arm, point))
     half_way = asked.duration / 2
     with Console(stderr=True).status("building the controller (compiled once after an installation: some 30 seconds)"):
         controller, observer = _loop(arm, plant, dt, horizon)
@@ -126,6 +125,16 @@ def track_arm(
     if filmed:
         say(console, f"filmed by {film.by}")
     say(console, f"written: {', '.join(map(str, files))}")
+
+
+def _asked(trajectory: str, arm: "Arm", hand: "Endpoint | None") -> "Reference":
+    """Return the reference of a name, or that of a file of the user's."""
+    from mpc.trials.arm_trajectories import REFERENCES, reference
+    from mpc.trials.motion_files import load_motion
+
+    if trajectory not in REFERENCES and (Path(trajectory).suffix or Path(trajectory).exists()):
+        return load_motion(trajectory, arm, hand)
+    return reference(trajectory, arm)
 
 
 def _machine(
@@ -215,7 +224,7 @@ def _responses(
     from mpc.repetition.response import doubted, postures, response
 
     _, model, _, _ = _machine(options, more, _NOMINAL, 0)
-    model.dead_time = controller.compensation.dead_time
+    model.supply.dead_time = controller.compensation.dead_time
     return doubted([response(model, controller, observer, *postures(asked)[1])])
 
 

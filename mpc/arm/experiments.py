@@ -37,8 +37,7 @@ class MujocoExperiment:
         """Read the sensors (2n + m,); NaN for velocities that nobody measures."""
         plant = self._plant
         read = plant.measure()
-        exact = not (plant.encoder or plant.pressure_noise)
-        return np.concatenate([read.q, plant.omega if exact else np.full(plant.n, np.nan), read.P])
+        return np.concatenate([read.q, plant.omega if plant.sensors.exact else np.full(plant.n, np.nan), read.P])
 
     def advance(self, u: Array, d: ArrayLike = 0.0) -> None:
         """Advance by one sample with the commands `u` (m,) [Pa] and the torques `d` [N·m] from outside."""

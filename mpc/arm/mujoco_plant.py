@@ -2,7 +2,7 @@
 
 With the tendons' lengths l(q), whose slopes are MuJoCo's `ten_J`, muscle j pulls with F_j along its tendon:
 
-    M(q) q'' = -(∂l/∂q)ᵀ F + load + what else the model has (gravity, damping, limits, contacts, …)               (M1)
+    M(q) q'' = -(∂l/∂q)ᵀ F + friction + load + what else the model has (gravity, damping, limits, contacts, …)    (M1)
 
 The state (q, q', P) is integrated by the classical Runge–Kutta method in steps of at most the model's `timestep`.
 """
@@ -10,14 +10,14 @@ The state (q, q', P) is integrated by the classical Runge–Kutta method in step
 from collections.abc import Sequence
 from copy import copy
 from math import ceil, inf
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
-from allocator.errors import InvalidFile, InvalidInput
+from allocator.errors import InvalidInput
 from allocator.joint.gas import Gas
 from allocator.mechanism.routes.base import per_muscle
 from allocator.mechanism.routes.mjcf import Source, load, said, tendon_lengths
@@ -25,19 +25,16 @@ from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.experiments import MujocoExperiment, pushed_stiffness, settle
 from mpc.arm.mjcf import to_mjcf
+from mpc.arm.rubbing import Given, Rubbing, loads
+from mpc.arm.sensors import Readings, Sensors, encoders_of
+from mpc.arm.supply import Supply
 from mpc.model.arm.mechanics.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.model import Arm
-from mpc.model.arm.pneumatics import Pneumatics
+from mpc.model.arm.pneumatics import Pneumatics, beyond
+from mpc.model.faults import Fault
 from mpc.model.integration import NODES, SHARES
 
-_Kept: TypeAlias = tuple[float, Array, Array, Array, Array, list[tuple[float, Array]]]
-
-
-class Readings(NamedTuple):
-    """`Readings` are what the sensors of a machine say: nobody measures velocities."""
-
-    q: Array  # encoders (n,) [rad, or m of slides]
-    P: Array  # pressure sensors (m,) [Pa]
+_Kept: TypeAlias = tuple[float, Array, Array, Array, Array, list[tuple[float, Array]], Any]
 
 
 class MujocoPlant:
@@ -60,8 +57,13 @@ class MujocoPlant:
         gas: Gas | bool | None = None,
         force_gains: ArrayLike = 1.0,
         dead_time: float = 0.0,
+        dead_band: float = 0.0,
+        friction: Given = None,
+        muscle_friction: Given = None,
         encoder: float = 0.0,
         pressure_noise: float = 0.0,
+        pressure_offset: ArrayLike = 0.0,
+        faults: Sequence[Fault] = (),
         nominal: Arm | None = None,
     ) -> None:
         """Load and check.
@@ -76,18 +78,18 @@ class MujocoPlant:
         rest_length, cable
             L and the part of the tendon that is cable [m], numbers or rows (m,); without them the model has to tell, as
             those of `to_mjcf` do.
-        pressure_limits
-            Of the supply [Pa]; commands are clipped to it, as regulators do.
-        lag, slew
-            Time constants of the regulators [s], a number or a row (m,), and how fast what they follow may move [Pa/s].
-        gas
-            Whether motions move the pressures   (G3): a `Gas`, or True for air.
-        force_gains
-            How many times as hard as their laws say the muscles pull [-], a number or a row (m,).
-        dead_time
-            Of the commands [s].
-        encoder, pressure_noise
-            The step of the encoders [rad or m] and the standard deviation of the pressure sensors' noise [Pa].
+        pressure_limits, lag, slew
+            Of the supply [Pa], to which commands are clipped; time constants of the regulators [s], a number or a row
+            (m,), and how fast what they follow may move [Pa/s].
+        gas, force_gains
+            Whether motions move the pressures (G3), a `Gas` or True for air; and how many times as hard as their laws
+            say the muscles pull [-], a number or a row (m,).
+        dead_time, dead_band
+            Of the commands [s], and of the regulators [Pa], in total.
+        friction, muscle_friction
+            At the joints and in the muscles, see `mpc.arm.rubbing`: a `Friction` or `MaxwellSlip` for all, or one each.
+        encoder, pressure_noise, pressure_offset, faults
+            Of the sensors, see `mpc.arm.sensors`; faults are of valves and cables, too.
         nominal
             The arm whose bodies these are, as its controllers know it: `simulate` asks for it.
 
@@ -103,14 +105,7 @@ class MujocoPlant:
         import mujoco
 
         self.model = copy(load(model))
-        if self.model.na:
-            raise InvalidFile(said(model), "has actuators with states of their own, which are not integrated here")
-        if not self.model.ntendon:
-            raise InvalidFile(said(model), "has no tendons; the tendons of the model are the muscles")
-        kinds = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
-        turning = np.flatnonzero(np.isin(self.model.jnt_type, kinds))
-        if not turning.size:
-            raise InvalidFile(said(model), "has neither hinges nor slides, which is where encoders are")
+        turning = encoders_of(self.model, said(model))
         self._places, self._speeds = self.model.jnt_qposadr[turning], self.model.jnt_dofadr[turning]
         self.joint_names = tuple(str(self.model.joint(i).name) or str(i + 1) for i in turning)
         m = int(self.model.ntendon)
@@ -121,17 +116,10 @@ class MujocoPlant:
         length, cables = tendon_lengths(self.model, model, rest_length, cable)
         self.pneumatics = Pneumatics(given, length, lag, gas, force_gains)
         self._cable = per_muscle("cable", cables, m, "m")
-        low, high = checks.limits("pressure_limits", pressure_limits, "Pa")
-        checks.pressure("pressure_limits", (low, high))
-        if not 0 <= low < high:
-            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
-        self.pressure_limits = low, high
-        self.slew = inf if slew == inf else checks.number("slew", slew, "Pa/s")
-        if self.slew <= checks.LOOKS_LIKE_BAR[1]:
-            raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
-        self.dead_time = checks.not_negative("dead_time", dead_time, "s")
-        self.encoder = checks.not_negative("encoder", encoder, "rad")
-        self.pressure_noise = checks.not_negative("pressure_noise", pressure_noise, "Pa")
+        self.supply = Supply(pressure_limits, slew, dead_time)
+        self.dead_band = checks.not_negative("dead_band", dead_band, "Pa")
+        self.rubbing = Rubbing(friction, muscle_friction, self.n, m)
+        self.sensors = Sensors(self.n, m, encoder, pressure_noise, pressure_offset, faults)
         self._nominal = nominal
         self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)  # older versions want to be asked
         self.data = mujoco.MjData(self.model)
@@ -153,6 +141,11 @@ class MujocoPlant:
     def m(self) -> int:
         """Return the number of muscles."""
         return self.pneumatics.m
+
+    @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Return the least and the greatest pressure of the supply [Pa]."""
+        return self.supply.limits
 
     # --- as a process that `simulate` runs --------------------------------------------------------------------------
 
@@ -195,11 +188,12 @@ class MujocoPlant:
         self.data.qvel[self._speeds] = self._row("omega", omega, self.n, "rad/s")
         pressures = self.pressure_limits[0] if P is None else checks.pressure("P", P)
         self._P = self._row("P", pressures, self.m, "Pa")
-        self._noise = np.random.default_rng(seed)
-        self._command = self._P.copy()  # what regulators follow, within the slew
-        self._waiting: list[tuple[float, Array]] = []  # commands on their way, with the time at which they arrive
+        self.sensors.begin(seed)
+        self.supply.begin(self._P)
+        self._followed, (self._pulling, self._shut) = self._P, self.sensors.broken(-inf)
         self._load = np.zeros(self.model.nv)
         self._look()
+        self.rubbing.begin(self._rubs)
         return self.measure()
 
     def step(self, commands: ArrayLike, dt: float, load: ArrayLike = 0.0) -> Readings:
@@ -208,33 +202,22 @@ class MujocoPlant:
         `load` [N·m] are torques (n,) from outside. Raises `InvalidInput`, also where the motion has no finite end.
         """
         pressures = self._row("commands", checks.pressure("commands", commands), self.m, "Pa")
-        asked = np.clip(pressures, *self.pressure_limits)
         self._load[self._speeds] = self._row("load", load, self.n, "N·m")
-        reach = self.slew * checks.positive("dt", dt, "s")
-        last = self._waiting[-1][1] if self._waiting else self._command
-        now, end = self.time, self.time + dt
-        self._waiting.append((now + self.dead_time, np.clip(asked, last - reach, last + reach)))
-        arriving = [max(t, now) for t, _ in self._waiting if t < end - 1e-9 * dt]
-        for begin, until in zip([now, *arriving], [*arriving, end], strict=True):
-            if until - begin > 1e-9 * dt:
-                self._integrate(until - begin)
-            if until in arriving:
-                self._command = self._waiting.pop(0)[1]
+        began, end = self.time, self.time + checks.positive("dt", dt, "s")
+        self._pulling, self._shut = self.sensors.broken(began)
+        for piece in self.supply.pieces(began, pressures, dt):
+            self._followed = self.sensors.effective(self.supply.command, self._P, began)
+            self._integrate(piece)
         self.data.time = end
         if not all(np.isfinite(state).all() for state in (self.data.qpos, self.data.qvel, self._P)):
-            raise InvalidInput(
-                f"the motion is not finite at {end:.4g} s: the model's timestep of {self.model.opt.timestep:g} s is "
-                "too long for it, or it has no damping"
-            )
+            step = f"the model's timestep of {self.model.opt.timestep:g} s"
+            raise InvalidInput(f"the motion is not finite at {end:.4g} s: {step} is too long, or it has no damping")
         self._look()
         return self.measure()
 
     def measure(self) -> Readings:
         """Read the sensors; every call draws new noise."""
-        q = self.q
-        if self.encoder:
-            q = self.encoder * np.round(q / self.encoder)
-        return Readings(q, self._P + self.pressure_noise * self._noise.standard_normal(self.m))
+        return self.sensors.read(self.q, self._P, self.time)
 
     # --- the true state ---------------------------------------------------------------------------------------------
 
@@ -293,8 +276,8 @@ class MujocoPlant:
     def settle(self, load: ArrayLike = 0.0, *, shut: bool = False) -> Array:
         """Let the machine come to rest with its pressures frozen, under a `load` (n,) [N·m]; return the angles (n,).
 
-        With `shut` valves the gas is trapped instead, so that pressures follow the motion (needs `gas`). A damping that
-        is there for the settling alone takes the energy. Raises `InvalidInput` where there is no rest within a minute.
+        With `shut` valves the gas is trapped instead, so that pressures follow the motion (needs `gas`). A damping for
+        the settling alone takes the energy. Raises `InvalidInput` where there is no rest within a minute.
         """
         return settle(self, self._row("load", load, self.n, "N·m"), shut)
 
@@ -324,14 +307,16 @@ class MujocoPlant:
     def kept(self) -> _Kept:
         """Return the state, for `restore`."""
         d = self.data
-        return float(d.time), d.qpos.copy(), d.qvel.copy(), self._P.copy(), self._load.copy(), list(self._waiting)
+        state = float(d.time), d.qpos.copy(), d.qvel.copy(), self._P.copy(), self._load.copy()
+        return *state, list(self.supply.waiting), self.rubbing.kept
 
     def restore(self, kept: _Kept) -> None:
         """Go back to the state that was `kept`."""
         d = self.data
         d.time, d.qpos[:], d.qvel[:] = kept[:3]
         self._P, self._load = kept[3].copy(), kept[4].copy()
-        self._waiting = list(kept[5])
+        self.supply.waiting = list(kept[5])
+        self.rubbing.restore(kept[6])
         self._look()
 
     # --- integration ------------------------------------------------------------------------------------------------
@@ -367,6 +352,9 @@ class MujocoPlant:
         d.qvel[:] = v0 + h * gained
         self._P = P0 + h * filled
         d.time += h
+        if not self.rubbing.absent:
+            mujoco.mj_fwdPosition(m, d)
+            self.rubbing.go_on(self._rubs, self._loads(self._P, self.tension))
 
     def _rates(self, P: Array, brake: Array | None = None, shut: bool = False) -> tuple[Array, Array]:
         """Return q'' (nv,) and P' (m,) in the state that `data` holds."""
@@ -376,8 +364,12 @@ class MujocoPlant:
         mujoco.mj_fwdPosition(m, d)
         mujoco.mj_fwdVelocity(m, d)
         length = self.lengths
-        forces = self.pneumatics.forces(length, P)
+        forces = self._pulling * self.pneumatics.forces(length, P)
         d.qfrc_applied[:] = self._load - forces @ self._jacobian()
+        if not self.rubbing.absent:
+            rubbed = self.rubbing.forces(self._rubs, self._loads(P, forces))
+            d.qfrc_applied[self._speeds] -= rubbed[: self.n]
+            d.qfrc_applied[:] -= rubbed[self.n :] @ self._jacobian()
         if brake is not None:
             d.qfrc_applied[:] -= brake @ d.qvel
         mujoco.mj_fwdActuation(m, d)
@@ -385,7 +377,17 @@ class MujocoPlant:
         mujoco.mj_fwdConstraint(m, d)
         if brake is not None and not shut:
             return d.qacc.copy(), np.zeros(self.m)
-        return d.qacc.copy(), self.pneumatics.rate(P, self._command, length, d.ten_velocity, forces, shut)
+        closed = shut | (self._shut & (self.pneumatics.gas is not None))
+        u = P + beyond(self._followed - P, self.dead_band / 2)
+        return d.qacc.copy(), self.pneumatics.rate(P, u, length, d.ten_velocity, forces, closed)
+
+    @property
+    def _rubs(self) -> Array:
+        """The coordinates (n + m,) along which friction acts: angles and lengths."""
+        return np.concatenate([self.q, self.lengths])
+
+    def _loads(self, P: Array, forces: Array) -> Array:
+        return loads(self.arms, self.pneumatics.own_stiffness(self.lengths, P), forces, P)
 
     def _look(self) -> None:
         """Have MuJoCo derive everything from the state, without moving it."""

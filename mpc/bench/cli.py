@@ -187,7 +187,7 @@ def sweep_command(
     limits = Limits.of(opened.plant, dt)
     plan = plan_joint_experiment(inside(joint), accuracy=accuracy * PERCENT, weights=weight)
     steps = random_steps(joint, round(motion / pace.every), seed)
-    source = Sweep(visits_of(plan, joint, weights), steps, dt, _hanger(opened.device, console), out, pace)
+    source = Sweep(visits_of(plan, joint, weights), steps, dt, hanger(opened.device, console), out, pace)
     say(
         console,
         f"{len(source.visits)} visits of setpoints, {motion:g} s of random steps: {source.duration / 60:.1f} min",
@@ -207,7 +207,7 @@ def sweep_command(
         say(console, f"written: {', '.join(map(str, written)) or 'nothing'}")
 
 
-def _hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
+def hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
     """Return the function that asks for weights: a simulated joint hangs them itself, a person presses Enter."""
     from mpc.bench.devices.simulated import SimulatedDevice
     from mpc.bench.display.asking import REQUEST, Asking
@@ -294,10 +294,14 @@ def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
 
 
 def _report(record: "Record", console: "Console") -> None:
-    """Say how it ended and how well it went."""
+    """Say how it ended and how well it went, and whether the strengths want a check."""
+    from mpc.trials.due import check_due
+
     say_ending(record.ending, record.lateness, console)
     if record.tracked:
         say(console, f"angle error: {record.theta_rms / DEG:.3g}° RMS, as measured")
+        if due := check_due(record.run()):
+            say(console, due)
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:

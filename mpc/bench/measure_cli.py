@@ -1,16 +1,16 @@
-"""`antagonist measure`: the stiffness of a joint on a device; degrees here, SI behind."""
+"""`antagonist measure`: the stiffness of a joint on a device, or in a log; degrees here, SI behind."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.options import grouped, row, within
+from allocator.shell.options import finite, grouped, row, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from allocator.units import BAR, DEG, PERCENT
-from mpc.bench.cli import Watch, exit_code, say_ending
+from mpc.bench.cli import Watch, exit_code, hanger, say_ending
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import PlantOptions
 
@@ -29,6 +29,13 @@ _NOT_MEASURED = 3  # exit code
 def measure_command(
     options: PlantOptions,
     bench: BenchOptions,
+    log: Annotated[
+        Path | None,
+        typer.Argument(
+            help="a log to look into instead of a --device: of `antagonist run`, or a CSV with time, theta, pressure1 "
+            "and pressure2 (measured)"
+        ),
+    ] = None,
     around: Annotated[
         list[str] | None,
         typer.Option(
@@ -36,8 +43,15 @@ def measure_command(
         ),
     ] = None,
     amplitude: Annotated[float, typer.Option(help="of the tones that are compared [±°]")] = 1.5,
+    shake: Annotated[
+        float,
+        typer.Option(help="shake by noise instead of tones, so that the joint moves by about this [±°]; 0: tones"),
+    ] = 0.0,
     series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A) [±°], with commas; 0: none")] = "4,8",
     inertia_error: Annotated[float, typer.Option(help="standard deviation of --inertia [%]")] = 0.0,
+    weight: Annotated[
+        float, typer.Option(help="torque of a weight that is asked for in the end [N·m], θ down positive; 0: none")
+    ] = 0.0,
     update: Annotated[
         bool, typer.Option("--update", help="write the strengths into the file of --machine, its history kept")
     ] = False,
@@ -50,25 +64,35 @@ def measure_command(
 
     Tones of both pressures about a rest, of equal amplitude at a low and at a high frequency, are compared: hysteresis
     drops out, and the inertia is the scale. It needs an encoder, two pressure sensors and the inertia of --machine or
-    --inertia, for which a payload counts. It begins and ends as `antagonist run` does. Exit code 0 if all was
+    --inertia, for which a payload counts. It begins and ends as `antagonist run` does.
+
+    With --shake noise takes the place of the tones: wider motions, which slow regulators and friction bear better. Or
+    it looks into a log, which tells as much where it has quick motions of both pressures. Exit code 0 if all was
     measured, 3 if not; the message says why.
     """
     from rich.console import Console
 
     console = Console(stderr=as_json)
     check_ending("--out", out, IMAGES)
-    claim(out, inputs=options.files, force=force)
+    claim(out, inputs=(*options.files, log), force=force)
     within("--inertia-error", inertia_error, "%", 0, 50)
+    finite("--weight", weight, "N·m")
     if update and options.file is None:
         raise InvalidInput("--update writes into a file: name that of the joint by --machine")
-    found, code = _on_device(options, bench, around or [], _tones(amplitude, series), inertia_error, dt, console)
+    if log is not None:
+        if bench.device or around or weight or shake:
+            raise InvalidInput("a log is looked into as it is: leave out --device, --around, --weight and --shake")
+        found, code = [_in_log(log, options, inertia_error)], 0
+    else:
+        method = _tones(amplitude, series) if not shake else _shaken(shake, weight)
+        found, code = _on_device(options, bench, around or [], method, inertia_error, weight, dt, console)
     good = [m for m in found if m.success]
     if as_json:
         print_json({"measurements": [m.to_dict() for m in found]})
     for m in found:
         console.print(_table(m)) if m.success else say(console, m.sentence)
     if out is not None and good:
-        _draw(good, options, bench, out, console)
+        _draw(good, options, bench if log is None else None, out, console)
     if update:
         _updated(good, options, inertia_error, console)
     if code or len(good) < len(found) or not found:
@@ -85,17 +109,29 @@ def _tones(amplitude: float, series: str) -> "Tones":
     return Tones(amplitude * DEG, series=tuple(a * DEG for a in given))
 
 
+def _shaken(amplitude: float, weight: float) -> float:
+    within("--shake", amplitude, "°", 1, 45)
+    if weight:
+        raise InvalidInput("--weight goes with tones: leave out --shake")
+    return amplitude * DEG
+
+
 def _on_device(
     options: PlantOptions,
     bench: BenchOptions,
     around: list[str],
-    tones: "Tones",
+    method: "Tones | float",
     inertia_error: float,
+    weight: float,
     dt: float,
     console: "Console",
 ) -> "tuple[list[MeasuredStiffness], int]":
-    """Measure about every rest, until one ends by anything but its end; return that exit code."""
-    from mpc.bench.measuring.session import Told, measure
+    """Measure about every rest, by tones or by noise of an amplitude [rad], until one ends by anything but its end.
+
+    Return the measurements and that exit code.
+    """
+    from mpc.bench.measuring.session import Told, measure, shake
+    from mpc.bench.measuring.weighing import Weight
 
     settings, found = bench.settings(), []
     rests: list[str | None] = [*around] or [None]
@@ -103,18 +139,31 @@ def _on_device(
         opened = bench.opened(options)
         theta, K = _rest(text, opened.plant)
         say(console, f"about {theta / DEG:.3g}° and {K:.3g} N·m/rad, with the inertia {opened.plant.inertia:g} kg·m²")
+        hung = Weight(weight, hanger(opened.device, console)) if weight else None
         watch = Watch(opened.plant.joint.pressure_limits[1], dt, bench)
         told = Told(opened.plant, opened.known, inertia_error * PERCENT)
+        driven: dict[str, Any] = {"dt": dt, "settings": settings, "clock": opened.clock, "watch": watch}
         with watch:
-            m, cycle = measure(
-                opened.device, told, theta, K, dt=dt, tones=tones, settings=settings, clock=opened.clock, watch=watch
-            )
+            if isinstance(method, float):
+                m, cycle = shake(opened.device, told, theta, K, method, **driven)
+            else:
+                m, cycle = measure(opened.device, told, theta, K, tones=method, weight=hung, **driven)
         found.append(m)
         assert cycle.ending is not None
         if code := exit_code(cycle.ending):
             say_ending(cycle.ending, cycle.lateness, console)
             return found, code
     return found, 0
+
+
+def _in_log(log: Path, options: PlantOptions, inertia_error: float) -> "MeasuredStiffness":
+    """Return what a log says."""
+    from mpc.bench.measuring.log import from_log, read_log_of_motion
+    from mpc.bench.measuring.strengths import Known
+
+    plant, known = options.plant(), options.compensation()
+    told = Known(plant.inertia, inertia_error * PERCENT, known.reading_age)
+    return from_log(plant, known.friction.loop, read_log_of_motion(log), told)
 
 
 def _rest(text: str | None, plant: "Plant") -> tuple[float, float]:
@@ -145,13 +194,16 @@ def _table(m: "MeasuredStiffness") -> "Table":
 
 
 def _draw(
-    good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOptions, out: Path, console: "Console"
+    good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOptions | None, out: Path, console: "Console"
 ) -> None:
     from allocator.presentation.plotting import save_figure
     from mpc.bench.measuring.picture import plot_measured
 
-    opened = bench.opened(options)
-    save_figure(plot_measured(good, opened.plant.joint, opened.known.friction.loop), out)
+    if bench is None:
+        plant, known = options.plant(), options.compensation()
+    else:
+        _, _, plant, known = bench.opened(options)
+    save_figure(plot_measured(good, plant.joint, known.friction.loop), out)
     say(console, f"written: {out}")
 
 

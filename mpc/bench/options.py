@@ -27,8 +27,9 @@ class BenchOptions:
     PANEL: ClassVar[str] = "The bench"
 
     device: Annotated[
-        str, typer.Option(help="NAME or NAME:ADDRESS, such as sim, serial:/dev/ttyUSB0, modbus:192.168.0.5:502")
-    ]
+        str,
+        typer.Option(help="needed: NAME or NAME:ADDRESS, such as sim, serial:/dev/ttyUSB0, modbus:192.168.0.5:502"),
+    ] = ""
     present: Annotated[
         str | None, typer.Option(help="pressures at the start [bar], P1:P2, where the device measures none; 0:0 vented")
     ] = None
@@ -55,6 +56,8 @@ class BenchOptions:
         from mpc.bench.devices.simulated import SimulatedDevice, open_simulated, simulated
         from mpc.model.real_plant import RealPlant
 
+        if not self.device:
+            raise InvalidInput("--device is missing: name what to drive, such as sim or serial:/dev/ttyUSB0")
         name, _, address = self.device.partition(":")
         clock = SimulatedClock() if self.fast else MonotonicClock()
         plant, known = options.plant(), options.compensation()

@@ -18,7 +18,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.machine_file import load_joint
 from allocator.units import BAR, DEG
-from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.storage import stored_regulators
@@ -46,10 +46,12 @@ class Compensation:
     lag_up: float | None = None  # time constant of a rising pressure [s]; None: that of the plant
     lag_down: float | None = None  # of a falling one [s]
     flow: float = inf  # fastest change of a pressure [Pa/s]
+    frictions: tuple[Hysteresis, ...] = ()  # of an arm's joints, where they differ; else all have `friction`
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         object.__setattr__(self, "friction", friction_of(self.friction))
+        object.__setattr__(self, "frictions", tuple(map(friction_of, self.frictions)))
         for name, unit in (("dead_time", "s"), ("reading_age", "s"), ("dead_band", "Pa")):
             value = checks.number(name, getattr(self, name), unit)
             if value < 0:
@@ -90,7 +92,7 @@ class Compensation:
     @property
     def summary(self) -> str:
         """Return what is known in a line, which is empty if nothing is."""
-        parts = [] if self.friction.absent else [self.friction.summary]
+        parts = list(dict.fromkeys(one.summary for one in self.frictions or (self.friction,) if not one.absent))
         parts += [f"dead time {self.dead_time:g} s"] * bool(self.dead_time)
         parts += [f"reading age {self.reading_age:g} s"] * bool(self.reading_age)
         return ", ".join(parts + [f"dead band {self.dead_band / BAR:g} bar"] * bool(self.dead_band))
@@ -107,6 +109,17 @@ class Compensation:
         lags = {} if alike else {"rising": self.lag_up, "falling": self.lag_down}
         parts = [f"lag {lag:.3g} s of a {way} pressure" for way, lag in lags.items() if lag is not None]
         return " and ".join(parts + [f"flow up to {self.flow / BAR:.3g} bar/s"] * (self.flow < inf))
+
+    @property
+    def frictionless(self) -> bool:
+        """Whether no joint is known to have friction."""
+        return all(friction.absent for friction in self.frictions or (self.friction,))
+
+    def of_joints(self, n: int) -> tuple[Hysteresis, ...]:
+        """Return the friction of each of `n` joints. Raises `InvalidInput` for another number of `frictions`."""
+        if len(self.frictions) not in (0, n):
+            raise InvalidInput(f"compensation: {len(self.frictions)} frictions for n = {n} joints; give one for each")
+        return self.frictions or (self.friction,) * n
 
     def delay(self, dt: float) -> int:
         """Return the dead time in whole samples of `dt` [s]."""
@@ -147,7 +160,7 @@ class FrictionState:
         self.memory: Value = friction.begun(0.0)
         self.theta: float | None = None
 
-    def follow(self, theta: float, contact: Contact) -> Value:
+    def follow(self, theta: float, contact: Loads) -> Value:
         """Return the memory at the angle `theta` [rad], to which the joint has turned from that of the last call, and
         in `contact`.
         """

@@ -10,20 +10,12 @@ from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat
 from mpc.codegen.views import flat, in_python, viewer
 from mpc.model.compensation import JITTER
-from mpc.model.friction.contact import Hysteresis
+from mpc.model.friction.contact import Hysteresis, Pressed
 from mpc.model.friction.dahl import WIDTH_AT, Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 
 ABSENT, DAHL, SLIP = range(3)
 _SPAN = 2 * WIDTH_AT  # [Pa]
-
-
-class Pressed(NamedTuple):
-    """A `Pressed` is what presses on that which rubs, see `mpc.model.friction.contact.Contact`."""
-
-    pulled: float  # [N·m]
-    filled: float  # [Pa]
-    stiffness: float  # [N·m/rad]
 
 
 class Rubbing(NamedTuple):

@@ -1,12 +1,11 @@
-"""What breaks in real joints is listed here: faults to inject into a `RealPlant`, each from `begin` until just before
-`end`.
+"""Faults to inject into a `RealPlant` or a `MujocoPlant`, each from `begin` until just before `end`.
 
 A fault sees what passes by and changes it: the command that a regulator follows, what the sensors say, or which muscles
 still pull. What a fault does not touch goes through as it was. (A pay-load is no fault but a torque:
 `RealPlant.torque_profile`. `mpc.observer.health` names faults from what an observer sees.)
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 
 import numpy as np
@@ -14,46 +13,63 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
-from mpc.model.plant import NU, NX
+from mpc.model.plant import NU
 
 
 @dataclass(frozen=True)
 class Fault:
-    """The base of all faults does nothing; its members do one thing each. Muscles count from 1, as in the report."""
+    """The base of all faults, which does nothing; each member does one thing.
+
+    Muscles count from 1, as in the report. Sensors are places in the state (2n + m,) of a machine with n `joints` and
+    m `muscles`: (θ, ω, P1, P2) of one joint.
+    """
 
     begin: float = 0.0  # [s]
     end: float = inf  # [s]
+    joints: int = field(default=1, kw_only=True)
+    muscles: int = field(default=NU, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the window."""
         if not 0 <= self.begin < self.end:
             raise InvalidInput(f"begin = {self.begin!r} s, end = {self.end!r} s: a fault ends after it has begun")
 
+    @property
+    def size(self) -> int:
+        """The number of sensors and states, 2n + m."""
+        return 2 * self.joints + self.muscles
+
+    @property
+    def _places(self) -> str:
+        if (self.joints, self.muscles) == (1, NU):
+            return "0, 1, 2, 3: theta, omega, P1, P2"
+        return f"0 to {self.size - 1}: n = {self.joints} angles, as many speeds, m = {self.muscles} pressures"
+
     def active(self, t: float) -> bool:
         """Return whether the fault is there at the time `t` [s]."""
         return self.begin - 1e-9 <= t < self.end - 1e-9
 
     def effective(self, u: Array, P: Array) -> Array:
-        """Return the commands (2,) [Pa] that the regulators follow instead of `u` [Pa] at the pressures `P` [Pa]."""
+        """Return the commands (m,) [Pa] that the regulators follow instead of `u` [Pa] at the pressures `P` [Pa]."""
         return u
 
     def read(self, y: Array, previous: Array) -> Array:
-        """Return what the sensors (4,) say instead of `y`; `previous` is what they said a sample ago."""
+        """Return what the sensors (2n + m,) say instead of `y`; `previous` is what they said a sample ago."""
         return y
 
     def offset(self, t: float) -> Array:
-        """Return what the sensors (4,) say too much at the time `t` [s], before `read`."""
-        return np.zeros(NX)
+        """Return what the sensors (2n + m,) say too much at the time `t` [s], before `read`."""
+        return np.zeros(self.size)
 
     @property
-    def pulling(self) -> tuple[float, float]:
-        """Return the shares of the muscles' forces that reach the joint."""
-        return 1.0, 1.0
+    def pulling(self) -> tuple[float, ...]:
+        """The shares (m,) of the muscles' forces that reach the joints."""
+        return (1.0,) * self.muscles
 
     @property
-    def shut(self) -> tuple[bool, bool]:
-        """Return which valves stay shut, so that the gas behind them is trapped."""
-        return False, False
+    def shut(self) -> tuple[bool, ...]:
+        """Which valves (m,) stay shut, so that the gas behind them is trapped."""
+        return (False,) * self.muscles
 
 
 @dataclass(frozen=True)
@@ -63,11 +79,17 @@ class _MuscleFault(Fault):
     def __post_init__(self) -> None:
         """Check the muscle too."""
         Fault.__post_init__(self)
-        if type(self.muscle) is not int or not 1 <= self.muscle <= NU:
-            raise InvalidInput(f"muscle = {self.muscle!r} has to be 1 (agonist) or 2 (antagonist)")
+        if type(self.muscle) is not int or not 1 <= self.muscle <= self.muscles:
+            known = "1 (agonist) or 2 (antagonist)" if self.muscles == NU else f"one of 1 to {self.muscles}"
+            raise InvalidInput(f"muscle = {self.muscle!r} has to be {known}")
+
+    @property
+    def _its(self) -> list[bool]:
+        """Which of the muscles (m,) it is."""
+        return [own + 1 == self.muscle for own in range(self.muscles)]
 
     def _with(self, u: Array, value: float) -> Array:
-        return np.where(np.arange(1, NU + 1) == self.muscle, value, u)
+        return np.where(self._its, value, u)
 
 
 @dataclass(frozen=True)
@@ -91,9 +113,9 @@ class StuckValve(_MuscleFault):
         return self._with(u, float(P[self.muscle - 1]))
 
     @property
-    def shut(self) -> tuple[bool, bool]:
-        """Return the valve of its muscle."""
-        return self.muscle == 1, self.muscle == 2
+    def shut(self) -> tuple[bool, ...]:
+        """The valve of its muscle."""
+        return tuple(self._its)
 
 
 @dataclass(frozen=True)
@@ -101,9 +123,9 @@ class BrokenCable(_MuscleFault):
     """A cable is broken: its muscle fills and empties as before, but pulls no more."""
 
     @property
-    def pulling(self) -> tuple[float, float]:
-        """Return (0, 1) or (1, 0): nothing is left of this muscle's force."""
-        return float(self.muscle != 1), float(self.muscle != 2)
+    def pulling(self) -> tuple[float, ...]:
+        """The shares (m,), 0 of this muscle's force and 1 of the others'."""
+        return tuple(float(not its) for its in self._its)
 
 
 @dataclass(frozen=True)
@@ -124,11 +146,11 @@ class _SensorFault(Fault):
     def __post_init__(self) -> None:
         """Check the sensors too."""
         Fault.__post_init__(self)
-        if not set(self.sensors) <= set(range(NX)):
-            raise InvalidInput(f"sensors = {self.sensors!r} have to be among 0, 1, 2, 3: theta, omega, P1, P2")
+        if not set(self.sensors) <= set(range(self.size)):
+            raise InvalidInput(f"sensors = {self.sensors!r} have to be among {self._places}")
 
     def _of_ours(self, ours: Array, y: Array) -> Array:
-        return np.where(np.isin(np.arange(NX), self.sensors), ours, y)
+        return np.where(np.isin(np.arange(self.size), self.sensors), ours, y)
 
 
 @dataclass(frozen=True)
@@ -140,7 +162,7 @@ class WrongReadings(_SensorFault):
 
     def read(self, y: Array, previous: Array) -> Array:
         """Return the wrong readings."""
-        return self._of_ours(y + self.value if self.added else np.full(NX, self.value), y)
+        return self._of_ours(y + self.value if self.added else np.full(self.size, self.value), y)
 
 
 @dataclass(frozen=True)
@@ -149,7 +171,7 @@ class SilentSensors(_SensorFault):
 
     def read(self, y: Array, previous: Array) -> Array:
         """Return NaN from the silent ones."""
-        return self._of_ours(np.full(NX, np.nan), y)
+        return self._of_ours(np.full(self.size, np.nan), y)
 
 
 @dataclass(frozen=True)
@@ -171,11 +193,11 @@ class DriftingSensor(Fault):
     def __post_init__(self) -> None:
         """Check sensor and rate too."""
         Fault.__post_init__(self)
-        if self.sensor not in range(NX):
-            raise InvalidInput(f"sensor = {self.sensor!r} has to be 0, 1, 2 or 3: theta, omega, P1, P2")
+        if self.sensor not in range(self.size):
+            raise InvalidInput(f"sensor = {self.sensor!r} has to be one of {self._places}")
         if not np.isfinite(self.rate):
             raise InvalidInput(f"rate = {self.rate!r} has to be a finite number of Pa/s, or of rad/s for an angle")
 
     def offset(self, t: float) -> Array:
         """Return the rate times the time since `begin`."""
-        return np.where(np.arange(NX) == self.sensor, self.rate * (t - self.begin), 0.0)
+        return np.where(np.arange(self.size) == self.sensor, self.rate * (t - self.begin), 0.0)

@@ -155,6 +155,14 @@ class Plant:
         agonist, antagonist = self.joint.sides(x[0], self.shares)
         return agonist.stiffness(x[2]) + antagonist.stiffness(x[3])
 
+    def dynamic_stiffness(self, x: Value, frequency: Value, amplitude: float | None = None) -> Value:
+        """Return the complex stiffness [N·m/rad] at a `frequency` [Hz] in the state `x` [4, ...], damping included.
+
+        For pushes by ±`amplitude` [rad] with the joint's hysteresis, too.
+        """
+        at = x[0], x[2], x[3], frequency, 0.0 if self.gas is None else self.lags
+        return self.joint.dynamic_stiffness(*at, amplitude=amplitude, damping=self.damping)
+
     def isobaric(self, x: Value) -> Value:
         """Return the isobaric stiffness [N·m/rad] in the state `x` [4, ...]."""
         agonist, antagonist = self.joint.sides(x[0])
@@ -170,7 +178,8 @@ class Plant:
         """Return which stiffness its own is: isobaric, shut, or dynamic at its frequency."""
         if self.frequency == inf:
             return StiffnessKind.of("shut")
-        return StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else HELD
+        kind = StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else HELD
+        return kind.of_gas(self.joint.gas, self.joint.affine)
 
     def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> PairAllocation:
         """Return what gives its stiffness [N·m/rad] and the torque [N·m] at the angle [rad]: `allocator.allocate`."""

@@ -85,7 +85,8 @@ class RealPlant:
     @classmethod
     def of(cls, plant: Plant, known: Compensation, **effects: Any) -> Self:
         """Return `plant` with what is `known` of its friction and regulators, and further `effects` by name."""
-        return cls(plant, **(vars(known) | effects))
+        of_joint = {name: value for name, value in vars(known).items() if name != "frictions"}
+        return cls(plant, **(of_joint | effects))
 
     @classmethod
     def standard(

@@ -35,7 +35,7 @@ from mpc.codegen.buffered import Buffered
 from mpc.model.arm.differences import Differences
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
-from mpc.model.friction.contact import BufferedPressing, Contact
+from mpc.model.friction.contact import Contacts, Loads
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.gating import Gate
@@ -123,38 +123,36 @@ class Filter:
         )
         self.outer = np.append(self.outer[0], -much), np.append(self.outer[1], much)
         self._model = self._discrete(dt)
-        self._pressing = BufferedPressing(plant) if isinstance(plant, Plant) else None
+        self.frictions, self._contacts = compensation.of_joints(n), Contacts(plant)
         self.stationary = self._stationary()  # covariance before a measurement once it has run for long
         self.unsure = np.diag(_UNSURE * np.diag(self.stationary))  # where nothing but the readings is known
         for places, most in ((slice(n, 2 * n), gate.max_speed / 3), (slice(size, None), gate.max_torque / 9)):
             self.unsure[places, places] = most**2 * np.eye(n)
 
-    def contact(self, belief: Belief) -> Contact:
-        """Return the loads on the sliding surfaces of a joint, in the nearest state for which its muscles' laws are
-        made.
-        """
-        assert self._pressing is not None
+    def contacts(self, belief: Belief) -> tuple[Loads, ...]:
+        """Return the loads at each joint, in the nearest state for which the muscles' laws are made."""
         x = self.within(belief.xi)[: self.plant.size]
-        return Contact(self._pressing, np.minimum(np.maximum(x, self.inner[0]), self.inner[1]))
+        return self._contacts(np.minimum(np.maximum(x, self.inner[0]), self.inner[1]))
 
-    def predicted(self, belief: Belief, v: Array, memory: Value, Q: Array) -> Belief:
-        """Predict one sample on, the commands `v` (m,) [Pa] acting and what friction remembers being `memory`."""
+    def predicted(self, belief: Belief, v: Array, memories: Sequence[Value], Q: Array) -> Belief:
+        """Predict one sample on, the commands `v` (m,) [Pa] acting and the friction of each joint in `memories`."""
         size, xi = self.plant.size, self.within(belief.xi)
         x, d = xi[:size], xi[size:]
         near = np.minimum(np.maximum(x, self.inner[0]), self.inner[1])
         v, T = self.compensation.after_dead_band(v, x[2 * self.plant.n :]), d
-        if self._pressing is not None:
-            T = d - self.compensation.friction.torque(memory, Contact(self._pressing, near))
+        if not self.compensation.frictionless:
+            known = zip(self.frictions, memories, self._contacts(near), strict=True)
+            T = d - np.array([friction.torque(memory, loads) for friction, memory, loads in known])
         x_next, A = self._model(near, v, T)
         A = self._with_walk(A)
         later = np.append(x_next, d)
         later[:size] += A[:size, :size] @ (x - near)
         return Belief(later, A @ belief.covariance @ A.T + Q)
 
-    def ahead(self, belief: Belief, commands: Sequence[Array], memory: Value) -> Belief:
-        """Predict one sample for each of the `commands` (m,) [Pa], with the friction torque of the same memory."""
+    def ahead(self, belief: Belief, commands: Sequence[Array], memories: Sequence[Value]) -> Belief:
+        """Predict one sample for each of the `commands` (m,) [Pa], with the friction torques of the same memories."""
         for v in commands:
-            belief = self.predicted(belief, v, memory, self.Q)
+            belief = self.predicted(belief, v, memories, self.Q)
         return belief
 
     def corrected(self, belief: Belief, read: Array, there: Mask, variances: Array) -> Belief:

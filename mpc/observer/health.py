@@ -1,11 +1,11 @@
-"""Health is what may be broken in a joint, as `mpc.observer.diagnosis` reads it off what an observer sees, and what to
-do about it.
+"""Health is what may be broken in a joint or an arm, as `mpc.observer.diagnosis` reads it off what an observer sees,
+and what to do about it.
 
 | fault | what is seen | reaction |
 |---|---|---|
 | leak | pressure below what its command makes of it, and never rising | stiffen less |
 | stuck valve | pressure that does not move while its command does | hold |
-| supply drop | pressure that follows its command up to a ceiling common to both muscles | stiffen less |
+| supply drop | pressure that follows its command up to a ceiling common to several muscles | stiffen less |
 | offset of a pressure sensor | it comes to rest beside its command, which the observer makes up for | none |
 | drifting pressure sensor | departs slowly from its command, and d̂ takes back the torque of it | stiffen less |
 | broken cable | d̂ jumps to minus the muscle's torque, and follows it | vent |
@@ -29,7 +29,7 @@ class Reaction(IntEnum):
     NONE = 0
     STIFFEN_LESS = 1  # ask for less stiffness, that is for lower pressures
     HOLD = 2  # stop the motion; a loop on a bench holds for as long as it runs, and then stops safely
-    VENT = 3  # let both muscles empty
+    VENT = 3  # let all muscles empty
 
     def __str__(self) -> str:
         """Say it in words."""
@@ -68,6 +68,26 @@ class Part(StrEnum):
 MUSCLES = Part.MUSCLE_1, Part.MUSCLE_2
 SENSORS = Part.ANGLE, Part.P1, Part.P2
 
+
+class Parts(NamedTuple):
+    """The names of what may be broken in a machine of n joints and m muscles."""
+
+    muscles: tuple[str, ...]  # (m,)
+    sensors: tuple[str, ...]  # (n + m,), of angles and pressures
+    joints: tuple[str, ...]  # (n,)
+    loops: tuple[str, ...]  # (n,)
+
+    @classmethod
+    def of(cls, joints: tuple[str, ...], muscles: tuple[str, ...]) -> "Parts":
+        """Return those of a machine whose `joints` and `muscles` have these names."""
+        angles = tuple(f"{Part.ANGLE} of {name}" for name in joints)
+        pressures = tuple(f"pressure of {name}" for name in muscles)
+        return cls(muscles, (*angles, *pressures), joints, tuple(f"{Part.LOOP} of {name}" for name in joints))
+
+
+PARTS = Parts(MUSCLES, SENSORS, (Part.JOINT,), (Part.LOOP,))
+"""Those of one joint with two muscles."""
+
 _REACTIONS = {
     FaultKind.LEAK: Reaction.STIFFEN_LESS,
     FaultKind.STUCK_VALVE: Reaction.HOLD,
@@ -87,13 +107,13 @@ class Suspect(NamedTuple):
     """A suspect is a fault, and what it is in."""
 
     fault: FaultKind
-    part: Part
+    part: str  # a `Part` of a joint, one of the `Parts` of an arm
     size: float = 0.0  # of an offset [Pa]
 
     @property
     def reaction(self) -> Reaction:
         """Return what to do if it is this: without its angle a joint had better not move."""
-        return Reaction.HOLD if self.part is Part.ANGLE else _REACTIONS[self.fault]
+        return Reaction.HOLD if self.part.startswith(Part.ANGLE) else _REACTIONS[self.fault]
 
     def __str__(self) -> str:
         """Say it in words."""

@@ -28,7 +28,7 @@ from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State, Tail
-from mpc.observer.diagnosis import Diagnosis, diagnosis_of
+from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import Belief, Filter, Noise
 from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
@@ -80,7 +80,7 @@ class KalmanObserver:
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(self._measured.size)]
         self.rivalry = Rivalry(self.filter, self._gates, self.gate, dt, tolerance)
         self.age = self.compensation.age(dt)  # of the angle's readings [samples]
-        self.diagnosis = diagnosis_of(plant, dt, self.noise.pressure, self.compensation, tolerance)
+        self.diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
         self.compiled: CompiledEstimate | None = None
         self._compiles = compiled
         self.reset()
@@ -102,7 +102,7 @@ class KalmanObserver:
         self._samples = 0  # since the beginning, up to FIRST + 1
         self._step = np.full(self.plant.n, COARSEST)  # the least change of each angle's reading so far [rad]
         self._variances = np.diag(self.filter.R).copy()  # of the sensors
-        self._friction = FrictionState(self.compensation.friction)
+        self._frictions = tuple(map(FrictionState, self.filter.frictions))
         self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + self.age + 1)
         self._held: deque[Array] = deque(maxlen=self.age + 1)  # readings of pressures until an angle as old comes
         for gate in self._gates:
@@ -209,14 +209,13 @@ class KalmanObserver:
 
     def _compile(self) -> None:
         """Make or load the compiled estimate, where there can be one."""
-        if not (self._compiles and isinstance(self.diagnosis, Diagnosis)):
+        if not (self._compiles and isinstance(self.plant, Plant)):
             return
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
         self.compiled = compiled_estimate(self.filter, self.diagnosis, self._readable, self.wait, again)
 
     @property
     def _readable(self) -> Readable:
-        assert isinstance(self.diagnosis, Diagnosis)
         return Readable(self._remembered, self._go_on_from, self.diagnosis.conclude)
 
     def _catch_up(self) -> None:
@@ -228,9 +227,9 @@ class KalmanObserver:
         """Return what a compiled estimate goes on from, the fields of `State` and `Tail`; None if what is remembered is
         not ordinary.
         """
-        belief, friction, diagnosis = self._belief, self._friction, self.diagnosis
+        belief, friction, diagnosis = self._belief, self._frictions[0], self.diagnosis
         quiet = not self.rivalry.going_on and not self._frozen.any() and all(gate.quiet for gate in self._gates)
-        if belief is None or not quiet or not isinstance(diagnosis, Diagnosis):
+        if belief is None or not quiet:
             return None
         one, two = diagnosis.pressures
         return {
@@ -240,11 +239,11 @@ class KalmanObserver:
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
             "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
             "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
-            "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta,
+            "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta[0],
             "lost": diagnosis.lost, "said": diagnosis.said, "large": diagnosis.large,
             "found": [found is not None for found in diagnosis.sensors],
             "one": one.numbers, "two": two.numbers, "torque": diagnosis.torque.numbers,
-            "loop": diagnosis.ringing.numbers,
+            "loop": diagnosis.loops[0].numbers,
         }  # fmt: skip
 
     def _go_on_from(self, state: State, tail: Tail) -> None:
@@ -258,10 +257,9 @@ class KalmanObserver:
         self._gates[0].floor = float(state.floor[0])
         self._samples = min(self._samples + samples, FIRST + 1)
         self.rivalry.rest(samples)
-        self._friction.go_on(float(state.angle), tail.memory)
+        self._frictions[0].go_on(float(state.angle), tail.memory)
         self._commands.extend(tail.commands.copy())
         self._held.extend(tail.held.copy())
-        assert isinstance(self.diagnosis, Diagnosis)
         numbers = tail.one, tail.two, tail.torque, tail.loop
         diagnosed = state.lost, state.said, state.found, state.offset, state.large, numbers
         self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
@@ -307,10 +305,9 @@ class KalmanObserver:
 
     def _go_on(self, previous: Belief, said: Array) -> None:
         """Go on from what was estimated a sample ago to what is estimated now."""
-        memory: Value = 0.0
-        if isinstance(self.plant, Plant):
-            memory = self._friction.follow(float(previous.xi[0]), self.filter.contact(previous))
-        expected = self.filter.predicted(previous, self._commands[0], memory, self.filter.Q)
+        followed = zip(self._frictions, previous.xi.tolist(), self.filter.contacts(previous), strict=False)
+        memories = [friction.follow(theta, loads) for friction, theta, loads in followed]
+        expected = self.filter.predicted(previous, self._commands[0], memories, self.filter.Q)
         read = said.copy()
         if not expected.sound:
             self._verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
@@ -320,8 +317,8 @@ class KalmanObserver:
         read[self.plant.n :] -= self._offset
         self._verdicts = self._checked(read, expected)
         repeated = said == self._read
-        expected = self._without_frozen(previous, expected, repeated, read, memory)
-        expected = self._rival_or(expected, read, memory)
+        expected = self._without_frozen(previous, expected, repeated, read, memories)
+        expected = self._rival_or(expected, read, memories)
         believed = self._believed
         self._offset = self.filter.learned(self._offset, read, expected, believed, self._commands[0])
         found = self.filter.corrected(expected, read, believed, self._variances)
@@ -337,7 +334,9 @@ class KalmanObserver:
         foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + self._variances).tolist()
         return [gate.check(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
 
-    def _without_frozen(self, previous: Belief, expected: Belief, repeated: Mask, read: Array, memory: Value) -> Belief:
+    def _without_frozen(
+        self, previous: Belief, expected: Belief, repeated: Mask, read: Array, memories: list[Value]
+    ) -> Belief:
         """Return what is expected without the sensors that are frozen; note which are."""
         self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
         self._frozen &= repeated
@@ -345,7 +344,7 @@ class KalmanObserver:
         begun = {i: self._without.get(i, previous) for i in np.flatnonzero(repeated).tolist()}
         self._without = {}
         for i, without in begun.items():
-            foreseen = self.filter.predicted(without, self._commands[0], memory, self.filter.Q_rest)
+            foreseen = self.filter.predicted(without, self._commands[0], memories, self.filter.Q_rest)
             if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
                 self._frozen[i] = True
                 expected = foreseen
@@ -360,13 +359,13 @@ class KalmanObserver:
         variance = foreseen.covariance[i, i] + self._variances[sensor]
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
-    def _rival_or(self, expected: Belief, read: Array, memory: Value) -> Belief:
+    def _rival_or(self, expected: Belief, read: Array, memories: list[Value]) -> Belief:
         """Return `expected`, or what a rival expects that takes over and whose readings are accepted."""
         rejected = np.array([verdict is Verdict.REJECTED for verdict in self._verdicts])
         readings = Readings(read, self._believed, rejected, self._repeating, self._variances)
 
         def predicted(belief: Belief) -> Belief:
-            return self.filter.predicted(belief, self._commands[0], memory, self.filter.Q)
+            return self.filter.predicted(belief, self._commands[0], memories, self.filter.Q)
 
         rival = self.rivalry.taken_over(expected, readings, predicted, confirmed=self._samples > FIRST)
         if rival is None:
@@ -392,7 +391,8 @@ class KalmanObserver:
             x = np.full(size, np.nan)
             x[self._measured[there]] = said[there]
             return x, 0.0 if joint else np.zeros(self.plant.n)
-        now = self.filter.ahead(self._belief, [*self._commands][1 : 1 + self.age], self._friction.memory)
+        memories = [friction.memory for friction in self._frictions]
+        now = self.filter.ahead(self._belief, [*self._commands][1 : 1 + self.age], memories)
         xi = now.xi if now.sound else self._belief.xi
         x, d = xi[:size].copy(), xi[size:].copy()
         x[self._measured[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan

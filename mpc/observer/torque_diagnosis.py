@@ -1,22 +1,25 @@
-"""What may be wrong with a joint's torque is found here: the disturbance d̂ of the observer as a broken cable or as a
-load.
+"""What may be wrong with the torques of a machine: the disturbance d̂ of the observer as a broken cable or as a load.
 
-Without muscle i the torque -T_i(θ, P_i) is missing: d̂ is at b - T_i, b being its mean over the last MEMORY seconds, and
-follows T_i; that of a load stays. The increments Δ over LATELY seconds tell the two apart, by the likelihood ratio
+Of n joints with m muscles torques are rows in Rⁿ, in units of what a muscle usually gives at each joint, T_usual,i.
+Without muscle j the torque -T_j(q, P_j) is missing: d̂ is at b - T_j, b being its mean over the last MEMORY seconds, and
+follows T_j; that of a load stays. The increments Δ over LATELY seconds tell the two apart, by the likelihood ratio
 
-    Λ_i := max(0, Λ_i + (min(Δd̂²/s², Z²) - min((Δd̂ + ΔT_i)²/s², Z²))/2),   s = SPREAD T_usual
+    Λ_j := max(0, Λ_j + (min(|Δd̂|²/s², Z²) - min(|Δd̂ + ΔT_j|²/s², Z²))/2),   s = SPREAD T_usual
 
-in which increments that neither explains do not count (beyond Z). A cable is suspected where Λ_i > LIMIT and d̂ has just
-been there while the muscle pulled: the joint is thrown aside, so that T_i changes at once. A cable stays suspected
-until its muscle is seen to pull for `HOLD` seconds.
+in which increments that neither explains do not count (beyond Z). A cable is suspected where Λ_j > LIMIT and d̂ has
+just been there while the muscle pulled: the machine is thrown aside, so that T_j changes at once. Of several the one
+counts to whose b - T_j the disturbance is nearest. It stays suspected until its muscle is seen to pull for `HOLD`
+seconds.
 
-Whatever makes |d̂| more than LOAD T_usual + MISMATCH (|T_1| + |T_2|) for LASTING seconds is a load, or an angle that is
-read wrongly: at constant stiffness an error δ of the angle is the torque K δ, and no sensor tells the two apart.
+Whatever makes |d̂_i| more than LOAD T_usual,i + MISMATCH Σ_j |T_ji| for LASTING seconds is a load at joint i, or an
+angle that is read wrongly: at constant stiffness an error δ of the angle is the torque K δ, and no sensor tells the two
+apart.
 
 The functions work on numbers m as those of `mpc.observer.pressure_diagnosis` do.
 """
 
-from math import inf, nan
+from collections.abc import Sequence
+from math import copysign, inf, nan, sqrt
 
 from mpc.observer.pressure_diagnosis import HOLD, Numbers
 
@@ -28,44 +31,43 @@ LOAD = 1.5  # [T_usual] that nobody need be told of
 MISMATCH = 0.15  # of the muscles' strength [-]
 LATELY = 0.05  # [s]
 LASTING = 0.3  # [s], longer than a broken cable takes
-_NEAR = 0.2  # of T_i and of T_usual: how near d̂ has to be to b - T_i
+_NEAR = 0.2  # of T_j and of T_usual: how near d̂ has to be to b - T_j
 _PULLS = 0.4  # [T_usual]
 
-(
-    BROKEN,  # muscle 0 or 1, NONE of them
-    SINCE,  # its cable is suspected [s]
-    LOADED,  # since when there is more than a usual load [s]; NaN: there is not
-    MEAN,  # b [N·m]; NaN at first
-    FROM, ILL,  # when |d̂| began to be large, and when the cable last was to be suspected [s]
-    RATIO, _,  # Λ of both muscles
-    MISSING, _,  # when d̂ last was where a broken cable of each would put it [s]
-    COUNT,  # of what was put into PAST
-    PAST,  # and following: (d̂, T_1, T_2) of the samples within LATELY
-) = range(12)  # fmt: skip
+BROKEN = 0  # muscle, NONE of them
+SINCE = 1  # its cable is suspected [s]
+ILL = 2  # when the cable last was to be suspected [s]
+COUNT = 3  # of what was put into the past
+LOADED = 4  # and following: since when there is more than a usual load at each joint [s]; NaN: there is not
 NONE = -1.0
+# after LOADED of n joints: MEAN b [N·m], NaN at first, and FROM when |d̂| began to be large [s], of n joints each; the
+# RATIO Λ, and when d̂ last was where a broken cable of each would put it, MISSING [s], of m muscles each; the past, that
+# is (d̂, T_1, …, T_m) of the samples within LATELY
 
 
-def places(dt: float) -> int:
-    """Return how many numbers are remembered at the sample time `dt` [s]."""
-    return PAST + 3 * max(round(LATELY / dt), 1)
+def past_of(n: int, m: int) -> int:
+    """Return the place of the past of `n` joints and `m` muscles."""
+    return LOADED + 3 * n + 2 * m
 
 
 class TorqueDiagnosis:
-    """The diagnosis is of one joint whose muscles usually pull with `usual` [N·m] each."""
+    """The diagnosis is of n joints with `m` muscles, which usually pull with `usual` (n,) [N·m] each."""
 
-    def __init__(self, dt: float, usual: float) -> None:
-        self.dt, self.usual = dt, usual
+    def __init__(self, dt: float, usual: list[float], m: int = 2) -> None:
+        self.dt, self.usual, self.m = dt, usual, m
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
-        self.numbers: list[float] = [0.0] * places(self.dt)
-        self.numbers[BROKEN], self.numbers[LOADED], self.numbers[MEAN] = NONE, nan, nan
-        self.numbers[MISSING] = self.numbers[MISSING + 1] = -inf
+        n, m = len(self.usual), self.m
+        self.numbers: list[float] = [0.0] * (past_of(n, m) + n * (m + 1) * max(round(LATELY / self.dt), 1))
+        self.numbers[BROKEN] = NONE
+        self.numbers[LOADED : LOADED + 2 * n] = [nan] * (2 * n)
+        self.numbers[past_of(n, m) - m : past_of(n, m)] = [-inf] * m
 
     @property
     def broken(self) -> int | None:
-        """Return muscle 0 or 1, whose cable is suspected."""
+        """Return the muscle, from 0, whose cable is suspected."""
         return None if self.numbers[BROKEN] == NONE else int(self.numbers[BROKEN])
 
     @property
@@ -74,46 +76,85 @@ class TorqueDiagnosis:
         return self.numbers[SINCE]
 
     @property
-    def loaded(self) -> float | None:
-        """Return since when [s] there is more than a usual load."""
-        return None if self.numbers[LOADED] != self.numbers[LOADED] else self.numbers[LOADED]
+    def loaded(self) -> list[float | None]:
+        """Return since when [s] there is more than a usual load at each joint (n,)."""
+        return [None if since != since else since for since in self.numbers[LOADED : LOADED + len(self.usual)]]
 
-    def follow(self, t: float, d: float, T1: float, T2: float) -> None:
+    def follow(self, t: float, d: list[float], pulls: list[float]) -> None:
         """Follow the observer, as the function does."""
-        follow(self.numbers, self.dt, self.usual, t, d, T1, T2)
+        follow(self.numbers, self.dt, self.usual, t, d, pulls, self.m)
 
 
-def follow(m: Numbers, dt: float, usual: float, t: float, d: float, T1: float, T2: float) -> None:
-    """Follow the observer, which finds `d` at `t` [s] while the muscles of its model pull with `T1` and `T2` [N·m]."""
-    size, count = (len(m) - PAST) // 3, int(m[COUNT])
-    place = PAST + 3 * (count % size)  # of the oldest of the past, which is forgotten
-    if m[MEAN] != m[MEAN]:
-        m[MEAN] = d
+def follow(
+    x: Numbers, dt: float, usual: Sequence[float], t: float, d: Sequence[float], pulls: Sequence[float], m: int
+) -> None:
+    """Follow the observer, which finds `d` (n,) at `t` [s] while the `m` muscles of its model pull as `pulls` say.
+
+    These are `mpc.observer.pulling.Pulls`: T (m, n) and ∂T/∂P (m, n) first.
+    """
+    n = len(usual)
+    mean, begun, past, count = LOADED + n, LOADED + 2 * n, past_of(n, m), int(x[COUNT])
+    row = n * (m + 1)
+    size = (len(x) - past) // row
+    place = past + row * (count % size)  # of the oldest of the past, which is forgotten
+    if x[mean] != x[mean]:
+        for i in range(n):
+            x[mean + i] = d[i]
     if count >= size:
-        compare(m, place, usual, t, d, T1, T2)
-    if abs(d) <= LOAD * usual + MISMATCH * (abs(T1) + abs(T2)):
-        m[FROM] = t
-    m[LOADED] = m[FROM] if t - m[FROM] > LASTING else nan
-    if m[BROKEN] == NONE:
-        m[MEAN] += dt / MEMORY * (d - m[MEAN])
-    m[place], m[place + 1], m[place + 2] = d, T1, T2
-    m[COUNT] = m[COUNT] + 1 if m[COUNT] + 1 < 2 * size else float(size)  # it only matters where, and whether all are
+        compare(x, place, usual, t, d, pulls, m)
+    for i in range(n):
+        pulled = 0.0
+        for j in range(m):
+            pulled += abs(pulls[j * n + i])
+        if abs(d[i]) <= LOAD * usual[i] + MISMATCH * pulled:
+            x[begun + i] = t
+        x[LOADED + i] = x[begun + i] if t - x[begun + i] > LASTING else nan
+        if x[BROKEN] == NONE:
+            x[mean + i] += dt / MEMORY * (d[i] - x[mean + i])
+        x[place + i] = d[i]
+    for i in range(n * m):
+        x[place + n + i] = pulls[i]
+    x[COUNT] = count + 1 if count + 1 < 2 * size else float(size)  # it only matters where, and whether all are
 
 
-def compare(m: Numbers, past: int, usual: float, t: float, d: float, T1: float, T2: float) -> None:
+def compare(
+    x: Numbers, past: int, usual: Sequence[float], t: float, d: Sequence[float], pulls: Sequence[float], m: int
+) -> None:
     """Compare what a load and what broken cables explain of the increments since what is at `past`."""
-    T, s, b = (T1, T2), SPREAD * usual, m[MEAN]
-    increment = d - m[past]
-    as_load = min(increment**2 / s**2, Z**2)
-    for i in range(2):
-        as_broken = min((increment + T[i] - m[past + 1 + i]) ** 2 / s**2, Z**2)
-        m[RATIO + i] = min(max(m[RATIO + i] + (as_load - as_broken) / 2, 0.0), 2 * LIMIT)
-        pull = T[i] if i == 0 else -T[i]
-        pulls = pull > _PULLS * usual  # else nothing can be told of its cable
-        if pulls and abs(d + T[i] - b) < _NEAR * (pull + usual) and abs(d - b) > pull / 2:
-            m[MISSING + i] = t
-        if m[BROKEN] == i:
-            m[ILL] = max(m[ILL], m[MISSING + i]) if pulls else t
-            m[BROKEN] = NONE if t - m[ILL] > HOLD else float(i)
-        elif m[BROKEN] == NONE and m[RATIO + i] > LIMIT and t - m[MISSING + i] < LASTING / 2:
-            m[BROKEN], m[SINCE], m[ILL] = float(i), t, t
+    n, nearest, found = len(usual), inf, NONE
+    ratio, missing, as_load = LOADED + 3 * n, LOADED + 3 * n + m, 0.0
+    for i in range(n):
+        as_load += ((d[i] - x[past + i]) / (SPREAD * usual[i])) ** 2
+    for j in range(m):
+        as_broken, pull, off, away = explained(x, past, usual, d, pulls, j, m)
+        gained = (min(as_load, Z**2) - min(as_broken, Z**2)) / 2
+        x[ratio + j] = min(max(x[ratio + j] + gained, 0.0), 2 * LIMIT)
+        can_tell = pull > _PULLS  # else nothing can be told of its cable
+        if can_tell and off < _NEAR * (pull + 1) and away > pull / 2:
+            x[missing + j] = t
+        if x[BROKEN] == j:
+            x[ILL] = max(x[ILL], x[missing + j]) if can_tell else t
+            x[BROKEN] = NONE if t - x[ILL] > HOLD else float(j)
+        elif x[BROKEN] == NONE and x[ratio + j] > LIMIT and t - x[missing + j] < LASTING / 2 and off < nearest:
+            nearest, found = off, float(j)
+    if x[BROKEN] == NONE and found != NONE:
+        x[BROKEN], x[SINCE], x[ILL] = found, t, t
+
+
+def explained(
+    x: Numbers, past: int, usual: Sequence[float], d: Sequence[float], pulls: Sequence[float], j: int, m: int
+) -> tuple[float, float, float, float]:
+    """Return what a broken cable of muscle `j` leaves of the increments [s²], its pull, and how far d̂ is from b - T_j
+    and from b [T_usual].
+    """
+    n = len(usual)
+    left, pulled, sense, off, away = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        T, b = pulls[j * n + i], x[LOADED + n + i]
+        increment = d[i] - x[past + i] + T - x[past + n + j * n + i]
+        left += (increment / (SPREAD * usual[i])) ** 2
+        pulled += (T / usual[i]) ** 2
+        sense += T * pulls[(m + j) * n + i]  # ∂T/∂P is along the arms: < 0 where a law says that the muscle pushes
+        off += ((d[i] + T - b) / usual[i]) ** 2
+        away += ((d[i] - b) / usual[i]) ** 2
+    return left, copysign(sqrt(pulled), sense), sqrt(off), sqrt(away)

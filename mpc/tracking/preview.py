@@ -22,9 +22,8 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from mpc.deferred import Deferred
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Contacts
 from mpc.model.machine import Machine
-from mpc.model.plant import Plant
 from mpc.observer.gating import Gate
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
@@ -70,13 +69,12 @@ class Task(NamedTuple):
 class Preview(Deferred):
     """A preview of N samples knows dead time, friction and dead band of `compensation` for a controller of `plant`."""
 
-    _put_off = "waiting", "last_sent", "expected", "_blind", "friction"
+    _put_off = "waiting", "last_sent", "expected", "_blind", "frictions"
 
     def __init__(self, plant: Machine, dt: float, N: int, compensation: Compensation, limits: Limits) -> None:
         self.plant, self.compensation, self.n, self.m = plant, compensation, plant.n, plant.m
-        self.frictionless = compensation.friction.absent
-        if not (self.frictionless or isinstance(plant, Plant)):
-            raise InvalidInput("compensation: friction is known of single joints only; an arm has its bodies' damping")
+        self.frictionless, self._known_friction = compensation.frictionless, compensation.of_joints(plant.n)
+        self._contacts = None if self.frictionless else Contacts(plant)
         gate, fast = Gate.of(plant, dt), np.ones(self.n)
         ends = (gate.lower, -gate.max_speed * fast), (gate.upper, gate.max_speed * fast)
         self.lower, self.upper = (np.concatenate([read[: self.n], speed, read[self.n :]]) for read, speed in ends)
@@ -94,7 +92,7 @@ class Preview(Deferred):
         self.expected: Array | None = None  # the state that was predicted for the next sample (2n + m,)
         self._blind = inf  # samples since all angles were measured
         self._warned = False
-        self.friction = FrictionState(self.compensation.friction)
+        self.frictions = tuple(map(FrictionState, self._known_friction))  # of each joint
 
     def task(self, x: object, theta_ref: object, K_ref: object, d: object, ringing: bool = False) -> Task:
         """Check what `step` of a controller was given and look ahead by the dead time.
@@ -140,11 +138,11 @@ class Preview(Deferred):
         self.last_sent = u[0]
         return u
 
-    def go_on(self, sent: Array, expected: Array, waiting: list[Array], friction: FrictionState) -> None:
+    def go_on(self, sent: Array, expected: Array, waiting: list[Array], frictions: tuple[FrictionState, ...]) -> None:
         """Take note of an ordinary sample: what was `sent` (m,), the state `expected` (2n + m,) next, what is
-        `waiting`, and the `friction` followed.
+        `waiting`, and the `frictions` of the joints followed.
         """
-        self.last_sent, self.expected, self.waiting, self.friction = sent, expected, waiting, friction
+        self.last_sent, self.expected, self.waiting, self.frictions = sent, expected, waiting, frictions
         self._blind = 0
 
     # --- references and torques -------------------------------------------------------------------------------------
@@ -210,21 +208,23 @@ class Preview(Deferred):
         return outside - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
 
     def _friction_ahead(self, x: Array, theta: Array, corrected: float) -> Array:
-        """Return the friction torque (ahead + 1, …) [N·m] if the joint moves on from `x` as the preview `theta` does.
+        """Return the friction torque (ahead + 1, …) [N·m] if the joints move on from `x` as the preview `theta` does.
 
-        It has to come back to the preview first. At rest presliding friction makes the joint several times as stiff as
+        They have to come back to the preview first. At rest presliding friction makes a joint several times as stiff as
         its muscles, and an error would hardly move a controller that does not count with it; one that counts with all
         of it would shake a joint without friction.
         """
-        if self.frictionless:
+        if self._contacts is None:
             return np.zeros(theta.shape)
-        assert isinstance(self.plant, Plant)
-        contact, friction = Contact(self.plant, x), self.compensation.friction
-        memory = self.friction.follow(float(x[0]), contact)
-        back = theta[0] + corrected * (float(x[0]) - theta[0])
-        torques = friction.torque(friction.along(memory, np.append(back, theta[1:]), contact), contact)
+        ways = theta.reshape(len(theta), self.n)
+        torques = np.empty(ways.shape)
+        for i, (state, loads) in enumerate(zip(self.frictions, self._contacts(x), strict=True)):
+            friction, now, way = state.friction, float(x[i]), ways[:, i]
+            back = way[0] + corrected * (now - way[0])
+            memories = friction.along(state.follow(now, loads), np.append(back, way[1:]), loads)
+            torques[:, i] = friction.torque(memories, loads)
         # the motion from a state without a finite torque will not be, either: the controller finds that out
-        return np.asarray(torques) if np.isfinite(torques).all() else np.zeros(theta.shape)
+        return torques.reshape(theta.shape) if np.isfinite(torques).all() else np.zeros(theta.shape)
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 

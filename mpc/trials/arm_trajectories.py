@@ -32,7 +32,7 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
     """
     frequency = checks.positive("frequency", frequency, "Hz")
     swings, w = _swings(arm, size * np.resize(_SWING, arm.n) * DEG), 2 * np.pi * frequency
-    middle, K_of = _middle(arm), _usual_stiffness(arm)
+    middle, K_of = _middle(arm), usual_stiffness(arm)
 
     def at(t: Array) -> tuple[Array, Array]:
         phase = w * t[:, None] + np.arange(arm.n) * np.pi / 2
@@ -42,7 +42,7 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
             K[:, 0, 0] += _K_SWING * np.sin(w * t)
         else:
             K *= 1 + 0.1 * np.sin(w * t)[:, None, None]
-        return q, _tracked(arm, q, K)
+        return q, tracked_stiffness(arm, q, K)
 
     return Reference.of("circle", checks.positive("turns", turns, "-") / frequency, at)
 
@@ -54,7 +54,7 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
     """
     seconds, rest = checks.positive("seconds", seconds, "s"), checks.positive("rest", rest, "s")
     ends, middle = _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG), _middle(arm)
-    K_of, period = _usual_stiffness(arm), seconds + rest
+    K_of, period = usual_stiffness(arm), seconds + rest
 
     def at(t: Array) -> tuple[Array, Array]:
         whole = np.minimum(t // period, 2)
@@ -62,7 +62,7 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
         done = np.where(whole % 2 == 0, done, 1 - done)
         done = np.where(whole >= 2, 0.0, done)
         q = middle + (2 * done[:, None] - 1) * ends
-        return q, _tracked(arm, q, K_of(q))
+        return q, tracked_stiffness(arm, q, K_of(q))
 
     return Reference.of("reach", 2 * period + rest, at)
 
@@ -70,7 +70,7 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
 def hold(arm: Arm, seconds: float = 4.0) -> Reference:
     """Return a posture that is held. Raises `InvalidInput`."""
     posture = _middle(arm) + _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG)
-    K = _tracked(arm, posture[None], _usual_stiffness(arm)(posture[None]))[0]
+    K = tracked_stiffness(arm, posture[None], usual_stiffness(arm)(posture[None]))[0]
     return Reference.of("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
 
 
@@ -95,17 +95,17 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
         elbow = np.arccos(np.clip((x**2 + y**2 - first**2 - second**2) / (2 * first * second), -1.0, 1.0))
         shoulder = np.arctan2(y, x) - np.arctan2(second * np.sin(elbow), first + second * np.cos(elbow))
         q = np.stack([shoulder, elbow], axis=-1)
-        K = _usual_stiffness(arm)(q)
+        K = usual_stiffness(arm)(q)
         K[:, 0, 0] += 2.0 * np.sin(phase)
         K[:, 1, 1] -= 1.5 * np.sin(phase)
         K[:, 0, 1] += 0.8 * np.cos(phase)
         K[:, 1, 0] += 0.8 * np.cos(phase)
-        return q, _tracked(arm, q, K)
+        return q, tracked_stiffness(arm, q, K)
 
     return Reference.of("draw", checks.positive("turns", turns, "-") * seconds, at)
 
 
-def _tracked(arm: Arm, q: Array, K: Array) -> Array:
+def tracked_stiffness(arm: Arm, q: Array, K: Array) -> Array:
     """Return the tracked stiffness for the joints' stiffness `K` (k, n, n) at the postures `q` (k, n).
 
     Raises `InvalidInput` where the hand's stiffness is tracked and is infinite.
@@ -118,7 +118,7 @@ def _tracked(arm: Arm, q: Array, K: Array) -> Array:
     return arm.seen(q, K)
 
 
-def _usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
+def usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
     """Return the joints' stiffness (k, n, n) [N·m/rad] over postures (k, n).
 
     On pulleys it is the same everywhere; elsewhere it is that of middle pressures.
@@ -146,7 +146,7 @@ def _swings(arm: Arm, wanted: Array) -> Array:
 
     Raises `InvalidInput` for an arm that does not hold itself in the middle of its ranges.
     """
-    (low, high), middle, K_of = arm.angle_limits, _middle(arm), _usual_stiffness(arm)
+    (low, high), middle, K_of = arm.angle_limits, _middle(arm), usual_stiffness(arm)
     swings = np.clip(wanted, -_MOST * (high - low) / 2, _MOST * (high - low) / 2)
     least = np.linalg.eigvalsh(K_of(middle[None]))[0, 0]
     if not least > 0:

@@ -36,12 +36,12 @@ def load(path: str | Path) -> Reference:
     Raises `InvalidFile`, naming line and column, for whatever is not a trajectory.
     """
     table = read_table(path)
-    t, theta, K = (table.numbers(_place(table, column)) for column in COLUMNS)
+    t, theta, K = (table.numbers(place_of(table, column)) for column in COLUMNS)
     if t.size < 2:
         raise InvalidFile(path, f"a trajectory needs at least 2 samples, this file has {t.size}")
-    _refuse(table, "t", np.diff(t, prepend=-np.inf) <= 0, t, "{:g} s does not come after the sample before")
-    _refuse(table, "theta_deg", np.abs(theta) > 360, theta, "{:g}° is over a turn")
-    _refuse(table, "stiffness", K <= 0, K, "{:g} N·m/rad has to be positive")
+    refuse(table, "t", np.diff(t, prepend=-np.inf) <= 0, t, "{:g} s does not come after the sample before")
+    refuse(table, "theta_deg", np.abs(theta) > 360, theta, "{:g}° is over a turn")
+    refuse(table, "stiffness", K <= 0, K, "{:g} N·m/rad has to be positive")
     return Reference(t, theta * DEG, K)
 
 
@@ -68,8 +68,8 @@ def _write(path: str | Path, names: tuple[str, ...], table: Array, form: str) ->
         np.savetxt(draft, table, fmt=form, delimiter=",", header=",".join(names), comments="")
 
 
-def _place(table: Table, column: str) -> int:
-    """Return which column has this name."""
+def place_of(table: Table, column: str) -> int:
+    """Return which column has this name. Raises `InvalidFile`."""
     if column not in table.names:
         found = ",".join(table.names)
         raise InvalidFile(table.path, f"this column is missing; found: {found}", line=1, column=column)
@@ -78,7 +78,7 @@ def _place(table: Table, column: str) -> int:
     return table.names.index(column)
 
 
-def _refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str) -> None:
+def refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str) -> None:
     """Raise `InvalidFile` at the first of the `values` that is marked `wrong`."""
     if wrong.any():
         i = int(np.argmax(wrong))

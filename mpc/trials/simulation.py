@@ -18,11 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint.felt import Loop
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 from mpc.model.experiment import Experiment
 from mpc.model.machine import Machine
-from mpc.model.plant import NX
+from mpc.model.plant import NX, Plant
 from mpc.observer.base import Differentiator, Observer
 from mpc.tracking.plan import Moved, Plan
 from mpc.trials.reference import Reference
@@ -99,6 +100,18 @@ class Run:
     def P(self) -> Array:
         """Return the pressures (M+1, m) [Pa]."""
         return self.x[:, 2 * self.plant.n :]
+
+    def felt(self, amplitude: float, loop: Loop | None = None) -> Array:
+        """Return the stiffness (M+1,) [N·m/rad] that pushes by ±`amplitude` [rad] would have met   (S3)
+
+        `K` and the secant of the hysteresis `loop`, by default that of the joint in the controller's model, whose
+        muscles load it. Raises `InvalidInput` for an arm, whose joints have no hysteresis, and for no amplitude.
+        """
+        if not isinstance(self.plant, Plant):
+            raise InvalidInput("a felt stiffness is that of a single joint; an arm has no hysteresis of its own")
+        secant = (self.plant.joint.loop if loop is None else loop).secant(amplitude)
+        x = self.x.T
+        return np.asarray(self.K + secant.added(self.plant.isobaric(x), self.plant.pull(x), x[2] + x[3]))
 
     @property
     def assumed(self) -> str:

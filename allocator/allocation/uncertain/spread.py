@@ -64,7 +64,8 @@ def _is_known(joint: AntagonistJoint) -> bool:
 def _of_hysteresis(problem: Problem, filled: Array) -> tuple[Array, float]:
     """Return the share (n,) of K and the share [1/rad] of the pull that hysteresis adds to the stiffness."""
     if problem.felt is None:
-        return np.zeros(filled.shape), 0.0
+        share, drag = (0.0, 0.0) if problem.push is None else problem.push
+        return np.full(filled.shape, share), drag
     return problem.felt.affine_at(filled)[0], problem.felt.drag
 
 

@@ -5,6 +5,7 @@
     both muscles against each other: low at 1.4 A, and slower at A
     both muscles in three proportions at two frequencies well above the resonance that the low tones have shown
     both muscles at a low frequency with a series of amplitudes: the curve K_felt(A)
+    with a weight, both muscles at the low frequency and A, without it and with it
 
 The amplitude of a command follows a_{k+1} = a_k (A/measured)^0.6, in steps of 1.4 at most, since friction jumps. A
 drive is cut as soon as the angle leaves 1.5 times the amplitude asked for.
@@ -23,6 +24,7 @@ from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.guard import Pressures
 from mpc.bench.measuring.loops import Tone, tone_of
+from mpc.bench.measuring.weighing import Weight
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 
@@ -77,6 +79,7 @@ class Findings:
     tones: list[Tone] = field(default_factory=list)
     curve: list[Tone] = field(default_factory=list)
     quantum: float = 0.0  # of the encoder [rad]
+    balance: tuple[Tone, Tone] | None = None  # without and with the weight
     refusal: str = ""
     duration: float = 0.0  # [s]
     furthest: float = 0.0  # greatest |θ - rest| in the amplitude asked for [-]
@@ -85,8 +88,17 @@ class Findings:
 class Experiment:
     """`CommandSource` of the measurement about one rest."""
 
-    def __init__(self, plant: Plant, known: Compensation, theta: float, K: float, dt: float, tones: Tones) -> None:
-        self.plant, self.known, self.dt, self.tones = plant, known, dt, tones
+    def __init__(
+        self,
+        plant: Plant,
+        known: Compensation,
+        theta: float,
+        K: float,
+        dt: float,
+        tones: Tones,
+        weight: Weight | None = None,
+    ) -> None:
+        self.plant, self.known, self.dt, self.tones, self.weight = plant, known, dt, tones, weight
         x = plant.at_rest(theta, K)
         self.first: Pressures = (float(x[2]), float(x[3]))
         self.findings = Findings()
@@ -135,6 +147,21 @@ class Experiment:
             tone = yield from self._brought(tones.slow, BOTH, amplitude, stiff, close=0.15)
             self.findings.curve.append(tone)
             stiff = self._stiffness(tone, stiff)
+        if self.weight is not None:
+            yield from self._weighed(self.weight, A, stiff)
+
+    def _weighed(self, weight: Weight, A: float, stiff: complex) -> Iterator[Decision]:
+        """Swing slowly without the weight, ask for it with the pressures held, and swing with it."""
+        A = max(A, *self.tones.series)  # the widest, which erases most of what friction remembers
+        before = yield from self._brought(self.tones.slow, BOTH, A, stiff, close=0.15)
+        while not weight.hang(weight.torque):
+            yield Decision(self.first, Phase.RUN)
+        room = self._room
+        raised = [p + float(np.clip(weight.torque / 2 / g, -r / 2, r / 2))
+                  for p, g, r in zip(self.first, self._gains, room, strict=True)]  # fmt: skip
+        self.first = raised[0], raised[1]  # which about carries it: where the joint was friction is as it was
+        yield from self._hold(2 * self.tones.settle)
+        self.findings.balance = before, (yield from self._brought(self.tones.slow, BOTH, A, stiff, close=0.15))
 
     def _shaken(self, A: float, stiff: complex) -> Iterator[Decision]:
         """Shake the joint a little, so that it comes to the middle of its hysteresis."""
@@ -170,7 +197,10 @@ class Experiment:
         """Return K_felt + i h [N·m/rad] by a tone, with strengths of 1, in proportion to what is `expected`."""
         loop = tone.loop(self.known.reading_age)
         found = complex(sum(loop.secants) + self.plant.inertia * loop.acceleration, sum(loop.losses))
-        return found if 0.2 < abs(found) / abs(expected) < 10 else expected
+        likely = (
+            0.2 < abs(found) / abs(expected) < 10 and found.real > 0.2 * expected.real
+        )  # below an encoder's step: no
+        return found if likely else expected
 
     def _expected(self, amplitude: float) -> complex:
         """Return K_felt(A) [N·m/rad] by the model, before anything is measured, with the gas of held commands."""

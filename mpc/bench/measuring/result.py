@@ -13,12 +13,14 @@ from allocator.units import BAR, DEG
 from mpc.bench.measuring.experiment import Findings, Tones
 from mpc.bench.measuring.loops import Tone
 from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_not
+from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
 
 _LEAST_STEPS = 4.0  # of the encoder in a swing
 _SCATTER = 0.015  # of K_felt: waveform of the turns, which no error of a phasor shows
 _BALANCED = 0.025  # of a muscle's torque: offsets of sensors, the law
 _CENTRED = 0.25  # of the height of a loop: how well it is centred
+_SCALE_KNOWN = 0.25  # standard deviation of the scale by a weight, beyond which it says nothing
 _NORMAL = 1.96  # of 95 %
 
 
@@ -50,6 +52,7 @@ class MeasuredStiffness:
     solution: Solution | None
     duration: float  # [s]
     furthest: float  # greatest excursion in the amplitude asked for [-]
+    scale: Scale | None = None  # inertia by a weight, in that told
     refusal: str = ""  # why nothing was measured; then all of the above but posture and duration is NaN
 
     @property
@@ -68,21 +71,41 @@ class MeasuredStiffness:
         return self.K - _NORMAL * self.K_std, self.K + _NORMAL * self.K_std
 
     @classmethod
-    def of(cls, plant: Plant, loop: Loop, findings: Findings, tones: Tones, known: Known, step: float = 0.0) -> Self:
+    def of(
+        cls,
+        plant: Plant,
+        loop: Loop,
+        findings: Findings,
+        tones: Tones,
+        known: Known,
+        step: float = 0.0,
+        weight: float = 0.0,
+    ) -> Self:
         """Return what the findings say.
 
-        `plant` is the model that commanded, `loop` its hysteresis, `step` the encoder's [rad].
+        `plant` is the model that commanded, `loop` its hysteresis, `step` the encoder's [rad], `weight` the torque
+        [N·m] of the weight that was hung.
         """
         if findings.refusal or not findings.tones:
             return cls._refused(findings, findings.refusal or "the experiment ended before it had measured")
         A = float(np.mean([t.swing for i, t in enumerate(findings.tones) if i != WIDER]))
         why = why_not(findings.tones, A, None, _LEAST_STEPS * step)
         known = replace(known, loads=(*known.loads, _balance(plant, findings.tones[:4], A)))
-        found = None if why else solve(findings.tones, A, known)
+        by_weight = findings.balance is not None
+        found = None if why else solve(findings.tones, A, replace(known, inertia_error=0.0) if by_weight else known)
         if why := why or why_not(findings.tones, A, found, 0.0):
             return cls._refused(findings, why)
         assert found is not None
-        return cls._measured(plant, loop, findings, found)
+        if findings.balance is None:
+            return cls._measured(plant, loop, findings, found)
+        scale = scale_of(plant, *findings.balance, weight, found.strengths)
+        if not scale.std < _SCALE_KNOWN:
+            return cls._refused(findings, "the weight moved the joint too little, or against its direction")
+        if why := disagreement(known, scale):
+            return cls._refused(findings, why)
+        known = weighed(known, scale)
+        found = solve(findings.tones, A, known)
+        return replace(cls._measured(replace(plant, inertia=known.inertia), loop, findings, found), scale=scale)
 
     @classmethod
     def _refused(cls, findings: Findings, why: str) -> Self:
@@ -90,7 +113,7 @@ class MeasuredStiffness:
         at = findings.tones[0].middle if findings.tones else (nan, nan, nan)
         return cls(
             at[0], at[1:], (nan, nan), np.full((2, 2), nan), nan, nan, nan, (), nan, nan, nan, None,
-            findings.duration, findings.furthest, why,
+            findings.duration, findings.furthest, refusal=why,
         )  # fmt: skip
 
     @classmethod
@@ -126,6 +149,8 @@ class MeasuredStiffness:
             )
             for f in self.felt
         ]
+        if self.scale is not None:
+            found.append(("inertia by the weight", f"{self.scale.ratio:.3f} ± {self.scale.std:.2g}", "times that told"))
         return [*found, ("damping [N·m·s/rad]", f"{self.damping:.2g} ± {self.damping_std:.1g}", "")]
 
     @property
@@ -162,6 +187,7 @@ class MeasuredStiffness:
                 }
                 for f in self.felt
             ],
+            "inertia_by_weight": None if self.scale is None else self.scale.ratio,
             "damping_Nms_per_rad": self.damping,
             "age_s": self.age,
             "duration_s": self.duration,

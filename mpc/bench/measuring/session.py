@@ -1,5 +1,6 @@
 """Measurement of a joint on a device: soft start, tones, safe stop, for one rest after the other."""
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,11 @@ from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import Clock, Device
 from mpc.bench.loop import about
 from mpc.bench.measuring.experiment import Experiment, Tones
+from mpc.bench.measuring.log import from_log, refused
 from mpc.bench.measuring.result import MeasuredStiffness
+from mpc.bench.measuring.shaking import Shaking
 from mpc.bench.measuring.strengths import Known
+from mpc.bench.measuring.weighing import Weight
 from mpc.bench.record import Row
 from mpc.bench.safety import Ending, Reason
 from mpc.model.compensation import Compensation
@@ -45,14 +49,16 @@ def measure(
     watch: Callable[[Row], None] | None = None,
     log: str | Path | None = None,
     replace: bool = False,
+    weight: Weight | None = None,
 ) -> tuple[MeasuredStiffness, Cycle]:
     """Measure the stiffness of a joint on a device about the angle `theta` [rad], as stiff as `K` [N·m/rad].
 
-    `K` is the isobaric stiffness by the model. Returns the measurement, which says why where it has measured nothing,
-    and the cycle, which knows how it ended. Arguments and exceptions are those of `mpc.bench.loop.RealTimeLoop`.
+    `K` is the isobaric stiffness by the model. A `weight` is asked for in the end, for the scale. Returns the
+    measurement, which says why where it has measured nothing, and the cycle, which knows how it ended. Arguments and
+    exceptions are those of `mpc.bench.loop.RealTimeLoop`.
     """
     tones = Tones() if tones is None else tones
-    source = Experiment(told.plant, told.known, theta, K, dt, tones)
+    source = Experiment(told.plant, told.known, theta, K, dt, tones, weight)
     cycle = Cycle(
         device, source, Limits.of(told.plant, dt), settings or Settings(), log=log, replace=replace, about=about(dt),
         clock=clock, watch=watch,
@@ -61,13 +67,51 @@ def measure(
     return result_of(source, told, ending, cycle.recorder.columns["theta"]), cycle
 
 
+def shake(
+    device: Device,
+    told: Told,
+    theta: float,
+    K: float,
+    amplitude: float,
+    *,
+    dt: float = 0.01,
+    duration: float = 45.0,
+    settings: Settings | None = None,
+    clock: Clock | None = None,
+    watch: Callable[[Row], None] | None = None,
+) -> tuple[MeasuredStiffness, Cycle]:
+    """Measure the same by noise that moves the joint by ±`amplitude` [rad] for a `duration` [s], see `shaking`.
+
+    Other arguments, results and exceptions are those of `measure`.
+    """
+    source = Shaking(told.plant, theta, K, dt, amplitude, duration)
+    cycle = Cycle(
+        device, source, Limits.of(told.plant, dt), settings or Settings(), about=about(dt), clock=clock, watch=watch
+    )
+    ending = cycle.run()
+    known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)
+    if ending.reason is not Reason.FINISHED:
+        return refused((theta, *source.first), duration, f"the loop ended: {ending}"), cycle
+    if source.log is None:
+        why = "the device gave too few readings of angle and pressures"
+        return refused((theta, *source.first), duration, why), cycle
+    m = from_log(told.plant, told.known.friction.loop, source.log, known)
+    return dataclasses.replace(m, furthest=source.furthest), cycle
+
+
 def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray) -> MeasuredStiffness:
     """Return what an experiment that has ended says, `theta` (n,) [rad] being all readings of the angle."""
     if ending.reason is not Reason.FINISHED:
         source.findings.refusal = f"the loop ended: {ending}"
     known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)
     return MeasuredStiffness.of(
-        told.plant, told.known.friction.loop, source.findings, source.tones, known, encoder_step(theta)
+        told.plant,
+        told.known.friction.loop,
+        source.findings,
+        source.tones,
+        known,
+        encoder_step(theta),
+        0.0 if source.weight is None else source.weight.torque,
     )
 
 

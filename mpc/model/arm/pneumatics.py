@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator import checks
-from allocator.calculus import Array, Value
+from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.joint.gas import AIR, Gas
 from allocator.joint.one_muscle import OneMuscle
@@ -107,12 +107,12 @@ class Pneumatics:
             V[..., at] = muscle.volume(P[..., at], eps[..., at], self.rest_length[at])
         return V
 
-    def rate(self, P: Array, u: Array, length: Array, speed: Array, forces: Array, shut: bool = False) -> Array:
+    def rate(self, P: Array, u: Array, length: Array, speed: Array, forces: Array, shut: Mask | bool = False) -> Array:
         """Return P' (m,) [Pa/s] for the commands `u` (m,), of muscles whose lengths change by `speed` (m,) [m/s].
 
-        Where the valves are `shut` no regulator works.
+        Where valves, all or (m,), are `shut` no regulator works.
         """
-        held = np.zeros(self.m) if shut else (u - P) / self.lag
+        held = np.where(shut, 0.0, (u - P) / self.lag)
         if self.gas is not None:
             held += (forces > 0) * self.squeezed(P, length, speed)  # a slack cable moves no muscle
         return np.asarray(held)
@@ -130,6 +130,11 @@ class Pneumatics:
     def _filled(self) -> Gas:
         assert isinstance(self.gas, Gas)  # asked only where there is one
         return self.gas
+
+
+def beyond(e: Array, rest: float) -> Array:
+    """Return what a dead band of ±`rest` leaves of the errors `e`."""
+    return np.asarray(e - np.clip(e, -rest, rest))
 
 
 _SLOWEST = 100.0  # [s]

@@ -1,8 +1,12 @@
-"""What rubs in a joint is told by two things: what presses on it, and the interface of all models of the torque that it
-takes.
+"""Friction models share one interface, `Hysteresis`. `Loads` on the sliding surfaces scale their torque.
 
 A model remembers how the joint came to where it is, by the angle and not by time. `Friction` (Dahl) and `MaxwellSlip`
 have the same interface, so that each of them may be in the plant under test and be told to observer and controllers.
+`Contacts` gives the loads at every joint of a machine. At joint i they are, of m muscles with arms r_ji and forces F_j,
+
+    Σ_j |r_ji| F_j,    twice the mean pressure of the muscles that cross it,    K_ii
+
+which are a1 F1 + a2 F2, P1 + P2 and K of one joint with two muscles.
 """
 
 from typing import NamedTuple, Protocol, Self, runtime_checkable
@@ -10,7 +14,33 @@ from typing import NamedTuple, Protocol, Self, runtime_checkable
 from allocator.calculus import Array, Value
 from allocator.joint.felt import Loop
 from mpc.codegen.buffered import Buffered
+from mpc.model.arm.pressing import Pressing as ManyPressing
+from mpc.model.machine import Machine
 from mpc.model.plant import NX, Plant
+
+
+class Loads(Protocol):
+    """The loads on the sliding surfaces of a joint."""
+
+    @property
+    def pulled(self) -> Value:
+        """The muscles' torques against each other [N·m]."""
+
+    @property
+    def filled(self) -> Value:
+        """Twice the mean pressure [Pa]."""
+
+    @property
+    def stiffness(self) -> Value:
+        """The isobaric stiffness [N·m/rad]."""
+
+
+class Pressed(NamedTuple):
+    """`Loads` as numbers."""
+
+    pulled: float  # [N·m]
+    filled: float  # [Pa]
+    stiffness: float  # [N·m/rad]
 
 
 class Pressing(Protocol):
@@ -64,6 +94,21 @@ class Contact(NamedTuple):
         return self.plant.isobaric(self.x)
 
 
+class Contacts:
+    """The loads at every joint of `machine`, as a function of its state."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._plant = BufferedPressing(machine) if isinstance(machine, Plant) else None
+        self._many = None if isinstance(machine, Plant) else ManyPressing(machine)
+
+    def __call__(self, x: Array) -> tuple[Loads, ...]:
+        """Return the loads at each of the n joints in the state `x` (2n + m,)."""
+        if self._plant is not None:
+            return (Contact(self._plant, x),)
+        assert self._many is not None
+        return tuple(Pressed(*joint) for joint in self._many(x).tolist())
+
+
 @runtime_checkable
 class Hysteresis(Protocol):
     """A hysteresis is a torque T_f against the motion that depends on the way by which the joint came.
@@ -87,16 +132,16 @@ class Hysteresis(Protocol):
     def begun(self, theta: float) -> Value:
         """Return the memory of a joint that has not moved from `theta` [rad] yet."""
 
-    def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:
+    def moved(self, memory: Value, motion: Value, contact: Loads) -> Value:
         """Return the memory after turning by `motion` [rad] in one direction; numbers or CasADi symbols."""
 
-    def along(self, memory: Value, theta: Array, contact: Contact) -> Array:
+    def along(self, memory: Value, theta: Array, contact: Loads) -> Array:
         """Return the memories (n, ...) at the angles `theta` (n,) [rad], from `memory` at the first."""
 
-    def torque(self, memory: Value, contact: Contact) -> Value:
+    def torque(self, memory: Value, contact: Loads) -> Value:
         """Return T_f [N·m] of a memory, or (n,) of memories (n, ...)."""
 
-    def most(self, contact: Contact) -> Value:
+    def most(self, contact: Loads) -> Value:
         """Return the greatest T_f [N·m]."""
 
     def share(self, share: float) -> Self:

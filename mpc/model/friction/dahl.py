@@ -19,7 +19,8 @@ from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import PRESLIDING, dahl
 from allocator.units import BAR
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Contacts, Loads
+from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 
 WIDTH_AT = 2.5 * BAR  # both pressures, at θ = 0, for which the width of the loop is given
@@ -43,10 +44,14 @@ class Friction:
             raise InvalidInput(f"presliding = {self.presliding!r} rad has to be positive and finite")
 
     @classmethod
-    def of_width(cls, plant: Plant, width: float, coulomb: float = 0.0, presliding: float = PRESLIDING) -> "Friction":
-        """Make friction with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width."""
-        x = np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])
-        return cls(torque_of_width(plant, width) / float(plant.pull(x)), coulomb, presliding)
+    def of_width(
+        cls, plant: Machine, width: float, coulomb: float = 0.0, presliding: float = PRESLIDING, joint: int = 0
+    ) -> "Friction":
+        """Make friction with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width.
+
+        Of an arm the loop is that of a `joint`, counted from 0, in the middle of the ranges with 2.5 bar everywhere.
+        """
+        return cls(torque_of_width(plant, width, joint) / float(usual_loads(plant, joint).pulled), coulomb, presliding)
 
     @property
     def absent(self) -> bool:
@@ -67,11 +72,11 @@ class Friction:
         """Return z = 0 [-] of a joint that has not moved yet."""
         return 0.0
 
-    def most(self, contact: Contact) -> Value:
+    def most(self, contact: Loads) -> Value:
         """Return T_max [N·m]."""
         return self.mu * contact.pulled + self.coulomb
 
-    def moved(self, memory: Value, motion: Value, contact: Contact | None = None) -> Value:
+    def moved(self, memory: Value, motion: Value, contact: Loads | None = None) -> Value:
         """Return z after turning by `motion` [rad] in one direction, a number or a CasADi symbol."""
         if is_symbol(motion):
             import casadi as ca
@@ -80,14 +85,14 @@ class Friction:
             return s - (s - memory) * ca.exp(-ca.fabs(motion) / self.presliding)
         return dahl(memory, motion, self.presliding) if motion else memory
 
-    def along(self, memory: float, theta: Array, contact: Contact | None = None) -> Array:
+    def along(self, memory: float, theta: Array, contact: Loads | None = None) -> Array:
         """Return z (n,) at the angles `theta` (n,) [rad], from z = `memory` at the first."""
         states = [memory]
         for motion in np.diff(theta).tolist():
             states.append(dahl(states[-1], motion, self.presliding))
         return np.array(states)
 
-    def torque(self, memory: Value, contact: Contact) -> Value:
+    def torque(self, memory: Value, contact: Loads) -> Value:
         """Return T_f [N·m] of z, a number, an array or a CasADi symbol."""
         return self.most(contact) * memory
 
@@ -105,6 +110,12 @@ class Friction:
         return self
 
 
-def torque_of_width(plant: Plant, width: float) -> float:
+def torque_of_width(plant: Machine, width: float, joint: int = 0) -> float:
     """Return T_f [N·m] of which a loop is `width` [rad] wide at θ = 0, P1 + P2 = 5 bar: K width/2."""
-    return float(plant.isobaric(np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])) * width / 2)
+    return float(usual_loads(plant, joint).stiffness * width / 2)
+
+
+def usual_loads(plant: Machine, joint: int = 0) -> Loads:
+    """Return the loads for which widths of loops are given."""
+    q = np.zeros(1) if isinstance(plant, Plant) else plant.middle
+    return Contacts(plant)(np.concatenate([q, np.zeros(plant.n), np.full(plant.m, WIDTH_AT)]))[joint]

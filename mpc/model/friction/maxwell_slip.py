@@ -35,8 +35,9 @@ from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import NO_GAIN, PrandtlIshlinskii, Slip
 from allocator.units import DEG
-from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.contact import Contact, Hysteresis, Loads
 from mpc.model.friction.dahl import WIDTH_AT, Friction, torque_of_width
+from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 
 _PRESLIDING = tuple(r * DEG for r in (0.5, 1.0, 2.0, 4.0))  # r_i [rad], of elements that carry the same torque: they
@@ -70,13 +71,19 @@ class MaxwellSlip:
 
     @classmethod
     def of_width(
-        cls, plant: Plant, width: float, presliding: tuple[float, ...] = _PRESLIDING, base: float = _BASE
+        cls,
+        plant: Machine,
+        width: float,
+        presliding: tuple[float, ...] = _PRESLIDING,
+        base: float = _BASE,
+        joint: int = 0,
     ) -> Self:
         """Make elements with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width.
 
-        The elements of half widths `presliding` [rad] carry equal shares of the torque there.
+        The elements of half widths `presliding` [rad] carry equal shares of the torque there. The `joint` of an arm is
+        that of `Friction.of_width`.
         """
-        share = torque_of_width(plant, width) / len(presliding)
+        share = torque_of_width(plant, width, joint) / len(presliding)
         return cls(tuple(share / r for r in presliding), presliding, base)
 
     @classmethod
@@ -119,12 +126,12 @@ class MaxwellSlip:
         """Return ρ_i/r_i [-] where P1 + P2 = `filled` [Pa]."""
         return self.base + (1 - self.base) * filled / (2 * WIDTH_AT)
 
-    def most(self, contact: Contact) -> Value:
+    def most(self, contact: Loads) -> Value:
         """Return s Σ k_i ρ_i [N·m], the torque when all elements slip that can."""
         slips = sum(k * r for k, r in self._elements if r < inf)
         return self.strength(contact) * slips * self.scale(contact.filled)
 
-    def moved(self, memory: Value, motion: Value, contact: Contact) -> Value:
+    def moved(self, memory: Value, motion: Value, contact: Loads) -> Value:
         """Return the e_i (n,) [rad] after turning by `motion` [rad] in one direction, numbers or CasADi symbols."""
         if is_symbol(motion):
             import casadi as ca
@@ -134,7 +141,7 @@ class MaxwellSlip:
         width = self.scale(contact.filled) * np.array(self.widths)
         return np.minimum(np.maximum(memory + motion, -width), width)
 
-    def along(self, memory: Array, theta: Array, contact: Contact) -> Array:
+    def along(self, memory: Array, theta: Array, contact: Loads) -> Array:
         """Return the e_i (n, elements) [rad] at the angles `theta` (n,) [rad], from `memory` at the first."""
         motions = np.diff(theta).tolist()  # plain numbers: a preview is too short for arrays to pay
         states = []
@@ -146,7 +153,7 @@ class MaxwellSlip:
             states.append(way)
         return np.array(states).T
 
-    def torque(self, memory: Value, contact: Contact) -> Value:
+    def torque(self, memory: Value, contact: Loads) -> Value:
         """Return T_f [N·m] of the e_i, numbers (..., n) or CasADi symbols (n,)."""
         if is_symbol(memory):
             import casadi as ca
@@ -158,7 +165,7 @@ class MaxwellSlip:
         """Return the same with a `share` [-] of its torque."""
         return replace(self, springs=tuple(share * k for k in self.springs))
 
-    def strength(self, contact: Contact) -> Value:
+    def strength(self, contact: Loads) -> Value:
         """Return s [N·m/rad] or [-], by which Σ k_i e_i is multiplied."""
         return contact.stiffness if self.elastic else 1.0
 

@@ -21,8 +21,9 @@ from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer import diagnosis, pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import Made, made
-from mpc.observer.diagnosis import Diagnosis, pulling
+from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import OFFSET_TIME, Filter
+from mpc.observer.pulling import pulling
 
 if TYPE_CHECKING:
     from casadi import Function
@@ -70,15 +71,15 @@ def _formulas(plant: Plant) -> dict[str, "Function"]:
 
 def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
     """Return what samples of an observer's filter, which was `compiled`, and of its diagnosis work on."""
-    gate, dt, joint = own.gate, own.dt, judged.sound
-    substeps, (one, two) = own.plant.substeps(dt, RESOLUTION), (joint.first, joint.second)
+    gate, dt, substeps = own.gate, own.dt, own.plant.substeps(own.dt, RESOLUTION)
+    (one, two), (usual,), (inertia,) = judged.sound
     known = {
         "inner": own.inner, "outer": own.outer, "Q": own.Q, "Q_rest": own.Q_rest, "possible": (gate.lower, gate.upper),
         "dt": dt, "h": dt / substeps, "substeps": substeps, "tolerance": judged.tolerance,
         "dead_band": own.compensation.dead_band, "learning": own.dt / OFFSET_TIME,
         "most_offset": own.noise.offset, "theta_noise": own.noise.theta, "theta_floor": gate.floor[0],
         "sigma": one.sigma, "seen": one.seen, "quick": (one.quick, two.quick), "slow": (one.slow, two.slow),
-        "usual": joint.usual, "inertia": joint.inertia,
+        "usual": usual, "inertia": inertia,
     }  # fmt: skip
     lengths = (len(part.numbers) for part in judged.parts)
     age = own.compensation.age(dt)

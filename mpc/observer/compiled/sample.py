@@ -15,11 +15,12 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.addresses import floats, opener
 from mpc.codegen.jit import compiled, inlined
-from mpc.model.compiled_friction import ABSENT, Pressed, followed, rubbing_in, strength
+from mpc.model.compiled_friction import ABSENT, followed, rubbing_in, strength
+from mpc.model.friction.contact import Pressed
 from mpc.model.integration import NODES, SHARES
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import MEASURED, SIZE, Belief, Places, Sample
-from mpc.observer.diagnosis import Joint, follow, large_since, less_lost, steps
+from mpc.observer.diagnosis import Known, follow, large_since, less_lost, steps
 from mpc.observer.filter import SETTLED
 from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, SIGMAS, TURN
 from mpc.observer.pressure_diagnosis import Sound
@@ -305,10 +306,11 @@ def diagnosed(o: Sample) -> int:
     rest, dt = k.dead_band / 2, k.dt
     one = Sound(k.quick[0], k.slow[0], rest, dt, k.sigma, k.seen)
     two = Sound(k.quick[1], k.slow[1], rest, dt, k.sigma, k.seen)
-    parts = floats(o.places.one), floats(o.places.two), floats(o.places.torque), floats(o.places.loop)
+    parts = (floats(o.places.one), floats(o.places.two)), floats(o.places.torque), (floats(o.places.loop),)
     read, moved = (s.read[1], s.read[2]), s.read[0] != s.last
     acting = v[0] + s.offset[0], v[1] + s.offset[1]
-    follow(*parts, Joint(one, two, k.usual, k.inertia), s.t, read, acting, xi[1], xi[4], found, moved)
+    known = Known((one, two), (k.usual,), (k.inertia,))
+    follow(*parts, known, s.t, read, acting, (xi[1],), (xi[4],), found, moved)
     for i in range(2):
         s.large[i] = large_since(s.large[i], s.offset[i], s.t)
     for i in range(3):

@@ -20,7 +20,8 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.addresses import floats_at, seconds_at
 from mpc.codegen.jit import assign, compiled_flat, inlined_flat
-from mpc.model.compiled_friction import ABSENT, Pressed, Rubbing, followed, less_friction, rubbing_in
+from mpc.model.compiled_friction import ABSENT, Rubbing, followed, less_friction, rubbing_in
+from mpc.model.friction.contact import Pressed
 from mpc.model.integration import NODES, SHARES
 from mpc.tracking.compiled.commands import cumulative, excess, limit
 from mpc.tracking.compiled.records import Bounds, Given, Indices, Path, Reference, given_in, path_in, setting_in

@@ -11,7 +11,8 @@ from allocator.feasibility import feasibility_map, torque_intervals
 from allocator.joint.antagonist import report_joint
 from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import Slip
-from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from allocator.muscles import Cabled
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from mpc.model.felt import first_push
 from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
@@ -138,6 +139,45 @@ def test_a_map_of_felt_stiffness_agrees_with_allocate():
     a = allocate(theta[:, None], K, 0.5, joint=JOINT, stiffness=meant)
     assert (found.status[..., 0] == a.status).all() if found.status.ndim == 3 else (found.status == a.status).all()
     assert found.edges
+
+
+HYSTERESES = {"friction": {"friction": 0.13}, "loop of constant width": {"hysteresis": replace(OPERATOR, base=1.0)}}
+
+
+@pytest.mark.parametrize("hysteresis", HYSTERESES)
+@pytest.mark.parametrize(
+    "muscle", [TONDU_DMSP_20_400N, Cabled(SAROSI_DMSP_20_400N, 4e4, 0.4)], ids=["curved", "cabled"]
+)
+def test_laws_that_are_not_affine_are_searched_where_hysteresis_does_not_couple_the_pressures(muscle, hysteresis):
+    joint = replace(report_joint(muscle), **HYSTERESES[hysteresis])
+    rng, meant = np.random.default_rng(34), Stiffness(amplitude=2 * DEG)
+    theta, K, T = rng.uniform(-0.5, 0.5, 3), rng.uniform(3, 12, 3), rng.uniform(-2, 2, 3)
+    P1, P2 = np.meshgrid(*2 * [np.linspace(0, 5 * BAR, 121)])
+    for priority in ("torque", "stiffness"):
+        a = allocate(theta, K, T, joint=joint, stiffness=meant, priority=priority)
+        assert a.gap.max() < 1e-9
+        assert a.K == pytest.approx(joint.stiffness(theta, a.P1, a.P2, amplitude=2 * DEG), rel=1e-12)
+        for i in range(3):
+            taut = np.all([F >= 0 for F in joint.forces(theta[i], P1, P2)], axis=0)
+            off = np.abs(joint.torque(theta[i], P1, P2) - T[i])
+            wrong = np.abs(joint.stiffness(theta[i], P1, P2, amplitude=2 * DEG) - K[i])
+            mine = [abs(a.T_error[i]), abs(a.K_error[i])]
+            first, second, mine = (off, wrong, mine) if priority == "torque" else (wrong, off, mine[::-1])
+            assert mine[0] <= first[taut].min() + 1e-9
+            as_good = taut & (first <= mine[0] + 1e-12)
+            assert mine[1] <= second[as_good].min(initial=np.inf) + 1e-9
+    low, high = stiffness_interval(0.1, 1.0, joint=joint, stiffness=meant)
+    a = allocate(0.1, (low + high) / 2, 1.0, joint=joint, stiffness=meant)
+    assert a.success
+    assert a.kkt_residual < 1e-9
+
+
+def test_free_valves_and_a_push_go_together_with_curved_laws():
+    muscle = replace(TONDU_DMSP_20_400N, rest_volume=1.2e-4)
+    joint = replace(report_joint(muscle), friction=0.13)
+    a = allocate(0.1, 14.0, 1.0, joint=joint, stiffness=Stiffness("free", amplitude=2 * DEG))
+    assert a.success
+    assert joint.stiffness(0.1, a.P1, a.P2, a.valves, amplitude=2 * DEG) == pytest.approx(14.0, rel=1e-9)
 
 
 def test_what_has_no_felt_answer_is_refused():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
+from scipy.special import jv
 
 from allocator import (
     BAR,
@@ -21,12 +22,15 @@ from allocator import (
     Status,
     Stiffness,
     allocate,
+    load_joint,
     report_joint,
+    save_machine,
 )
 from allocator.identification import fit, load_dataset
-from allocator.joint.gas import StiffnessKind, storage_share
+from allocator.joint.gas import StiffnessKind, storage_share, thermal_corner
 from allocator.muscles import MODELS
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from mpc.model.plant import Plant
 
 KAPPA, ATMOSPHERE = 1.3, 101_325.0
 STATES = [(False, False), (True, False), (False, True), (True, True)]
@@ -306,3 +310,85 @@ def test_a_volume_in_litres_is_pointed_out():
     ):
         with pytest.raises(InvalidInput, match=r"with 1.2e-07 m³ at rest length .* in litres, pass 0.00012"):
             asked()
+
+
+# --- heat -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_corner_leads_from_isothermal_to_adiabatic():
+    gas = Gas(1.4, corner=0.05)
+    assert gas.exponent(0.0) == 1.0
+    assert gas.exponent(0.05) == pytest.approx(1.2 + 0.2j, rel=1e-12)  # where most is lost
+    assert gas.exponent(1e6) == pytest.approx(1.4, rel=1e-6)
+    assert Gas(1.4).exponent(0.01) == 1.4
+
+
+def test_the_exponent_is_that_of_a_simulated_heat_balance():
+    t, f, pa, V0 = 1 / (2 * np.pi * 0.05), 0.03, 4e5, 1e-4  # m c_v = p V/(T (γ - 1))
+    w, swing = 2 * np.pi * f, 1e-4
+
+    def rate(time, T):
+        V, dV = V0 * (1 + swing * np.sin(w * time)), V0 * swing * w * np.cos(w * time)
+        return -0.4 * T * dV / V - (T - 300.0) / t
+
+    times = np.linspace(20 / f, 22 / f, 4001)
+    T = solve_ivp(rate, (0, times[-1]), [300.0], t_eval=times, rtol=1e-11, atol=1e-11).y[0]
+    V = V0 * (1 + swing * np.sin(w * times))
+    p = pa * T / 300 * V0 / V - pa
+    phasor = [2j * np.trapezoid(x * np.exp(-1j * w * times), times) / (2 / f) for x in (p / pa, V / V0 - 1)]
+    assert -phasor[0] / phasor[1] == pytest.approx(Gas(1.4, corner=0.05).exponent(f), abs=2e-4)
+
+
+def test_the_corner_of_a_tube_is_near_to_that_of_all_modes_of_diffusion():
+    radius, P = 0.013, 3 * BAR
+    corner = thermal_corner(radius, P)
+    assert 0.02 < thermal_corner(radius, 5 * BAR) < corner < thermal_corner(radius, 2 * BAR) < 0.06
+    f = np.logspace(-4, 1, 60)
+    z = radius * np.sqrt(-2j * np.pi * f * (P + ATMOSPHERE) / (2.1e-5 * BAR))
+    exact = 1.4 / (1 + 0.4 * 2 * jv(1, z) / (z * jv(0, z)))
+    assert np.abs(Gas(1.4, corner=corner).exponent(f) - exact).max() < 0.12
+    assert f[np.argmax(exact.imag)] == pytest.approx(corner, rel=0.15)
+
+
+def test_slow_motions_meet_an_isothermal_gas_and_allocation_says_the_same(joint):
+    at, lag = (0.1, 3 * BAR, 2.5 * BAR), 50.0
+    warm, cold = replace(joint, gas=Gas(1.4, corner=0.05)), replace(joint, gas=Gas(1.0))
+    slow = warm.dynamic_stiffness(*at, 1e-4, lag)
+    assert slow == pytest.approx(cold.dynamic_stiffness(*at, 1e-4, lag), rel=1e-3)
+    fast = replace(joint, gas=Gas(1.4)).dynamic_stiffness(*at, 50.0, lag)
+    assert warm.dynamic_stiffness(*at, 50.0, lag) == pytest.approx(fast, rel=1e-3)
+    for f in (0.01, 0.05, 0.3):
+        meant = Stiffness(frequency=f, lag=(3.0, 1.0))
+        a = allocate(0.1, 7.0, 1.0, joint=warm, stiffness=meant)
+        assert a.success
+        assert warm.dynamic_stiffness(0.1, a.P1, a.P2, f, (3.0, 1.0)).real == pytest.approx(7.0, rel=1e-9)
+    assert warm.gas_damping(*at, 0.1) == pytest.approx(cold.gas_damping(*at, 0.1), rel=1e-12)
+
+
+def test_a_corner_is_refused_where_it_would_be_ignored(joint):
+    bent = replace(joint, agonist=fitted("Wickramatunge2010"), gas=Gas(1.4, corner=0.05))
+    with pytest.raises(InvalidInput, match="the corner of the gas is known"):
+        allocate(0.1, 6.0, joint=bent, stiffness=Stiffness(frequency=0.1, lag=0.1))
+    with pytest.raises(InvalidInput, match="corner = 0 Hz has to be positive"):
+        Gas(corner=0.0)
+
+
+def test_a_file_keeps_the_corner(joint, tmp_path):
+    warm = replace(joint, gas=Gas(1.4, corner=0.05))
+    save_machine(warm, tmp_path / "joint.toml")
+    assert load_joint(tmp_path / "joint.toml") == warm
+
+
+def test_a_plant_knows_its_dynamic_stiffness(joint):
+    plant = Plant(joint, damping=0.2, lag=(0.1, 0.05))
+    x = np.array([0.1, 0.0, 3 * BAR, 2.5 * BAR])
+    known = joint.dynamic_stiffness(0.1, 3 * BAR, 2.5 * BAR, 2.0, (0.1, 0.05), damping=0.2)
+    assert plant.dynamic_stiffness(x, 2.0) == known
+    u, h = x[2:], 1e-6  # against a linearisation of the plant's own equations
+    A = np.array([(np.array(plant.rate(x + h * s * e, u)) - np.array(plant.rate(x - h * s * e, u))) / (2 * h * s)
+                  for e, s in zip(np.eye(4), (1, 1, BAR, BAR), strict=True)]).T  # fmt: skip
+    w = 4j * np.pi
+    pressures = np.linalg.solve(w * np.eye(2) - A[2:, 2:], A[2:, 0] + w * A[2:, 1])
+    J = plant.inertia
+    assert -J * (A[1, 0] + w * A[1, 1] + A[1, 2:] @ pressures) == pytest.approx(known, rel=1e-6)
+    assert replace(plant, gas=False).dynamic_stiffness(x, 2.0) == pytest.approx(plant.isobaric(x) + w * 0.2)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.muscles import MODELS, FunctionMuscle, Hogan1984, Muscle, monotonicity_failure, scaled
+from allocator.muscles import MODELS, Cabled, FunctionMuscle, Hogan1984, Muscle, monotonicity_failure, scaled
 from allocator.units import BAR
 
 METHODS = ("force", "gain", "slope", "gain_slope")
@@ -174,7 +174,7 @@ def test_the_list_of_models_names_them_all():
         return {cls} if not below else {f for each in below for f in final(each)}
 
     in_package = {cls for cls in final(Muscle) if cls.__module__.startswith("allocator.")}
-    assert in_package - set(MODELS.values()) == {FunctionMuscle}
+    assert in_package - set(MODELS.values()) == {Cabled, FunctionMuscle}
     assert all(name == model.__name__ for name, model in MODELS.items())
 
 

@@ -2,7 +2,9 @@
 
 import csv
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -14,6 +16,8 @@ from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.tracking.qp.step import SlowStep
 from mpc.trials import arm_trajectories as references
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "hand_path.csv"
 
 
 def run(*options):
@@ -53,6 +57,31 @@ def test_a_real_plant_under_a_load_is_followed_too(folder):
         rows = list(csv.DictReader(file))
     assert abs(float(rows[-1]["shoulder_deg"]) - 20) < 0.3
     assert [path.name for path in folder.iterdir()] == ["run.csv"]
+
+
+@pytest.mark.slow
+def test_the_hand_follows_the_example_s_path(folder):
+    result = run("--reference", EXAMPLE, "--dt", "0.02", "--horizon", "8", "--out", "run.csv")
+    assert result.exit_code == 0, result.output
+    assert "trajectory: hand_path, 5.6 s" in result.output
+    with (folder / "run.csv").open(encoding="utf-8") as file:
+        rows = [{name: float(cell) for name, cell in row.items()} for row in csv.DictReader(file)]
+    q = np.radians([[row["shoulder_deg"], row["elbow_deg"]] for row in rows])
+    x, y = Arm.machine("arm26").bodies.endpoint.position(q).T * 1e3
+    assert np.minimum(np.abs(np.abs(y) - 60), np.minimum(np.abs(x - 575), np.abs(x - 630))).max() < 1  # [mm]
+    assert [rows[-1][name] for name in ("K11", "K12", "K22")] == pytest.approx([11.5, 3.5, 9.5], abs=0.01)
+
+
+def test_a_reference_that_cannot_be_meant_is_one_sentence(folder):
+    (folder / "far.csv").write_text("t,x_mm,y_mm\n0,900,0\n1,900,0\n", encoding="utf-8")
+    for given, said in (
+        (("--reference", "far.csv"), "far.csv, line 2: the hand does not reach (900, 0) mm"),
+        (("circle", "--reference", "far.csv"), "two trajectories are asked for"),
+        (("--reference", "none.csv"), "none.csv"),
+    ):
+        result = run(*given, "--out", "run.csv")
+        assert result.exit_code != 0
+        assert said in str(result.exception)
 
 
 ARM = """<mujoco><worldbody><site name="a" pos="-.3 .05 0"/><site name="b" pos="-.3 -.05 0"/>

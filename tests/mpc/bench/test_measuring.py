@@ -9,16 +9,19 @@ from allocator import BAR, DEG, PrandtlIshlinskii, allocate
 from allocator.errors import InvalidInput
 from allocator.machine_file import load_joint
 from mpc import Plant
+from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
+from mpc.bench.loop import about
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.loops import tone_of
 from mpc.bench.measuring.picture import plot_measured
 from mpc.bench.measuring.result import MeasuredStiffness
-from mpc.bench.measuring.session import Told, encoder_step, measure
+from mpc.bench.measuring.session import Told, encoder_step, measure, result_of
 from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known, solve
 from mpc.bench.measuring.update import combined, strengthened, update
+from mpc.bench.measuring.weighing import Weight
 from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
@@ -127,6 +130,26 @@ def test_a_joint_on_a_device_is_measured_with_soft_start_and_safe_stop():
 
 
 @pytest.mark.slow
+def test_a_weight_fixes_the_scale_where_the_inertia_is_hardly_known_and_checks_it_where_it_is():
+    clock = SimulatedClock()
+    device = SimulatedDevice(REAL, clock, seed=5)
+    wrong = replace(REAL.nominal, inertia=1.3 * REAL.nominal.inertia)
+    weight, tones = Weight(1.0, device.hang), Tones(series=(8 * DEG,))
+    source = Experiment(wrong, KNOWN, 0.1, 6.0, 0.01, tones, weight)
+    cycle = Cycle(device, source, Limits.of(wrong, 0.01), Settings(), about=about(0.01), clock=clock)
+    ending = cycle.run()
+    found = {e: result_of(source, Told(wrong, KNOWN, e), ending, cycle.recorder.columns["theta"]) for e in (0.5, 0.02)}
+    m = found[0.5]
+    assert m.success, m.sentence
+    assert m.scale.ratio == pytest.approx(1 / 1.3, rel=0.05)
+    assert abs(m.scale.ratio - 1 / 1.3) < 3 * m.scale.std
+    for g, s, true in zip(m.strengths, m.strengths_std, GAINS, strict=True):
+        assert abs(g - true) < 3 * s
+        assert s < 0.06
+    assert "by the weight the inertia is 0.7" in found[0.02].sentence
+
+
+@pytest.mark.slow
 def test_what_cannot_be_measured_is_refused():
     tones = Tones(0.1 * DEG, series=())
     real = replace(REAL, friction=Friction(), encoder=0.1 * DEG)
@@ -194,9 +217,10 @@ def test_the_command_measures_updates_draws_and_refuses(tmp_path, monkeypatch):
     Plant(replace(NOMINAL.joint, hysteresis=OPERATOR), 0.045).save("joint.toml")
     with open("joint.toml", "a") as file:
         file.write("\n[regulators]\ndead_band = 5000.0\nflow = 800000.0\n")
-    common = ["measure", "--machine", "joint.toml", "--device", "sim:joint.toml", "--fast", "--quiet", "--series", "0"]
-    run = CliRunner().invoke(app, [*common, "--around", "5:6", "--update", "--out", "felt.png"])
+    common = ["measure", "--machine", "joint.toml", "--device", "sim:joint.toml", "--fast", "--quiet", "--series", "6"]
+    run = CliRunner().invoke(app, [*common, "--around", "5:6", "--weight", "1", "--update", "--out", "felt.png"])
     assert run.exit_code == 0, run.output
+    assert "inertia by the weight" in run.output
     assert "backbone K" in run.output
     assert (tmp_path / "felt.png").stat().st_size > 1000
     assert (tmp_path / "joint.toml").read_text().count("[[measured]]") == 1

@@ -235,11 +235,11 @@ def test_a_pressure_that_departs_slowly_is_a_leak_or_a_drift_as_the_torque_tells
 
 def test_a_torque_that_the_missing_muscle_explains_is_a_load_if_it_stays_and_a_broken_cable_if_it_follows():
     for follows in (False, True):
-        torque = TorqueDiagnosis(DT, USUAL)
+        torque = TorqueDiagnosis(DT, [USUAL])
         for k in range(250):
             T1 = 4.0 + max(k - 200, 0) * 0.1  # the joint is thrown aside
             d = -(T1 if follows else 4.0) if k >= 200 else 0.0
-            torque.follow(k * DT, d, T1, -4.0)
+            torque.follow(k * DT, [d], [T1, -4.0, GAIN, -GAIN])
         assert torque.broken == (0 if follows else None)
 
 

@@ -204,8 +204,8 @@ def test_whoever_looks_at_a_part_finds_what_the_stages_remember(every):
             compare(*(rest_mode.numbers for _, rest_mode, _ in parts))
             for name in ("last_sent", "expected", "waiting", "_blind"):
                 compare(*(getattr(preview, name) for *_, preview in parts))
-            compare(*(preview.friction.theta for *_, preview in parts))
-            compare(*(preview.friction.memory for *_, preview in parts))
+            compare(*(preview.frictions[0].theta for *_, preview in parts))
+            compare(*(preview.frictions[0].memory for *_, preview in parts))
         x = plan.x[1]
     assert all(pair.taken)
 

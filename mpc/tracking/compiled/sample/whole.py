@@ -57,19 +57,19 @@ class Newest:
     def defer(self, parts: Parts) -> None:
         """Let the parts remember the newest state there is when somebody looks at them."""
         preview, ladder, rest_mode, rest = parts
-        preview.defer(_fill_preview, self, preview.friction)
+        preview.defer(_fill_preview, self, preview.frictions)
         ladder.defer(_fill_ladder, self)
         if rest_mode.worthwhile and rest:
             rest_mode.defer(_fill_rest_mode, self)
         self.known = False
 
 
-def _fill_preview(preview: Preview, newest: Newest, friction: FrictionState) -> None:
+def _fill_preview(preview: Preview, newest: Newest, frictions: tuple[FrictionState, ...]) -> None:
     """Let `preview` take note of the newest sample."""
     state, newest.known = newest.state, True
     if not preview.frictionless:
-        friction.go_on(float(state.angle[0]), state.memory)
-    preview.go_on(state.sent.copy(), state.expected.copy(), list(state.waiting.copy()), friction)
+        frictions[0].go_on(float(state.angle[0]), state.memory)
+    preview.go_on(state.sent.copy(), state.expected.copy(), list(state.waiting.copy()), frictions)
 
 
 def _fill_ladder(ladder: Ladder, newest: Newest) -> None:
@@ -160,7 +160,7 @@ class WholeStep:
         """Take the state from the parts."""
         newest, (preview, ladder, rest_mode, _) = self._newest, self._parts
         newest.out, newest.known = self._arrays.nothing.copy(), True
-        state, friction, u = newest.state, preview.friction, None if ladder.motion is None else ladder.motion.u
+        state, (friction,), u = newest.state, preview.frictions, None if ladder.motion is None else ladder.motion.u
         for array, value in (
             (state.u, u), (state.u_star, ladder.u_star), (state.sent, preview.last_sent),
             (state.waiting, preview.waiting or None), (state.expected, preview.expected), (state.angle, friction.theta),

@@ -32,7 +32,7 @@ from mpc.tracking.compiled.structured_qp.stage import (
     turned,
 )
 
-ITEMS = 24  # items, the one that enters included
+ITEMS = 96  # items, the one that enters included
 LAST = ITEMS - 1  # the one that enters
 GONE, BOUND = -1, 0  # kinds: let go, held at a bound; or a row, as in `rows`
 

@@ -63,15 +63,23 @@ def test_the_readable_step_answers_as_the_compiled_one(controller):
     np.testing.assert_allclose(plans[1].u, plans[0].u, atol=200.0)
 
 
-def test_a_dead_band_is_compensated_and_friction_refused():
+def test_a_dead_band_is_compensated():
     band = 0.2 * BAR
     mpc = TrackingMPC(ARM, N=8, compiled=False, compensation=Compensation(dead_band=band))
     plain = TrackingMPC(ARM, N=8, compiled=False)
     plans = [each.step(REST, POSTURE + 1e-4, K_REF) for each in (plain, mpc)]
     beyond = np.abs(plans[1].u - plans[0].u)
     assert 0 < beyond.max() <= band / 2 * (1 + 1e-9)
-    with pytest.raises(InvalidInput, match="friction"):
-        TrackingMPC(ARM, N=8, compensation=Compensation(Friction(mu=0.05)))
+
+
+def test_the_friction_of_the_intended_motion_is_in_the_prediction():
+    """Against the motion, of every joint by its own model."""
+    known = Compensation(frictions=(Friction(coulomb=0.3), Friction()))
+    mpc = TrackingMPC(ARM, N=8, compiled=False, compensation=known)
+    ahead = POSTURE + 0.02 * np.arange(9)[:, None] * np.array([1, -1])
+    T_f = Friction(coulomb=0.3).along(0.0, ahead[:, 0]) * 0.3
+    task = mpc._preview.task(REST, ahead, K_REF, np.array([0.5, 0.1]))
+    np.testing.assert_allclose(task.d, np.stack([0.5 - T_f, np.full(9, 0.1)], axis=1), atol=1e-12)
 
 
 def test_an_encoder_that_jumps_is_not_believed():

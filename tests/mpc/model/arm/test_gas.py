@@ -33,7 +33,7 @@ def test_the_motion_is_that_of_mujoco_s_bodies_and_gas():
     u = np.tile(x[4:], (N, 1)) + 2e4 * np.sin(np.arange(N))[:, None]
     d = np.zeros((N, 2))
     predicted = {arm.gas is not None: Predictor(arm, dt, N).motion(x, u, d) for arm in (PLAIN, FILLED)}
-    tested.slew = np.inf
+    tested.supply.slew = np.inf
     for command in u:
         tested.step(command, dt)
     end = np.concatenate([tested.q, tested.omega, tested.P / 1e5])
