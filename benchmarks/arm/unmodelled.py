@@ -1,6 +1,6 @@
 """Arms that are not their models: the MPC against predictive PIDs with the same feed-forward.
 
-    python -m benchmarks.arm.real [--seeds 5] [--arms arm26 three] [--tune pid]
+    python -m benchmarks.arm.unmodelled [--seeds 5] [--arms arm26 three] [--tune pid]
 
 Muscles pull 10 % more or less than their laws say, by chance, with 20 ms of dead time, encoder steps of 0.02°, pressure
 noise of 0.02 bar and pressure sensors ±0.03 bar off. A payload of which nobody tells, 0.5 kg at the hand of arm26 and
@@ -42,7 +42,7 @@ from mpc.tracking.weights import Weights
 from mpc.trials.arm_trajectories import circle, reach
 from mpc.trials.simulation import Run, in_motion, simulate
 
-NAME, TUNED_ON = "arm_real", 1001
+NAME, TUNED_ON = "arm_unmodelled", 1001
 ARMS, CONTROLLERS, WIDTHS = ("arm26", "three"), ("MPC", "predictive PID"), (0.0, 5.0)
 OFF, OFFSET, TOLD = 0.10, 0.03 * BAR, 0.75
 PAYLOAD = {"arm26": 0.5, "three": 0.2}  # [kg]
