@@ -1,15 +1,14 @@
-"""The allocator finds the pressures of a pneumatic-muscle joint that give a torque and a stiffness.
+"""Pressures of pneumatic-muscle joints and mechanisms for a torque and a stiffness.
 
 >>> from allocator import allocate
 >>> a = allocate(theta=0.5, K=7.5, T=1.0)  # rad, N·m/rad, N·m
 >>> a.status.name, f"{a.P1 / BAR:.3f} bar, {a.P2 / BAR:.3f} bar"
 ('EXACT', '3.238 bar, 2.181 bar')
 
-
-What identifies muscles and joints loads when it is first used: to allocate takes none of it.
+Identification is imported on first use; allocation does not need it.
 """
 
-from importlib import import_module
+from importlib import import_module as _import_module
 from typing import TYPE_CHECKING
 
 from allocator.allocation import Allocation, Method, Status, allocate, warm_up
@@ -38,10 +37,10 @@ from allocator.machine_file import load_joint, load_machine, named_machine, save
 from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
 from allocator.notices import CacheFault
-from allocator.packages import name_what_is_missing
+from allocator.packages import name_what_is_missing as _name_what_is_missing
 from allocator.units import BAR, DEG
 
-name_what_is_missing()
+_name_what_is_missing()
 
 if TYPE_CHECKING:
     from allocator.identification import (
@@ -82,7 +81,7 @@ else:
         """Return the public name `name` of `allocator.identification`."""
         if name not in _IDENTIFICATION:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        return getattr(import_module("allocator.identification"), name)
+        return getattr(_import_module("allocator.identification"), name)
 
     def __dir__():
         """Return the public names too."""

@@ -37,7 +37,7 @@ class MissingBackend(AntagonistError, ValueError):
 
 
 class MissingPackage(MissingBackend, ModuleNotFoundError):
-    """A library that is needed here and not installed; the message has the line that installs it."""
+    """Required library that is not installed; the message has the command that installs it."""
 
     def __init__(self, name: str, install: str) -> None:
         """Say how to install the library called `name`."""

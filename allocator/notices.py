@@ -8,7 +8,7 @@ _said: set[str] = set()
 
 
 class CacheFault(UserWarning):
-    """Compiled code that was kept on disk cannot be used, or new one cannot be kept."""
+    """Warning that cached compiled code cannot be read, or cannot be written."""
 
 
 def notice(message: str, category: type[Warning]) -> None:

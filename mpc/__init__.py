@@ -1,9 +1,9 @@
 """Dynamics and control of joints and arms: plants, linear time-varying MPC, observer, simulated loops.
 
-The names load when they are first used, so that the command line begins at once.
+All names are imported on first use, so that the command line starts quickly.
 """
 
-from importlib import import_module
+from importlib import import_module as _import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ else:
         """Return the public name `name`, from the module that has it."""
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+        return getattr(_import_module(f"{__name__}.{_HOMES[name]}"), name)
 
     def __dir__():
         return sorted({*globals(), *_HOMES})

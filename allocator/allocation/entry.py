@@ -89,7 +89,7 @@ def allocate(
     direction: Value = 0.0,
     method: Name | Method = "exact",
 ) -> Allocation:
-    """Find the pressures that give stiffness `K` and torque `T` at the posture `theta`, or come nearest.
+    """Return the pressures that give stiffness `K` and torque `T` at the posture `theta`, or the closest feasible ones.
 
     Solves for an `AntagonistJoint` problem [A] of `allocator.allocation.problem`, for a `Mechanism` of n joints and m
     muscles [M] of `allocator.mechanism.problem`. Targets broadcast like a ufunc; those of a mechanism in leading axes.

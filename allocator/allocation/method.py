@@ -9,7 +9,7 @@ Name = Literal["analytic", "exact", "qp", "nlp", "convex"]
 
 
 class Method(NamedTuple):
-    """A `Method` is a name with its options; a name alone stands for `Method(name)`.
+    """Solution method with its options. A plain name stands for `Method(name)`.
 
     "exact": the global optimum, in closed form or by a complete search, see `Allocation.gap`. "analytic": the inverse
     alone, without limits; NaN where it does not exist. "qp" (successive QPs, of a mechanism one a level), "nlp"

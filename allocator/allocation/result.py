@@ -19,7 +19,7 @@ from allocator.muscles.measured import Visit, extrapolation
 
 
 class Allocation(ABC):
-    """An `Allocation` is the answer of `allocate`.
+    """Result of `allocate`.
 
     Of a joint it is a `PairAllocation`: `theta`, `T`, `K` are numbers, or arrays of the targets' broadcast shape. Of a
     mechanism it is a `BoxAllocation`: postures and torques are (…, n), stiffnesses (…, n, n). Both have

@@ -17,7 +17,7 @@ from allocator.joint.limits import BINDS
 
 
 class Status(IntEnum):
-    """A `Status` is the outcome of an allocation, of several that hold the last; `.advice` is a sentence on it.
+    """Outcome of an allocation. If several apply, the last one is given. `.advice` explains it in a sentence.
 
     UNSTABLE is said of mechanisms; NO_INVERSE, TOO_RISKY and HEDGED of one joint and two muscles.
     """

@@ -28,7 +28,7 @@ _PIECES = 64  # of the joint range in which extremes are looked for
 
 
 class Design(NamedTuple):
-    """A `Design` is a joint with two equal muscles on a pulley; the report's unless said otherwise."""
+    """Joint design with two equal muscles on a pulley; the defaults are those of the report."""
 
     radius: float = 0.02  # R [m]
     rest_length: float = 0.40  # l0 [m]

@@ -48,7 +48,7 @@ def feasibility_map(
     max_bytes: float = 1e9,
     progress: Progress = iter,
 ) -> FeasibilityMap:
-    """Map which combinations of angles, stiffnesses and torques exist, and what is in the way of the others.
+    """Map the feasible combinations of angles, stiffnesses and torques, and the limits that exclude the others.
 
     Parameters
     ----------

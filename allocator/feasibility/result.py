@@ -30,7 +30,7 @@ _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
 
 @dataclass(frozen=True, eq=False)
 class FeasibilityMap:
-    """A `FeasibilityMap` is what `allocate` answers over a grid: arrays with one axis a varied quantity, of θ, K, T."""
+    """Results of `allocate` over a grid of θ, K and T; each varied quantity is one axis of the arrays."""
 
     setting: Setting = field(repr=False)
     theta: Array = field(repr=False)  # joint angles [rad], (n,) if varied, else ()

@@ -80,7 +80,7 @@ class TrappedGas:
 
 @dataclass(frozen=True)
 class GasFit:
-    """A gas fit is what a log tells of both muscles."""
+    """Fitted gas of both muscles."""
 
     joint: AntagonistJoint
     agonist: TrappedGas

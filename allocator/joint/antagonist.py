@@ -37,7 +37,7 @@ from allocator.units import BAR, DEG
 
 @dataclass(frozen=True)
 class AntagonistJoint:
-    """An `AntagonistJoint` is geometry + agonist (muscle 1) + antagonist (muscle 2) + limits; immutable.
+    """Joint with a geometry, an agonist (muscle 1), an antagonist (muscle 2) and limits. Immutable.
 
     The muscles need not be identical. Angles in rad, pressures in Pa (gauge), torque in N·m, stiffness in N·m/rad;
     numeric arguments broadcast, and `torque`, `stiffness` and `jacobian` also take CasADi symbols.

@@ -64,7 +64,7 @@ PAIR = ("agonist", "antagonist")
 
 @dataclass(frozen=True)
 class Gas:
-    """A `Gas` is how the gas in the muscles answers to compression: (P + p_a) V^κ is constant while it is trapped."""
+    """Gas in the muscles: (P + p_a) V^κ is constant while it is trapped."""
 
     kappa: float = 1.3  # κ [-]: 1 isothermal (slow), 1.4 adiabatic (air, fast), 1.3 usual for motions of a second
     atmosphere: float = 101_325.0  # p_a, absolute pressure around the joint [Pa]
@@ -242,7 +242,7 @@ HELD = StiffnessKind.of()
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Which stiffness a target K is: of held pressures unless `valves` or `frequency` say otherwise.
+    """Kind of stiffness that a target K refers to: constant pressures unless `valves` or `frequency` are given.
 
     With an `amplitude` it is the one that a push by so much meets, with the joint's hysteresis   (S3). Of a mechanism
     it may be that of a hand, K_x [N/m], while this exerts a force.

@@ -35,7 +35,7 @@ class Routing(NamedTuple):
 
 @dataclass(frozen=True)
 class Geometry(ABC):
-    """A `Geometry` is a mechanism between two muscles of the same rest length and one joint; immutable."""
+    """Mechanism between two muscles of the same rest length and one joint. Immutable."""
 
     rest_length: float  # l0 [m], of both muscles
 
@@ -67,7 +67,7 @@ class Geometry(ABC):
 
 @dataclass(frozen=True)
 class Pulley(Geometry):
-    """A `Pulley` is round, with two cables, as in the report: ε1 = ε0 + Rθ/l0, ε2 = ε0 - Rθ/l0   (3)"""
+    """Round pulley with two cables, as in the report: ε1 = ε0 + Rθ/l0, ε2 = ε0 - Rθ/l0   (3)"""
 
     radius: float  # R [m]
     initial_contraction: float  # ε0 [-], of both muscles at θ = 0
@@ -94,7 +94,7 @@ class Pulley(Geometry):
 
 @dataclass(frozen=True)
 class Lever(Geometry):
-    """A `Lever` of length r has muscles that end at anchors at the distance R from the axis.
+    """Lever of length r whose muscles end at anchors at the distance R from the axis.
 
     Muscle length √(R² + r² - 2 R r sin θ) + offset (agonist; -θ for the antagonist), arm R r cos θ/√(…).
     """

@@ -66,7 +66,7 @@ class Slip(NamedTuple):
 
 @dataclass(frozen=True)
 class PrandtlIshlinskii:
-    """The operator H is described by its weights and thresholds; its plays are the memory, which callers keep.
+    """Prandtl–Ishlinskii operator H, given by its weights and thresholds. The caller keeps its memory, the plays.
 
     Angles in rad, pressures in Pa. Everything takes floats or arrays (the plays are rows: (n,) or (n, …)), and `moved`
     and `output` CasADi symbols too (plays: a column).

@@ -26,7 +26,7 @@ BINDS = 1e-9  # of the supply range: a pressure nearer to a bound lies on it
 
 
 class Limit(IntFlag):
-    """A `Limit` may bind; combinations are kept as one integer per target, so that a million fit in 4 MB."""
+    """Limit that may bind. Combinations are stored as one integer per target (4 MB for a million targets)."""
 
     P1_LOWER = 1
     P1_UPPER = 2
@@ -75,7 +75,7 @@ def names(limits: int) -> tuple[str, ...]:
 
 
 class Limits(NamedTuple):
-    """`Limits` are what is asked of muscle forces and pressures beyond what the machine has, supply and joint range.
+    """Limits on muscle forces and pressures, in addition to the machine's supply and joint range.
 
     Of a mechanism the forces may be rows (m,), and the pressures now an array (…, m). A named tuple, quickly made.
     """

@@ -39,7 +39,7 @@ NOT_A_NUMBER = {"role": "other"}
 
 @dataclass(frozen=True)
 class Muscle(ABC):
-    """A muscle is a static force law F(P, ε); immutable, its fields are the model's parameters in SI units.
+    """Static force law F(P, ε) of a muscle. Immutable; the fields are the model's parameters in SI units.
 
     A parameter is a number, or a row of numbers where the model leaves their count open; a field may be marked as
     `STRUCTURE` (the knots of a table) and is then no parameter. Every method takes floats,
@@ -305,7 +305,7 @@ SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure
 
 
 class AffineMuscle(Muscle):
-    """Muscle with a law affine in pressure, F(P, ε) = P·A(ε) + B(ε): two one-line functions make a model.
+    """Muscle with a force law affine in pressure, F(P, ε) = P·A(ε) + B(ε). A model defines the two functions A and B.
 
     A and B are the formulas; `law` and all that follows from it continue them beyond what was measured. Most published
     laws are of this kind. Torque and stiffness are then affine in the two pressures, and every inverse is in closed

@@ -31,7 +31,7 @@ JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
 
 @dataclass(frozen=True)
 class Compensation:
-    """Friction and regulators of a joint as far as they are known; by default there is neither.
+    """Known friction and regulator effects of a joint; none by default.
 
     Observer and controllers take account of the friction, the dead time and the dead band, the observer of the reading
     age. If angle and pressures are read equally late, that age is a dead time: add it to `dead_time`. The pressures are

@@ -45,7 +45,7 @@ NX, NU = len(STATES), len(INPUTS)
 
 @dataclass(frozen=True)
 class Plant:
-    """A plant is a link on an `AntagonistJoint`, its pressures behind first-order lags; immutable. SI units."""
+    """Link on an `AntagonistJoint` with first-order pressure lags. Immutable; SI units."""
 
     joint: AntagonistJoint = field(default_factory=report_joint)
     inertia: float = 0.05  # J [kg·m²]

@@ -42,7 +42,7 @@ from mpc.model.plant import MOST_SUBSTEPS, NU, NX, Plant
 
 @dataclass(frozen=True)
 class RealPlant:
-    """A real plant is a nominal one and what is added to it; immutable. SI units."""
+    """Nominal plant with model errors, friction, delays and faults added. Immutable; SI units."""
 
     nominal: Plant = field(default_factory=Plant)  # joint, link, gravity, lags
     force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]; 0 of a broken cable

@@ -42,7 +42,7 @@ COARSEST = 1 * DEG  # step of an encoder
 
 
 class KalmanObserver:
-    """The observer is an extended Kalman filter; `plant`, a `Plant` or an `Arm`, is the model.
+    """Extended Kalman filter with `plant`, a `Plant` or an `Arm`, as its model.
 
     A sensor may be silent or frozen for `tolerance` seconds.
 

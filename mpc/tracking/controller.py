@@ -72,7 +72,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class TrackingMPC(BaseController):
-    """The tracking MPC follows references of angle and stiffness with `plant` as its model. It remembers its last plan.
+    """Linearised MPC that tracks references of angle and stiffness with `plant` as its model. It keeps its last plan.
 
     `plant` is a `Plant`, or an `Arm` of n joints and m muscles. The references of an arm are values (n,) [rad] and
     (k, k) [N·m/rad], or previews (ahead + 1, …) of them; the arrays of its `Plan` are u (N, m) [Pa], x (N+1, 2n + m)
@@ -295,7 +295,7 @@ def usual_blocks(plant: Machine, N: int) -> tuple[int, ...]:
 
 
 class LongStep(UserWarning):
-    """A controller's step takes longer than its sample: its commands come late, unless time is only simulated."""
+    """Warning that a controller's step takes longer than its sample time: commands are late except in simulation."""
 
 
 def check_pace(step: Callable[[], object], plant: Machine, dt: float, N: int) -> None:

@@ -15,7 +15,7 @@ from mpc.deferred import Deferred
 
 
 class Rung(IntEnum):
-    """The rung is the step of the fallback ladder that gave the plan, best first."""
+    """Rung of the fallback ladder that produced the plan, best first."""
 
     QP = 0
     SOFTENED = 1
@@ -39,7 +39,7 @@ _RUNGS = {
 
 
 class PlanStatus(IntEnum):
-    """The status says how the plan came about."""
+    """Status of a plan."""
 
     BAD_INPUT = -1
     OPTIMAL = 0
@@ -92,9 +92,7 @@ class Times(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan(Deferred):
-    """A plan has the commands for the horizon and what they are expected to do; time runs along the first axis.
-    Read-only.
-    """
+    """Commands for the horizon and the predicted motion; time is the first axis. Read-only."""
 
     u: Array  # (N, 2) commanded pressures [Pa], within the supply and the slew limit; u[0] is the one to send now
     x: Array  # (N+1, 4) states that the plant model has from when u[0] acts

@@ -11,7 +11,7 @@ from allocator.units import BAR, DEG
 
 @dataclass(frozen=True)
 class Weights:
-    """The weights are those of the cost in `mpc.tracking.cost` and of the slacks.
+    """Weights of the cost in `mpc.tracking.cost` and of its slacks.
 
     Each is written as one over the square of an error that costs ½.
 

@@ -17,8 +17,7 @@ _SWING = 0.05  # of the range of all samples
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A reference is a trajectory by its samples; between them a smooth curve, after the last it stands still.
-    Read-only.
+    """Trajectory given by samples: a smooth curve between them, constant after the last. Read-only.
 
     Of an arm with n joints there are rows of angles and matrices of stiffness.
     """

@@ -71,7 +71,7 @@ class Process(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run is what happened in M steps; time runs along the first axis."""
+    """Record of M closed-loop steps; time is the first axis."""
 
     plant: Any  # the nominal one, a `Plant` or an `Arm`
     dt: float  # [s]

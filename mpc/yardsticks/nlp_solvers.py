@@ -31,7 +31,7 @@ class NLPOptions(SolverOptions):
 
 @dataclass(frozen=True)
 class IPOPT(NLPOptions):
-    """IPOPT is an interior-point method with a line search."""
+    """IPOPT, an interior-point method with a line search."""
 
     name: ClassVar[str] = "ipopt"
     fixed: ClassVar[dict[str, object]] = {"ipopt.sb": "yes"}
@@ -47,7 +47,7 @@ class IPOPT(NLPOptions):
 
 @dataclass(frozen=True)
 class Fatrop(NLPOptions):
-    """Fatrop is an interior-point method that knows the structure of optimal control."""
+    """Fatrop, an interior-point method for problems of optimal control."""
 
     name: ClassVar[str] = "fatrop"
     fixed: ClassVar[dict[str, object]] = {"structure_detection": "auto"}

@@ -33,7 +33,7 @@ _TOLERANCE = 1e-6  # of the conditions, in the units of `mpc.yardsticks.shooting
 
 @dataclass
 class NonlinearMPC(BaseController):
-    """The nonlinear MPC follows references of angle and stiffness with `plant` as its model.
+    """Nonlinear MPC that tracks references of angle and stiffness with `plant` as its model.
 
     Its step is that of `BaseController`, its words are those of `TrackingMPC`; to optimise is to solve the nonlinear
     programme from one start after the other.

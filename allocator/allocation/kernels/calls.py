@@ -149,7 +149,7 @@ def warm_up(
     slew: bool = False,
     gas: bool = False,
 ) -> bool:
-    """Compile now what `allocate` needs for questions with these options, so that no call has to wait.
+    """Compile the code that `allocate` needs for these options now, so that no later call waits for it.
 
     Takes some seconds the first time after installation (for muscles that are not affine half a minute) and half a
     second in a new process, most of it the import of numba. `slew` is for calls with `previous` and `max_step`, `gas`

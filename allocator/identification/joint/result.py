@@ -42,7 +42,7 @@ from allocator.units import DEG, PERCENT
 
 @dataclass(frozen=True)
 class JointFit:
-    """A fit is a joint and how far to trust it. Angles in rad; errors are of the angle."""
+    """Fitted joint with its uncertainties. Angles are in rad; errors are errors of the angle."""
 
     shapes: Mapping[str, AntagonistJoint]  # by group; where `scale` is None their forces are right up to a factor
     scale: float | None  # mean ∂F/∂P of the agonist, its effective area [m²]; None: never seen

@@ -64,7 +64,7 @@ class MovingJoint(NamedTuple):
 
 @dataclass(frozen=True)
 class MotionFit:
-    """A fit is what a joint does in motion, and how far to trust it. Angles in rad, pressures in Pa."""
+    """Fitted motion of a joint with its uncertainties. Angles are in rad, pressures in Pa."""
 
     operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1
     parameters: Mapping[str, Estimate]

@@ -38,7 +38,7 @@ class FileError(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit(Generic[M_co]):
-    """A fit is a muscle and how far to trust it. Errors are over the taut samples."""
+    """Fitted muscle with its uncertainties. Errors are over the taut samples."""
 
     muscle: M_co  # carries its covariance
     samples: Samples  # those used; `samples.dropped` says how many were left out and why

@@ -39,7 +39,7 @@ class QPSolver(SolverOptions):
 
 @dataclass(frozen=True)
 class DAQP(QPSolver):
-    """DAQP is an active-set method for small dense QPs."""
+    """DAQP, an active-set method for small dense QPs."""
 
     name: ClassVar[str] = "daqp"
     primal_tol: float | None = None
@@ -63,7 +63,7 @@ class DAQP(QPSolver):
 
 @dataclass(frozen=True)
 class Riccati(QPSolver):
-    """The Riccati solver takes a step's QP as it is, sample by sample, in compiled code: O(N), and no options.
+    """Structured solver of a step's QP by Riccati recursions, O(N) in compiled code. It has no options.
 
     What is dense already, because nothing compiles or the structured solution has no proof, it leaves to DAQP.
     """
@@ -88,7 +88,7 @@ class ThroughQpsolvers(QPSolver):
 
 @dataclass(frozen=True)
 class OSQP(ThroughQpsolvers):
-    """OSQP is an operator-splitting method; its own 1e-3 calls "solved" what is off by up to 8 % of the range."""
+    """OSQP, an operator-splitting method. At its default tolerance, 1e-3, answers are off by up to 8 % of the range."""
 
     name: ClassVar[str] = "osqp"
     time_limit: ClassVar[str] = "time_limit"
@@ -102,7 +102,7 @@ class OSQP(ThroughQpsolvers):
 
 @dataclass(frozen=True)
 class Clarabel(ThroughQpsolvers):
-    """Clarabel is an interior-point method; its own 1e-8 of the cost is 0.4 bar."""
+    """Clarabel, an interior-point method. Its default tolerance, 1e-8 of the cost, is 0.4 bar."""
 
     name: ClassVar[str] = "clarabel"
     time_limit: ClassVar[str] = "time_limit"
@@ -114,7 +114,7 @@ class Clarabel(ThroughQpsolvers):
 
 @dataclass(frozen=True)
 class SCS(ThroughQpsolvers):
-    """SCS is an operator-splitting method for cones."""
+    """SCS, an operator-splitting method for cone programmes."""
 
     name: ClassVar[str] = "scs"
     time_limit: ClassVar[str] = "time_limit_secs"

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 class SlowStep(UserWarning):
-    """A controller's step could not be compiled: the readable one answers, about ten times as slowly."""
+    """Warning that a controller's step could not be compiled; the uncompiled step answers, about ten times slower."""
 
 
 class CompilingBeside(UserWarning):
-    """A controller's step is being compiled by another process: the readable one answers, about ten times as slowly."""
+    """Warning that a controller's step is being compiled in the background; until then it is about ten times slower."""
 
 
 class PreviousSample(NamedTuple):

@@ -19,7 +19,7 @@ _SPREAD = 5, 95  # [%] of the runs that are shown to lie below
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Runs are what n closed loops came to; runs along the first axis, in the order in which they were asked for.
+    """Results of n closed loops, along the first axis in the order of the request.
 
     `runs[i]` is the whole `Run`, if it was kept.
     """
