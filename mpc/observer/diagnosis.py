@@ -133,6 +133,8 @@ class Diagnosis:
         d, pulls = xi[size:].tolist(), self._pulls(xi[:size]).tolist()
         if all(map(isfinite, (*d, *pulls))):
             known = all(verdict.counts for verdict in verdicts)  # d̂ makes up for what is not
+            if Verdict.ACCEPTED in verdicts[self.n :]:
+                self.torque.numbers[torque_diagnosis.COUNT] = 0.0  # d̂ jumps with the pressure: no cable did that
             if not known:
                 for loop in self.loops:
                     ringing.begin(loop.numbers)

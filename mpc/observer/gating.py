@@ -38,7 +38,7 @@ NEAR_A_TURN = 20 * DEG  # an angle is off by whole turns if it is that near to t
 _MARGIN, _NO_STOPS = 10 * DEG, 90 * DEG  # of the joint range, with end stops and without
 _BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # of the supply range: margins of pressures, and a jump of them
 _LEAST = 1 * DEG  # jump of the angle
-_NEAR = 0.06  # of the supply range: floor of pressures, which such a reading moves by a tenth of that
+_NEAR = 0.04  # of the supply range: floor of pressures, which such a reading moves by a tenth of that
 ROUGH = 8.0  # standard deviations of the noise: floor, and more than two steps of an encoder
 
 

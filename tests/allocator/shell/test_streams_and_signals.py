@@ -57,7 +57,7 @@ def test_an_interrupt_while_loading_is_one_word(delay, tmp_path):
     """Of 0.15 s and more: before that Python itself is starting. A shell shows both exit codes as 130."""
     process = subprocess.Popen(
         [*COMMAND, "track", "sine", "--controller", "nmpc"], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
-        text=True, cwd=tmp_path,
+        text=True, cwd=tmp_path, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
     time.sleep(delay)
     process.send_signal(signal.SIGINT)

@@ -73,9 +73,8 @@ def test_a_joint_that_swings_shows_its_inertia_and_its_hysteresis(swinging_joint
 
 def test_swapped_muscles_wrong_units_and_pressures_never_seen_are_refused(fit, slow_joint):
     log = slow_joint
-    for joint in (None, JOINT):
-        with pytest.raises(InvalidInput, match="the muscles are swapped, or the angle has the other sign"):
-            fit_motion(log.t, log.theta, log.P2, log.P1, joint=joint)
+    with pytest.raises(InvalidInput, match="the muscles are swapped, or the angle has the other sign"):
+        fit_motion(log.t, log.theta, log.P2, log.P1, joint=JOINT)
     with pytest.raises(InvalidInput, match=r"log go up to 37\.9 bar, those of the joint up to 5 bar: check the unit"):
         fit_motion(log.t, log.theta, 10 * log.P1, 10 * log.P2, joint=JOINT)
     with pytest.raises(InvalidInput, match=r"P1 goes up to 6\.\d* bar, and that of the log that was fitted up to 3.7"):
