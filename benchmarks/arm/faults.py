@@ -159,7 +159,7 @@ def markdown(rows: list[Row]) -> Iterator[str]:
     """The lines of the report."""
     yield "# Faults of two joints"
     yield ""
-    yield (__doc__ or "").partition("\n\n")[2].strip()
+    yield (__doc__ or "").partition("\n\n")[2].strip("\n")
     yield ""
     faulty, sound = [one for one in rows if one.fault], [one for one in rows if not one.fault]
     detected = [one for one in faulty if one.verdict]

@@ -207,7 +207,7 @@ def markdown(rows: dict[Key, Figures]) -> Iterator[str]:
     """The lines of the report."""
     yield "# Arms that are not their models"
     yield ""
-    yield (__doc__ or "").partition("\n\n")[2].strip()
+    yield (__doc__ or "").partition("\n\n")[2].strip("\n")
     yield ""
     heads = "arm", "hysteresis [°]", "controller", "RMS [°], median (worst)", "worst error [°]", "mean at rest [°]"
     yield "| " + " | ".join([*heads, "swing [°]", "rate [bar/s]", "lost"]) + " |"
