@@ -295,7 +295,7 @@ def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
 
 def _report(record: "Record", console: "Console") -> None:
     """Say how it ended and how well it went, and whether the strengths want a check."""
-    from mpc.trials.due import check_due
+    from mpc.bench.measuring.due import check_due
 
     say_ending(record.ending, record.lateness, console)
     if record.tracked:
