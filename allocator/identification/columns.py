@@ -87,7 +87,7 @@ def read_columns(
 ) -> Measured:
     """Read the quantities `wanted`, one of each tuple of alternatives, and those of the `optional` that are there.
 
-    `skip_rows` lines are left out at the beginning of the file. `topics` says which number of a recording is what
+    `skip_rows` lines are left out at the beginning of the file. `topics` maps quantities to numbers of a recording
     (see `allocator.files.bags`); its lines are then the messages of the first topic. With a column of times, rows
     without a number in one of the columns are left out, unless they are half of all.
 
@@ -124,7 +124,7 @@ def _table(path: FilePath, skip_rows: int, topics: str | None) -> Table:
         if bags.is_recording(place):
             with bags.opened(place) as bag:
                 told = bags.described(bag)
-            raise InvalidFile(path, f"is a recording: say by --topics which number is what; topics: {told}")
+            raise InvalidFile(path, f"is a recording: --topics has to map quantities to its numbers; topics: {told}")
         return read_table(path, skip_rows=skip_rows, is_unit=is_unit)
     if not bags.is_recording(place):
         raise InvalidFile(path, "is no recording, for which --topics is: .bag, .mcap, or the folder of a ROS 2 bag")

@@ -22,7 +22,7 @@ SkipRows = Annotated[
 Topics = Annotated[
     str | None,
     typer.Option(
-        help="Which number of a ROS bag or an MCAP file is what, such as 'theta=/joint_states.position[0] "
+        help="Quantities and their numbers in a ROS bag or an MCAP file, such as 'theta=/joint_states.position[0] "
         "pressure1=/valves.data[0]:bar'; SI unless a unit follows. There is a row for every message of the first."
     ),
 ]

@@ -1,6 +1,6 @@
 """Samples that stand apart from their neighbours: a drop-out of a sensor, a reading in a wrong row.
 
-What was measured over the plane of what was set lies on a smooth surface. A polynomial of low degree takes most of that
+Measurements over the plane of the set quantities lie on a smooth surface. A polynomial of low degree takes most of that
 away, and the median over the nearest neighbours takes the rest, so no law is needed and its errors make no outlier. A
 sample is left out where it differs from its neighbours by both
 

@@ -4,7 +4,7 @@
 
 arm26 on MuJoCo follows circle and reach with 5 % force error, 20 ms dead time, encoder steps of 0.02° and pressure
 noise of 0.02 bar. The faults are those of `benchmarks.faults`, at the first joint, its muscles and a biarticular one,
-each from 2 s on; sound runs are under loads of 0, 1, -2 and 3 N·m from then on, of which nobody tells. A name is right
+each from 2 s on; sound runs are under loads of 0, 1, -2 and 3 N·m from then on, without notice. A name is right
 if the fault is the only suspect a second after the alarm, "group" if it is one of several, "part" if another fault of
 the same muscle or joint is suspected, else wrong. The worst error is that from the onset on.
 """
@@ -51,7 +51,7 @@ _P = 4  # first pressure among the sensors (q, ω, P)
 
 
 class Case(NamedTuple):
-    """A fault from a time [s] on, what it should be called, and whether only a sensor is wrong."""
+    """Fault with its onset [s], its expected name, and a flag for pure sensor faults."""
 
     begun: Callable[[float], Fault]
     kind: FaultKind
@@ -100,7 +100,7 @@ def cases(arm: Arm) -> dict[str, Case]:
 
 
 class Row(NamedTuple):
-    """What became of a run; NaN where nothing was suspected."""
+    """Outcome of a run; NaN without a suspicion."""
 
     fault: str  # "" of a sound run
     trajectory: str
@@ -121,7 +121,7 @@ def _loop() -> tuple[Arm, TrackingMPC, KalmanObserver]:
 
 
 def row(job: tuple[str, str, int, float]) -> Row:
-    """Run a fault on a trajectory, and judge what was said."""
+    """Run a trajectory with a fault and judge the diagnosis."""
     fault, trajectory, seed, load = job
     arm, controller, observer = _loop()
     case = cases(arm).get(fault)

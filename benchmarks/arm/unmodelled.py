@@ -3,7 +3,7 @@
     python -m benchmarks.arm.unmodelled [--seeds 5] [--arms arm26 three] [--tune pid]
 
 Muscles pull 10 % more or less than their laws say, by chance, with 20 ms of dead time, encoder steps of 0.02°, pressure
-noise of 0.02 bar and pressure sensors ±0.03 bar off. A payload of which nobody tells, 0.5 kg at the hand of arm26 and
+noise of 0.02 bar and pressure sensors ±0.03 bar off. An unknown payload, 0.5 kg at the hand of arm26 and
 0.2 kg at that of three joints under gravity (`three_joints.xml`), adds inertia and weight. The joints have a hysteresis
 of 0 or 5° (Maxwell slip); both controllers are told 75 % of it. The error is the RMS over circle and reach, apart from
 the first second, at the worst joint; at rest there are mean, swing and rate of the commands in the last second.
@@ -62,12 +62,12 @@ Key = tuple[str, float, str, int]  # arm, width of the hysteresis [°], controll
 
 
 class Machine(NamedTuple):
-    """An arm, what MuJoCo makes of it, and where its hand is on the last body [m]."""
+    """Arm, its MuJoCo model, and the position of its hand on the last body [m]."""
 
     arm: Arm
     model: Any
     tip: tuple[float, float, float]
-    of_tendons: dict[str, Any]  # what the model does not say of them
+    of_tendons: dict[str, Any]  # their properties that the model lacks
 
 
 @cache

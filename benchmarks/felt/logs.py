@@ -73,7 +73,7 @@ def rest_of(h: Hidden) -> Rest:
 
 
 def measured(h: Hidden, log: Samples) -> MeasuredStiffness:
-    """Return what a log says of a hidden joint, with the inertia known."""
+    """Return the measurement from a log of a hidden joint with known inertia."""
     plant = h.real.nominal
     return from_log(plant, h.told.friction.loop, log, Known(plant.inertia, 0.0, h.told.reading_age))
 

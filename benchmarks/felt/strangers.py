@@ -105,7 +105,7 @@ Road: TypeAlias = Callable[[Stranger, Model, int], MeasuredStiffness]
 
 
 def in_log(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K: float = 5.0) -> MeasuredStiffness:
-    """Look into a minute of noise between 0.3 and 4 Hz, what is told being the same."""
+    """Measure from a minute of noise between 0.3 and 4 Hz, with the same prior knowledge."""
     plant = replace(model.plant, inertia=stranger.parts.inertia)
     log = recorded(stranger, Rest(plant, theta, K), "noise", seed)
     return from_log(plant, model.told.friction.loop, log, Known(plant.inertia, 0.0, stranger.sensors.late * DT))

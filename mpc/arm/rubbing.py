@@ -77,7 +77,7 @@ def loads(arms: Array, k: Array, forces: Array, P: Array) -> Array:
     """Return the loads (n + m, 3) at joints and muscles, in the order of `Pressed`.
 
     Muscles with the `arms` (m, n) [m] and own stiffness `k` (m,) [N/m] pull with `forces` (m,) [N] at the pressures
-    `P` (m,) [Pa]. What the bends of their ways add to the stiffness of the joints is left out.
+    `P` (m,) [Pa]. The curvature of the tendon routes is neglected in the joint stiffness.
     """
     r = np.abs(arms)
     crossing = r > CROSSES

@@ -14,7 +14,7 @@ from mpc.model.faults import Fault
 
 
 class Readings(NamedTuple):
-    """`Readings` are what the sensors of a machine say: nobody measures velocities."""
+    """Sensor readings of a machine; velocities are not measured."""
 
     q: Array  # encoders (n,) [rad, or m of slides]
     P: Array  # pressure sensors (m,) [Pa]
@@ -71,7 +71,7 @@ class Sensors:
         return command
 
     def read(self, q: Array, P: Array, t: float) -> Readings:
-        """Return what is said of the angles `q` (n,) and pressures `P` (m,) at the time `t` [s]."""
+        """Return the readings of the angles `q` (n,) and pressures `P` (m,) at the time `t` [s]."""
         if self.encoder:
             q = self.encoder * np.round(q / self.encoder)
         P = P + self.pressure_offset + self.pressure_noise * self._noise.standard_normal(self.m)

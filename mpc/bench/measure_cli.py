@@ -157,7 +157,7 @@ def _on_device(
 
 
 def _in_log(log: Path, options: PlantOptions, inertia_error: float) -> "MeasuredStiffness":
-    """Return what a log says."""
+    """Return the measurement from a log."""
     from mpc.bench.measuring.log import from_log, read_log_of_motion
     from mpc.bench.measuring.strengths import Known
 

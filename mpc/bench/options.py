@@ -48,7 +48,7 @@ class BenchOptions:
     def opened(self, options: PlantOptions) -> "Opened":
         """Return the device, the clock of its loop, and what the options tell of the joint.
 
-        A `sim` without a file simulates the joint of the options, with what a bench does besides. Its controller is
+        A `sim` without a file simulates the joint of the options, with the effects of a real bench. Its controller is
         told what the options tell, as on any other device, and of the rest what a fit would find.
         """
         from mpc.bench.device import MonotonicClock, SimulatedClock

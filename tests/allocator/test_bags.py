@@ -141,7 +141,9 @@ def test_a_bag_goes_straight_into_the_readers_of_the_fits(tmp_path):
     found = read_samples(path, 0.3, topics=topics)
     np.testing.assert_allclose(found.force, 100.0 + np.arange(300))
     np.testing.assert_allclose(found.contraction, 0.0001 * np.arange(300) / 0.3)
-    with pytest.raises(InvalidFile, match=r"say by --topics which number is what; topics: /cell \(j, 300\), /valve"):
+    with pytest.raises(
+        InvalidFile, match=r"--topics has to map quantities to its numbers; topics: /cell \(j, 300\), /valve"
+    ):
         read_samples(path, 0.3)
     (tmp_path / "a.csv").write_text("force_N,pressure_bar,length_mm\n1,1,300\n")
     with pytest.raises(InvalidFile, match="is no recording, for which --topics is"):

@@ -76,7 +76,7 @@ def read_joint_log(
 
     `skip_rows` lines are left out at the beginning of the file. Of a raw log, rows are left out in which a reading is
     missing, jumps there and back, or is a pressure that drops out. `topics` says which number of a ROS bag or an MCAP
-    file is what, see `read_motion_log`. `JointLog.notes` lists what was not used.
+    file is what, see `read_motion_log`. `JointLog.notes` lists the unused rows.
 
     Raises `InvalidFile`, with line and column, at anything that cannot be read.
     """

@@ -274,8 +274,8 @@ def read_motion_log(
     """Read the log of a moving joint; `columns` as for `read_joint_log`: ``{"theta": "phi:deg"}``.
 
     `skip_rows` lines are left out at the beginning of the file. Rows are left out in which a reading is missing, jumps
-    there and back, or is a pressure that drops out. `topics` says which number of a ROS bag or an MCAP file is what:
-    ``"theta=/joint_states.position[0] pressure1=/valves.data[0]:bar …"``. `MotionLog.notes` lists what was not used.
+    there and back, or is a pressure that drops out. `topics` maps quantities to numbers of a ROS bag or an MCAP file:
+    ``"theta=/joint_states.position[0] pressure1=/valves.data[0]:bar …"``. `MotionLog.notes` lists the unused rows.
 
     Raises `InvalidFile`, with line and column where one is at fault, also where the log moves too little.
     """

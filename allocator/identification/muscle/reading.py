@@ -42,8 +42,8 @@ def read_samples(
     `columns` says which column is what where the names do not: ``{"pressure": "p:bar", "force": "F:-N"}``, name and
     unit; a minus turns the sign round, ``bar(abs)`` takes the atmosphere off. `skip_rows` lines are left out at the
     beginning of the file. Of a raw log, rows are left out in which a reading is missing, jumps there and back, or is a
-    pressure that drops out. `topics` says which number of a ROS bag or an MCAP file is what, see `read_motion_log`.
-    `Samples.notes` lists what was not used.
+    pressure that drops out. `topics` maps quantities to numbers of a ROS bag or an MCAP file, see `read_motion_log`.
+    `Samples.notes` lists the unused rows.
 
     Raises `InvalidFile`, with line and column, at anything that cannot be read or cannot be right.
     """

@@ -95,7 +95,7 @@ def read_log_of_motion(path: str | Path, columns: dict[str, str] | None = None) 
 
 
 def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredStiffness:
-    """Return what a log says of the stiffness of a joint, or why it does not.
+    """Return a joint's stiffness as measured from a log, or the reason for a refusal.
 
     `plant` is the model, `loop` its hysteresis, to which the felt stiffness is compared; `known.inertia` [kg·m²] is the
     scale, and `known.age` [s] that of the angle's readings. Weights are not told: nothing may hang on the joint.

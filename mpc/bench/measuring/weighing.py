@@ -1,4 +1,4 @@
-"""Weight of a known torque as the scale, besides the inertia or instead of it.
+"""Known torque of a weight as the scale, in addition to the inertia or instead of it.
 
 Tones leave a common factor open that the inertia fixes: with an inertia s J strengths, stiffness and damping are s
 times as great. The mean torques during a slow tone without the weight and with it balance its torque W,
