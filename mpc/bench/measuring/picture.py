@@ -29,7 +29,7 @@ def plot_measured(
     for k, m in enumerate(m for m in found if m.success):
         A = np.array([f.amplitude for f in m.felt]) / DEG
         K, std = (np.array([getattr(f, name) for f in m.felt]) for name in ("K", "K_std"))
-        at = f"{m.theta / DEG:.0f}°"
+        at = f"{round(m.theta / DEG)}°"
         fine = np.geomspace(A.min() / 2, A.max() * 1.5, 120)
         felt = [joint.stiffness(m.theta, *m.pressures, amplitude=a * DEG, loop=loop) for a in fine]
         axes.plot(fine, felt, "--", color=f"C{k}", lw=1, label=f"model, {at}")
