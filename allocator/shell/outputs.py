@@ -1,4 +1,4 @@
-"""A command may write files: never over what it reads, and over other files only if its user says so."""
+"""Checks of output files: a command never overwrites its inputs, and other files only with --force."""
 
 import os
 from collections.abc import Iterable

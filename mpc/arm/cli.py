@@ -1,4 +1,4 @@
-"""`antagonist track` of several joints is answered here, on MuJoCo; degrees and bar at the edge, SI behind."""
+"""Command `antagonist track` for several joints, on MuJoCo."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,16 +31,16 @@ _OFF = 0.05  # of the muscles' forces, on a real plant
 
 @dataclass(frozen=True)
 class ArmOptions:
-    """The options are what the user says of several joints besides."""
+    """Options of several joints."""
 
-    PANEL: ClassVar[str] = "Of several joints"
+    PANEL: ClassVar[str] = "Several joints"
 
-    stiffness_of: Annotated[str, typer.Option(help="whose stiffness follows: joints, or hand")] = _JOINTS
+    stiffness_of: Annotated[str, typer.Option(help="stiffness to track: that of the joints, or of the hand")] = _JOINTS
     hand: Annotated[
         str | None,
-        typer.Option(help="of a MuJoCo model: a site or body, or some of its coordinates, such as tip:xy"),
+        typer.Option(help="hand of a MuJoCo model: a site or a body; with some of its coordinates, such as tip:xy"),
     ] = None
-    view: Annotated[bool, typer.Option("--view", help="watch it in MuJoCo's window, in real time")] = False
+    view: Annotated[bool, typer.Option("--view", help="show the arm in MuJoCo's window, in real time")] = False
 
     def __post_init__(self) -> None:
         if self.stiffness_of not in _TRACKED:

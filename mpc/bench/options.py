@@ -24,26 +24,32 @@ _SIM = "sim"
 class BenchOptions:
     """Options of a command that moves a joint."""
 
-    PANEL: ClassVar[str] = "The bench"
+    PANEL: ClassVar[str] = "Bench"
 
     device: Annotated[
         str,
-        typer.Option(help="needed: NAME or NAME:ADDRESS, such as sim, serial:/dev/ttyUSB0, modbus:192.168.0.5:502"),
+        typer.Option(
+            rich_help_panel="Options",
+            help="device to drive, NAME or NAME:ADDRESS; such as sim, serial:/dev/ttyUSB0, "
+            "modbus:192.168.0.5:502. `antagonist devices` lists them"
+        ),
     ] = ""
     present: Annotated[
-        str | None, typer.Option(help="pressures at the start [bar], P1:P2, where the device measures none; 0:0 vented")
+        str | None,
+        typer.Option(help="pressures at the start P1:P2 [bar]; for devices that do not measure them, 0:0 if vented"),
     ] = None
-    start_rate: Annotated[float, typer.Option(help="of the soft start [bar/s]")] = 1.0
-    stop: Annotated[str, typer.Option(help="what then happens to the pressures, however it ends: ramp, hold, vent")] = (
-        "ramp"
-    )
-    stop_rate: Annotated[float, typer.Option(help="of the ramp down [bar/s]")] = 1.0
+    start_rate: Annotated[float, typer.Option(help="rate of the soft start [bar/s]")] = 1.0
+    stop: Annotated[str, typer.Option(help="final treatment of the pressures: ramp, hold or vent")] = "ramp"
+    stop_rate: Annotated[float, typer.Option(help="rate of the ramp down [bar/s]")] = 1.0
     overrun: Annotated[
-        str, typer.Option(help="what follows samples that took too long: skip (the reference goes on), catch-up, stop")
+        str,
+        typer.Option(
+            help="reaction to samples that took too long: skip, catch-up or stop; with skip the reference goes on"
+        ),
     ] = "skip"
-    fast: Annotated[bool, typer.Option("--fast", help="with sim: as fast as the computer can")] = False
-    quiet: Annotated[bool, typer.Option("--quiet", help="show nothing while it runs")] = False
-    plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window, too")] = False
+    fast: Annotated[bool, typer.Option("--fast", help="run --device sim as fast as the computer can")] = False
+    quiet: Annotated[bool, typer.Option("--quiet", help="show nothing during the run")] = False
+    plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window")] = False
 
     def opened(self, options: PlantOptions) -> "Opened":
         """Return the device, the clock of its loop, and what the options tell of the joint.

@@ -29,24 +29,30 @@ _SLOW = "nmpc"
 
 @dataclass(frozen=True)
 class RepeatOptions:
-    """The options are what the user says of a motion that is learned, or was."""
+    """Options of learning a motion by repetition."""
 
-    PANEL: ClassVar[str] = "Learning by repeating"
+    PANEL: ClassVar[str] = "Repetition"
 
     repeat: Annotated[
         int | None,
-        typer.Option(help="repeat the motion at most so many times, and correct what is asked for in between"),
+        typer.Option(
+            help="repeat the motion at most this many times; the reference is corrected after each repetition"
+        ),
     ] = None
     correction: Annotated[
         Path | None,
-        typer.Option(help=f"TOML file for the correction; by default TRAJECTORY{_ENDING} beside the trajectory"),
+        typer.Option(
+            help=f"TOML file to write the correction to; by default TRAJECTORY{_ENDING} beside the trajectory"
+        ),
     ] = None
     learned: Annotated[
         Path | None,
-        typer.Option("--from", help="play the correction in this file, which --repeat wrote; with --repeat go on"),
+        typer.Option(
+            "--from", help="play the correction in this file, which --repeat wrote; with --repeat continue from it"
+        ),
     ] = None
     load: Annotated[
-        str | None, typer.Option(help="name of what the joint carries; a correction is refused for another load")
+        str | None, typer.Option(help="name of the carried load; a correction is refused for another load")
     ] = None
 
     def __post_init__(self) -> None:

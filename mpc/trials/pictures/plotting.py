@@ -14,6 +14,7 @@ from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.plant import Plant
 from mpc.trials.metrics import metrics
+from mpc.trials.other_plant import STIFFNESS_BAND
 from mpc.trials.simulation import Run
 
 if TYPE_CHECKING:
@@ -95,10 +96,11 @@ _PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its comma
 _MANY = (3.0,)  # of those of more
 
 
-def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> "Figure":
-    """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes; `title` names what it is.
+def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None, model: Plant | None = None) -> "Figure":
+    """Return a matplotlib figure of `run`, made without pyplot, with `title` above it.
 
-    Of an arm the way of its `hand` is drawn beside, as `mpc.trials.pictures.plotting.way_of` says.
+    An arm's figure also has the path of its `hand`, see `mpc.trials.pictures.plotting.way_of`. With the controller's
+    `model` of a joint, the stiffness that it predicts from the estimated states is drawn as a 95 % band.
     """
     pair, way = isinstance(run.plant, Plant), way_of(run, hand)
     heights = 3.0, 1.3, 2.2, *(_PAIR if pair else _MANY)
@@ -111,7 +113,7 @@ def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> 
     for axes in (angle, angle_error, stiffness, *pressures[:-1]):
         axes.tick_params(labelbottom=False)
     _angle(angle, angle_error, run)
-    _stiffness(stiffness, run)
+    _stiffness(stiffness, run, model)
     if pair:
         for muscle, axes in enumerate(pressures):
             _pressure(axes, run, muscle)
@@ -137,9 +139,11 @@ def errors(run: Run) -> str:
     return f"RMS: angle {angle:.3g}°, {run.plant.stiffness_text} {K:.3g} {m.K_unit}"
 
 
-def save_tracking_figure(run: Run, path: str | Path, title: str = "", hand: Endpoint | None = None) -> None:
-    """Write the figure as an image, whole or not at all."""
-    save_figure(tracking_figure(run, title, hand), path)
+def save_tracking_figure(
+    run: Run, path: str | Path, title: str = "", hand: Endpoint | None = None, model: Plant | None = None
+) -> None:
+    """Write the figure of `tracking_figure` as an image, whole or not at all."""
+    save_figure(tracking_figure(run, title, hand, model), path)
 
 
 def _angle(axes: "Axes", errors: "Axes", run: Run) -> None:
@@ -159,12 +163,19 @@ def _angle(axes: "Axes", errors: "Axes", run: Run) -> None:
     errors.set_ylabel("error of θ [°]")
 
 
-def _stiffness(axes: "Axes", run: Run) -> None:
+def _stiffness(axes: "Axes", run: Run, model: Plant | None) -> None:
+    if model is not None:
+        believed = model.along(run.estimate[:, : model.size])[0]
+        axes.fill_between(
+            run.t[:-1], (1 - STIFFNESS_BAND) * believed, (1 + STIFFNESS_BAND) * believed,
+            color=COLOURS[5], alpha=0.3, lw=0, label=f"model ± {100 * STIFFNESS_BAND:.0f} %, 95 % band",
+        )  # fmt: skip
     table, names = run.to_dict(), run.plant.labels.stiffness
     for i, name in enumerate(names):
         if np.abs(table[name]).max() < _NOTHING:  # of muscles that cross one joint only
             continue
-        axes.plot(run.t, table[name], color=COLOURS[i % len(COLOURS)], label=name)
+        reached = f"{name} reached" if run.plant.angle_shape == () else name
+        axes.plot(run.t, table[name], color=COLOURS[i % len(COLOURS)], label=reached)
         axes.plot(run.t, table[f"{name}_ref"], color=_BLACK, ls="--", lw=1, label="reference")
     name, *frequency = run.plant.stiffness_text.split(" at ")
     unit = f"[{run.plant.stiffness_unit}]"

@@ -1,4 +1,4 @@
-"""`antagonist plan-joint` says which pressures to visit and which weight to hang before `fit-joint` can tell K."""
+"""Command `antagonist plan-joint`: the measurement that identifies a joint."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,27 +20,25 @@ _HEADER = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction,slack,expec
 @grouped
 def plan_joint_command(
     options: MachineOptions,
-    accuracy: Annotated[float, typer.Option(help="standard deviation of K that the noise may leave [%]")] = 5.0,
-    noise: Annotated[float, typer.Option(help="standard deviation of a reading of the angle [degrees]")] = 0.5,
+    accuracy: Annotated[float, typer.Option(help="wanted standard deviation of K from noise [%]")] = 5.0,
+    noise: Annotated[float, typer.Option(help="standard deviation of an angle reading [degrees]")] = 0.5,
     weight: Annotated[
-        list[float] | None, typer.Option(help="torque of a weight that can be hung [N·m]; repeatable")
+        list[float] | None, typer.Option(help="torque of an available weight [N·m]; may be repeated")
     ] = None,
     setpoints: Annotated[
-        int | None, typer.Option(help="number of setpoints; three times the unknowns of the fit by default")
+        int | None, typer.Option(help="number of setpoints; by default three times the unknowns of the fit")
     ] = None,
     lowest: Annotated[float | None, typer.Option(help="least pressure to visit [bar]; 1.5 by default")] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="write a table (.csv) to fill in, which fit-joint reads as it is")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="table (.csv) to fill in; fit-joint reads it unchanged")] = None,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
-    """Plan the measurement of a joint that is roughly known: setpoints, a weight, and what shows the muscle forces.
+    """Plan the measurement of a roughly known joint: setpoints, a weight, and a sag test of the muscle forces.
 
-    Describe the joint by the options below, as well as you know it: a data sheet, a first fit. The table of --out has
-    a row for each reading, with theta_deg left to fill in, and one for each angle of a sag test (slack = 1, 2 or 3:
-    agonist, antagonist, both), with the pressures left to fill in. `antagonist fit-joint` reads it once no cell is
-    empty; delete the rows that were not measured.
+    Describe the joint with the options below, from a data sheet or a first fit. The table of --out has a row for each
+    reading, with an empty theta_deg, and one for each angle of a sag test (slack = 1, 2 or 3: agonist, antagonist,
+    both), with empty pressures. Fill in the cells, delete the rows that were not measured, and give the table to
+    `antagonist fit-joint`.
     """
     import numpy as np
     from rich.console import Console
