@@ -6,6 +6,7 @@ from allocator.identification.arm.fit import ArmFit, fit_arm
 from allocator.identification.joint.comparison import compare_joint_models
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
+from allocator.identification.joint.plotting import plot_joint_fit
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit
@@ -13,6 +14,7 @@ from allocator.identification.motion.fit import fit_motion
 from allocator.identification.motion.result import MotionFit
 from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.muscle.fit import fit
+from allocator.identification.muscle.plotting import plot_isobars
 from allocator.identification.muscle.ranking import rank_models
 from allocator.identification.muscle.reading import DATASETS, Dataset, load_dataset, read_samples
 from allocator.identification.muscle.result import Fit, Level, has_closed_form_inverse
@@ -44,6 +46,8 @@ __all__ = [
     "has_closed_form_inverse",
     "load_dataset",
     "plan_joint_experiment",
+    "plot_isobars",
+    "plot_joint_fit",
     "rank_models",
     "read_joint_log",
     "read_motion_log",

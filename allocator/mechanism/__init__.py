@@ -1,4 +1,4 @@
-"""A mechanism has n joints moved by m muscles; torques and a stiffness matrix are turned into pressures here.
+"""Mechanisms of n joints and m muscles, and the allocation of their pressures.
 
 >>> import numpy as np
 >>> from allocator import allocate
@@ -24,10 +24,12 @@ from allocator.mechanism.feasibility import (
 )
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
 from allocator.mechanism.pictures import plot_arm, plot_polygon, plot_workspace
+from allocator.mechanism.result import BoxAllocation
 from allocator.mechanism.routes import Link, Pulleys, Routes, Site, Sites, Tables, from_function
 
 __all__ = [
     "AtLeast",
+    "BoxAllocation",
     "Edge",
     "Endpoint",
     "EndpointEllipses",

@@ -11,7 +11,8 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
 
-from allocator import MODELS, AffineMuscle, Limit, Status
+from allocator import Limit, Status
+from allocator.muscles import MODELS, AffineMuscle
 from mpc import PlanStatus, Rung
 
 ROOT = Path(__file__).parents[2]
