@@ -20,16 +20,20 @@ REPORTS = "benchmarks/results"
 ELSEWHERE = {"notebooks": "tutorials", REPORTS: "benchmarks"}  # folders beside docs/, and where on the site they stand
 LINK = re.compile(r"(\]\()(?!https?:|#|mailto:)([^)#\s]+)")
 PLACEHOLDER = re.compile(r"^\{\{ (\w+) \}\}$", re.MULTILINE)
+PICTURE = re.compile(r"^\{\{ picture (\d\d) (\d) (.+) \}\}$", re.MULTILINE)  # notebook, number from 0, caption
+PICTURES: dict[str, list[str]] = {}  # files in tutorials/, by notebook
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
 def on_files(files: Files, config: Any) -> Files:
     """Add notebooks, benchmark reports, their pictures and the changelog to the pages of docs/."""
+    PICTURES.clear()
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
         text, resources = MarkdownExporter().from_filename(str(notebook), {"unique_key": notebook.stem})
         text = text.replace("<details>", '<details markdown="1">')  # or Markdown within it stays as it is
         files.append(File.generated(config, f"tutorials/{notebook.stem}.md", content=text))
-        for name, picture in resources["outputs"].items():
+        for name, picture in sorted(resources["outputs"].items(), key=_place):
+            PICTURES.setdefault(notebook.stem, []).append(name)
             files.append(File.generated(config, f"tutorials/{name}", content=picture))
     for folder, kinds in (("notebooks/images", ("*.png",)), (REPORTS, ("*.md", "*.png"))):
         for file in sorted(path for kind in kinds for path in (ROOT / folder).glob(kind)):
@@ -41,6 +45,8 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Fill in the lists, and turn links to files of the project into links to pages."""
+    up = "../" * (page.file.src_uri.count("/"))
+    markdown = PICTURE.sub(lambda found: _picture(up, found[1], int(found[2]), found[3]), markdown)
     markdown = PLACEHOLDER.sub(lambda found: LISTS[found[1]](), markdown)
     path = page.file.abs_src_path  # None of what was made here of a notebook
     source = Path(path).relative_to(ROOT).parent.as_posix() if path else "notebooks"
@@ -54,6 +60,17 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         return found[1] + "../" * (0 if here == "." else here.count("/") + 1) + uri
 
     return LINK.sub(relinked, markdown)
+
+
+def _place(output: tuple[str, bytes]) -> list[int]:
+    """Return cell and number of a notebook's picture, which end its name."""
+    return [int(part) for part in re.findall(r"_(\d+)", output[0])[-2:]]
+
+
+def _picture(up: str, notebook: str, number: int, caption: str) -> str:
+    """Return a picture of a notebook with a link to it; `up` leads from the page to the top of the site."""
+    stem = next(stem for stem in PICTURES if stem.startswith(notebook))
+    return f"[![{caption}]({up}tutorials/{PICTURES[stem][number]})]({up}tutorials/{stem}.md)\n*{caption}*"
 
 
 def _site_uri(path: str) -> str:

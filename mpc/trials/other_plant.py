@@ -47,7 +47,7 @@ def other_plant(model: Plant, torque_profile: tuple[tuple[float, float], ...] = 
     joint = model.joint
     fitted = {muscle: _refitted(muscle, joint) for muscle in {joint.agonist, joint.antagonist}}
     agonist, antagonist = (fitted[muscle] for muscle in (joint.agonist, joint.antagonist))
-    lags = tuple(_LONGER_LAG * lag for lag in model.lags)
+    lags = _LONGER_LAG * model.lags[0], _LONGER_LAG * model.lags[1]
     different = replace(joint, agonist=agonist.muscle, antagonist=antagonist.muscle)
     real = RealPlant.standard(torque_profile=torque_profile, nominal=replace(model, joint=different, lag=lags))
     names = " and ".join(dict.fromkeys(type(one.muscle).__name__ for one in (agonist, antagonist)))
@@ -77,12 +77,13 @@ def _refitted(muscle: Muscle, joint: AntagonistJoint) -> _Refitted:
 
 def _forces(muscle: Muscle, joint: AntagonistJoint) -> tuple[Array, Array, Array]:
     """Return contractions [-], pressures [Pa] and forces [N] (n,) over the joint's range where the muscle pulls."""
+    assert joint.angle_limits is not None  # __post_init__ sets them
     theta = np.linspace(*joint.angle_limits, _GRID)
     routed = joint.geometry.agonist(theta), joint.geometry.antagonist(theta)
     ends = np.concatenate([np.asarray(one.contraction) for one in routed])
     low, high = max(float(ends.min()), 0.0), float(ends.max())
-    eps, P = np.meshgrid(np.linspace(low, high, _GRID), np.linspace(_LEAST, joint.pressure_limits[1], _GRID))
-    eps, P = eps.ravel(), P.ravel()
+    grid = np.meshgrid(np.linspace(low, high, _GRID), np.linspace(_LEAST, joint.pressure_limits[1], _GRID))
+    eps, P = (values.ravel() for values in grid)
     inside = muscle.covers(P, eps)
     F = np.where(inside, muscle.force(P, eps), 0.0)
     return eps[F > 0], P[F > 0], F[F > 0]
