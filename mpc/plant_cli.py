@@ -61,7 +61,7 @@ class PlantOptions(MachineOptions):
     ] = None
 
     def __post_init__(self) -> None:
-        """Refuse what can only be a mistake, in the units of the options."""
+        """Refuse implausible values, in the units of the options."""
         super().__post_init__()
         within("--inertia", self.inertia, "kg·m²", 1e-9, 1e6)
         within("--damping", self.damping, "N·m·s/rad", 0, 1e6)
@@ -106,7 +106,7 @@ class PlantOptions(MachineOptions):
         return self.driven(replace(arm, mechanism=self._changed(arm.mechanism)))
 
     def driven(self, arm: "Arm") -> "Arm":
-        """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for what is of one joint."""
+        """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for options of one joint."""
         if option := self.given(*OF_ONE_JOINT, "inertia", "damping", "gravity", "frequency"):
             raise InvalidInput(f"{option} is of one joint with two muscles; {self.machine} says it in its file")
         changes: dict[str, Any] = {} if self.slew is None else {"slew": self.slew * BAR}
@@ -119,7 +119,7 @@ class PlantOptions(MachineOptions):
         return replace(arm, **changes) if changes else arm
 
     def compensation(self) -> "Compensation":
-        """Return what the file tells beyond the plant: hysteresis or friction, and regulators. --lag overrides lags."""
+        """Return the hysteresis or friction and the regulators of the file. --lag overrides its lags."""
         from mpc.model.compensation import Compensation
         from mpc.model.storage import stored_regulators
 

@@ -62,7 +62,7 @@ class MachineOptions:
     friction: Annotated[float | None, Option(help="friction, as a share of the muscle forces; the report's: 0")] = None
 
     def __post_init__(self) -> None:
-        """Refuse what can only be a mistake, in the units of the options."""
+        """Refuse implausible values, in the units of the options."""
         within("--radius", self.radius, "mm", 0.1, 10_000)
         for length in self.rest_lengths or ():
             within("--rest-length", length, "mm", 1, 10_000)

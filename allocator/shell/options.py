@@ -146,7 +146,7 @@ def finite(option: str, value: float | None, unit: str) -> None:
 
 
 def row(option: str, text: str, unit: str, counts: Mapping[int, str] | None = None) -> list[float]:
-    """Read finite numbers with commas between them, as many as one of `counts` says (what so many are)."""
+    """Read finite numbers separated by commas; `counts` maps permitted counts to their meanings."""
     try:
         found = [float(part) for part in text.split(",")]
     except ValueError:

@@ -1,4 +1,4 @@
-"""Options of every command that moves a joint, and the device that they open; bar here, SI behind."""
+"""Options of commands that move a joint, and the device that they open; in bar."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -52,10 +52,10 @@ class BenchOptions:
     plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window")] = False
 
     def opened(self, options: PlantOptions) -> "Opened":
-        """Return the device, the clock of its loop, and what the options tell of the joint.
+        """Return the device, the clock of its loop, the plant and its known effects.
 
-        A `sim` without a file simulates the joint of the options, with the effects of a real bench. Its controller is
-        told what the options tell, as on any other device, and of the rest what a fit would find.
+        A `sim` without a file simulates the joint of the options, with the effects of a real bench. Its controller
+        knows the effects in the options, as on any device, and of the others the values that a fit would find.
         """
         from mpc.bench.device import MonotonicClock, SimulatedClock
         from mpc.bench.devices.registry import open_device
@@ -79,7 +79,7 @@ class BenchOptions:
         return Opened(open_device(self.device), clock, plant, known)
 
     def settings(self, settle: float = 0.0) -> "Settings":
-        """Return how a loop starts, what ends it and what then happens."""
+        """Return the settings of a loop: its start, its ends and its safe stop."""
         from mpc.bench.cycle import Overrun, Settings
         from mpc.bench.safety import Action, SafeStop, SoftStart
 
@@ -97,7 +97,7 @@ class BenchOptions:
 
 
 class Opened(NamedTuple):
-    """An open device with its clock, and what is known of the joint behind it."""
+    """An open device with its clock, and the plant and known effects of its joint."""
 
     device: "Device"
     clock: "Clock"
@@ -105,7 +105,7 @@ class Opened(NamedTuple):
     known: "Compensation"
 
     def assumed(self, options: PlantOptions) -> str:
-        """Return what is known of a joint from a file without standing there, or ""."""
+        """Return the assumed effects of a joint that its file does not state, or ""."""
         from mpc.model.compensation import Compensation
 
         told = options.compensation().told if options.file else self.known.told

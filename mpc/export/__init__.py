@@ -1,4 +1,4 @@
-"""The export takes allocator and controller from Python to the microcontroller, as plain C99.
+"""Export of allocation and controller to microcontrollers, as plain C99.
 
     from mpc.export import export
     export("joint_in_c", controller=TrackingMPC(plant, N=10), precision="single")

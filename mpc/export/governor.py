@@ -21,7 +21,7 @@ _SEED = 20  # of the demonstration's commands
 def export_governor(out: str | PathLike[str], governor: PressureGovernor, *, precision: str = "double") -> Path:
     """Write `governor` as plain C99 to the directory `out`, and return it.
 
-    The C says what `PressureGovernor.govern` says. Its kernel is printed from the text that Python runs, its formulas
+    The C equals `PressureGovernor.govern`. Its kernel is printed from the text that Python runs, its formulas
     by CasADi for this mechanism.
 
     Raises
@@ -85,7 +85,7 @@ def _commands(governor: PressureGovernor) -> Array:
 
 
 def _shown(governor: PressureGovernor) -> list[str]:
-    """Return what the demonstration prints, according to Python."""
+    """Return the output of the demonstration, computed in Python."""
     n, m = governor.mechanism.n, governor.mechanism.m
     lines = []
     for row in _commands(governor):
@@ -218,7 +218,7 @@ def _array(name: str, constant: bool = False) -> ArrayKind:
 
 
 def _kinds(rules: StructKind, memory: StructKind) -> dict[str, Kind]:
-    """Return what arguments are, by their names in all functions."""
+    """Return the kinds of arguments, by their names in all functions."""
     given = {name: ArrayKind(REAL, (_M,), True) for name in ("P", "previous", "command")}
     given["scene"] = ArrayKind(REAL, _SIZES["scene"], True)
     made = {name: memory.fields[name] for name in ("alpha", "gain", "force", "speed", "energy", "level")}

@@ -1,4 +1,4 @@
-"""Numbers and tables are written as C here."""
+"""Numbers and tables as C."""
 
 from collections.abc import Iterable, Mapping
 
@@ -11,14 +11,14 @@ Table = NDArray[np.float64] | NDArray[np.int64]  # of floats or of integers, in 
 
 
 def header(guard: str, about: str, body: str, includes: Iterable[str] = ()) -> str:
-    """Return a header file; `about` says what is in it."""
+    """Return a header file with the comment `about`."""
     included = "".join(f'#include "{name}"\n' for name in includes)
     pieces = [f"/* {about} */\n#ifndef {guard}\n#define {guard}\n", included, f"{body}\n", f"#endif /* {guard} */\n"]
     return "\n".join(piece for piece in pieces if piece)
 
 
 def defines(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
-    """Return a line `#define ANT_NAME value` for each of `numbers`, with what it is behind it."""
+    """Return a line `#define ANT_NAME value` for each of `numbers`, with its comment."""
     rows = []
     for name, (value, meaning) in numbers.items():
         literal = str(value) if isinstance(value, int) else f"({number(value, single)})"

@@ -1,4 +1,4 @@
-"""Files of corrections: what was learned of a motion by repeating it, to be played again.
+"""Files of corrections of a motion, learned by repetition.
 
 [correction]                   # written by `track --repeat` and `run --repeat`
 name = "sine"
@@ -50,7 +50,7 @@ class Owner:
 
     @classmethod
     def of(cls, plant: Plant, known: Compensation, controller: str = "mpc", load: str = "") -> Self:
-        """Return the owner that a joint and what is known of it make."""
+        """Return the owner of a correction from the joint, its compensation, its controller and its load."""
         return cls(plant.summary, digest_of(dumps(plant.joint), plant.numbers, known), controller, load)
 
 
@@ -80,7 +80,7 @@ class Correction:
 
     @property
     def summary(self) -> str:
-        """Return what it was learned for, in a line."""
+        """Return the motion and the owner in a line."""
         load = f", load: {self.owner.load}" if self.owner.load else ""
         gained = f": {self.errors[0] / DEG:.3g}° → {min(self.errors) / DEG:.3g}° RMS" if self.errors else ""
         return f"correction of {self.wanted.name or 'a motion'} with {self.owner.controller}{load}{gained}"

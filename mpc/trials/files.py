@@ -150,7 +150,7 @@ def _check(arrays: dict[str, Array]) -> None:
 
 
 def _shape(name: str, steps: int) -> tuple[int, ...]:
-    """Return what `Run` says of the array called `name`."""
+    """Return the shape of the array `name` of a `Run`."""
     if name in ("dt", "implementation"):
         return ()
     length = steps + 1 if name in ("t", "x", "theta_ref", "K_ref", "K", "forces") else steps

@@ -1,4 +1,4 @@
-"""Plants and controllers become discrete-time I/O systems of python-control here, to be connected with others.
+"""Plants and controllers as discrete-time I/O systems of python-control.
 
     loop = closed_loop(plant, controller, reference)
     control.input_output_response(loop, T, U=0, X0=...)      is what `simulate` does, to rounding

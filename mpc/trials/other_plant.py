@@ -1,9 +1,9 @@
 """A simulated joint whose muscles follow another force law than the controller's model.
 
-A controller that drives its own model follows it exactly, which says nothing about a real joint. `other_plant` fits a
+A controller tracks its own model exactly, which is no evidence for a real joint. `other_plant` fits a
 force law of a different structure to the model's forces and adds the effects of `RealPlant.standard`: muscles 10 %
 stronger and weaker, hysteresis of 5°, dead time, dead band, a limited flow, an encoder and noise. Its pressures lag
-20 % longer. The controller keeps its model, and is told the dead time, the dead band and three quarters of the
+20 % longer. The controller keeps its model, and knows the dead time, the dead band and three quarters of the
 friction, as after an identification.
 """
 

@@ -40,7 +40,9 @@ def test_to_look_for_a_library_is_no_import(without):
     assert importlib.util.find_spec("cma") is None
 
 
-@pytest.mark.parametrize(("library", "extra"), [("mujoco", "mujoco"), ("osqp", "solvers"), ("gymnasium", "gym"), ("pymodbus", "modbus")])
+@pytest.mark.parametrize(
+    ("library", "extra"), [("mujoco", "mujoco"), ("osqp", "solvers"), ("gymnasium", "gym"), ("pymodbus", "modbus")]
+)
 def test_an_extra_is_named_by_its_extra(without, library, extra):
     without(library)
     with pytest.raises(MissingPackage, match=rf"pip install 'antagonist\[{extra}\]'"):

@@ -1,4 +1,4 @@
-"""The picture of a run: angles, stiffness and pressures against references and limits, and the way of a hand."""
+"""Pictures of a run: angles, stiffness and pressures with references and limits, and the path of a hand."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,7 +28,7 @@ _GOLDEN = 0.5 * (5**0.5 - 1)  # whose multiples meet no period twice
 
 
 class Way(NamedTuple):
-    """A `Way` is where a hand went and where it should have gone, in the two coordinates in which it moved most."""
+    """Path of a hand and its reference, in the two coordinates with the most motion."""
 
     names: tuple[str, str]
     x: Array  # (M+1, 2) [m]
@@ -62,12 +62,12 @@ def draw_hand(axes: "Axes", run: Run, way: Way) -> None:
         axes.plot(points[:, 0], points[:, 1], color=COLOURS[7], lw=3, marker="o", zorder=0)
     _at_least(axes, way.asked)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="the way of the hand")
+    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="path of the hand")
     axes.legend(frameon=False, fontsize="small")
 
 
 def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
-    """Draw what forces of 1 N in all directions move the hand by, at some moments: the compliance J K⁻¹ Jᵀ."""
+    """Draw the displacements of the hand by forces of 1 N, at some moments: the compliance J K⁻¹ Jᵀ."""
     K_joints = run.plant.stiffness(run.x)
     turn = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(turn), np.sin(turn)])
@@ -78,11 +78,11 @@ def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
         axes.plot(x + moved[0], y + moved[1], color=COLOURS[0], lw=1)
         axes.plot(x, y, ".", color=COLOURS[1], ms=3)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="where 1 N moves the hand")
+    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="compliance: displacement by 1 N")
 
 
 def _at_least(axes: "Axes", points: Array) -> None:
-    """Let `axes` show some centimetres about `points` (…, 2): a hand that is held is no microscope's object."""
+    """Let `axes` show some centimetres about `points` (…, 2), also if the hand is held."""
     middle, half = points.mean(axis=0), np.maximum(np.ptp(points, axis=0) / 2, _SHOWN)
     axes.plot(*np.transpose([middle - half, middle + half]), alpha=0.0)
 
@@ -133,7 +133,7 @@ def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None, mod
 
 
 def errors(run: Run) -> str:
-    """Say the errors of angle and stiffness in a line."""
+    """Return the errors of angle and stiffness in a line."""
     m = metrics(run)
     angle, K = np.max(m.theta_rms), np.max(m.K_rms)
     return f"RMS: angle {angle:.3g}°, {run.plant.stiffness_text} {K:.3g} {m.K_unit}"
@@ -193,7 +193,7 @@ def _pressures(axes: "Axes", run: Run) -> None:
 
 
 def _pressure(axes: "Axes", run: Run, muscle: int) -> None:
-    """Draw pressure and command of a muscle (0, 1); what is shaded is forbidden: beyond the supply, or slack."""
+    """Draw pressure and command of a muscle (0, 1), with the infeasible pressures shaded."""
     color, name = ((COLOURS[0], "P1"), (COLOURS[1], "P2"))[muscle]
     low, high = (limit / BAR for limit in run.plant.joint.pressure_limits)
     taut = _taut_limit(run)[muscle] / BAR
@@ -215,7 +215,7 @@ def _taut_limit(run: Run) -> tuple[Array, Array]:
 
 
 def _widen(axes: "Axes", least: float) -> None:
-    """Make the axis at least so high: what should be constant shall look it."""
+    """Give the axis a least height, so that nearly constant curves look constant."""
     low, high = axes.get_ylim()
     if high - low < least:
         axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
