@@ -85,7 +85,7 @@ class AntagonistJoint:
 
     def __repr__(self) -> str:
         laws = " and ".join(dict.fromkeys(type(muscle).__name__ for muscle in (self.agonist, self.antagonist)))
-        left, right = (end / DEG for end in self.angle_limits)
+        left, right = (end / DEG for end in self.angle_limits or (-pi, pi))
         low, high = (P / BAR for P in self.pressure_limits)
         return f"AntagonistJoint: {laws} on {self.geometry}, {left:.4g}° … {right:.4g}°, {low:g} … {high:g} bar"
 
