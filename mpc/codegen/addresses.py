@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def entry_of(function: "Dispatcher", kinds: str) -> Callable[..., Any]:
-    """Return the compiled entry of `function` for arguments of these `kinds`, without numba's dispatch on their types."""
+    """Return the compiled entry of `function` for arguments of these `kinds`, without dispatch on types."""
     function.compile(kinds)
     [made] = function.overloads.values()
     entry: Callable[..., Any] = made.entry_point
@@ -39,7 +39,7 @@ def entry_of(function: "Dispatcher", kinds: str) -> Callable[..., Any]:
 
 
 def clock() -> tuple[int, int]:
-    """Return the address of the C library's clock behind `perf_counter` and its name there, or (0, 0) if none is known."""
+    """Return the address of the C clock behind `perf_counter` and its number, or (0, 0) if none is known."""
     known = getattr(time, "clock_gettime", None)
     address = ctypes.cast(ctypes.CDLL(None).clock_gettime, ctypes.c_void_p).value if known else None
     return (address, time.CLOCK_MONOTONIC) if address else (0, 0)

@@ -59,8 +59,7 @@ def inlined_flat(function: F) -> F:
 
 
 def merged(function: F) -> F:
-    """Compile `function` of numbers into its only caller, so that no tuple of results passes through memory.
-    """
+    """Compile `function` of numbers into its only caller, so that no tuple of results passes through memory."""
     made: F = njit(forceinline=True, **_FLAT, **_INNER, **_OPTIONS)(function)
     return made
 

@@ -74,7 +74,7 @@ class _Numbers:
         self._first, self._values = first, list[float]()
 
     def __call__(self, value: float) -> str:
-        """Name a number at each use. Equal numbers are not shared, because the source must not depend on their values."""
+        """Name a number at each use. Equal numbers are not shared: the source must not depend on values."""
         if value in (-1.0, 0.0, 1.0):
             return repr(value)
         self._values.append(value)

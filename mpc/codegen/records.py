@@ -60,7 +60,7 @@ def numbers_of(records: Records, name: str) -> tuple[int, int]:
 
 
 def piece_of(array: NDArray[np.generic], kind: type[np.generic] = np.float64) -> tuple[int, int]:
-    """Return the `Piece` of an array of this kind, valid while the array lives. Raises a `TypeError` for any other kind."""
+    """Return the `Piece` of an array of this kind, valid while the array lives, or raise a `TypeError`."""
     if array.dtype != kind or not (array.flags.c_contiguous and array.flags.aligned):
         raise TypeError(f"numbers of the kind {array.dtype} are not {kind.__name__} in one piece")
     return array.ctypes.data, array.size
