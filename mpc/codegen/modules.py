@@ -17,8 +17,8 @@ import numba
 
 from allocator import units
 from allocator.allocation import status
-from allocator.allocation.kernels import compiled
-from allocator.allocation.kernels import source as kernels
+from allocator.allocation.two_muscles import kernels as compiled
+from allocator.allocation.two_muscles.kernels import source as kernels
 from allocator.compilation import jit
 from allocator.compilation.cache import check_own, clear_stale
 from allocator.files.atomic import write_text

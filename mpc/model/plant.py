@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from allocator import allocate, checks, warm_up
-from allocator.allocation.pair import PairAllocation
+from allocator.allocation.two_muscles.result import PairAllocation
 from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
