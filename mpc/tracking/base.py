@@ -23,7 +23,7 @@ from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
 from mpc.tracking.preview import BadNumbers, Preview, Task
 from mpc.tracking.qp.step import PreviousSample
-from mpc.tracking.rest import rest_mode_of
+from mpc.tracking.rest import RestMode
 
 _SHARE = 0.9  # of the time budget for optimising; the rest predicts what the commands will do
 
@@ -82,7 +82,7 @@ class BaseController(ABC):
         self.limits = Limits.of(self.plant, self.dt, min_force)
         self._predictor = Predictor(self.plant, self.dt, N)
         self._preview = Preview(self.plant, self.dt, N, self.compensation, self.limits)
-        self.rest_mode: Any = rest_mode_of(self.plant, self.dt, self.compensation, self.limits)
+        self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
 
     def reset(self) -> None:
