@@ -1,6 +1,6 @@
 """Regulators of a log that has measured pressures beside the commands.
 
-    minimise  Σ_k (P_i,k - P̂_i,k - o_i)²     over τ_up, τ_down, t_dead, dead band, filling, gas
+    minimise  Σ_k (P_i,k - P̂_i,k - o_i)²     over τ_up, τ_down, their ratio, t_dead, dead band, filling, gas
 
 P̂_i answers the commands as `loops.pressures` has it, and o_i is the mean difference of a sensor and its regulator. The
 pressures are taken to be read at once, so this dead time is that of the commands alone. The angle of the same log
@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.motion.problem import ABSENT, LOWER, STEP, UPPER
+from allocator.identification.motion.problem import ABSENT, LOWER, REGULATOR, STEP, UPPER
 from allocator.identification.motion.search import Found
 from allocator.units import BAR
 
-REGULATOR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "volume")
 _WORSE = 1.01  # by which the error grows at least without a number that the pressures show
-_FIRST = (0.1, 0.1, 0.02, 0.05 * BAR, 0.05 / BAR, 1.0)
+_FIRST = (0.1, 0.1, 0.02, 0.05 * BAR, 0.05 / BAR, 1.0, 1.0)
 _START = dict(zip(REGULATOR, _FIRST, strict=True))
 
 

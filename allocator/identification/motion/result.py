@@ -69,7 +69,8 @@ class MotionFit:
     operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1
     parameters: Mapping[str, Estimate]
     """`lag_up`, `lag_down`, `dead_time` [s], `reading_age` [s] if pressures were measured beside commands, `dead_band`
-    [Pa], `filling` [s/Pa] at least of a rising or falling pressure, `base` [-] of the widths, `loop_width` [rad] of a
+    [Pa], `filling` [s/Pa] at least of a rising or falling pressure, `lag_ratio` [-] of the antagonist's lags over the
+    agonist's (the lags are geometric means of both), `base` [-] of the widths, `loop_width` [rad] of a
     wide sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-]; `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of
     the static angle over that of the given joint. Parameters that the log does not show are left out."""
     error: Errors  # of the log that was fitted
@@ -277,6 +278,7 @@ LABELS = {
     "reading_age": Label("reading_age_s", "age of the angle's readings", "s", 1.0),
     "dead_band": Label("dead_band_bar", "dead band, total", "bar", BAR),
     "filling": Label("filling_s_per_bar", "time to fill at least", "s/bar", 1 / BAR),
+    "lag_ratio": Label("lag_ratio", "lags of the antagonist over those of the agonist", "-", 1.0),
     "volume": Label("gas_volume", "volume of the gas over that of the given joint", "-", 1.0),
     "base": Label("width_without_pressure", "share of the loop's width left at 0 bar", "-", 1.0),
     "loop_width": Label("loop_width_deg", "width of the hysteresis loop at P1 + P2 = 5 bar", "°", DEG),
