@@ -5,7 +5,7 @@ Its numbers are remembered in one flat array, of which a `Memory` has views.
 """
 
 from math import ceil, inf, pi, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
@@ -55,6 +55,9 @@ SWINGS = QUARTERS + HALF  # a load that throws a joint off is in QUARTERS of the
     CHANGE,  # room for a correction [Pa]
 ) = range(4)
 E, LOW, HIGH = range(3)  # of a joint in a quarter: mean, least and greatest e
+
+
+Row: TypeAlias = Array | tuple[float, ...]
 
 
 class Memory(NamedTuple):
@@ -289,7 +292,7 @@ def due(m: Memory, i: int) -> tuple[float, bool]:
     return swing(m, i, QUARTERS if swings else 1)[0], swings
 
 
-def turn(m: Memory, stiffness: Array, slopes: Array) -> None:
+def turn(m: Memory, stiffness: Row, slopes: Row) -> None:
     """Correct the mean errors of joints with the flat `stiffness` (n n,) [N·m/rad] and slopes ∂T/∂P (n m,) [N·m/Pa]."""
     n, s = len(m.joint), m.shared
     for i in range(n):
@@ -310,7 +313,7 @@ def turn(m: Memory, stiffness: Array, slopes: Array) -> None:
     s[SINCE] = 0.0
 
 
-def share(m: Memory, slopes: Array) -> None:
+def share(m: Memory, slopes: Row) -> None:
     """Share the torques among changes of pressures on the held side: least squares by one muscle after the other."""
     n, M, side = len(m.joint), len(m.muscle), m.shared[SIDE]
     for j in range(M):

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,6 @@ from mpc.tracking.qp.solvers import DAQP, Solver
 from mpc.tracking.qp.step import CompilingBeside, PreviousSample, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
-    from mpc.tracking.compiled.arm.module import CompiledArm
-    from mpc.tracking.compiled.module import CompiledPlant
     from mpc.tracking.compiled.records import Setting
     from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
@@ -55,8 +54,8 @@ def factory(
     ones, warn with `CompilingBeside`, and compile in another process. A joint without a kernel always waits. If
     `compiled` is false, return the readable ones without a warning.
     """
-    arm, structured = isinstance(plant, Arm), None
-    readable = ReadableQPStep(problem, predictor)
+    structured, readable = None, ReadableQPStep(problem, predictor)
+    given = dt, problem, feed_forward
     if not compiled:
         return Parts(readable, feed_forward)
     if isinstance(plant, Arm) and (plant.unformulated or plant.gas is not None):
@@ -64,25 +63,29 @@ def factory(
         notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
         return Parts(readable, feed_forward.ready())
     try:
-        made, build = (_of_arm if arm else _of_joint)(plant, dt, problem, feed_forward, solve)
-        with nullcontext() if wait or not (arm or made.p.size) else beside.only_kept():
+        step, patient, build = _of_arm(plant, *given, solve) if isinstance(plant, Arm) else _of_joint(plant, *given)
+        with nullcontext() if wait or patient else beside.only_kept():
             return build()
     except beside.NotKept:
-        if not beside.begin(made.step.__name__, Path(str(made.step.__file__)).parent, compile_step, plant, dt):
+        if not beside.begin(step.__name__, Path(str(step.__file__)).parent, compile_step, plant, dt):
             return factory(plant, dt, problem, predictor, feed_forward, solve)
-        notice(_BESIDE.format("a minute or two" if arm else "some 30 seconds"), CompilingBeside)
+        notice(_BESIDE.format("a minute or two" if isinstance(plant, Arm) else "some 30 seconds"), CompilingBeside)
         return Parts(readable, feed_forward)
     except Exception as failure:  # see `_tell`
         _tell("takes about ten times as long", failure)
-        structured = None if arm else _structured(problem)
+        structured = None if isinstance(plant, Arm) else _structured(problem)
     return Parts(ReadableQPStep(problem, predictor, structured), feed_forward.ready())
 
 
-Built: TypeAlias = "tuple[CompiledPlant | CompiledArm, Callable[[], Parts]]"
-"""What is compiled for a machine, and what loads or compiles its parts."""
+class Compiling(NamedTuple):
+    """The compiled module of a machine, whether it is always waited for, and what loads or compiles the parts."""
+
+    step: ModuleType
+    patient: bool
+    build: Callable[[], Parts]
 
 
-def _of_joint(plant: Plant, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics, _: Solver) -> Built:
+def _of_joint(plant: Plant, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics) -> Compiling:
     from mpc.tracking.compiled.module import compiled_plant
 
     made = compiled_plant(plant, dt)
@@ -91,10 +94,10 @@ def _of_joint(plant: Plant, dt: float, problem: TrackingProblem, feed_forward: I
         inverse = CompiledFeedForward(made, feed_forward) if made.p.size else feed_forward.ready()
         return Parts(CompiledQPStep(made, problem), inverse)
 
-    return made, build
+    return Compiling(made.step, not made.p.size, build)
 
 
-def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics, solve: Solver) -> Built:
+def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics, solve: Solver) -> Compiling:
     from mpc.tracking.compiled.arm.inverse_dynamics import CompiledArmFeedForward
     from mpc.tracking.compiled.arm.module import compiled_arm
     from mpc.tracking.compiled.arm.qp_step import CompiledArmQPStep
@@ -118,7 +121,7 @@ def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: Inverse
         feed(states[:, : arm.n], np.tile(K, (N + 1, 1, 1)), d)
         return Parts(step, feed)
 
-    return made, build
+    return Compiling(made.step, False, build)
 
 
 def _tell(longer: str, failure: Exception) -> None:

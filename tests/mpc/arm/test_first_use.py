@@ -30,8 +30,9 @@ def nothing_compiled(tmp_path, monkeypatch):
 def test_an_arm_moves_at_once_while_another_process_compiles(monkeypatch):
     begun = []
     monkeypatch.setattr(beside, "begin", lambda *arguments: begun.append(arguments) or True)
-    with beside.only_kept(), pytest.warns(CompilingBeside, match="compiles the controller's step .* a minute") as said:
-        controller = TrackingMPC(ARM, 0.02, 8, wait=False)
+    with beside.only_kept():
+        with pytest.warns(CompilingBeside, match="compiles the controller's step .* a minute") as said:
+            controller = TrackingMPC(ARM, 0.02, 8, wait=False)
         run = simulate(ARM, controller, hold(ARM, 0.2), observer=KalmanObserver(ARM, 0.02, wait=False))
     assert len(said) == 1
     assert controller.implementation == run.implementation == "readable"
