@@ -20,12 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
-from allocator.allocation import allocate
 from allocator.allocation.box import pivoting
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.joint.gas import Gas, Stiffness
-from allocator.joint.limits import Limits
+from allocator.joint.gas import Gas
 from allocator.mechanism import Mechanism, machines
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.mechanism.routes.mjcf import Source
