@@ -51,6 +51,9 @@ def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
     return casadi.substitute(casadi.jacobian(type(x)(formula(s)), s), s, x)
 
 
+STEP = 1e-4  # of `five_point`, in rad or in supply ranges: an error of about 1e-11 of the slope
+
+
 def five_point(f: Callable[[Value], Value], x: Value, h: Value) -> Value:
     """Return the difference quotient of `f` at `x` over x ± 2h, of fourth order: for functions of real numbers."""
     return (8 * (f(x + h) - f(x - h)) - (f(x + 2 * h) - f(x - 2 * h))) / (12 * h)

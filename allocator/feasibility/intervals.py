@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.allocation import reach
-from allocator.allocation.problem import Problem
 from allocator.allocation.status import CLOSED_FORM
+from allocator.allocation.two_muscles import reach
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array, Mask
-from allocator.feasibility.setting import Setting
-from allocator.feasibility.spans import spans
+from allocator.feasibility.setting import Setting, spans
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import AssumedSlack, Extrapolated, assumption, visits
 from allocator.joint.gas import ISOBARIC, Stiffness

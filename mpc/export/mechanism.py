@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.allocation import allocate
-from allocator.allocation.kernels import source
+from allocator.allocation.box.kernel import batch, data, levels
 from allocator.allocation.status import CLOSED_FORM, Status
+from allocator.allocation.two_muscles.kernels import source
 from allocator.calculus import Array
 from allocator.compilation.printer import (
     INT,
@@ -28,7 +29,6 @@ from allocator.compilation.printer import (
 )
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
-from allocator.mechanism.kernel import data, levels, residual
 from mpc.export import text
 from mpc.export.building import check, write
 from mpc.export.parts import BUILD, Files, build_words, copied, is_single, machine_words, model_files
@@ -196,7 +196,7 @@ ENTRIES = {name: f"ant_kernel_{name}" for name in ("prepare", "scale", "solve", 
 def kernel_files(single: bool) -> dict[str, str]:
     """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
     structs = _structs()
-    functions = (*levels.FUNCTIONS, *residual.FUNCTIONS)
+    functions = (*levels.FUNCTIONS, *batch.PROOF)
     numbers = {"MOST_ROUNDS": MOST_ROUNDS, "MOST_FIRST": MOST_FIRST} | (SINGLE if single else {})
     made = c_functions(functions, _kinds(structs), single, ENTRIES, numbers)
     about = "Lexicographic least squares in a box, printed from Python's text of it."

@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from allocator.allocation.problem import Problem
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.allocation.uncertain.spread import roots
 from allocator.calculus import Array
 from allocator.joint.limits import Limit, PressureBox, PressureInterval

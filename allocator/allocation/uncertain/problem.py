@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.allocation.optimisers.backends import SCALE
-from allocator.allocation.problem import Problem
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.allocation.uncertain.draws import sampled_box
 from allocator.allocation.uncertain.spread import spread
 from allocator.calculus import Array, increasing_root

@@ -7,7 +7,7 @@ import pytest
 
 from allocator import AntagonistJoint, InvalidInput, Lever, Limits, Stiffness, allocate, report_joint, warm_up
 from allocator.allocation import entry
-from allocator.allocation.kernels import arrays, calls
+from allocator.allocation.two_muscles.kernels import arrays, calls
 from allocator.joint.limits import TAUT
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 
