@@ -1,4 +1,4 @@
-"""A moving joint is fitted to its log here: the search, what is left out in turn, and what the log does not show."""
+"""Fit of a moving joint to its log: search, blocks left out in turn, intervals, and unobservable parameters."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,10 +10,9 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.motion.doubt import Bands, possible_changes
 from allocator.identification.motion.problem import ABSENT, LOWER, REGULATOR, STIFFEST, UPPER, MotionProblem, Prediction
-from allocator.identification.motion.regulators import fit_regulators, sensed_at
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.search import Found, search
+from allocator.identification.motion.search import Found, fit_regulators, search, sensed_at
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import with_volumes
@@ -232,7 +231,7 @@ def _if_needed(found: Found, best: float, used: Mask, names: tuple[str, ...]) ->
 
 
 def _if_better(found: Found, used: Mask, **more: float) -> Found:
-    """Return the fit with these unknowns besides, which begin at these values, if the log shows them."""
+    """Return the fit with further unknowns, which begin at these values, if the log shows them."""
     if not found.problem.log.varies_speed:
         return found
     richer, x = found.extended(used, **more)
@@ -280,7 +279,7 @@ def _errors(found: Found, used: Mask, judged: Mask) -> Errors:
 
 
 def _named(found: Found, used: Mask) -> dict[str, float]:
-    """Return all that is told about the motion, by name."""
+    """Return the parameters of the motion by name."""
     problem, run = found.problem, found.run(used)
     H, values = problem.operator(found.x, run.weights), problem.values(found.x)
     named = {name: values[name] for name in problem.free}
@@ -293,9 +292,11 @@ def _named(found: Found, used: Mask) -> dict[str, float]:
 
 
 def _other_choices(here: Found, noisy: MotionLog) -> list[dict[str, float]]:
-    """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
-    directions if it explains the log as well, less of a dead band where it looks like hysteresis, and widths that are
-    less at the ends of the range, as those of friction are where muscles stiffen.
+    """Return the parameters found with other choices.
+
+    These are other half widths, unfiltered pressures, one lag for both directions if it explains the log as well, a
+    smaller dead band where it looks like hysteresis, and widths that shrink at the ends of the range, as those of
+    friction do where muscles stiffen.
     """
     problem, every = here.problem, here.problem.log.settled
     others = [here.again(every, replace(problem, finest=problem.finest * 1.3))]

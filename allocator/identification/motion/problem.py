@@ -1,4 +1,4 @@
-"""The least-squares problem of a moving joint is the output error of a free run: no measured angle is fed back.
+"""Least-squares problem of a moving joint: the output error of a free run, without feedback of measured angles.
 
     P_i = regulator(u_i; ρ^(∓1/2) (τ_up, τ_down), t_dead, dead band, filling), gas  `loops.follow`
     u   = Σ c_j φ_j(P1, P2)                                                     static angle
@@ -61,7 +61,7 @@ ABSENT = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0),
 
 
 class Prediction(NamedTuple):
-    """A prediction is a free run over the whole log; arrays (n,)."""
+    """Free run over the whole log; arrays (n,)."""
 
     theta: Array  # [rad]
     static: Array  # u [rad]
@@ -72,7 +72,7 @@ class Prediction(NamedTuple):
 
 @dataclass(frozen=True)
 class MotionProblem:
-    """The problem is that of the module. Unknowns x: those of `free` in this order, then the coefficients c."""
+    """Problem of this module. The unknowns x are those of `free` in this order, then the coefficients c."""
 
     log: MotionLog
     static: Static = field(repr=False)  # q(P1, P2)
@@ -90,7 +90,7 @@ class MotionProblem:
 
     @classmethod
     def of(cls, log: MotionLog, static: Static) -> Self:
-        """Return the problem of what this log can tell, without inertia and damping."""
+        """Return the problem with the unknowns that this log can determine, without inertia and damping."""
         delays = ("lag_up", "lag_down", "dead_time", "dead_band") if log.varies_speed else ()
         return cls(log, static, delays + (("base",) if log.varies_sum else ()))
 

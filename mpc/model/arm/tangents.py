@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from allocator.mechanism.result import BoxAllocation
 
 from allocator.allocation import allocate
+from allocator.allocation.box.result import BoxAllocation
 from allocator.calculus import Array, Value
 from allocator.joint.gas import Stiffness
 from allocator.joint.limits import Limits
