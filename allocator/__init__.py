@@ -5,13 +5,14 @@
 >>> a.status.name, f"{a.P1 / BAR:.3f} bar, {a.P2 / BAR:.3f} bar"
 ('EXACT', '3.238 bar, 2.181 bar')
 
-Named sub-packages have the rest of the public names: `allocator.feasibility`, `allocator.identification`,
-`allocator.joint`, `allocator.mechanism`, `allocator.muscles` and `allocator.presentation`.
+Named sub-packages have the rest of the public names: `allocator.allocation`, `allocator.feasibility`,
+`allocator.identification`, `allocator.joint`, `allocator.mechanism`, `allocator.muscles`, `allocator.presentation`.
 """
 
 from allocator.allocation import Allocation, Method, Status, allocate, warm_up
-from allocator.allocation.pair import PairAllocation
-from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend, MissingPackage
+from allocator.allocation.two_muscles.result import PairAllocation
+from allocator.errors import AntagonistError, CacheFault, InvalidFile, InvalidInput, MissingBackend, MissingPackage
+from allocator.errors import name_what_is_missing as _name_what_is_missing
 from allocator.feasibility import (
     FeasibilityMap,
     angle_interval,
@@ -30,8 +31,6 @@ from allocator.joint.limits import Limit, Limits
 from allocator.machine_file import load_machine, save_machine
 from allocator.muscles import Muscle
 from allocator.muscles.catalogue import named_muscle
-from allocator.notices import CacheFault
-from allocator.packages import name_what_is_missing as _name_what_is_missing
 from allocator.units import BAR, DEG
 
 _name_what_is_missing()

@@ -176,7 +176,7 @@ def track(
     claim(*files, margins, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force, own=own)
     if several:
         named = None if controller == _MPC else controller
-        _refuse(stiffness=at.stiffness, margins=margins, solver=solver, observer=observer, controller=named)
+        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=named)
         track_arm(
             options,
             more,
@@ -189,6 +189,8 @@ def track(
             seed=seed,
             repeated=repeated,
             learned=learned,
+            margins=margins,
+            wait=wait,
         )
         _show(files if show else [])
         return

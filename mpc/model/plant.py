@@ -20,14 +20,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from allocator import allocate, checks, warm_up
-from allocator.allocation.pair import PairAllocation
+from allocator.allocation.two_muscles.result import PairAllocation
 from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.assumption import assumptions
+from allocator.joint.assumption import assumptions, with_volumes
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
 from allocator.joint.limits import Limits
-from allocator.joint.volumes import with_volumes
 from allocator.units import BAR, CM3
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
 from mpc.model.gas import fall, gas_of, trapped
@@ -279,9 +278,6 @@ class Plant:
         found = self.allocate(theta, K, T, min_force)
         P, given = np.stack([found.P1, found.P2], axis=1), np.asarray(found.K)[:, None]
         return Held(P, given, np.asarray(found.K_error), np.asarray(found.T_error))
-
-    def check_feed_forward(self) -> None:
-        """Do nothing: two muscles of any law have closed forms or a search that is quick enough."""
 
     def warm_up(self, min_force: float) -> None:
         """Compile what `allocate` needs for this joint."""

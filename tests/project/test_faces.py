@@ -11,6 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 TOP = ("allocator", "mpc")
 SUBPACKAGES = (
+    "allocator.allocation",
     "allocator.feasibility",
     "allocator.identification",
     "allocator.joint",
