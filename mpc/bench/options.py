@@ -63,7 +63,7 @@ class BenchOptions:
         from mpc.model.real_plant import RealPlant
 
         if not self.device:
-            raise InvalidInput("--device is missing: name what to drive, such as sim or serial:/dev/ttyUSB0")
+            raise InvalidInput("--device is missing: name a device, such as sim or serial:/dev/ttyUSB0")
         name, _, address = self.device.partition(":")
         clock = SimulatedClock() if self.fast else MonotonicClock()
         plant, known = options.plant(), options.compensation()

@@ -110,8 +110,8 @@ Exported from the Python package `antagonist`, in {precision} precision: {n} joi
 
 {known}
 
-`ant_govern` (`antagonist_governor.h`) takes the state of the arm, the commands given last and those that somebody would
-like to give, and fills in those to be given, as `mpc.governor.PressureGovernor.govern` does. All memory is in
+`ant_govern` (`antagonist_governor.h`) takes the state of the arm, the last commands and the requested ones, and
+fills in the safe ones, as `mpc.governor.PressureGovernor.govern` does. All memory is in
 `ant_memory`, of fixed size.
 """
 )
@@ -210,7 +210,7 @@ def kernel_files(single: bool) -> dict[str, str]:
     }
 
 
-_WORKS = "What ant_govern works in: one for each thread, best made static."
+_WORKS = "Work space of ant_govern: one per thread, preferably static."
 
 
 def _array(name: str, constant: bool = False) -> ArrayKind:
@@ -233,5 +233,5 @@ def numbers_file(rules: kernel.Rules, single: bool) -> str:
     body = [f"static {text.table(f'ANT_RULES_{name.upper()}', values, single)}" for name, values in tables.items()]
     listed = ", ".join(f"ANT_RULES_{name.upper()}" for name in tables)
     body.append(f"static const ant_rules ANT_RULES = {{{listed}}};")
-    about = "The governor's numbers, in SI units; mpc/governor/kernel.py says what they are."
+    about = "The governor's numbers, in SI units; see mpc/governor/kernel.py."
     return text.header("ANT_GOVERNOR_H", about, "\n\n".join(body), ["kernel.h", "real.h"])

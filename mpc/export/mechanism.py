@@ -64,7 +64,7 @@ def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precisio
 
 
 def _files(mechanism: Mechanism, single: bool) -> Files:
-    functions = [(map_function(mechanism), "q [rad] to what the muscles are there and y0 + M P, see allocate.c")]
+    functions = [(map_function(mechanism), "q [rad] to the muscles at q and y0 + M P, see allocate.c")]
     return {
         **dict(copied("mechanism", "")),
         "CMakeLists.txt": dict(copied(".", ""))["CMakeLists.txt"],

@@ -97,7 +97,7 @@ def kernel_functions(joint: AntagonistJoint, kernel: Kernel) -> Functions:
     """Return the CasADi functions of the kernel, with descriptions."""
     if kernel.name == "tondu":
         return []
-    return [(sides_function(joint), "theta [rad] to what the muscles are there, see kernel.c")]
+    return [(sides_function(joint), "theta [rad] to the muscles at theta, see kernel.c")]
 
 
 def model_files(functions: Functions, single: bool) -> Files:

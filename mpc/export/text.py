@@ -53,11 +53,11 @@ def _row(values: Table, single: bool) -> str:
 def config(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
     """Return antagonist_config.h with these numbers, see `defines`."""
     lines = ["#define ANT_SINGLE /* numbers are float */"] * single + [defines(numbers, single)] * bool(numbers)
-    return header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
+    return header("ANTAGONIST_CONFIG_H", "Choices at export.", "\n".join(lines))
 
 
 def demonstration(names: str, rows: Table, single: bool, skipped: bool = False) -> str:
     """Return src/demonstration.h with `rows` of `names`, which main.c shows unless they are `skipped`."""
     count = f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};"
     body = f"{count}\n\n/* {names} */\nstatic {table('ANT_DEMONSTRATION', rows, single)}"
-    return header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
+    return header("ANT_DEMONSTRATION_H", "Options of main.c.", body, ["antagonist.h"])

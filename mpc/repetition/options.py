@@ -62,7 +62,7 @@ class RepeatOptions:
         elif self.correction is not None:
             raise InvalidInput("--correction is written by --repeat N; to play one say --from FILE")
         if self.load is not None and not self.asked:
-            raise InvalidInput("--load goes with --repeat or --from: it names what a correction was learned with")
+            raise InvalidInput("--load goes with --repeat or --from: it names the load of a correction")
 
     @property
     def asked(self) -> bool:

@@ -61,7 +61,7 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> "InputOutpu
     import control
 
     if real.faults:
-        raise InvalidInput("a plant with faults is no I/O system: what faults remember is no state; use simulate")
+        raise InvalidInput("a plant with faults is no I/O system, since the memory of faults is no state; use simulate")
     experiment, noise = RealExperiment(real, dt, np.zeros(NX), seed), _Noise(seed)
     waiting = experiment.memory.size - NX - real.friction.size
 

@@ -100,7 +100,7 @@ def _config(limits: tuple[float, float], safety: Safety, controller: TrackingMPC
         lines.append(_whole("TICK_US", round(controller.dt * 1e6), "sample time of the controller [us]"))
         lines.append(_whole("ROOM", controller.ahead + 1 + _SPARE, "samples of reference that it can hold"))
     body = "\n".join(lines).replace("ANT_INFINITY", "INFINITY")
-    return text.header("ANT_CONFIG_H", "What was chosen at export.", body, ["math.h"] if "INFINITY" in body else [])
+    return text.header("ANT_CONFIG_H", "Choices at export.", body, ["math.h"] if "INFINITY" in body else [])
 
 
 def _whole(name: str, value: int, meaning: str) -> str:
@@ -177,7 +177,7 @@ It prints the name of its port, e.g. `/dev/pts/3`; `antagonist bench-check seria
 real one. `antagonist bench-check` alone does all of this by itself.
 """
 
-_TERMINAL = "a dumb terminal: it sends what the sensors say and sets the valves as the host commands"
+_TERMINAL = "a terminal: it sends the sensor readings and sets the valves to the host's commands"
 _CONTROLLER = (
     "a board with the whole controller on it, which the host sends references alone (and, if it likes, commands)"
 )
