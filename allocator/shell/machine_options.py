@@ -143,7 +143,7 @@ class MachineOptions:
     def _changed(self, base: "Mechanism") -> "Mechanism":
         """Return `base` with everything that is given."""
         if option := self.given(*OF_ONE_JOINT):
-            raise InvalidInput(f"{option} is for one joint with two muscles; edit {self.machine} stands in its file")
+            raise InvalidInput(f"{option} is for one joint with two muscles; edit {self.machine} instead")
         changes: dict[str, Any] = {}
         if self.muscle:
             changes["muscles"] = self.all_muscles(base.m)
