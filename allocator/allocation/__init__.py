@@ -10,12 +10,14 @@ from allocator.allocation.box.certificate import Separation
 from allocator.allocation.entry import allocate, warm_up
 from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status
+from allocator.allocation.two_muscles.problem import Problem
 
 __all__ = [
     "Allocation",
     "AtLeast",
     "Infeasibility",
     "Method",
+    "Problem",
     "Separation",
     "Status",
     "allocate",

@@ -21,7 +21,7 @@ from allocator.muscles.uncertainty import covariance_root, parameter_gradient
 
 
 class Spread(NamedTuple):
-    """A `Spread` is Lᵀ∂/∂p of n answers; the norm of a row is a standard deviation."""
+    """Lᵀ∂/∂p of n answers; the norm of a row is a standard deviation."""
 
     torque: Array  # (n, m) [N·m]
     stiffness: Array  # (n, m) [N·m/rad]
