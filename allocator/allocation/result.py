@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.status import Status
+from allocator.allocation.uncertain.spread import Spread
 from allocator.calculus import Array, Value
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles.measured import Visit, extrapolation
@@ -27,6 +28,7 @@ class Allocation(ABC):
     * `theta` asked for and `q` answered; `P`, of a pair `P1` and `P2`; what these give: `T`, `K`, `isobaric_stiffness`,
       `forces`; `T_target`, `K_target` and the errors, `torque_met`, `stiffness_met`, `holds`, `least_stiffness`;
     * `status`, `success`, `message`, `assumed`; the limits by name: `active`, `broken`, and as pressures: `box`;
+    * standard deviations by the covariance of fitted muscles: `K_std`, `forces_std`;
     * the proof: `gap`, `kkt_residual`; `kind` (which stiffness), `method`, `jacobian()`, `to_dict()`.
     """
 
@@ -93,6 +95,22 @@ class Allocation(ABC):
         """K = -∂T/∂θ at held pressures [N·m/rad] that these pressures give, whichever stiffness was asked."""
         return self._formed(np.asarray(sum(side.isobaric.stiffness(P) for side, P in self._pulling)))
 
+    @cached_property
+    def K_std(self) -> Value:
+        """Standard deviation of K [N·m/rad] from the covariance of fitted muscles, entry by entry; None without one.
+
+        That of a fitted joint allows for a smooth error of its force law; that of muscles fitted to forces does not.
+        """
+        return None if self._spread is None else self._formed(self._spread.stiffness_std)
+
+    @cached_property
+    def forces_std(self) -> Array | None:
+        """Standard deviations of the forces (…, m) [N] from the covariance of fitted muscles; None without one.
+
+        A joint whose fit has not seen the force common to both muscles has a wide one.
+        """
+        return None if self._spread is None else self._array(self._spread.forces_std)
+
     @property
     def assumed(self) -> str:
         """Sentence listing the assumptions behind the answer that the data could not confirm, or "".
@@ -139,6 +157,11 @@ class Allocation(ABC):
     @abstractmethod
     def _details(self) -> list[str]:
         """Errors of the one target, in numbers."""
+
+    @property
+    @abstractmethod
+    def _spread(self) -> Spread | None:
+        """Lᵀ∂/∂p of the answers, None where nothing has a covariance."""
 
     @property
     @abstractmethod

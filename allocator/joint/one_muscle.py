@@ -91,6 +91,10 @@ class OneMuscle:
         K = self._squared(self.own_stiffness(P)) + self._bent(self.force(P))
         return K if self.push is None else K + self.met(self.isobaric.stiffness(P), self.force(P))
 
+    def added(self, F: Value, k: Value) -> tuple[Value, Value]:
+        """Return (r F, k r rᵀ + F H), what a force [N] and an own stiffness [N/m] add to torque and stiffness."""
+        return self._along(F), self._squared(k) + self._bent(F)
+
     def force_gain(self, P: Value) -> Value:
         """Return dF/dP [N/Pa]."""
         return self.muscle.gain(P, self.contraction)

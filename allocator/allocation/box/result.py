@@ -15,6 +15,7 @@ from allocator.allocation.box.sensitivity import jacobian
 from allocator.allocation.relaxation import Nearby
 from allocator.allocation.result import Allocation, as_status, shaped
 from allocator.allocation.status import CLOSED_FORM, Status, status_names
+from allocator.allocation.uncertain.spread import Spread, of_mechanism
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.joint.gas import StiffnessKind
@@ -119,6 +120,10 @@ class BoxAllocation(Allocation):
     @property
     def _muscles(self) -> tuple[OneMuscle, ...]:
         return self._problem.muscles
+
+    @property
+    def _spread(self) -> Spread | None:
+        return of_mechanism(self._muscles, [P for _, P in self._pulling])
 
     @property
     def theta(self) -> Array:

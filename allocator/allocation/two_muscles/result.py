@@ -13,7 +13,7 @@ from allocator.allocation.result import Allocation
 from allocator.allocation.status import CLOSED_FORM, OPTIMISER, Priority, Status, status_names
 from allocator.allocation.two_muscles import certificate, reach, sensitivity
 from allocator.allocation.two_muscles.problem import Problem
-from allocator.allocation.uncertain.spread import forces_std, stiffness_std
+from allocator.allocation.uncertain.spread import Spread, of_joint
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.inverse import why_no_inverse
@@ -199,23 +199,9 @@ class PairAllocation(Allocation):
         """Step that would still improve the answer, in fractions of the supply range; 0 is optimal."""
         return self._formed(certificate.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)))
 
-    @cached_property
-    def K_std(self) -> Value:
-        """Standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if they have none.
-
-        That of a fitted joint allows for a smooth error of its force law; that of muscles fitted to forces does not.
-        """
-        std = stiffness_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        return None if std is None else self._formed(std)
-
-    @cached_property
-    def forces_std(self) -> Array | None:
-        """Forces' standard deviations (…, 2) [N] from the covariance of fitted muscles; None without one.
-
-        A joint whose fit has not seen the force common to both muscles has a wide one.
-        """
-        std = forces_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        return None if std is None else self._array(np.stack(std, axis=-1))
+    @property
+    def _spread(self) -> Spread | None:
+        return of_joint(self._problem, np.ravel(self.P1), np.ravel(self.P2))
 
     @property
     def torques(self) -> tuple[Array, Array]:
