@@ -108,7 +108,7 @@ def track(
         float, typer.Option(help="of pushes whose felt stiffness is said where the plant has hysteresis, ± this [°]")
     ] = 2.0,
     margins: Annotated[
-        Path | None, typer.Option(help="a picture to write of the loop's robustness at three postures, of one joint")
+        Path | None, typer.Option(help="a picture to write of the loop's robustness at three postures")
     ] = None,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     wait: Annotated[
@@ -157,7 +157,7 @@ def track(
     claim(*files, margins, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force, own=own)
     if several:
         named = None if controller == _MPC else controller
-        _refuse(stiffness=at.stiffness, margins=margins, solver=solver, observer=observer, controller=named)
+        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=named)
         track_arm(
             options,
             more,
@@ -170,6 +170,8 @@ def track(
             seed=seed,
             repeated=repeated,
             learned=learned,
+            margins=margins,
+            wait=wait,
         )
         _show(files if show else [])
         return

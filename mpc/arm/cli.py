@@ -60,16 +60,20 @@ def track_arm(
     seed: int,
     repeated: RepeatOptions,
     learned: tuple[Path, Path] | tuple[()],
+    margins: Path | None,
+    wait: bool,
 ) -> None:
     """Let an arm of pneumatic muscles follow angles and a stiffness matrix on MuJoCo, film it, and say how it went."""
     from rich.console import Console
 
-    from mpc.arm.film import Film
+    from mpc.arm.film import SIZES, Film
     from mpc.repetition.practice import practise
     from mpc.trials.corrections import Owner, compared, digest_of
+    from mpc.trials.margins import margins as margins_of
     from mpc.trials.metrics import metrics
     from mpc.trials.pictures.animation import ENDINGS, check_film
     from mpc.trials.pictures.report import table_of, write_run
+    from mpc.trials.pictures.sensitivity import plot_margins
     from mpc.trials.simulation import in_motion, simulate
 
     console = Console()
@@ -80,8 +84,8 @@ def track_arm(
     arm, tested, point, notes = _machine(options, more, plant, seed)
     asked = repeated.reference(trajectory, lambda: _asked(trajectory or _CIRCLE, arm, point))
     half_way = asked.duration / 2
-    with Console(stderr=True).status("building the controller (compiled once after an installation: some 30 seconds)"):
-        controller, observer = _loop(arm, plant, dt, horizon)
+    with Console(stderr=True).status("building the controller"):
+        controller, observer = _loop(arm, plant, dt, horizon, wait)
 
     load = repeated.load or (f"payload {payload:g} N·m" if payload else "")
     owner = Owner(arm.summary, digest_of(_text_of(options), more.stiffness_of, more.hand), _MPC, load)
@@ -90,8 +94,10 @@ def track_arm(
     def push(t: float) -> list[float]:
         return [payload * (t >= half_way)] + [0.0] * (arm.n - 1)
 
-    with Film(tested, arm) as film, _Window(tested, more.view) as window:
-        filmed = any(path.suffix.lower() in ENDINGS for path in files)
+    endings = {path.suffix.lower() for path in files} & SIZES.keys()
+    size = max((SIZES[ending] for ending in endings), default=SIZES[".gif"])
+    with Film(tested, arm, size) as film, _Window(tested, more.view) as window:
+        filmed = bool(endings)
 
         def watch() -> None:
             if filmed:
@@ -122,6 +128,12 @@ def track_arm(
         report(practice.learner, owner, practice.first.theta, practice.best.theta, learned, console)
     elif begun is not None:
         say(console, f"played: {begun.summary}")
+    if plant == _REAL and controller.implementation == "compiled":
+        for sentence in margins_of(controller, observer, [asked.middle])[0].sentences:
+            say(console, sentence)
+    if margins is not None:
+        plot_margins(margins_of(controller, observer), margins, f"mpc, {arm.summary}")
+        files = [*files, margins]
     if filmed:
         say(console, f"filmed by {film.by}")
     say(console, f"written: {', '.join(map(str, files))}")
@@ -201,8 +213,8 @@ def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
     return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
 
 
-def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
-    """Return a controller, and an observer where the true state is not to be had."""
+def _loop(arm: "Arm", kind: str, dt: float, horizon: int, wait: bool) -> tuple[Any, Any]:
+    """Return a controller and its observer, which `wait` for what is not compiled yet."""
     from mpc.model.compensation import Compensation
     from mpc.observer.filter import CALM_NOISE
     from mpc.observer.kalman import KalmanObserver
@@ -210,11 +222,11 @@ def _loop(arm: "Arm", kind: str, dt: float, horizon: int) -> tuple[Any, Any]:
     from mpc.tracking.weights import CALM
 
     if kind == _NOMINAL:
-        return TrackingMPC(arm, dt=dt, N=horizon), KalmanObserver(arm, dt)
+        return TrackingMPC(arm, dt=dt, N=horizon, wait=wait), KalmanObserver(arm, dt, wait=wait)
     delay = _REAL_EFFECTS["dead_time"]
     known = Compensation(dead_time=delay)
-    observer = KalmanObserver(arm, dt, CALM_NOISE, known)
-    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=known), observer
+    observer = KalmanObserver(arm, dt, CALM_NOISE, known, wait=wait)
+    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=known, wait=wait), observer
 
 
 def _responses(

@@ -279,9 +279,6 @@ class Plant:
         P, given = np.stack([found.P1, found.P2], axis=1), np.asarray(found.K)[:, None]
         return Held(P, given, np.asarray(found.K_error), np.asarray(found.T_error))
 
-    def check_feed_forward(self) -> None:
-        """Do nothing: two muscles of any law have closed forms or a search that is quick enough."""
-
     def warm_up(self, min_force: float) -> None:
         """Compile what `allocate` needs for this joint."""
         warm_up(joint=self.joint, min_force=min_force)

@@ -59,7 +59,7 @@ from mpc.tracking.plan import Plan, PlanStatus, Rung
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.named import NamedQP, named
 from mpc.tracking.qp.softened import softened
-from mpc.tracking.qp.solvers import DAQP, Riccati, Solver
+from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.qp.step import QPAnswer
 from mpc.tracking.terminal import terminal_factor
@@ -83,8 +83,7 @@ class TrackingMPC(BaseController):
 
     A time `budget` is for work in real time, where dt or less of it is there; without one a step takes what it takes.
     Without the angle it goes on from its own prediction for `patience` seconds, and then holds the pressures
-    (`Rung.HOLD`). Raises `InvalidInput` for settings that make no sense, for friction of an arm, and for muscles of an
-    arm that are not affine in the pressure.
+    (`Rung.HOLD`). Raises `InvalidInput` for settings that make no sense.
     """
 
     machines = Plant, Arm
@@ -99,7 +98,7 @@ class TrackingMPC(BaseController):
     blocks: Sequence[int] | None = None  # lengths of the blocks of samples, N in all; None: see `usual_blocks`
     budget: float | None = None  # time for a step [s]
     patience: float = 0.2  # [s]
-    rest: bool = True  # whether commands of a joint come to rest at a constant reference, see `rests`
+    rest: bool = True  # whether commands come to rest at a constant reference, see `rests`
     wait: bool = True  # for what is not compiled yet; else another process compiles, and the readable step answers
     compiled: bool = True  # else nothing is, and the readable step answers: for a controller that is only exported
 
@@ -111,9 +110,7 @@ class TrackingMPC(BaseController):
         sizes = plant.n, plant.m, plant.stiffnesses
         self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt, *sizes)
         self._work()
-        if self.compiled:
-            if isinstance(self.plant, Arm) and isinstance(self._solve, Riccati):
-                self._rehearse(DAQP())  # which some QPs of an arm are left to
+        if self.compiled and (self.wait or self.implementation == "compiled"):  # `CompilingBeside` has warned else
             check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
 
@@ -194,8 +191,9 @@ class TrackingMPC(BaseController):
         self._solve = solver_of(self.solver)
         feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
         self._qp_step, self._feed_forward = factory(
-            self.plant, self.dt, self.problem, self._predictor, feed_forward, wait=self.wait, compiled=self.compiled
-        )
+            self.plant, self.dt, self.problem, self._predictor, feed_forward, self._solve,
+            wait=self.wait, compiled=self.compiled,
+        )  # fmt: skip
         self._join()
 
     def _join(self) -> None:
@@ -260,20 +258,16 @@ class TrackingMPC(BaseController):
             return None
         return Rung.SOFTENED, self.limits.limited(u_last, answer.u + self.problem.E @ z)
 
-    def _rehearse(self, solve: Solver | None = None) -> None:
-        """Step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now.
-
-        The QP is solved by `solve`, by default as ever.
-        """
+    def _rehearse(self) -> None:
+        """Step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
         self.reset()
-        budget, self.budget, plant, usual = self.budget, None, self.plant, self._solve
-        self._solve = usual if solve is None else solve
+        budget, self.budget, plant = self.budget, None, self.plant
         (left, right), P = self.limits.theta, np.full(plant.m, np.mean(self.limits.pressure))
         x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
         K = np.asarray(plant.tracked_stiffness(x))
         theta = np.clip(plant.middle + 0.1 * (right - left), left, right)
         self.step(x, theta, np.diag(np.abs(np.diag(K))) if K.ndim else K)
-        self.budget, self._solve = budget, usual
+        self.budget = budget
 
 
 _BLOCKS = 1, 1, 2, 4, 6  # lengths of the first blocks of an arm; the others are as long as the last of these

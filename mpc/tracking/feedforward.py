@@ -63,14 +63,12 @@ class FeedForwardOf(Protocol):
 class InverseDynamics:
     """The inverse dynamics of `plant` are its feed-forward, for previews of N+1 samples, `dt` [s] apart.
 
-    Its muscles pull `min_force` [N] at least. Raises `InvalidInput` for an arm's muscles that are not affine in the
-    pressure.
+    Its muscles pull `min_force` [N] at least.
     """
 
     def __init__(self, plant: Machine, dt: float, N: int, min_force: float = 0.0) -> None:
         from scipy.interpolate import CubicSpline
 
-        plant.check_feed_forward()
         self.plant: Any = plant
         self.min_force = min_force
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once

@@ -55,7 +55,7 @@ class Task(NamedTuple):
     measured: bool  # whether all of the state was
     blind: float  # for how long not all angles have been [s]; inf: never
     refused: bool  # whether the references cannot be meant: those here are substitutes
-    expected: float  # the first angle as it was predicted for now [rad]; NaN at first
+    expected: Array  # (n,) the angles as they were predicted for now [rad]; NaN at first
     now: float  # its reference now [rad]
     known: Value  # the torque from outside that is known to act [N·m], (n,) of arms
 
@@ -99,7 +99,7 @@ class Preview(Deferred):
 
         Of a joint that is `ringing` no correction of the angle is expected to meet friction.
         """
-        expected = np.nan if self.expected is None else float(self.expected[0])
+        expected = np.full(self.n, np.nan) if self.expected is None else self.expected[: self.n]
         x, seen = self._state(x)
         measured = bool(np.isfinite(seen).all())
         try:

@@ -17,25 +17,30 @@ period 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/�
              several times as stiff as its muscles are; bounded by g ≤ K (1 + OVERSHOOT/|m|): it may begin to slide.
              A pressure that was above the held one when the rest began is within the play, and moves from there; one
              that rose since is on the edge of a narrower band, or of a regulator with another offset
-    leave    the preview changes, a state is not measured, θ is off its prediction by more than JOLT (a push, seen
-             within a sample), e off its mean by more than PUSH + swing, or a pressure is off by LEAK
+    leave    the preview changes, a state is not measured, θ is off its prediction by more than JOLT and more than it
+             usually was before the rest (a push, seen within a sample), e off its mean by more than PUSH + swing, or a
+             pressure is off by LEAK
 
 A loop that swings about its reference by more than `RINGING` to both sides, again and again, counts with friction that
 is not there. Then the controller takes what friction there is as constant until the reference moves, rests as soon as
 the swing allows it at the mean over a whole period, and corrects only errors of more than two dead zones.
+
+An arm rests with all of its joints, and leaves with one; the period is that of its greatest J and least K*. The torques
+ΔT_i are those of each joint alone; with the other rows of K they would turn the others by nothing, and are shared
+among changes of pressures of one sign by least squares.
 """
 
 import numpy as np
 
 from allocator.calculus import Array
 from mpc.deferred import Deferred
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
-from mpc.model.plant import NU, NX, Plant
 from mpc.tracking import resting
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Task
-from mpc.tracking.resting import DWELL, HELD, QUARTER, QUARTER_LENGTH, RESTS, RINGS, SIDE, Rules
+from mpc.tracking.resting import DWELL, HELD, QUARTER, QUARTER_LENGTH, RESTS, RINGS, SIDE, THETA, Rules
 
 
 class RestMode(Deferred):
@@ -43,69 +48,65 @@ class RestMode(Deferred):
 
     _put_off = ("numbers",)
 
-    def __init__(self, plant: Plant, dt: float, compensation: Compensation, limits: Limits) -> None:
+    def __init__(self, plant: Machine, dt: float, compensation: Compensation, limits: Limits) -> None:
         self.plant = plant
         # without friction and dead band a loop does not hunt
-        self.worthwhile = not (compensation.friction.absent and compensation.dead_band == 0)
+        self.worthwhile = not (compensation.frictionless and compensation.dead_band == 0)
         settling = round((compensation.dead_time + compensation.reading_age + 2 * max(plant.lags)) / dt)
         shortest, longest = (max(round(t / dt), 1) for t in QUARTER)
         times = settling, round(DWELL / dt), shortest, longest
-        self.rules = Rules(plant.inertia, dt, *times, compensation.dead_band, limits.pressure[1])
+        inertia = float(np.max(plant.inertias))
+        self.rules = Rules(inertia, dt, *times, compensation.dead_band, limits.pressure[1])
+        self._unit = float(plant.entries[2][0]) if isinstance(plant, Arm) else 1.0  # of an endpoint's K as N·m/rad
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         self.catch_up()
-        self.numbers = [0.0] * resting.SIZE  # see `mpc.tracking.resting`
-        self.numbers[resting.THETA] = self.numbers[resting.K] = np.nan
-        self.numbers[QUARTER_LENGTH] = 1.0
-        resting.begin(self.numbers)
+        self.numbers = np.zeros(resting.size(self.plant.n, self.plant.m))  # see `mpc.tracking.resting`
+        memory = self._memory
+        memory.joint[:, THETA] = memory.stiffness[:] = np.nan
+        memory.shared[QUARTER_LENGTH] = 1.0
+        resting.begin(memory)
 
     def go_on(self, numbers: Array) -> None:
         """Go on from the `numbers` of a sample that was made elsewhere."""
-        self.numbers = numbers.tolist()
+        self.numbers = numbers.copy()
+
+    @property
+    def _memory(self) -> resting.Memory:
+        return resting.memory_in(self.numbers, self.plant.n, self.plant.m)
 
     @property
     def resting(self) -> bool:
         """Return whether the commands rest."""
-        return self.numbers[RESTS] > 0
+        return bool(self.numbers[RESTS] > 0)
 
     @property
     def ringing(self) -> bool:
         """Return whether the loop counts with friction that is not there."""
-        return self.numbers[RINGS] > 0
+        return bool(self.numbers[RINGS] > 0)
 
     @property
     def side(self) -> float:
         """Return the edge of the dead band, ±1; 0 before the first rest."""
-        return self.numbers[SIDE]
+        return float(self.numbers[SIDE])
 
     def pressures(self, task: Task) -> Array | None:
-        """Return the pressures (2,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no
+        """Return the pressures (m,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no
         rest.
         """
-        m = self.numbers
-        if not (task.measured and not task.refused and resting.constant(m, self.rules, task.theta, task.K)):
+        m, known = self._memory, task.measured and not task.refused
+        if not (known and resting.constant(m, self.rules, task.theta.ravel(), self._unit * task.K.ravel())):
             resting.begin(m)
         elif resting.decided(m, self.rules, task.seen, task.expected):
-            x = np.array([m[resting.THETA] + resting.due(m)[0], 0.0, *m[HELD : HELD + NU]])
-            slopes = (side.torque_gain(P) for side, P in zip(self.plant.joint.sides(x[0]), x[NX - NU :], strict=True))
-            resting.turn(m, float(self.plant.isobaric(x)), *map(float, slopes))
-        return np.array(m[HELD : HELD + NU]) if self.resting else None
+            errors = [resting.due(m, i)[0] for i in range(self.plant.n)]
+            resting.turn(m, *self._slopes(m.joint[:, THETA] + errors, m.muscle[:, HELD]))
+        return m.muscle[:, HELD].copy() if self.resting else None
 
-
-class NoRest:
-    """The rest mode of an arm: its commands follow the MPC at a constant reference, too."""
-
-    ringing, worthwhile, side = False, False, 0.0
-
-    def reset(self) -> None:
-        """Do nothing."""
-
-    def pressures(self, task: Task) -> None:
-        """Return None: no rest."""
-
-
-def rest_mode_of(plant: Machine, dt: float, compensation: Compensation, limits: Limits) -> RestMode | NoRest:
-    """Return the rest mode of a joint, which an arm has none of: nobody knows its friction."""
-    return RestMode(plant, dt, compensation, limits) if isinstance(plant, Plant) else NoRest()
+    def _slopes(self, q: Array, P: Array) -> tuple[Array, Array]:
+        """Return the flat isobaric stiffness (n n,) [N·m/rad] and ∂T/∂P (n m,) [N·m/Pa] at angles and pressures."""
+        muscles = self.plant.mechanism.at(q) if isinstance(self.plant, Arm) else self.plant.joint.sides(q[0])
+        held = list(zip(muscles, P, strict=True))
+        gains = np.transpose([each.torque_gain(pressure) for each, pressure in held])
+        return np.ravel(sum(each.stiffness(pressure) for each, pressure in held)), gains.ravel()

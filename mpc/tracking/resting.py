@@ -1,6 +1,7 @@
-"""Rest mode as functions of numbers, one text for Python (`mpc.tracking.rest`) and compiled steps.
+"""Rest mode as functions of arrays, one text for Python (`mpc.tracking.rest`) and compiled steps, of n joints and m
+muscles.
 
-The numbers m that are remembered lie in one list or flat array, each in its place.
+Its numbers are remembered in one flat array, of which a `Memory` has views.
 """
 
 from math import ceil, inf, pi, sqrt
@@ -20,43 +21,61 @@ STILL = 0.06 * DEG  # [rad] peak to peak over half a period
 FIRST, STIFFEST = 1.6, 3.0  # [-] of K: the gain before there is a secant, the greatest
 RESOLUTION = 0.015 * DEG  # [rad] to which the effect of a correction is known
 OVERSHOOT = 0.15 * DEG  # [rad]
-MOST = 0.1 * BAR  # [Pa] of a correction
+MOST, LEAST_CHANGE = 0.1 * BAR, 1e-5 * BAR  # [Pa] of a correction
+SWEEPS = 30  # over the muscles, to share a torque among them
 JOLT, PUSH = 0.045 * DEG, 0.12 * DEG  # [rad]
-EDGE = 0.5 * DEG  # [rad] by which the regulators' way to their edges may turn the joint
+EDGE = 0.5 * DEG  # [rad] by which the regulators' way to their edges may turn a joint
 LEAK = 0.1 * BAR  # [Pa] beyond the dead band
 NOISE = 0.005 * BAR  # [Pa] of a pressure's mean
 QUARTER = 0.1, 0.5  # [s] least and most of a quarter of a period
 
 QUARTERS, HALF = 4, 2
-SWINGS = QUARTERS + HALF  # a load that throws the joint off is in QUARTERS of them
-E, P1, LOW, HIGH, COLUMNS = 0, 1, 3, 4, 5  # of a quarter: means of e, P1, P2, least and greatest e
+SWINGS = QUARTERS + HALF  # a load that throws a joint off is in QUARTERS of them
 
 (
-    THETA, K,  # the reference while it stands still [rad], [N·m/rad]
-    QUARTER_LENGTH,  # of the joint's free period [samples]
-    RINGS, RESTS,  # whether it rings, whether it rests
-    HELD, _,  # pressures that are held [Pa]
-    BEGAN, _,  # pressures when the rest began, or as they were corrected [Pa]
+    QUARTER_LENGTH,  # of the longest free period [samples]
+    RINGS, RESTS,  # whether a joint rings, whether the commands rest
     SIDE,  # edge of the dead band
     SINCE,  # quarters since the last correction
-    TORQUE, ERROR,  # of that [N·m], and the mean error that it was for [rad]
-    FREE,  # how far it would turn a joint without friction [rad]
     SAMPLES,  # of constant preview
-    COUNTED, SWUNG,  # quarters, and over how many of them e has swung to both sides
+    COUNTED, SWUNG,  # quarters, and over how many of them an e has swung to both sides
     IN_SUM,  # samples in the quarter that runs
-    SUM, _, _,  # of e, P1, P2 there
-    LEAST, GREATEST,  # e there [rad]
-    PAST,  # and following: the last quarters
-) = range(24)  # fmt: skip
-SIZE = PAST + QUARTERS * COLUMNS
+) = range(9)  # fmt: skip
+(
+    THETA,  # the reference while it stands still [rad]
+    ASKED, ERROR,  # torque of the last correction, of this joint alone [N·m], and the mean e that it was for [rad]
+    FREE,  # how far it would turn a joint without friction [rad]
+    USUAL,  # how far θ has been from its prediction in the last period or so, without a rest [rad]
+    SUM, LEAST, GREATEST,  # of e in the quarter that runs
+    TORQUE,  # room for what is left of a torque to be shared [N·m]
+) = range(9)  # fmt: skip
+(
+    HELD,  # pressure that is held [Pa]
+    BEGAN,  # pressure when the rest began, or as it was corrected [Pa]
+    FILLED,  # its sum in the quarter that runs
+    CHANGE,  # room for a correction [Pa]
+) = range(4)
+E, LOW, HIGH = range(3)  # of a joint in a quarter: mean, least and greatest e
 
-Numbers: TypeAlias = list[float] | Array
+
+Row: TypeAlias = Array | tuple[float, ...]
+
+
+class Memory(NamedTuple):
+    """Memory of the rest mode, of n joints and m muscles."""
+
+    shared: Array  # (9,)
+    joint: Array  # (n, 9)
+    muscle: Array  # (m, 4)
+    turned: Array  # (QUARTERS, n, 3)
+    filled: Array  # (QUARTERS, m) mean pressures
+    stiffness: Array  # (n n,) entries of the reference K while it stands still [N·m/rad], of k x k the first
 
 
 class Rules(NamedTuple):
-    """Known numbers of a joint and its regulators."""
+    """Known numbers of a machine and its regulators."""
 
-    inertia: float  # [kg·m²]
+    inertia: float  # [kg·m²] the greatest of a joint
     dt: float  # [s]
     settling: float  # [samples] until a correction has acted
     dwell: float  # [samples]
@@ -66,166 +85,284 @@ class Rules(NamedTuple):
     highest: float  # pressure [Pa]
 
 
-def begin(m: Numbers) -> None:
+def size(n: int, m: int) -> int:
+    """Return how many numbers are remembered of `n` joints and `m` muscles."""
+    return 9 + 9 * n + 4 * m + QUARTERS * (3 * n + m) + n * n
+
+
+def memory_in(numbers: Array, n: int, m: int) -> Memory:
+    """Return views into `numbers` (size,) of `n` joints and `m` muscles."""
+    a = 9 + 9 * n
+    b = a + 4 * m
+    c = b + 3 * QUARTERS * n
+    d = c + QUARTERS * m
+    joint, muscle, turned = numbers[9:a].reshape(n, 9), numbers[a:b].reshape(m, 4), numbers[b:c].reshape(QUARTERS, n, 3)
+    return Memory(numbers[:9], joint, muscle, turned, numbers[c:d].reshape(QUARTERS, m), numbers[d:])
+
+
+def begin(m: Memory) -> None:
     """Begin to wait for a rest."""
-    m[RESTS] = m[SAMPLES] = m[COUNTED] = m[SWUNG] = 0.0
-    for i in range(QUARTERS * COLUMNS):
-        m[PAST + i] = 0.0
+    s = m.shared
+    s[RESTS] = s[SAMPLES] = s[COUNTED] = s[SWUNG] = 0.0
+    for q in range(QUARTERS):
+        for i in range(len(m.joint)):
+            m.turned[q, i, E] = m.turned[q, i, LOW] = m.turned[q, i, HIGH] = 0.0
+        for i in range(len(m.muscle)):
+            m.filled[q, i] = 0.0
     begin_quarter(m)
 
 
-def begin_quarter(m: Numbers) -> None:
+def begin_quarter(m: Memory) -> None:
     """Begin a quarter of a period."""
-    m[IN_SUM] = m[SUM] = m[SUM + 1] = m[SUM + 2] = 0.0
-    m[LEAST], m[GREATEST] = inf, -inf
+    m.shared[IN_SUM] = 0.0
+    for i in range(len(m.joint)):
+        m.joint[i, SUM], m.joint[i, LEAST], m.joint[i, GREATEST] = 0.0, inf, -inf
+    for i in range(len(m.muscle)):
+        m.muscle[i, FILLED] = 0.0
 
 
-def follow(m: Numbers, k: Rules, theta: float, stiffness: float) -> None:
-    """Follow a reference that has moved to `theta` [rad] and `stiffness` [N·m/rad]."""
-    m[THETA], m[K], m[RINGS] = theta, stiffness, 0.0
-    quarter = pi / 2 * sqrt(k.inertia / stiffness) / k.dt
-    m[QUARTER_LENGTH] = float(int(min(max(quarter, k.shortest), k.longest) + 0.5))
+def follow(m: Memory, k: Rules, theta: Array, stiffness: Array, entries: int) -> None:
+    """Follow a reference that has moved to the first `theta` [rad] and the first `entries` of K [N·m/rad]."""
+    softest = stiffness[0]
+    for i in range(0, entries, int(sqrt(entries) + 0.5) + 1):  # along the diagonal
+        softest = min(softest, stiffness[i])
+    for i in range(entries):
+        m.stiffness[i] = stiffness[i]
+    for i in range(len(m.joint)):
+        m.joint[i, THETA] = theta[i]
+    m.shared[RINGS] = 0.0
+    quarter = pi / 2 * sqrt(k.inertia / softest) / k.dt
+    m.shared[QUARTER_LENGTH] = float(int(min(max(quarter, k.shortest), k.longest) + 0.5))
 
 
-def constant(m: Numbers, k: Rules, theta: Array, stiffness: Array) -> bool:
-    """Return whether the previews stand still where they stood; follow them if not."""
-    for i in range(len(theta)):
-        if not (abs(theta[i] - m[THETA]) <= SAME[0] and abs(stiffness[i] - m[K]) <= SAME[1]):
-            follow(m, k, theta[0], stiffness[0])
+def constant(m: Memory, k: Rules, theta: Array, stiffness: Array) -> bool:
+    """Return whether the flat previews (M n,) and (M k k,) stand still where they stood; follow them if not."""
+    n = len(m.joint)
+    samples = len(theta) // n
+    entries = len(stiffness) // samples
+    for s in range(samples):
+        same = True
+        for i in range(n):
+            same = same and abs(theta[s * n + i] - m.joint[i, THETA]) <= SAME[0]
+        for i in range(entries):
+            same = same and abs(stiffness[s * entries + i] - m.stiffness[i]) <= SAME[1]
+        if not same:
+            follow(m, k, theta, stiffness, entries)
             return False
     return True
 
 
-def decided(m: Numbers, k: Rules, seen: Array, expected: float) -> bool:
-    """Look at the state `seen` (4,) at a constant reference, where the angle `expected` [rad] was predicted; return
-    whether a correction is due, of the mean error `due` says.
+def decided(m: Memory, k: Rules, seen: Array, expected: Array) -> bool:
+    """Look at the state `seen` (2n + m,) at a constant reference, where the angles `expected` (n, …) [rad] were
+    predicted; return whether a correction is due, of the mean errors that `due` says.
     """
-    if pushed(m, seen[0], expected):
+    if pushed(m, seen, expected):
         begin(m)
         return False
-    m[SAMPLES] += 1
+    if m.shared[RESTS] == 0:
+        watch(m, seen, expected)
+    m.shared[SAMPLES] += 1
     if not quarter_ended(m, seen):
         return False
-    if m[RESTS] > 0:
+    if m.shared[RESTS] > 0:
         return to_correct(m, k)
-    if m[COUNTED] == QUARTERS:
+    if m.shared[COUNTED] == QUARTERS:
         check(m, k)
     return False
 
 
-def pushed(m: Numbers, theta: float, expected: float) -> bool:
-    """Return whether a rest is disturbed at the angle `theta` [rad] where `expected` [rad] was predicted."""
-    if m[RESTS] == 0:
-        return False
-    mean, width = swing(m, QUARTERS)
-    away = abs(theta - m[THETA] - mean)
-    jolt = JOLT * (2 if m[RINGS] > 0 else 1)  # the prediction includes friction that a ringing joint lacks
-    return abs(theta - expected) > jolt or away > PUSH + width + m[FREE]
+def watch(m: Memory, theta: Array, expected: Array) -> None:
+    """Follow how far the angles `theta` [rad] usually are from those `expected` [rad]: steps of an encoder, errors of
+    the model.
+    """
+    kept = 1 - 1 / (QUARTERS * m.shared[QUARTER_LENGTH])
+    for i in range(len(m.joint)):
+        off = abs(theta[i] - expected[i])
+        m.joint[i, USUAL] *= kept
+        if off > m.joint[i, USUAL]:
+            m.joint[i, USUAL] = off
 
 
-def quarter_ended(m: Numbers, seen: Array) -> bool:
-    """Return whether a quarter of a period ends with the sample that has `seen` (4,)."""
-    e, last = seen[0] - m[THETA], PAST + (QUARTERS - 1) * COLUMNS
-    m[SUM], m[SUM + 1], m[SUM + 2], m[IN_SUM] = m[SUM] + e, m[SUM + 1] + seen[2], m[SUM + 2] + seen[3], m[IN_SUM] + 1
-    m[LEAST], m[GREATEST] = min(m[LEAST], e), max(m[GREATEST], e)
-    if m[IN_SUM] < m[QUARTER_LENGTH]:
+def pushed(m: Memory, theta: Array, expected: Array) -> bool:
+    """Return whether a rest is disturbed at the angles `theta` [rad] where others were `expected` [rad]."""
+    if m.shared[RESTS] == 0:
         return False
-    for i in range(PAST, last):
-        m[i] = m[i + COLUMNS]
-    for i in range(3):
-        m[last + i] = m[SUM + i] / m[IN_SUM]
-    m[last + LOW], m[last + HIGH] = m[LEAST], m[GREATEST]
-    m[COUNTED] = min(m[COUNTED] + 1, QUARTERS)
+    rings = m.shared[RINGS] > 0
+    for i in range(len(m.joint)):
+        mean, width = swing(m, i, QUARTERS)
+        away = abs(theta[i] - m.joint[i, THETA] - mean)
+        jolt = max(JOLT * (2 if rings else 1), m.joint[i, USUAL])  # a ringing joint lacks friction that is predicted
+        if abs(theta[i] - expected[i]) > jolt or away > PUSH + width + m.joint[i, FREE]:
+            return True
+    return False
+
+
+def quarter_ended(m: Memory, seen: Array) -> bool:
+    """Return whether a quarter of a period ends with the sample that has `seen` (2n + m,)."""
+    n, s, last = len(m.joint), m.shared, QUARTERS - 1
+    s[IN_SUM] += 1
+    for i in range(n):
+        e = seen[i] - m.joint[i, THETA]
+        m.joint[i, SUM] += e
+        m.joint[i, LEAST], m.joint[i, GREATEST] = min(m.joint[i, LEAST], e), max(m.joint[i, GREATEST], e)
+    for i in range(len(m.muscle)):
+        m.muscle[i, FILLED] += seen[2 * n + i]
+    if s[IN_SUM] < s[QUARTER_LENGTH]:
+        return False
+    for i in range(n):
+        for q in range(last):
+            for c in range(3):
+                m.turned[q, i, c] = m.turned[q + 1, i, c]
+        m.turned[last, i, E] = m.joint[i, SUM] / s[IN_SUM]
+        m.turned[last, i, LOW], m.turned[last, i, HIGH] = m.joint[i, LEAST], m.joint[i, GREATEST]
+    for i in range(len(m.muscle)):
+        for q in range(last):
+            m.filled[q, i] = m.filled[q + 1, i]
+        m.filled[last, i] = m.muscle[i, FILLED] / s[IN_SUM]
+    s[COUNTED] = min(s[COUNTED] + 1, QUARTERS)
     begin_quarter(m)
     return True
 
 
-def mean_of(m: Numbers, column: int, quarters: int) -> float:
-    """Return the mean of a column over the last `quarters`."""
+def mean_pressure(m: Memory, i: int, quarters: int) -> float:
+    """Return the mean pressure of a muscle over the last `quarters` [Pa]."""
     total = 0.0
-    for i in range(QUARTERS - quarters, QUARTERS):
-        total += m[PAST + COLUMNS * i + column]
+    for q in range(QUARTERS - quarters, QUARTERS):
+        total += m.filled[q, i]
     return total / quarters
 
 
-def swing(m: Numbers, quarters: int) -> tuple[float, float]:
-    """Return the mean of e, and how far it goes from peak to peak, over the last `quarters` [rad]."""
-    least, most = inf, -inf
-    for i in range(QUARTERS - quarters, QUARTERS):
-        least, most = min(least, m[PAST + COLUMNS * i + LOW]), max(most, m[PAST + COLUMNS * i + HIGH])
-    return mean_of(m, E, quarters), most - least
+def swing(m: Memory, i: int, quarters: int) -> tuple[float, float]:
+    """Return the mean of e of a joint, and how far it goes from peak to peak, over the last `quarters` [rad]."""
+    total, least, most = 0.0, inf, -inf
+    for q in range(QUARTERS - quarters, QUARTERS):
+        total += m.turned[q, i, E]
+        least, most = min(least, m.turned[q, i, LOW]), max(most, m.turned[q, i, HIGH])
+    return total / quarters, most - least
 
 
-def check(m: Numbers, k: Rules) -> None:
-    """Rest where the swing allows it."""
-    (mean, width), last = swing(m, QUARTERS), PAST + (QUARTERS - 1) * COLUMNS
-    right, left = -inf, -inf
-    for i in range(QUARTERS):
-        right, left = max(right, m[PAST + COLUMNS * i + HIGH]), max(left, -m[PAST + COLUMNS * i + LOW])
-    m[SWUNG] = m[SWUNG] + 1 if min(right, left) > RINGING else 0.0
-    if m[SWUNG] >= SWINGS:
-        m[RINGS] = 1.0
-    rings = m[RINGS] > 0
-    if not rings and max(m[last + HIGH], -m[last + LOW]) > FAR:
-        m[SAMPLES] = 0.0
-    bound = MEAN if rings else min(START + GROWTH * k.dt * (m[SAMPLES] - k.dwell), FAR)
-    if (rings or m[SAMPLES] >= k.dwell) and abs(mean) <= bound and width <= SWING:
+def check(m: Memory, k: Rules) -> None:
+    """Rest where the swings of all joints allow it."""
+    s, last, swung, far = m.shared, QUARTERS - 1, False, False
+    for i in range(len(m.joint)):
+        right, left = -inf, -inf
+        for q in range(QUARTERS):
+            right, left = max(right, m.turned[q, i, HIGH]), max(left, -m.turned[q, i, LOW])
+        swung = swung or min(right, left) > RINGING
+        far = far or max(m.turned[last, i, HIGH], -m.turned[last, i, LOW]) > FAR
+    s[SWUNG] = s[SWUNG] + 1 if swung else 0.0
+    if s[SWUNG] >= SWINGS:
+        s[RINGS] = 1.0
+    rings = s[RINGS] > 0
+    if far and not rings:
+        s[SAMPLES] = 0.0
+    bound = MEAN if rings else min(START + GROWTH * k.dt * (s[SAMPLES] - k.dwell), FAR)
+    still = rings or s[SAMPLES] >= k.dwell
+    for i in range(len(m.joint)):
+        mean, width = swing(m, i, QUARTERS)
+        still = still and abs(mean) <= bound and width <= SWING
+    if still:
         rest(m, k, QUARTERS if rings else HALF)
 
 
-def rest(m: Numbers, k: Rules, quarters: int) -> None:
+def rest(m: Memory, k: Rules, quarters: int) -> None:
     """Rest at the mean pressures of the last `quarters`."""
-    last, margin = PAST + (QUARTERS - 1) * COLUMNS, k.dead_band / 2 + LEAK
-    for i in range(2):
-        m[HELD + i], m[BEGAN + i] = mean_of(m, P1 + i, quarters), m[last + P1 + i]
-    m[RESTS], m[SIDE] = 1.0, 1.0 if max(m[HELD], m[HELD + 1]) + margin < k.highest else -1.0
-    m[SINCE], m[TORQUE], m[ERROR], m[FREE] = 0.0, 0.0, 0.0, EDGE
+    margin, highest = k.dead_band / 2 + LEAK, -inf
+    for i in range(len(m.muscle)):
+        m.muscle[i, HELD], m.muscle[i, BEGAN] = mean_pressure(m, i, quarters), m.filled[QUARTERS - 1, i]
+        highest = max(highest, m.muscle[i, HELD])
+    m.shared[RESTS], m.shared[SIDE], m.shared[SINCE] = 1.0, 1.0 if highest + margin < k.highest else -1.0, 0.0
+    for i in range(len(m.joint)):
+        m.joint[i, ASKED], m.joint[i, ERROR], m.joint[i, FREE] = 0.0, 0.0, EDGE
 
 
 # --- corrections ------------------------------------------------------------------------------------------------------
 
 
-def to_correct(m: Numbers, k: Rules) -> bool:
-    """Return whether a correction of the error left over is due; end the rest if a pressure leaks."""
-    margin = k.dead_band / 2 + LEAK
-    for i in range(2):
-        if abs(mean_of(m, P1 + i, HALF) - m[HELD + i]) > margin:
+def to_correct(m: Memory, k: Rules) -> bool:
+    """Return whether a correction of an error left over is due; end the rest if a pressure leaks."""
+    margin, s = k.dead_band / 2 + LEAK, m.shared
+    for i in range(len(m.muscle)):
+        if abs(mean_pressure(m, i, HALF) - m.muscle[i, HELD]) > margin:
             begin(m)
             return False
-    mean, swings = due(m)
-    waited = m[SINCE] - ceil(k.settling / m[QUARTER_LENGTH])
-    m[SINCE] += 1
-    if waited > 0:
-        m[FREE] = 0.0
-    zone = DEAD_ZONE * (2 if m[RINGS] > 0 else 1)  # every correction makes it ring again
-    return waited >= (QUARTERS - 1 if swings else 0) and abs(mean) > zone
+    waited = s[SINCE] - ceil(k.settling / s[QUARTER_LENGTH])
+    s[SINCE] += 1
+    correct = False
+    for i in range(len(m.joint)):
+        if waited > 0:
+            m.joint[i, FREE] = 0.0
+        mean, swings = due(m, i)
+        correct = correct or (waited >= (QUARTERS - 1 if swings else 0) and abs(mean) > zone(m))
+    return correct
 
 
-def due(m: Numbers) -> tuple[float, bool]:
-    """Return the mean error to correct [rad], and whether the joint swings."""
-    swings = swing(m, HALF)[1] >= STILL
-    return mean_of(m, E, QUARTERS if swings else 1), swings
+def zone(m: Memory) -> float:
+    """Return the mean error up to which there is no correction [rad]: every one makes a joint ring again."""
+    return DEAD_ZONE * (2 if m.shared[RINGS] > 0 else 1)
 
 
-def turn(m: Numbers, stiffness: float, slope1: float, slope2: float) -> None:
-    """Correct the mean error of a joint with this `stiffness` [N·m/rad] and slopes ∂T/∂P [N·m/Pa]."""
-    if not stiffness > 0:
-        return
-    mean, swings = due(m)
-    torque = -mean * (stiffness if swings or m[RINGS] > 0 else gain(m, mean, stiffness))
-    side, slopes = m[SIDE], (slope1, slope2)
-    for i in range(2):
-        change = min(side * torque / slopes[i], MOST)
-        if change > 0:
-            play = min(side * mean_of(m, P1 + i, HALF), side * m[BEGAN + i]) - NOISE
-            m[HELD + i] = m[BEGAN + i] = side * (max(side * m[HELD + i], play) + change)
-    m[SINCE], m[TORQUE], m[ERROR], m[FREE] = 0.0, torque, mean, abs(torque) / stiffness
+def due(m: Memory, i: int) -> tuple[float, bool]:
+    """Return the mean error of a joint to correct [rad], and whether it swings."""
+    swings = swing(m, i, HALF)[1] >= STILL
+    return swing(m, i, QUARTERS if swings else 1)[0], swings
 
 
-def gain(m: Numbers, mean: float, stiffness: float) -> float:
-    """Return g [N·m/rad] of a joint that does not move."""
-    g = FIRST * stiffness
-    if m[TORQUE] != 0:
-        moved = (mean - m[ERROR]) * (1.0 if m[TORQUE] > 0 else -1.0)
-        g = min(max(abs(m[TORQUE]) / (max(moved, 0.0) + RESOLUTION) / 2, stiffness), STIFFEST * stiffness)
-    return min(g, stiffness * (1 + OVERSHOOT / abs(mean)))
+def turn(m: Memory, stiffness: Row, slopes: Row) -> None:
+    """Correct the mean errors of joints with the flat `stiffness` (n n,) [N·m/rad] and slopes ∂T/∂P (n m,) [N·m/Pa]."""
+    n, s = len(m.joint), m.shared
+    for i in range(n):
+        if not stiffness[i * n + i] > 0:
+            return
+    for i in range(n):
+        (mean, swings), own = due(m, i), stiffness[i * n + i]
+        g = own if swings or s[RINGS] > 0 else gain(m, i, mean, own)
+        m.joint[i, ASKED] = -mean * g if abs(mean) > zone(m) else 0.0
+        m.joint[i, ERROR], m.joint[i, FREE] = mean, abs(m.joint[i, ASKED]) / own
+    for i in range(n):
+        m.joint[i, TORQUE] = m.joint[i, ASKED]
+        for j in range(n):
+            if j != i:
+                m.joint[i, TORQUE] += stiffness[i * n + j] * m.joint[j, ASKED] / stiffness[j * n + j]
+    share(m, slopes)
+    raise_held(m)
+    s[SINCE] = 0.0
+
+
+def share(m: Memory, slopes: Row) -> None:
+    """Share the torques among changes of pressures on the held side: least squares by one muscle after the other."""
+    n, M, side = len(m.joint), len(m.muscle), m.shared[SIDE]
+    for j in range(M):
+        m.muscle[j, CHANGE] = 0.0
+    for _ in range(SWEEPS):
+        for j in range(M):
+            along, square = 0.0, 0.0
+            for i in range(n):
+                along += slopes[i * M + j] * m.joint[i, TORQUE]
+                square += slopes[i * M + j] ** 2
+            before = m.muscle[j, CHANGE]
+            if square > 0:
+                m.muscle[j, CHANGE] = max(before + side * along / square, 0.0)
+            for i in range(n):
+                m.joint[i, TORQUE] -= slopes[i * M + j] * side * (m.muscle[j, CHANGE] - before)
+
+
+def raise_held(m: Memory) -> None:
+    """Move the held pressures by their changes, all by the same share where one would be too large."""
+    side, largest = m.shared[SIDE], 0.0
+    for j in range(len(m.muscle)):
+        largest = max(largest, m.muscle[j, CHANGE])
+    for j in range(len(m.muscle)):
+        change = m.muscle[j, CHANGE] * min(1.0, MOST / max(largest, LEAST_CHANGE))
+        if change > LEAST_CHANGE:
+            play = min(side * mean_pressure(m, j, HALF), side * m.muscle[j, BEGAN]) - NOISE
+            m.muscle[j, HELD] = m.muscle[j, BEGAN] = side * (max(side * m.muscle[j, HELD], play) + change)
+
+
+def gain(m: Memory, i: int, mean: float, stiffness: float) -> float:
+    """Return g [N·m/rad] of a joint that does not move, with the mean error `mean` [rad]."""
+    g, asked = FIRST * stiffness, m.joint[i, ASKED]
+    if asked != 0:
+        moved = (mean - m.joint[i, ERROR]) * (1.0 if asked > 0 else -1.0)
+        g = min(max(abs(asked) / (max(moved, 0.0) + RESOLUTION) / 2, stiffness), STIFFEST * stiffness)
+    return min(g, stiffness * (1 + OVERSHOOT / max(abs(mean), RESOLUTION)))

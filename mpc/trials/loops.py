@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from allocator.calculus import Value
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
@@ -117,7 +118,7 @@ def robust(name: str, settings: Settings, reference: Reference | None = None) ->
 
 
 def sliding_margins(
-    name: str, settings: Settings, postures: Iterable[tuple[float, float]] | None = None
+    name: str, settings: Settings, postures: Iterable[tuple[Value, Value]] | None = None
 ) -> tuple[Margins, ...]:
     """Return the margins of the loop called `name` with these settings, without friction and dead band."""
     controller, observer = loop(name, settings._replace(compensation=linear(settings.compensation)))
@@ -132,5 +133,4 @@ def margins_in_words(name: str, settings: Settings, reference: Reference, driver
     """
     if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
         return []
-    found = sliding_margins(name, settings, [reference.middle])[0]
-    return [f"margins on the model at {found}", *([found.advice] if found.advice else [])]
+    return sliding_margins(name, settings, [reference.middle])[0].sentences

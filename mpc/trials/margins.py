@@ -9,12 +9,17 @@ so that its Fourier transform gives S at all frequencies, of any controller and 
 from -1. At crossover, |L| = 1, the phase margin is π + arg L and the delay margin is that over ω: with older readings
 of the angle the loop is unstable. Names and signs are those of `control.stability_margins`; see Åström and
 Murray, Feedback Systems, 2nd ed., 2020, section 10.3.
+
+Of an arm the reading of each joint is disturbed in turn: S and L are matrices (n, n), |S| is the largest singular
+value, and the other margins are those of L's eigenvalues, for a factor or a delay that all joints have in common; see
+Skogestad and Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, sections 3.3 and 4.9.
 """
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from math import inf, pi
 from typing import Self
 
@@ -22,13 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator import checks, stiffness_interval
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.assumption import AssumedSlack, Extrapolated
 from allocator.units import DEG
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
+from mpc.model.experiment import Experiment
 from mpc.model.friction.dahl import Friction
-from mpc.model.plant import Plant
+from mpc.model.machine import Machine
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
@@ -44,43 +51,61 @@ _DECAYED = 1e-2  # of δ at the end; more is a loop that does not settle
 class Margins:
     """Margins of a loop at one posture and stiffness."""
 
-    theta: float  # [rad]
-    K: float  # [N·m/rad]
+    theta: Value  # [rad], of an arm (n,)
+    K: Value  # [N·m/rad], of an arm (k, k) as it is tracked
     frequency: Array  # (f,) [Hz]
-    S: NDArray[np.complex128]  # (f,) sensitivity [-]
+    S: NDArray[np.complex128]  # (f,) sensitivity [-], of an arm (f, n, n)
     stable: bool  # whether the loop settles
 
     @classmethod
-    def of(cls, theta: float, K: float, response: Array, dt: float) -> Self:
-        """Return the margins from the `response` (n,) of the readings to one that is disturbed by 1, every `dt` [s]."""
-        points = _FINE * max(response.size, round(LISTEN / dt))
+    def of(cls, theta: Value, K: Value, response: Array, dt: float) -> Self:
+        """Return the margins from the `response` of the readings to one that is disturbed by 1, every `dt` [s].
+
+        It is (samples,), of an arm (samples, n, n): the readings of each joint by the one that is disturbed.
+        """
+        samples = len(response)
+        points = _FINE * max(samples, round(LISTEN / dt))
         frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
-        settled = bool(np.abs(response[-round(0.1 * response.size) :]).max() < _DECAYED)
-        return cls(theta, K, frequency, np.fft.rfft(response, points)[1:], settled)
+        settled = bool(np.abs(response[-round(0.1 * samples) :]).max() < _DECAYED)
+        return cls(theta, K, frequency, np.fft.rfft(response, points, axis=0)[1:], settled)
+
+    @cached_property
+    def magnitude(self) -> Array:
+        """The largest singular value of S (f,), |S| of a joint."""
+        return np.asarray(np.linalg.svd(self._matrices, compute_uv=False)[:, 0], float)
+
+    @property
+    def _matrices(self) -> NDArray[np.complex128]:
+        return self.S.reshape(self.frequency.size, np.size(self.theta), -1)
 
     @property
     def sensitivity_peak(self) -> float:
         """Return M_s; infinite for a loop that does not settle."""
-        return float(np.abs(self.S).max()) if self.stable else inf
+        return float(self.magnitude.max()) if self.stable else inf
 
     @property
     def peak_frequency(self) -> float:
         """Return where |S| is greatest [Hz]."""
-        return float(self.frequency[np.argmax(np.abs(self.S))])
+        return float(self.frequency[np.argmax(self.magnitude)])
 
-    @property
+    @cached_property
     def L(self) -> NDArray[np.complex128]:
-        """The loop transfer function L = 1/S - 1 (f,)."""
-        return 1 / self.S - 1
+        """The eigenvalues (n, f) of the loop transfer function L = S⁻¹ - 1, each followed along the frequency."""
+        from scipy.optimize import linear_sum_assignment
+
+        found = np.linalg.eigvals(np.linalg.inv(self._matrices) - np.eye(np.size(self.theta)))
+        for before, now in pairwise(found):
+            now[:] = now[linear_sum_assignment(np.abs(before[:, None] - now))[1]]
+        return np.asarray(found.T, complex)
 
     @cached_property
     def _control(self) -> tuple[Array, ...]:
         """Gain margins, phase margins [°] and stability margins, and their frequencies [rad/s]."""
         import control
 
-        response = control.frd(self.L, 2 * pi * self.frequency, smooth=True)
-        found: tuple[Array, ...] = control.stability_margins(response, returnall=True)
-        return found
+        loci = (control.frd(locus, 2 * pi * self.frequency, smooth=True) for locus in self.L)
+        found = (control.stability_margins(locus, returnall=True) for locus in loci)
+        return tuple(map(np.concatenate, zip(*found, strict=True)))
 
     @property
     def gain_margin(self) -> float:
@@ -101,7 +126,7 @@ class Margins:
 
     def __str__(self) -> str:
         """Return the margins in a line."""
-        at = f"θ = {self.theta / DEG:.0f}°, K = {self.K:.1f} N·m/rad"
+        at = self.place
         if not self.stable:
             return f"{at}: the loop does not settle"
         return (
@@ -110,30 +135,40 @@ class Margins:
         )
 
     @property
+    def place(self) -> str:
+        """The posture and the stiffness in words; of a stiffness matrix the diagonal."""
+        angles, stiff = np.atleast_1d(self.theta) / DEG, np.diag(np.atleast_2d(self.K))
+        unit = "N·m/rad" if angles.size == 1 else "tracked"
+        return f"θ = {'/'.join(f'{a:.0f}' for a in angles)}°, K = {'/'.join(f'{k:.1f}' for k in stiff)} {unit}"
+
+    @property
     def advice(self) -> str:
         """Advice in a sentence, or "" for a robust loop."""
         if self.sensitivity_peak <= ROBUST + 0.05:  # the accuracy of `robust_weights`
             return ""
         return f"M_s is above {ROBUST:g}: take lower gains or slower weights (`antagonist tune`), or less dead time"
 
+    @property
+    def sentences(self) -> list[str]:
+        """The margins and the advice, each in a sentence."""
+        return [f"margins on the model at {self}", *([self.advice] if self.advice else [])]
+
 
 def margins(
     controller: BaseController,
     observer: Observer,
-    postures: Iterable[tuple[float, float]] | None = None,
+    postures: Iterable[tuple[Value, Value]] | None = None,
     *,
     listen: float = LISTEN,
 ) -> tuple[Margins, ...]:
     """Return the margins of the loop of `controller` and `observer` on its own model, dead time and gas included.
 
-    `postures` are pairs (θ [rad], K [N·m/rad]); by default three angles, each at the middle of the stiffness that it
-    can have. The response is computed for `listen` [s]. Both are used and reset; rest mode is off meanwhile. The joint
-    slides and its regulators move, so both need a compensation without friction and dead band, which are not linear.
-    Raises `InvalidInput` for controllers of arms, and for a compensation with friction or a dead band.
+    `postures` are pairs (θ [rad], K [N·m/rad]), of an arm (n,) and (k, k); by default those of `usual_postures`. The
+    response is computed for `listen` [s]. Both are used and reset; rest mode is off meanwhile. The joints slide and the
+    regulators move, so both need a compensation without friction and dead band, which are not linear. Raises
+    `InvalidInput` for a compensation with friction or a dead band.
     """
     plant, told = controller.plant, controller.compensation
-    if plant.angle_shape != ():
-        raise InvalidInput("margins are those of one joint; an arm has none yet")
     if told != linear(told):
         raise InvalidInput(
             "margins are those of a joint that slides: build controller and observer with `linear(compensation)`, "
@@ -142,8 +177,8 @@ def margins(
     places = usual_postures(plant) if postures is None else postures
     rests, controller.rest = controller.rest, False
     try:
-        at = [(checks.number("theta", theta, "rad"), checks.number("K", K, "N·m/rad")) for theta, K in places]
-        return tuple(_at(controller, observer, theta, K, listen) for theta, K in at)
+        at = [(checks.real("theta", theta, "rad"), checks.real("K", K, "N·m/rad")) for theta, K in places]
+        return tuple(_at(controller, observer, theta[()], K[()], listen) for theta, K in at)
     finally:
         controller.rest = rests
         controller.reset()
@@ -152,12 +187,19 @@ def margins(
 
 def linear(told: Compensation) -> Compensation:
     """Return the compensation without friction and dead band."""
-    return replace(told, friction=Friction(), dead_band=0.0)
+    return replace(told, friction=Friction(), frictions=(), dead_band=0.0)
 
 
-def usual_postures(plant: Plant) -> list[tuple[float, float]]:
-    """Return three angles, at 15, 50 and 85 % of the joint range, with the middle of the stiffness of each."""
+def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:
+    """Return three postures with the middle of the stiffness of each, at 15, 50 and 85 % of the joint range.
+
+    Those of an arm are its middle and a quarter of the ranges to both sides, with the stiffness at half the supply.
+    """
     low, high = plant.angle_limits
+    if isinstance(plant, Arm):
+        postures = [plant.middle + share * (high - low) for share in (-0.25, 0.0, 0.25)]
+        P = np.full(plant.m, np.mean(plant.pressure_limits))
+        return [(q, plant.tracked_stiffness(np.concatenate([q, 0 * q, P]))) for q in postures]
     angles = low + np.array([0.15, 0.5, 0.85]) * (high - low)
     with warnings.catch_warnings():  # only places to look at are taken from it
         for assumed in (AssumedSlack, Extrapolated):
@@ -166,28 +208,69 @@ def usual_postures(plant: Plant) -> list[tuple[float, float]]:
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
 
 
-def _at(controller: BaseController, observer: Observer, theta: float, K: float, listen: float) -> Margins:
+def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float) -> Margins:
     """Return the margins at one posture."""
-    dt, plant = controller.dt, controller.plant
+    dt, n = controller.dt, controller.plant.n
     first, samples = round(SETTLE / dt), round((SETTLE + listen) / dt)
-    at_rest = plant.at_rest(theta, K)
-    told = controller.compensation
-    trial = RealPlant(plant, dead_time=told.dead_time, reading_age=told.reading_age).begin(dt, at_rest, 0)
-    start = trial.memory
+    at_rest = controller.plant.at_rest(theta, K)
+    begin = _beginner(controller, at_rest)
 
-    def readings(delta: float) -> Array:
-        """Return the angle's readings from the one that `delta` [rad] is added to on."""
+    def readings(delta: Array) -> Array:
+        """Return the angles' readings (samples, n) from the one that `delta` (n,) [rad] is added to on."""
         controller.reset()
         observer.reset()
-        trial.recall(start, 0)
-        u, angles = at_rest[2:], []
+        trial, u, angles = begin(), at_rest[2 * n :], []
         for k in range(samples):
             y = trial.measure()
-            y[0] += delta * (k == first)
-            angles.append(y[0])
+            y[:n] += delta * (k == first)
+            angles.append(y[:n].copy())
             x, d = observer.estimate(y, u)
             u = controller.step(x, theta, K, d).u[0]
             trial.advance(u)
         return np.array(angles[first:])
 
-    return Margins.of(theta, K, (readings(DELTA) - readings(0.0)) / DELTA, dt)
+    undisturbed = readings(np.zeros(n))
+    response = np.stack([readings(DELTA * unit) - undisturbed for unit in np.eye(n)], axis=2) / DELTA
+    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], dt)
+
+
+def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:
+    """Return what begins the model of a controller from `x`, with the dead time and the reading age that it is told."""
+    plant, told, dt, n = controller.plant, controller.compensation, controller.dt, controller.plant.n
+    if isinstance(plant, Arm):
+        exact = plant.begin(dt, x, 0)
+
+        def begin_arm() -> Experiment:
+            exact.x = x
+            return _Late(exact, n, [x[2 * n :]] * told.delay(dt), [x[:n]] * told.age(dt))
+
+        return begin_arm
+    trial = RealPlant(plant, dead_time=told.dead_time, reading_age=told.reading_age).begin(dt, x, 0)
+    start = trial.memory
+
+    def begin() -> Experiment:
+        trial.recall(start, 0)
+        return trial
+
+    return begin
+
+
+class _Late:
+    """An exact experiment whose commands and readings of angles come late: those on their way, oldest first."""
+
+    def __init__(self, exact: Experiment, n: int, commands: list[Array], angles: list[Array]) -> None:
+        self._exact, self._n, self._commands, self._angles = exact, n, commands, angles
+
+    @property
+    def x(self) -> Array:
+        return self._exact.x
+
+    def measure(self) -> Array:
+        y, n = self._exact.measure(), self._n
+        self._angles.append(y[:n].copy())
+        y[:n] = self._angles.pop(0)
+        return y
+
+    def advance(self, u: Array, d: Value = 0.0) -> None:
+        self._commands.append(u)
+        self._exact.advance(self._commands.pop(0), d)

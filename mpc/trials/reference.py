@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
@@ -84,9 +84,10 @@ class Reference:
         return replace(self, t=t, theta=_smooth(self.t, self.theta, t), K=_smooth(self.t, self.K, t), tail=ahead * dt)
 
     @property
-    def middle(self) -> tuple[float, float]:
-        """The middle of the ranges of angle [rad] and stiffness [N·m/rad], of one joint."""
-        return float(self.theta.min() + self.theta.max()) / 2, float(self.K.min() + self.K.max()) / 2
+    def middle(self) -> tuple[Value, Value]:
+        """The middle of the ranges of angles [rad] and stiffness [N·m/rad], entry by entry."""
+        theta, K = ((values.min(axis=0) + values.max(axis=0)) / 2 for values in (self.theta, self.K))
+        return theta, K
 
     @property
     def summary(self) -> str:

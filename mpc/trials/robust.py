@@ -10,9 +10,10 @@ from collections.abc import Callable
 from math import exp, isfinite, log
 
 from allocator import checks
+from allocator.calculus import Value
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
-from mpc.model.plant import Plant
+from mpc.model.machine import Machine
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.step import CompilingBeside, SlowStep
@@ -27,19 +28,19 @@ _TRIALS = 8
 
 
 def robust_weights(
-    plant: Plant,
+    plant: Machine,
     dt: float = 0.01,
     N: int = 20,
     compensation: Compensation | None = None,
     *,
-    posture: tuple[float, float] | None = None,
+    posture: tuple[Value, Value] | None = None,
     sensitivity_peak: float = ROBUST,
     wait: bool = True,
     compiled: bool = True,
 ) -> Weights:
     """Return `Weights.calm(s)` with the s for which the loop's M_s is `sensitivity_peak` at a `posture`.
 
-    A posture is a pair (θ [rad], K [N·m/rad]); None is the middle of the joint range and of the stiffness there.
+    A posture is a pair (θ [rad], K [N·m/rad]), of an arm (n,) and (k, k); None is the middle of `usual_postures`.
     The loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt)`, both with `compensation`,
     `wait` and `compiled`; dt is in seconds. s stays within 0.75 and 32, so that a long dead time can leave a greater
     peak. Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.

@@ -7,6 +7,7 @@ stands an observer, which makes a state and a disturbance torque of what is meas
 difference of the angles where the velocity is not measured, and nothing else.
 """
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
@@ -29,6 +30,7 @@ from mpc.tracking.plan import Moved, Plan
 from mpc.trials.reference import Reference
 
 T = TypeVar("T")
+_TELLS = 5.0  # [s] from line to line of progress
 Load: TypeAlias = Callable[[float], ArrayLike]  # the time [s] ↦ a torque from outside [N·m], (n,) of an arm
 
 
@@ -314,7 +316,10 @@ def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:
 
 
 def tracked(items: Iterable[T], total: int, progress: bool) -> Iterator[T]:
-    """Yield the items, with a bar that counts them up to their `total`, if `progress` and there is a terminal."""
+    """Yield the items and, if `progress`, count them up to their `total` on stderr: a bar, or lines without a terminal.
+
+    The lines are for notebooks and pipes: the first after 5 s, with the time that is left.
+    """
     if not progress:
         yield from items
         return
@@ -322,5 +327,12 @@ def tracked(items: Iterable[T], total: int, progress: bool) -> Iterator[T]:
     from rich.progress import track
 
     console = Console(stderr=True)
-    hidden = not console.is_terminal
-    yield from track(items, "simulating", total, console=console, transient=True, disable=hidden)
+    if console.is_terminal:
+        yield from track(items, "simulating", total, console=console, transient=True)
+        return
+    began = told = perf_counter()
+    for done, item in enumerate(items, 1):
+        yield item
+        if (now := perf_counter()) - told >= _TELLS:
+            told, left = now, (now - began) / done * (total - done)
+            print(f"simulating: {done} of {total}, about {left:.0f} s left", file=sys.stderr, flush=True)

@@ -20,18 +20,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
-from allocator.allocation import allocate
 from allocator.allocation.box import pivoting
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.joint.gas import Gas, Stiffness
-from allocator.joint.limits import Limits
+from allocator.joint.gas import Gas
 from allocator.mechanism import Mechanism, machines
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.mechanism.routes.mjcf import Source
 from allocator.muscles import Muscle
 from allocator.units import BAR
-from mpc.model.arm import formulas, ranges
+from mpc.model.arm import formulas, ranges, tangents
 from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.formulas import Statics
 from mpc.model.arm.pneumatics import Pneumatics
@@ -223,8 +221,7 @@ class Arm:
 
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
         """Return the pressures along a motion: angles (M, n), stiffness (M, k, k) and torques (M, n)."""
-        kind, along = Stiffness(endpoint=self.endpoint), 0 if len(theta) > 1 else None
-        found = allocate(theta, K, T, joint=self.mechanism, limits=Limits(min_force), stiffness=kind, along=along)
+        found = tangents.allocated(self, theta, K, T, min_force)
         joints = self.endpoint is None
         given, missed = (found.K, found.K_error) if joints else (found.K_x, found.K_x_error)
         return Held(found.P, self.svec(given), missed, found.T_error)
@@ -281,10 +278,6 @@ class Arm:
         found = self.held(theta, K, T, 0.0)
         missed = np.abs(found.K_error).max(axis=(-2, -1)) > _MISSED * np.abs(K).max(axis=(-2, -1))
         return np.asarray(~(missed | (np.abs(found.T_error).max(axis=-1) > _MISSED)))
-
-    def check_feed_forward(self) -> None:
-        """Raise `InvalidInput` for muscles that are not affine in the pressure: their allocation takes too long."""
-        self.mechanism.check_affine("the feed-forward of an arm")
 
     def warm_up(self, min_force: float) -> None:
         """Compile what the allocation needs."""

@@ -1,9 +1,11 @@
 """The factory makes what a controller works with: compiled where that can be had, and else readable."""
 
 import warnings
+from collections.abc import Callable
 from contextlib import nullcontext
 from math import inf
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,15 +17,15 @@ from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
-from mpc.tracking.feedforward import FeedForwardOf, InverseDynamics
+from mpc.tracking.feedforward import FeedForward, FeedForwardOf, InverseDynamics
 from mpc.tracking.linearise import Predictor
+from mpc.tracking.plan import Moved
 from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.solvers import DAQP
+from mpc.tracking.qp.solvers import DAQP, Solver
 from mpc.tracking.qp.step import CompilingBeside, PreviousSample, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
-    from mpc.tracking.compiled.arm.qp_step import CompiledArmQPStep
     from mpc.tracking.compiled.records import Setting
     from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
@@ -41,71 +43,85 @@ def factory(
     problem: TrackingProblem,
     predictor: Predictor,
     feed_forward: InverseDynamics,
+    solve: Solver,
     *,
     wait: bool = True,
     compiled: bool = True,
 ) -> Parts:
     """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails.
 
-    If `wait` is false and nothing is compiled yet, return the readable ones, warn with `CompilingBeside`, and compile
-    in another process. A joint without a kernel and an arm always wait. If `compiled` is false, return the readable
-    ones without a warning.
+    An arm's are compiled for the QP solver `solve`. If `wait` is false and nothing is compiled yet, return the readable
+    ones, warn with `CompilingBeside`, and compile in another process. A joint without a kernel always waits. If
+    `compiled` is false, return the readable ones without a warning.
     """
+    structured, readable = None, ReadableQPStep(problem, predictor)
+    given = dt, problem, feed_forward
     if not compiled:
-        return Parts(ReadableQPStep(problem, predictor), feed_forward)
-    if isinstance(plant, Arm):
-        return _of_arm(plant, dt, problem, predictor, feed_forward)
-    assert isinstance(plant, Plant)
+        return Parts(readable, feed_forward)
+    if isinstance(plant, Arm) and (plant.unformulated or plant.gas is not None):
+        why = plant.unformulated or "with gas the motion moves the pressures"
+        notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
+        return Parts(readable, feed_forward.ready())
     try:
-        from mpc.tracking.compiled.module import compiled_plant
-
-        made = compiled_plant(plant, dt)
-        with nullcontext() if wait or not made.p.size else beside.only_kept():
-            inverse = CompiledFeedForward(made, feed_forward) if made.p.size else feed_forward.ready()
-            return Parts(CompiledQPStep(made, problem), inverse)
+        step, patient, build = _of_arm(plant, *given, solve) if isinstance(plant, Arm) else _of_joint(plant, *given)
+        with nullcontext() if wait or patient else beside.only_kept():
+            return build()
     except beside.NotKept:
-        if not beside.begin(made.step.__name__, Path(str(made.step.__file__)).parent, compile_step, plant, dt):
-            return factory(plant, dt, problem, predictor, feed_forward)
-        notice(_BESIDE, CompilingBeside)
-        return Parts(ReadableQPStep(problem, predictor), feed_forward)
+        if not beside.begin(step.__name__, Path(str(step.__file__)).parent, compile_step, plant, dt):
+            return factory(plant, dt, problem, predictor, feed_forward, solve)
+        notice(_BESIDE.format("a minute or two" if isinstance(plant, Arm) else "some 30 seconds"), CompilingBeside)
+        return Parts(readable, feed_forward)
     except Exception as failure:  # see `_tell`
         _tell("takes about ten times as long", failure)
-    return Parts(ReadableQPStep(problem, predictor, _structured(problem)), feed_forward.ready())
+        structured = None if isinstance(plant, Arm) else _structured(problem)
+    return Parts(ReadableQPStep(problem, predictor, structured), feed_forward.ready())
 
 
-def _of_arm(
-    arm: Arm, dt: float, problem: TrackingProblem, predictor: Predictor, feed_forward: InverseDynamics
-) -> Parts:
-    ready = feed_forward.ready()
-    if arm.unformulated or arm.gas is not None:
-        why = arm.unformulated or "with gas the motion moves the pressures"
-        notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
-        return Parts(ReadableQPStep(problem, predictor), ready)
-    try:
-        from mpc.tracking.compiled.arm.inverse_dynamics import CompiledArmFeedForward
-        from mpc.tracking.compiled.arm.module import compiled_arm
-        from mpc.tracking.compiled.arm.qp_step import CompiledArmQPStep
+class Compiling(NamedTuple):
+    """The compiled module of a machine, whether it is always waited for, and what loads or compiles the parts."""
 
-        made = compiled_arm(arm, dt)
-        redundant = arm.tracked < arm.n  # K_x is not linear in the pressures then
-        feed = ready if redundant else CompiledArmFeedForward(arm, made, ready)
-        step = CompiledArmQPStep(arm, dt, made, problem)
-        _compile(arm, problem, step, feed)
+    step: ModuleType
+    patient: bool
+    build: Callable[[], Parts]
+
+
+def _of_joint(plant: Plant, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics) -> Compiling:
+    from mpc.tracking.compiled.module import compiled_plant
+
+    made = compiled_plant(plant, dt)
+
+    def build() -> Parts:
+        inverse = CompiledFeedForward(made, feed_forward) if made.p.size else feed_forward.ready()
+        return Parts(CompiledQPStep(made, problem), inverse)
+
+    return Compiling(made.step, not made.p.size, build)
+
+
+def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics, solve: Solver) -> Compiling:
+    from mpc.tracking.compiled.arm.inverse_dynamics import CompiledArmFeedForward
+    from mpc.tracking.compiled.arm.module import compiled_arm
+    from mpc.tracking.compiled.arm.qp_step import CompiledArmQPStep
+
+    made = compiled_arm(arm, dt)
+
+    def build() -> Parts:
+        """Compile now, and not when the arm is waiting for its first command; some QPs are left to DAQP."""
+        step, N = CompiledArmQPStep(arm, dt, made, problem), sum(problem.blocks)
+        P = np.full(arm.m, np.mean(problem.limits.pressure))
+        x = np.concatenate([arm.middle, np.zeros(arm.n), P])
+        K, d = np.diag(np.diag(arm.tracked_stiffness(x))), np.zeros((N + 1, arm.n))
+        u, states = np.tile(P, (N, 1)), np.tile(x, (N + 1, 1))
+        still = FeedForward(states, np.zeros((N + 1, arm.stiffnesses + arm.m)), u, Moved(0.0, 0.0, 0.0))
+        for solver in (DAQP(), solve):
+            step(x, u, d[:-1], still, PreviousSample(P, P), solver, inf)
+        step.whole_qp()
+        ready = feed_forward.ready()
+        linear = arm.mechanism.affine and arm.tracked == arm.n  # torques and K, of a hand too, in the pressures
+        feed = CompiledArmFeedForward(arm, made, ready) if linear else ready
+        feed(states[:, : arm.n], np.tile(K, (N + 1, 1, 1)), d)
         return Parts(step, feed)
-    except Exception as failure:  # see `_tell`
-        _tell("takes some ten times as long", failure)
-    return Parts(ReadableQPStep(problem, predictor), ready)
 
-
-def _compile(arm: Arm, problem: TrackingProblem, step: "CompiledArmQPStep", feed_forward: FeedForwardOf) -> None:
-    """Compile now, and not when the arm is waiting for its first command."""
-    N = sum(problem.blocks)
-    P = np.full(arm.m, np.mean(problem.limits.pressure))
-    x = np.concatenate([arm.middle, np.zeros(arm.n), P])
-    K, d = np.diag(np.diag(arm.tracked_stiffness(x))), np.zeros((N + 1, arm.n))
-    feed = feed_forward(np.tile(x[: arm.n], (N + 1, 1)), np.tile(K, (N + 1, 1, 1)), d)
-    step(x, np.tile(P, (N, 1)), d[:-1], feed, PreviousSample(P, P), DAQP(), inf)
-    step.whole_qp()
+    return Compiling(made.step, False, build)
 
 
 def _tell(longer: str, failure: Exception) -> None:
@@ -115,12 +131,12 @@ def _tell(longer: str, failure: Exception) -> None:
 
 
 _BESIDE = (
-    "another process compiles the controller's step for the next run, some 30 seconds; this run takes the readable "
+    "another process compiles the controller's step for the next run, {}; this run takes the readable "
     "one, about ten times as slow (--wait, or wait=True, waits)"
 )
 
 
-def compile_step(plant: Plant, dt: float) -> None:
+def compile_step(plant: Machine, dt: float) -> None:
     """Compile what controllers of `plant` at the sample time `dt` [s] need, to be kept. Raises `SlowStep`."""
     from mpc.tracking.controller import TrackingMPC
 

@@ -23,6 +23,7 @@ from mpc.codegen.jit import assign, compiled_flat, inlined_flat
 from mpc.model.compiled_friction import ABSENT, Rubbing, followed, less_friction, rubbing_in
 from mpc.model.friction.contact import Pressed
 from mpc.model.integration import NODES, SHARES
+from mpc.model.plant import NU
 from mpc.tracking.compiled.commands import cumulative, excess, limit
 from mpc.tracking.compiled.records import Bounds, Given, Indices, Path, Reference, given_in, path_in, setting_in
 from mpc.tracking.compiled.sample.calls import settle_at
@@ -35,6 +36,7 @@ from mpc.tracking.compiled.sample.layout import (
     inputs_at,
     known_in,
     made_in,
+    memory_in,
     plan_length,
     state_in,
 )
@@ -148,11 +150,13 @@ def resting(c: Array, known: Known, asked: Asked, state: State, rest: Array) -> 
     assign(rest, state.rest)
     if not known.rests:
         return False
-    if not constant(rest, rules, asked.theta[m:], asked.K[m:]):
-        begin(rest)
-    elif decided(rest, rules, asked.x, state.expected[0]):
-        found = pressing(rest[THETA] + due(rest)[0], 0.0, rest[HELD], rest[HELD + 1], c)
-        turn(rest, found[1], found[2], found[3])
+    memory = memory_in(rest, 1, NU)
+    if not constant(memory, rules, asked.theta[m:], asked.K[m:]):
+        begin(memory)
+    elif decided(memory, rules, asked.x, state.expected):
+        angle = memory.joint[0, THETA] + due(memory, 0)[0]
+        found = pressing(angle, 0.0, memory.muscle[0, HELD], memory.muscle[1, HELD], c)
+        turn(memory, (found[1],), (found[2], found[3]))
     return bool(rest[RESTS] > 0)
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.presentation.plotting import GREY, name_axes, new_figure, save_figure
-from allocator.units import DEG
 from mpc.trials.margins import ROBUST, Margins
 from mpc.trials.pictures.plotting import COLOURS
 
@@ -20,7 +19,7 @@ _CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
 
 
 def plot_margins(found: Sequence[Margins], path: str | PathLike[str] | None = None, title: str = "") -> "Figure":
-    """Return a figure of |S| and of L in the plane, one line per posture, and write it to `path` if there is one.
+    """Return a figure of |S| and of L's eigenvalues in the plane, one colour per posture, and write it to a `path`.
 
     The circle of radius 1/2 around -1, which L keeps out of while M_s ≤ 2, is grey.
     """
@@ -30,9 +29,10 @@ def plot_margins(found: Sequence[Margins], path: str | PathLike[str] | None = No
     plane.fill((_CIRCLE / ROBUST - 1).real, (_CIRCLE / ROBUST).imag, color=GREY, alpha=0.25, lw=0)
     plane.plot(-1, 0, "+", color="black")
     for margins, colour in zip(found, COLOURS, strict=False):
-        name = f"θ = {margins.theta / DEG:.0f}°, K = {margins.K:.1f} N·m/rad: M_s = {margins.sensitivity_peak:.2f}"
-        spectrum.loglog(margins.frequency, np.abs(margins.S), color=colour, label=name)
-        plane.plot(margins.L.real, margins.L.imag, color=colour)
+        name = f"{margins.place}: M_s = {margins.sensitivity_peak:.2f}"
+        spectrum.loglog(margins.frequency, margins.magnitude, color=colour, label=name)
+        for locus in margins.L:
+            plane.plot(locus.real, locus.imag, color=colour)
     spectrum.set_xlim(left=_LOWEST)
     spectrum.set_ylim(bottom=0.05)
     plane.set(xlim=(-_SHOWN + 0.5, 0.5), ylim=(-_SHOWN / 2, _SHOWN / 2), aspect="equal")

@@ -90,18 +90,17 @@ def _functions(arm: Arm) -> dict[str, "Function"]:
     held = [s.q, omega, s.P]
     left = ca.jacobian(pushing - M @ alpha, ca.vertcat(*held))
     slope = ca.jacobian(y, ca.vertcat(s.q, s.P))
-    stacked = ca.vertcat(s.torque, joint_svec(s))
-    empty = ca.substitute([stacked, s.forces], [s.P], [ca.SX.zeros(arm.m)])
-    gains = [ca.jacobian(stacked, s.P), ca.diag(ca.jacobian(s.forces, s.P))]
     made = {
         "dynamics": ([*held, d], [M, pushing + d]),
         "dynamics_slopes": ([*held, alpha], [left]),
         "output_slopes": ([s.q, s.P], [y, slope]),
-        "statics": (
-            [s.q, omega, alpha],
-            [bodies.torque_for(s.q, omega, alpha), empty[0], gains[0], empty[1], gains[1]],
-        ),
     }
+    if arm.mechanism.affine:  # else the feed-forward is not compiled
+        stacked = ca.vertcat(s.torque, joint_svec(s))
+        empty = ca.substitute([stacked, s.forces], [s.P], [ca.SX.zeros(arm.m)])
+        gains = [ca.jacobian(stacked, s.P), ca.diag(ca.jacobian(s.forces, s.P))]
+        given = [bodies.torque_for(s.q, omega, alpha), empty[0], gains[0], empty[1], gains[1]]
+        made["statics"] = [s.q, omega, alpha], given
     return {
         name: ca.Function(name, given, ca.cse([ca.densify(ca.SX(value)) for value in values]))
         for name, (given, values) in made.items()

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
+from mpc.codegen.jit import inlined
 from mpc.codegen.views import in_python, length_of, measure, opened, viewer
-from mpc.tracking.resting import SIZE as RESTING
+from mpc.model.plant import NU
+from mpc.tracking import resting
 from mpc.tracking.resting import Rules
 
 
@@ -58,7 +60,7 @@ class State(NamedTuple):
     sent: Annotated[Array, 2]  # [Pa]
     expected: Annotated[Array, 4]  # the state that was predicted for now
     angle: Annotated[Array, 1]  # from which the motion counts that friction remembers [rad]
-    rest: Annotated[Array, RESTING]  # numbers of `mpc.tracking.resting`
+    rest: Annotated[Array, resting.size(1, NU)]  # numbers of `mpc.tracking.resting`
     memory: Annotated[Array, "n"]  # of friction
     waiting: Annotated[Array, "m", 2]  # commands as they will act, oldest first [Pa]
 
@@ -101,6 +103,7 @@ class Known(NamedTuple):
 
 
 asked_in: Callable[[Array], Asked] = viewer(Asked)
+memory_in: Callable[[Array, int, int], resting.Memory] = inlined(resting.memory_in)
 inputs_at: Callable[[int], Inputs] = opened(Inputs)
 known_in: Callable[[Array], Known] = viewer(Known)
 made_in: Callable[[Array], Made] = viewer(Made)

@@ -14,7 +14,7 @@ from mpc.model.compensation import SOFT
 from mpc.model.plant import NU
 from mpc.tracking.compiled.commands import limit
 from mpc.tracking.compiled.records import Bounds, Given, Indices, Signs
-from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State
+from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State, memory_in
 from mpc.tracking.resting import HELD
 
 WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # what of a step is made
@@ -92,9 +92,10 @@ def copy_set(one: Signs, other: Signs) -> None:
 @inlined_flat
 def hold(rest: Array, bounds: Bounds, state: State, made: Made) -> None:
     """Fill in the approach [bar] to the pressures of a `rest`: see `BaseController._approach`."""
+    held = memory_in(rest, 1, NU).muscle
     for k in range(made.u.shape[0]):
         for i in range(NU):
-            made.u[k, i] = rest[HELD + i] / BAR
+            made.u[k, i] = held[i, HELD] / BAR
     limit(bounds.low, bounds.high, bounds.step, state.u[0], BAR, made.u)
 
 
