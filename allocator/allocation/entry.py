@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.allocation.arguments import Asked, Method, Name
-from allocator.allocation.box import pivoting
+from allocator.allocation.box import pivoting, single
 from allocator.allocation.box import solve as box
 from allocator.allocation.box.result import BoxAllocation
 from allocator.allocation.result import Allocation
@@ -131,15 +131,18 @@ def allocate(
     """
     joint = report_joint() if joint is None else joint
     if (
-        isinstance(joint, AntagonistJoint)
-        and isinstance(method, str)  # and no array
+        isinstance(method, str)  # and no array
         and method == "exact"
         and weights is pull is along is None  # type: ignore[comparison-overlap]  # all None
         and type(limits) is Limits
         and _ordinary(joint, direction, stiffness)
     ):
-        kind = HELD if stiffness is ISOBARIC else stiffness.kind().of_gas(joint.gas, joint.affine)
-        found = calls.answer(joint, theta, K, T, priority, limits, kind)
+        found: Allocation | None = None
+        if isinstance(joint, AntagonistJoint):
+            kind = HELD if stiffness is ISOBARIC else stiffness.kind().of_gas(joint.gas, joint.affine)
+            found = calls.answer(joint, theta, K, T, priority, limits, kind)
+        elif isinstance(joint, Mechanism) and stiffness is ISOBARIC:
+            found = single.answered(joint, theta, K, T, priority, limits)
         if found is not None:
             return found
     asked = Asked(theta, K, T, limits, stiffness, priority, weights, pull, along, direction, Method.of(method))
@@ -151,7 +154,7 @@ def allocate(
     raise InvalidInput(f"joint = {checks.brief(joint)} has to be an AntagonistJoint or a Mechanism")
 
 
-def _ordinary(joint: AntagonistJoint, direction: object, stiffness: Stiffness) -> bool:
+def _ordinary(joint: object, direction: object, stiffness: Stiffness) -> bool:
     """Return whether friction takes nothing, and neither a tolerance, a hand nor a force is given."""
     if stiffness is not ISOBARIC and not (
         type(stiffness) is Stiffness
@@ -161,7 +164,8 @@ def _ordinary(joint: AntagonistJoint, direction: object, stiffness: Stiffness) -
         return False
     if type(direction) is float and direction == 0:
         return True
-    return float_or_nan(direction) == 0 or (joint.friction == 0 and abs(float_or_nan(direction)) <= 1)
+    s = float_or_nan(direction)
+    return s == 0 or (isinstance(joint, AntagonistJoint) and joint.friction == 0 and abs(s) <= 1)
 
 
 def warm_up(
@@ -203,5 +207,5 @@ def warm_up(
     """
     joint = joint_or_report(joint) if not isinstance(joint, Mechanism) else joint
     if isinstance(joint, Mechanism):
-        return pivoting.warm_up()
+        return pivoting.warm_up() and (single.warm_up(joint) or not joint.affine)
     return calls.warm_up(joint, priority, Limits(min_force, max_force), slew, gas)

@@ -22,6 +22,7 @@ from allocator.allocation.status import CLOSED_FORM
 from allocator.allocation.two_muscles import reach
 from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array, Mask
+from allocator.errors import notice_once
 from allocator.feasibility.setting import Setting, spans
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import AssumedSlack, Extrapolated, assumption, visits
@@ -30,7 +31,6 @@ from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair
 from allocator.joint.torque_levels import torque_interval as torque_interval_in
 from allocator.muscles.measured import extrapolation
-from allocator.notices import notice_once
 
 
 def torque_interval(

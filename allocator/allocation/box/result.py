@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +90,16 @@ class BoxAllocation(Allocation):
             _mu=found.solved.mu,
             _shape=shape,
         )
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            """Compute a field that a compiled answer has left for later, see `allocator.allocation.box.single`."""
+            later = self.__dict__.get("_later")
+            if later is None or name not in self.__dataclass_fields__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            made = self.__dict__[name] = later.field(name, self)
+            return made
 
     @property
     def mechanism(self) -> Mechanism:

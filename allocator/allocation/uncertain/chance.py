@@ -14,8 +14,7 @@ from allocator.allocation.optimisers.backends import CERTIFIED, SCALE, Answer, G
 from allocator.allocation.status import UNCERTAIN
 from allocator.allocation.two_muscles import certificate
 from allocator.allocation.two_muscles.problem import Problem
-from allocator.allocation.uncertain.draws import sampled_box
-from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, risk_of_one, uncertain
+from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, risk_of_one, sampled_box, uncertain
 from allocator.calculus import Array
 from allocator.joint.limits import PressureBox
 

@@ -15,7 +15,7 @@ from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.search import Found, fit_regulators, search, sensed_at
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.volumes import with_volumes
+from allocator.joint.assumption import with_volumes
 from allocator.units import BAR, DEG
 
 _MOST_SUPPLY = 2.0  # greatest pressure of a log in the supply of the joint that is given

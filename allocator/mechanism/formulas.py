@@ -1,6 +1,6 @@
-"""The lengths of a mechanism's muscles are CasADi formulas of the posture here, one function for a kind of route.
+"""Formulas of a mechanism in CasADi symbols: muscle lengths, targets over pressures, the Jacobian of a hand.
 
-They are the numbers of `allocator.mechanism.routes` in symbols, which CasADi differentiates as often as it takes.
+They give the numbers of `allocator.mechanism.routes`, and CasADi differentiates them as often as needed.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allocator.errors import InvalidInput
-from allocator.mechanism import Pulleys, Routes, Sites
 from allocator.mechanism.endpoint.endpoint import Endpoint
 from allocator.mechanism.endpoint.points import LinkagePoint
-from allocator.mechanism.routes import FunctionRoutes, JointRoutes
+from allocator.mechanism.mechanism import Mechanism
+from allocator.mechanism.routes import FunctionRoutes, JointRoutes, Pulleys, Routes, Sites
 from allocator.mechanism.routes.linkage import GROUND, Link
 
 if TYPE_CHECKING:
-    from casadi import SX
+    from casadi import SX, Function
 
 
 def symbolic_lengths(routes: Routes, q: "SX") -> "SX":
@@ -37,6 +37,34 @@ def symbolic_lengths(routes: Routes, q: "SX") -> "SX":
 def has_formulas(routes: Routes) -> bool:
     """Return whether `symbolic_lengths` has formulas of these routes."""
     return isinstance(routes, tuple(_FORMULAS))
+
+
+def map_function(mechanism: Mechanism) -> "Function":
+    """Return the CasADi function q ↦ (ε (m), A (m), B (m), y0 (d), M (d m), row by row), with forces F = A P + B.
+
+    Raises `InvalidInput` for muscles that are not affine and for routes without formulas.
+    """
+    import casadi as ca
+
+    mechanism.check_affine("formulas of the allocation")
+    q, P = ca.SX.sym("q", mechanism.n), ca.SX.sym("P", mechanism.m)
+    length, rest = symbolic_lengths(mechanism.routes, q), mechanism.routes.rest_length
+    eps = [(L - length[j]) / L for j, L in enumerate(rest)]
+    muscles = list(zip(mechanism.muscles, eps, strict=True))
+    A = ca.vertcat(*(muscle.gain(0.0, e) for muscle, e in muscles))
+    B = ca.vertcat(*(muscle.law(0.0, e) for muscle, e in muscles))
+    torque = -ca.jacobian(length, q).T @ (A * P + B)  # (M1)
+    stiffness = -ca.jacobian(torque, q)  # (M2)
+    rows, columns = mechanism.upper_triangle
+    entries = [stiffness[i, j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)]
+    y = ca.vertcat(torque, *entries)
+    y0, M = ca.substitute(y, P, 0), ca.jacobian(y, P)
+    if ca.depends_on(M, P):
+        raise InvalidInput("the targets of this mechanism are not affine in the pressures")
+    made = ca.cse([ca.vertcat(*eps), A, B, y0, ca.vec(M.T)])
+    return ca.Function(
+        "mechanism", [q], list(map(ca.densify, made)), ["q"], ["contraction", "gain", "force", "y0", "M"]
+    )
 
 
 def symbolic_jacobian(endpoint: Endpoint, q: "SX") -> "SX":
