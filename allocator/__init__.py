@@ -12,7 +12,8 @@ from importlib import import_module as _import_module
 from typing import TYPE_CHECKING
 
 from allocator.allocation import Allocation, Method, Status, allocate, warm_up
-from allocator.errors import AntagonistError, InvalidFile, InvalidInput, MissingBackend, MissingPackage
+from allocator.errors import AntagonistError, CacheFault, InvalidFile, InvalidInput, MissingBackend, MissingPackage
+from allocator.errors import name_what_is_missing as _name_what_is_missing
 from allocator.feasibility import (
     Design,
     FeasibilityMap,
@@ -36,8 +37,6 @@ from allocator.joint.limits import Limit, Limits
 from allocator.machine_file import load_joint, load_machine, named_machine, save_machine
 from allocator.muscles import MODELS, AffineMuscle, Muscle
 from allocator.muscles.catalogue import named_muscle
-from allocator.notices import CacheFault
-from allocator.packages import name_what_is_missing as _name_what_is_missing
 from allocator.units import BAR, DEG
 
 _name_what_is_missing()

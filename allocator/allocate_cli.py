@@ -18,12 +18,12 @@ from allocator.units import BAR, DEG
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from allocator.allocation.pair import PairAllocation
+    from allocator.allocation.at_least import AtLeast
+    from allocator.allocation.box.result import BoxAllocation
+    from allocator.allocation.two_muscles.result import PairAllocation
     from allocator.joint.antagonist import AntagonistJoint
     from allocator.joint.gas import Stiffness
-    from allocator.mechanism.at_least import AtLeast
     from allocator.mechanism.mechanism import Mechanism
-    from allocator.mechanism.result import BoxAllocation
 
 _NOT_MET = 3  # exit code
 
@@ -198,7 +198,7 @@ def _of_several(
     `stiffness` [N·m/rad], or of a hand [N/m], one number, a diagonal (n) or the matrix's upper triangle, row by row.
     """
     from allocator.allocation import allocate
-    from allocator.mechanism.at_least import allocate_at_least
+    from allocator.allocation.at_least import allocate_at_least
 
     q, hand = options.angles(mechanism), options.hand(mechanism)
     T, n = torques(torque, mechanism), mechanism.n if hand is None else hand.endpoint.dim
@@ -229,7 +229,7 @@ def _stiffness(K: list[float], size: int) -> Any:
 
 def _values_of_several(found: "BoxAllocation | AtLeast") -> dict[str, Any]:
     """Return what `--json` prints."""
-    from allocator.mechanism.at_least import AtLeast
+    from allocator.allocation.at_least import AtLeast
 
     a = found.allocation if isinstance(found, AtLeast) else found
     values = found.to_dict() | {
@@ -252,7 +252,7 @@ def _values_of_several(found: "BoxAllocation | AtLeast") -> dict[str, Any]:
 def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
     from rich.table import Table
 
-    from allocator.mechanism.at_least import AtLeast
+    from allocator.allocation.at_least import AtLeast
 
     a, status = (found.allocation, found.status) if isinstance(found, AtLeast) else (found, found.status)
     m, angles = a.mechanism, ", ".join(f"{number(angle)}°" for angle in a.q / DEG)
@@ -270,7 +270,7 @@ def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
 
 def _of_hand(values: dict[str, Any]) -> str:
     """Return a sentence on the hand; "" without one."""
-    from allocator.mechanism.result import vector
+    from allocator.allocation.box.result import vector
 
     K = values.get("endpoint_stiffness_N_per_m")
     return "" if K is None else f"the hand at {vector(values['position_m'])} m has the stiffness {vector(K)} N/m"

@@ -8,8 +8,7 @@ import typer
 from allocator.allocate_cli import allocate_command
 from allocator.feasibility.cli import map_command
 from allocator.identification.bag_cli import bag_command
-from allocator.identification.joint.cli import fit_joint_command
-from allocator.identification.joint.planning.cli import plan_joint_command
+from allocator.identification.joint.cli import fit_joint_command, plan_joint_command
 from allocator.identification.muscle.cli import fit_command
 from allocator.shell.options import Command
 from allocator.shell.printing import say

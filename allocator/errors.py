@@ -1,4 +1,4 @@
-"""Everything that `antagonist` raises on purpose.
+"""Exceptions of this project, warnings given once, and names of libraries that are not installed.
 
 AntagonistError
 ├── InvalidInput (also a ValueError)   an argument that makes no sense, with its value and the unit expected
@@ -6,9 +6,16 @@ AntagonistError
 ├── MissingBackend (also a ValueError) a method or solver that does not exist here, with the ones that do
 │   └── MissingPackage (also a ModuleNotFoundError)  a library that is not installed, with the line that does
 └── CannotWrite (also an OSError)      a file that cannot be written, and why
+
+Each library is imported only in the file that uses it and when it is used, so that `allocate` runs on NumPy alone. A
+finder behind all others turns failed imports by our own files into a `MissingPackage`, which says how to install it.
 """
 
-from collections.abc import Iterable
+import sys
+import warnings
+from collections.abc import Iterable, Sequence
+from importlib.abc import MetaPathFinder
+from types import FrameType
 
 
 class AntagonistError(Exception):
@@ -52,3 +59,71 @@ class CannotWrite(AntagonistError, OSError):
         """Say `why` the file `path` cannot be written; of an `OSError` what the system said."""
         said = (why.strerror if isinstance(why, OSError) else None) or str(why)
         super().__init__(f"{path} cannot be written ({said})")
+
+
+_OURS = {"allocator", "mpc", "numba", "contextlib"}
+_said: set[str] = set()
+
+
+class CacheFault(UserWarning):
+    """Warning that cached compiled code cannot be read, or cannot be written."""
+
+
+def notice(message: str, category: type[Warning]) -> None:
+    """Warn of `message` at the line outside of this project that led here."""
+    depth, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in _OURS:
+        depth, frame = depth + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=depth + 1)
+
+
+def notice_once(message: str, category: type[Warning]) -> None:
+    """Warn as `notice` does, unless it has been said in this process: whatever filters there are, once is enough."""
+    if message not in _said:
+        _said.add(message)
+        notice(message, category)
+
+
+_PACKAGES = ("allocator", "mpc")
+_INSTALL = {  # what to say to pip; extras of ours bring versions that were tried
+    "casadi": "casadi",
+    "cma": "cma",
+    "control": "control",
+    "cvxpy": "cvxpy",
+    "daqp": "daqp",
+    "distributed": "'antagonist[dask]'",
+    "gymnasium": "'antagonist[gym]'",
+    "matplotlib": "matplotlib",
+    "mcap": "'antagonist[ros]'",
+    "mujoco": "'antagonist[mujoco]'",
+    "numba": "numba",
+    "osqp": "osqp",
+    "pymodbus": "'antagonist[modbus]'",
+    "qpsolvers": "qpsolvers",
+    "rich": "typer rich",
+    "rosbags": "'antagonist[ros]'",
+    "scipy": "scipy",
+    "serial": "'antagonist[serial]'",
+    "typer": "typer rich",
+}
+
+
+class _NameMissing(MetaPathFinder):
+    def find_spec(self, fullname: str, path: Sequence[str] | None, target: object = None) -> None:
+        """Find nothing, and say so in our words if a file of ours imports it."""
+        if fullname in _INSTALL and _imported_by_us(sys._getframe(1)):
+            raise MissingPackage(fullname, _INSTALL[fullname])
+
+
+def _imported_by_us(frame: FrameType | None) -> bool:
+    """Return whether the `import` under way stands in a file of ours; to look for a module is no import."""
+    while frame is not None and frame.f_code.co_filename.startswith("<frozen importlib._"):
+        frame = frame.f_back
+    name = "" if frame is None else str(frame.f_globals.get("__name__", ""))
+    return name.partition(".")[0] in _PACKAGES
+
+
+def name_what_is_missing() -> None:
+    """Put the finder behind all others, once."""
+    if not any(isinstance(finder, _NameMissing) for finder in sys.meta_path):
+        sys.meta_path.append(_NameMissing())

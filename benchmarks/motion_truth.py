@@ -9,7 +9,7 @@ joint that the fit is given is right. A loop's true width is the mean over the l
 that `fit_motion` adds to its intervals was set by these plants.
 
 With `--strangers` the joints are those of `benchmarks.motion_truth_strangers`: another law than that of the joint that
-the fit is given, Bouc–Wen hysteresis, unequal regulators; `--gas` adds the gas, which the fit does not know.
+the fit is given, Bouc–Wen hysteresis, unequal regulators; `--gas` adds the gas.
 """
 
 import argparse
@@ -35,7 +35,7 @@ ENCODER = 0.03 * DEG
 KINDS = ("Maxwell slip", "operator", "Dahl")
 
 
-Truths = dict[str, tuple[float, float]]  # range of the truth by the name of a fit's parameter
+Truths = dict[str, float]  # by the name of a fit's parameter
 
 
 class Recorded(NamedTuple):
@@ -110,9 +110,9 @@ def truths(real: RealPlant, x: Array) -> Truths:
     known = {"inertia": plant.inertia / K, "damping": plant.damping / K, "gain": 1.0}
     known["loop_width"] = float(np.mean(2 * real.friction.most(contact) / contact.stiffness))
     if x[1, 2] == x[2, 2]:  # commands: what regulators make of them is in the angle
-        known |= {"lag_up": plant.lags[0], "lag_down": plant.lags[1], "dead_time": real.dead_time}
+        known |= {"lag_up": plant.lags[0], "lag_down": plant.lags[1], "lag_ratio": 1.0, "dead_time": real.dead_time}
         known |= {"dead_band": real.dead_band, "filling": 1 / real.flow}
-    return {name: (value, value) for name, value in known.items()}
+    return known
 
 
 def campaign(logs: Iterable[Recorded]) -> Iterator[tuple[Recorded, MotionFit]]:
@@ -138,12 +138,11 @@ def main() -> None:
         held.append(fit.bands.coverage)
         for name, estimate in fit.parameters.items():
             if name in known:
-                least, most = known[name]
-                there = estimate.low <= most and least <= estimate.high
+                there = estimate.low <= known[name] <= estimate.high
                 inside.setdefault(name, []).append(there)
-                ratios.append(max(estimate.value - most, least - estimate.value, 0.0) / estimate.std)
+                ratios.append(abs(estimate.value - known[name]) / estimate.std)
                 label = LABELS[name]
-                said = ((least + most) / 2, estimate.value, estimate.low, estimate.high)
+                said = (known[name], estimate.value, estimate.low, estimate.high)
                 true, value, low, high = (part / label.unit for part in said)
                 missed += [] if there else [f"{label.key} {value:.3g} [{low:.3g}, {high:.3g}] for {true:.3g}"]
         print(f"{log.kind:13} free run {fit.error.every / DEG:5.2f}°  {'; '.join(missed) or 'all inside'}", flush=True)

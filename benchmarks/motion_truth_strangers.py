@@ -3,9 +3,10 @@
     J ω' = R (F1 - F2) - b ω - T_h,   F = A(ε) P - B(ε),   ε = ε0 ± R θ/l0
     T_h = T_m z,   z' = ω/δ (1 - |z|ⁿ (β sgn(ω z) + γ)),   T_m = K_m w/2 (s0 + (1 - s0)(P1 + P2)/5 bar)
 
-A braid's law with rubber, muscles of unequal strength, Bouc–Wen hysteresis, regulators that rise and fall with lags of
-their own each, a dead band, a limit of the flow and a dead time; with `gas`, the gas that the motion compresses, whose
-work is the muscle's. The joint that a fit is given has the braid alone, so that its stiffness is some tenth off.
+A braid's law with rubber, muscles of unequal strength, Bouc–Wen hysteresis, regulators whose lags differ by a quarter
+from each other and between rising and falling, a dead band, a limit of the flow and a dead time; with `gas`, the gas
+that the motion compresses, whose work is the muscle's. The joint that a fit is given has the braid alone, so that its
+stiffness is some tenth off.
 """
 
 from typing import Any, NamedTuple
@@ -45,7 +46,7 @@ def drawn(seeds: Any) -> Joints:
     for seed in seeds:
         rng = np.random.default_rng([seed, 71])
         inertia = float(np.exp(rng.uniform(np.log(0.004), np.log(0.12))))
-        lag = rng.uniform(0.06, 0.16) * np.exp(rng.normal(0, 0.05, 2))
+        lag = rng.uniform(0.06, 0.16) * np.exp(rng.normal(0, 0.2, 2))
         width = rng.uniform(2.0, 6.0) * DEG
         row = [inertia, 2 * rng.uniform(0.15, 0.6) * np.sqrt(7.0 * inertia), 1 + rng.normal(0, 0.06, 2)]
         row += [rng.uniform(20, 60, 2), width, width * rng.uniform(0.15, 0.4), rng.uniform(0.2, 0.9)]
@@ -120,21 +121,21 @@ def given_joint() -> AntagonistJoint:
     return AntagonistJoint(Pulley(LENGTH, RADIUS, MIDDLE), muscle, muscle)
 
 
-def truths(joints: Joints, i: int, theta: Array, P: Array) -> dict[str, tuple[float, float]]:
-    """Return the range in which the truth lies, by the names of a fit's parameters: muscles differ in their lags."""
+def truths(joints: Joints, i: int, theta: Array, P: Array) -> dict[str, float]:
+    """Return the truth by the names of a fit's parameters."""
     one = Joints(*(part[..., i : i + 1] for part in joints))
     K = float(stiffness(one, np.array([theta.mean()]), P.mean(axis=0)[:, None])[0])
     at_five = np.moveaxis(P, 1, 0) * (5 * BAR / P.sum(axis=1))
     many = Joints(*(np.broadcast_to(part, (*part.shape[:-1], theta.size)) for part in one))
     usual = stiffness(one, np.zeros(1), np.full((2, 1), 2.5 * BAR))[0]
-    exact = {
+    return {
         "inertia": one.inertia[0] / K,
         "damping": one.damping[0] / K,
         "loop_width": float(np.mean(usual * one.width[0] / stiffness(many, theta, at_five))),
         "dead_time": one.dead_time[0],
         "dead_band": one.dead_band[0],
         "filling": 1 / one.flow[0],
+        "lag_up": float(np.sqrt(one.up.prod())),
+        "lag_down": float(np.sqrt(one.down.prod())),
+        "lag_ratio": one.up[1, 0] / one.up[0, 0],
     }
-    lags = {"lag_up": one.up[:, 0], "lag_down": one.down[:, 0]}
-    ranges = {name: (float(value), float(value)) for name, value in exact.items()}
-    return ranges | {name: (float(pair.min()), float(pair.max())) for name, pair in lags.items()}

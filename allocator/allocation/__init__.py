@@ -1,10 +1,24 @@
-"""`allocate` leads from torque and stiffness targets to pressures: the problem, its solvers, and the answer."""
+"""Allocation of pressures for torque and stiffness targets: the problem, its solvers, and the answer.
 
-from allocator.allocation.entry import allocate
-from allocator.allocation.kernels.calls import warm_up
-from allocator.allocation.method import Method
-from allocator.allocation.problem import Problem
+`allocate` (`entry.py`) answers for a joint by `two_muscles/`, for a mechanism by `box/` or, if its muscles are not
+affine in the pressure, by `relaxation/`.
+"""
+
+from allocator.allocation.arguments import Method
+from allocator.allocation.at_least import AtLeast, Infeasibility, allocate_at_least
+from allocator.allocation.box.certificate import Separation
+from allocator.allocation.entry import allocate, warm_up
 from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status
 
-__all__ = ["Allocation", "Method", "Problem", "Status", "allocate", "warm_up"]
+__all__ = [
+    "Allocation",
+    "AtLeast",
+    "Infeasibility",
+    "Method",
+    "Separation",
+    "Status",
+    "allocate",
+    "allocate_at_least",
+    "warm_up",
+]

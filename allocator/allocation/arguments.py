@@ -1,20 +1,71 @@
-"""`problem_from` turns the arguments of `allocate` into a `Problem`: every check, a clear sentence for wrong input."""
+"""Arguments of `allocate`, and the checks that turn those about two muscles into a `Problem`.
 
-from typing import Any
+Those about a mechanism are checked in `allocator.allocation.box.arguments`, with the checks in common from here.
+"""
+
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
 from allocator import checks
-from allocator.allocation.problem import PRIORITIES, Priority, Problem
+from allocator.allocation.status import PRIORITIES, Priority
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.felt import Secant
-from allocator.joint.gas import Shares
+from allocator.joint.gas import Shares, Stiffness
 from allocator.joint.limits import TAUT, Limits, checked_limits
 from allocator.joint.torque_levels import Pair
 
+Name = Literal["analytic", "exact", "qp", "nlp", "convex"]
 _STRONGEST = 1e100  # [cost]/[Pa]² of a pull
+
+
+class Method(NamedTuple):
+    """Solution method with its options. A plain name stands for `Method(name)`.
+
+    "exact": the global optimum, in closed form or by a complete search, see `Allocation.gap`. "analytic": the inverse
+    alone, without limits; NaN where it does not exist. "qp" (successive QPs, of a mechanism one a level), "nlp"
+    (CasADi), "convex" (cvxpy): optimisers that start from the analytic inverse; an answer that fails the library's own
+    check is replaced, and the status says so.
+    """
+
+    name: Name = "exact"
+    solver: str | None = None  # "qp": "daqp", "osqp", …; "nlp": "ipopt", "sqpmethod"; "convex": "clarabel", "osqp"
+    warm_start: bool = True  # False starts the optimisers in the middle of the box, to measure what it gains
+    gap: float = 1e-3  # of mechanisms that are not affine: the search ends at gap·(1 + cost) above the proved least
+    uncertainty: object = None  # "convex": covariance of the muscles' parameters, a pair of them, or True for their own
+    risk: float = 0.05  # α, the probability with which a force limit may be broken, see `uncertain.problem`
+
+    @classmethod
+    def of(cls, method: object) -> Self:
+        """Return the method that a name or a `Method` means. Raises InvalidInput, also for options that cannot be."""
+        if isinstance(method, cls):
+            if not 0 < checks.number("gap", method.gap, "of 1 + cost") < 1:
+                raise InvalidInput(f"gap = {method.gap:g} has to lie between 0 and 1, a share of 1 + cost")
+            checks.probability("risk", method.risk)
+            checks.flag("warm_start", method.warm_start)
+            return method
+        if isinstance(method, str):
+            return cls(method)  # type: ignore[arg-type]  # whoever solves knows the names
+        raise InvalidInput(f"method = {method!r} has to be a name, such as 'exact', or a Method")
+
+
+class Asked(NamedTuple):
+    """Arguments of `allocate` about a machine, unchecked but for the method."""
+
+    theta: object
+    K: object
+    T: object
+    limits: Limits
+    stiffness: Stiffness
+    priority: object
+    weights: object
+    pull: object
+    along: object
+    direction: object
+    method: Method
 
 
 def problem_from(
@@ -83,6 +134,16 @@ def pulled(pull: object) -> tuple[float, Any]:
     if rho > _STRONGEST:
         raise InvalidInput(f"pull[0] = {rho:g} cost/Pa² is over {_STRONGEST:g}, the most that is taken")
     return rho, reference
+
+
+def checked_direction(direction: object) -> Array:
+    """Return directions of motion, between -1 and +1; what lies between is a share, for smooth changes."""
+    s = checks.real("direction", direction, "-1 to +1")
+    if (wrong := np.abs(s) > 1).any():
+        raise InvalidInput(
+            f"direction{checks.at(s, wrong)} has to lie between -1 (θ falls) and +1 (θ rises); 0: at rest"
+        )
+    return s
 
 
 def _slew(limits: Limits) -> dict[str, Array]:

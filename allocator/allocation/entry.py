@@ -1,41 +1,26 @@
-"""`allocate` turns torque and stiffness targets into pressures, of a joint here and of a mechanism in its own entry."""
+"""`allocate`: from torque and stiffness targets to pressures, of a joint or a mechanism."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial, singledispatch
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args, overload
+from typing import overload
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.allocation import exact
-from allocator.allocation.arguments import problem_from
-from allocator.allocation.free_valves import with_free_valves
-from allocator.allocation.friction import checked_direction, with_friction
-from allocator.allocation.kernels import calls
-from allocator.allocation.kernels.scalars import number
-from allocator.allocation.method import Method, Name
-from allocator.allocation.optimisers import backends
-from allocator.allocation.pair import PairAllocation
-from allocator.allocation.planning import planned
-from allocator.allocation.problem import Priority, Problem
-from allocator.allocation.result import Allocation, as_status, shaped
-from allocator.allocation.status import OPTIMISER, UNCERTAIN, Assessment, Status, assess, assess_inverse
-from allocator.allocation.uncertain.spread import with_covariance
-from allocator.calculus import Array, Value
-from allocator.errors import InvalidInput, MissingBackend
-from allocator.inverse import solve_inverse
-from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind, of_a_joint
+from allocator.allocation.arguments import Asked, Method, Name
+from allocator.allocation.box import pivoting, single
+from allocator.allocation.box import solve as box
+from allocator.allocation.box.result import BoxAllocation
+from allocator.allocation.result import Allocation
+from allocator.allocation.status import Priority
+from allocator.allocation.two_muscles import solve as two_muscles
+from allocator.allocation.two_muscles.kernels import calls
+from allocator.allocation.two_muscles.result import PairAllocation
+from allocator.calculus import Value
+from allocator.checks import float_or_nan
+from allocator.errors import InvalidInput
+from allocator.joint.antagonist import AntagonistJoint, joint_or_report, report_joint
+from allocator.joint.gas import HELD, ISOBARIC, Stiffness
 from allocator.joint.limits import TAUT, Limits
-
-if TYPE_CHECKING:
-    from allocator.mechanism.mechanism import Mechanism
-    from allocator.mechanism.result import BoxAllocation
-
-METHODS: tuple[Name, ...] = get_args(Name)
-Solve = Callable[[Problem], PairAllocation]
+from allocator.mechanism.mechanism import Mechanism
 
 
 @overload
@@ -62,7 +47,7 @@ def allocate(
     K: ArrayLike,
     T: ArrayLike = ...,
     *,
-    joint: "Mechanism",
+    joint: Mechanism,
     limits: Limits = ...,
     stiffness: Stiffness = ...,
     priority: Priority = ...,
@@ -71,7 +56,7 @@ def allocate(
     along: int | None = ...,
     direction: Value = ...,
     method: Name | Method = ...,
-) -> "BoxAllocation": ...
+) -> BoxAllocation: ...
 
 
 def allocate(
@@ -79,7 +64,7 @@ def allocate(
     K: ArrayLike,
     T: ArrayLike = 0.0,
     *,
-    joint: "AntagonistJoint | Mechanism | None" = None,
+    joint: AntagonistJoint | Mechanism | None = None,
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
     priority: Priority = "torque",
@@ -91,8 +76,9 @@ def allocate(
 ) -> Allocation:
     """Return the pressures that give stiffness `K` and torque `T` at the posture `theta`, or the closest feasible ones.
 
-    Solves for an `AntagonistJoint` problem [A] of `allocator.allocation.problem`, for a `Mechanism` of n joints and m
-    muscles [M] of `allocator.mechanism.problem`. Targets broadcast like a ufunc; those of a mechanism in leading axes.
+    Solves problem [A] of `allocator.allocation.two_muscles.problem` for an `AntagonistJoint`, problem [M] of
+    `allocator.allocation.box.problem` for a `Mechanism` of n joints and m muscles. Targets broadcast like a ufunc;
+    those of a mechanism in leading axes.
 
     Parameters
     ----------
@@ -145,219 +131,81 @@ def allocate(
     """
     joint = report_joint() if joint is None else joint
     if (
-        isinstance(joint, AntagonistJoint)
-        and isinstance(method, str)  # and no array
+        isinstance(method, str)  # and no array
         and method == "exact"
         and weights is pull is along is None  # type: ignore[comparison-overlap]  # all None
         and type(limits) is Limits
         and _ordinary(joint, direction, stiffness)
     ):
-        kind = HELD if stiffness is ISOBARIC else stiffness.kind().of_gas(joint.gas, joint.affine)
-        found = calls.answer(joint, theta, K, T, priority, limits, kind)
+        found: Allocation | None = None
+        if isinstance(joint, AntagonistJoint):
+            kind = HELD if stiffness is ISOBARIC else stiffness.kind().of_gas(joint.gas, joint.affine)
+            found = calls.answer(joint, theta, K, T, priority, limits, kind)
+        elif isinstance(joint, Mechanism) and stiffness is ISOBARIC:
+            found = single.answered(joint, theta, K, T, priority, limits)
         if found is not None:
             return found
     asked = Asked(theta, K, T, limits, stiffness, priority, weights, pull, along, direction, Method.of(method))
-    return allocated(joint, asked)
-
-
-class Asked(NamedTuple):
-    """`Asked` are the arguments of `allocate` about a machine, of these names."""
-
-    theta: object
-    K: object
-    T: object
-    limits: Limits
-    stiffness: Stiffness
-    priority: object
-    weights: object
-    pull: object
-    along: object
-    direction: object
-    method: Method
-
-
-@singledispatch
-def allocated(joint: object, asked: Asked) -> Allocation:
-    """Return the allocation of a machine; each kind of machine registers how it is found. Raises InvalidInput."""
-    getattr(joint, "sides", None)  # of a joint without a force scale, which raises its own sentence
+    if isinstance(joint, AntagonistJoint):
+        return two_muscles.allocated(joint, asked)
+    if isinstance(joint, Mechanism):
+        return box.allocated(joint, asked)
+    getattr(joint, "sides", None)  # type: ignore[unreachable]  # a joint without a force scale raises its own sentence
     raise InvalidInput(f"joint = {checks.brief(joint)} has to be an AntagonistJoint or a Mechanism")
 
 
-@allocated.register
-def _of_a_pair(joint: AntagonistJoint, asked: Asked) -> Allocation:
-    """Return the allocation of two muscles that no kernel has answered."""
-    chosen, kind = _checked_method(asked.method), of_a_joint(asked.stiffness, joint.gas, joint.affine)
-    _check_together(kind, chosen, asked.along)
-    if chosen.uncertainty is not None:
-        joint = with_covariance(joint, chosen.uncertainty)
-    s = checked_direction(asked.direction)
-    T = checks.broadcast(T=checks.real("T", asked.T, "N·m"), direction=s)[0] if s.ndim else asked.T
-    problem, angles = problem_from(
-        *(joint, asked.theta, asked.K, T),
-        limits=asked.limits,
-        priority=asked.priority,
-        weights=asked.weights,
-        tolerance=asked.stiffness.tolerance,
-        pull=asked.pull,
-        shares=None if kind.shares is None else kind.fixed,
-        felt=kind.secant(joint.loop) if kind.amplitude is not None else None,
-    )
-    solve = _solver(chosen, angles, _axis(asked.along, angles.ndim, chosen, asked.limits))
-    answer = partial(_answer, solve=solve, kind=kind)
-    if not (joint.friction and s.any()):
-        return answer(problem)
-    return with_friction(answer, problem, np.broadcast_to(s, angles.shape).ravel())
-
-
-def _solver(method: Method, asked: Array, along: int | None) -> Solve:
-    """Return the solver for problems at the given angles."""
-    if method.name == "exact":
-        return partial(_exact, asked=asked, along=along)
-    if method.name == "analytic":
-        return partial(_inverted, asked=asked)
-    if method.uncertainty is not None:
-        return partial(_uncertain, asked=asked, risk=method.risk)
-    return partial(_optimised, asked=asked, method=method)
-
-
-def _answer(problem: Problem, solve: Solve, kind: StiffnessKind) -> PairAllocation:
-    """Return what `solve` finds for the stiffness that is meant; free valves are as they serve best."""
-    if kind.shares is None:
-        return with_free_valves(solve, problem, kind)
-    found = solve(problem)
-    return found if kind is HELD else replace(found, kind=kind)
-
-
-def _ordinary(joint: AntagonistJoint, direction: object, stiffness: Stiffness) -> bool:
+def _ordinary(joint: object, direction: object, stiffness: Stiffness) -> bool:
     """Return whether friction takes nothing, and neither a tolerance, a hand nor a force is given."""
     if stiffness is not ISOBARIC and not (
         type(stiffness) is Stiffness
-        and number(stiffness.tolerance) == number(stiffness.force) == 0
+        and float_or_nan(stiffness.tolerance) == float_or_nan(stiffness.force) == 0
         and stiffness.endpoint is None
     ):
         return False
     if type(direction) is float and direction == 0:
         return True
-    return number(direction) == 0 or (joint.friction == 0 and abs(number(direction)) <= 1)
+    s = float_or_nan(direction)
+    return s == 0 or (isinstance(joint, AntagonistJoint) and joint.friction == 0 and abs(s) <= 1)
 
 
-def _checked_method(chosen: Method) -> Method:
-    """Return the method. Raises for methods that there are not, and options that belong to other methods."""
-    if chosen.name not in METHODS:
-        raise MissingBackend("method", chosen.name, METHODS)
-    if chosen.solver is not None and chosen.name not in backends.OPTIMISERS:
-        raise InvalidInput(
-            f"solver = {chosen.solver!r} belongs to the methods {', '.join(backends.OPTIMISERS)}, not {chosen.name!r}"
-        )
-    if chosen.uncertainty is not None and (chosen.name != "convex" or chosen.solver is not None):
-        raise InvalidInput("uncertainty belongs to method='convex' with its default solver")
-    return chosen
-
-
-def _check_together(kind: StiffnessKind, method: Method, along: object) -> None:
-    """Refuse what has no answer for a stiffness with trapped gas in it."""
-    if kind is HELD:
-        return
-    if method.uncertainty is not None:
-        raise InvalidInput(
-            f"uncertainty is for the isobaric stiffness: it does not know what a {kind.name} stiffness "
-            "owes to the muscles' volumes; leave out valves and frequency"
-        )
-    if kind.amplitude is not None and (method.name != "exact" or along is not None):
-        raise InvalidInput(
-            f"a stiffness felt by a push is allocated by method='exact' and without along, not by {method.name!r}"
-            if along is None
-            else "along plans pressures for a stiffness without hysteresis; leave out along or amplitude"
-        )
-    if kind.shares is None and method.name == "analytic":
-        raise InvalidInput(
-            "method='analytic' knows no limits by which to choose valves; give a state instead of 'free'"
-        )
-    if kind.shares is None and along is not None:
-        raise InvalidInput("along plans pressures for valves that stay as they are; give a state instead of 'free'")
-
-
-def _axis(along: object, ndim: int, method: Method, limits: Limits) -> int | None:
-    """Return the axis of time, counted from 0."""
-    if along is None:
-        return None
-    if method.name != "exact" or limits.previous is not None:
-        raise InvalidInput(
-            "along plans the exact answers of a whole trajectory: without previous, and by no other method"
-        )
-    return checks.axis("along", along, ndim)
-
-
-def _exact(problem: Problem, asked: Array, along: int | None) -> PairAllocation:
-    P1, P2, gap = exact.solve(problem)
-    if along is not None:
-        met = assess(problem, P1, P2, problem.joint.outside_range(asked.ravel())).status == Status.EXACT
-        P1, P2 = planned(problem, P1, P2, met, asked.shape, along)
-    found = assess(problem, P1, P2, problem.joint.outside_range(asked.ravel()))
-    return _allocation(problem, asked, P1, P2, found, "exact", gap=gap)
-
-
-def _inverted(problem: Problem, asked: Array) -> PairAllocation:
-    problem = problem.at(asked.ravel())  # no limit, not even the joint's range
-    P1, P2 = solve_inverse(problem.joint, problem.theta, problem.K, problem.T, problem.shares)
-    found = assess_inverse(problem, P1, P2, problem.joint.outside_range(problem.theta))
-    return _allocation(problem, asked, P1, P2, found, "analytic", gap=np.full(P1.shape, np.nan))
-
-
-def _optimised(problem: Problem, asked: Array, method: Method) -> PairAllocation:
-    P1, P2, iterations, failed = backends.optimise(problem, method.name, method.solver, method.warm_start)
-    found = assess(problem, P1, P2, problem.joint.outside_range(asked.ravel()), OPTIMISER)
-    found = found._replace(status=np.where(failed, np.int8(Status.SOLVER_FAILED), found.status))
-    return _allocation(problem, asked, P1, P2, found, method.name, gap=None, iterations=iterations)
-
-
-def _uncertain(problem: Problem, asked: Array, risk: float) -> PairAllocation:
-    from allocator.allocation.uncertain import chance
-
-    P1, P2, iterations, failed, box, infeasible = chance.optimise(problem, risk)
-    outside = problem.joint.outside_range(asked.ravel())
-    found = assess(problem, P1, P2, outside, OPTIMISER)
-    missed = np.isin(found.status, (Status.TORQUE_LIMITED, Status.STIFFNESS_LIMITED, Status.BOTH_LIMITED))
-    status = np.where(missed, np.int8(Status.HEDGED), found.status)
-    status = np.where(failed, np.int8(Status.SOLVER_FAILED), status)
-    limits = box.binding(P1, P2, UNCERTAIN.binds * problem.joint.pressure_span) | outside
-    found = found._replace(status=np.where(infeasible, np.int8(Status.TOO_RISKY), status), limits=limits)
-    gap = np.full(P1.shape, np.nan)
-    return _allocation(problem, asked, P1, P2, found, "uncertain", gap=gap, iterations=iterations)
-
-
-def _allocation(
-    problem: Problem,
-    asked: Array,
-    P1: Array,
-    P2: Array,
-    found: Assessment,
-    method: str,
+def warm_up(
     *,
-    gap: Array | None,
-    iterations: NDArray[np.int32] | None = None,
-) -> PairAllocation:
-    shape = asked.shape
+    joint: AntagonistJoint | Mechanism | None = None,
+    priority: Priority = "torque",
+    min_force: float | None = 0.0,
+    max_force: float | None = None,
+    slew: bool = False,
+    gas: bool = False,
+) -> bool:
+    """Compile the code that `allocate` needs for these options now, so that no later call waits for it.
 
-    def form(array: NDArray[Any]) -> Any:
-        return shaped(array, shape)
+    Without it `allocate` compiles only for an array of 300 000 targets or more, of a mechanism 5 000.
 
-    return PairAllocation(
-        theta=form(asked.ravel()),
-        T_target=form(problem.T),
-        K_target=form(problem.K),
-        P1=form(P1),
-        P2=form(P2),
-        T=form(found.T),
-        K=form(found.K),
-        status=as_status(found.status, shape),
-        limits=form(found.limits),
-        _gap=None if gap is None else form(gap),
-        method=method,
-        iterations=None if iterations is None else form(iterations),
-        joint=problem.joint,
-        priority=problem.priority,
-        _within=problem.limits,
-        _built=problem,
-        _shape=shape,
-    )
+    Parameters
+    ----------
+    joint
+        An `AntagonistJoint`, by default the report's, or a `Mechanism`, for which the other options do not matter.
+        Compiling takes some seconds the first time after installation (half a minute for muscles that are not affine
+        and for mechanisms), and half a second in a new process, most of it the import of numba.
+    priority, min_force, max_force
+        As in `allocate` and `Limits`.
+    slew
+        Whether calls will have `previous` and `max_step`.
+    gas
+        Whether calls will have `valves` or a `frequency`, on muscles that are not affine.
+
+    Returns
+    -------
+    bool
+        False if nothing can be compiled: there is no kernel for weighted targets of affine muscles, or numba is missing
+        or finds no directory to keep what it compiles. `allocate` works then too, more slowly.
+
+    Raises
+    ------
+    InvalidInput
+        For a priority that does not exist or a limit that is none.
+    """
+    joint = joint_or_report(joint) if not isinstance(joint, Mechanism) else joint
+    if isinstance(joint, Mechanism):
+        return pivoting.warm_up() and (single.warm_up(joint) or not joint.affine)
+    return calls.warm_up(joint, priority, Limits(min_force, max_force), slew, gas)

@@ -1,19 +1,20 @@
-"""A `Status` says what became of an allocation; `assess` decides it, from the pressures alone, with what they achieve.
+"""Priorities, status of an allocation with its advice, and the one rule by which it is decided.
 
-The kernels decide in the same way (`verdict` in `allocator.allocation.kernels.source`). What only the method knows,
-that a back-end failed or a risk is too great, `allocator.allocation.entry` puts in its place.
+The kernels of two muscles decide in the same way (`verdict` in `allocator.allocation.two_muscles.kernels.source`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation.problem import Problem
-from allocator.calculus import Array, Mask
-from allocator.joint.limits import BINDS
+from allocator.calculus import Mask
+from allocator.joint.limits import BINDS, PressureInterval
+
+Priority = Literal["torque", "stiffness", "weighted"]
+PRIORITIES: tuple[Priority, ...] = get_args(Priority)
 
 
 class Status(IntEnum):
@@ -68,12 +69,30 @@ def status_names(codes: NDArray[np.int8]) -> NDArray[np.str_]:
     return np.array([status.name for status in Status])[codes]
 
 
-def decided(T_missed: Mask, K_missed: Mask, pulled: bool, others: Mapping[Status, Mask]) -> NDArray[np.int8]:
-    """Return the statuses (n,) of targets that are missed or met; of `others` that hold as well, the last."""
+def decided(
+    T_missed: Mask,
+    K_missed: Mask,
+    pulled: bool,
+    sides: Iterable[PressureInterval],
+    outside: Mask,
+    others: Mapping[Status, Mask] | None = None,
+) -> NDArray[np.int8]:
+    """Return the statuses (N,) of targets by what is missed, of answers in the box of intervals `sides`.
+
+    `outside` marks postures beyond the range. Of `others` and of what the box says the last that holds counts.
+    """
+    sides = list(sides)
     status = T_missed * Status.TORQUE_LIMITED + K_missed * Status.STIFFNESS_LIMITED
     if pulled:
         status = np.where(status > 0, Status.PULLED, status)
-    for other, holds in others.items():
+    found = {
+        Status.CONFLICT: np.any([side.empty for side in sides], axis=0),
+        Status.SLACK: np.any([side.slack for side in sides], axis=0),
+        Status.OUTSIDE_JOINT_RANGE: outside,
+        Status.OUTSIDE_LIMITS: np.any([side.unreachable for side in sides], axis=0),
+        **(others or {}),
+    }
+    for other, holds in found.items():
         status = np.maximum(status, np.where(holds, other, Status.EXACT))
     return status.astype(np.int8)
 
@@ -88,40 +107,3 @@ class Tolerance(NamedTuple):
 CLOSED_FORM = Tolerance(met=1e-9, binds=BINDS)
 OPTIMISER = Tolerance(met=1e-6, binds=1e-7)
 UNCERTAIN = Tolerance(met=1e-6, binds=1e-6)  # of cone programmes
-
-
-class Assessment(NamedTuple):
-    """An `Assessment` is the facts about n answers, each (n,)."""
-
-    T: Array  # torque given [N·m]
-    K: Array  # stiffness given [N·m/rad]
-    status: NDArray[np.int8]
-    limits: NDArray[np.int32]  # Limit flags
-
-
-def assess(
-    problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32], tolerance: Tolerance = CLOSED_FORM
-) -> Assessment:
-    """Assess feasible pressures; `outside` holds the Limit flag of angles that had to be moved into the joint range."""
-    T, K = problem.given(P1, P2)
-    T_scale, K_scale = problem.scales
-    T_missed = np.abs(T - problem.T) > tolerance.met * T_scale
-    K_missed = np.abs(K - problem.K) > problem.stiffness_tolerance + tolerance.met * K_scale
-    others = {
-        Status.CONFLICT: problem.box.empty,
-        Status.SLACK: problem.box.slack,
-        Status.OUTSIDE_JOINT_RANGE: outside != 0,
-        Status.OUTSIDE_LIMITS: problem.box.unreachable,
-    }
-    limits = problem.box.binding(P1, P2, tolerance.binds * problem.joint.pressure_span) | outside
-    return Assessment(T, K, decided(T_missed, K_missed, problem.pull > 0, others), limits)
-
-
-def assess_inverse(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Assessment:
-    """Assess the bare inverse, which knows no limits: `limits` are the ones that it breaks or lies on."""
-    found = assess(problem, P1, P2, outside)
-    near = CLOSED_FORM.binds * problem.joint.pressure_span
-    allowed = problem.box.contains(P1, P2, near) & ~problem.box.empty & (outside == 0)
-    status = np.where(allowed, Status.EXACT, Status.OUTSIDE_LIMITS)
-    status = np.where(np.isnan(P1), Status.NO_INVERSE, status)
-    return found._replace(status=status.astype(np.int8))

@@ -23,8 +23,8 @@ from numba.core.caching import FunctionCache
 from numba.core.serialize import dumps
 
 from allocator.compilation import beside
+from allocator.errors import CacheFault, notice_once
 from allocator.files.atomic import replacing
-from allocator.notices import CacheFault, notice_once
 
 F = TypeVar("F")
 _HASH = 32  # bytes of SHA-256

@@ -8,7 +8,7 @@ the work.
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from allocator.notices import CacheFault, notice_once
+from allocator.errors import CacheFault, notice_once
 
 Function = Callable[..., Any]
 

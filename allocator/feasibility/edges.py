@@ -11,12 +11,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import reach
-from allocator.allocation.problem import Problem
 from allocator.allocation.status import CLOSED_FORM
+from allocator.allocation.two_muscles import reach
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
-from allocator.feasibility.setting import Columns, Setting
-from allocator.feasibility.spans import spans
+from allocator.feasibility.setting import Columns, Setting, spans
 from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import BINDS, names
 from allocator.joint.torque_levels import Pair, torque, torque_interval

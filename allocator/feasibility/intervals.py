@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.allocation import reach
-from allocator.allocation.problem import Problem
 from allocator.allocation.status import CLOSED_FORM
+from allocator.allocation.two_muscles import reach
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array, Mask
-from allocator.feasibility.setting import Setting
-from allocator.feasibility.spans import spans
+from allocator.errors import notice_once
+from allocator.feasibility.setting import Setting, spans
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import AssumedSlack, Extrapolated, assumption, visits
 from allocator.joint.gas import ISOBARIC, Stiffness
@@ -31,7 +31,6 @@ from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair
 from allocator.joint.torque_levels import torque_interval as torque_interval_in
 from allocator.muscles.measured import extrapolation
-from allocator.notices import notice_once
 
 
 def torque_interval(

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks, search
-from allocator.allocation import Status, allocate, exact
-from allocator.allocation.status import CLOSED_FORM, assess
+from allocator.allocation import Status, allocate
+from allocator.allocation.status import CLOSED_FORM
+from allocator.allocation.two_muscles import exact
+from allocator.allocation.two_muscles.certificate import assess
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.feasibility.result import FeasibilityMap

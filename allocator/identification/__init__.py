@@ -1,10 +1,8 @@
-"""A muscle is found from measured forces, a joint from measured angles at rest, and what moves it from a log."""
+"""Identification of muscles from forces, of joints from angles at rest, and of their motion from logs."""
 
-from allocator.identification.arm.assignment import assign_muscles
 from allocator.identification.arm.episodes import Episode, Windows
-from allocator.identification.arm.fit import ArmFit, fit_arm
-from allocator.identification.joint.comparison import compare_joint_models
-from allocator.identification.joint.fit import fit_joint
+from allocator.identification.arm.fit import ArmFit, assign_muscles, fit_arm
+from allocator.identification.joint.fit import compare_joint_models, fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.relative import RelativeJoint
@@ -12,8 +10,7 @@ from allocator.identification.joint.result import JointFit
 from allocator.identification.motion.fit import fit_motion
 from allocator.identification.motion.result import MotionFit
 from allocator.identification.motion.samples import read_motion_log
-from allocator.identification.muscle.fit import fit
-from allocator.identification.muscle.ranking import rank_models
+from allocator.identification.muscle.fit import fit, rank_models
 from allocator.identification.muscle.reading import DATASETS, Dataset, load_dataset, read_samples
 from allocator.identification.muscle.result import Fit, Level, has_closed_form_inverse
 from allocator.identification.muscle.samples import Samples

@@ -1,4 +1,4 @@
-"""Command `antagonist bag`: topics of a recording of a robot as a CSV that the fits read."""
+"""Command `antagonist bag`: export of a robot's recorded topics to a CSV for the fits."""
 
 from pathlib import Path
 from typing import Annotated

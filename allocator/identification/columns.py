@@ -62,7 +62,7 @@ class Measured(NamedTuple):
     notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
 
     def mistake(self, quantity: str, sentence: str, row: int | None = None) -> InvalidFile:
-        """Return the error that says what is wrong with this quantity, in that row if one is given."""
+        """Return the error for a quantity, located in `row` if given."""
         line = None if row is None else self.table.lines[row]
         return InvalidFile(self.table.path, sentence, line=line, column=self.columns[quantity].name)
 

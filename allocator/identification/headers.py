@@ -1,4 +1,4 @@
-"""Names of columns: the quantity and unit that a name stands for, in the words of several languages.
+"""Meaning of column names: quantity and unit, in several languages.
 
 `eps [%]`, `Pressure (kPa)`, `Kraft in N`, `P1_bar` and `p/bar` are all read: the last words are the unit, in brackets
 or not, and the words before it are the quantity; case, spaces and underscores do not count. A name that has further
@@ -103,7 +103,7 @@ _MARKED = {f"{unit.lower()}{mark}": (unit, mark == "a") for unit in _PRESSURE fo
 
 
 class Meaning(NamedTuple):
-    """Quantity and unit of a name; a `unit` that is not in `UNITS[quantity]` was not understood."""
+    """Quantity and unit of a name; a `unit` outside `UNITS[quantity]` was not recognised."""
 
     quantity: str
     unit: str  # "" if the name gives none
@@ -111,7 +111,7 @@ class Meaning(NamedTuple):
 
 
 def meaning_of(name: str) -> Meaning | None:
-    """Return the meaning of a column's name, or None if it is no quantity that is known here."""
+    """Return the meaning of a column's name, or None if it names no known quantity."""
     words, absolute = _words(name)
     if not words:
         return None
@@ -127,7 +127,7 @@ def meaning_of(name: str) -> Meaning | None:
 
 
 def unit_of(text: str) -> tuple[str, bool]:
-    """Return the unit in its usual spelling (as it is if not known), and whether it says absolute: `bar(abs)`,
+    """Return the unit in its usual spelling (unchanged if unknown), and whether it is marked absolute: `bar(abs)`,
     `psia`.
     """
     words, absolute = _words(text)

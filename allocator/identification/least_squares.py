@@ -1,4 +1,4 @@
-"""Linear least squares whose unknowns differ by many orders of magnitude, and which of them the data determine.
+"""Linear least squares with unknowns of very different magnitude, and the subspace determined by the data.
 
 With the columns of the weighted Jacobian J scaled to unit length, a direction whose singular value is zero (to 1e-9 of
 the greatest) changes no datum. Such parameters are collinear: only a combination of them is known. The covariance is
@@ -43,7 +43,7 @@ def at_bound(x: Array, lower: Array, upper: Array, near: float, of_width: float)
 
 
 class Determination(NamedTuple):
-    """A determination is what the Jacobian tells about the parameters."""
+    """Rank, covariance and collinear directions of a Jacobian."""
 
     rank: int
     covariance: Array  # (m, m)

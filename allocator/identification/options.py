@@ -49,7 +49,7 @@ def short(paths: Sequence[P]) -> dict[str, P]:
 
 
 def assigned(option: str, settings: Sequence[str], expected: str) -> dict[str, float]:
-    """Return the numbers in NAME=NUMBER by name; `expected` says in an error what would be right."""
+    """Return the numbers in NAME=NUMBER by name; `expected` describes valid settings in an error."""
     numbers: dict[str, float] = {}
     for setting in settings:
         name, _, value = (part.strip() for part in setting.partition("="))

@@ -1,4 +1,4 @@
-"""Samples that stand apart from their neighbours: a drop-out of a sensor, a reading in a wrong row.
+"""Outliers among neighbouring samples, such as drop-outs of a sensor and readings in a wrong row.
 
 Measurements over the plane of the set quantities lie on a smooth surface. A polynomial of low degree takes most of that
 away, and the median over the nearest neighbours takes the rest, so no law is needed and its errors make no outlier. A
@@ -86,7 +86,7 @@ def _surface(values: Array, terms: Array, kept: Mask) -> Array:
 
 
 def _missed(at: Array, left: Array, found: Mask) -> Array:
-    """Return by how much planes through the nearest others miss each sample `found`, less what they miss these by."""
+    """Return the excess error of planes through the nearest other samples at each sample `found`."""
     from scipy.spatial import cKDTree
 
     others = np.flatnonzero(~found)

@@ -1,4 +1,4 @@
-"""The rows of a log in time: their order, the unit of the stamps, gaps, and spikes.
+"""Rows of a log in time: order, unit of the time stamps, gaps, and spikes.
 
 A reading is a spike if no more than three rows lie on one side of the rows before and after them, by far more than rows
 usually do, and the rows around lie on a parabola in comparison. A commanded pressure may go there and back; it is a

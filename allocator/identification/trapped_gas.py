@@ -1,4 +1,4 @@
-"""The gas of a joint is identified from a log in which its valves are shut and somebody turns it.
+"""Identification of a joint's gas from a log in which it is turned with shut valves.
 
 Valves are shut where they are told to be, or where the commands rest within the regulators' dead band (`at_rest`). Then
 (P + p_a) V^κ of each muscle stays what it is, V = V_0 + ΔV(P, θ) with ΔV = L ∫ F_P dε from the muscle's law, so that
@@ -39,7 +39,7 @@ _SMALL = 1e-5  # w δ below which the logarithm is its series
 
 
 class Uncertain(NamedTuple):
-    """An uncertain number has a standard deviation."""
+    """Number with its standard deviation."""
 
     value: float
     std: float
@@ -51,7 +51,7 @@ class Uncertain(NamedTuple):
 
 @dataclass(frozen=True)
 class TrappedGas:
-    """What a log tells of the gas in one muscle; `kappa`, `rest_volume` are None where it tells only their relation."""
+    """Gas of one muscle; `kappa` and `rest_volume` are None if the log determines only their relation."""
 
     theta: float  # middle of the log, where `stiffening` is taken [rad]
     P: float  # [Pa]
@@ -88,7 +88,7 @@ class GasFit:
 
     @property
     def kappa(self) -> Uncertain | None:
-        """Return κ of both muscles together, weighted by how well each tells it; None where neither does."""
+        """Return κ of both muscles, weighted by their precision; None if neither determines it."""
         known = [gas.kappa for gas in (self.agonist, self.antagonist) if gas.kappa]
         if not known:
             return None
@@ -112,7 +112,7 @@ class GasFit:
 
     @property
     def message(self) -> str:
-        """Say what the log tells, in a sentence for each muscle."""
+        """Return a sentence on each muscle."""
         return f"Agonist: {self.agonist} Antagonist: {self.antagonist}"
 
 
@@ -170,7 +170,7 @@ def at_rest(commands: ArrayLike, P1: ArrayLike, P2: ArrayLike, dead_band: float)
 
 
 def _without_drift(rest: Array, t: Array) -> Callable[[Array], Array]:
-    """Return what takes a constant and a drift of the time out of the columns of an array, rest by rest."""
+    """Return a function that removes a constant and a drift from the columns of an array, rest by rest."""
     bases: list[tuple[Mask, Array]] = []
     for number in np.unique(rest):
         own = rest == number
@@ -222,7 +222,7 @@ def _fitted(side: OneMuscle, theta: float, P: Array, free: Callable[[Array], Arr
 
 
 def _covariance(J: Array, r: Array) -> Array:
-    """Return the covariance (2, 2) of the parameters with the Jacobian `J` (n, 2) and what is left over, `r` (n,)."""
+    """Return the covariance (2, 2) of the parameters from the Jacobian `J` (n, 2) and the residuals `r` (n,)."""
     H = np.linalg.pinv(J.T @ J)
     white = H * (r @ r) / (r.size - 2)
     scores = np.array([J[b].T @ r[b] for b in np.array_split(np.arange(r.size), _BLOCKS)])

@@ -20,11 +20,10 @@ from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint import gas as trapped
-from allocator.joint.equilibrium import after_history, nearest_equilibrium
 from allocator.joint.felt import Loop, Secant, loss_factor
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked_gas
 from allocator.joint.geometry import Geometry, Pulley
-from allocator.joint.hysteresis import PrandtlIshlinskii
+from allocator.joint.hysteresis import PrandtlIshlinskii, after_history, nearest_equilibrium
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox, checked_supply
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley

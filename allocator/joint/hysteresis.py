@@ -1,4 +1,6 @@
-"""The hysteresis of a joint is a Prandtl–Ishlinskii operator of the angle that its muscles would hold without it.
+"""Hysteresis of a joint, and the angles at which it rests: without friction, and after a history of pressures.
+
+The hysteresis is a Prandtl–Ishlinskii operator of the angle that the muscles would hold without it.
 
     θ = H[u] = w_0 u + Σ w_i p_i,    p_i(k) = max(u_k - ρ_i, min(u_k + ρ_i, p_i(k-1)))       u: static angle, p_i: plays
     ρ_i = r_i s(P1 + P2),            s = s_0 + (1 - s_0) (P1 + P2)/5 bar
@@ -28,16 +30,16 @@ z_0 that of the angle before: exact however far the joint turns, as long as it t
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from math import copysign, exp, inf
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array, Value, is_symbol
+from allocator.calculus import Array, Value, is_symbol, rising_roots
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 
@@ -288,3 +290,50 @@ def _settled(excess: Excess, theta: float, z: float, P1: float, P2: float, ends:
         if balance(far) * here <= 0:
             return float(brentq(balance, near, far, xtol=1e-12))
     return float("nan")
+
+
+if TYPE_CHECKING:
+    from allocator.joint.antagonist import AntagonistJoint
+
+_REGIONS = 64  # of the joint range, in each of which one equilibrium is looked for
+
+
+def nearest_equilibrium(joint: "AntagonistJoint", P1: Array, P2: Array, T: Array) -> Array:
+    """Return the angle [rad] nearest to 0 at which the joint gives and holds T [N·m] at pressures [Pa]; else NaN."""
+
+    def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
+        agonist, antagonist = joint.sides(theta)
+        return np.asarray(T - agonist.torque(P1) - antagonist.torque(P2))
+
+    left, right = (np.asarray(end) for end in joint.angle_range)
+    found = rising_roots(lacking, left, right, P1, P2, T, pieces=_REGIONS)  # rising: K > 0
+    nearest = np.abs(np.where(np.isfinite(found), found, np.inf)).argmin(axis=0, keepdims=True)
+    return np.asarray(np.take_along_axis(found, nearest, 0)[0])
+
+
+def after_history(
+    joint: "AntagonistJoint", history: tuple[ArrayLike, ArrayLike], P1: ArrayLike, P2: ArrayLike, T: float
+) -> Array:
+    """Return the angles [rad] after the `history`, see `AntagonistJoint.equilibrium`."""
+    before = checks.broadcast(**checks.pressure_pair("history", history, ("history[0]", "history[1]")))
+    now = checks.broadcast(P1=checks.pressure("P1", P1), P2=checks.pressure("P2", P2))
+    if before[0].ndim > 1 or now[0].ndim > 1:
+        raise InvalidInput("a history, and the pressures after it, have to be numbers or rows, in their order")
+    one, two = (np.concatenate([np.atleast_1d(b), np.atleast_1d(n)]) for b, n in zip(before, now, strict=True))
+    u = joint.equilibrium(one, two, T) if joint.hysteresis else joint.equilibrium(one[:1], two[:1], T)
+    if joint.hysteresis:
+        theta = through_plays(joint.hysteresis, u, one + two)
+    elif np.isnan(u[0]):
+        raise InvalidInput("at the first pressures of the history the joint rests at no angle of its range")
+    else:
+        theta = through_friction(partial(_exceeding, joint, T), float(u[0]), one, two, joint.angle_range)
+    left, right = joint.angle_range
+    theta = np.where((theta >= left) & (theta <= right), theta, np.nan)[-now[0].size :]
+    return np.asarray(theta.reshape(now[0].shape))
+
+
+def _exceeding(joint: "AntagonistJoint", T: float, theta: float, P1: float, P2: float, z: float) -> float:
+    """Return the torque [N·m] less friction in the state `z` [-] and less the load `T` [N·m]."""
+    agonist, antagonist = joint.sides(theta)
+    t1, t2 = agonist.torque(P1), antagonist.torque(P2)
+    return float(t1 + t2 - joint.friction * z * (t1 - t2) - T)

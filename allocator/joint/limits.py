@@ -168,6 +168,11 @@ class PressureInterval:
             unreachable=(nearest > most + near) | (farthest < supply - near),
         )
 
+    @property
+    def slack(self) -> Mask:
+        """Whether no pressure left pulls the cable with the least force."""
+        return np.asarray(self.broken & (Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) != 0)
+
     def map(self, function: Callable[[Any], Any]) -> "PressureInterval":
         """Return a copy with `function` applied to every array."""
         return PressureInterval(*(function(getattr(self, field.name)) for field in fields(self)))

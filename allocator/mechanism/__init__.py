@@ -1,4 +1,4 @@
-"""A mechanism has n joints moved by m muscles; torques and a stiffness matrix are turned into pressures here.
+"""Mechanisms of n joints and m muscles: routes, torques and stiffness matrix, a hand, ready-made machines.
 
 >>> import numpy as np
 >>> from allocator import allocate
@@ -8,48 +8,21 @@
 ('EXACT', array([3.295, 1.481, 2.95 , 3.289, 3.548, 1.988]))
 """
 
-import allocator.mechanism.entry  # noqa: F401  # registers how mechanisms are allocated
 from allocator.mechanism import machines
-from allocator.mechanism.at_least import AtLeast, Infeasibility, allocate_at_least
-from allocator.mechanism.batches import warm_up
-from allocator.mechanism.certificate import Separation
 from allocator.mechanism.endpoint import Endpoint
-from allocator.mechanism.feasibility import (
-    Edge,
-    EndpointEllipses,
-    FeasibleTargets,
-    Polygon,
-    endpoint_ellipses,
-    feasible_targets,
-)
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
-from allocator.mechanism.pictures import plot_arm, plot_polygon, plot_workspace
 from allocator.mechanism.routes import Link, Pulleys, Routes, Site, Sites, Tables, from_function
 
 __all__ = [
-    "AtLeast",
-    "Edge",
     "Endpoint",
-    "EndpointEllipses",
-    "FeasibleTargets",
-    "Infeasibility",
     "Link",
     "Mechanism",
-    "Polygon",
     "Pulleys",
     "Routes",
-    "Separation",
     "Site",
     "Sites",
     "Tables",
     "TargetsMap",
-    "allocate_at_least",
-    "endpoint_ellipses",
-    "feasible_targets",
     "from_function",
     "machines",
-    "plot_arm",
-    "plot_polygon",
-    "plot_workspace",
-    "warm_up",
 ]

@@ -8,17 +8,14 @@ from allocator.muscles.base import AffineMuscle, Muscle
 from allocator.muscles.basis import Basis
 from allocator.muscles.cabled import Cabled
 from allocator.muscles.models import MODELS
-from allocator.muscles.models.affine_polynomial import AffinePolynomial
+from allocator.muscles.models.affine import AffinePolynomial, Hildebrandt2005, Hogan1984, Sarosi2012
 from allocator.muscles.models.chou import ChouHannaford1996
 from allocator.muscles.models.custom import FunctionMuscle, TableMuscle
-from allocator.muscles.models.hildebrandt import Hildebrandt2005
-from allocator.muscles.models.hogan import Hogan1984
 from allocator.muscles.models.kazemipour import KazemipourKatzschmann2025
 from allocator.muscles.models.martens import MartensBoblan2017
 from allocator.muscles.models.mckibben import TonduLopez1995
 from allocator.muscles.models.polynomial import PolynomialMcKibben
 from allocator.muscles.models.pressure_dependent import Andrikopoulos2016, TonduLopez2000
-from allocator.muscles.models.sarosi import Sarosi2012
 from allocator.muscles.models.threshold import ThresholdPolynomial
 from allocator.muscles.models.tondu import Tondu2021
 from allocator.muscles.models.wickramatunge import Wickramatunge2010

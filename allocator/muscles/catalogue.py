@@ -4,10 +4,10 @@ from dataclasses import replace
 
 from allocator.errors import MissingBackend
 from allocator.muscles.base import Muscle
+from allocator.muscles.models.affine import Sarosi2012
 from allocator.muscles.models.martens import MartensBoblan2017
 from allocator.muscles.models.mckibben import TonduLopez1995
 from allocator.muscles.models.pressure_dependent import TonduLopez2000
-from allocator.muscles.models.sarosi import Sarosi2012
 from allocator.muscles.models.tondu import Tondu2021
 from allocator.units import BAR, DEG
 

@@ -5,7 +5,7 @@ they are. Every function loads Matplotlib when it is called.
 """
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from os import PathLike
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
@@ -175,3 +175,45 @@ def _fit(caption: "Text", room: float) -> None:
         most = max(min(int(most * room / width), most - 1), _FEWEST)
         wrapped = (textwrap.wrap(line, most, break_long_words=False, break_on_hyphens=False) for line in lines)
         caption.set_text("\n".join("\n".join(part) for part in wrapped))
+
+
+if TYPE_CHECKING:
+    from ipywidgets import FloatSlider
+    from matplotlib.figure import Figure
+
+
+class Range(NamedTuple):
+    """A range is what a slider runs over."""
+
+    label: str
+    low: float
+    high: float
+    value: float
+
+
+def explore(draw: Callable[..., "Figure"], **ranges: Range) -> dict[str, "FloatSlider"]:
+    """Show the figure `draw(**values)` with a slider for every keyword; returns the sliders by keyword.
+
+    The picture is an ordinary output of the cell, which the sliders replace: without a live kernel (on a web page, in
+    print) it stays as it was drawn. Without ipywidgets (extra `antagonist[notebook]`) there is the picture only.
+    """
+    from IPython.display import display
+
+    try:
+        from ipywidgets import FloatSlider
+    except ImportError:
+        display(draw(**{name: r.value for name, r in ranges.items()}))
+        return {}
+    sliders = {
+        name: FloatSlider(r.value, min=r.low, max=r.high, description=r.label, continuous_update=False)
+        for name, r in ranges.items()
+    }
+
+    def figure() -> "Figure":
+        return draw(**{name: slider.value for name, slider in sliders.items()})
+
+    display(*sliders.values())
+    picture = display(figure(), display_id=True)
+    for slider in sliders.values():
+        slider.observe(lambda change: picture.update(figure()), names="value")
+    return sliders

@@ -11,7 +11,7 @@ Along an edge and a fold the slope dK/dT = m is monotone, along the floor the de
 two points of an arc each curve therefore lies between its chord and its end tangents, and (T, K) in a parallelogram,
 whose distance from the target bounds the cost from below.
 
-Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels.source`. All bounds hold up to rounding.
+Plain Python without NumPy, compiled or not, as in `allocator.allocation`. All bounds hold up to rounding.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls

@@ -16,7 +16,7 @@ which t, k and the slope dk/dt are monotone. As
 the geometry has gone: where a curve bends which way belongs to the muscle law alone. No cut is skipped: they are found
 in closed form, by Rolle's theorem down a chain of derivatives, or by bounds on the derivatives of a polynomial.
 
-Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels.source`. A segment is a row of numbers
+Plain Python without NumPy, compiled or not, as in `allocator.allocation`. A segment is a row of numbers
 (kind, c, h, lo, hi, n, t_1 … t_n, k_1 … k_n), zeros behind; a piece the tuple (number of the segment, a, b, values of
 `at` at a, values at b).
 """

@@ -5,7 +5,7 @@ them, x_1 + x_2 = X, the other is searched, stretch by stretch (`stretches`), on
 (`curves`). Thus all roots and the nearest point are found, and what was dropped gives a bound. A co-contraction floor
 P1 + P2 ≥ least sum cuts the stretches where the level crosses it: that is the same search with y = P.
 
-Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels.source`.
+Plain Python without NumPy, compiled or not, as `allocator.allocation.two_muscles.kernels.source`.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls

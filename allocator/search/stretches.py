@@ -11,7 +11,7 @@ are monotone. So on any stretch the values at its ends alone say:
 A state is a point of a level: (P, Q, x, y_P, y_Q, m_P, m_Q, det): pressures of the piece that is varied and of the
 one that follows, x of the first, y and slope dy/dx of both, and a multiple of m_P - m_Q that is finite.
 
-Plain Python without NumPy, compiled or not, as `allocator.allocation.kernels.source`. All bounds hold up to rounding.
+Plain Python without NumPy, compiled or not, as in `allocator.allocation`. All bounds hold up to rounding.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls

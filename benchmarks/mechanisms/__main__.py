@@ -4,7 +4,8 @@ import argparse
 import csv
 from pathlib import Path
 
-from allocator.mechanism import warm_up
+from allocator.allocation import warm_up
+from allocator.mechanism import machines
 from benchmarks.mechanisms.accuracy import Check, checks
 from benchmarks.mechanisms.speed import Time, times
 
@@ -18,7 +19,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=9, help="of the times; 0 measures none")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the report and the CSV files")
     arguments = parser.parse_args()
-    warm_up()
+    warm_up(joint=machines.arm26())
     found = []
     for check in checks(arguments.targets):
         found.append(check)

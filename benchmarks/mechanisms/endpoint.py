@@ -15,7 +15,8 @@ import numpy as np
 from scipy.optimize import linprog
 
 from allocator import Stiffness, allocate
-from allocator.mechanism import Endpoint, Mechanism, allocate_at_least, machines, warm_up
+from allocator.allocation import allocate_at_least, warm_up
+from allocator.mechanism import Endpoint, Mechanism, machines
 from allocator.units import BAR
 
 MACHINES = {
@@ -113,7 +114,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--targets", type=int, default=200)
     N = parser.parse_args().targets
-    warm_up()
+    warm_up(joint=machines.arm26())
     for name, (mechanism, hand) in MACHINES.items():
         for factor in (1.0, 1.5):
             print(f"{name}  {exactly(mechanism, hand, N, factor)}", flush=True)

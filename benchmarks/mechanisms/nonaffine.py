@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from allocator import Allocation, allocate
-from allocator.mechanism import machines, warm_up
+from allocator.allocation import warm_up
+from allocator.mechanism import machines
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from benchmarks.mechanisms.targets import POSTURE, Targets, random_targets
 
@@ -125,7 +126,7 @@ def main() -> int:
     parser.add_argument("--targets", type=int, default=500)
     parser.add_argument("--starts", type=int, default=20_000, help="of local solvers, for each priority")
     arguments = parser.parse_args()
-    warm_up()
+    warm_up(joint=machines.arm26())
     failed = False
     for priority in ("torque", "weighted"):
         found = search(priority, arguments.targets, arguments.starts)

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator import allocate
-from allocator.mechanism import batches, machines, warm_up
-from allocator.mechanism.arguments import problem_from
+from allocator import allocate, warm_up
+from allocator.allocation.box import pivoting
+from allocator.allocation.box.arguments import problem_from
+from allocator.mechanism import machines
 from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
 from benchmarks.speed.clock import seconds
 
@@ -31,7 +32,7 @@ class Time(NamedTuple):
 
 def times(rounds: int) -> list[Time]:
     """Everything, `rounds` times in turns."""
-    if not warm_up():
+    if not warm_up(joint=machines.arm26()):
         raise SystemExit("numba cannot compile here; there is nothing to measure")
     return [*lexicographic(rounds), *weighted(rounds), *sizes(rounds)]
 
@@ -51,7 +52,7 @@ def lexicographic(rounds: int) -> list[Time]:
     exact = allocate(few.q, few.K, few.T, joint=few.mechanism)
     problem = one.problem
     works = {
-        "the kernel alone": lambda: batches.solve(problem),
+        "the kernel alone": lambda: pivoting.solve(problem),
         "compiled batch, one posture": lambda: allocate(one.q, one.K, one.T, joint=one.mechanism),
         "compiled batch, every target at its own posture": lambda: allocate(own.q, own.K, own.T, joint=own.mechanism),
         "DAQP, three QPs called from Python": lambda: daqp_levels(few),
@@ -119,7 +120,7 @@ def weighted(rounds: int) -> list[Time]:
 
     ranked = replace(p, priority="weighted", weights=np.repeat([1e4, 1.0, 2.0, 1.0], [2, 1, 1, 1]))
     posed = problem_from(*t[:2], t.K, t.T, **one)[0]
-    works = {BATCH: ours, KERNEL: lambda: batches.solve(posed).x, BOTH: lambda: batches.solve(ranked).x} | {
+    works = {BATCH: ours, KERNEL: lambda: pivoting.solve(posed).x, BOTH: lambda: pivoting.solve(ranked).x} | {
         name: one_by_one(make(H, lo[0], hi[0])) for name, make in solvers().items()
     }
     found = in_turns(works, {name: len(lo) if name in (BATCH, KERNEL, BOTH) else FEW for name in works}, rounds)

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from allocator.allocation.box.arguments import problem_from
+from allocator.allocation.box.problem import BoxProblem
 from allocator.mechanism import Mechanism, Pulleys, machines
-from allocator.mechanism.arguments import problem_from
-from allocator.mechanism.problem import BoxProblem
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 
 POSTURE = np.array([0.4, -0.3])

@@ -13,8 +13,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.identification.arm.episodes import Episode, Windows
-from allocator.identification.arm.fit import fit_arm
-from allocator.identification.arm.search import folds
+from allocator.identification.arm.fit import fit_arm, folds
 from benchmarks.real.arm_log import LAGS, windows_of
 
 _LAYERS = (64, 64)

@@ -9,8 +9,8 @@ from time import perf_counter
 import numpy as np
 
 from allocator import Method, Stiffness, allocate, report_joint, warm_up
-from allocator.allocation.kernels.choice import TonduNumbers
-from allocator.allocation.kernels.compiled import kernel
+from allocator.allocation.two_muscles.kernels import kernel
+from allocator.allocation.two_muscles.kernels.choice import TonduNumbers
 from benchmarks.allocators.targets import JOINTS
 from benchmarks.speed.c_reference import c_reference, compiler
 from benchmarks.speed.clock import Measurement, Work, versus

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from allocator.allocation.kernels.choice import TonduNumbers
+from allocator.allocation.two_muscles.kernels.choice import TonduNumbers
 from benchmarks.speed.targets import Answers, Targets
 
 SOURCE = Path(__file__).with_name("reference.c")

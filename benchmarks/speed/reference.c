@@ -1,4 +1,4 @@
-/* The limit: tondu_exact of allocator/allocation/kernels/source.py (torque first, cables taut) as one loop that gcc can
+/* The limit: tondu_exact of allocator/allocation/two_muscles/kernels/source.py (torque first, cables taut) as one loop that gcc can
    vectorise. By hand, because gcc does not vectorise a loop over the C that is printed from that text, which takes five
    times as long; the benchmark insists on equal answers before it counts time. */
 #include <math.h>

@@ -14,7 +14,7 @@ class BenchmarkFailure(Exception):
 
 def check_same(who: str, targets: Targets, found: Answers) -> None:
     """Pressures to 1e-9, the same status and limits, as the readable implementation gives for a part of the targets."""
-    from allocator.allocation.exact import solve
+    from allocator.allocation.two_muscles.exact import solve
 
     step = max(1, targets.n // 2000)
     some = tuple(x[::step] for x in targets.arrays)

@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator import BAR, DEG, AntagonistJoint, Pulley, fit
 from allocator.calculus import Array
-from allocator.muscles.models.sarosi import Sarosi2012
+from allocator.muscles.models.affine import Sarosi2012
 from benchmarks.strangers import physics
 from benchmarks.strangers.physics import BRAID, EXPONENTIAL, FLOWING, LAGGED, POWER, SLIPS, SPOOLED, TIPS, Parts
 from mpc import Compensation, Plant

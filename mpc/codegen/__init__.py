@@ -1,1 +1,1 @@
-"""CasADi's expression graphs are written as text for compilers here: by one walk, and a table for each language."""
+"""Compilation: CasADi graphs printed as Python and C, and numba code that is kept on disk and called by address."""

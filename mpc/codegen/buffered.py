@@ -1,4 +1,4 @@
-"""CasADi functions are called through buffers here: microseconds instead of a tenth of a millisecond per call."""
+"""Calls of CasADi functions through buffers, which take microseconds instead of a tenth of a millisecond."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 
 
 class Buffered:
-    """A buffered function is a CasADi function with dense inputs and outputs, called with arrays.
+    """A CasADi function with dense inputs and outputs that is called with arrays.
 
-    CasADi stores columns first. An output of c columns and r rows is therefore handed back as its transpose (c, r): one
-    row per column, so that time, which runs along CasADi's columns, runs along the first axis here; inputs likewise.
+    CasADi stores columns first. An output of c columns and r rows is therefore returned as its transpose (c, r): one
+    row per column, so that time, which runs along CasADi's columns, runs along the first axis; inputs likewise.
     The buffers belong to the object, so one object must not be called by two threads at a time.
     """
 
@@ -40,14 +40,14 @@ class Buffered:
         return [array.copy() for array in self._outputs]
 
     def stats(self) -> dict[str, object]:
-        """Return what CasADi says of the last call, as a solver's return status."""
+        """Return CasADi's statistics of the last call, such as a solver's return status."""
         said: dict[str, object] = self._buffer.stats()
         return said
 
     def __reduce__(self) -> tuple[type["Buffered"], tuple["Function"]]:
-        """Pickle by the function, which CasADi writes out and reads: buffers are places in memory."""
+        """Pickle the CasADi function alone, because buffers are memory addresses."""
         return Buffered, (self._function,)
 
     def __deepcopy__(self, memo: dict[int, object]) -> "Buffered":
-        """Return itself: it remembers nothing from call to call."""
+        """Return itself, because it keeps no state between calls."""
         return self

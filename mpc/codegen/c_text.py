@@ -1,7 +1,7 @@
-"""CasADi functions are written as plain C99 functions here.
+"""CasADi functions printed as plain C99 functions.
 
-CasADi's own generator is not used for the text: its files carry unused parameters and bookkeeping for CasADi's runtime,
-and in single precision call the functions of math.h for double, which a microcontroller's FPU cannot do.
+CasADi's own generator is not used. Its files carry unused parameters and bookkeeping for CasADi's runtime. In single
+precision they call the double-precision functions of math.h, which a microcontroller's FPU cannot compute.
 """
 
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def function(f: "Function", comment: str, single: bool) -> str:
-    """Write the CasADi function `f` (SX, dense) as the C function `ant_model_<name>`; `comment` says what it computes.
+    """Write the CasADi function `f` (SX, dense) as the C function `ant_model_<name>`; `comment` describes it.
 
     Inputs and outputs are arrays by the names in `f`, matrices row by row as the caller made them. Raises InvalidInput
-    for an operation that C has not.
+    for an operation that has no C counterpart.
     """
     try:
         statements = list(_statements(f, single))
@@ -32,7 +32,7 @@ def function(f: "Function", comment: str, single: bool) -> str:
 
 
 def prototype(f: "Function") -> str:
-    """Return the head of the C function of `f`."""
+    """Return the prototype of the C function of `f`."""
     inputs = [f"const ant_real *{f.name_in(i)}" for i in range(f.n_in())]
     outputs = [f"ant_real *{f.name_out(i)}" for i in range(f.n_out())]
     return f"void ant_model_{f.name()}({', '.join([*inputs, *outputs])})"

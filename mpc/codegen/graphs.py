@@ -1,7 +1,7 @@
-"""A CasADi function becomes assignments, one an operation and in CasADi's order: one walk serves every language.
+"""CasADi functions as assignments, one per operation and in CasADi's order, for every target language.
 
-The graph, its derivatives and the elimination of common terms are CasADi's; a `Language` says how an operation is
-written. Inputs, outputs and numbers look different in each text, so that whoever asks for the text writes those.
+CasADi builds the graph, differentiates it and eliminates common terms. A `Language` maps its operations to source
+text. Inputs, outputs and numbers look different in each text, so the caller writes those.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 class Untranslatable(InvalidInput):
-    """A CasADi function cannot be written in a language; the message says why."""
+    """A CasADi function that cannot be written in a language, with the reason as its message."""
 
 
 @dataclass(frozen=True)
 class Language:
-    """A language is a table of how CasADi's operations are written in it."""
+    """A target language: the source text of each CasADi operation."""
 
     name: str
     operations: Mapping[str, str]  # CasADi's name: an expression of the operands {0} and {1}, which are atoms
@@ -29,14 +29,14 @@ class Language:
 
 
 class Temporary(NamedTuple):
-    """A temporary is a name for the result of an operation."""
+    """A named result of an operation."""
 
     name: str
     expression: str
 
 
 class Output(NamedTuple):
-    """An output is set, entry by entry."""
+    """An assignment to one entry of an output."""
 
     output: int
     entry: int  # among the nonzeros, columns first
@@ -53,10 +53,10 @@ def steps(
 ) -> Iterator[Temporary | Output]:
     """Yield the CasADi SX `function` in `language`, step by step.
 
-    `entry(i, j)` writes the nonzero j of input i. `number` writes a constant, and is asked at every place where one is
-    used. With `inverses` what is divided is multiplied by the inverse, that of a constant, or that of a result, once
-    for all that it divides: this takes a third of the time and may change the last bit. Raises `Untranslatable` for an
-    operation that the language's table has not.
+    `entry(i, j)` writes the nonzero j of input i. `number` writes a constant and is called at every place where one is
+    used. With `inverses`, divisions become multiplications by an inverse that is computed once per divisor, which takes
+    a third of the time and may change the last bit. Raises `Untranslatable` for an operation that the language's table
+    lacks.
     """
     import casadi as ca
 
@@ -93,7 +93,7 @@ def steps(
 
 
 def _invertible(by: str | float) -> bool:
-    """Return whether the inverse of what divides is as exact as itself: of a result, and of most constants."""
+    """Return whether the inverse of a divisor is as exact as the divisor: of a result, and of most constants."""
     return isinstance(by, str) or 1e-150 < abs(by) < 1e150
 
 

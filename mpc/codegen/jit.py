@@ -1,4 +1,4 @@
-"""Functions are compiled alike: IEEE arithmetic, division by zero included, but products and sums may be fused."""
+"""Decorators for numba: IEEE arithmetic, division by zero included, with fused products and sums."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -21,46 +21,45 @@ _FLAT: dict[str, object] = {"_nrt": False}
 
 
 def compiled(function: F) -> F:
-    """Compile `function` when it is first called; an `OSError` if the result is to be kept on disk and cannot be.
+    """Compile `function` when it is first called.
 
-    numba sees when the file of a function changes, but not those of the functions that it calls: results are kept only
-    of modules that `mpc.codegen.modules` names.
+    numba notices changes in the file of a function, but not in those of the functions that it calls. Results are
+    therefore kept on disk only for modules that `mpc.codegen.modules` names. Raises an `OSError` if one that should be
+    kept cannot be written.
     """
     made: F = njit(**_OPTIONS)(function)
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 
 def exactly(function: F) -> F:
-    """Compile `function` as `compiled` does, but fuse nothing: what comes out is what Python would give, bit by bit."""
+    """Compile `function` as `compiled` does, without fusing operations: the results equal Python's bit by bit."""
     made: F = njit(error_model="numpy")(function)
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 
 def inlined(function: F) -> F:
-    """Compile `function` as a part of compiled functions that call it; Python cannot."""
+    """Compile `function` as a part of the compiled functions that call it; Python cannot call it."""
     made: F = njit(**_COUNTED, **_INNER, **_OPTIONS)(function)
     return made
 
 
 def compiled_flat(function: F) -> F:
-    """Compile `function` as `compiled` does, one that makes no arrays and returns none.
+    """Compile a `function` that neither makes nor returns arrays as `compiled` does.
 
-    References to arrays are not counted then, whose code takes as long to compile as a third of all the rest.
+    References to arrays are then not counted, which saves a quarter of the time to compile.
     """
     made: F = njit(**_FLAT, **_OPTIONS)(function)
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 
 def inlined_flat(function: F) -> F:
-    """Compile `function` as `inlined` does, one that makes no arrays and returns none."""
+    """Compile a `function` that neither makes nor returns arrays as `inlined` does."""
     made: F = njit(**_FLAT, **_INNER, **_OPTIONS)(function)
     return made
 
 
 def merged(function: F) -> F:
-    """Compile `function` of numbers into its only caller, which then does not wait for a tuple to go through the
-    memory.
-    """
+    """Compile `function` of numbers into its only caller, so that no tuple of results passes through memory."""
     made: F = njit(forceinline=True, **_FLAT, **_INNER, **_OPTIONS)(function)
     return made
 
@@ -69,7 +68,7 @@ def merged(function: F) -> F:
 def assign(target: Array, source: Array) -> None:
     """Copy `source` into `target`, of the same shape.
 
-    With `target[:] = source` numba compiles, for three seconds, what writes the message that two shapes differ.
+    With `target[:] = source` numba spends three seconds compiling the error message for different shapes.
     """
     for i in range(target.size):
         target.flat[i] = source.flat[i]

@@ -1,9 +1,9 @@
 """Modules of compiled functions: a template and formulas as one Python module, written once and found again.
 
-numba keeps compiled code next to the file that it came from, and looks at no other when it decides whether that code is
-up to date. So all that is kept comes from modules in the user's cache directory. Their names are the hash of everything
-that they are made from. Plants that differ in their numbers only share one. The files are written for numba and for
-readers; the text that they should contain is what runs.
+numba keeps compiled code next to its source file and checks no other file to decide whether that code is up to date.
+All kept code therefore comes from modules in the user's cache directory, named by the hash of everything that they are
+made from. Plants that differ only in their numbers share one. The text that runs is the one in memory; the files are
+written for numba and for readers.
 """
 
 import os
@@ -17,8 +17,8 @@ import numba
 
 from allocator import units
 from allocator.allocation import status
-from allocator.allocation.kernels import compiled
-from allocator.allocation.kernels import source as kernels
+from allocator.allocation.two_muscles import kernels as compiled
+from allocator.allocation.two_muscles.kernels import source as kernels
 from allocator.compilation import jit
 from allocator.compilation.cache import check_own, clear_stale
 from allocator.files.atomic import write_text
@@ -62,7 +62,7 @@ def _hash(*texts: str, length: int) -> str:
 
 
 def _holds(file: Path, text: str) -> bool:
-    """Return whether `file` is there and whole."""
+    """Return whether `file` exists and is complete."""
     try:
         return file.read_bytes() == text.encode()
     except OSError:
@@ -86,9 +86,9 @@ def _surroundings() -> str:
 
 
 def _directory() -> Path:
-    """Return where the user's programs keep what they can make again, or raise an `OSError` if there is no such place.
+    """Return the user's cache directory; raises an `OSError` if there is none.
 
-    A relative XDG_CACHE_HOME counts as none, as the XDG Base Directory Specification asks.
+    A relative XDG_CACHE_HOME is ignored, as the XDG Base Directory Specification asks.
     """
     given = {"win32": "LOCALAPPDATA", "darwin": ""}.get(sys.platform, "XDG_CACHE_HOME")
     below_home = {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")

@@ -1,8 +1,8 @@
-"""CasADi functions are written as Python source here, one assignment an operation, for a compiler to take over.
+"""CasADi functions printed as Python source for a compiler, one assignment per operation.
 
-The muscle's law is then written once, in Python, and differentiated by CasADi; what a compiled loop calls is the same
-graph without CasADi's interpreter. The numbers of the graph are not part of the source but come as an argument, so that
-joints that differ in their numbers only share one compiled function.
+A muscle's law is written once, in Python, and differentiated by CasADi. Compiled loops call the same graph without
+CasADi's interpreter. The graph's numbers are an argument instead of a part of the source, so that joints that differ
+only in their numbers share one compiled function.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _LONGEST = 1500  # operations that numba compiles in bearable time
 
 @dataclass(frozen=True)
 class Source:
-    """A source is a Python function and the numbers that go with it."""
+    """The source of a Python function and the numbers that it takes."""
 
     text: str  # of a function of scalars and of `c`, which returns the tuple of its outputs, columns first
     c: Array  # the numbers [as they come in the graph]
@@ -31,7 +31,7 @@ def translated(name: str, function: "Function", first: int = 0) -> Source:
     """Write the CasADi SX `function` as the Python function `name(i0_0, i0_1, …, c)`: inputs element by element.
 
     Its numbers are c[first], c[first + 1], …, the inverses of those that divide. Raises `Untranslatable` for an
-    operation that is not in the table, and where there are too many to compile.
+    operation that is not in the table, and for a function with too many operations to compile.
     """
     numbers = _Numbers(name, function, first)
     results: dict[tuple[int, int], str] = {}
@@ -50,8 +50,8 @@ def translated(name: str, function: "Function", first: int = 0) -> Source:
 def filling(name: str, function: "Function", first: int = 0) -> Source:
     """Write the CasADi SX `function` as the Python function `name(i0, i1, …, c, o0, o1, …)`, which fills arrays.
 
-    Inputs and outputs are flat arrays of the nonzeros, columns first; no output may be an input, too. Numbers and
-    errors are those of `translated`, but none is inverted: what comes out is what CasADi gives, bit by bit.
+    Inputs and outputs are flat arrays of the nonzeros, columns first; no output may alias an input. Numbers and errors
+    are those of `translated`, but none is inverted: the results equal CasADi's bit by bit.
     """
     numbers = _Numbers(name, function, first)
     body = []
@@ -63,7 +63,7 @@ def filling(name: str, function: "Function", first: int = 0) -> Source:
 
 
 class _Numbers:
-    """The numbers of a function are named c[first], c[first + 1], … one by one."""
+    """The numbers of a function, named c[first], c[first + 1], … in order of use."""
 
     def __init__(self, name: str, function: "Function", first: int) -> None:
         if function.n_instructions() > _LONGEST:
@@ -74,7 +74,7 @@ class _Numbers:
         self._first, self._values = first, list[float]()
 
     def __call__(self, value: float) -> str:
-        """Name a number where it is used: sharing one among those that happen to be equal would be structure."""
+        """Name a number at each use. Equal numbers are not shared: the source must not depend on values."""
         if value in (-1.0, 0.0, 1.0):
             return repr(value)
         self._values.append(value)

@@ -1,7 +1,8 @@
-"""Records of fixed size that Python and compiled code read by the names of their fields, where they lie.
+"""Records of fixed size that Python and compiled code read in place by the names of their fields.
 
-A class states name and shape once. `dtype_of` makes the NumPy dtype of it, and `mpc.codegen.addresses.opener` what
-opens such a record in compiled code. A `Piece` is the place of an array whose length is known only when it is made.
+A class states names and shapes once. `dtype_of` makes its NumPy dtype, and `mpc.codegen.addresses.opener` the function
+that opens such a record in compiled code. A `Piece` is the place of an array whose length is known only when it is
+made.
 """
 
 from typing import Annotated, TypeAlias, get_args, get_origin, get_type_hints
@@ -16,7 +17,7 @@ Records: TypeAlias = np.recarray[tuple[int], np.dtype[np.void]]
 
 
 class Piece:
-    """The place of an array of numbers, and how many they are."""
+    """The address of an array of numbers and their count."""
 
     address: int
     size: int
@@ -25,7 +26,7 @@ class Piece:
 def dtype_of(record: type) -> np.dtype[np.void]:
     """Return the dtype of a class of numbers, other such classes, and arrays or lists `Annotated` with a shape.
 
-    An array without a shape is there as its `Piece`.
+    An array without a shape is stored as its `Piece`.
     """
     hints = get_type_hints(record, include_extras=True)
     return np.dtype([(name, *_kind(hint)) for name, hint in hints.items()])
@@ -47,19 +48,19 @@ def _kind(hint: object) -> tuple[object, ...]:
 
 
 def new_records(record: type) -> Records:
-    """Return an array (1,) of a record of zeros, whose numbers are attributes."""
+    """Return an array (1,) of a record of zeros, with its numbers as attributes."""
     return np.zeros(1, dtype_of(record)).view(np.recarray)
 
 
 def numbers_of(records: Records, name: str) -> tuple[int, int]:
-    """Return the `Piece` of a field that has floats only, of the record in `new_records`."""
+    """Return the `Piece` of a field of floats of the record in `new_records`."""
     assert records.dtype.fields is not None
     kind, offset = records.dtype.fields[name][:2]
     return records.ctypes.data + offset, kind.itemsize // np.dtype(float).itemsize
 
 
 def piece_of(array: NDArray[np.generic], kind: type[np.generic] = np.float64) -> tuple[int, int]:
-    """Return the `Piece` of an array of this kind, for as long as it lives. Raises a `TypeError` for any other one."""
+    """Return the `Piece` of an array of this kind, valid while the array lives, or raise a `TypeError`."""
     if array.dtype != kind or not (array.flags.c_contiguous and array.flags.aligned):
         raise TypeError(f"numbers of the kind {array.dtype} are not {kind.__name__} in one piece")
     return array.ctypes.data, array.size

@@ -1,9 +1,9 @@
 """Views of arrays by name, for Python and for compiled code.
 
 A named tuple states the shapes of its fields, some of which depend on sizes: `x: Annotated[Array, "N + 1", 4]`. The
-fields lie in one flat array, in this order, numbers and nested tuples included; a field without a shape is given by the
-caller. Arrays that lie elsewhere are opened by a table of their addresses. The functions that do either are generated
-as text, because numba compiles nothing that looks at annotations.
+fields lie in one flat array, in this order, including numbers and nested tuples; the caller supplies fields without a
+shape. Arrays elsewhere in memory are opened by a table of their addresses. Both kinds of functions are generated as
+text, because numba cannot compile code that reads annotations.
 """
 
 import ast
@@ -39,7 +39,7 @@ def viewer(record: type[R]) -> Callable[..., R]:
 
 
 def length_of(record: type, *sizes: int) -> int:
-    """Return how many numbers a `record` of views with these `sizes` has in its flat array."""
+    """Return the length of the flat array of a `record` of views with these `sizes`."""
     return _Text(record).length(*sizes)
 
 
@@ -50,7 +50,7 @@ def measure(record: type) -> Callable[..., int]:
 
 
 def in_python(function: F) -> F:
-    """Return a compiled function as Python runs it."""
+    """Return the Python function behind a compiled one."""
     uncompiled: F = function.py_func  # type: ignore[attr-defined]
     return uncompiled
 
@@ -63,7 +63,7 @@ def flat(values: NamedTuple) -> Array:
 def table_of(values: NamedTuple) -> Records:
     """Return an array (1,) of the addresses of arrays, and of numbers, in the order of their record.
 
-    Raises a `TypeError` for an array that does not lie there as it is read.
+    Raises a `TypeError` for an array whose memory layout differs from the one that is read.
     """
     records = new_records(type(values))
     for name, value in zip(values._fields, values, strict=True):
@@ -83,8 +83,8 @@ def opened(record: type[R]) -> Callable[[int], R]:
 def _compiled(record: type, text: str, space: Mapping[str, object]) -> Callable[..., Any]:
     """Return the function of a `text`, which counts as one of the file that has the `record`.
 
-    Its name has that of the record: numba's names of compiled functions are those of module and function, and where two
-    are alike what was kept by one process takes the other's code in the next.
+    Its name includes that of the record. numba names compiled functions by module and function, and if two names are
+    equal, one process loads the other function's code from the cache.
     """
     name = text[4 : text.index("(")]
     made: dict[str, Any] = {"__name__": record.__module__, **space}
@@ -103,7 +103,7 @@ def _leaves(values: NamedTuple) -> Iterator[ArrayLike]:
 
 
 class _Text:
-    """The text that makes a record of views: where one ends the next begins."""
+    """The text that makes a record of consecutive views."""
 
     def __init__(self, record: type) -> None:
         self.records: dict[str, type] = {}
@@ -115,11 +115,11 @@ class _Text:
 
     @property
     def total(self) -> str:
-        """The length of all, an expression of the sizes."""
+        """The total length, an expression of the sizes."""
         return " + ".join(self._lengths)
 
     def length(self, *sizes: int) -> int:
-        """Return the length of all."""
+        """Return the total length."""
         return int(eval(self.total, dict(zip(self.sizes, sizes, strict=True))))
 
     def _record(self, record: type) -> str:
@@ -144,7 +144,7 @@ class _Text:
         return part if len(shape) == 1 else f"{part}.reshape({', '.join(shape)})"
 
     def _taken(self, length: str) -> tuple[str, str]:
-        """Return where the next part of so many numbers begins and ends."""
+        """Return the slice of the next part, of so many numbers."""
         count = len(self.lines)
         self.lines.append(f"    _{count + 1} = _{count} + {length}\n")
         self._lengths.append(length)

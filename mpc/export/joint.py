@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allocator.allocation.kernels.choice import AffineNumbers, TonduNumbers
+from allocator.allocation.two_muscles.kernels.choice import AffineNumbers, TonduNumbers
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from allocator.allocation.kernels import source
-from allocator.allocation.kernels.choice import AffineNumbers, TonduNumbers
 from allocator.allocation.status import Status
+from allocator.allocation.two_muscles.kernels import source
+from allocator.allocation.two_muscles.kernels.choice import AffineNumbers, TonduNumbers
 from allocator.compilation.printer import INT, REAL, Outside, Printed, Source, c_form
 from allocator.joint.limits import Limit
 from mpc.export import text

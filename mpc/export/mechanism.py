@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.allocation import allocate
-from allocator.allocation.kernels import source
+from allocator.allocation.box.kernel import batch, data, levels
 from allocator.allocation.status import CLOSED_FORM, Status
+from allocator.allocation.two_muscles.kernels import source
 from allocator.calculus import Array
 from allocator.compilation.printer import (
     INT,
@@ -28,14 +29,13 @@ from allocator.compilation.printer import (
 )
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
-from allocator.mechanism.kernel import data, levels, residual
+from allocator.mechanism.formulas import map_function
 from mpc.export import text
 from mpc.export.building import check, write
 from mpc.export.parts import BUILD, Files, build_words, copied, is_single, machine_words, model_files
-from mpc.model.arm.lengths import symbolic_lengths
 
 if TYPE_CHECKING:
-    from casadi import Function
+    pass
 
 
 _FREE = 4 * np.pi  # [rad] of a joint without end stops
@@ -178,7 +178,7 @@ def _readme(mechanism: Mechanism, single: bool) -> str:
 
 _SIZES = {"m": "ANT_VARIABLES", "p": "ANT_LINES", "K": "ANT_LEVELS"}
 _SIDE = "signed char"
-_ELEMENTS = {"np.int64": INT, "np.int8": _SIDE, "np.bool_": _SIDE}
+_ELEMENTS = {"floats": REAL, "places": INT, "signs": _SIDE}
 
 MOST_ROUNDS, MOST_FIRST = 1000, 200  # in C: a bound for the longest call
 SINGLE = {  # what rounding of single precision leaves
@@ -196,7 +196,7 @@ ENTRIES = {name: f"ant_kernel_{name}" for name in ("prepare", "scale", "solve", 
 def kernel_files(single: bool) -> dict[str, str]:
     """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
     structs = _structs()
-    functions = (*levels.FUNCTIONS, *residual.FUNCTIONS)
+    functions = (*levels.FUNCTIONS, *batch.PROOF)
     numbers = {"MOST_ROUNDS": MOST_ROUNDS, "MOST_FIRST": MOST_FIRST} | (SINGLE if single else {})
     made = c_functions(functions, _kinds(structs), single, ENTRIES, numbers)
     about = "Lexicographic least squares in a box, printed from Python's text of it."
@@ -238,14 +238,11 @@ def _structs() -> dict[str, StructKind]:
 
 
 def _memory() -> Iterator[ArrayKind]:
-    """Yield the arrays that `workspace` makes."""
-    [made] = [node.value for node in ast.walk(_parsed(data.workspace)) if isinstance(node, ast.Return)]
-    assert isinstance(made, ast.Call)
-    for array in made.args:
-        assert isinstance(array, ast.Call)
-        shape, *kind = array.args
-        sizes = shape.elts if isinstance(shape, ast.Tuple) else [shape]
-        yield ArrayKind(_ELEMENTS[ast.unparse(kind[0])] if kind else REAL, tuple(map(_size, sizes)))
+    """Yield the arrays that `carved` takes from flat ones, in their order."""
+    for node in ast.walk(_parsed(data.carved)):
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+            flat, *sizes = node.value.args
+            yield ArrayKind(_ELEMENTS[ast.unparse(flat)], tuple(map(_size, sizes)))
 
 
 def _parsed(function: object) -> ast.Module:
@@ -271,31 +268,3 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         "ends": ArrayKind(INT, (K,), True),
         **dict.fromkeys(("longest", "pull", "near", "to_centre", "greatest"), REAL),
     }
-
-
-def map_function(mechanism: Mechanism) -> "Function":
-    """Return the CasADi function q ↦ (ε (m), A (m), B (m), y0 (d), M (d m), row by row), with forces F = A P + B.
-
-    Raises `InvalidInput` for muscles that are not affine and for routes without formulas.
-    """
-    import casadi as ca
-
-    mechanism.check_affine("the exported allocation")
-    q, P = ca.SX.sym("q", mechanism.n), ca.SX.sym("P", mechanism.m)
-    length, rest = symbolic_lengths(mechanism.routes, q), mechanism.routes.rest_length
-    eps = [(L - length[j]) / L for j, L in enumerate(rest)]
-    muscles = list(zip(mechanism.muscles, eps, strict=True))
-    A = ca.vertcat(*(muscle.gain(0.0, e) for muscle, e in muscles))
-    B = ca.vertcat(*(muscle.law(0.0, e) for muscle, e in muscles))
-    torque = -ca.jacobian(length, q).T @ (A * P + B)  # (M1)
-    stiffness = -ca.jacobian(torque, q)  # (M2)
-    rows, columns = mechanism.upper_triangle
-    entries = [stiffness[i, j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)]
-    y = ca.vertcat(torque, *entries)
-    y0, M = ca.substitute(y, P, 0), ca.jacobian(y, P)
-    if ca.depends_on(M, P):
-        raise InvalidInput("the targets of this mechanism are not affine in the pressures")
-    made = ca.cse([ca.vertcat(*eps), A, B, y0, ca.vec(M.T)])
-    return ca.Function(
-        "mechanism", [q], list(map(ca.densify, made)), ["q"], ["contraction", "gain", "force", "y0", "M"]
-    )

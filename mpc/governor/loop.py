@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.notices import notice
+from allocator.errors import notice
 from mpc.governor import kernel
 from mpc.tracking.qp.step import SlowStep
 

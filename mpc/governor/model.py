@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.mechanism import Mechanism
+from allocator.mechanism.formulas import symbolic_lengths
 from mpc.governor.interval import Posed
-from mpc.model.arm.lengths import symbolic_lengths
 
 if TYPE_CHECKING:
     from casadi import SX, Function

@@ -19,6 +19,7 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
 from allocator.files.toml import Table, section
+from allocator.identification.motion.problem import shares_of_lag
 from allocator.identification.motion.result import Errors, MotionFit, MovingJoint
 from allocator.identification.motion.samples import TAUT_FROM, MotionLog
 from allocator.machine_file import dumps
@@ -169,8 +170,9 @@ class _Written:
     def _tried(self, otherwise: Mapping[str, object]) -> _Tried:
         """Return the file's free run with inertia and damping as seen, or as in `otherwise`."""
         seen = {name: getattr(self.moving, name) for name in ("inertia", "damping") if name not in self.assumed}
-        lag = sum(self._lags.values()) / 2
-        numbers: dict[str, object] = {**otherwise, **seen, **({"lag": (lag, lag)} if self._commanded else {})}
+        lag, shares = sum(self._lags.values()) / 2, shares_of_lag(self.moving.values["lag_ratio"])
+        lags = {"lag": tuple(share * lag for share in shares)} if self._commanded else {}
+        numbers: dict[str, object] = {**otherwise, **seen, **lags}
         numbers |= {"slew": self.known["slew"]} if "slew" in self.known else {}
         if self._commanded:  # the lags go with the gas, or without it
             numbers["gas"] = self.fit.problem.gas

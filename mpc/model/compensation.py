@@ -43,7 +43,7 @@ class Compensation:
     dead_time: float = 0.0  # of the commands [s]
     dead_band: float = 0.0  # [Pa], total
     reading_age: float = 0.0  # of the angle's readings [s]; those of the pressures are new
-    lag_up: float | None = None  # time constant of a rising pressure [s]; None: that of the plant
+    lag_up: float | None = None  # time constant of a rising pressure [s], see `RealPlant`; None: that of the plant
     lag_down: float | None = None  # of a falling one [s]
     flow: float = inf  # fastest change of a pressure [Pa/s]
     frictions: tuple[Hysteresis, ...] = ()  # of an arm's joints, where they differ; else all have `friction`

@@ -20,14 +20,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from allocator import allocate, checks, warm_up
-from allocator.allocation.pair import PairAllocation
+from allocator.allocation.two_muscles.result import PairAllocation
 from allocator.calculus import Array, Value, sin
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
-from allocator.joint.assumption import assumptions
+from allocator.joint.assumption import assumptions, with_volumes
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
 from allocator.joint.limits import Limits
-from allocator.joint.volumes import with_volumes
 from allocator.units import BAR, CM3
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
 from mpc.model.gas import fall, gas_of, trapped

@@ -16,7 +16,7 @@ the joint turns in one direction, and each step begins with what is remembered o
 """
 
 from dataclasses import dataclass, field, fields, replace
-from math import ceil, inf, isfinite, prod
+from math import ceil, inf, isfinite, prod, sqrt
 from typing import Any, Self
 
 import numpy as np
@@ -49,8 +49,8 @@ class RealPlant:
     friction: Hysteresis = field(default_factory=Friction)
     dead_time: float = 0.0  # t_dead of the commands [s]
     dead_band: float = 0.0  # [Pa], total: a regulator rests within half of it on either side
-    lag_up: float | None = None  # time constant of a rising pressure [s]; None: the nominal plant's
-    lag_down: float | None = None  # of a falling one [s]
+    lag_up: float | None = None  # time constant of a rising pressure [s], the geometric mean of both muscles, whose
+    lag_down: float | None = None  # ratio is that of the nominal lags; of a falling one. None: the nominal plant's
     flow: float = inf  # fastest change of a pressure [Pa/s]
     encoder: float = 0.0  # [rad] a step
     reading_age: float = 0.0  # t_age of the angle's readings [s]
@@ -216,33 +216,40 @@ class RealPlant:
         error = [u[i] - x[2 + i] for i in range(NU)]
         passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
         rates = [
-            0.0 if shut else ca.fmin(ca.fmax(self._pull(e, tau), -self.flow), self.flow)
-            for e, tau, shut in zip(passed, self.nominal.lags, self.shut, strict=True)
+            0.0 if shut else ca.fmin(ca.fmax(self._pull(e, *lags), -self.flow), self.flow)
+            for e, lags, shut in zip(passed, self.lags, self.shut, strict=True)
         ]
         if self.nominal.gas is None:
             return rates
         return [rate - q for rate, q in zip(rates, self.nominal.expansion(x, self.force_gains), strict=True)]
 
-    def _pull(self, e: Value, lag: float) -> Value:
-        """Return the rate [Pa/s] of a pressure that is off by `e` [Pa], by its own lags or the nominal `lag` [s]."""
+    @property
+    def lags(self) -> tuple[tuple[float, float], ...]:
+        """The time constants [s] of the rising and the falling pressure of each muscle."""
+        nominal, own = self.nominal.lags, (self.lag_up, self.lag_down)
+        mean = sqrt(prod(nominal))
+        return tuple((_of(own[0], lag, mean), _of(own[1], lag, mean)) for lag in nominal)
+
+    @staticmethod
+    def _pull(e: Value, up: float, down: float) -> Value:
+        """Return the rate [Pa/s] of a pressure that is off by `e` [Pa], with its lags [s]."""
         import casadi as ca
 
-        up, down = (lag if own is None else own for own in (self.lag_up, self.lag_down))
-        return e / lag if up == down == lag else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
+        return e / up if up == down else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
 
     def substeps(self, dt: float, resolution: float) -> int:
         """Return how many equal steps over `dt` [s] the nominal plant takes, or more where its own lags are shorter.
 
         Raises `InvalidInput` as that of the nominal plant does.
         """
-        shortest = min((lag for lag in (self.lag_up, self.lag_down) if lag is not None), default=inf)
+        least, shortest = self.nominal.substeps(dt, resolution), min(min(lags) for lags in self.lags)
         steps = dt / shortest / resolution
         if steps > MOST_SUBSTEPS:
             raise InvalidInput(
                 f"lag_up or lag_down = {shortest:.3g} s is so short that dt = {dt:g} s would take {steps:.3g} steps of "
                 f"integration, over {MOST_SUBSTEPS}; such a pressure has no lag: leave it out or say 1e-3 s"
             )
-        return max(self.nominal.substeps(dt, resolution), ceil(steps))
+        return max(least, ceil(steps))
 
     def at_rest(self, theta: float, K: float) -> Array:
         """Return the nominal plant's rest (4,): where an experiment begins.
@@ -257,6 +264,11 @@ class RealPlant:
         `seed` is that of the sensors' noise.
         """
         return RealExperiment(self, dt, x0, seed)
+
+
+def _of(own: float | None, nominal: float, mean: float) -> float:
+    """Return the lag [s] of a muscle whose `nominal` one differs from their `mean`, `own` being that of both."""
+    return nominal if own is None else own * (nominal / mean)
 
 
 def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:

@@ -15,8 +15,8 @@ and another one of what the pressures do besides, which is read by `Compensation
 [regulators]
 dead_time = 0.0                # of the commands [s]
 dead_band = 0.0                # [Pa], total
-lag_up = 0.08                  # of a rising pressure [s], and
-lag_down = 0.12                # of a falling one; or without these lines (0 is read as unknown, too)
+lag_up = 0.08                  # of a rising pressure [s], the geometric mean of both muscles (their ratio is that of
+lag_down = 0.12                # `lag`), and of a falling one; or without these lines (0 is read as unknown, too)
 flow = 500000.0                # fastest change of a pressure [Pa/s]; or without this line
 
 [sensors]

@@ -15,6 +15,10 @@ great as the muscles' torque T of which nobody tells, moves the joint no farther
 would have found it. What began with a greater jump, as an encoder does that has lost its zero, is accepted after
 `patience`.
 
+A sensor that was taken for frozen and moves on by less than such a jump was at rest: a joint that sticks repeats its
+angle, while a model without friction expects motion. It is accepted at once. The belief that did without the sensor
+has gone astray meanwhile, and is no measure of it.
+
 Y. Bar-Shalom, X. Li, T. Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 11.
 """
 
@@ -65,7 +69,7 @@ class Verdict(IntEnum):
 
 _VERDICTS = {
     Verdict.BELIEVED: "The reading is near what was expected.",
-    Verdict.ACCEPTED: "The readings had jumped and stayed there: the sensor has another zero, or the joint was moved.",
+    Verdict.ACCEPTED: "The readings had jumped and stayed there, or go on after a rest: the sensor is believed again.",
     Verdict.SILENT: "The sensor says nothing.",
     Verdict.IMPOSSIBLE: "The reading is beyond what the joint range or the supply allow.",
     Verdict.REJECTED: "The reading is too far from what the motion allows.",
@@ -147,6 +151,9 @@ class SensorGate:
         if abs(read - expected) <= width and not repeated:
             self.reset()
             return Verdict.BELIEVED
+        if self._since == 0 and not repeated and abs(read - self._refused) <= self.jump:  # it was at rest, not frozen
+            self.reset()
+            return Verdict.ACCEPTED
         if self._since == 0:
             self._width, self._since = width, 1
         self._refused = read

@@ -44,12 +44,10 @@ COARSEST = 1 * DEG  # step of an encoder
 class KalmanObserver:
     """Extended Kalman filter with `plant`, a `Plant` or an `Arm`, as its model.
 
-    A sensor may be silent or frozen for `tolerance` seconds.
-
-    Silent is one that says NaN or what is not believed (`gate`; by default what fits the plant). After that what it
-    should measure is answered as NaN until it speaks again: a controller then knows that it is blind, and
-    `TrackingMPC` says so in the status of its plans. Numbers never make it raise; before the first angle that can be
-    believed all that is answered is NaN, but for the pressures.
+    A sensor may be silent (NaN, or not believed by the `gate`) or frozen for `tolerance` seconds. After that the
+    quantity that it measures is answered as NaN until it speaks again, and `TrackingMPC` reports in the status of its
+    plans that it is blind. No number makes it raise. Before the first angle that can be believed the answer is NaN,
+    except for the pressures.
 
     Angles are read `Compensation.reading_age` late. Readings of pressures are held back for as long, the filter
     estimates the state of then, and the answer is predicted from it with the commands since.
@@ -316,6 +314,9 @@ class KalmanObserver:
         read[self._angles] = [self.gate.unwrapped(*angle) for angle in self._turned(said, expected.xi)]
         read[self.plant.n :] -= self._offset
         self._verdicts = self._checked(read, expected)
+        rested = np.array([verdict is Verdict.ACCEPTED for verdict in self._verdicts])
+        if rested.any():
+            expected = self.filter.unsure_at(expected, read, rested)
         repeated = said == self._read
         expected = self._without_frozen(previous, expected, repeated, read, memories)
         expected = self._rival_or(expected, read, memories)

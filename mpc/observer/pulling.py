@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.mechanism.formulas import symbolic_lengths
 from mpc.codegen.buffered import Buffered
-from mpc.model.arm.lengths import symbolic_lengths
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.machine import Machine

@@ -1,4 +1,4 @@
-"""A controller's step has one skeleton, whatever optimises: the stages that `BaseController` names, in that order."""
+"""Skeleton of a controller's step: the stages of `BaseController`, in that order, for any method of optimisation."""
 
 import warnings
 from abc import ABC, abstractmethod
@@ -29,7 +29,7 @@ _SHARE = 0.9  # of the time budget for optimising; the rest predicts what the co
 
 
 class Situation(NamedTuple):
-    """The situation is what optimisation starts from."""
+    """The starting point of the optimisation."""
 
     task: Task
     feed: FeedForward
@@ -38,7 +38,7 @@ class Situation(NamedTuple):
 
 
 class Optimised(NamedTuple):
-    """The result of optimisation, or why there is none."""
+    """The result of the optimisation, or the reason why there is none."""
 
     status: PlanStatus
     best: tuple[Rung, Array] | None = None  # commands (N, m) and the rung that they are worth
@@ -47,15 +47,15 @@ class Optimised(NamedTuple):
 
 
 class BaseController(ABC):
-    """A controller makes a `Plan` of a measured state and references, in stages, each with a noun for its result:
+    """Base of controllers that turn a measured state and references into a `Plan`, in stages with one result each:
 
-        inputs checked    `Task`         what can be meant, from when a command acts on    `mpc.tracking.preview`
-        feed-forward      `FeedForward`  state, outputs, commands that would follow it      `mpc.tracking.feedforward`
-        optimise          `Optimised`    commands and their status: what a member fills in  `_optimise`
-        ladder            `Motion`       of the best commands whose prediction is finite    `mpc.tracking.fallback`
-        plan              `Plan`         what is sent, how it came about, where it leads    `mpc.tracking.plan`
+        inputs checked    `Task`         valid references from the time a command acts     `mpc.tracking.preview`
+        feed-forward      `FeedForward`  state, outputs and commands that follow them       `mpc.tracking.feedforward`
+        optimise          `Optimised`    commands and their status, by the subclass         `_optimise`
+        ladder            `Motion`       of the best commands with a finite prediction      `mpc.tracking.fallback`
+        plan              `Plan`         commands, their status and predicted motion        `mpc.tracking.plan`
 
-    A member has the attributes below; `_build` makes those that all of them have in common.
+    A subclass has the attributes below; `_build` makes the common ones.
     """
 
     plant: Any  # a `Machine`
@@ -70,7 +70,7 @@ class BaseController(ABC):
     _first: bool = True  # whether there was no step since the last reset
 
     def _check_model(self) -> None:
-        """Insist on a plant and a compensation. Raises `InvalidInput`."""
+        """Raise `InvalidInput` unless there are a plant and a compensation."""
         if not isinstance(self.plant, self.machines):
             known = " or ".join(f"{'an' if kind is Arm else 'a'} {kind.__name__}" for kind in self.machines)
             of_nominal = "; a RealPlant's model is its nominal" if isinstance(self.plant, RealPlant) else ""
@@ -86,7 +86,7 @@ class BaseController(ABC):
         self.ladder = Ladder(self.limits, self._predictor)
 
     def reset(self) -> None:
-        """Forget the past: the next step begins from the pressures it measures."""
+        """Forget the past, so that the next step begins from the measured pressures."""
         self._first = True
         self._preview.reset()
         self.rest_mode.reset()
@@ -95,17 +95,17 @@ class BaseController(ABC):
 
     @property
     def ahead(self) -> int:
-        """The samples of preview that `step` takes after the present one."""
+        """Number of preview samples that `step` takes after the present one."""
         return self._preview.ahead
 
     def step(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike = 0.0) -> Plan:
         """Return the plan from the measured state `x` (2n + m,) for references θ [rad] and K [N·m/rad].
 
         A reference is a value, held for the whole horizon, or a preview (ahead + 1, …) that begins now; the values of
-        an arm are (n,) and (k, k). `d` is the disturbance torque [N·m] known to act, of an arm also (n,). What is NaN
-        in `x`, or beyond what the plant can do, is replaced by what the last plan predicted. Numbers never make it
-        raise: where they cannot be meant the status says so. Warns (`BadNumbers`) if the pressures of the first step
-        look like bar. Raises `InvalidInput` for shapes and kinds that are wrong.
+        an arm are (n,) and (k, k). `d` is the disturbance torque [N·m] known to act, of an arm also (n,). Entries
+        of `x` that are NaN or physically impossible are replaced by the prediction of the last plan. No number makes
+        this method raise: invalid ones are reported by the status. Warns (`BadNumbers`) if the pressures of the first
+        step look like bar. Raises `InvalidInput` for wrong shapes and types.
         """
         began = perf_counter()
         if self._first:
@@ -113,7 +113,7 @@ class BaseController(ABC):
         return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
 
     def _point_out_bar(self, x: object) -> None:
-        """Warn of pressures that look like bar. It is no error: those of a vented joint are as low."""
+        """Warn of pressures that look like bar. This is no error, because those of a vented joint are as low."""
         self._first = False
         state = checks.floats("x", x, "rad, rad/s, Pa")
         if state.shape != (self.plant.size,):
@@ -126,7 +126,7 @@ class BaseController(ABC):
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder finds what is not finite
     def _staged(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike, began: float) -> Plan:
-        """Return the plan, stage by stage."""
+        """Return the plan after all stages."""
         task = self._preview.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
         held = self.rest_mode.pressures(task) if self.rest and self.rest_mode.worthwhile else None
         halted = task.halted(self.patience)
@@ -151,20 +151,20 @@ class BaseController(ABC):
 
     @abstractmethod
     def _optimise(self, situation: Situation) -> Optimised:
-        """Return the commands that are best by the member's lights."""
+        """Return the best commands by the subclass's criterion."""
 
     def _whole_step(
         self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike, began: float
     ) -> Plan | None:
-        """Return the same plan in a quicker way, None where there is none and all is as it was."""
+        """Return the same plan by compiled code, or None with nothing changed if that is impossible."""
         return None
 
     def _forget(self) -> None:
-        """Forget what the member remembers beyond the skeleton."""
+        """Forget the state of the subclass."""
         return None
 
     def _torques(self, task: Task) -> Array:
-        """Return the torques (N+1,) [N·m] that the feed-forward reckons with."""
+        """Return the torques (N+1,) [N·m] for the feed-forward."""
         return task.d
 
     # --- the stages -------------------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ class BaseController(ABC):
         return Situation(task, feed, self.ladder.previous(task.x, feed.u[0]), self._deadline(began))
 
     def _deadline(self, began: float) -> float:
-        """Return by when the optimisation has to end [s]."""
+        """Return the time at which the optimisation has to end [s]."""
         return inf if self.budget is None else began + _SHARE * self.budget
 
     def _approach(self, P: Array, situation: Situation) -> Optimised:
@@ -186,7 +186,7 @@ class BaseController(ABC):
     def _plan(
         self, situation: Situation, status: PlanStatus, rung: Rung, motion: Motion, side: float, times: Times
     ) -> Plan:
-        """Return what is sent for `motion`, and what is said of it; `side` is the edge of the dead band to keep to."""
+        """Return the plan of `motion`; `side` is the edge of the dead band to keep to."""
         task, feed = situation.task, situation.feed
         return Plan(
             self._preview.sent(motion.u, motion.x, side),

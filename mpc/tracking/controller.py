@@ -44,8 +44,7 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.calculus import Array
-from allocator.errors import InvalidInput
-from allocator.notices import notice
+from allocator.errors import InvalidInput, notice
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.experiment import RESOLUTION

@@ -1,9 +1,9 @@
-"""The tracking cost of a sample, stated once: a table of residuals, each charged with one of the `Weights`.
+"""Tracking cost of a sample, written once: a table of residuals with one of the `Weights` each.
 
     ½ Σ_{k=1…N-1} [w_θ (θ_k - θ*_k)² + w_ω (ω_k - θ*'_k)² + w_K (K_k - K*_k)²]
   + ½ Σ_{k=0…N-1} [w_u |e_k|² + w_r |e_k - e_{k-1}|²/dt²]                              e_k = u_k - u*_k
 
-A residual is an entry of one of four kinds of rows, which is a quantity of the sample less its reference in the
+A residual is an entry of one of four kinds of rows, each the difference of a quantity and its reference in the
 `FeedForward`:
 
     x     x_k - x*_k           state (θ, ω, P1, P2)               k = 1 … N-1, the last state is the terminal cost's
@@ -11,10 +11,10 @@ A residual is an entry of one of four kinds of rows, which is a quantity of the 
     e     u_k - u*_k           commands                           k = 0 … N-1
     rate  (e_k - e_{k-1})/dt   their rate                         k = 0 … N-1
 
-Who adds a weight adds a field to `Weights` and a line to `residuals`. All else follows from here: `charges` is the cost
-itself, of numbers (`mpc.trials.objective`) and of CasADi's symbols (`mpc.yardsticks.shooting`); `diagonal` are the
-weights by rows, with which the QP is condensed (`mpc.tracking.qp.condense`, `mpc.tracking.compiled`, the exported C)
-and the terminal cost is made (`mpc.tracking.terminal`).
+To add a weight, add a field to `Weights` and a line to `residuals`. Everything else follows: `charges` is the cost of
+numbers (`mpc.trials.objective`) and of CasADi symbols (`mpc.yardsticks.shooting`). `diagonal` has the weights by rows,
+from which the QP (`mpc.tracking.qp.condense`, `mpc.tracking.compiled`, the exported C) and the terminal cost
+(`mpc.tracking.terminal`) are built.
 """
 
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ NY = 1 + NU  # outputs: stiffness and both forces
 
 
 class Residual(NamedTuple):
-    """A residual is what one weight charges for: half its square, summed over its entries and over the samples."""
+    """A quantity with one weight, which charges half its square, summed over entries and samples."""
 
     weight: str  # field of `Weights`
     rows: str  # field of `Rows`
@@ -53,7 +53,7 @@ def residuals(n: int = 1, m: int = 2, stiffnesses: int = 1) -> tuple[Residual, .
 
 
 class Rows(NamedTuple):
-    """The rows of a sample, by kind: residuals (numbers, arrays [size, ...] or symbols) or their weights (size,)."""
+    """Rows of a sample by kind: residuals (numbers, arrays [size, ...] or symbols) or their weights (size,)."""
 
     x: Value  # 4
     y: Value  # 3
@@ -66,7 +66,7 @@ STATES, COMMANDS = ("x", "y"), ("e", "rate")  # kinds of rows that the state and
 
 
 def charges(weights: Weights, rows: Rows, kinds: Iterable[str] = Rows._fields) -> dict[str, Value]:
-    """Return what each weight charges for the residuals `rows`, as far as these are of the `kinds`."""
+    """Return the cost by weight of those residuals in `rows` that are of the `kinds`."""
     return {
         r.weight: getattr(weights, r.weight) / 2 * sum(getattr(rows, r.rows)[i] ** 2 for i in r.entries)
         for r in residuals()
@@ -75,7 +75,7 @@ def charges(weights: Weights, rows: Rows, kinds: Iterable[str] = Rows._fields) -
 
 
 def diagonal(weights: Weights, n: int = 1, m: int = 2, stiffnesses: int = 1) -> Rows:
-    """Return the weight of every entry of every kind of rows, 0 for what is not charged: the cost is ½ Σ w r²."""
+    """Return the weight of every entry of every kind of rows, 0 for free entries: the cost is ½ Σ w r²."""
     made = Rows(*map(np.zeros, (2 * n + m, stiffnesses + m, m, m)))
     for r in residuals(n, m, stiffnesses):
         getattr(made, r.rows)[list(r.entries)] += getattr(weights, r.weight)
@@ -83,5 +83,5 @@ def diagonal(weights: Weights, n: int = 1, m: int = 2, stiffnesses: int = 1) -> 
 
 
 def charged(weights: Array) -> list[tuple[int, float]]:
-    """Return the entries (index, weight) of a diagonal that are charged for, to leave out the others."""
+    """Return the nonzero entries (index, weight) of a diagonal."""
     return [(i, w) for i, w in enumerate(weights.tolist()) if w]

@@ -1,15 +1,14 @@
-"""The fallback ladder says what is commanded at a sample, best first.
+"""Fallback ladder: the sources of a sample's commands, best first.
 
-    QP          what the proved solution of the QP says
-    SOFTENED    the answer of `mpc.tracking.qp.softened`, where the QP has none that is proved
-    PREVIOUS    the last of these plans goes on where it was, at most to its end
-    ALLOCATION  the feed-forward, approached as the limits allow
-    HOLD        the commands stay where they are, and after a while both pressures are let out slowly
+    QP          the proved solution of the QP
+    SOFTENED    the solution of `mpc.tracking.qp.softened`, if the QP has no proved one
+    PREVIOUS    the rest of the last such plan, at most to its end
+    ALLOCATION  the feed-forward, approached within the limits
+    HOLD        constant commands; after a while both pressures are vented slowly
 
-A rung is taken only if its commands and the motion that the model predicts for them are finite. Without the angle it is
-the last: a prediction that does not know it drifts away. Where there is no finite prediction at all, the plan says that
-everything stays as it was last known. Letting out keeps the ratio of the two pressures, and with it about the angle.
-The next good sample leads back to the first rung.
+A rung is taken only if its commands and their predicted motion are finite. Without the angle the last rung is taken,
+because a prediction without it drifts away. If no prediction is finite, the plan repeats the last known state. Venting
+keeps the ratio of the two pressures, and with it roughly the angle. The next valid sample returns to the first rung.
 """
 
 from collections.abc import Iterator
@@ -29,7 +28,7 @@ from mpc.tracking.qp.step import PreviousSample
 
 @dataclass
 class Ladder(Deferred):
-    """A ladder remembers the commands of the last plan as they should act on the muscles."""
+    """Fallback ladder that remembers the commands of the last plan as they should act on the muscles."""
 
     _put_off = "motion", "u_star", "_left", "_held"
 
@@ -59,7 +58,7 @@ class Ladder(Deferred):
         return PreviousSample(u_last, u_star if self.u_star is None else self.u_star)
 
     def shift(self, u_star: Array) -> Array:
-        """Return the last plan shifted by one sample, its new end moving as the feed-forward `u_star` (N, 2) does."""
+        """Return the last plan shifted by one sample; its new end moves as the feed-forward `u_star` (N, 2) does."""
         if self.motion is None:
             return u_star
         u = self.motion.u
@@ -73,9 +72,9 @@ class Ladder(Deferred):
     def descend(
         self, x: Array, best: tuple[Rung, Array] | None, blind: bool, u_star: Array, u_last: Array, d: Array
     ) -> tuple[Rung, Motion]:
-        """Return the first rung that bears, and what its commands do from `x` (4,) under the torque `d` (N,) [N·m].
+        """Return the first valid rung and the motion of its commands from `x` (4,) under the torque `d` (N,) [N·m].
 
-        `best` is what optimisation gave, if anything; `blind` means to hold.
+        `best` is the result of the optimisation, if there is one; `blind` means to hold.
         """
         if not blind:
             for rung, u in self.rungs(best, u_star, u_last):
@@ -89,7 +88,7 @@ class Ladder(Deferred):
         return Rung.HOLD, motion
 
     def rungs(self, best: tuple[Rung, Array] | None, u_star: Array, u_last: Array) -> Iterator[tuple[Rung, Array]]:
-        """Yield commands (N, 2) to try, from what optimisation gave, if anything, down to but without `hold`."""
+        """Yield commands (N, 2) to try, from the result of the optimisation down to the rung before `hold`."""
         if best is not None:
             yield best
         if self._left > 1:
@@ -109,7 +108,7 @@ class Ladder(Deferred):
         return self.limits.limited(u_last, wanted)
 
     def remember(self, rung: Rung, motion: Motion, u_star: Array | None = None) -> None:
-        """Remember that commands of `motion`, of `rung`, are given, and their feed-forward `u_star` (2,), if finite."""
+        """Remember the commands of `motion` on `rung` and their feed-forward `u_star` (2,), if finite."""
         self.motion = motion
         if rung in (Rung.QP, Rung.SOFTENED):
             self._left = len(motion.u)
@@ -120,5 +119,5 @@ class Ladder(Deferred):
             self.u_star = u_star
 
     def go_on(self, motion: Motion, u_star: Array) -> None:
-        """Take note of an ordinary sample: its `motion`, and its feed-forward `u_star` (2,)."""
+        """Remember an ordinary sample: its `motion` and its feed-forward `u_star` (2,)."""
         self.motion, self.u_star, self._left, self._held = motion, u_star, self.predictor.N, 0

@@ -1,4 +1,4 @@
-"""The limits are what commands, angles and muscle forces have to keep to."""
+"""Limits on commands, angles and muscle forces."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -16,7 +16,7 @@ _SHORTEST = 1e-5  # sample time [s]
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of a plant are for commands that change once a sample."""
+    """Limits of a plant, for commands that change once per sample."""
 
     pressure: tuple[float, float]  # of every command [Pa], hard
     step: float  # greatest |u_k - u_{k-1}| [Pa], hard
@@ -32,9 +32,9 @@ class Limits:
         return cls(plant.pressure_limits, plant.slew * dt, plant.angle_limits, least)
 
     def limited(self, u_last: Array, u: Array) -> Array:
-        """Return the commands `u` (N, m) after `u_last` (m,), each moved to the nearest that slew and supply allow.
+        """Return the commands `u` (N, m) after `u_last` (m,), each moved to the nearest within slew and supply limits.
 
-        The slew limit comes first: from outside the supply's range commands return as fast as it lets them.
+        The slew limit has priority: from outside the supply's range, commands return as fast as it permits.
         """
         (low, high), step = self.pressure, self.step
         kept = np.empty_like(u)

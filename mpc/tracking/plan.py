@@ -1,6 +1,6 @@
-"""The plan is what the controller answers at every sample.
+"""Plans: the controller's answer at every sample.
 
-Its status comes from whoever knows: `BAD_INPUT` and `BLIND` from the inputs (`mpc.tracking.preview.Task.halted`),
+Each status has one origin: `BAD_INPUT` and `BLIND` from the inputs (`mpc.tracking.preview.Task.halted`),
 `RESTING` from the rest mode (`mpc.tracking.rest`), `OPTIMAL`, `UNSOLVED` and `REFUSED` from the QP's proof
 (`mpc.tracking.qp.certified`), `LATE` from the clock; `status_of` has the last word.
 """
@@ -25,7 +25,7 @@ class Rung(IntEnum):
 
     @property
     def text(self) -> str:
-        """The text says what this rung does."""
+        """A description of this rung."""
         return _RUNGS[self]
 
 
@@ -54,7 +54,7 @@ class PlanStatus(IntEnum):
 
     @property
     def text(self) -> str:
-        """The text is one sentence, with advice."""
+        """One sentence with advice."""
         return _STATUSES[self]
 
 
@@ -73,7 +73,7 @@ _STATUSES = {
 
 
 class Moved(NamedTuple):
-    """What is asked had to be moved so far to what the joint can do, at worst over the horizon."""
+    """Greatest distance over the horizon between the references and the nearest feasible ones."""
 
     theta: float  # [rad]
     K: float  # [N·m/rad]
@@ -81,7 +81,7 @@ class Moved(NamedTuple):
 
 
 class Times(NamedTuple):
-    """The times say where that of a step went [s]; 0.0 for what was not needed."""
+    """Durations of the stages of a step [s]; 0.0 for stages that were not needed."""
 
     feed_forward: float
     linearise: float
@@ -106,13 +106,13 @@ class Plan(Deferred):
     moved: Moved | None = field(default_factory=lambda: None)  # None from a controller that does not say
 
     def __post_init__(self) -> None:
-        """Let nobody write into the arrays: the controller goes on from them."""
+        """Make the arrays read-only, because the controller continues from them."""
         for array in (self.u, self.x, self.K):
             array.setflags(write=False)
 
     @classmethod
     def later(cls, fields: Callable[..., dict[str, object]], *values: object) -> Self:
-        """Return a plan of the fields `fields(*values)`, which are asked for when somebody looks at one of them."""
+        """Return a plan of the fields `fields(*values)`, computed on first access to one of them."""
         plan = object.__new__(cls)
         plan.__dict__["_fill"] = _fill, (fields, values)
         return plan
@@ -124,7 +124,7 @@ def _fill(plan: Plan, fields: Callable[..., dict[str, object]], values: tuple[ob
 
 
 def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
-    """Return the status of a plan on `rung`, optimisation having ended with the status `optimised`."""
+    """Return the status of a plan on `rung` after an optimisation with the status `optimised`."""
     if optimised is not PlanStatus.OPTIMAL:
         return optimised
     if rung is not Rung.QP:

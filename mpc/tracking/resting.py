@@ -45,9 +45,10 @@ SWINGS = QUARTERS + HALF  # a load that throws a joint off is in QUARTERS of the
     THETA,  # the reference while it stands still [rad]
     ASKED, ERROR,  # torque of the last correction, of this joint alone [N·m], and the mean e that it was for [rad]
     FREE,  # how far it would turn a joint without friction [rad]
+    USUAL,  # how far θ has been from its prediction in the last period or so, without a rest [rad]
     SUM, LEAST, GREATEST,  # of e in the quarter that runs
     TORQUE,  # room for what is left of a torque to be shared [N·m]
-) = range(8)  # fmt: skip
+) = range(9)  # fmt: skip
 (
     HELD,  # pressure that is held [Pa]
     BEGAN,  # pressure when the rest began, or as it was corrected [Pa]
@@ -64,7 +65,7 @@ class Memory(NamedTuple):
     """Memory of the rest mode, of n joints and m muscles."""
 
     shared: Array  # (9,)
-    joint: Array  # (n, 8)
+    joint: Array  # (n, 9)
     muscle: Array  # (m, 4)
     turned: Array  # (QUARTERS, n, 3)
     filled: Array  # (QUARTERS, m) mean pressures
@@ -86,16 +87,16 @@ class Rules(NamedTuple):
 
 def size(n: int, m: int) -> int:
     """Return how many numbers are remembered of `n` joints and `m` muscles."""
-    return 9 + 8 * n + 4 * m + QUARTERS * (3 * n + m) + n * n
+    return 9 + 9 * n + 4 * m + QUARTERS * (3 * n + m) + n * n
 
 
 def memory_in(numbers: Array, n: int, m: int) -> Memory:
     """Return views into `numbers` (size,) of `n` joints and `m` muscles."""
-    a = 9 + 8 * n
+    a = 9 + 9 * n
     b = a + 4 * m
     c = b + 3 * QUARTERS * n
     d = c + QUARTERS * m
-    joint, muscle, turned = numbers[9:a].reshape(n, 8), numbers[a:b].reshape(m, 4), numbers[b:c].reshape(QUARTERS, n, 3)
+    joint, muscle, turned = numbers[9:a].reshape(n, 9), numbers[a:b].reshape(m, 4), numbers[b:c].reshape(QUARTERS, n, 3)
     return Memory(numbers[:9], joint, muscle, turned, numbers[c:d].reshape(QUARTERS, m), numbers[d:])
 
 
@@ -158,6 +159,8 @@ def decided(m: Memory, k: Rules, seen: Array, expected: Array) -> bool:
     if pushed(m, seen, expected):
         begin(m)
         return False
+    if m.shared[RESTS] == 0:
+        watch(m, seen, expected)
     m.shared[SAMPLES] += 1
     if not quarter_ended(m, seen):
         return False
@@ -168,14 +171,27 @@ def decided(m: Memory, k: Rules, seen: Array, expected: Array) -> bool:
     return False
 
 
+def watch(m: Memory, theta: Array, expected: Array) -> None:
+    """Follow how far the angles `theta` [rad] usually are from those `expected` [rad]: steps of an encoder, errors of
+    the model.
+    """
+    kept = 1 - 1 / (QUARTERS * m.shared[QUARTER_LENGTH])
+    for i in range(len(m.joint)):
+        off = abs(theta[i] - expected[i])
+        m.joint[i, USUAL] *= kept
+        if off > m.joint[i, USUAL]:
+            m.joint[i, USUAL] = off
+
+
 def pushed(m: Memory, theta: Array, expected: Array) -> bool:
     """Return whether a rest is disturbed at the angles `theta` [rad] where others were `expected` [rad]."""
     if m.shared[RESTS] == 0:
         return False
-    jolt = JOLT * (2 if m.shared[RINGS] > 0 else 1)  # the prediction includes friction that a ringing joint lacks
+    rings = m.shared[RINGS] > 0
     for i in range(len(m.joint)):
         mean, width = swing(m, i, QUARTERS)
         away = abs(theta[i] - m.joint[i, THETA] - mean)
+        jolt = max(JOLT * (2 if rings else 1), m.joint[i, USUAL])  # a ringing joint lacks friction that is predicted
         if abs(theta[i] - expected[i]) > jolt or away > PUSH + width + m.joint[i, FREE]:
             return True
     return False

@@ -1,16 +1,16 @@
-"""The terminal cost is that of the future beyond the horizon: the linear-quadratic regulator's value function.
+"""Terminal cost: the value function of a linear-quadratic regulator beyond the horizon.
 
-After the last sample there is no limit and the plant is linear about the middle of its range; the deviation
-ξ = (x_N - x*_N, e_{N-1}) from the reference is then brought to zero at the least cost ½ ξᵀ S ξ, with S the solution of
-the discrete algebraic Riccati equation of
+After the last sample, limits are ignored and the plant is linear about the middle of its range. The deviation
+ξ = (x_N - x*_N, e_{N-1}) from the reference then costs at least ½ ξᵀ S ξ to remove, with S the solution of the discrete
+algebraic Riccati equation of
 
     ξ⁺ = [A 0; 0 0] ξ + [B; I] e,    cost  ½ (xᵀ W_x x + (C x)ᵀ W_y (C x) + w_u |e|² + w_t |e - e_last|²/dt²)
 
 with the weights W_x, W_y and w_u of `mpc.tracking.cost`, and C the gradients of the outputs.
 
 The rate weight w_t = `Weights.terminal_rate` is far above that within the horizon: w_θ (1°)² = w_t (2.5 bar/s)², so
-that the regulator assumed beyond the horizon seldom asks for more than the slew limit gives. Without this care a
-horizon too short to see how long braking takes ends in a limit cycle at the slew limit.
+that the regulator beyond the horizon seldom exceeds the slew limit. Otherwise a horizon shorter than the time to brake
+ends in a limit cycle at the slew limit.
 """
 
 from typing import NamedTuple
@@ -42,9 +42,7 @@ class Middle(NamedTuple):
 
 
 class Regulator(NamedTuple):
-    """A regulator is the linear-quadratic problem of ξ = (x - x*, e_last) about the middle of the range, in units of
-    bar for Pa.
-    """
+    """Linear-quadratic problem of ξ = (x - x*, e_last) about the middle of the range, in units of bar for Pa."""
 
     A: Array  # (s + m, s + m)
     B: Array  # (s + m, m)
@@ -83,7 +81,7 @@ def terminal_factor(plant: Machine, dt: float, weights: Weights) -> Array:
 
 
 def middle(plant: Machine, dt: float) -> Middle:
-    """Return A, B and C about rest in the middle. An arm is moved by no torque there: gravity is held from outside."""
+    """Return A, B and C about rest in the middle, where an external torque balances an arm's gravity."""
     P = np.full(plant.m, np.mean(plant.pressure_limits))
     x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
     n = plant.substeps(dt, RESOLUTION)  # one by one: the formula of all of them would have as many times the length

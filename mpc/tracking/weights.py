@@ -1,4 +1,4 @@
-"""Weights are what the controller's cost charges."""
+"""Weights of the tracking cost."""
 
 from dataclasses import dataclass, fields
 from math import isfinite
@@ -15,8 +15,8 @@ class Weights:
 
     Each is written as one over the square of an error that costs ½.
 
-    The slacks' are exact penalties: some tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the
-    hard limits have in 250 random states near them (`tests/mpc/tracking/hard_limits.py`). Far dearer ones would cost
+    Those of the slacks are exact penalties: tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the
+    hard limits have in 250 random states near them (`tests/mpc/tracking/hard_limits.py`). Much larger ones would cost
     the QP solvers digits. If the other weights exceed these defaults, the slacks' have to grow in proportion.
     """
 
@@ -32,7 +32,7 @@ class Weights:
     slack_force_square: float = 1e5  # ρ_F₂ [cost]/[N]²
 
     def __post_init__(self) -> None:
-        """Insist that all are positive, or the QP has no single answer."""
+        """Raise `InvalidInput` unless all are positive, because otherwise the QP's solution is not unique."""
         for entry in fields(self):
             value = getattr(self, entry.name)
             if not (isfinite(value) and value > 0):
@@ -40,8 +40,7 @@ class Weights:
 
     @classmethod
     def calm(cls, detuning: float = 1.0) -> Self:
-        """Return weights for a joint that its model does not match: errors count less, and commands leave the
-        feed-forward slowly.
+        """Return weights for a joint that differs from its model: errors cost less, changes of commands more.
 
         They are the same for all trajectories of the closed-loop benchmark, chosen by hand after a numerical search on
         seeds that it does not use. A `detuning` s > 1 divides the weight of the angle by s and multiplies that of the

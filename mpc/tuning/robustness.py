@@ -71,9 +71,8 @@ def quick_loop(name: str, settings: Settings) -> tuple[BaseController, Observer]
 
 def sliding(real: RealPlant) -> RealPlant:
     """Return a real plant without nonlinear effects: friction, dead band, steps of the encoder, unequal lags."""
-    lags = tuple(own for own in (real.lag_up, real.lag_down) if own is not None) or real.nominal.lags
-    lag = float(np.mean(lags))
+    one, two = (float(np.mean(lags)) for lags in real.lags)
     return replace(
-        real, nominal=replace(real.nominal, lag=(lag, lag)), lag_up=None, lag_down=None, flow=np.inf, dead_band=0.0,
+        real, nominal=replace(real.nominal, lag=(one, two)), lag_up=None, lag_down=None, flow=np.inf, dead_band=0.0,
         friction=Friction(), encoder=0.0, pressure_noise=_SILENT, pressure_offset=(0.0, 0.0), torque_profile=(),
     )  # fmt: skip

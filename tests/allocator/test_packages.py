@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from allocator import MissingPackage, packages
+from allocator import MissingPackage, errors
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def without(monkeypatch):
 
     def take(name):
         monkeypatch.delitem(sys.modules, name, raising=False)
-        ours = [finder for finder in sys.meta_path if isinstance(finder, packages._NameMissing)]
+        ours = [finder for finder in sys.meta_path if isinstance(finder, errors._NameMissing)]
         monkeypatch.setattr(sys, "meta_path", ours)
 
     return take
@@ -48,6 +48,6 @@ def test_an_extra_is_named_by_its_extra(without, library, extra):
 
 
 def test_there_is_one_finder_however_often_it_is_asked_for():
-    packages.name_what_is_missing()
-    assert sum(isinstance(finder, packages._NameMissing) for finder in sys.meta_path) == 1
+    errors.name_what_is_missing()
+    assert sum(isinstance(finder, errors._NameMissing) for finder in sys.meta_path) == 1
     assert importlib.import_module("osqp")

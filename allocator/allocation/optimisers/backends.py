@@ -9,9 +9,9 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import certificate, exact
-from allocator.allocation.problem import Problem
 from allocator.allocation.status import OPTIMISER
+from allocator.allocation.two_muscles import certificate, exact
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.inverse import solve_inverse

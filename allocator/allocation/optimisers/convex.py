@@ -14,7 +14,7 @@ import numpy as np
 from allocator.allocation.optimisers import sqp
 from allocator.allocation.optimisers.backends import Answer
 from allocator.allocation.optimisers.sqp import SmallQP
-from allocator.allocation.problem import Problem
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 

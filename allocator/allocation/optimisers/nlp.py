@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allocator.allocation.optimisers.backends import SCALE, Answer, Goal, goals, settled, start
-from allocator.allocation.problem import Problem
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 from allocator.joint.antagonist import AntagonistJoint

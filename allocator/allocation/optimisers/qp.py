@@ -8,7 +8,7 @@ from scipy.sparse import csc_matrix
 from allocator.allocation.optimisers import sqp
 from allocator.allocation.optimisers.backends import Answer
 from allocator.allocation.optimisers.sqp import SmallQP
-from allocator.allocation.problem import Problem
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.optimisers.backends import SCALE, Answer, Goal, goals, settled, start
-from allocator.allocation.problem import Problem
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 
 _ITERATIONS, _QUICK = 60, 6  # at most; Newton's method is done long before the second number, or progress is slow

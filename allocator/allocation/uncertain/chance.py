@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation import certificate
 from allocator.allocation.optimisers import convex
 from allocator.allocation.optimisers.backends import CERTIFIED, SCALE, Answer, Goal, goals, replacement
-from allocator.allocation.problem import Problem
 from allocator.allocation.status import UNCERTAIN
-from allocator.allocation.uncertain.draws import sampled_box
-from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, risk_of_one, uncertain
+from allocator.allocation.two_muscles import certificate
+from allocator.allocation.two_muscles.problem import Problem
+from allocator.allocation.uncertain.problem import Affine, Uncertain, chance_box, risk_of_one, sampled_box, uncertain
 from allocator.calculus import Array
 from allocator.joint.limits import PressureBox
 

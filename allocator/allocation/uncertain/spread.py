@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator import checks
-from allocator.allocation.problem import Problem
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint

@@ -1,1 +1,1 @@
-"""A joint is found from measured angles at rest here."""
+"""Identification of a joint from measured angles at rest."""

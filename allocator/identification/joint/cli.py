@@ -1,4 +1,4 @@
-"""`antagonist fit-joint` finds a joint from a log of angles and pressures."""
+"""Commands `antagonist fit-joint` (a joint from a log) and `antagonist plan-joint` (which pressures to measure)."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,21 +11,21 @@ from rich.table import Table
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
-from allocator.identification.joint.comparison import JointComparison, compare_joint_models
-from allocator.identification.joint.fit import fit_joint
+from allocator.identification.joint.fit import JointComparison, compare_joint_models, fit_joint
 from allocator.identification.joint.reading import JointLog, joined_logs, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
 from allocator.identification.options import SkipRows, Topics, assigned, clock, columns_option, each, print_lines, short
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.presentation.plotting import save_figure
-from allocator.shell.options import within
+from allocator.shell.machine_options import MachineOptions
+from allocator.shell.options import grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
-from allocator.units import BAR, DEG, MM
+from allocator.units import BAR, DEG, MM, PERCENT
 
 if TYPE_CHECKING:
-    from allocator.identification.joint.result import JointFit
+    from allocator.identification.joint.planning.plan import JointPlan
 
 
 def fit_joint_command(
@@ -178,7 +178,7 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 
 def _describe(fit: JointFit, console: Console) -> None:
-    """Print what was found, how far to trust it, and what the data do not tell."""
+    """Print the fit, its uncertainties, and the questions that the data leave open."""
     s, std, found = fit.samples, fit.standard_deviations, fit.doubt.discrepancy
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
@@ -232,7 +232,7 @@ def _choice_lines(fit: JointFit) -> list[str]:
 
 
 def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:
-    """Return what `--json` prints."""
+    """Return the values printed by `--json`."""
     values: dict[str, object] = {
         **fit.to_dict(),
         "samples_left_out": fit.samples.dropped,
@@ -261,3 +261,115 @@ def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object
         ]
         values["failures"] = compared.failures
     return values
+
+
+# --- plan-joint -------------------------------------------------------------------------------------------------------
+
+
+_HEADER = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction,slack,expected"
+
+
+@grouped
+def plan_joint_command(
+    options: MachineOptions,
+    accuracy: Annotated[float, typer.Option(help="standard deviation of K that the noise may leave [%]")] = 5.0,
+    noise: Annotated[float, typer.Option(help="standard deviation of a reading of the angle [degrees]")] = 0.5,
+    weight: Annotated[
+        list[float] | None, typer.Option(help="torque of a weight that can be hung [N·m]; repeatable")
+    ] = None,
+    setpoints: Annotated[
+        int | None, typer.Option(help="number of setpoints; three times the unknowns of the fit by default")
+    ] = None,
+    lowest: Annotated[float | None, typer.Option(help="least pressure to visit [bar]; 1.5 by default")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="write a table (.csv) to fill in, which fit-joint reads as it is")
+    ] = None,
+    force: Force = False,
+    as_json: AsJSON = False,
+) -> None:
+    """Plan the measurement of a roughly known joint: setpoints, a weight, and supplements that reveal muscle forces.
+
+    Describe the joint by the options below, as well as you know it: a data sheet, a first fit. The table of --out has
+    a row for each reading, with theta_deg left to fill in, and one for each angle of a sag test (slack = 1, 2 or 3:
+    agonist, antagonist, both), with the pressures left to fill in. `antagonist fit-joint` reads it once no cell is
+    empty; delete the rows that were not measured.
+    """
+    import numpy as np
+    from rich.console import Console
+
+    from allocator.identification.joint.planning.plan import LEVELS, plan_joint_experiment
+
+    within("--accuracy", accuracy, "%", 0.01, 99)
+    within("--noise", noise, "degrees", 1e-4, 45)
+    check_ending("--out", out, (".csv",))
+    claim(out, inputs=options.files, force=force)
+    joint = options.joint()
+    supply = joint.pressure_limits[1]
+    within("--lowest", lowest, "bar", 0.01, supply / BAR)
+    plan = plan_joint_experiment(
+        joint,
+        accuracy=accuracy * PERCENT,
+        noise=noise * DEG,
+        weights=weight,
+        setpoints=setpoints,
+        pressures=None if lowest is None else np.linspace(lowest * BAR, supply, LEVELS),
+    )
+    console = Console(stderr=as_json)
+    if as_json:
+        print_json(_planned(plan))
+    else:
+        say(console, str(plan))
+    if out is not None:
+        from allocator.files.atomic import write_text
+
+        write_text(out, "\n".join([_HEADER, *_visits(plan)]) + "\n")
+        say(console, f"written: {out}")
+
+
+def _visits(plan: "JointPlan") -> list[str]:
+    """Return a row for each visit of a setpoint, falling and rising, and one for each angle of the sag test."""
+    rows = []
+    for s in plan.setpoints:
+        given = f"{s.P1 / BAR:.4g},{s.P2 / BAR:.4g},{s.torque:.4g}"
+        rows += [f",{given},{way},0,{a / DEG:.1f} deg" for way, a in ((-1, s.falling), (1, s.rising))]
+    for point in plan.further[0].sag if plan.further else ():
+        cells = [("", f"P{i} = {P / BAR:.2g} bar") if P == P else ("0", "") for i, P in ((1, point.P1), (2, point.P2))]
+        (P1, first), (P2, second) = cells
+        expected = " and ".join(filter(None, (first, second)))
+        rows.append(f"{point.theta / DEG:.1f},{P1},{P2},0,0,{point.slack},{expected}")
+    return rows
+
+
+def _planned(plan: "JointPlan") -> dict[str, object]:
+    """Return the values printed by `--json`."""
+    return {
+        "weight_Nm": plan.weight,
+        "accuracy_of_stiffness": plan.accuracy,
+        "expected_error_of_stiffness": plan.expected,
+        "reached": plan.reached,
+        "unknowns_of_the_fit": plan.unknowns,
+        "setpoints": [
+            {
+                "torque_Nm": s.torque,
+                "pressure1_bar": s.P1 / BAR,
+                "pressure2_bar": s.P2 / BAR,
+                "theta_falling_deg": s.falling / DEG,
+                "theta_rising_deg": s.rising / DEG,
+            }
+            for s in plan.setpoints
+        ],
+        "further": [
+            {
+                "measurement": s.name,
+                "how": s.how,
+                "force_std": s.forces,
+                "stiffness_std": s.stiffness,
+                "gain": s.gain,
+                "sag_test": [
+                    {"theta_deg": p.theta / DEG, "pressure1_bar": p.P1 / BAR, "pressure2_bar": p.P2 / BAR}
+                    for p in s.sag
+                ],
+            }
+            for s in plan.further
+        ],
+    }

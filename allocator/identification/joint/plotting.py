@@ -1,6 +1,4 @@
-"""Pictures of a joint's fit are drawn here: angle against prediction, the residual with its hysteresis, stiffness with
-its band.
-"""
+"""Pictures of a joint's fit: angle against prediction, residual with hysteresis, stiffness with its band."""
 
 from typing import TYPE_CHECKING
 
@@ -44,7 +42,7 @@ def _angles(fit: JointFit, axes: "Axes") -> None:
 
 
 def _residuals(fit: JointFit, axes: "Axes") -> None:
-    """Draw the errors of the prediction without friction; the band is what the fitted friction explains."""
+    """Draw the errors of the prediction without friction; the band shows the fitted friction."""
     problem, u = fit.problem, fit.problem.unknowns(fit.x)
     still, _ = problem.still().equilibrium(u)
     moving, _ = problem.equilibrium(u)

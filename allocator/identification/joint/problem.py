@@ -1,4 +1,4 @@
-"""The least-squares problem of a joint's fit is an output error in the angle.
+"""Least-squares problem of a joint's fit: the output error of the angle.
 
 The muscles F1 = F(P1, ε1; p) and F2 = ρ F(P2, ε2; p) hold the torque T and lose friction in the direction of motion s:
 
@@ -41,7 +41,7 @@ _GREAT = 10.0  # stands for a residual that the law cannot evaluate [rad]
 
 
 class Unknowns(NamedTuple):
-    """The unknowns are what x stands for."""
+    """Meaning of the unknowns x."""
 
     muscle: Muscle  # agonist, not checked
     ratio: float  # strength of the antagonist in that of the agonist, ρ [-]
@@ -52,14 +52,14 @@ class Unknowns(NamedTuple):
 
 
 class PullShare(NamedTuple):
-    """A pull share is the value φ* that the equation above sets, and its weight W."""
+    """Value φ* and weight W of the equation for the pull share."""
 
     value: float  # [-]
     weight: float  # [rad]
 
 
 class Balance(NamedTuple):
-    """A balance is G(θ) and what it is made of, each (n,)."""
+    """G(θ) and its parts, each (n,)."""
 
     lacking: Array  # G [N·m]
     stiffness: Array  # K_s = -∂G/∂θ [N·m/rad]
@@ -69,8 +69,8 @@ class Balance(NamedTuple):
 
 @dataclass(frozen=True)
 class JointProblem:
-    """The problem is that of the module. x = (`free` parameters of the muscle, then `extra`: "log_ratio", "zero",
-    "friction", "coulomb").
+    """Problem of this module. x = (`free` parameters of the muscle, then `extra`: "log_ratio", "zero", "friction",
+    "coulomb").
     """
 
     prototype: Muscle

@@ -42,7 +42,7 @@ _OPTIONAL = ("torque", "direction", "sweep", "slack", "rest_length", "time")
 
 
 class JointLog(NamedTuple):
-    """A log holds equilibria in SI units, arrays (n,), and what was left out of the file."""
+    """Equilibria in SI units, arrays (n,), and counts of rows left out of the file."""
 
     theta: Array
     P1: Array

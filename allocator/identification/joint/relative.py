@@ -1,4 +1,4 @@
-"""A joint known up to its force scale, as equilibria without a weight show it.
+"""Joint known up to its force scale, from equilibria without a weight.
 
 Gradients are with respect to q = (parameters of the agonist, parameters of the antagonist), the order of
 `AntagonistJoint.covariance`.
@@ -27,7 +27,7 @@ WHY = (
 
 
 class Quantity(NamedTuple):
-    """A quantity has values and their gradients."""
+    """Values and their gradients."""
 
     value: Array  # (n,)
     gradient: Array  # (n, m) per parameter
@@ -70,9 +70,9 @@ def gain_with_gradient(joint: AntagonistJoint, theta: Array, P1: Array, P2: Arra
 
 @dataclass(frozen=True)
 class RelativeJoint:
-    """A relative joint is known up to one common factor in all forces; angles are right, and ratios of stiffnesses.
+    """Joint known up to a common factor of all forces; angles and ratios of stiffnesses are absolute.
 
-    Whatever else an `AntagonistJoint` offers is refused by a sentence.
+    All other attributes of an `AntagonistJoint` raise an error.
     """
 
     shape: AntagonistJoint  # its forces are on a conventional scale and mean nothing by themselves
@@ -106,7 +106,7 @@ class RelativeJoint:
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """Return what the data of the fit leave open, beside the force scale."""
+        """Return the other questions that the data of the fit leave open, besides the force scale."""
         return self.shape.unseen
 
     @property
@@ -141,7 +141,7 @@ class RelativeJoint:
         save_machine(self.shape, path, scale_known=False)
 
     def __getattr__(self, name: str) -> NoReturn:
-        """Refuse what an `AntagonistJoint` could do."""
+        """Raise an error for attributes of an `AntagonistJoint` that need the force scale."""
         if not name.startswith("_") and hasattr(AntagonistJoint, name):
             raise InvalidInput(f"{name} of this joint {WHY}")
         raise AttributeError(f"a RelativeJoint has no {name!r}")

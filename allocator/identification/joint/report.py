@@ -1,4 +1,4 @@
-"""Everything that is said about the solution of a joint's fit is worked out here, number by number."""
+"""Figures and warnings about the solution of a joint's fit."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -26,7 +26,7 @@ NO_FRICTION = 1e-3  # a μ below this is none, whatever its sign
 
 
 class GroupError(NamedTuple):
-    """A group's angle errors are summed up here."""
+    """Angle errors of a group."""
 
     label: str
     samples: int
@@ -35,7 +35,7 @@ class GroupError(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """The findings are what a fit may have to be warned of."""
+    """Properties of a fit that may deserve a warning."""
 
     converged: bool
     failure: str  # where [M] fails; empty if it does not
@@ -175,7 +175,7 @@ def _determinant_positive(joint: AntagonistJoint) -> bool:
 def findings(
     problem: JointProblem, u: Unknowns, joints: Iterable[AntagonistJoint], covariance: Array, converged: bool
 ) -> Findings:
-    """Return what is to be warned of; `covariance` is that of the unknowns."""
+    """Return the properties that may deserve a warning; `covariance` is that of the unknowns."""
     P, eps = problem.samples.muscles()
     return Findings(
         converged=converged,
@@ -188,7 +188,7 @@ def findings(
 
 
 def warnings(problem: JointProblem, x: Array, u: Unknowns, found: Findings) -> tuple[str, ...]:
-    """Return what is to be known before the fit is used."""
+    """Return the warnings, one sentence each."""
     return (*_of_the_model(problem, x, found), *_of_the_data(problem, u, found))
 
 

@@ -1,4 +1,4 @@
-"""The fit of a joint gives this back."""
+"""Result of a joint's fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -66,7 +66,7 @@ class JointFit:
 
     @property
     def samples(self) -> JointSamples:
-        """Return the samples used; `dropped` says how many were left out and why."""
+        """Return the samples used; `dropped` counts the others by reason."""
         return self.problem.samples
 
     @property
@@ -234,14 +234,12 @@ class JointFit:
         }
 
     def __repr__(self) -> str:
-        """Say how well the angles are predicted, what was found beside the muscle, and what is to be known before
-        use.
-        """
+        """Return the errors of the angles, the numbers found besides the muscle, and the first warning."""
         found = "; ".join(f"{name} {value}" for name, value in self._found().items())
         return f"JointFit of {self.model}: {self._errors()}\n  {found}" + first_of(self.warnings)
 
     def _repr_html_(self) -> str:
-        """Return how well the angles are predicted, and what was found, as a table for notebooks."""
+        """Return errors and results as a table for notebooks."""
         return html_table(f"{self.model}: {self._errors()}", self._found().items())
 
     def _errors(self) -> str:
@@ -299,7 +297,7 @@ def solved(
     prior: Muscle | Prior | None = None,
     choices: bool = True,
 ) -> JointFit:
-    """Return the fit, searched from `x`, and all that is to be said about it."""
+    """Return the fit, searched from `x`, with its uncertainties and warnings."""
     problem, x, common = settle(problem, x, prior_of(problem, prior))
     x, converged = minimise(problem, x)
     u = report.checked(problem, x)

@@ -25,7 +25,7 @@ THRESHOLD = 0.3 * BAR  # P_t of home-made muscles [Pa]
 
 
 class Group(NamedTuple):
-    """A group is samples of one mechanism, e.g. of one muscle length."""
+    """Samples of one mechanism, e.g. of one muscle length."""
 
     label: str
     geometry: Geometry
@@ -33,9 +33,9 @@ class Group(NamedTuple):
 
 @dataclass(frozen=True)
 class JointSamples:
-    """The samples are n equilibria; arrays [n].
+    """Samples of n equilibria; arrays [n].
 
-    The joint carries `torque`, i.e. it is what the muscles have to give.
+    The joint carries `torque`, which the muscles have to produce.
     """
 
     theta: Array  # as the encoder shows it [rad]
@@ -204,9 +204,9 @@ class JointSamples:
 
 @dataclass(frozen=True)
 class SlackReadings:
-    """The readings of a sag test are the pressures at which a cable just goes slack, F_i = 0, at an angle; arrays [k].
+    """Readings of a sag test: pressures at which a cable just goes slack, F_i = 0, at an angle; arrays [k].
 
-    A row of the table in which both cables go slack is two readings.
+    A row of the table in which both cables go slack gives two readings.
     """
 
     samples: JointSamples  # k: angles and pressures; torque and direction mean nothing here

@@ -1,4 +1,4 @@
-"""The unknowns of a joint's fit are searched here: least squares from several starts, and a test of convergence.
+"""Search for the unknowns of a joint's fit: least squares from several starts, and a test of convergence.
 
 A search has converged where no Gauss–Newton step, full or shortened, lowers the cost by 1 % of σ² = cost/(rows -
 unknowns): by then the unknowns are about a tenth of a standard deviation from the least cost nearby. The step is that
@@ -175,7 +175,7 @@ def first_guess(problem: JointProblem) -> Array:
 
 
 def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
-    """Yield where to start the search (m,): the prototype, then what variable projection makes of it and the recipe."""
+    """Yield starts of the search (m,): the prototype, then variable projections of it and of the recipe."""
     guess = first_guess(problem)
     linear = np.array([name in problem.free and among(name, recipe.linear) for name in problem.names], bool)
     if not linear.any() or guess[linear].any():
@@ -197,7 +197,7 @@ def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
 
 @dataclass(frozen=True)
 class Projection:
-    """A `Projection` is the equation error of a problem with the linear unknowns eliminated."""
+    """Equation error of a problem with the linear unknowns eliminated."""
 
     problem: JointProblem
     linear: Mask  # (m,) marks the unknowns c; the others are q

@@ -1,1 +1,1 @@
-"""A moving joint is identified from a log here: lags, dead time, hysteresis, and what the motion shows of inertia."""
+"""Identification of a moving joint from a log: lags, dead time, hysteresis, damping and inertia."""

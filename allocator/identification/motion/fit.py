@@ -1,4 +1,4 @@
-"""A moving joint is fitted to its log here: the search, what is left out in turn, and what the log does not show."""
+"""Fit of a moving joint to its log: search, blocks left out in turn, intervals, and unobservable parameters."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,14 +9,13 @@ from numpy.typing import ArrayLike
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.motion.doubt import Bands, possible_changes
-from allocator.identification.motion.problem import ABSENT, LOWER, STIFFEST, UPPER, MotionProblem, Prediction
-from allocator.identification.motion.regulators import REGULATOR, fit_regulators, sensed_at
+from allocator.identification.motion.problem import ABSENT, LOWER, REGULATOR, STIFFEST, UPPER, MotionProblem, Prediction
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.search import Found, search
+from allocator.identification.motion.search import Found, fit_regulators, search, sensed_at
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.joint.volumes import with_volumes
+from allocator.joint.assumption import with_volumes
 from allocator.units import BAR, DEG
 
 _MOST_SUPPLY = 2.0  # greatest pressure of a log in the supply of the joint that is given
@@ -25,7 +24,15 @@ _JACKKNIFE = 10  # contiguous blocks, left out in turn for the intervals
 _WORSE = 1.02  # by which the error grows at least without something that the log shows,
 _MUCH_WORSE = 1.05  # and without inertia and damping, of which a little can always pass for lag
 _UNITS = {"lag_up": "s", "lag_down": "s", "dead_time": "s", "dead_band": "Pa", "base": "-", "damping": "s"}
-_UNITS |= {"filling": "s/Pa", "volume": "-", "inertia": "s²", "loop_width": "rad", "stuck_slope": "-", "gain": "-"}
+_UNITS |= {
+    "filling": "s/Pa",
+    "lag_ratio": "-",
+    "volume": "-",
+    "inertia": "s²",
+    "loop_width": "rad",
+    "stuck_slope": "-",
+    "gain": "-",
+}
 _SIGNS = {  # what is told together, and the sentence if it is not; what may pass for something else comes first
     ("dead_band",): "the dead band: small steps up and down about one pressure would show it",
     ("base",): "that the hysteresis grows with P1 + P2: sweeps at several co-contractions would show it",
@@ -44,7 +51,8 @@ _LOOPS = ("loop_width", "stuck_slope", "base")
 _TIMES = ("dead_time", "lag_up", "lag_down")  # that pass for each other within a sample
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
 _USUAL = {"lag_up": 0.1, "lag_down": 0.13, "dead_time": 0.03, "dead_band": 0.08 * BAR, "filling": 0.15 / BAR}
-_USUAL |= {"volume": 1.3, "base": 0.8, "damping": 0.03, "inertia": 6e-3}  # to start from all at once
+_USUAL |= {"lag_ratio": 1.0, "volume": 1.3, "base": 0.8, "damping": 0.03, "inertia": 6e-3}  # to start from all at once
+_BY_SUM = "base", "lag_ratio"  # what only a log tells in which P1 + P2 varies
 _SPRING = 0.02  # κ_i of each stop
 STEPS = 9 + LEFT_OUT + _JACKKNIFE + 2 * len(_SIGNS)  # of `progress`, at most
 
@@ -174,15 +182,16 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
     if "lag_up" in found.problem.free:
         found = _if_better(found, used, **_FILLING)
         found = _if_better(found, used, volume=1.0) if problem.gas else found
+        found = _if_better(found, used, lag_ratio=1.0) if problem.log.varies_sum else found
     tell("all at once")
     found = _all_at_once(found, used)
     if "filling" not in found.problem.free:
         unseen.append(_UNFILLED)
     best = found.rms
+    found = _if_needed(found, best, used, ("lag_ratio",))
     for names, sentence in _SIGNS.items():
         tell("what is seen")
-        if set(names) & set(found.problem.free):
-            found = _if_needed(found, best, used, names)
+        found = _if_needed(found, best, used, names)
         if not set(names) & set(found.problem.free):
             unseen.append(sentence)
     if not found.problem.swings:
@@ -204,7 +213,7 @@ def _all_at_once(found: Found, used: Mask) -> Found:
     if not log.varies_speed:
         return found
     usual = _USUAL if found.problem.gas else {name: value for name, value in _USUAL.items() if name != "volume"}
-    free = tuple(name for name in usual if name != "base" or log.varies_sum)
+    free = tuple(name for name in usual if name not in _BY_SUM or log.varies_sum)
     problem = replace(found.problem, free=free)
     springs = np.full(problem.widths.size, _SPRING)
     x = np.concatenate([[usual[name] for name in free], springs, np.zeros(len(problem.powers))])
@@ -214,13 +223,15 @@ def _all_at_once(found: Found, used: Mask) -> Found:
 
 def _if_needed(found: Found, best: float, used: Mask, names: tuple[str, ...]) -> Found:
     """Return the fit without these unknowns, unless its error is greater than `best` then."""
+    if not set(names) & set(found.problem.free):
+        return found
     less, x = found.without(*names)
     other = search(less, used, x)
     return other if other.rms < _WORSE * best else found
 
 
 def _if_better(found: Found, used: Mask, **more: float) -> Found:
-    """Return the fit with these unknowns besides, which begin at these values, if the log shows them."""
+    """Return the fit with further unknowns, which begin at these values, if the log shows them."""
     if not found.problem.log.varies_speed:
         return found
     richer, x = found.extended(used, **more)
@@ -268,7 +279,7 @@ def _errors(found: Found, used: Mask, judged: Mask) -> Errors:
 
 
 def _named(found: Found, used: Mask) -> dict[str, float]:
-    """Return all that is told about the motion, by name."""
+    """Return the parameters of the motion by name."""
     problem, run = found.problem, found.run(used)
     H, values = problem.operator(found.x, run.weights), problem.values(found.x)
     named = {name: values[name] for name in problem.free}
@@ -281,9 +292,11 @@ def _named(found: Found, used: Mask) -> dict[str, float]:
 
 
 def _other_choices(here: Found, noisy: MotionLog) -> list[dict[str, float]]:
-    """Return what is found with other choices: other half widths, the pressures with their noise, one lag for both
-    directions if it explains the log as well, less of a dead band where it looks like hysteresis, and widths that are
-    less at the ends of the range, as those of friction are where muscles stiffen.
+    """Return the parameters found with other choices.
+
+    These are other half widths, unfiltered pressures, one lag for both directions if it explains the log as well, a
+    smaller dead band where it looks like hysteresis, and widths that shrink at the ends of the range, as those of
+    friction do where muscles stiffen.
     """
     problem, every = here.problem, here.problem.log.settled
     others = [here.again(every, replace(problem, finest=problem.finest * 1.3))]

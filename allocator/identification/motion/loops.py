@@ -1,4 +1,4 @@
-"""What runs sample by sample is written here in plain Python, and compiled by numba where it can be."""
+"""Recursions over samples in plain Python, compiled by numba where available."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -25,7 +25,7 @@ def follow(
     slowest: float,
     out: Array,
 ) -> None:
-    """Fill `out` (m,) with the pressures [Pa] of a regulator that is told u (m,) [Pa] at the times t (m,) [s].
+    """Fill `out` (m,) with the pressures [Pa] of a regulator with the commands u (m,) [Pa] at the times t (m,) [s].
 
     Each command holds until the next and acts after the dead time `dead` [s]; the pressure follows with the time
     constant `up` or `down` [s], to within `rest` [Pa], half the dead band, but takes `slowest` [s/Pa] at least, as the

@@ -1,4 +1,4 @@
-"""Pictures of a moving joint's fit are drawn here: the free run, its error over time and angle, and the hysteresis."""
+"""Pictures of a moving joint's fit: the free run, its error over time and angle, and the hysteresis."""
 
 from typing import TYPE_CHECKING
 

@@ -1,10 +1,12 @@
-"""The least-squares problem of a moving joint is the output error of a free run: no measured angle is fed back.
+"""Least-squares problem of a moving joint: the output error of a free run, without feedback of measured angles.
 
-    P_i = regulator(u_i; τ_up, τ_down, t_dead, dead band, filling), gas         `loops.follow`
+    P_i = regulator(u_i; ρ^(∓1/2) (τ_up, τ_down), t_dead, dead band, filling), gas  `loops.follow`
     u   = Σ c_j φ_j(P1, P2)                                                     static angle
     θ   = H[u],   H = 1 - Σ w_i (1 - play_{r_i s(P1 + P2)})                     `PrandtlIshlinskii` of gain 1
 
-    minimise  Σ_k (θ_k - θ̂_k)²     over τ_up, τ_down, t_dead, dead band, filling, s_0, c,   w_i ≥ 0,  Σ w_i ≤ 1 - w_min
+    minimise  Σ_k (θ_k - θ̂_k)²   over τ_up, τ_down, ρ, t_dead, dead band, filling, s_0, c,   w_i ≥ 0,  Σ w_i ≤ 1 - w_min
+
+ρ is the ratio of the antagonist's lags to the agonist's, so τ_up and τ_down are geometric means of both muscles.
 
 For given nonlinear unknowns the weights are a problem of nonnegative least squares, convex with one optimum, and are
 eliminated (variable projection). Motion compresses the gas of a given joint: without the regulator (P_i + p_a) V_i^κ
@@ -49,16 +51,17 @@ _LEAST_STIFF = 0.05  # of the usual stiffness, below which it is not taken to fa
 _ROUNDS, _CLOSE = 60, 1e-4  # of a free run without a measured angle, and a change [rad] after which it is done
 _RIDGE = 1e-4 * DEG  # per unit of a coefficient: decides what the log leaves open
 
-NONLINEAR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "volume", "base", "damping", "inertia")
-LOWER = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.05, 0.0, 0.0), strict=True))
-UPPER = dict(zip(NONLINEAR, (3.0, 3.0, 0.5, 1 * BAR, 2 / BAR, 5.0, 1.0, 1.0, 0.1), strict=True))
-_CHANGES = (0.1, 0.1, 0.05, 0.2 * BAR, 0.1 / BAR, 0.3, 0.3, 0.05, 2e-3)
+REGULATOR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "lag_ratio", "volume")
+NONLINEAR = (*REGULATOR, "base", "damping", "inertia")
+LOWER = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.05, 0.0, 0.0), strict=True))
+UPPER = dict(zip(NONLINEAR, (3.0, 3.0, 0.5, 1 * BAR, 2 / BAR, 4.0, 5.0, 1.0, 1.0, 0.1), strict=True))
+_CHANGES = (0.1, 0.1, 0.05, 0.2 * BAR, 0.1 / BAR, 0.3, 0.3, 0.3, 0.05, 2e-3)
 STEP = dict(zip(NONLINEAR, _CHANGES, strict=True))  # usual size of a change
-ABSENT = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0), strict=True))
+ABSENT = dict(zip(NONLINEAR, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0), strict=True))
 
 
 class Prediction(NamedTuple):
-    """A prediction is a free run over the whole log; arrays (n,)."""
+    """Free run over the whole log; arrays (n,)."""
 
     theta: Array  # [rad]
     static: Array  # u [rad]
@@ -69,7 +72,7 @@ class Prediction(NamedTuple):
 
 @dataclass(frozen=True)
 class MotionProblem:
-    """The problem is that of the module. Unknowns x: those of `free` in this order, then the coefficients c."""
+    """Problem of this module. The unknowns x are those of `free` in this order, then the coefficients c."""
 
     log: MotionLog
     static: Static = field(repr=False)  # q(P1, P2)
@@ -87,7 +90,7 @@ class MotionProblem:
 
     @classmethod
     def of(cls, log: MotionLog, static: Static) -> Self:
-        """Return the problem of what this log can tell, without inertia and damping."""
+        """Return the problem with the unknowns that this log can determine, without inertia and damping."""
         delays = ("lag_up", "lag_down", "dead_time", "dead_band") if log.varies_speed else ()
         return cls(log, static, delays + (("base",) if log.varies_sum else ()))
 
@@ -150,18 +153,20 @@ class MotionProblem:
     def pressures(
         self, t: Array, commands: tuple[Array, Array], theta: Array, lags: tuple[float, ...]
     ) -> tuple[Array, Array]:
-        """Return the pressures (m,) [Pa] of regulators (up, down, dead, whole dead band, slowest) and gas `lags`."""
-        *regulator, volume = lags
+        """Return both pressures (m,) [Pa] of regulators and gas with the values `lags` of `REGULATOR`."""
+        up, down, *others, ratio, volume = lags
         squeezed, around = self.static.squeezed(theta, volume)
         one, two = (
-            np.concatenate([loops.pressures(t[part], u[part], s[part], around, regulator) for part in stretches(t)])
-            for u, s in zip(commands, squeezed, strict=True)
+            np.concatenate(
+                [loops.pressures(t[i], u[i], s[i], around, (share * up, share * down, *others)) for i in stretches(t)]
+            )
+            for u, s, share in zip(commands, squeezed, shares_of_lag(ratio), strict=True)
         )
         return one, two
 
     def _lags(self, x: Array) -> tuple[float, ...]:
-        v = self.values(x)
-        return v["lag_up"], v["lag_down"], v["dead_time"], v["dead_band"], v["filling"], v["volume"]
+        values = self.values(x)
+        return tuple(values[name] for name in REGULATOR)
 
     def run(self, x: Array, used: Mask) -> Prediction:
         """Run freely over the whole log, with the best weights on the rows `used` (n,)."""
@@ -295,6 +300,11 @@ class MotionProblem:
     def taut(self, run: Prediction) -> Mask:
         """Return in which rows both muscles have a pressure at which they are taut (n,)."""
         return np.asarray((run.P1 >= TAUT_FROM) & (run.P2 >= TAUT_FROM))
+
+
+def shares_of_lag(ratio: float) -> tuple[float, float]:
+    """Return the lags of agonist and antagonist over their geometric mean [-]; `ratio` is the second over the first."""
+    return ratio**-0.5, ratio**0.5
 
 
 def best_weights(D: Array, y: Array, most: float) -> Array:

@@ -1,4 +1,4 @@
-"""The fit of a moving joint gives this back."""
+"""Result of the fit of a moving joint."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -12,8 +12,7 @@ from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.least_squares import rms
-from allocator.identification.motion.doubt import AngleBand, Bands
-from allocator.identification.motion.drift import Drift
+from allocator.identification.motion.doubt import AngleBand, Bands, Drift
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Equilibrium, fit_muscles
@@ -30,7 +29,7 @@ _MUSCLE_ROWS = 400  # of the log, at which the muscles are fitted to the static 
 
 
 class Estimate(NamedTuple):
-    """An estimate is a value with its 95 % interval."""
+    """Value with its 95 % interval."""
 
     value: float
     std: float
@@ -40,7 +39,7 @@ class Estimate(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Errors are root mean squares of the free run over some rows [rad]."""
+    """Root mean squares of the free run over some rows [rad]."""
 
     every: float  # over all of these rows
     taut: float  # over those with both pressures at 1.5 bar or more, after the lag; NaN without any
@@ -52,7 +51,7 @@ class Errors(NamedTuple):
 
 
 class MovingJoint(NamedTuple):
-    """Joint whose muscles hold the static angles of a log, with what the log shows of its motion."""
+    """Joint whose muscles hold the static angles of a log, with its parameters of motion."""
 
     joint: AntagonistJoint
     zero: float  # of the encoder [rad]
@@ -69,7 +68,8 @@ class MotionFit:
     operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1
     parameters: Mapping[str, Estimate]
     """`lag_up`, `lag_down`, `dead_time` [s], `reading_age` [s] if pressures were measured beside commands, `dead_band`
-    [Pa], `filling` [s/Pa] at least of a rising or falling pressure, `base` [-] of the widths, `loop_width` [rad] of a
+    [Pa], `filling` [s/Pa] at least of a rising or falling pressure, `lag_ratio` [-] of the antagonist's lags over the
+    agonist's (the lags are geometric means of both), `base` [-] of the widths, `loop_width` [rad] of a
     wide sweep at P1 + P2 = 5 bar, `stuck_slope` w_0 [-]; `damping` [s] and `inertia` [s²] over stiffness; `gain` [-] of
     the static angle over that of the given joint. Parameters that the log does not show are left out."""
     error: Errors  # of the log that was fitted
@@ -97,7 +97,7 @@ class MotionFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Return what is to be known before the fit is used, sentences without a full stop."""
+        """Return the warnings, sentences without a full stop."""
         found = () if self.converged else ("the search stopped before it converged",)
         gain = self.parameters.get("gain")
         if gain is None or _GAINS[0] < gain.value < _GAINS[1]:
@@ -164,7 +164,7 @@ class MotionFit:
 
     @cached_property
     def moving(self) -> "MovingJoint":
-        """The joint with what the whole log shows of its motion. Raises `InvalidInput` if no joint was given."""
+        """The joint with the parameters of motion from the whole log. Raises `InvalidInput` if no joint was given."""
         return self._moving(self.x, self.log.settled)
 
     @cached_property
@@ -235,7 +235,7 @@ class MotionFit:
         return row
 
     def __repr__(self) -> str:
-        """Say how well the angle is predicted, and what was found."""
+        """Return the errors of the prediction and the parameters."""
         found = "; ".join(f"{name} {value}" for name, value in self._found().items())
         return f"MotionFit: {self._errors()}\n  {found}"
 
@@ -277,6 +277,7 @@ LABELS = {
     "reading_age": Label("reading_age_s", "age of the angle's readings", "s", 1.0),
     "dead_band": Label("dead_band_bar", "dead band, total", "bar", BAR),
     "filling": Label("filling_s_per_bar", "time to fill at least", "s/bar", 1 / BAR),
+    "lag_ratio": Label("lag_ratio", "lags of the antagonist over those of the agonist", "-", 1.0),
     "volume": Label("gas_volume", "volume of the gas over that of the given joint", "-", 1.0),
     "base": Label("width_without_pressure", "share of the loop's width left at 0 bar", "-", 1.0),
     "loop_width": Label("loop_width_deg", "width of the hysteresis loop at P1 + P2 = 5 bar", "°", DEG),

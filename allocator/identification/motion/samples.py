@@ -1,4 +1,4 @@
-"""Logs of a moving joint: CSV files, rows in time, and whether they move enough to tell anything.
+"""Logs of a moving joint: reading, rows in time, and tests of excitation.
 
 Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in any order; others are listed in the notes:
 
@@ -57,7 +57,7 @@ _MEASURED = ("measured1", "measured2")
 
 @dataclass(frozen=True)
 class MotionLog:
-    """A log is n rows of a moving joint without load, in the order of time; arrays (n,)."""
+    """Rows of a moving joint without load, in the order of time; arrays (n,)."""
 
     t: Array  # [s], increasing
     theta: Array  # as the encoder shows it [rad]
@@ -117,7 +117,7 @@ class MotionLog:
 
     @property
     def settled(self) -> Mask:
-        """Return which rows (n,) do not depend any more on how their stretch began, of which the log says nothing."""
+        """Return the rows (n,) that no longer depend on the unknown state at the beginning of their stretch."""
         return np.concatenate([self.t[part] - self.t[part.start] >= _FORGOTTEN for part in self.parts])
 
     @property
@@ -132,7 +132,7 @@ class MotionLog:
 
     @property
     def varies_sum(self) -> bool:
-        """Return whether P1 + P2 varies enough to tell what depends on it."""
+        """Return whether P1 + P2 varies enough to identify its effects."""
         return self.relative_spread > 0.05
 
     @property
@@ -148,7 +148,7 @@ class MotionLog:
 
     @property
     def varies_speed(self) -> bool:
-        """Return whether the speed of the angle varies enough to tell delays, which grow with it, from hysteresis.
+        """Return whether the speed of the angle varies enough to distinguish delays from hysteresis.
 
         A delay τ moves the angle by -τ v, hysteresis by a share of -sign(v): on ramps of one speed both are the same.
         """
@@ -219,7 +219,7 @@ class MotionLog:
             )
 
     def _check_excitation(self) -> None:
-        """Refuse a log that cannot tell lags from hysteresis, and say which experiment would."""
+        """Refuse a log that cannot distinguish lags from hysteresis, and suggest an experiment."""
         duration = sum(float(np.ptp(self.t[part])) for part in self.parts)
         if self.n < _LEAST_ROWS or duration < _LEAST_TIME:
             raise InvalidInput(

@@ -1,12 +1,25 @@
-"""The search for the unknowns of a moving joint: trust-region least squares with forward differences."""
+"""Searches for the unknowns of a moving joint, and for the regulators of a log that has measured pressures.
+
+Both are trust-region least squares. The first has forward differences; the second is
+
+    minimise  Σ_k (P_i,k - P̂_i,k - o_i)²     over τ_up, τ_down, ρ, t_dead, dead band, filling, gas
+
+where P̂_i answers the commands as in `loops.pressures` and o_i is the mean difference of a sensor and its regulator.
+Pressures are assumed to be read without delay, so this dead time is that of the commands alone. The angle of the same
+log lags the commands by the dead time plus the age of its readings; the difference is that age.
+"""
 
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.calculus import Array, Mask
-from allocator.identification.motion.problem import ABSENT, MotionProblem, Prediction
+from allocator.errors import InvalidInput
+from allocator.identification.motion.problem import ABSENT, LOWER, REGULATOR, STEP, UPPER, MotionProblem, Prediction
+from allocator.units import BAR
 
 _LAGS = (0.05, 0.3)  # [s] to start from
 _FINE = 1e-3  # of the usual size of a change: differences
@@ -90,3 +103,55 @@ def _descend(problem: MotionProblem, used: Mask, x: Array, most: int) -> Found:
     options = {"x_scale": sizes, "tr_solver": "lsmr", "ftol": _CLOSE, "xtol": _CLOSE, "gtol": 1e-12, "max_nfev": most}
     done = least_squares(residual, start, jacobian, (low, high), **options)  # lsmr: no threads for small matrices
     return Found(problem, np.asarray(done.x), bool(done.status > 0), float(np.sqrt(2 * done.cost / used.sum())))
+
+
+# --- regulators -------------------------------------------------------------------------------------------------------
+
+
+_WORSE = 1.01  # by which the error grows at least without a number that the pressures show
+_START = dict(zip(REGULATOR, (0.1, 0.1, 0.02, 0.05 * BAR, 0.05 / BAR, 1.0, 1.0), strict=True))
+
+
+def sensed_at(times: Array, t: ArrayLike, measured: tuple[ArrayLike, ArrayLike]) -> tuple[Array, Array]:
+    """Return the pressures `measured` at `t` [s] at the `times` (n,) [s] of a log. Raises `InvalidInput`."""
+    at = checks.real("t", t, "s")
+    one, two = (checks.pressure(f"measured[{i}]", P) for i, P in enumerate(measured))
+    if not at.shape == one.shape == two.shape:
+        raise InvalidInput("measured has to be two rows of pressures, one of each for every sample")
+    return np.interp(times, at, one), np.interp(times, at, two)
+
+
+def fit_regulators(found: Found, measured: tuple[Array, Array], used: Mask) -> dict[str, float]:
+    """Return the numbers `REGULATOR` by the pressures `measured` (n,) [Pa] in the rows `used` (n,) of the log.
+
+    A dead band or a limit of the filling that the pressures do not show is 0.
+    """
+    shown = REGULATOR if found.problem.gas else REGULATOR[:-1]
+    best, error = _fitted(found, measured, used, shown)
+    for name in ("filling", "dead_band"):
+        less, without = _fitted(found, measured, used, tuple(one for one in shown if best[one] and one != name))
+        if without < _WORSE * error:
+            best, error = less, without
+    return best
+
+
+def _fitted(
+    found: Found, measured: tuple[Array, Array], used: Mask, free: tuple[str, ...]
+) -> tuple[dict[str, float], float]:
+    """Return the numbers `REGULATOR`, as `ABSENT` where they are not `free`, and the RMS error [bar]."""
+    from scipy.optimize import least_squares
+
+    problem = found.problem
+    log, sizes = problem.log, np.array([STEP[name] for name in free])
+    low, high, start = (np.array([of[name] for name in free]) / sizes for of in (LOWER, UPPER, _START))
+
+    def numbers(z: Array) -> dict[str, float]:
+        return {name: ABSENT[name] for name in REGULATOR} | dict(zip(free, (z * sizes).tolist(), strict=True))
+
+    def residual(z: Array) -> Array:
+        pressures = problem.pressures(log.t, (log.P1, log.P2), log.theta, tuple(numbers(z).values()))
+        gaps = [(P - own)[used] for P, own in zip(measured, pressures, strict=True)]
+        return np.concatenate([gap - gap.mean() for gap in gaps]) / BAR
+
+    done = least_squares(residual, start, bounds=(low, high), diff_step=1e-3)
+    return numbers(done.x), float(np.sqrt(np.mean(done.fun**2)))

@@ -41,7 +41,7 @@ _CLOSE = 1e-7  # [rad] a Newton step after which the next is below rounding
 
 @dataclass(frozen=True)
 class Difference:
-    """The difference is q = (P1 - P2)/(P1 + P2 + P_max/2) [-], as pressures set the angle of joints of this kind."""
+    """Relative pressure difference q = (P1 - P2)/(P1 + P2 + P_max/2) [-], on which the angle mainly depends."""
 
     greatest: float  # P_max [Pa]
 
@@ -50,7 +50,7 @@ class Difference:
         return (P1 - P2) / (P1 + P2 + self.greatest / 2)
 
     def stiffness(self, P1: Array, P2: Array) -> Array:
-        """Return what the stiffness (…) is about in proportion to [Pa]: P1 + P2."""
+        """Return P1 + P2 (…) [Pa], to which the stiffness is about proportional."""
         return np.asarray(P1 + P2)
 
     def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
@@ -60,7 +60,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """The equilibrium is the angle q [rad] at which a joint rests without load, interpolated on a grid of pressures."""
+    """Angle q [rad] at which a joint rests without load, interpolated on a grid of pressures."""
 
     joint: AntagonistJoint
     greatest: float  # P_max [Pa]

@@ -1,1 +1,1 @@
-"""A muscle is found from measured forces here."""
+"""Identification of a muscle from measured forces."""

@@ -1,4 +1,4 @@
-"""`antagonist fit` finds a muscle from a table of measured forces."""
+"""Command `antagonist fit`: a muscle from a table of measured forces."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +12,7 @@ from rich.table import Table
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.identification.columns import parse_columns
-from allocator.identification.muscle.ranking import Ranking, rank_models
+from allocator.identification.muscle.fit import Ranking, rank_models
 from allocator.identification.muscle.reading import DATASETS, read_samples
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples, joined
@@ -145,7 +145,7 @@ def _report(ranking: Ranking, console: Console) -> None:
 
 
 def _describe(fit: Fit[Muscle], console: Console) -> None:
-    """Print the chosen muscle: parameters with their standard deviations, and what to beware of."""
+    """Print the chosen muscle: parameters with their standard deviations, and warnings."""
     samples = fit.samples
     lines = [
         f"{fit.model}, {fit.n_taut} taut samples and {fit.slack.sum()} slack ones: {fit.rms:.2f} N RMS, greatest error "
@@ -177,7 +177,7 @@ def _greatest(fit: Fit[Muscle]) -> str:
 
 
 def _values(ranking: Ranking, best: Fit[Muscle]) -> dict[str, object]:
-    """Return what `--json` prints; parameters are in SI units, as in the file that --out writes."""
+    """Return the values printed by `--json`; parameters are in SI units, as in the file of --out."""
     return {
         "ranking": [fit.to_dict() for fit in ranking.fits],
         "failures": ranking.failures,

@@ -47,7 +47,7 @@ _LEAST = 0.005  # of full scale: a smaller difference is not worth a sentence
 
 
 class Zero(NamedTuple):
-    """The zero is what a load cell shows at no force."""
+    """Reading of a load cell at no force."""
 
     offset: float  # [N]
     noise: float  # standard deviation [N]
@@ -55,7 +55,7 @@ class Zero(NamedTuple):
 
 
 def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
-    """Return the samples with tension positive, without the cell's offset, and its zero noise; notes say what was done.
+    """Return the samples with tension positive, without the cell's offset, and with its zero noise, noted in `notes`.
 
     `zero_noise` [N] is estimated from the slack readings if it is not given.
     """
@@ -130,7 +130,7 @@ def weighted(samples: Samples) -> Samples:
 
 
 def reading_variance(samples: Samples) -> Array | None:
-    """Return σ² (n,) [N²] of the readings by a two-component model; None if too few are taut to tell."""
+    """Return σ² (n,) [N²] of the readings by a two-component model; None if too few samples are taut."""
     taut = ~samples.slack
     terms = polynomial(samples, int(taut.sum()))
     if terms is None:

@@ -1,4 +1,4 @@
-"""Isobars of a fitted muscle are drawn with the data, and below what the fit leaves of each sample."""
+"""Pictures of a fitted muscle: isobars with the data, and residuals."""
 
 from typing import TYPE_CHECKING
 

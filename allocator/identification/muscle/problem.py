@@ -1,4 +1,4 @@
-"""The least-squares problem of a muscle's fit is stated here.
+"""Least-squares problem of a muscle's fit.
 
     minimise  Σ w_i r_i²,   r_i = F(P_i, ε_i; p) - y_i           where the muscle was measured taut
                             r_i = max(0, F(P_i, ε_i; p)) - y_i   where it was slack: the true force is "≤ 0", not y_i
@@ -26,7 +26,7 @@ _GREAT = 1e100  # stands for a force that the law cannot evaluate
 
 
 class Solution(NamedTuple):
-    """A solution is where the search ended."""
+    """End of a search."""
 
     x: Array  # values of the free parameters
     cost: float  # Σ w r²
@@ -35,7 +35,7 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True)
 class MuscleProblem:
-    """The problem is that of the module.
+    """Problem of this module.
 
     `slack` [n] marks the inequalities, `free` and `linear` are parameter names.
     """

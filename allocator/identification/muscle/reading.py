@@ -1,4 +1,4 @@
-"""Tables of measured forces: CSV files, and those that come with the package, whose sources stand at their top.
+"""Tables of measured forces: CSV files, and those of the package, which name their sources in their first lines.
 
 One line of column names, one sample a line (`allocator.files.csv_table`). Columns, in any order; others are listed in
 the notes:
@@ -78,7 +78,7 @@ def _contraction(measured: Measured, rest_length: float | None) -> Array:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A data set is a table of measured forces in the package."""
+    """Table of measured forces in the package."""
 
     file: str
     about: str

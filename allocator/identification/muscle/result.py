@@ -1,4 +1,4 @@
-"""The fit of a muscle gives this back."""
+"""Result of a muscle's fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ M_co = TypeVar("M_co", bound=Muscle, covariant=True)
 
 
 class Level(NamedTuple):
-    """A level is the residuals F_model - F_measured of the taut samples in a range of pressures (one level where there
+    """Residuals F_model - F_measured of the taut samples in a range of pressures (one level where there
     are few).
     """
 
@@ -145,7 +145,7 @@ class Fit(Generic[M_co]):
         }
 
     def __repr__(self) -> str:
-        """Say how well the law follows the samples, and what is to be known before it is used."""
+        """Return the errors of the law and the first warning."""
         return f"Fit of {self.model}: {self._errors()}\n  {self._counts()}" + first_of(self.warnings)
 
     def _repr_html_(self) -> str:

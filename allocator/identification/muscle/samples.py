@@ -1,4 +1,4 @@
-"""Measured forces, the mistakes that can be seen in them, and the means that stand for a long log."""
+"""Measured forces, detection of mistakes in them, and thinning of long logs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -26,7 +26,7 @@ _CELLS = (64, 32)  # of contraction, of pressure
 
 @dataclass(frozen=True)
 class Samples:
-    """The samples are n measured forces; arrays [n], read-only.
+    """Samples of n measured forces; arrays [n], read-only.
 
     A force that is not distinguishable from zero means slack.
     """
@@ -208,7 +208,7 @@ def _frozen(array: Array) -> Array:
 
 
 class Mistake(NamedTuple):
-    """A mistake is a sample that cannot be right."""
+    """Sample that cannot be right."""
 
     place: int  # index of the sample
     quantity: str  # "contraction", "pressure" or "force"
@@ -299,7 +299,7 @@ def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
 
 
 def thinned(samples: Samples) -> Samples:
-    """Return the means over cells where there are more than 2000 rows; a note says so.
+    """Return means over cells, with a note, if there are more than 2000 rows.
 
     A cell is 1/64 of the range of contractions times 1/32 of that of pressures, loading and unloading together. Its
     weight is that of its rows, at most that of the median cell: a log that rests somewhere tells no more about the

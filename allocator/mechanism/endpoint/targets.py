@@ -5,7 +5,7 @@ With K = K_q + Γ(f) and G with J G = 1, of which K_x = Gᵀ K G is the least, w
     E = S K Sᵀ = 1,     S = K_x*^(-1/2) Gᵀ;     its error ‖E - 1‖_F = ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F
 
 which no unit and no direction of the hand distorts. A square J has one G, its inverse. With more joints than
-coordinates G follows from K (`lifted`), see `allocator.mechanism.lifting`.
+coordinates G follows from K (`lifted`), see `allocator.allocation.box.pivoting`.
 """
 
 from dataclasses import dataclass, replace

@@ -1,6 +1,6 @@
 """Muscles whose lengths are known by samples over a grid of postures.
 
-A table states its own `error` and is refused where it cannot be drawn, see `allocator.joint.table_error`.
+A table states its own `error` and is refused where it cannot be drawn, see `allocator.joint.geometry`.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.joint import table_error
-from allocator.joint.table_error import TableError
+from allocator.joint.geometry import TableError, check_table, greatest_differences, halves
 from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, rest_lengths
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ class Tables(Routes):
         spread = [np.ptp(l_, axis=i).max(axis=tuple(range(len(rows) - 1))) for i in range(len(rows))]
         check_arms("Tables", np.stack(spread, axis=-1))
         arms = np.abs(self.at(self._grid_points).arm).max(axis=(0, 2))
-        table_error.check("Tables", self.error, arms, min(shape))
+        check_table("Tables", self.error, arms, min(shape))
 
     @property
     def n(self) -> int:
@@ -80,13 +79,13 @@ class Tables(Routes):
         q = self._grid_points
         mine = self.at(q)
         found = []
-        for kept in zip(*(table_error.halves(len(row)) for row in self.grid), strict=True):
+        for kept in zip(*(halves(len(row)) for row in self.grid), strict=True):
             grid = [[row[i] for i in places] for row, places in zip(self.grid, kept, strict=True)]
             other = _evaluated(_spline_through(grid, np.array(self.lengths)[np.ix_(*kept)]), q, self.m)
             arm = np.linalg.norm(mine.arm - other.arm, axis=-1)
             bend = np.abs(mine.bend - other.bend).max(axis=(-1, -2))
             found.append([mine.length - other.length, arm, bend])
-        return table_error.greatest(np.array(found).swapaxes(0, 1), q)
+        return greatest_differences(np.array(found).swapaxes(0, 1), q)
 
     def at(self, q: Array) -> RoutedLengths:
         """Return lengths, arms and bends at the postures `q` (…, n); beyond the grid the end pieces go on."""

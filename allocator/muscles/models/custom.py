@@ -7,11 +7,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from allocator.calculus import Array, Value
+from allocator.calculus import Array, Spline, Value
 from allocator.errors import InvalidInput
 from allocator.muscles.base import NOT_A_NUMBER, STRUCTURE, AffineMuscle
 from allocator.muscles.recipe import Recipe
-from allocator.spline import Spline
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from allocator.errors import InvalidInput
 from allocator.muscles.base import Muscle
 from allocator.muscles.basis import Basis
 from allocator.muscles.measured import continued, continued_integral
-from allocator.muscles.models.affine_polynomial import AffinePolynomial
+from allocator.muscles.models.affine import AffinePolynomial
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR
 

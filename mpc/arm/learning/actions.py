@@ -9,10 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from allocator.allocation import allocate
+from allocator.allocation import allocate, warm_up
 from allocator.calculus import Array
 from allocator.joint.limits import Limits
-from allocator.mechanism import warm_up
 from mpc.governor import PressureGovernor
 from mpc.model.arm.model import Arm
 
@@ -89,7 +88,7 @@ class PostureAndStiffness:
     """
 
     def __init__(self, arm: Arm) -> None:
-        warm_up()
+        warm_up(joint=arm.mechanism)
         self.size, self.arm = 2 * arm.n, arm
         low, high = arm.angle_limits
         self._middle, self._half = (low + high) / 2, (high - low) / 2

@@ -16,14 +16,13 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidInput, notice
 from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
+from allocator.mechanism.formulas import symbolic_lengths
 from allocator.muscles import Muscle
-from allocator.notices import notice
 from mpc.codegen.buffered import Buffered
 from mpc.codegen.python_text import filling
-from mpc.model.arm.lengths import symbolic_lengths
 from mpc.model.arm.model import Arm
 from mpc.model.gas import fall
 from mpc.model.integration import integrated

@@ -7,8 +7,8 @@ import numpy as np
 
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Routes
+from allocator.mechanism.formulas import has_formulas, symbolic_jacobian, symbolic_lengths
 from mpc.model.arm.bodies import MovingBodies
-from mpc.model.arm.lengths import has_formulas, symbolic_jacobian, symbolic_lengths
 from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
 from mpc.model.gas import fall
 from mpc.model.integration import integrated

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
+from allocator.allocation.box import pivoting
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas
-from allocator.mechanism import Mechanism, machines, warm_up
+from allocator.mechanism import Mechanism, machines
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.mechanism.routes.mjcf import Source
 from allocator.muscles import Muscle
@@ -280,7 +281,7 @@ class Arm:
 
     def warm_up(self, min_force: float) -> None:
         """Compile what the allocation needs."""
-        warm_up()
+        pivoting.warm_up()
 
     def check_angles(self, name: str, theta: Array) -> None:
         """Raise `InvalidInput` for angles (M, n) that cannot be meant, or where the endpoint is singular."""

@@ -3,8 +3,8 @@
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.mechanism.formulas import symbolic_lengths
 from mpc.codegen.buffered import Buffered
-from mpc.model.arm.lengths import symbolic_lengths
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allocator.allocation import allocate
+from allocator.allocation.box.result import BoxAllocation
 from allocator.calculus import Array, Value
 from allocator.joint.gas import Stiffness
 from allocator.joint.limits import Limits
-from allocator.mechanism.result import BoxAllocation
 from allocator.muscles.base import NOT_A_NUMBER, AffineMuscle, Muscle
 from allocator.units import BAR
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from allocator.compilation import beside
-from allocator.notices import notice
+from allocator.errors import notice
 from allocator.units import BAR
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from allocator.allocation.kernels import compiled
-from allocator.allocation.kernels.choice import JointKernel, coefficients, kernel_of
+from allocator.allocation.two_muscles import kernels as compiled
+from allocator.allocation.two_muscles.kernels.choice import JointKernel, coefficients, kernel_of
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.modules import imported, with_formulas
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _IMPORTS = """import math
 
-from allocator.allocation.kernels.source import affine_exact, tondu_exact
+from allocator.allocation.two_muscles.kernels.source import affine_exact, tondu_exact
 from mpc.codegen.jit import merged
 
 

@@ -10,13 +10,12 @@ from scipy.optimize import brentq
 
 import allocator
 from allocator import AntagonistJoint, InvalidInput, Lever, Pulley, Status, Table, allocate, report_joint, warm_up
-from allocator.allocation import exact
 from allocator.allocation.arguments import problem_from
-from allocator.allocation.kernels import calls
-from allocator.allocation.kernels import source as kernels
-from allocator.allocation.kernels.choice import AffineNumbers, TonduNumbers, coefficients
-from allocator.allocation.kernels.compiled import kernel
-from allocator.allocation.status import assess
+from allocator.allocation.two_muscles import exact
+from allocator.allocation.two_muscles.certificate import assess
+from allocator.allocation.two_muscles.kernels import calls, kernel
+from allocator.allocation.two_muscles.kernels import source as kernels
+from allocator.allocation.two_muscles.kernels.choice import AffineNumbers, TonduNumbers, coefficients
 from allocator.joint.limits import TAUT, Limits
 from allocator.muscles import Hogan1984, Tondu2021
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N, TONDU_MCKIBBEN
@@ -190,7 +189,7 @@ def test_compiled_and_plain_python_give_the_same_digits(name):
 def test_threads_change_nothing(at_once, monkeypatch):
     import numba
 
-    from allocator.allocation.kernels import arrays
+    from allocator.allocation.two_muscles.kernels import arrays
 
     joint = report_joint()
     targets = mixed_targets(joint, 20_000, seed=4)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allocator import AntagonistJoint, Lever, Limits, Pulley, Status, allocate, report_joint
-from allocator.allocation.kernels import calls
+from allocator.allocation.two_muscles.kernels import calls
 from allocator.muscles import Hogan1984, TonduLopez2000
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from allocator import AntagonistError
-from allocator.allocation.kernels import source
-from allocator.allocation.kernels.choice import AffineNumbers, TonduNumbers
+from allocator.allocation.two_muscles.kernels import source
+from allocator.allocation.two_muscles.kernels.choice import AffineNumbers, TonduNumbers
 from allocator.compilation.printer import Outside, Source, Unprintable, array_form, array_functions, c_form
 
 from ...rigs.needs import needs

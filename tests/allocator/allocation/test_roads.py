@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from allocator import AntagonistJoint, InvalidInput, Lever, Limits, Stiffness, allocate, report_joint, warm_up
-from allocator.allocation import entry
-from allocator.allocation.kernels import arrays, calls
+from allocator.allocation.two_muscles import exact
+from allocator.allocation.two_muscles.kernels import arrays, calls
 from allocator.joint.limits import TAUT
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 
@@ -49,7 +49,7 @@ MANY = {
 def no_readable(monkeypatch):
     """Fails where the readable implementation would answer."""
     unwanted = Mock(side_effect=AssertionError("the readable implementation was asked"))
-    for module in (entry.exact, arrays):
+    for module in (exact, arrays):
         monkeypatch.setattr(module, "solve", unwanted)
 
 
@@ -166,7 +166,7 @@ def test_an_array_compiles_where_that_pays_and_not_before(compiler, monkeypatch)
     assert not compiler.called
     allocate(theta, 7.5, 1.0)
     compiler.assert_called_once_with("tondu_batch")
-    monkeypatch.setattr(entry.exact, "solve", Mock(side_effect=AssertionError("compiled code is there")))
+    monkeypatch.setattr(exact, "solve", Mock(side_effect=AssertionError("compiled code is there")))
     assert allocate(theta[1:], 7.5, 1.0).success.any()
     assert compiler.call_count == 1
 

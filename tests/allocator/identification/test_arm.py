@@ -5,9 +5,8 @@ import pytest
 
 from allocator.errors import InvalidInput
 from allocator.identification import Episode, Windows, assign_muscles, fit_arm
-from allocator.identification.arm.fit import Bands
+from allocator.identification.arm.fit import Bands, fit_law, folds, joint_error
 from allocator.identification.arm.law import JointLaw, Surroundings, run
-from allocator.identification.arm.search import fit_law, folds, joint_error
 from allocator.units import DEG
 
 STEP = 0.01

@@ -5,7 +5,8 @@ import pytest
 from scipy.optimize import linprog, minimize
 
 from allocator import InvalidInput, Limits, Status, Stiffness
-from allocator.mechanism import Endpoint, allocate_at_least, machines
+from allocator.allocation import allocate_at_least
+from allocator.mechanism import Endpoint, machines
 from allocator.units import BAR
 
 ARM, HAND, Q = machines.arm26(), Endpoint.planar([0.3, 0.25]), np.array([0.4, 0.9])

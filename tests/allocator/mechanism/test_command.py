@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from allocator import InvalidInput, Stiffness, allocate, named_muscle, save_machine
 from allocator.cli import app
-from allocator.mechanism import Endpoint, Pulleys, feasible_targets, machines
+from allocator.feasibility import feasible_targets
+from allocator.mechanism import Endpoint, Pulleys, machines
 from allocator.units import BAR, DEG
 
 ARM = ("allocate", "--machine", "arm26")

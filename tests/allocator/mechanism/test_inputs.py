@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from allocator import InvalidInput, Limits, Method, MissingBackend, Stiffness, allocate, report_joint
+from allocator.allocation import allocate_at_least
 from allocator.joint.gas import HELD
 from allocator.mechanism import (
     Endpoint,
@@ -13,7 +14,6 @@ from allocator.mechanism import (
     Pulleys,
     Sites,
     Tables,
-    allocate_at_least,
     from_function,
     machines,
 )

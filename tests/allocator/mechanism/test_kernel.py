@@ -5,9 +5,10 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from allocator import allocate
+from allocator.allocation.box import kernel
+from allocator.allocation.box.kernel.data import workspace
 from allocator.errors import InvalidInput
-from allocator.mechanism import kernel, machines
-from allocator.mechanism.kernel.data import workspace
+from allocator.mechanism import machines
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 
 from ...rigs.certificates import unexplained

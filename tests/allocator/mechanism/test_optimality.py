@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from allocator import Limits, Status, allocate
-from allocator.mechanism import Mechanism, Pulleys, Sites, machines, warm_up
-from allocator.mechanism.arguments import problem_from
+from allocator import Limits, Status, allocate, warm_up
+from allocator.allocation.box.arguments import problem_from
+from allocator.mechanism import Mechanism, Pulleys, Sites, machines
 from allocator.mechanism.routes import Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR
@@ -93,7 +93,7 @@ def test_the_optimality_conditions_hold(n, m):
 def test_thousands_of_targets_half_of_them_beyond_reach():
     q = np.array([0.4, -0.3])
     T, K = random_targets(ARM, q, 4000, seed=1)
-    assert warm_up()
+    assert warm_up(joint=ARM)
     a = allocate(q, K, T, joint=ARM)
     p = as_least_squares(ARM, q, T, K)
     assert a.kkt_residual.max() < 1e-12
@@ -141,13 +141,13 @@ def test_daqp_finds_the_same(priority, weights):
 
 @pytest.mark.slow
 def test_compiled_and_plain_python_give_the_same():
-    from allocator.mechanism import kernel
-    from allocator.mechanism.batches import solve
-    from allocator.mechanism.kernel.data import workspace
+    from allocator.allocation.box import kernel
+    from allocator.allocation.box.kernel.data import workspace
+    from allocator.allocation.box.pivoting import solve
 
     T, K = random_targets(ARM, np.array([0.4, -0.3]), 30)
     p = as_least_squares(ARM, np.array([0.4, -0.3]), T, K)
-    assert warm_up()
+    assert warm_up(joint=ARM)
     compiled = solve(p)
     (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
     x, mu, rounds = np.empty_like(lo), np.empty_like(compiled.mu), np.zeros(len(lo), np.int64)

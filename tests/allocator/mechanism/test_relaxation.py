@@ -8,10 +8,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from allocator import Gas, InvalidInput, Limits, Method, Status, Stiffness, allocate
+from allocator.allocation.relaxation.bound import Level, _safe, relax
+from allocator.allocation.relaxation.curves import Curve
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Pulleys, machines
-from allocator.mechanism.relaxation.bound import Level, _safe, relax
-from allocator.mechanism.relaxation.curves import Curve
 from allocator.muscles import Andrikopoulos2016, TonduLopez2000, Wickramatunge2010
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR, DEG

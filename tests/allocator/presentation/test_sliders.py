@@ -2,7 +2,7 @@
 
 import sys
 
-from allocator.presentation.sliders import Range, explore
+from allocator.presentation.plotting import Range, explore
 
 RANGES = {"T": Range("torque", 0.0, 9.0, 3.0), "F": Range("force", 0.0, 50.0, 0.0)}
 

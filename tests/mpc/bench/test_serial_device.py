@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import packages
+from allocator import errors
 from allocator.errors import InvalidInput, MissingPackage
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant, RealPlant, TrackingMPC, Weights, sine
@@ -182,7 +182,7 @@ def test_what_is_no_board_is_said_to_be_none(tmp_path):
 
 def test_without_pyserial_the_line_to_install_it_is_named(monkeypatch):
     monkeypatch.delitem(sys.modules, "serial", raising=False)
-    ours = [finder for finder in sys.meta_path if isinstance(finder, packages._NameMissing)]
+    ours = [finder for finder in sys.meta_path if isinstance(finder, errors._NameMissing)]
     monkeypatch.setattr(sys, "meta_path", ours)
     with pytest.raises(MissingPackage, match=r"pip install 'antagonist\[serial\]'"), SerialDevice("/dev/null"):
         pass

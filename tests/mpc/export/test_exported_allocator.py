@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from allocator import AntagonistJoint, Lever, report_joint
-from allocator.allocation import Problem, exact
-from allocator.allocation.status import assess
+from allocator.allocation.two_muscles import exact
+from allocator.allocation.two_muscles.certificate import assess
+from allocator.allocation.two_muscles.problem import Problem
 from allocator.joint.limits import Limits
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG

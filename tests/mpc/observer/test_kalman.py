@@ -18,6 +18,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator
 from mpc.observer.filter import Belief, Noise
+from mpc.observer.gating import Verdict
 from mpc.observer.kalman import KalmanObserver
 
 pytestmark = pytest.mark.compiles
@@ -201,6 +202,23 @@ def test_a_sensor_that_freezes_in_motion_is_reported_after_the_stated_time_until
     assert 60 <= reported[0] <= 75
     np.testing.assert_array_equal(reported, np.arange(reported[0], 100))
     assert np.delete(seen, [0, 2, 3].index(sensor), axis=1).all()
+
+
+def test_a_joint_that_sticks_is_found_again_as_soon_as_it_moves():
+    """Its angle rests while pressures change, so the encoder is taken for frozen; its next step is no jump."""
+    observer = KalmanObserver(PLANT, DT)
+    push = np.array([1.0, -1.0])
+    for k in range(60):
+        u = REST[2:] + min(0.01 * k, 0.3) * BAR * push
+        observer.estimate(np.array([REST[0], np.nan, *u]), u)
+    assert observer.verdicts[0] is Verdict.FROZEN
+    astray = observer.belief.xi[0] - REST[0]
+    assert abs(astray) > 5 * DEG  # farther than a joint moves in a sample
+    for k in range(1, 4):
+        theta = REST[0] + 0.1 * k * DEG
+        x, _ = observer.estimate(np.array([theta, np.nan, *u]), u)
+        assert observer.verdicts[0].counts
+        assert x[0] == pytest.approx(theta, abs=0.2 * DEG)
 
 
 def test_once_a_sensor_is_known_to_be_frozen_the_estimate_is_that_without_it():

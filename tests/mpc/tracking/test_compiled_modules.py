@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[3]
 STEP = """
 import sys, warnings
 sys.modules.update({"numba": None} if "without" in sys.argv else {})
-from allocator.allocation.kernels.compiled import kernel
+from allocator.allocation.two_muscles.kernels import kernel
 from mpc import Plant, TrackingMPC
 with warnings.catch_warnings(record=True) as said:
     warnings.simplefilter("always")

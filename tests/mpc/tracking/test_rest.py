@@ -186,6 +186,14 @@ def test_a_rest_ends_at_once_where_the_joint_is_pushed_the_reference_moves_or_me
 
 
 @pytest.mark.compiles
+def test_steps_of_a_coarse_encoder_do_not_end_a_rest_and_a_push_does():
+    at, step = At(), np.array([0.05 * DEG, 0, 0, 0])
+    flickering = [at.step(at.x + (-1) ** k * step).status for k in range(400)]
+    assert set(flickering[-100:]) == {PlanStatus.RESTING}
+    assert at.step(at.x + 6 * step).status is PlanStatus.OPTIMAL
+
+
+@pytest.mark.compiles
 def test_a_pressure_that_leaks_ends_the_rest():
     at = At()
     at.rested()

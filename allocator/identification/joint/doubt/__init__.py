@@ -1,1 +1,1 @@
-"""What a fitted joint leaves in doubt is said here: its covariance, the common force, forces and predicted angles."""
+"""Uncertainty of a fitted joint: covariance, common force, forces and predicted angles."""

@@ -1,4 +1,4 @@
-"""The force that is common to both muscles is looked for in the data, and said to be seen or not.
+"""Force common to both muscles: whether the data determine it, and its bounds if they do not.
 
 Angles at rest tell a1 F1 - a2 F2 and nothing else: forces ΔF_i = C ā/a_i, ā the mean arm, move no angle on any
 mechanism, whatever the constant C [N]. Only a cable that goes slack shows them. Two things look as if they did:
@@ -55,7 +55,7 @@ _LEAST_ERROR = 1e-6  # [rad] the noise of data that have none
 
 @dataclass(frozen=True)
 class CommonForce:
-    """A common force is seen, or assumed between bounds."""
+    """Common force, either determined by the data or assumed within bounds."""
 
     share: float  # φ of the fit [-]
     low: float  # C [N], on the force scale of the problem: how much less …
@@ -75,12 +75,12 @@ class CommonForce:
 
     @property
     def said(self) -> tuple[str, ...]:
-        """Return what is not seen and what stands for it, in words; empty if it is seen."""
+        """Return a sentence about the undetermined common force and its assumed value, or "" if it is determined."""
         return () if self.seen else (f"{COMMON_FORCE}; it is taken from {self.source}",)
 
 
 class Prior(NamedTuple):
-    """A prior is what another muscle says about φ."""
+    """Pull share φ of another muscle, as a prior."""
 
     share: float  # [-]
     std: float  # [-]
@@ -88,7 +88,7 @@ class Prior(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A point of the profile is the least cost at a value of φ."""
+    """Least cost at a value of φ."""
 
     share: float
     x: Array
@@ -110,7 +110,7 @@ def with_free_friction(problem: JointProblem) -> JointProblem:
 
 
 def prior_of(problem: JointProblem, muscle: Muscle | Prior | None) -> Prior | None:
-    """Return what `muscle` says about φ at the samples of the problem, unless that is known; not its strength.
+    """Return the prior of φ that `muscle` implies at the samples; its strength does not matter.
 
     Raises InvalidInput where its law has no force there.
     """
@@ -214,7 +214,7 @@ def _moves(problem: JointProblem, x: Array) -> bool:
 
 @dataclass(frozen=True)
 class Profile:
-    """A profile holds the least costs at values of φ."""
+    """Least costs at values of φ."""
 
     problem: JointProblem  # with a free friction, and no equation for tautness
     unknowns: int  # m without that torque

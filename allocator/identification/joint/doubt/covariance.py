@@ -158,7 +158,7 @@ def _values(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Array
 
 
 def _scale(values: Array) -> Array:
-    """Return what K, F1 and F2 (3, n) are divided by (3n,)."""
+    """Return the scales (3n,) of K, F1 and F2 (3, n)."""
     K, F1, F2 = values
     force = float(np.abs(np.concatenate([F1, F2])).mean()) / _FORCE_WEIGHT
     least = _LEAST_STIFFNESS * float(np.median(np.abs(K)))
@@ -166,7 +166,7 @@ def _scale(values: Array) -> Array:
 
 
 class Choice(NamedTuple):
-    """Fit that another choice of dead band, hysteresis or law gives."""
+    """Result of a fit with another dead band, hysteresis or law."""
 
     name: str
     kind: str  # "dead band", "hysteresis" or "law"

@@ -1,4 +1,4 @@
-"""Angles that a fitted joint will show and forces that it has, with intervals that are to hold."""
+"""Predicted angles and forces of a fitted joint, with their intervals."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -26,7 +26,7 @@ _NORMAL = 1.96  # standard deviations of an interval of 95 %
 
 
 class Prediction(NamedTuple):
-    """A prediction holds angles as the encoder will show them; ± 1.96 `std` is the 95 % interval of a measurement."""
+    """Angles as shown by the encoder; ± 1.96 `std` is the 95 % interval of a measurement."""
 
     theta: Array  # (n,) [rad]; NaN where the joint has no equilibrium
     std: Array  # (n,) [rad]
@@ -68,7 +68,7 @@ def angle_std(fit: "JointFit", problem: JointProblem, new_group: bool) -> Array:
 
 
 class ForceIntervals(NamedTuple):
-    """Force intervals are what each muscle pulls with, and between which forces that lies; arrays (…) [N]."""
+    """Forces of both muscles and their intervals; arrays (…) [N]."""
 
     agonist: Array | float
     antagonist: Array | float

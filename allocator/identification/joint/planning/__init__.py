@@ -1,1 +1,1 @@
-"""The experiment for a joint's fit is planned here: setpoints, a weight, and what else would tell most."""
+"""Plan of the experiment for a joint's fit: setpoints, a weight, and the most informative supplement."""

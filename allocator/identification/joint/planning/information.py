@@ -46,7 +46,7 @@ _FRICTION = 0.1  # standard deviation of b beforehand [rad]
 
 
 class SagPoint(NamedTuple):
-    """A sag point is an angle at which the joint is held, and the pressures at which its cables will go slack."""
+    """Angle at which the joint is held, and the pressures at which its cables go slack."""
 
     theta: float  # [rad]
     P1: float  # [Pa]; NaN where the agonist pulls without pressure
@@ -59,7 +59,7 @@ class SagPoint(NamedTuple):
 
 
 class Supplement(NamedTuple):
-    """A supplement is a further measurement and what it will tell; standard deviations are relative [-]."""
+    """Further measurement and its expected benefit; standard deviations are relative [-]."""
 
     name: str
     how: str  # it is done
@@ -76,7 +76,7 @@ class Supplement(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known after the plan: the problem of its candidates and the covariance of its unknowns."""
+    """Knowledge after the plan: the problem of its candidates and the covariance of its unknowns."""
 
     problem: JointProblem
     x: Array
@@ -87,7 +87,7 @@ class Known(NamedTuple):
 
 
 def supplements(joint: AntagonistJoint, known: Known, heavier: Array) -> tuple[Supplement, ...]:
-    """Return the further measurements, the one that tells most first.
+    """Return the further measurements, the most informative first.
 
     `heavier` is ∂θ_eq/∂x (r, m) of equilibria under twice the weight; none if the joint cannot hold it.
     """

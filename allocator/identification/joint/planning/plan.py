@@ -57,7 +57,7 @@ _LOWEST = 1.5 * BAR  # of the default candidates
 
 
 class Setpoint(NamedTuple):
-    """A setpoint is one line of the plan, visited twice."""
+    """One line of the plan, visited twice."""
 
     torque: float  # of the weight [N·m], positive where it pulls θ down
     P1: float  # [Pa]
@@ -68,7 +68,7 @@ class Setpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class JointPlan:
-    """A plan lists setpoints in the order of the bench, and the accuracy to be expected."""
+    """Setpoints in the order of the bench, and the expected accuracy."""
 
     setpoints: tuple[Setpoint, ...]
     weight: float  # torque of the weight [N·m]
@@ -79,7 +79,7 @@ class JointPlan:
     further: tuple[Supplement, ...] = ()  # measurements beside them, the one that tells most first
 
     def __str__(self) -> str:
-        """Return the table to follow, and after an empty line what a further measurement would tell."""
+        """Return the table to follow, and after an empty line the benefit of further measurements."""
         n, usual = len(self.setpoints), _PER_UNKNOWN * self.unknowns
         few = f" are few: with fewer than {usual} a fit follows the errors of its force law."
         enough = ": with fewer it follows the errors of its force law, and some may end at a stop."

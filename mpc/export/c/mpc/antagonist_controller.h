@@ -107,6 +107,7 @@ typedef struct {
     ant_real began[2];                   /* pressures when the rest began, or as they were corrected [Pa] */
     ant_real side;                       /* edge of the dead band, 1 or -1 */
     ant_real torque, error, free;        /* the last correction [N*m], what it was for, how far it may turn [rad] */
+    ant_real usual; /* how far the angle was from its prediction in the last period or so, without a rest [rad] */
     int samples, quarter, in_sum;        /* of constant preview; of a quarter; in the one that runs */
     int counted, swings, since;          /* quarters seen; in which e swung; since the last correction */
     int known, resting, ringing;

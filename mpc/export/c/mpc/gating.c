@@ -42,6 +42,10 @@ ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real e
         ant_gate_reset(g);
         return ANT_BELIEVED;
     }
+    if (g->since == 0 && !repeated && ant_abs(read - g->refused) <= ANT_GATE_JUMP[sensor]) {
+        ant_gate_reset(g); /* it was at rest, not frozen */
+        return ANT_ACCEPTED;
+    }
     if (g->since == 0) {
         g->width = width;
         g->since = 1;

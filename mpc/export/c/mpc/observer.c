@@ -180,7 +180,7 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     ant_predict_belief(o, &expected, 0, ANT_Q_NOISE);
     const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1] - o->offset[0],
                               said[2] - o->offset[1]};
-    int there[3];
+    int there[3], rested[3];
     if (!ant_sound(&expected)) {
         for (int i = 0; i < 3; i++) o->verdicts[i] = ant_first_verdict(i, said[i]);
         believed(o, there);
@@ -190,6 +190,8 @@ static void go_on(ant_observer *o, const ant_real said[3]) {
     for (int i = 0; i < 3; i++)
         o->verdicts[i] = ant_check_reading(&o->gates[i], i, read[i], expected.xi[ANT_MEASURED[i]],
                                    ant_innovation_variance(o, &expected, i));
+    for (int i = 0; i < 3; i++) rested[i] = o->verdicts[i] == ANT_ACCEPTED;
+    if (rested[0] || rested[1] || rested[2]) ant_unsure(&expected, read, rested);
     without_frozen(o, &previous, &expected, said, read);
     rival_or(o, &expected, read);
     believed(o, there);

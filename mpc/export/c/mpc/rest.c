@@ -50,8 +50,16 @@ static int pushed(const ant_rest *r, const ant_real seen[4], ant_real expected) 
     if (!r->resting) return 0;
     const summary last = summed(r, QUARTERS);
     const ant_real away = ant_abs(seen[0] - r->reference[0] - last.mean);
-    const ant_real jolt = ANT_REST_JOLT * (r->ringing ? 2 : 1); /* friction that is not there is predicted, too */
+    const ant_real least = ANT_REST_JOLT * (r->ringing ? 2 : 1); /* friction that is not there is predicted, too */
+    const ant_real jolt = r->usual > least ? r->usual : least;
     return ant_abs(seen[0] - expected) > jolt || away > ANT_REST_PUSH + last.high - last.low + r->free;
+}
+
+/* Follows how far the angle usually is from its prediction: steps of the encoder, errors of the model. */
+static void watch(ant_rest *r, const ant_real seen[4], ant_real expected) {
+    const ant_real off = ant_abs(seen[0] - expected);
+    r->usual *= 1 - 1 / (ant_real)(QUARTERS * r->quarter);
+    if (off > r->usual) r->usual = off;
 }
 
 static void rest(ant_rest *r) {
@@ -162,6 +170,7 @@ int ant_rest_follow(ant_rest *r, const ant_task *task) {
         begin(r);
         return 0;
     }
+    if (!r->resting) watch(r, task->seen, task->expected);
     if (r->samples < ANT_LONG) r->samples++;
     if (quarter_ended(r, task->seen)) {
         if (r->resting)

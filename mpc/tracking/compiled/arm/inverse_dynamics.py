@@ -10,11 +10,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from allocator.allocation.box import pivoting
+from allocator.allocation.box.kernel.data import workspace
 from allocator.calculus import Array
 from allocator.joint.limits import BINDS
-from allocator.mechanism import batches
 from allocator.mechanism.endpoint.targets import EndpointTargets
-from allocator.mechanism.kernel.data import workspace
 from mpc.model.arm.model import Arm
 from mpc.tracking.compiled.arm.module import CompiledArm
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
@@ -126,8 +126,8 @@ class CompiledArmFeedForward:
         found, side, mu, rounds = self._found
         side[0] = 0
         held, work = self._memory
-        batches.loop("allocate_batch")(*problem, True, found, side, mu, rounds, work)
-        batches.loop("residual_batch")(*problem, found, mu, 0.0, BINDS, self._residual, held, work)
+        pivoting.loop("allocate_batch")(*problem, True, found, side, mu, rounds, work)
+        pivoting.loop("residual_batch")(*problem, found, mu, 0.0, BINDS, self._residual, held, work)
         if not (rounds.all() and self._residual.max() <= _SURE):
             return self._readable(q, asked_K, d)
         moved = Moved(*self._compiled.follow(self._alpha, self._unit, q, *straight, found, K, x, y, u))

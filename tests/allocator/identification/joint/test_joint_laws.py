@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from allocator import MODELS, AntagonistJoint, Table, allocate, report_joint
-from allocator.identification.joint.comparison import compare_joint_models
-from allocator.identification.joint.fit import fit_joint
+from allocator.identification.joint.fit import compare_joint_models, fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator.identification.motion.drift import Drift
+from allocator.identification.motion.doubt import Drift
 from allocator.identification.motion.samples import MotionLog, joined
 
 HOUR = 3600.0

@@ -5,7 +5,7 @@ import numpy as np
 from allocator import BAR, DEG, AntagonistJoint, Pulley
 from allocator.identification.motion.static import fit_muscles
 from allocator.muscles import Muscle
-from allocator.muscles.models.sarosi import Sarosi2012
+from allocator.muscles.models.affine import Sarosi2012
 
 ONE = Sarosi2012(c1=-0.010896, c2=-0.019754, c3=0.0043103, c4=-127.05, c5=-72.568, c6=-27.038)
 

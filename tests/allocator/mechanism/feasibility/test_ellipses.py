@@ -6,17 +6,8 @@ import pytest
 from scipy.optimize import linprog
 
 from allocator import InvalidInput, Stiffness
-from allocator.mechanism import (
-    Endpoint,
-    Link,
-    Mechanism,
-    Sites,
-    endpoint_ellipses,
-    feasible_targets,
-    from_function,
-    machines,
-    plot_arm,
-)
+from allocator.feasibility import endpoint_ellipses, feasible_targets, plot_arm
+from allocator.mechanism import Endpoint, Link, Mechanism, Sites, from_function, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 

@@ -9,14 +9,10 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from allocator import InvalidInput, Limits, Stiffness, allocate, report_joint, stiffness_interval, torque_interval
-from allocator.mechanism import (
-    Endpoint,
-    Mechanism,
-    allocate_at_least,
-    feasible_targets,
-    machines,
-)
-from allocator.mechanism.feasibility.polygon import Programme, outline
+from allocator.allocation import allocate_at_least
+from allocator.feasibility import feasible_targets
+from allocator.feasibility.polygon import Programme, outline
+from allocator.mechanism import Endpoint, Mechanism, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 

@@ -1,0 +1,187 @@
+"""The answer of `allocate_at_least` is the least pressures that are stiff enough, or the proof that none are."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.allocation.at_least import semidefinite
+from allocator.allocation.at_least.semidefinite import Floors, Multipliers
+from allocator.allocation.box.result import BoxAllocation, vector
+from allocator.allocation.status import Status
+from allocator.calculus import Array
+from allocator.mechanism.mechanism import Mechanism
+from allocator.presentation.tables import number
+from allocator.units import BAR
+
+_LEAST = 1e-6  # of the square of the greatest pressure: a gap below it proves that no lower pressures will do
+_ENOUGH = 1e-8  # of what is asked for: stiffness that lacks less is enough
+_BROKEN = (Status.CONFLICT, Status.SLACK, Status.OUTSIDE_JOINT_RANGE, Status.OUTSIDE_LIMITS)
+
+
+class Infeasibility(NamedTuple):
+    """An `Infeasibility` proves that no pressures of the box give the torques T and K_q ⪰ B_i (`AtLeast.least`).
+
+    With λ and Z_i ⪰ 0 all pressures have λ·τ + Σ ⟨Z_i, K_q⟩ ≤ reach, but what is asked for has ≥ asked > reach:
+
+        y0, M = mechanism.targets_map(q)
+        d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j) = reach  <  asked = λ·T + Σ ⟨Z_i, B_i⟩
+
+    where d = `direction` is λ and then the upper triangle of Σ Z_i, what is beside its diagonal twice.
+    """
+
+    torque: Array  # λ (n,)
+    matrices: tuple[Array, ...]  # Z_i (n, n), of the stiffness and, if it was asked for, of the margin
+    direction: Array  # d (n + n(n+1)/2,), in the order of a `TargetsMap`, its greatest component 1
+    reach: float
+    asked: float
+
+
+@dataclass(frozen=True, eq=False)
+class AtLeast:
+    """An `AtLeast` is the answer for one posture and one least stiffness."""
+
+    allocation: BoxAllocation  # the pressures, what they give and which limits bind
+    floors: Floors = field(repr=False)
+    multipliers: Multipliers | None = field(repr=False)  # of the semidefinite programme
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Return the mechanism."""
+        return self.allocation.mechanism
+
+    @property
+    def q(self) -> Array:
+        """Return the posture that is answered (n,) [rad]: that asked for, within the joints' range."""
+        return self.allocation.q
+
+    @property
+    def P(self) -> Array:
+        """Return the pressures (m,) [Pa]."""
+        return self.allocation.P
+
+    @property
+    def T(self) -> Array:
+        """Return the torques that they give (n,) [N·m]."""
+        return self.allocation.T
+
+    @property
+    def K(self) -> Array:
+        """Return the stiffness that they give (n, n) [N·m/rad]."""
+        return self.allocation.K
+
+    @property
+    def K_x(self) -> Array:
+        """Return the stiffness of the endpoint (dim, dim) [N/m]. Raises `InvalidInput` where none was given."""
+        return self.allocation.K_x
+
+    @property
+    def least(self) -> tuple[Array, ...]:
+        """Return the B_i (n, n) [N·m/rad] of K_q ⪰ B_i: of the stiffness, and of the margin if one was asked for."""
+        return self.floors.least
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """Return the least and the greatest pressures (m,) [Pa] that the limits leave."""
+        return self.allocation.box
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Return the names of the limits that bind."""
+        return self.allocation.active  # type: ignore[no-any-return]  # of one target
+
+    @cached_property
+    def excess(self) -> tuple[float, ...]:
+        """Return how far K_q is above each floor in the worst direction, in shares of what is asked for; ≥ 0 is met.
+
+        Of a stiffness beyond reach the least of these is the greatest that there is.
+        """
+        return self.floors.excess(self.K)
+
+    @property
+    def torque_met(self) -> bool:
+        """Return whether the torques are given."""
+        return bool(self.allocation.torque_met)
+
+    @property
+    def enough(self) -> bool:
+        """Return whether the stiffness is at least what was asked for, and the margin kept."""
+        return min(self.excess) >= -_ENOUGH
+
+    @property
+    def success(self) -> bool:
+        """Return whether torques and stiffness are met, with pressures that are proved to be the least."""
+        return self.status == Status.EXACT
+
+    @cached_property
+    def status(self) -> Status:
+        """Return the outcome: EXACT is met, by the least pressures; TORQUE_ and STIFFNESS_LIMITED are proved."""
+        status = Status(self.allocation.status)
+        if status in _BROKEN:
+            return status
+        if self.torque_met and self.enough:
+            if not self.gap <= _LEAST:
+                return Status.SOLVER_FAILED
+            return Status.EXACT if self.allocation.holds else Status.UNSTABLE
+        if self.certificate is None:
+            return Status.SOLVER_FAILED
+        return Status.STIFFNESS_LIMITED if self.torque_met else Status.TORQUE_LIMITED
+
+    @cached_property
+    def gap(self) -> float:
+        """Return how far Σ (P - P_ref)² is above a proved bound, in shares of the square of the greatest pressure."""
+        if self.multipliers is None:
+            return np.inf
+        programme = self.floors.programme
+        cost = np.sum((self.P / self.floors.problem.unit - programme.centre) ** 2)
+        return float(max(cost - 2 * semidefinite.bound(programme, self.multipliers), 0.0))
+
+    @cached_property
+    def certificate(self) -> Infeasibility | None:
+        """Return the proof that no pressures will do, or None where there is none."""
+        n = self.mechanism.n
+        if self.multipliers is not None:
+            torque = self.multipliers.torque / self.floors.torque_size
+            frames = zip(self.multipliers.matrices, self.floors.frames, strict=True)
+            return self._proof(torque, [W.T @ Z @ W for Z, W in frames])
+        direction = self.allocation.separation.direction  # of torques beyond reach it has them alone
+        return None if np.isnan(direction).any() else self._proof(direction[:n], [np.zeros((n, n))] * len(self.least))
+
+    def _proof(self, torque: Array, matrices: list[Array]) -> Infeasibility | None:
+        """Return what these multipliers prove, or None if it is nothing."""
+        n, (y0, M), (lo, hi) = self.mechanism.n, self.floors.given, self.box
+        d = self.mechanism.stacked(torque, sum(matrices) * (2 - np.eye(n)))
+        size = np.abs(d).max() or 1.0
+        d, torque, scaled = d / size, torque / size, tuple(Z / size for Z in matrices)
+        reach = float(d @ y0 + np.maximum(d @ M * lo, d @ M * hi).sum())
+        floors = sum(float(np.sum(Z * B)) for Z, B in zip(scaled, self.least, strict=True))
+        asked = float(torque @ self.floors.torque + floors)
+        return Infeasibility(torque, scaled, d, reach, asked) if reach < asked else None
+
+    @property
+    def message(self) -> str:
+        """Return a sentence that says what was reached and what is in the way."""
+        in_the_way = f"; in the way: {', '.join(self.active)}" if self.active else ""
+        if self.status == Status.EXACT:
+            return "torques are met and the stiffness is enough, with the least pressures"
+        if self.status == Status.STIFFNESS_LIMITED:
+            what = "stiffness" if int(np.argmin(self.excess)) == 0 else "margin of stability"
+            return (
+                f"the {what} cannot be had with these torques; in the worst direction it is short by "
+                f"{number(-100 * min(self.excess), 3)} % of what is asked for{in_the_way}"
+            )
+        return self.status.advice + ("" if self.status == Status.UNSTABLE else in_the_way)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the answer by name, units in the names."""
+        return self.allocation.to_dict() | {"status": self.status.name, "excess": self.excess, "gap": self.gap}
+
+    def __repr__(self) -> str:
+        """Show pressures, torques, stiffness and what is in the way."""
+        lines = [
+            f"AtLeast {self.status.name}: P = {vector(self.P / BAR)} bar",
+            f"  torques {vector(self.T)} N·m, stiffness {vector(self.K)} N·m/rad",
+        ]
+        lines += [] if self.allocation.endpoint is None else [f"  stiffness {vector(self.K_x)} N/m at the endpoint"]
+        return "\n".join(lines if self.success else [*lines, f"  {self.message}"])

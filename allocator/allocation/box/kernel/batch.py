@@ -1,0 +1,146 @@
+"""Many targets are solved, and their answers proved, one after the other.
+
+Row matrices `A` (maps, p, m) hold all levels, which end at `ends` (K); target i takes the map `which[i]`, with `b`
+(N, p) and the bounds `lo`, `hi` and the `centre` (N, m). Multipliers `mu` (N, K + 1, p) are of the earlier levels'
+rows.
+"""
+
+# mypy: allow-untyped-defs, allow-untyped-calls
+# numba types the functions by their calls
+from collections.abc import Callable
+
+from allocator.allocation.box.kernel import levels as one
+from allocator.allocation.box.kernel.box_qp import box_qp
+from allocator.allocation.box.kernel.data import Box, Levels
+from allocator.allocation.box.kernel.levels import CANCELS, MOST_ROUNDS, prepare, scale, solve
+
+
+def residual(levels, box, x, mu, pull, near, held, work):
+    """Return the greatest gradient that is left at any level, in fractions of its scale.
+
+    `pull` is the weight that ‖x - c‖² has beside the rows of the last level; with 0 it is a level of its own. `held`
+    (m + p) is memory. `levels.prepare` and `levels.scale` come before.
+    """
+    ends, scales, factors = levels.ends, work.scales, work.rhs
+    K, begin, worst = len(ends), 0, 0.0
+    for j in range(len(x)):
+        held[j] = box.lo[j] >= box.hi[j]
+    for i in range(len(levels.b)):
+        held[len(x) + i] = not levels.onesided[i]
+    for k in range(K + 1 if pull == 0.0 else K):
+        end, largest = ends[k] if k < K else begin, 0.0
+        for i in range(end):
+            factors[i] = mu[k, i]
+            largest = max(largest, abs(mu[k, i]))
+            if i >= begin:  # the level's own rows, from the answer itself
+                excess = -slack(i, levels, x)
+                factors[i] = max(excess, 0.0) if levels.onesided[i] else excess
+                worst = max(worst, abs(factors[i] - mu[k, i]) / scales[0, k])
+        to_centre = 1.0 if k == K else (pull if k == K - 1 else 0.0)
+        worst = max(worst, of_variables(k, end, levels, box, x, mu, to_centre, largest, near, held, work))
+        worst = max(worst, of_rows(k, end, levels, x, mu, largest, near, held, work))
+        begin = end
+    return worst
+
+
+def slack(i, levels, x):
+    """Return b - A x of row `i`."""
+    left = levels.b[i]
+    for j in range(len(x)):
+        left -= levels.A[i, j] * x[j]
+    return left
+
+
+def of_variables(k, end, levels, box, x, mu, to_centre, greatest, near, held, work):
+    """Return what is left of level k's gradient; `held` are the variables that an earlier level holds at a bound."""
+    A, factors, worst = levels.A, work.rhs, 0.0
+    for j in range(len(x)):
+        gradient = to_centre * (x[j] - box.centre[j])
+        felt, size = gradient, abs(gradient)
+        for i in range(end):
+            gradient += A[i, j] * factors[i]
+            felt += A[i, j] * mu[k, i]
+            size += abs(A[i, j]) * greatest
+        low, high = x[j] <= box.lo[j] + near, x[j] >= box.hi[j] - near
+        wrong = abs(gradient)
+        if low or high:
+            wrong = max(-gradient if low else gradient, 0.0)
+        if not held[j]:
+            worst = max(worst, wrong / (work.scales[1, k] + size))
+            held[j] = (low or high) and abs(felt) > CANCELS * size
+    return worst
+
+
+def of_rows(k, end, levels, x, mu, greatest, near, held, work):
+    """Return what is left of the multipliers of one-sided rows, which push from their bound only, and only at it."""
+    worst, level, m = 0.0, 0, len(x)
+    for i in range(end):
+        if i >= levels.ends[level]:
+            level += 1
+        if not held[m + i]:
+            at = slack(i, levels, x) <= near * work.scales[0, level]
+            wrong = max(-work.rhs[i], 0.0) if at else abs(work.rhs[i])
+            worst = max(worst, wrong / (work.scales[0, k] + greatest))
+            held[m + i] = at and abs(mu[k, i]) > CANCELS * greatest
+    return worst
+
+
+PROOF: tuple[Callable[..., object], ...] = (residual, slack, of_variables, of_rows)
+
+
+def allocate_batch(A, b, onesided, ends, lo, hi, centre, which, warm, x, side, mu, rounds, work):
+    """Solve [L] for N targets.
+
+    Filled are `x` (N, m), `side` (N, m + p; as in `levels.solve`), `mu` and `rounds` (N), 0 where no guess was right.
+    With `warm` the guess begins with the previous target's sides.
+    """
+    for i in range(len(which)):
+        levels = Levels(A[which[i]], b[i], onesided, ends)
+        if i == 0 or which[i] != which[i - 1]:
+            prepare(levels, work)
+        if warm and i > 0:
+            for j in range(side.shape[1]):
+                side[i, j] = side[i - 1, j]
+        rounds[i] = solve(levels, Box(lo[i], hi[i], centre[i]), x[i], side[i], mu[i], warm and i > 0, work)
+
+
+def weigh_batch(A, b, onesided, ends, lo, hi, centre, which, pull, warm, x, side, mu, rounds, work):
+    """Solve N strictly convex QPs, ‖A x - b‖² + pull ‖x - c‖² in the box; arguments are as in `allocate_batch`."""
+    m, p = A.shape[2], A.shape[1]
+    for i in range(len(which)):
+        rows = A[which[i]]
+        if i == 0 or which[i] != which[i - 1]:
+            for j in range(m):
+                for c in range(j + 1):
+                    entry = pull if j == c else 0.0
+                    for r in range(p):
+                        entry += rows[r, j] * rows[r, c]
+                    work.H[j, c] = work.H[c, j] = entry
+        for j in range(m):
+            work.g[j] = pull * centre[i, j]
+            for r in range(p):
+                work.g[j] += rows[r, j] * b[i, r]
+            side[i, j] = -1 if lo[i, j] >= hi[i, j] else (side[i - 1, j] if warm and i > 0 else 0)
+        rounds[i] = box_qp(Box(lo[i], hi[i], centre[i]), x[i], side[i], MOST_ROUNDS, work)
+        levels = Levels(rows, b[i], onesided, ends)
+        for j in range(m):
+            x[i, j] = min(max(x[i, j], lo[i, j]), hi[i, j])
+        for r in range(p):
+            mu[i, 0, r], mu[i, 1, r] = -slack(r, levels, x[i]), 0.0
+
+
+def residual_batch(A, b, onesided, ends, lo, hi, centre, which, x, mu, pull, near, out, held, work):
+    """Fill `out` (N) with the residuals of optimality that `allocator.allocation.box.certificate` explains.
+
+    Arguments are those of `allocate_batch`; `pull` is that of `weigh_batch`, 0 where ‖x - c‖² is a level of its own; a
+    variable within `near` of a bound is on it.
+    """
+    for i in range(len(which)):
+        levels = Levels(A[which[i]], b[i], onesided, ends)
+        if i == 0 or which[i] != which[i - 1]:
+            prepare(levels, work)
+        scale(levels, work)
+        out[i] = residual(levels, Box(lo[i], hi[i], centre[i]), x[i], mu[i], pull, near, held, work)
+
+
+FUNCTIONS: tuple[Callable[..., object], ...] = (*one.FUNCTIONS, *PROOF)

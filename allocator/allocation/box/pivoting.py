@@ -1,0 +1,134 @@
+"""Block principal pivoting for many targets: compiled if that pays or was asked for, else as plain Python.
+
+An endpoint with more joints than coordinates is solved by linearising again and again (`settled`). K_x = Gᵀ K G is
+concave in K, with the derivative GᵀdKG, where G is how the joints follow the hand (`lifted` in
+`allocator.mechanism.endpoint.endpoint`). The problem with G held is problem [M]. An answer that has the G it was solved
+with satisfies the first-order conditions of the problem with the true K_x.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation.box import kernel
+from allocator.allocation.box.kernel.data import workspace
+from allocator.allocation.box.problem import BoxProblem
+from allocator.calculus import Array
+from allocator.compilation import jit
+from allocator.joint.limits import BINDS
+
+_MOST_STEPS = 100
+_FULL_STEPS = 40  # before the first is damped
+_SETTLED = 1e-11  # of E, which is near 1
+_NEAR = 0.8  # share of the last answer in the centre
+_HARDLY = 0.7  # of the step before: one that is longer does not settle
+_DAMPED, _LEAST_SHARE = 0.8, 0.02
+_PAYS = 5_000  # targets for which a call may wait for the compiler
+
+
+class Solved(NamedTuple):
+    """`Solved` is what a method finds for N problems."""
+
+    x: Array  # P/unit (N, m)
+    mu: Array  # multipliers of the rows of the levels before each level (N, K + 1, p); K levels and the reference
+    rounds: NDArray[np.int64]  # guesses (N,), 0 where they did not end
+
+
+def solve(problem: BoxProblem, trajectory: bool = False) -> Solved:
+    """Solve by block principal pivoting; `trajectory` begins each with the limits that bind in the one before."""
+    (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
+    N, m, p = *lo.shape, int(ends[-1])
+    found = Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, p)), np.zeros(N, np.int64))
+    targets = problem.A, problem.b, np.zeros(p, np.bool_), ends, lo, hi, centre, problem.which
+    out = found.x, np.zeros((N, m + p), np.int8), found.mu, found.rounds, workspace(p, m, len(ends))
+    if problem.pull:
+        _loop("weigh_batch", N)(*targets, problem.pull, trajectory, *out)
+    else:
+        _loop("allocate_batch", N)(*targets, trajectory, *out)
+    return found
+
+
+def residuals(problem: BoxProblem, solved: Solved) -> Array:
+    """Return the residual of optimality (N,) (see `allocator.allocation.box.certificate`), inf without an answer."""
+    (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
+    p, m = int(ends[-1]), lo.shape[1]
+    out, memory = np.empty(len(lo)), (np.empty(p + m, np.bool_), workspace(p, m, len(ends)))
+    targets = problem.A, problem.b, np.zeros(p, np.bool_), ends, lo, hi, centre, problem.which
+    _loop("residual_batch", len(lo))(*targets, solved.x, solved.mu, problem.pull, BINDS, out, *memory)
+    return np.where(solved.rounds > 0, out, np.inf)
+
+
+def _loop(name: str, targets: int) -> jit.Function:
+    """Return the compiled loop where it is there or pays, else plain Python."""
+    plain: jit.Function = getattr(kernel, name)
+    return _compiled(name) or plain if targets >= _PAYS or _ready else plain
+
+
+def loop(name: str) -> jit.Function:
+    """Return the loop "allocate_batch" or "residual_batch" of the kernel for who fills its arrays: compiled, if it can.
+
+    numba reads past the end of arrays that are too short.
+    """
+    plain: jit.Function = getattr(kernel, name)
+    return _compiled(name) or plain
+
+
+@cache
+def _compiled(name: str) -> jit.Function | None:
+    function = jit.compiled(getattr(kernel, name), kernel.FUNCTIONS, inline=True, unaliased=True)
+    if function is not None:
+        _ready.append(name)
+    return function
+
+
+_ready: list[str] = []  # loops, once they are compiled
+
+
+def warm_up() -> bool:
+    """Compile now what `allocate` needs for mechanisms, so that later calls are fast; False where it cannot be.
+
+    It takes some twenty seconds after an installation and one or two in a new process. Without it a call with fewer
+    than 5 000 targets does not wait for the compiler, and takes about a millisecond a target.
+    """
+    if _compiled("allocate_batch") is None:
+        return False
+    one, zero = np.ones((1, 1)), np.zeros((1, 1))
+    targets = one[None], one, np.zeros(1, np.bool_), np.ones(1, np.int64), zero, one, zero, np.zeros(1, np.int64)
+    found = Solved(np.empty((1, 1)), np.empty((1, 2, 1)), np.zeros(1, np.int64))
+    memory, out = workspace(1, 1, 1), (np.empty(1), np.empty(2, np.bool_))
+    sides = found.x, np.zeros((1, 2), np.int8), found.mu, found.rounds, memory
+    _loop("weigh_batch", 1)(*targets, 1.0, False, *sides)
+    _loop("allocate_batch", 1)(*targets, False, *sides)
+    _loop("residual_batch", 1)(*targets, found.x, found.mu, 0.0, BINDS, *out, memory)
+    return bool(found.rounds[0])
+
+
+def settled(problem: BoxProblem, method: Callable[[BoxProblem], Solved]) -> tuple[BoxProblem, Solved]:
+    """Solve by `method`, an endpoint with more joints than coordinates again until its view of the joints settles.
+
+    Returns the last problem and its answer; where the view does not settle there are 0 rounds, as where `method` fails.
+    """
+    targets = problem.endpoint
+    if targets is None or not targets.redundant:
+        return problem, method(problem)
+    P, least = np.mean(problem.bounds, axis=0), problem.reference
+    K, share, before = problem.joint_stiffness(P), np.ones(problem.size), np.full(problem.size, np.inf)
+    for step in range(_MOST_STEPS):
+        # a centre between P_ref and the last P, in fixed shares, leads to the same answer by smaller steps
+        centre = _NEAR * P + (1 - _NEAR) * least
+        targets, _ = targets.relifted(K)
+        problem = replace(problem, endpoint=targets, reference=centre)
+        solved = method(problem)
+        P = problem.pressures(solved.x)
+        found = problem.joint_stiffness(P)
+        moved = targets.relifted(found)[1]
+        if (moved <= _SETTLED).all():
+            break
+        if step >= _FULL_STEPS:  # what goes to and fro between two sets of binding limits is damped
+            share = np.where(moved > _HARDLY * before, np.maximum(_DAMPED * share, _LEAST_SHARE), share)
+        K, before = K + share[:, None, None] * (found - K), moved
+    return problem, solved._replace(rounds=np.where(moved <= _SETTLED, solved.rounds, 0))

@@ -1,0 +1,188 @@
+"""The problem of m muscles in a box, which `allocate` solves for a mechanism.
+
+At a posture y(P) = y0 + M P holds torques and stiffnesses of affine muscles (`Mechanism.targets_map`). Over the box
+lo_j ≤ P_j ≤ hi_j, which supply, taut cables, force and slew limits leave each muscle,
+
+    priority "torque":     minimise Σ w_i (τ_i - τ_i*)²,  then Σ w_ij (K_ij - K_ij*)²,  then ‖P - P_ref‖²         [M]
+    priority "stiffness":  the first two in the other order
+    priority "weighted":   minimise both sums together,  then ‖P - P_ref‖²
+
+    with a third weight: minimise w_P ‖P - P_ref‖² together with them
+
+where what comes first is an equality for what follows. The sum over K runs over all n² entries, so that with equal
+weights it is the Frobenius norm; entries of weight 0 are free. P_ref is 0 or the previous pressures. Of an endpoint
+E - 1 stands for K - K* (`allocator.mechanism.endpoint.targets`).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation.status import CLOSED_FORM, Priority
+from allocator.calculus import Array, Mask
+from allocator.joint.gas import HELD, StiffnessKind
+from allocator.joint.limits import Limits, PressureInterval
+from allocator.joint.one_muscle import OneMuscle
+from allocator.mechanism.endpoint.targets import EndpointTargets
+from allocator.mechanism.mechanism import Indices, Mechanism, TargetsMap
+
+_STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold is on it
+
+
+@dataclass(frozen=True, eq=False)
+class BoxProblem:
+    """A `BoxProblem` is N problems [M] of one mechanism, at N postures or all at one: Q is N or 1."""
+
+    mechanism: Mechanism
+    asked: Array  # posture asked for (Q, n) [rad]
+    y: Array  # targets (N, d), in the order of a `TargetsMap`
+    weights: Array  # of the squared errors (d,), that of an entry beside the diagonal counted twice
+    priority: Priority
+    limits: tuple[Limits, ...]  # of each muscle (m)
+    reference: Array  # P_ref (N or 1, m) [Pa]
+    kind: StiffnessKind = HELD  # which stiffness K is
+    endpoint: EndpointTargets | None = None  # where y holds E of it instead of K
+    pull: float = 0.0  # weight of ‖(P - P_ref)/unit‖² beside the targets; 0 where it comes after them
+
+    @property
+    def size(self) -> int:
+        """Return N."""
+        return len(self.y)
+
+    @cached_property
+    def q(self) -> Array:
+        """Return the postures that are answered (Q, n): those asked for, moved within the angle limits."""
+        return self.mechanism.within(self.asked)
+
+    @property
+    def outside(self) -> Mask:
+        """Return which joints are asked to go beyond their limits (Q, n)."""
+        return np.asarray(self.q != self.asked)
+
+    @cached_property
+    def muscles(self) -> tuple[OneMuscle, ...]:
+        """Return the muscles at the postures."""
+        return self.mechanism.at(self.q, self.kind.fixed)
+
+    @cached_property
+    def stretched(self) -> Mask:
+        """Return which muscles are below the contraction from which on their models hold (Q, m)."""
+        eps = np.stack([muscle.contraction for muscle in self.muscles], axis=-1)
+        return np.asarray(eps < self.mechanism.min_contraction - _STRETCHED)
+
+    @cached_property
+    def map(self) -> TargetsMap:
+        """Return y0 (Q, d) and M (Q, d, m); (N, …) of endpoint stiffnesses that differ."""
+        given = self.mechanism.map_of(self.muscles)
+        return given if self.endpoint is None else self.endpoint.of(given)
+
+    @cached_property
+    def box(self) -> tuple[PressureInterval, ...]:
+        """Return the interval of each muscle's pressure, arrays (Q) or (N)."""
+        return self.mechanism.intervals(self.muscles, self.limits)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Return (lo, hi) (N, m) [Pa]."""
+        shape = self.size, self.mechanism.m
+        lo, hi = (np.stack([getattr(side, end) for side in self.box], axis=-1) for end in ("lo", "hi"))
+        return np.broadcast_to(lo, shape), np.broadcast_to(hi, shape)
+
+    @cached_property
+    def which(self) -> NDArray[np.int64]:
+        """Return the index of the map (N,) of each problem."""
+        maps = len(self.asked if self.endpoint is None else self.map.y0)
+        return np.arange(self.size) if maps > 1 else np.zeros(self.size, np.int64)
+
+    # --- as least squares -------------------------------------------------------------------------------------------
+
+    @property
+    def unit(self) -> float:
+        """Return the pressure [Pa] that x = P/unit is measured in."""
+        return self.mechanism.pressure_limits[1]
+
+    @cached_property
+    def rows(self) -> tuple[Indices, Indices]:
+        """Return (the components of y that have a weight, level after level; where each level ends)."""
+        n = self.mechanism.n
+        torque, stiffness = (np.flatnonzero(self.weights[part]) for part in (slice(n), slice(n, None)))
+        stiffness += n
+        if self.priority == "weighted":
+            return np.concatenate([torque, stiffness]), np.array([torque.size + stiffness.size])
+        first, second = (torque, stiffness) if self.priority == "torque" else (stiffness, torque)
+        return np.concatenate([first, second]), np.array([first.size, first.size + second.size])
+
+    @cached_property
+    def A(self) -> Array:
+        """Return the weighted rows (Q, p, m), per unit of x."""
+        rows, _ = self.rows
+        return np.ascontiguousarray((np.sqrt(self.weights[rows])[:, None] * self.unit) * self.map.M[:, rows])
+
+    @cached_property
+    def b(self) -> Array:
+        """Return the weighted right-hand sides (N, p)."""
+        rows, _ = self.rows
+        return np.ascontiguousarray(np.sqrt(self.weights[rows]) * (self.y[:, rows] - self.map.y0[:, rows]))
+
+    @cached_property
+    def x_bounds(self) -> tuple[Array, Array, Array]:
+        """Return (lo, hi, centre) (N, m) of x."""
+        shape = self.size, self.mechanism.m
+        centre = np.broadcast_to(self.reference, shape)
+        lo, hi, c = (np.ascontiguousarray(P / self.unit) for P in (*self.bounds, centre))
+        return lo, hi, c
+
+    def by_posture(self, matrices: Array, rows: Array) -> Array:
+        """Return rows_i · matrices of i's posture: (Q, p, m) and (N, p) to (N, m)."""
+        if len(matrices) == 1:
+            return np.asarray(rows @ matrices[0])
+        return np.asarray((rows[:, None, :] @ matrices)[:, 0])
+
+    def given(self, P: Array) -> Array:
+        """Return y (N, d) at pressures (N, m) [Pa]."""
+        if not self.mechanism.affine:
+            return np.asarray(sum(self._added(P)))
+        return self.map.y0 + self.by_posture(self.map.M.swapaxes(1, 2), P)
+
+    def pressures(self, x: Array) -> Array:
+        """Return pressures (N, m) [Pa], within the bounds."""
+        return np.clip(x * self.unit, *self.bounds)
+
+    def joint_stiffness(self, P: Array) -> Array:
+        """Return K (N, n, n) [N·m/rad] at pressures (N, m) [Pa]."""
+        if self.endpoint is None:
+            return self.mechanism.whole(self.given(P)[:, self.mechanism.n :])
+        return np.asarray(sum(muscle.stiffness(P[:, j]) for j, muscle in enumerate(self.muscles)))
+
+    @cached_property
+    def y_scale(self) -> Array:
+        """Return what counts as large (N, d): what the muscles add at their upper bounds, in absolute value."""
+        if not self.mechanism.affine:
+            return np.asarray(sum(map(np.abs, self._added(self.bounds[1])))) + np.abs(self.y)
+        most = self.by_posture(np.abs(self.map.M).swapaxes(1, 2), np.abs(self.bounds[1]))
+        return np.asarray(most + np.abs(self.map.y0) + np.abs(self.y))
+
+    def costs(self, x: Array) -> Array:
+        """Return the weighted squared errors of each level (N, K) at P/unit (N, m), for affine muscles."""
+        left = (self.A @ x[:, :, None])[:, :, 0] - self.b
+        return np.add.reduceat(left**2, [0, *self.rows[1][:-1].tolist()], axis=1)
+
+    def _added(self, P: Array) -> list[Array]:
+        """Return what each muscle adds to y (N, d) at pressures (N, m) [Pa]."""
+        sides = enumerate(self.muscles)
+        return [self.mechanism.stacked(side.torque(P[:, j]), side.stiffness(P[:, j])) for j, side in sides]
+
+
+def positive_definite(K: Array) -> Mask:
+    """Return whether the symmetric matrices (N, n, n) are positive definite, by the pivots of their elimination."""
+    left = np.array(K)
+    floor = CLOSED_FORM.met * np.abs(K).max(axis=(1, 2))
+    good = np.ones(len(K), bool)
+    for i in range(K.shape[-1]):
+        pivot = left[:, i, i]
+        good &= pivot > floor
+        column = left[:, i + 1 :, i] / np.where(good, pivot, 1.0)[:, None]
+        left[:, i + 1 :, i + 1 :] -= column[:, :, None] * left[:, i, None, i + 1 :]
+    return good

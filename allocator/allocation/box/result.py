@@ -1,0 +1,316 @@
+"""The answer about a mechanism has the pressures of all muscles in a box, level after level of goals, and the proof."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation.box import certificate
+from allocator.allocation.box.certificate import Separation
+from allocator.allocation.box.problem import BoxProblem
+from allocator.allocation.box.sensitivity import jacobian
+from allocator.allocation.relaxation import Nearby
+from allocator.allocation.result import Allocation, as_status, shaped
+from allocator.allocation.status import CLOSED_FORM, Status, status_names
+from allocator.calculus import Array, Mask, Value
+from allocator.errors import InvalidInput
+from allocator.joint.gas import StiffnessKind
+from allocator.joint.limits import Limit
+from allocator.joint.one_muscle import OneMuscle
+from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.endpoint.targets import EndpointTargets
+from allocator.mechanism.mechanism import Mechanism
+from allocator.presentation.tables import number
+from allocator.units import BAR, DEG
+
+_NAMES = {  # `OneMuscle.interval` gives every muscle the flags of an agonist
+    Limit.P1_LOWER: "lower",
+    Limit.P1_UPPER: "upper",
+    Limit.AGONIST_SLACK: "slack",
+    Limit.P1_RATE: "rate",
+    Limit.AGONIST_VALIDITY: "model validity",
+    Limit.AGONIST_FORCE: "force ceiling",
+}
+
+
+def limit_names(muscle: str, flags: int) -> tuple[str, ...]:
+    """Return the names of the limits of a muscle that are among the `flags`: "muscle 1 upper", …"""
+    return tuple(f"{muscle} {_NAMES[limit]}" for limit in Limit(flags))
+
+
+@dataclass(frozen=True, eq=False)
+class BoxAllocation(Allocation):
+    """A `BoxAllocation` is the `Allocation` of m muscles, for targets of any leading shape (…); one target has none."""
+
+    P: Array  # pressures (…, m) [Pa]
+    T: Array  # torques that they give (…, n) [N·m]
+    K: Array  # stiffness that they give (…, n, n) [N·m/rad]
+    status: Any  # Status, or an array (…) of its integers
+    torque_met: bool | Mask  # (…) whether the torques asked for are given
+    stiffness_met: bool | Mask  # (…) whether the stiffness is; entries that were not asked for do not count
+    holds: bool | Mask  # (…) whether K is positive definite: the posture holds itself
+    kkt_residual: Value  # (…) of optimality, in fractions of its scale; 0 is optimal. Not affine: optimal nearby
+    rounds: int | NDArray[np.int64]  # (…) guesses of the pivoting; of muscles that are not affine nodes of the search
+    gap: Value  # (…) how far a level's cost may be above the least, of 1 + cost; 0 is proved to be the least
+    lower_bounds: Array  # (…, levels) [cost]: no pressures have less, with what the levels before achieve
+    method: str
+    _problem: BoxProblem = field(repr=False)
+    _mu: Array = field(repr=False)
+    _shape: tuple[int, ...] = field(repr=False)
+
+    @classmethod
+    def of(cls, problem: BoxProblem, found: Nearby, shape: tuple[int, ...], method: str, gap: float = 0.0) -> Self:
+        """Return what is to be said about the pressures that `method` found for targets of this `shape`."""
+        P, n = problem.pressures(found.solved.x), problem.mechanism.n
+        y, K, left = problem.given(P), problem.joint_stiffness(P), found.left
+        verdict = certificate.decide(
+            problem, y, K, found.residual if problem.mechanism.affine else np.where(left <= gap, 0.0, np.inf)
+        )
+
+        def form(array: NDArray[Any]) -> Any:
+            return shaped(array, shape)
+
+        return cls(
+            P=form(P),
+            T=form(y[:, :n].copy()),
+            K=form(K),
+            status=as_status(verdict.status, shape),
+            torque_met=form(verdict.torque_met),
+            stiffness_met=form(verdict.stiffness_met),
+            holds=form(verdict.holds),
+            kkt_residual=form(found.residual),
+            rounds=form(found.solved.rounds),
+            gap=form(left),
+            lower_bounds=form(found.bounds),
+            method=method,
+            _problem=problem,
+            _mu=found.solved.mu,
+            _shape=shape,
+        )
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            """Compute a field that a compiled answer has left for later, see `allocator.allocation.box.single`."""
+            later = self.__dict__.get("_later")
+            if later is None or name not in self.__dataclass_fields__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            made = self.__dict__[name] = later.field(name, self)
+            return made
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Return the mechanism."""
+        return self._problem.mechanism
+
+    @property
+    def kind(self) -> StiffnessKind:
+        """Return which stiffness `K` is: isobaric, shut, …"""
+        return self._problem.kind
+
+    @property
+    def q(self) -> Array:
+        """Return the postures that are answered (…, n) [rad]: those asked for, within the joints' range."""
+        return self._array(self._problem.q)
+
+    @property
+    def _muscles(self) -> tuple[OneMuscle, ...]:
+        return self._problem.muscles
+
+    @property
+    def theta(self) -> Array:
+        """Return the postures asked for (…, n) [rad]."""
+        return self._array(self._problem.asked)
+
+    @property
+    def T_target(self) -> Array:
+        """Return the torques asked for (…, n) [N·m]."""
+        return self._array(self._problem.y[:, : self.mechanism.n])
+
+    @property
+    def K_target(self) -> Array:
+        """Return the stiffness asked for (…, n, n) [N·m/rad]; NaN for entries that were not asked for.
+
+        Of an endpoint all of them: see `K_x_error`.
+        """
+        n = self.mechanism.n
+        if self._problem.endpoint is not None:
+            return np.full(self.K.shape, np.nan)
+        asked = np.where(self._problem.weights[n:] > 0, self._problem.y[:, n:], np.nan)
+        return self._array(self.mechanism.whole(asked))
+
+    @property
+    def P1(self) -> Value:
+        """Return the agonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
+        return self._of_a_pair(0)
+
+    @property
+    def P2(self) -> Value:
+        """Return the antagonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
+        return self._of_a_pair(1)
+
+    def _of_a_pair(self, i: int) -> Value:
+        if self.mechanism.m != 2:
+            raise InvalidInput(f"P1 and P2 are of a pair; this mechanism has m = {self.mechanism.m} muscles, see P")
+        return self.P[..., i]
+
+    @property
+    def costs(self) -> Array:
+        """Return the weighted squared errors of the levels (…, levels) [cost], in the order of the priority."""
+        rows, ends = self._problem.rows
+        y = self._problem.given(self.P.reshape(-1, self.mechanism.m))[:, rows]
+        squares = self._problem.weights[rows] * (y - self._problem.y[:, rows]) ** 2
+        return self._array(np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1))
+
+    @property
+    def least_stiffness(self) -> Value:
+        """Return the least eigenvalue of K (…) [N·m/rad]; a posture holds itself where it is positive."""
+        return self._formed(np.linalg.eigvalsh(self.K)[..., 0].ravel())
+
+    # --- at the endpoint --------------------------------------------------------------------------------------------
+
+    @property
+    def endpoint(self) -> Endpoint | None:
+        """Return the endpoint whose stiffness was asked for, if one was."""
+        return None if self._problem.endpoint is None else self._problem.endpoint.endpoint
+
+    @property
+    def x(self) -> Array:
+        """Return where the endpoint is (…, dim) [m]. Raises `InvalidInput` where none was asked for."""
+        return self._array(self._hand.place.position)
+
+    @cached_property
+    def K_x(self) -> Array:
+        """Return the endpoint's stiffness under its force (…, dim, dim) [N/m]. Raises `InvalidInput` without one."""
+        return self._array(self._hand.stiffness(self.K.reshape(-1, *self.K.shape[-2:])))
+
+    @property
+    def K_x_error(self) -> Array:
+        """Return the endpoint's stiffness asked minus given (…, dim, dim) [N/m]; NaN for entries not asked for."""
+        free = self._problem.weights[self.mechanism.n :] == 0
+        dim = self._hand.endpoint.dim
+        asked = np.array(np.broadcast_to(self._hand.asked, (self._problem.size, dim, dim)))
+        rows, columns = (index[free] for index in np.triu_indices(dim))
+        asked[:, rows, columns] = asked[:, columns, rows] = np.nan
+        return self._array(asked) - self.K_x
+
+    @property
+    def endpoint_error(self) -> Value:
+        """Return ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F (…) [-], over the entries that were asked for."""
+        n = self.mechanism.n
+        given = self._hand.seen(self.K.reshape(-1, *self.K.shape[-2:]))
+        twice = 2.0 - np.eye(self._hand.endpoint.dim)[np.triu_indices(self._hand.endpoint.dim)]
+        error = np.sqrt(((given - self._problem.y[:, n:]) ** 2) @ (twice * (self._problem.weights[n:] > 0)))
+        return self._formed(error)
+
+    @property
+    def _hand(self) -> EndpointTargets:
+        if self._problem.endpoint is None:
+            raise InvalidInput("no endpoint was given to `allocate`; its stiffness is not known")
+        return self._problem.endpoint
+
+    def _form(self, array: Array) -> Array:
+        own = array.shape[1:]
+        return np.broadcast_to(array, (self._problem.size, *own)).reshape(*self._shape, *own)
+
+    # --- proofs -------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def separation(self) -> Separation:
+        """Return, for targets beyond reach, a direction d that proves it: reach = max d·y(P) < asked = d·y*.
+
+        Check it with `y0, M = mechanism.targets_map(q)` and the box: d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j). For
+        muscles that are not affine, d·y(P) is a sum of functions of one pressure each. Where no d separates what they
+        miss it is NaN, and `lower_bounds` is the proof.
+        """
+        return Separation(*map(self._formed, certificate.separation(self._problem, self._mu)))
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """Return the least and the greatest pressures (…, m) [Pa] that the limits leave."""
+        lo, hi = map(self._formed, self._problem.bounds)
+        return lo, hi
+
+    @cached_property
+    def active(self) -> Any:
+        """Return the names of the limits that bind: "muscle 1 upper", "muscle 2 slack", "joint 1 range", …
+
+        A tuple, or an array (…) of tuples. A limit binds where the pressure lies on it, up to 1e-9 of the supply range.
+        """
+        ends = (
+            (self.mechanism.joint_names, "range", self._problem.outside),
+            (self.mechanism.muscle_names, "contraction threshold", self._problem.stretched),
+        )
+        return self._named(lambda side, P, near: side.binding(P, near), ends)
+
+    def _named(self, flagged: Callable[..., Array], more: Sequence[tuple[tuple[str, ...], str, Mask]] = ()) -> Any:
+        """Return the names of the limits that `flagged` finds of each muscle, and of those that hold `more`."""
+        names: list[tuple[str, ...]] = [()] * self._problem.size
+        near = CLOSED_FORM.binds * self.mechanism.pressure_span
+        for (muscle, P), side in zip(self._pulling, self._problem.box, strict=True):
+            flags = np.broadcast_to(flagged(side, P, near), len(names))
+            for i in np.flatnonzero(flags):
+                names[i] += limit_names(muscle.name, int(flags[i]))
+        for kinds, end, which in more:
+            for i, j in zip(*np.nonzero(np.broadcast_to(which, (len(names), len(kinds)))), strict=True):
+                names[i] += (f"{kinds[j]} {end}",)
+        return self._listed(names)
+
+    @property
+    def broken(self) -> Any:
+        """Return the names of the limits that are not kept, since the slew limit or others allow no such pressure."""
+        return self._named(lambda side, P, near: side.not_kept(P, near))
+
+    def jacobian(self) -> Array:
+        """Return dP/d(q, K, T) (…, m, n + n(n+1)/2 + n), of K the upper triangle, with the active set held.
+
+        In [Pa/rad, Pa·rad/(N·m), Pa/(N·m)]; one-sided where the active set is about to change. Raises `InvalidInput`
+        for muscles that are not affine in the pressure, and for the stiffness of an endpoint.
+        """
+        return self._array(jacobian(self._problem, self.P.reshape(-1, self.mechanism.m)))
+
+    @property
+    def _details(self) -> list[str]:
+        missed = [] if self.torque_met else [f"asked {vector(self.T + self.T_error)}, given {vector(self.T)} N·m"]
+        if not self.stiffness_met and self.endpoint is not None:
+            missed.append(f"asked {vector(self.K_x + self.K_x_error)}, given {vector(self.K_x)} N/m at the endpoint")
+        elif not self.stiffness_met:
+            missed.append(f"asked {vector(self.K + self.K_error)}, given {vector(self.K)} N·m/rad")
+        if not self.holds:
+            missed.append(f"the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad")
+        return missed
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
+        hand = {} if self.endpoint is None else {"position_m": self.x, "endpoint_stiffness_N_per_m": self.K_x}
+        return hand | {
+            "posture_deg": np.divide(self.q, DEG),
+            "P_bar": self.P / BAR,
+            "torque_Nm": self.T,
+            "stiffness_Nm_per_rad": self.K,
+            "status": Status(self.status).name if not self._shape else status_names(self.status),
+            "limits": self.active,
+            **({"assumed": self.assumed} if self.assumed else {}),
+            **({} if self.kind.isobaric else {"isobaric_stiffness_Nm_per_rad": self.isobaric_stiffness}),
+        }
+
+    def __repr__(self) -> str:
+        """Show pressures, torques, stiffness and what is in the way; of several targets the statuses."""
+        if self._shape:
+            return f"Allocation {self._shape}, {self.message}"
+        lines = [
+            f"Allocation {Status(self.status).name}: P = {vector(self.P / BAR)} bar",
+            f"  torques {vector(self.T)} N·m, {self.kind.text} {vector(self.K)} N·m/rad",
+        ]
+        lines += [] if self.endpoint is None else [f"  stiffness {vector(self.K_x)} N/m at the endpoint"]
+        return "\n".join([*lines, f"  {self.message}"] if self.assumed or not self.success else lines)
+
+
+def vector(values: Array) -> str:
+    """Return a vector or a matrix in a line; what is not asked for is free."""
+    if np.ndim(values) > 1:
+        return f"[{', '.join(map(vector, values))}]"
+    return f"[{', '.join('free' if np.isnan(value) else number(value) for value in values)}]"

@@ -1,0 +1,240 @@
+"""Single targets of a mechanism with affine muscles, answered by compiled code in some ten microseconds.
+
+It is a short cut for the ordinary question (method "exact", a lexicographic priority, the isobaric stiffness of the
+joints, force limits that are numbers) after `warm_up(joint=mechanism)`. Everything else, and arguments that are not
+certainly valid, it leaves to the readable road by returning None. CasADi evaluates the mechanism at the posture,
+`kernel/target.py` does the rest. Fields of the answer that nobody looks at are not computed.
+"""
+
+from functools import cache
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allocator.allocation.box.arguments import problem_from
+from allocator.allocation.box.kernel.data import flat_arrays
+from allocator.allocation.box.kernel.target import FUNCTIONS, ODD, answer
+from allocator.allocation.box.problem import BoxProblem
+from allocator.allocation.box.result import BoxAllocation
+from allocator.allocation.result import from_fields, shaped
+from allocator.allocation.status import Status
+from allocator.calculus import Array
+from allocator.checks import float_or_nan
+from allocator.compilation import jit
+from allocator.errors import InvalidInput
+from allocator.joint.limits import BINDS, Limits
+from allocator.mechanism.formulas import has_formulas, map_function
+from allocator.mechanism.mechanism import Mechanism
+
+_STATUS = tuple(Status)
+_FIRST = {"torque": False, "stiffness": True}  # priority → whether stiffness comes first
+_KINDS = "iuf"  # of NumPy's real numbers
+_REMEMBERED = 64  # mechanisms
+
+_ready: dict[int, "Machine"] = {}  # by the mechanism's id; the value holds its mechanism, so that the id stays taken
+
+
+class Desk:
+    """Arrays for one call at a time: what is asked, the mechanism at the posture, memory and what is found."""
+
+    def __init__(self, mechanism: Mechanism, function: Any) -> None:
+        n, m = mechanism.n, mechanism.m
+        d = n + n * (n + 1) // 2
+        self.asked, posture = np.zeros(2 * n + n * n + m + 3), np.zeros(3 * m + d + d * m)
+        self.q, self.T = self.asked[:n], self.asked[n : 2 * n]
+        self.K, self.diagonal = (
+            self.asked[2 * n : 2 * n + n * n].reshape(n, n),
+            self.asked[2 * n : 2 * n + n * n : n + 1],
+        )
+        self.now, self.ends = self.asked[2 * n + n * n : -3], self.asked[-3:]
+        floats, places, signs = flat_arrays(d, m, 2)
+        self.found = np.zeros(m + d + 1 + 3 * d)
+        self.memory = (
+            posture,
+            np.empty(floats.size + d * m + 2 * d + 4 * m + n * n),
+            np.empty(places.size + 2, np.int64),
+            np.empty(signs.size + 2 * (m + d) + d, np.int8),
+        )
+        self._buffer, self.evaluate = function.buffer()
+        self._buffer.set_arg(0, memoryview(self.q))  # type: ignore[arg-type]  # Python 3.11 has no Buffer
+        self._buffer.set_res(0, memoryview(posture))  # type: ignore[arg-type]
+
+
+class Machine:
+    """A mechanism ready to be asked, with its formulas, numbers and arrays."""
+
+    def __init__(self, mechanism: Mechanism, compiled: jit.Function) -> None:
+        import casadi as ca
+
+        self.mechanism, self.compiled, n = mechanism, compiled, mechanism.n
+        low, high = mechanism.pressure_limits
+        limits = mechanism.angle_limits
+        left, right = np.full((2, n), [[-inf], [inf]]) if limits is None else np.transpose(limits)
+        rows, columns = mechanism.upper_triangle
+        roots = np.concatenate([np.ones(n), np.where(rows == columns, 1.0, np.sqrt(2.0))])
+        most = [min(high, muscle.max_pressure) for muscle in mechanism.muscles]
+        numbers = low, high, BINDS * mechanism.pressure_span, mechanism.min_contraction
+        self.fixed = np.concatenate([left, right, most, roots, numbers])
+        q = ca.SX.sym("q", n)
+        inside = q if limits is None else ca.fmin(ca.fmax(q, left), right)
+        self._function = ca.Function("posture", [q], [ca.densify(ca.vertcat(*map_function(mechanism)(inside)))])
+        self._desks: list[Desk] = []
+
+    def ask(self, theta: object, K: object, T: object, priority: object, limits: Limits) -> BoxAllocation | None:
+        """Return the answer, or None where the short cut does not lead."""
+        n, q, K, T = self.mechanism.n, _array(theta), _array(K), _array(T)
+        if q is None or K is None or T is None or q.size != n or q.shape[-1:] != (n,):
+            return None
+        lead, stiffness_first = q.shape[:-1], _FIRST.get(priority) if type(priority) is str else None
+        diagonal = K.shape != (n, n) and K.shape != (*lead, n, n)
+        if diagonal and not (K.ndim == 0 or K.shape == (n,) or K.shape == (*lead, n)):
+            return None
+        if stiffness_first is None or not (T.ndim == 0 or T.shape == (n,) or T.shape == (*lead, n)):
+            return None
+        desk = self._desks.pop() if self._desks else Desk(self.mechanism, self._function)
+        if (nearest := _set(desk, limits, lead)) is None:
+            return None
+        desk.q[:], desk.T[:] = q if not lead else q.ravel(), T if T.ndim < 2 else T.ravel()
+        if diagonal:
+            desk.diagonal[:] = K if K.ndim < 2 else K.ravel()
+        else:
+            desk.K[:] = K
+        desk.evaluate()
+        asked = desk.asked, self.fixed, *desk.memory, desk.found
+        status, *facts = self.compiled(*asked, n, self.mechanism.m, diagonal, stiffness_first, nearest)
+        if status == ODD:
+            return None
+        found = desk.found.copy()
+        later = Later(self.mechanism, desk.asked.copy(), found, lead, stiffness_first, diagonal, nearest, *facts)
+        self._desks.append(desk)
+        P = found[: self.mechanism.m].reshape((*lead, -1))
+        P.flags.writeable = False
+        status = _STATUS[status] if not lead else shaped(np.array([status], np.int8), lead)
+        made: BoxAllocation = from_fields(
+            BoxAllocation, {"P": P, "status": status, "method": "exact", "_shape": lead, "_later": later}
+        )
+        return made
+
+
+def _array(x: Any) -> Array | None:
+    """Return `x` as an array where it is one of real numbers, else None."""
+    if type(x) is not np.ndarray:
+        try:
+            x = np.asarray(x)
+        except ValueError:  # rows of different lengths
+            return None
+    return x if x.dtype.kind in _KINDS else None
+
+
+def _set(desk: Desk, limits: Limits, lead: tuple[int, ...]) -> bool | None:
+    """Write the limits to the desk; return whether the pressures now count, or None where they are not certain."""
+    least, greatest, floor, previous, step = limits
+    if floor is not None or (step is not None and previous is None):
+        return None
+    low = -inf if least is None else float_or_nan(least)
+    high = inf if greatest is None else float_or_nan(greatest)
+    farthest = inf if step is None else float_or_nan(step)
+    if not (low == -inf or 0 <= low < inf) or not (high > 0 and high > low) or not farthest > 0:
+        return None
+    desk.ends[:] = low, high, farthest
+    if previous is None:
+        return False
+    now = _array(previous)
+    if now is None or (now.shape != desk.now.shape and now.shape != (*lead, *desk.now.shape)):
+        return None
+    desk.now[:] = now if now.ndim < 2 else now.ravel()
+    return True
+
+
+class Later(NamedTuple):
+    """Facts about a compiled answer, from which the fields of a `BoxAllocation` are made when they are looked at."""
+
+    mechanism: Mechanism
+    asked: Array  # as `kernel/target.py` has it
+    found: Array
+    shape: tuple[int, ...]
+    stiffness_first: bool
+    diagonal: bool
+    nearest: bool
+    rounds: int
+    missed: int
+    holds: bool
+
+    def field(self, name: str, allocation: BoxAllocation) -> Any:
+        """Return the field `name` of the allocation that these facts are of."""
+        n, m = self.mechanism.n, self.mechanism.m
+        d = n + n * (n + 1) // 2
+        match name:
+            case "_problem":
+                return self._problem(n)
+            case "_mu":
+                rows = allocation._problem.rows[0]
+                if self.stiffness_first:
+                    rows = np.where(rows < n, rows + d - n, rows - n)
+                return self.found[-3 * d :].reshape(1, 3, d)[:, :, rows]
+            case "lower_bounds":
+                P = allocation.P.reshape(1, m)
+                return shaped(allocation._problem.costs(P / allocation._problem.unit), self.shape)
+            case "T":
+                made: Any = self.found[m : m + n]
+            case "K":
+                made = self.mechanism.whole(self.found[m + n : m + d])
+            case "kkt_residual":
+                made = self.found[m + d]
+            case "torque_met":
+                made = not self.missed & Status.TORQUE_LIMITED
+            case "stiffness_met":
+                made = not self.missed & Status.STIFFNESS_LIMITED
+            case "gap":
+                made = 0.0
+            case _:  # rounds, holds
+                made = getattr(self, name)
+        return shaped(np.asarray(made)[None], self.shape)
+
+    def _problem(self, n: int) -> BoxProblem:
+        """Return the problem in readable form."""
+        q, T, K = self.asked[:n], self.asked[n : 2 * n], self.asked[2 * n : 2 * n + n * n].reshape(n, n)
+        least, greatest, step = (None if np.isinf(end) else float(end) for end in self.asked[-3:])
+        now = self.asked[2 * n + n * n : -3] if self.nearest else None
+        limits = Limits(least, greatest, previous=now, max_step=step)
+        return problem_from(
+            self.mechanism,
+            q,
+            np.diagonal(K) if self.diagonal else K,
+            T,
+            limits=limits,
+            priority="stiffness" if self.stiffness_first else "torque",
+        )[0]
+
+
+def answered(
+    mechanism: Mechanism, theta: object, K: object, T: object, priority: object, limits: Limits
+) -> BoxAllocation | None:
+    """Return the answer of a mechanism that is ready, or None where the short cut does not lead."""
+    machine = _ready.get(id(mechanism))
+    return None if machine is None else machine.ask(theta, K, T, priority, limits)
+
+
+def warm_up(mechanism: Mechanism) -> bool:
+    """Compile what single targets of a mechanism need; False without formulas, or if nothing can be compiled."""
+    if id(mechanism) in _ready:
+        return True
+    compiled = _compiled()
+    if compiled is None or not mechanism.affine or not has_formulas(mechanism.routes):
+        return False
+    try:
+        made = Machine(mechanism, compiled)
+    except InvalidInput:  # a muscle whose law has no symbols
+        return False
+    if len(_ready) >= _REMEMBERED:
+        _ready.clear()
+    middle = np.zeros(mechanism.n) if mechanism.angle_limits is None else np.mean(mechanism.angle_limits, axis=1)
+    made.ask(middle, np.ones(mechanism.n), np.zeros(mechanism.n), "torque", Limits())
+    _ready[id(mechanism)] = made
+    return True
+
+
+@cache
+def _compiled() -> jit.Function | None:
+    return jit.compiled(answer, FUNCTIONS, inline=True, unaliased=True)

@@ -1,0 +1,214 @@
+"""Level after level of problem [M] is solved here for muscles that are not affine, and bounded from below."""
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import count, pairwise
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allocator.allocation.box.pivoting import Solved, residuals
+from allocator.allocation.box.problem import BoxProblem
+from allocator.allocation.relaxation.bound import Level, Relaxed, relax
+from allocator.allocation.relaxation.curves import Curve
+from allocator.allocation.relaxation.descent import Found, certified, descend, lower
+from allocator.allocation.relaxation.model import Model
+from allocator.allocation.status import CLOSED_FORM
+from allocator.calculus import Array
+
+MOST_NODES = 500  # of a level of a target
+_STEPS = 15  # of a descent from a node
+_INSIDE = 0.1  # of an interval: it is not split nearer to its ends
+_NEARLY = 1e-2  # weighted [N·m] or [N·m/rad]
+_PATIENCE = 8  # descents that find nothing better, after which they begin now and then only
+_SAMPLES = 65  # pressures between which a force is looked up
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A `Node` is an interval of pressure [Pa] for each muscle, with the polygons around what they can do there."""
+
+    lo: Array  # (m,)
+    hi: Array
+    polygons: tuple[Array, ...]
+    relaxed: Relaxed
+
+    def children(self, curves: tuple[Curve, ...], level: Level, j: int, at: float) -> Iterator["Node"]:
+        """Yield the two nodes that are left and right of the pressure `at` of muscle j."""
+        for end, other in (("hi", self.lo[j]), ("lo", self.hi[j])):
+            moved = getattr(self, end).copy()
+            moved[j] = at
+            polygons = list(self.polygons)
+            polygons[j] = curves[j].enclosure(min(at, float(other)), max(at, float(other)))
+            relaxed = relax(polygons, level)
+            bound = max(relaxed.bound, self.relaxed.bound)
+            yield replace(self, polygons=tuple(polygons), relaxed=relaxed._replace(bound=bound), **{end: moved})
+
+
+def close(
+    model: Model, target: int, k: int, found: Found, gap: float, most: int = MOST_NODES
+) -> tuple[Found, float, int]:
+    """Return the best pressures of level k of a target, a lower bound of its cost, and the number of nodes.
+
+    It ends when (cost - bound)/(1 + cost) ≤ `gap`, or after `most` nodes. `found` is what is known, of this target.
+    """
+    curves = model.curves[int(model.problem.which[target])]
+    level = model.level(target, k, found.left[0] + model.asked[target])
+    lo, hi = (end[target] for end in model.bounds)
+    polygons = tuple(c.enclosure(float(a), float(b)) for c, a, b in zip(curves, lo, hi, strict=True))
+    nodes, failed, order = 1, 0, count()
+    root = Node(lo, hi, polygons, relax(polygons, level))
+    heap = [(root.relaxed.bound, next(order), root)]
+    while True:
+        bound, _, node = heap[0]
+        cost = float(found.costs[0, k])
+        if cost - bound <= gap * (1 + cost) or nodes >= most:
+            return found, min(bound, cost), nodes
+        heapq.heappop(heap)
+        P = _pressures(curves, node)
+        enough = cost - gap * (1 + cost) if failed < _PATIENCE else -1.0
+        if nodes & (nodes + 1) == 0 or _promises(level, _states(curves, P), enough):  # now and then, or for a reason
+            before, found = found, _better(model, target, k, P, found)
+            failed += found is before
+        j, at = _split(curves, node, level, P)
+        for child in node.children(curves, level, j, at):
+            heapq.heappush(heap, (child.relaxed.bound, next(order), child))
+        nodes += 2
+
+
+def _promises(level: Level, v: Array, enough: float) -> bool:
+    """Return whether a point of the curves costs less than `enough`, and nearly has what earlier levels achieve."""
+    return level.cost(v) < enough and bool(np.abs(level.E @ v - level.e).max(initial=0.0) < _NEARLY)
+
+
+def _better(model: Model, target: int, k: int, P: Array, found: Found) -> Found:
+    """Return what a descent from `P` finds where that is better at level k, and as good before; else `found`."""
+    tried = descend(model, np.array([target]), P[None], _STEPS)
+    same = np.abs(tried.left[0] - found.left[0])[: [0, *model.problem.rows[1].tolist()][k]]
+    as_good = (same <= 1e-9 * (1 + np.abs(model.asked[target, : same.size]))).all()
+    return tried if as_good and tried.costs[0, k] < found.costs[0, k] else found
+
+
+def _pressures(curves: tuple[Curve, ...], node: Node) -> Array:
+    """Return pressures (m,) that give the relaxed forces, roughly."""
+    F = node.relaxed.v[::2]
+    P = np.empty(len(F))
+    for j, curve in enumerate(curves):
+        samples = np.linspace(node.lo[j], node.hi[j], _SAMPLES)
+        P[j] = np.interp(F[j], curve.at(samples)[:, 0], samples)
+    return P
+
+
+def _states(curves: tuple[Curve, ...], P: Array) -> Array:
+    return np.concatenate([curve.at(np.array(p)) for curve, p in zip(curves, P, strict=True)])
+
+
+def _split(curves: tuple[Curve, ...], node: Node, level: Level, P: Array) -> tuple[int, float]:
+    """Return the muscle to split, and the pressure [Pa] where."""
+    off = node.relaxed.v - _states(curves, P)
+    weight = np.sqrt((level.G**2).sum(axis=0) + (level.E**2).sum(axis=0))
+    wide = np.array([not curve.straight for curve in curves]) & (node.hi > node.lo)
+    far = (np.abs(off) * weight).reshape(-1, 2).max(axis=1)
+    extent = np.array([np.ptp(polygon, axis=0).max() for polygon in node.polygons])
+    j = int(np.argmax(np.where(wide, far + 1e-9 * extent, -1.0)))
+    a, b = node.lo[j], node.hi[j]
+    inside = [p for p in curves[j].breaks if a + 1e-6 * (b - a) < p < b - 1e-6 * (b - a)]
+    if inside:
+        return j, min(inside, key=lambda p: abs(p - P[j]))
+    return j, float(np.clip(P[j], a + _INSIDE * (b - a), b - _INSIDE * (b - a)))
+
+
+_BESIDE = 0.35  # of the interval of a muscle's pressure, from its middle
+_PARTS = 16  # of a curve, which are enclosed one by one
+
+
+class Nearby(NamedTuple):
+    """`Nearby` is what is found for N problems of K levels."""
+
+    solved: Solved  # its rounds are nodes of the search
+    residual: Array  # of optimality nearby (N,)
+    costs: Array  # the squared errors of each level (N, K) [cost]
+    bounds: Array  # below which no pressures get them, what earlier levels achieve being kept (N, K) [cost]
+
+    @property
+    def left(self) -> Array:
+        """Return how far a level's cost may be above the least (N,), of 1 + cost."""
+        return np.asarray(((self.costs - self.bounds) / (1 + self.costs)).max(axis=1))
+
+    @classmethod
+    def of(cls, problem: BoxProblem, solved: Solved) -> Self:
+        """Return answers for affine muscles, which are the best; their residuals tell if not."""
+        costs = problem.costs(solved.x)
+        return cls(solved, residuals(problem, solved), costs, costs)
+
+
+def solve(problem: BoxProblem, gap: float) -> Nearby:
+    """Return pressures whose costs are above the least by `gap`·(1 + cost) at most, unless the search grows too long.
+
+    Raises `InvalidInput` for a force that does not rise with the pressure, or a law that is not smooth.
+    """
+    model = Model(problem)
+    model.check()
+    found, N = _descended(model), problem.size
+    costs, bounds, nodes = found.costs[:, :-1].copy(), np.zeros((N, found.costs.shape[1] - 1)), np.ones(N, np.int64)
+    for i in range(N):
+        best = found.of(i)
+        if _missed(model, i, best).any():
+            best, bounds[i], nodes[i] = _closed(model, i, best, gap)
+        found.P[i], costs[i] = best.P[0], best.costs[0, :-1]
+    solved, residual = certified(model, found.P)
+    return Nearby(solved._replace(rounds=nodes), residual, costs, np.minimum(bounds, costs))
+
+
+def _descended(model: Model) -> Found:
+    """Return the best of descents from the middle and from beside it, muscles in turn high and low.
+
+    Of equally good pressures a descent from the middle alone may end at a saddle: that of a mechanism whose muscles are
+    alike is as symmetric as they are.
+    """
+    every, (lo, hi) = np.arange(model.problem.size), model.bounds
+    middle, in_turn = (lo + hi) / 2, np.where(np.arange(lo.shape[1]) % 2, 1.0, -1.0)
+    last_two = np.where(np.arange(in_turn.size) >= in_turn.size - 2, in_turn, 0.0)
+    found = descend(model, every, middle)
+    for pattern in (in_turn, -in_turn, last_two, -last_two):
+        other = descend(model, every, middle + _BESIDE * (hi - lo) * pattern)
+        better = lower(model, every, other.costs, found.costs)
+        for array, new in zip(found, other, strict=True):
+            array[better] = new[better]
+    return found
+
+
+def _closed(model: Model, target: int, best: Found, gap: float) -> tuple[Found, Array, int]:
+    """Return the best pressures of a target, the lower bounds of its levels (K,), and the number of nodes."""
+    bounds, nodes = np.zeros(best.costs.shape[1] - 1), 0
+    for k in range(bounds.size):
+        if not _missed(model, target, best)[k]:
+            continue
+        better, bounds[k], more = close(model, target, k, best, gap)
+        nodes += more
+        if better is not best:
+            best = descend(model, np.array([target]), better.P)
+    return best, bounds, nodes
+
+
+def _missed(model: Model, target: int, best: Found) -> NDArray[np.bool_]:
+    """Return which levels (K,) of a target have an error that is no rounding."""
+    ends = [0, *model.problem.rows[1].tolist()]
+    error = np.array([np.abs(best.left[0, a:b]).max(initial=0.0) for a, b in pairwise(ends)])
+    return np.asarray(error > CLOSED_FORM.met * model.scale[target])
+
+
+def furthest(problem: BoxProblem, d: Array) -> Array:
+    """Return a bound (N,) that d·y(P) is not above anywhere in the box, for directions d (N, d)."""
+    model = Model(problem)
+    every = np.arange(problem.size)
+    g = (d[:, None, :] @ (model.C if len(model.C) == 1 else model.C[model.posture(every)]))[:, 0]
+    found = np.zeros(problem.size)
+    for i, curves in enumerate(model.curves):
+        here = np.flatnonzero(problem.which == i)
+        for j, curve in enumerate(curves):
+            corners = np.concatenate(list(curve.parts(_PARTS)))
+            found[here] += (g[here, 2 * j : 2 * j + 2] @ corners.T).max(axis=1)
+    return found

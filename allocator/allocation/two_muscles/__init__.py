@@ -1,0 +1,1 @@
+"""Allocation for the two muscles of a joint: closed forms, kernels and the complete search."""

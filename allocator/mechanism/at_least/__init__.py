@@ -1,6 +1,0 @@
-"""At least a stiffness is given here with the least pressures: a semidefinite programme, proved both ways."""
-
-from allocator.mechanism.at_least.entry import allocate_at_least
-from allocator.mechanism.at_least.result import AtLeast, Infeasibility
-
-__all__ = ["AtLeast", "Infeasibility", "allocate_at_least"]
