@@ -193,7 +193,7 @@ def track(
         _show(files if show else [])
         return
     if more != ArmOptions():
-        raise InvalidInput("--stiffness-of, --hand and --view go with a --machine of several joints")
+        raise InvalidInput("--stiffness-of, --hand, --catch and --view go with a --machine of several joints")
     plant = plant or _OTHER
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
     asked = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, nominal))

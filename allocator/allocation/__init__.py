@@ -11,6 +11,7 @@ from allocator.allocation.box.result import BoxAllocation
 from allocator.allocation.entry import allocate, warm_up
 from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status
+from allocator.allocation.two_muscles.problem import Problem
 
 __all__ = [
     "Allocation",
@@ -18,6 +19,7 @@ __all__ = [
     "BoxAllocation",
     "Infeasibility",
     "Method",
+    "Problem",
     "Separation",
     "Status",
     "allocate",
