@@ -72,11 +72,11 @@ def test_each_muscle_may_be_another_one():
 
 
 def test_help_has_its_options_in_panels():
-    said = run("allocate", "--help").stdout
-    panels = ["Options:", "The machine:", "Which stiffness:", "Of several joints:"]
+    said = run("allocate", "--help-all").stdout
+    panels = ["Options:", "Machine:", "Kind of stiffness:", "Several joints:"]
     places = [said.index(panel) for panel in panels]
     assert places == sorted(places)
-    assert said.index("The machine:") < said.index("--supply") < said.index("Which stiffness:")
+    assert said.index("Machine:") < said.index("--supply") < said.index("Kind of stiffness:")
 
 
 @pytest.mark.parametrize(
