@@ -17,9 +17,9 @@ period 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/�
              several times as stiff as its muscles are; bounded by g ≤ K (1 + OVERSHOOT/|m|): it may begin to slide.
              A pressure that was above the held one when the rest began is within the play, and moves from there; one
              that rose since is on the edge of a narrower band, or of a regulator with another offset
-    leave    the preview changes, a state is not measured, θ is off its prediction by more than JOLT and more than it
-             usually was before the rest (a push, seen within a sample), e off its mean by more than PUSH + swing, or a
-             pressure is off by LEAK
+    leave    the preview changes, a state is not measured, θ is off its prediction by more than JOLT and by more than
+             UNUSUAL times what was usual before the rest (a push, seen within a sample), e off its mean by more than
+             PUSH + swing, or a pressure is off by LEAK
 
 A loop that swings about its reference by more than `RINGING` to both sides, again and again, counts with friction that
 is not there. Then the controller takes what friction there is as constant until the reference moves, rests as soon as

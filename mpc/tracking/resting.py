@@ -23,7 +23,7 @@ RESOLUTION = 0.015 * DEG  # [rad] to which the effect of a correction is known
 OVERSHOOT = 0.15 * DEG  # [rad]
 MOST, LEAST_CHANGE = 0.1 * BAR, 1e-5 * BAR  # [Pa] of a correction
 SWEEPS = 30  # over the muscles, to share a torque among them
-JOLT, PUSH = 0.045 * DEG, 0.12 * DEG  # [rad]
+JOLT, UNUSUAL, PUSH = 0.045 * DEG, 2.0, 0.12 * DEG  # [rad], times the usual, [rad]
 EDGE = 0.5 * DEG  # [rad] by which the regulators' way to their edges may turn a joint
 LEAK = 0.1 * BAR  # [Pa] beyond the dead band
 NOISE = 0.005 * BAR  # [Pa] of a pressure's mean
@@ -191,7 +191,8 @@ def pushed(m: Memory, theta: Array, expected: Array) -> bool:
     for i in range(len(m.joint)):
         mean, width = swing(m, i, QUARTERS)
         away = abs(theta[i] - m.joint[i, THETA] - mean)
-        jolt = max(JOLT * (2 if rings else 1), m.joint[i, USUAL])  # a ringing joint lacks friction that is predicted
+        least = JOLT * (2 if rings else 1)  # a ringing joint lacks friction that is predicted
+        jolt = max(least, UNUSUAL * m.joint[i, USUAL])
         if abs(theta[i] - expected[i]) > jolt or away > PUSH + width + m.joint[i, FREE]:
             return True
     return False
