@@ -143,7 +143,7 @@ class Spline:
 
     @cached_property
     def _integrals(self) -> Array:
-        """Return the pieces (5, n-1) of the integral from the first sample."""
+        """Pieces (5, n-1) of the integral from the first sample."""
         return np.asarray(self._spline.antiderivative().c)
 
     def __call__(self, x: Value, order: int = 0) -> Value:

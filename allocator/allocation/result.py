@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.status import Status
+from allocator.allocation.uncertain.spread import Spread
 from allocator.calculus import Array, Value
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles.measured import Visit, extrapolation
@@ -27,6 +28,7 @@ class Allocation(ABC):
     * `theta` asked for and `q` answered; `P`, of a pair `P1` and `P2`; what these give: `T`, `K`, `isobaric_stiffness`,
       `forces`; `T_target`, `K_target` and the errors, `torque_met`, `stiffness_met`, `holds`, `least_stiffness`;
     * `status`, `success`, `message`, `assumed`; the limits by name: `active`, `broken`, and as pressures: `box`;
+    * standard deviations by the covariance of fitted muscles: `K_std`, `forces_std`;
     * the proof: `gap`, `kkt_residual`; `kind` (which stiffness), `method`, `jacobian()`, `to_dict()`.
     """
 
@@ -34,64 +36,80 @@ class Allocation(ABC):
 
         @property
         def status(self) -> Any:
-            """Return the `Status`, or an array of its integers."""
+            """`Status`, or an array of its integers."""
 
         @property
         def T_target(self) -> Value:
-            """Return the torque asked for [N·m]."""
+            """Torque asked for [N·m]."""
 
         @property
         def K_target(self) -> Value:
-            """Return the stiffness asked for [N·m/rad]; NaN for entries that are free."""
+            """Stiffness asked for [N·m/rad]; NaN for entries that are free."""
 
         @property
         def T(self) -> Value:
-            """Return the torque that these pressures give [N·m]."""
+            """Torque that these pressures give [N·m]."""
 
         @property
         def K(self) -> Value:
-            """Return the stiffness that these pressures give [N·m/rad], of the kind asked for."""
+            """Stiffness that these pressures give [N·m/rad], of the kind asked for."""
 
         @property
         def P(self) -> Array:
-            """Return the pressures (…, m) [Pa]."""
+            """Pressures (…, m) [Pa]."""
 
         @property
         def active(self) -> Any:
-            """Return the names of the limits that bind, a tuple or an array of tuples."""
+            """Names of the limits that bind, a tuple or an array of tuples."""
 
         @property
         def broken(self) -> Any:
-            """Return the names of the limits that are not kept, likewise."""
+            """Names of the limits that are not kept, likewise."""
 
         @property
         def _shape(self) -> tuple[int, ...]:
-            """Return the shape of the targets."""
+            """Shape of the targets."""
 
     @property
     def success(self) -> Any:
-        """Return whether torques and stiffness are met and nothing is wrong."""
+        """Whether torques and stiffness are met and nothing is wrong."""
         return self.status == Status.EXACT
 
     @property
     def T_error(self) -> Value:
-        """Return the torque asked minus given [N·m]."""
+        """Torque asked minus given [N·m]."""
         return self.T_target - self.T
 
     @property
     def K_error(self) -> Value:
-        """Return the stiffness asked minus given [N·m/rad]; NaN for entries that were not asked for."""
+        """Stiffness asked minus given [N·m/rad]; NaN for entries that were not asked for."""
         return self.K_target - self.K
 
     @cached_property
     def forces(self) -> Array:
-        """Return the muscles' forces (…, m) [N] at these pressures; negative where one would be slack."""
+        """Muscles' forces (…, m) [N] at these pressures; negative where one would be slack."""
         return self._array(np.stack([side.force(P) for side, P in self._pulling], axis=-1))
 
     @cached_property
     def isobaric_stiffness(self) -> Value:
-        """Return K = -∂T/∂θ at held pressures [N·m/rad] that these pressures give, whichever stiffness was asked."""
+        """K = -∂T/∂θ at held pressures [N·m/rad] that these pressures give, whichever stiffness was asked."""
         return self._formed(np.asarray(sum(side.isobaric.stiffness(P) for side, P in self._pulling)))
+
+    @cached_property
+    def K_std(self) -> Value:
+        """Standard deviation of K [N·m/rad] from the covariance of fitted muscles, entry by entry; None without one.
+
+        That of a fitted joint allows for a smooth error of its force law; that of muscles fitted to forces does not.
+        """
+        return None if self._spread is None else self._formed(self._spread.stiffness_std)
+
+    @cached_property
+    def forces_std(self) -> Array | None:
+        """Standard deviations of the forces (…, m) [N] from the covariance of fitted muscles; None without one.
+
+        A joint whose fit has not seen the force common to both muscles has a wide one.
+        """
+        return None if self._spread is None else self._array(self._spread.forces_std)
 
     @property
     def assumed(self) -> str:
@@ -103,7 +121,7 @@ class Allocation(ABC):
 
     @property
     def message(self) -> str:
-        """Return a sentence that says what was reached, what is in the way and what is assumed."""
+        """Sentence that says what was reached, what is in the way and what is assumed."""
         return "; ".join(filter(None, (self._outcome, self.assumed)))
 
     @property
@@ -142,12 +160,17 @@ class Allocation(ABC):
 
     @property
     @abstractmethod
+    def _spread(self) -> Spread | None:
+        """Lᵀ∂/∂p of the answers, None where nothing has a covariance."""
+
+    @property
+    @abstractmethod
     def _muscles(self) -> Sequence[OneMuscle]:
-        """Return the muscles at the postures answered, flat (N or 1, …)."""
+        """Muscles at the postures answered, flat (N or 1, …)."""
 
     @property
     def _pulling(self) -> list[tuple[OneMuscle, Array]]:
-        """Return each muscle with its pressures (N,)."""
+        """Each muscle with its pressures (N,)."""
         return list(zip(self._muscles, np.reshape(self.P, (-1, self.P.shape[-1])).T, strict=True))
 
     def _array(self, array: Array) -> Array:

@@ -40,7 +40,7 @@ class Status(IntEnum):
 
     @property
     def advice(self) -> str:
-        """Return a sentence on what it means and what to do."""
+        """Sentence on what it means and what to do."""
         return _ADVICE[self]
 
 

@@ -27,7 +27,7 @@ _HALVINGS = 40  # to find where they do
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """An `Edge` is a curve of n points on the border of the feasible set."""
+    """Curve of n points on the border of the feasible set."""
 
     limits: int  # combination of Limit flags that bind along it
     theta: Array = field(repr=False)  # [rad] (n,)
@@ -39,7 +39,7 @@ class Edge:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Return the limits by name."""
+        """Limits by name."""
         return names(self.limits)
 
 

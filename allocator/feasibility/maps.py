@@ -109,7 +109,7 @@ def _check_memory(axes: dict[str, Array], max_bytes: float) -> None:
 
 
 class Cells(NamedTuple):
-    """`Cells` are the answers in (θ, K, T) cells."""
+    """Answers in (θ, K, T) cells."""
 
     status: NDArray[np.int8]
     limits: NDArray[np.int32]
@@ -119,7 +119,7 @@ class Cells(NamedTuple):
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """Return status, limits, P1, P2 and, where they are free, the state of the valves."""
+        """Status, limits, P1, P2 and, where they are free, the state of the valves."""
         return tuple(array for array in self if array is not None)
 
     def formed(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "Cells":

@@ -23,7 +23,7 @@ _KINDS = {"K": "stiffness", "Kx": "endpoint stiffness"}
 
 
 class Coordinate(NamedTuple):
-    """A `Coordinate` is an affine function d·y + c of torques and stiffness, y in the order of a `TargetsMap`."""
+    """Affine function d·y + c of torques and stiffness, y in the order of a `TargetsMap`."""
 
     kind: str  # "torque", "stiffness", "endpoint stiffness"
     name: str  # "T1", "K12", "Kx11", "0.5 Kx11 - 0.5 Kx22"
@@ -33,12 +33,12 @@ class Coordinate(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Return what stands on an axis."""
+        """What stands on an axis."""
         return f"{self.kind} {self.name} [{self.unit}]"
 
 
 class Hand(NamedTuple):
-    """A `Hand` is an endpoint at a posture, under its force."""
+    """Endpoint at a posture, under its force."""
 
     endpoint: Endpoint
     place: Place  # of one posture
@@ -110,7 +110,7 @@ class Farthest(NamedTuple):
 
 
 class Programme(NamedTuple):
-    """A `Programme` is the pressures within a box that keep some targets: rows·P = right."""
+    """Pressures within a box that keep some targets: rows·P = right."""
 
     rows: Array  # (k, m)
     right: Array  # (k,)
@@ -161,7 +161,7 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
-    """A `Polygon` is all values that two targets can have together; without corners there are none."""
+    """All values that two targets can have together; without corners there are none."""
 
     axes: tuple[Coordinate, Coordinate]
     vertices: Array  # (k, 2), anticlockwise, in the targets' units
@@ -171,7 +171,7 @@ class Polygon:
 
     @property
     def area(self) -> float:
-        """Return the area, in the product of both units."""
+        """Area, in the product of both units."""
         x, y = self.vertices.T if len(self.vertices) else np.zeros((2, 1))
         return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 

@@ -49,17 +49,17 @@ class FeasibilityMap:
 
     @property
     def _state(self) -> NDArray[np.int8]:
-        """Return the states of the valves, all open where they are not free."""
+        """States of the valves, all open where they are not free."""
         return np.zeros(self.status.shape, np.int8) if self.state is None else self.state
 
     @property
     def kind(self) -> StiffnessKind:
-        """Return which stiffness is mapped: isobaric, shut, …"""
+        """Which stiffness is mapped: isobaric, shut, …"""
         return self.setting.kind
 
     @property
     def joint(self) -> AntagonistJoint:
-        """Return the joint of the map."""
+        """Joint of the map."""
         return self.setting.joint
 
     @property
@@ -77,17 +77,17 @@ class FeasibilityMap:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Return the names of the quantities along the axes of the arrays: two or three of "theta", "K", "T"."""
+        """Names of the quantities along the axes of the arrays: two or three of "theta", "K", "T"."""
         return tuple(name for name in ("theta", "K", "T") if getattr(self, name).ndim)
 
     @property
     def feasible(self) -> Mask:
-        """Return where angle, stiffness and torque can be had together."""
+        """Where angle, stiffness and torque can be had together."""
         return np.asarray(self.status == Status.EXACT)
 
     @property
     def share(self) -> float:
-        """Return the feasible part of the cells [-]."""
+        """Feasible part of the cells [-]."""
         return float(self.feasible.mean())
 
     def limit_names(self, *index: int) -> tuple[str, ...]:
@@ -96,7 +96,7 @@ class FeasibilityMap:
 
     @cached_property
     def edges(self) -> tuple[Edge, ...]:
-        """Return the edges of the feasible set as curves, each labelled by the limit that binds along it.
+        """Edges of the feasible set as curves, each labelled by the limit that binds along it.
 
         Computed from the closed forms, not from the cells. With three axes: those of all `slices`.
         """
@@ -114,7 +114,7 @@ class FeasibilityMap:
 
     @property
     def slices(self) -> tuple["FeasibilityMap", ...]:
-        """Return the maps with two axes: this one, or the one at every torque if there are three."""
+        """Maps with two axes: this one, or the one at every torque if there are three."""
         if len(self.varied) == 2:
             return (self,)
         return tuple(
@@ -150,7 +150,7 @@ class FeasibilityMap:
 
     @property
     def _header(self) -> str:
-        """Return the names of the columns: also which stiffness it is if not isobaric, and the state of free valves."""
+        """Names of the columns: also which stiffness it is if not isobaric, and the state of free valves."""
         if self.kind.isobaric:
             return _HEADER
         name = self.kind.text.replace(" stiffness", "").replace(" at ", "_").replace(" ", "").replace("-", "_")

@@ -28,7 +28,7 @@ _NO_TARGET = 1.0  # [N·m/rad] stands for the stiffness where none is asked for
 
 
 class Columns(NamedTuple):
-    """`Columns` are the feasible stiffnesses at n angles and torques, each array (n,)."""
+    """Feasible stiffnesses at n angles and torques, each array (n,)."""
 
     problem: Problem
     low: Pair  # pressures of the least stiffness [Pa]
@@ -41,18 +41,18 @@ class Columns(NamedTuple):
 
     @property
     def empty(self) -> Mask:
-        """Return where the limits contradict each other."""
+        """Where the limits contradict each other."""
         return self.problem.box.empty
 
     @property
     def exists(self) -> Mask:
-        """Return where there are allowed pressures that give the torque."""
+        """Where there are allowed pressures that give the torque."""
         return np.asarray((self.reach >= -CLOSED_FORM.met) & ~self.empty)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A `Setting` is a joint and the limits asked for beyond its supply and its angles, without a slew limit."""
+    """Joint and the limits asked for beyond its supply and its angles, without a slew limit."""
 
     joint: AntagonistJoint
     limits: Limits = TAUT
@@ -74,7 +74,7 @@ class Setting:
 
     @property
     def states(self) -> "tuple[Setting, ...]":
-        """Return the settings that may be chosen from: four where the valves are free, else this one."""
+        """Settings that may be chosen from: four where the valves are free, else this one."""
         return tuple(replace(self, kind=kind) for kind in self.kind.states)
 
     def problem(self, theta: Value, T: Value = 0.0, K: Value = _NO_TARGET) -> tuple[Problem, Array]:

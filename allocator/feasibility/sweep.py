@@ -54,12 +54,12 @@ class Performance(NamedTuple):
 
     @property
     def range(self) -> float:
-        """Return the width of the joint range [rad]."""
+        """Width of the joint range [rad]."""
         return self.right - self.left
 
     @property
     def band(self) -> float:
-        """Return the width of the band of stiffnesses that hold over the whole range [N·m/rad]; 0 if there is none."""
+        """Width of the band of stiffnesses that hold over the whole range [N·m/rad]; 0 if there is none."""
         return max(self.K_high - self.K_low, 0.0)
 
 
@@ -148,7 +148,7 @@ Progress: TypeAlias = Callable[..., Iterable[Answer]]
 
 @dataclass(frozen=True)
 class Sweep:
-    """A `Sweep` is designs and what each of them can do, in the order in which they were asked for."""
+    """Designs and what each of them can do, in the order in which they were asked for."""
 
     designs: tuple[Design, ...]
     performances: tuple[Performance, ...]

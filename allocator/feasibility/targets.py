@@ -62,35 +62,35 @@ def _outside(problem: BoxProblem) -> str:
 
 @dataclass(frozen=True, eq=False)
 class FeasibleTargets:
-    """`FeasibleTargets` are all torques and stiffnesses that a mechanism can have at one posture."""
+    """All torques and stiffnesses that a mechanism can have at one posture."""
 
     _problem: BoxProblem = field(repr=False)
 
     @property
     def mechanism(self) -> Mechanism:
-        """Return the mechanism."""
+        """Mechanism."""
         return self._problem.mechanism
 
     @property
     def q(self) -> Array:
-        """Return the posture (n,) [rad]."""
+        """Posture (n,) [rad]."""
         return np.asarray(self._problem.q[0])
 
     @cached_property
     def map(self) -> TargetsMap:
-        """Return y0 (d,) and M (d, m) of torques and joint stiffness."""
+        """y0 (d,) and M (d, m) of torques and joint stiffness."""
         y0, M = self.mechanism.map_of(self._problem.muscles)
         return TargetsMap(y0[0], M[0])
 
     @property
     def box(self) -> tuple[Array, Array]:
-        """Return the least and the greatest pressures (m,) [Pa]."""
+        """Least and greatest pressures (m,) [Pa]."""
         lo, hi = self._problem.bounds
         return lo[0], hi[0]
 
     @cached_property
     def exists(self) -> bool:
-        """Return whether the limits leave every muscle a pressure, at which it is taut."""
+        """Whether the limits leave every muscle a pressure, at which it is taut."""
         return not any(
             (side.empty | side.unreachable | (side.broken & Limit.AGONIST_SLACK != 0)).any()
             for side in self._problem.box
@@ -206,7 +206,7 @@ class EndpointEllipses:
 
     @property
     def exists(self) -> Mask:
-        """Return whether there are pressures that give the torques (…)."""
+        """Whether there are pressures that give the torques (…)."""
         return np.isfinite(self.softest[..., 0, 0])
 
     def plot(self, axes: "Axes | None" = None) -> Any:

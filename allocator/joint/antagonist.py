@@ -82,6 +82,12 @@ class AntagonistJoint:
                 "within the angle limits"
             )
 
+    def __repr__(self) -> str:
+        laws = " and ".join(dict.fromkeys(type(muscle).__name__ for muscle in (self.agonist, self.antagonist)))
+        left, right = (end / DEG for end in self.angle_limits or (-pi, pi))
+        low, high = (P / BAR for P in self.pressure_limits)
+        return f"AntagonistJoint: {laws} on {self.geometry}, {left:.4g}° … {right:.4g}°, {low:g} … {high:g} bar"
+
     # --- at a fixed angle -------------------------------------------------------------------------------------------
 
     def sides(self, theta: Value, shares: Shares | None = None) -> tuple[OneMuscle, OneMuscle]:
@@ -264,13 +270,13 @@ class AntagonistJoint:
 
     @cached_property
     def angle_range(self) -> tuple[float, float]:
-        """Return the angles [rad] that end stops, mechanism and ε_i ≥ min_contraction leave; of a pulley by (25)."""
+        """Angles [rad] that end stops, mechanism and ε_i ≥ min_contraction leave; of a pulley by (25)."""
         ends = self.geometry.reach, self._threshold_angles, *([self.angle_limits] if self.angle_limits else ())
         return max(left for left, _ in ends), min(right for _, right in ends)
 
     @cached_property
     def _threshold_angles(self) -> tuple[float, float]:
-        """Return where a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
+        """Where a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
         return self.geometry.angles_at(self.min_contraction)
 
     def angle_limit(self, upper: bool) -> Limit:
@@ -286,7 +292,7 @@ class AntagonistJoint:
 
     @property
     def slack_assumed(self) -> bool:
-        """Return whether the forces, hence the pressures at which cables go slack, are assumed rather than seen.
+        """Whether the forces, hence the pressures at which cables go slack, are assumed rather than seen.
 
         What equilibria do not see changes no torque at any angle, hence no stiffness either.
         """
@@ -294,7 +300,7 @@ class AntagonistJoint:
 
     @property
     def pressure_span(self) -> float:
-        """Return the width of the supply range [Pa]; tolerances are given in fractions of it."""
+        """Width of the supply range [Pa]; tolerances are given in fractions of it."""
         return self.pressure_limits[1] - self.pressure_limits[0]
 
     def pressure_box(self, theta: ArrayLike, limits: Limits = TAUT) -> PressureBox:
@@ -347,12 +353,12 @@ class AntagonistJoint:
 
     @property
     def affine(self) -> bool:
-        """Return whether both muscles are affine in pressure: torque and stiffness then are, in any geometry."""
+        """Whether both muscles are affine in pressure: torque and stiffness then are, in any geometry."""
         return isinstance(self.agonist, AffineMuscle) and isinstance(self.antagonist, AffineMuscle)
 
     @cached_property
     def tondu_pulley(self) -> TonduPulley | None:
-        """Return the closed forms of the report's joint, two equal Tondu2021 on a pulley, if this is one."""
+        """Closed forms of the report's joint, two equal Tondu2021 on a pulley, if this is one."""
         muscle, geometry = self.agonist, self.geometry
         if not (isinstance(muscle, Tondu2021) and muscle.same_law(self.antagonist) and isinstance(geometry, Pulley)):
             return None

@@ -199,7 +199,7 @@ class StiffnessKind:
 
     @property
     def text(self) -> str:
-        """Return what to call it: "isobaric stiffness", "shut stiffness", "dynamic stiffness at 2 Hz", …"""
+        """What to call it: "isobaric stiffness", "shut stiffness", "dynamic stiffness at 2 Hz", …"""
         at = "" if self.frequency is None else f" at {self.frequency:g} Hz"
         by = "" if self.amplitude is None else f" felt by ±{self.amplitude / DEG:.4g}°"
         return f"{self.name} stiffness{at}{by}"
@@ -211,7 +211,7 @@ class StiffnessKind:
 
     @property
     def isobaric(self) -> bool:
-        """Return whether neither gas nor hysteresis is in it."""
+        """Whether neither gas nor hysteresis is in it."""
         return self.held and self.amplitude is None
 
     def secant(self, own: Loop) -> Secant | None:
@@ -220,7 +220,7 @@ class StiffnessKind:
 
     @property
     def states(self) -> "tuple[StiffnessKind, ...]":
-        """Return the kinds of stiffness that may be chosen from: four of free valves, else this one."""
+        """Kinds of stiffness that may be chosen from: four of free valves, else this one."""
         if self.shares is not None:
             return (self,)
         return tuple(
@@ -230,7 +230,7 @@ class StiffnessKind:
 
     @property
     def fixed(self) -> Shares | None:
-        """Return the shares where there are any: None for isobaric stiffness. Raises InvalidInput for free valves."""
+        """Shares where there are any: None for isobaric stiffness. Raises InvalidInput for free valves."""
         if self.shares is None:
             raise InvalidInput("valves='free' is a question to `allocate`, maps and intervals; a state is needed here")
         return None if self.held else self.shares

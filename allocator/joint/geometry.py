@@ -58,7 +58,7 @@ class Geometry(ABC):
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Return the angles [rad] between which the mechanism's formulas hold."""
+        """Angles [rad] between which the mechanism's formulas hold."""
         return (-2 * np.pi, 2 * np.pi)
 
     def angles_at(self, contraction: float) -> tuple[float, float]:
@@ -129,7 +129,7 @@ class Lever(Geometry):
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Return ±89°, short of the dead points at ±90°, where the arms vanish."""
+        """±89°, short of the dead points at ±90°, where the arms vanish."""
         return (-89 * DEG, 89 * DEG)
 
 
@@ -208,7 +208,7 @@ class Table(Geometry):
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Return the sampled angles."""
+        """Sampled angles."""
         return (float(self.theta[0]), float(self.theta[-1]))
 
 

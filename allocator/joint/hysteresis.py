@@ -101,17 +101,17 @@ class PrandtlIshlinskii:
 
     @property
     def size(self) -> int:
-        """Return n, how many plays it remembers."""
+        """n, how many plays it remembers."""
         return len(self.thresholds)
 
     @cached_property
     def slopes(self) -> tuple[float, ...]:
-        """Return W_0, …, W_n [-]: dθ/du while the first j plays slide."""
+        """W_0, …, W_n [-]: dθ/du while the first j plays slide."""
         return tuple(np.cumsum(self.weights).tolist())
 
     @property
     def gain(self) -> float:
-        """Return W_n [-], dθ/du of wide motions."""
+        """W_n [-], dθ/du of wide motions."""
         return self.slopes[-1]
 
     def scale(self, filled: Value) -> Value:
@@ -178,7 +178,7 @@ class PrandtlIshlinskii:
 
     @cached_property
     def inverse(self) -> "PrandtlIshlinskii":
-        """Return H⁻¹, which takes the angle θ to the static angle u   [PI]. The inverse of it is H again."""
+        """H⁻¹, which takes the angle θ to the static angle u   [PI]. The inverse of it is H again."""
         r, w, W = (0.0, *self.thresholds), self.weights, self.slopes
         thresholds = tuple(sum(w[i] * (r[j] - r[i]) for i in range(j)) for j in range(1, len(r)))
         weights = tuple(-w[j] / (W[j] * W[j - 1]) for j in range(1, len(r)))
@@ -196,7 +196,7 @@ class PrandtlIshlinskii:
 
     @cached_property
     def slip(self) -> Slip:
-        """Return the hysteresis as friction: Maxwell slip with springs in proportion to the stiffness K.
+        """Hysteresis as friction: Maxwell slip with springs in proportion to the stiffness K.
 
         The muscles hold a load where T(u, P) = load at u = H⁻¹[θ]. Seen from the angle, friction takes the torque
 

@@ -46,7 +46,7 @@ class Limit(IntFlag):
 
     @property
     def text(self) -> str:
-        """Return the name as it is printed: "P1 upper", "agonist slack", …"""
+        """Name as it is printed: "P1 upper", "agonist slack", …"""
         return _TEXT[self]
 
 
@@ -88,7 +88,7 @@ class Limits(NamedTuple):
 
     @property
     def without_forces(self) -> Self:
-        """Return the limits that are left without those on the forces."""
+        """Limits that are left without those on the forces."""
         return self._replace(min_force=None, max_force=None)
 
     def reach(self, muscle: int) -> tuple[Value, Value]:
@@ -129,7 +129,7 @@ Bound = tuple[Array, Limit]
 
 @dataclass(frozen=True)
 class PressureInterval:
-    """A `PressureInterval` is the pressures [Pa] that one muscle may have, and which limits set each end, in arrays.
+    """Pressures [Pa] that one muscle may have, and which limits set each end, in arrays.
 
     Where no pressure satisfies all limits lo = hi is what is left, and `broken` tells which limits are not kept. Hard
     above all is the slew limit, then the supply's lower end, then the upper ends, then the least force.
@@ -200,7 +200,7 @@ def _flags(held: Iterable[tuple[Mask, Limit]]) -> NDArray[np.int32]:
 
 @dataclass(frozen=True)
 class PressureBox:
-    """A `PressureBox` is the pressures allowed at an angle: one interval a muscle, and maybe a floor on their sum."""
+    """Pressures allowed at an angle: one interval a muscle, and maybe a floor on their sum."""
 
     agonist: PressureInterval
     antagonist: PressureInterval
@@ -232,18 +232,18 @@ class PressureBox:
 
     @property
     def empty(self) -> NDArray[np.bool_]:
-        """Return where limits contradict each other."""
+        """Where limits contradict each other."""
         return self.agonist.empty | self.antagonist.empty
 
     @property
     def slack(self) -> NDArray[np.bool_]:
-        """Return where no pressure left pulls a cable with the least force."""
+        """Where no pressure left pulls a cable with the least force."""
         broken = self.agonist.broken | self.antagonist.broken
         return np.asarray(broken & (Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) != 0)
 
     @property
     def unreachable(self) -> NDArray[np.bool_]:
-        """Return where the slew limit allows no pressure within supply, model and greatest force."""
+        """Where the slew limit allows no pressure within supply, model and greatest force."""
         return self.agonist.unreachable | self.antagonist.unreachable
 
     def contains(self, P1: Array, P2: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
@@ -265,12 +265,12 @@ class PressureBox:
 
     @property
     def has_floor(self) -> bool:
-        """Return whether there is a co-contraction floor."""
+        """Whether there is a co-contraction floor."""
         return bool(np.isfinite(self.least_sum).any())
 
     @property
     def floor_segment(self) -> tuple[Array, Array]:
-        """Return P1 at both ends of the edge P1 + P2 = least_sum; without such an edge the first is the greater."""
+        """P1 at both ends of the edge P1 + P2 = least_sum; without such an edge the first is the greater."""
         (lo1, hi1), (lo2, hi2) = ((side.lo, side.hi) for side in self)
         return np.maximum(lo1, self.least_sum - hi2), np.minimum(hi1, self.least_sum - lo2)
 

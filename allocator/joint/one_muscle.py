@@ -19,7 +19,7 @@ _LOOKED_AT = 33  # pressures between which the first fall of V^eff below that is
 
 @dataclass(frozen=True)
 class OneMuscle:
-    """`OneMuscle` is a muscle held at a posture, which adds a torque r F(P) and a stiffness k(P) r rᵀ + F(P) H.
+    """Muscle held at a posture, which adds a torque r F(P) and a stiffness k(P) r rᵀ + F(P) H.
 
     Its arm r = -∇l and bend H = ∇²l are numbers at a joint (r = ±a, H = ∓a' of its moment arm a), or with `vector` a
     vector and a matrix at a mechanism. Its own stiffness k is -F_ε/L, or with a `share` of the trapped gas the one that
@@ -51,17 +51,17 @@ class OneMuscle:
 
     @property
     def moment_arm(self) -> Value:
-        """Return a = |r| [m] of a joint's muscle, positive."""
+        """= |r| [m] of a joint's muscle, positive."""
         return -self.arm if self.name == "antagonist" else self.arm
 
     @property
     def affine(self) -> bool:
-        """Return whether torque and stiffness are affine in the pressure."""
+        """Whether torque and stiffness are affine in the pressure."""
         return isinstance(self.muscle, AffineMuscle)
 
     @property
     def arrays(self) -> tuple[Array, Array, Array]:
-        """Return (contraction, arm, bend): what varies from posture to posture."""
+        """(contraction, arm, bend): what varies from posture to posture."""
         return self.contraction, self.arm, self.bend
 
     def moved(self, contraction: Array, arm: Array, bend: Array) -> Self:
@@ -70,7 +70,7 @@ class OneMuscle:
 
     @property
     def isobaric(self) -> Self:
-        """Return the muscle at a held pressure."""
+        """Muscle at a held pressure."""
         return replace(self, share=None, push=None)
 
     def force(self, P: Value) -> Value:
@@ -90,6 +90,10 @@ class OneMuscle:
         """Return the stiffness k r rᵀ + F H [N·m/rad] that the muscle adds   (M2)"""
         K = self._squared(self.own_stiffness(P)) + self._bent(self.force(P))
         return K if self.push is None else K + self.met(self.isobaric.stiffness(P), self.force(P))
+
+    def added(self, F: Value, k: Value) -> tuple[Value, Value]:
+        """Return (r F, k r rᵀ + F H), what a force [N] and an own stiffness [N/m] add to torque and stiffness."""
+        return self._along(F), self._squared(k) + self._bent(F)
 
     def force_gain(self, P: Value) -> Value:
         """Return dF/dP [N/Pa]."""

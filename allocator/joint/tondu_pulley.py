@@ -33,14 +33,14 @@ class TonduPulley:
 
     @property
     def K_crit(self) -> float:
-        """Return the stiffness [N·m/rad] up to which the inverse is unique: α = β."""
+        """Stiffness [N·m/rad] up to which the inverse is unique: α = β."""
         m, p = self.muscle, self.pulley
         s = -2 * sqrt((m.a - m.b) / (-m.g * p.initial_contraction))
         return m.S * p.radius**2 / p.rest_length * (2 * m.c + m.g * s)
 
     @property
     def K_floor(self) -> float:
-        """Return the stiffness [N·m/rad] that all pairs of pressures exceed: s = 0, pressures at minus infinity."""
+        """Stiffness [N·m/rad] that all pairs of pressures exceed: s = 0, pressures at minus infinity."""
         m, p = self.muscle, self.pulley
         return m.S * p.radius**2 / p.rest_length * 2 * m.c
 

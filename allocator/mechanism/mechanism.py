@@ -36,7 +36,7 @@ Indices = NDArray[np.intp]
 
 
 class TargetsMap(NamedTuple):
-    """A `TargetsMap` is y(P) = y0 + M P at postures (…), d = n + n(n+1)/2: τ, then K11, K12, …, K1n, K22, …, Knn."""
+    """y(P) = y0 + M P at postures (…), d = n + n(n+1)/2: τ, then K11, K12, …, K1n, K22, …, Knn."""
 
     y0: Array  # (…, d) [N·m], [N·m/rad]
     M: Array  # (…, d, m) [N·m/Pa], [N·m/rad/Pa]
@@ -44,7 +44,7 @@ class TargetsMap(NamedTuple):
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A `Mechanism` is routes + m muscles + limits; immutable.
+    """Routes + m muscles + limits; immutable.
 
     `muscles` may be a single one, for all m. Postures are (…, n), pressures (…, m); leading axes broadcast.
     """
@@ -119,33 +119,33 @@ class Mechanism:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return self.routes.n
 
     @property
     def m(self) -> int:
-        """Return the number of muscles."""
+        """Number of muscles."""
         return self.routes.m
 
     @property
     def pressure_span(self) -> float:
-        """Return the width of the supply range [Pa]; tolerances are given in fractions of it."""
+        """Width of the supply range [Pa]; tolerances are given in fractions of it."""
         return self.pressure_limits[1] - self.pressure_limits[0]
 
     @cached_property
     def affine(self) -> bool:
-        """Return whether all muscles are affine in pressure."""
+        """Whether all muscles are affine in pressure."""
         return not self.not_affine
 
     @cached_property
     def not_affine(self) -> tuple[str, ...]:
-        """Return the names of the muscles that are not affine in pressure."""
+        """Names of the muscles that are not affine in pressure."""
         at = self.at(np.zeros(self.n))
         return tuple(name for name, muscle in zip(self.muscle_names, at, strict=True) if not muscle.affine)
 
     @cached_property
     def upper_triangle(self) -> tuple[Indices, Indices]:
-        """Return the rows and columns of K11, K12, …, Knn: the order of a `TargetsMap`."""
+        """Rows and columns of K11, K12, …, Knn: the order of a `TargetsMap`."""
         return np.triu_indices(self.n)
 
     # --- at postures ------------------------------------------------------------------------------------------------

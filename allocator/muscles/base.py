@@ -108,12 +108,12 @@ class Muscle(ABC):
 
     @property
     def max_pressure(self) -> float:
-        """Return the gauge pressure [Pa] up to which the law satisfies [M] on its taut region."""
+        """Gauge pressure [Pa] up to which the law satisfies [M] on its taut region."""
         return np.inf
 
     @property
     def min_contraction(self) -> float:
-        """Return the contraction ratio [-] from which on the law can be evaluated; negative is stretched."""
+        """Contraction ratio [-] from which on the law can be evaluated; negative is stretched."""
         return -np.inf
 
     @property
@@ -135,7 +135,7 @@ class Muscle(ABC):
 
     @property
     def basis(self) -> Basis:
-        """Return the functions of the pressure that F is a combination of at a fixed contraction, and the kinks between
+        """Functions of the pressure that F is a combination of at a fixed contraction, and the kinks between
         them.
 
         By default F is taken to be smooth in P on the whole range of pressures; a law with kinks has to declare them.
@@ -144,7 +144,7 @@ class Muscle(ABC):
 
     @property
     def limitation(self) -> str:
-        """Return where the law breaks [M] by its form, in a sentence; empty if it need not."""
+        """Where the law breaks [M] by its form, in a sentence; empty if it need not."""
         return ""
 
     def force(self, P: ArrayLike, eps: ArrayLike) -> Value:
@@ -184,7 +184,7 @@ class Muscle(ABC):
 
     @property
     def own_radius(self) -> Value | None:
-        """Return the radius at rest [m] that the law's parameters tell; None where they tell none."""
+        """Radius at rest [m] that the law's parameters tell; None where they tell none."""
         return None
 
     def volume_at_rest(self, rest_length: Value) -> Value:
@@ -243,7 +243,7 @@ class Muscle(ABC):
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Return every parameter by its name; the members of a row are called name[0], name[1], …"""
+        """Every parameter by its name; the members of a row are called name[0], name[1], …"""
         flat: dict[str, float] = {}
         for name, is_row in self.parameter_fields().items():
             value = getattr(self, name)
@@ -322,7 +322,7 @@ class AffineMuscle(Muscle):
 
     @property
     def basis(self) -> Basis:
-        """Return the basis functions of the pressure: 1 and P."""
+        """Basis functions of the pressure: 1 and P."""
         return Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:

@@ -40,7 +40,7 @@ class Infeasibility(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AtLeast:
-    """An `AtLeast` is the answer for one posture and one least stiffness."""
+    """Answer for one posture and one least stiffness."""
 
     allocation: BoxAllocation  # the pressures, what they give and which limits bind
     floors: Floors = field(repr=False)
@@ -48,52 +48,52 @@ class AtLeast:
 
     @property
     def mechanism(self) -> Mechanism:
-        """Return the mechanism."""
+        """Mechanism."""
         return self.allocation.mechanism
 
     @property
     def q(self) -> Array:
-        """Return the posture that is answered (n,) [rad]: that asked for, within the joints' range."""
+        """Posture that is answered (n,) [rad]: that asked for, within the joints' range."""
         return self.allocation.q
 
     @property
     def P(self) -> Array:
-        """Return the pressures (m,) [Pa]."""
+        """Pressures (m,) [Pa]."""
         return self.allocation.P
 
     @property
     def T(self) -> Array:
-        """Return the torques that they give (n,) [N·m]."""
+        """Torques that they give (n,) [N·m]."""
         return self.allocation.T
 
     @property
     def K(self) -> Array:
-        """Return the stiffness that they give (n, n) [N·m/rad]."""
+        """Stiffness that they give (n, n) [N·m/rad]."""
         return self.allocation.K
 
     @property
     def K_x(self) -> Array:
-        """Return the stiffness of the endpoint (dim, dim) [N/m]. Raises `InvalidInput` where none was given."""
+        """Stiffness of the endpoint (dim, dim) [N/m]. Raises `InvalidInput` where none was given."""
         return self.allocation.K_x
 
     @property
     def least(self) -> tuple[Array, ...]:
-        """Return the B_i (n, n) [N·m/rad] of K_q ⪰ B_i: of the stiffness, and of the margin if one was asked for."""
+        """B_i (n, n) [N·m/rad] of K_q ⪰ B_i: of the stiffness, and of the margin if one was asked for."""
         return self.floors.least
 
     @property
     def box(self) -> tuple[Array, Array]:
-        """Return the least and the greatest pressures (m,) [Pa] that the limits leave."""
+        """Least and greatest pressures (m,) [Pa] that the limits leave."""
         return self.allocation.box
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Return the names of the limits that bind."""
+        """Names of the limits that bind."""
         return self.allocation.active  # type: ignore[no-any-return]  # of one target
 
     @cached_property
     def excess(self) -> tuple[float, ...]:
-        """Return how far K_q is above each floor in the worst direction, in shares of what is asked for; ≥ 0 is met.
+        """How far K_q is above each floor in the worst direction, in shares of what is asked for; ≥ 0 is met.
 
         Of a stiffness beyond reach the least of these is the greatest that there is.
         """
@@ -101,22 +101,22 @@ class AtLeast:
 
     @property
     def torque_met(self) -> bool:
-        """Return whether the torques are given."""
+        """Whether the torques are given."""
         return bool(self.allocation.torque_met)
 
     @property
     def enough(self) -> bool:
-        """Return whether the stiffness is at least what was asked for, and the margin kept."""
+        """Whether the stiffness is at least what was asked for, and the margin kept."""
         return min(self.excess) >= -_ENOUGH
 
     @property
     def success(self) -> bool:
-        """Return whether torques and stiffness are met, with pressures that are proved to be the least."""
+        """Whether torques and stiffness are met, with pressures that are proved to be the least."""
         return self.status == Status.EXACT
 
     @cached_property
     def status(self) -> Status:
-        """Return the outcome: EXACT is met, by the least pressures; TORQUE_ and STIFFNESS_LIMITED are proved."""
+        """Outcome: EXACT is met, by the least pressures; TORQUE_ and STIFFNESS_LIMITED are proved."""
         status = Status(self.allocation.status)
         if status in _BROKEN:
             return status
@@ -130,7 +130,7 @@ class AtLeast:
 
     @cached_property
     def gap(self) -> float:
-        """Return how far Σ (P - P_ref)² is above a proved bound, in shares of the square of the greatest pressure."""
+        """How far Σ (P - P_ref)² is above a proved bound, in shares of the square of the greatest pressure."""
         if self.multipliers is None:
             return np.inf
         programme = self.floors.programme
@@ -139,7 +139,7 @@ class AtLeast:
 
     @cached_property
     def certificate(self) -> Infeasibility | None:
-        """Return the proof that no pressures will do, or None where there is none."""
+        """Proof that no pressures will do, or None where there is none."""
         n = self.mechanism.n
         if self.multipliers is not None:
             torque = self.multipliers.torque / self.floors.torque_size
@@ -161,7 +161,7 @@ class AtLeast:
 
     @property
     def message(self) -> str:
-        """Return a sentence that says what was reached and what is in the way."""
+        """Sentence that says what was reached and what is in the way."""
         in_the_way = f"; in the way: {', '.join(self.active)}" if self.active else ""
         if self.status == Status.EXACT:
             return "torques are met and the stiffness is enough, with the least pressures"

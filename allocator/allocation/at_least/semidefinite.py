@@ -29,7 +29,7 @@ _TOLERANCES = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11}
 
 
 class LinearMatrix(NamedTuple):
-    """A `LinearMatrix` is F(x) = F0 + Σ_j x_j F_j, symmetric."""
+    """F(x) = F0 + Σ_j x_j F_j, symmetric."""
 
     constant: Array  # F0 (k, k)
     slope: Array  # F_j (m, k, k)
@@ -40,7 +40,7 @@ class LinearMatrix(NamedTuple):
 
 
 class Programme(NamedTuple):
-    """A `Programme` is the data of [S]."""
+    """Data of [S]."""
 
     A: Array  # (n, m)
     b: Array  # (n,)
@@ -150,7 +150,7 @@ def _built(kind: str, n: int, m: int, size: int, count: int) -> _Built:
 
 @dataclass(frozen=True, eq=False)
 class Floors:
-    """`Floors` are matrix inequalities K_q ⪰ B_i, each with the frame W_i that it is measured in."""
+    """Matrix inequalities K_q ⪰ B_i, each with the frame W_i that it is measured in."""
 
     problem: BoxProblem  # of one target
     torque: Array  # asked for (n,) [N·m]
@@ -179,7 +179,7 @@ class Floors:
 
     @cached_property
     def programme(self) -> Programme:
-        """Return the data of the semidefinite programme, torques in fractions of what the muscles can do."""
+        """Data of the semidefinite programme, torques in fractions of what the muscles can do."""
         p, n = self.problem, self.problem.mechanism.n
         y0, M = self.given.y0, self.given.M * p.unit
         size = self.torque_size
@@ -193,13 +193,13 @@ class Floors:
 
     @cached_property
     def given(self) -> TargetsMap:
-        """Return (y0 (d,), M (d, m)) of torques and joint stiffness."""
+        """(y0 (d,), M (d, m)) of torques and joint stiffness."""
         y0, M = self.problem.mechanism.map_of(self.problem.muscles)
         return TargetsMap(y0[0], M[0])
 
     @property
     def torque_size(self) -> float:
-        """Return the torque [N·m] that the programme counts as 1."""
+        """Torque [N·m] that the programme counts as 1."""
         return float(np.abs(self.given.M[: self.problem.mechanism.n]).max() * self.problem.unit)
 
     def excess(self, K: Array) -> tuple[float, ...]:

@@ -27,7 +27,7 @@ _TRUSTED = 1e-7  # an answer with a greater optimality residual is a failure
 
 
 class Separation(NamedTuple):
-    """A `Separation` is a proof that targets are beyond reach: d·y(P) ≤ reach < asked = d·y* all over the box.
+    """Proof that targets are beyond reach: d·y(P) ≤ reach < asked = d·y* all over the box.
 
     Its components are NaN where the targets are met.
     """

@@ -33,7 +33,7 @@ _STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold is on it
 
 @dataclass(frozen=True, eq=False)
 class BoxProblem:
-    """A `BoxProblem` is N problems [M] of one mechanism, at N postures or all at one: Q is N or 1."""
+    """N problems [M] of one mechanism, at N postures or all at one: Q is N or 1."""
 
     mechanism: Mechanism
     asked: Array  # posture asked for (Q, n) [rad]
@@ -48,51 +48,51 @@ class BoxProblem:
 
     @property
     def size(self) -> int:
-        """Return N."""
+        """N."""
         return len(self.y)
 
     @cached_property
     def q(self) -> Array:
-        """Return the postures that are answered (Q, n): those asked for, moved within the angle limits."""
+        """Postures that are answered (Q, n): those asked for, moved within the angle limits."""
         return self.mechanism.within(self.asked)
 
     @property
     def outside(self) -> Mask:
-        """Return which joints are asked to go beyond their limits (Q, n)."""
+        """Which joints are asked to go beyond their limits (Q, n)."""
         return np.asarray(self.q != self.asked)
 
     @cached_property
     def muscles(self) -> tuple[OneMuscle, ...]:
-        """Return the muscles at the postures."""
+        """Muscles at the postures."""
         return self.mechanism.at(self.q, self.kind.fixed)
 
     @cached_property
     def stretched(self) -> Mask:
-        """Return which muscles are below the contraction from which on their models hold (Q, m)."""
+        """Which muscles are below the contraction from which on their models hold (Q, m)."""
         eps = np.stack([muscle.contraction for muscle in self.muscles], axis=-1)
         return np.asarray(eps < self.mechanism.min_contraction - _STRETCHED)
 
     @cached_property
     def map(self) -> TargetsMap:
-        """Return y0 (Q, d) and M (Q, d, m); (N, …) of endpoint stiffnesses that differ."""
+        """y0 (Q, d) and M (Q, d, m); (N, …) of endpoint stiffnesses that differ."""
         given = self.mechanism.map_of(self.muscles)
         return given if self.endpoint is None else self.endpoint.of(given)
 
     @cached_property
     def box(self) -> tuple[PressureInterval, ...]:
-        """Return the interval of each muscle's pressure, arrays (Q) or (N)."""
+        """Interval of each muscle's pressure, arrays (Q) or (N)."""
         return self.mechanism.intervals(self.muscles, self.limits)
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Return (lo, hi) (N, m) [Pa]."""
+        """(lo, hi) (N, m) [Pa]."""
         shape = self.size, self.mechanism.m
         lo, hi = (np.stack([getattr(side, end) for side in self.box], axis=-1) for end in ("lo", "hi"))
         return np.broadcast_to(lo, shape), np.broadcast_to(hi, shape)
 
     @cached_property
     def which(self) -> NDArray[np.int64]:
-        """Return the index of the map (N,) of each problem."""
+        """Index of the map (N,) of each problem."""
         maps = len(self.asked if self.endpoint is None else self.map.y0)
         return np.arange(self.size) if maps > 1 else np.zeros(self.size, np.int64)
 
@@ -100,12 +100,12 @@ class BoxProblem:
 
     @property
     def unit(self) -> float:
-        """Return the pressure [Pa] that x = P/unit is measured in."""
+        """Pressure [Pa] that x = P/unit is measured in."""
         return self.mechanism.pressure_limits[1]
 
     @cached_property
     def rows(self) -> tuple[Indices, Indices]:
-        """Return (the components of y that have a weight, level after level; where each level ends)."""
+        """(the components of y that have a weight, level after level; where each level ends)."""
         n = self.mechanism.n
         torque, stiffness = (np.flatnonzero(self.weights[part]) for part in (slice(n), slice(n, None)))
         stiffness += n
@@ -116,19 +116,19 @@ class BoxProblem:
 
     @cached_property
     def A(self) -> Array:
-        """Return the weighted rows (Q, p, m), per unit of x."""
+        """Weighted rows (Q, p, m), per unit of x."""
         rows, _ = self.rows
         return np.ascontiguousarray((np.sqrt(self.weights[rows])[:, None] * self.unit) * self.map.M[:, rows])
 
     @cached_property
     def b(self) -> Array:
-        """Return the weighted right-hand sides (N, p)."""
+        """Weighted right-hand sides (N, p)."""
         rows, _ = self.rows
         return np.ascontiguousarray(np.sqrt(self.weights[rows]) * (self.y[:, rows] - self.map.y0[:, rows]))
 
     @cached_property
     def x_bounds(self) -> tuple[Array, Array, Array]:
-        """Return (lo, hi, centre) (N, m) of x."""
+        """(lo, hi, centre) (N, m) of x."""
         shape = self.size, self.mechanism.m
         centre = np.broadcast_to(self.reference, shape)
         lo, hi, c = (np.ascontiguousarray(P / self.unit) for P in (*self.bounds, centre))
@@ -158,7 +158,7 @@ class BoxProblem:
 
     @cached_property
     def y_scale(self) -> Array:
-        """Return what counts as large (N, d): what the muscles add at their upper bounds, in absolute value."""
+        """What counts as large (N, d): what the muscles add at their upper bounds, in absolute value."""
         if not self.mechanism.affine:
             return np.asarray(sum(map(np.abs, self._added(self.bounds[1])))) + np.abs(self.y)
         most = self.by_posture(np.abs(self.map.M).swapaxes(1, 2), np.abs(self.bounds[1]))

@@ -15,6 +15,7 @@ from allocator.allocation.box.sensitivity import jacobian
 from allocator.allocation.relaxation import Nearby
 from allocator.allocation.result import Allocation, as_status, shaped
 from allocator.allocation.status import CLOSED_FORM, Status, status_names
+from allocator.allocation.uncertain.spread import Spread, of_mechanism
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.joint.gas import StiffnessKind
@@ -43,7 +44,7 @@ def limit_names(muscle: str, flags: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class BoxAllocation(Allocation):
-    """A `BoxAllocation` is the `Allocation` of m muscles, for targets of any leading shape (…); one target has none."""
+    """`Allocation` of m muscles, for targets of any leading shape (…); one target has none."""
 
     P: Array  # pressures (…, m) [Pa]
     T: Array  # torques that they give (…, n) [N·m]
@@ -103,17 +104,17 @@ class BoxAllocation(Allocation):
 
     @property
     def mechanism(self) -> Mechanism:
-        """Return the mechanism."""
+        """Mechanism."""
         return self._problem.mechanism
 
     @property
     def kind(self) -> StiffnessKind:
-        """Return which stiffness `K` is: isobaric, shut, …"""
+        """Which stiffness `K` is: isobaric, shut, …"""
         return self._problem.kind
 
     @property
     def q(self) -> Array:
-        """Return the postures that are answered (…, n) [rad]: those asked for, within the joints' range."""
+        """Postures that are answered (…, n) [rad]: those asked for, within the joints' range."""
         return self._array(self._problem.q)
 
     @property
@@ -121,18 +122,22 @@ class BoxAllocation(Allocation):
         return self._problem.muscles
 
     @property
+    def _spread(self) -> Spread | None:
+        return of_mechanism(self._muscles, [P for _, P in self._pulling])
+
+    @property
     def theta(self) -> Array:
-        """Return the postures asked for (…, n) [rad]."""
+        """Postures asked for (…, n) [rad]."""
         return self._array(self._problem.asked)
 
     @property
     def T_target(self) -> Array:
-        """Return the torques asked for (…, n) [N·m]."""
+        """Torques asked for (…, n) [N·m]."""
         return self._array(self._problem.y[:, : self.mechanism.n])
 
     @property
     def K_target(self) -> Array:
-        """Return the stiffness asked for (…, n, n) [N·m/rad]; NaN for entries that were not asked for.
+        """Stiffness asked for (…, n, n) [N·m/rad]; NaN for entries that were not asked for.
 
         Of an endpoint all of them: see `K_x_error`.
         """
@@ -144,12 +149,12 @@ class BoxAllocation(Allocation):
 
     @property
     def P1(self) -> Value:
-        """Return the agonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
+        """Agonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
         return self._of_a_pair(0)
 
     @property
     def P2(self) -> Value:
-        """Return the antagonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
+        """Antagonist's pressure [Pa], of two muscles. Raises `InvalidInput` for more."""
         return self._of_a_pair(1)
 
     def _of_a_pair(self, i: int) -> Value:
@@ -159,7 +164,7 @@ class BoxAllocation(Allocation):
 
     @property
     def costs(self) -> Array:
-        """Return the weighted squared errors of the levels (…, levels) [cost], in the order of the priority."""
+        """Weighted squared errors of the levels (…, levels) [cost], in the order of the priority."""
         rows, ends = self._problem.rows
         y = self._problem.given(self.P.reshape(-1, self.mechanism.m))[:, rows]
         squares = self._problem.weights[rows] * (y - self._problem.y[:, rows]) ** 2
@@ -167,29 +172,29 @@ class BoxAllocation(Allocation):
 
     @property
     def least_stiffness(self) -> Value:
-        """Return the least eigenvalue of K (…) [N·m/rad]; a posture holds itself where it is positive."""
+        """Least eigenvalue of K (…) [N·m/rad]; a posture holds itself where it is positive."""
         return self._formed(np.linalg.eigvalsh(self.K)[..., 0].ravel())
 
     # --- at the endpoint --------------------------------------------------------------------------------------------
 
     @property
     def endpoint(self) -> Endpoint | None:
-        """Return the endpoint whose stiffness was asked for, if one was."""
+        """Endpoint whose stiffness was asked for, if one was."""
         return None if self._problem.endpoint is None else self._problem.endpoint.endpoint
 
     @property
     def x(self) -> Array:
-        """Return where the endpoint is (…, dim) [m]. Raises `InvalidInput` where none was asked for."""
+        """Where the endpoint is (…, dim) [m]. Raises `InvalidInput` where none was asked for."""
         return self._array(self._hand.place.position)
 
     @cached_property
     def K_x(self) -> Array:
-        """Return the endpoint's stiffness under its force (…, dim, dim) [N/m]. Raises `InvalidInput` without one."""
+        """Endpoint's stiffness under its force (…, dim, dim) [N/m]. Raises `InvalidInput` without one."""
         return self._array(self._hand.stiffness(self.K.reshape(-1, *self.K.shape[-2:])))
 
     @property
     def K_x_error(self) -> Array:
-        """Return the endpoint's stiffness asked minus given (…, dim, dim) [N/m]; NaN for entries not asked for."""
+        """Endpoint's stiffness asked minus given (…, dim, dim) [N/m]; NaN for entries not asked for."""
         free = self._problem.weights[self.mechanism.n :] == 0
         dim = self._hand.endpoint.dim
         asked = np.array(np.broadcast_to(self._hand.asked, (self._problem.size, dim, dim)))
@@ -199,7 +204,7 @@ class BoxAllocation(Allocation):
 
     @property
     def endpoint_error(self) -> Value:
-        """Return ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F (…) [-], over the entries that were asked for."""
+        """‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F (…) [-], over the entries that were asked for."""
         n = self.mechanism.n
         given = self._hand.seen(self.K.reshape(-1, *self.K.shape[-2:]))
         twice = 2.0 - np.eye(self._hand.endpoint.dim)[np.triu_indices(self._hand.endpoint.dim)]
@@ -230,13 +235,13 @@ class BoxAllocation(Allocation):
 
     @property
     def box(self) -> tuple[Array, Array]:
-        """Return the least and the greatest pressures (…, m) [Pa] that the limits leave."""
+        """Least and greatest pressures (…, m) [Pa] that the limits leave."""
         lo, hi = map(self._formed, self._problem.bounds)
         return lo, hi
 
     @cached_property
     def active(self) -> Any:
-        """Return the names of the limits that bind: "muscle 1 upper", "muscle 2 slack", "joint 1 range", …
+        """Names of the limits that bind: "muscle 1 upper", "muscle 2 slack", "joint 1 range", …
 
         A tuple, or an array (…) of tuples. A limit binds where the pressure lies on it, up to 1e-9 of the supply range.
         """
@@ -261,7 +266,7 @@ class BoxAllocation(Allocation):
 
     @property
     def broken(self) -> Any:
-        """Return the names of the limits that are not kept, since the slew limit or others allow no such pressure."""
+        """Names of the limits that are not kept, since the slew limit or others allow no such pressure."""
         return self._named(lambda side, P, near: side.not_kept(P, near))
 
     def jacobian(self) -> Array:

@@ -25,7 +25,7 @@ SCALE = BAR  # optimisers see pressures in bar: numbers of order one
 
 
 class Goal(NamedTuple):
-    """A `Goal` is to minimise w_T (T - T*)² + w_K (K - K*)² + ρ ‖P - P_ref‖² while `kept` stays as at the start."""
+    """To minimise w_T (T - T*)² + w_K (K - K*)² + ρ ‖P - P_ref‖² while `kept` stays as at the start."""
 
     w_T: float
     w_K: float
@@ -110,7 +110,7 @@ OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
 
 
 class Solution(NamedTuple):
-    """A `Solution` is feasible pressures of n problems, and what became of the back-end."""
+    """Feasible pressures of n problems, and what became of the back-end."""
 
     P1: Array
     P2: Array

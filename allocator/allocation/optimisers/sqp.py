@@ -30,7 +30,7 @@ _PENALTY = 10.0  # on the kept goal, in scaled units; above its multiplier, whic
 
 
 class SmallQP(NamedTuple):
-    """A `SmallQP` is one (QP), in bar and scaled errors; the kept row is None where nothing is kept."""
+    """One (QP), in bar and scaled errors; the kept row is None where nothing is kept."""
 
     H: Array  # (2, 2)
     g: Array  # (2,)

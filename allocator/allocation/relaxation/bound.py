@@ -39,7 +39,7 @@ class Level(NamedTuple):
 
 
 class Relaxed(NamedTuple):
-    """A `Relaxed` is an answer of the relaxed problem and what it proves."""
+    """Answer of the relaxed problem and what it proves."""
 
     v: Array  # (2m,)
     bound: float  # no v of the polygons with E v = e has a lower ‖G v - b‖²; inf: there is no such v

@@ -63,7 +63,7 @@ class Curve:
 
     @property
     def straight(self) -> bool:
-        """Return whether it is a segment of a line, as of muscles that are affine in the pressure."""
+        """Whether it is a segment of a line, as of muscles that are affine in the pressure."""
         return self.side.affine
 
     def at(self, P: Array) -> Array:

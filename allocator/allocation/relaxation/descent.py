@@ -48,7 +48,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """A `_Linear` is the problem of the straight lines, as `batches` takes it."""
+    """Problem of the straight lines, as `batches` takes it."""
 
     A: Array
     b: Array

@@ -21,13 +21,13 @@ _LOOKED_AT = 33  # pressures at which forces are seen to rise
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A `Model` is a `BoxProblem` whose muscles are curves; targets are chosen by their indices `which` (S,)."""
+    """`BoxProblem` whose muscles are curves; targets are chosen by their indices `which` (S,)."""
 
     problem: BoxProblem
 
     @cached_property
     def C(self) -> Array:
-        """Return y = C v (Q, d, 2m)."""
+        """y = C v (Q, d, 2m)."""
         rows, columns = self.problem.mechanism.upper_triangle
         found = []
         for side in self.problem.muscles:
@@ -38,39 +38,39 @@ class Model:
 
     @cached_property
     def root_weights(self) -> Array:
-        """Return the roots of the weights of the rows (p,)."""
+        """Roots of the weights of the rows (p,)."""
         return np.asarray(np.sqrt(self.problem.weights[self.problem.rows[0]]))
 
     @cached_property
     def weighted(self) -> Array:
-        """Return the weighted rows of C, in the order of the levels (Q, p, 2m)."""
+        """Weighted rows of C, in the order of the levels (Q, p, 2m)."""
         return np.asarray(self.root_weights[:, None] * self.C[:, self.problem.rows[0]])
 
     @cached_property
     def asked(self) -> Array:
-        """Return the weighted targets (N, p)."""
+        """Weighted targets (N, p)."""
         return np.asarray(self.root_weights * self.problem.y[:, self.problem.rows[0]])
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Return the least and the greatest pressures (N, m) [Pa]."""
+        """Least and greatest pressures (N, m) [Pa]."""
         return self.problem.bounds
 
     @cached_property
     def force_bounds(self) -> tuple[Array, Array]:
-        """Return the least and the greatest forces (N, m) [N]."""
+        """Least and greatest forces (N, m) [N]."""
         lo, hi = self.bounds
         every = np.arange(self.problem.size)
         return self.forces(every, lo), self.forces(every, hi)
 
     @cached_property
     def reference(self) -> Array:
-        """Return the pressures that are wanted near (N, m) [Pa]."""
+        """Pressures that are wanted near (N, m) [Pa]."""
         return np.broadcast_to(self.problem.reference, self.bounds[0].shape)
 
     @cached_property
     def scale(self) -> Array:
-        """Return what counts as a large weighted error of each level (N, K)."""
+        """What counts as a large weighted error of each level (N, K)."""
         every = np.arange(self.problem.size)
         size = np.abs(self.product(np.abs(self.weighted), every, np.abs(self.states(every, self.bounds[1]))))
         size += np.abs(self.asked)
@@ -110,7 +110,7 @@ class Model:
 
     @cached_property
     def _alone(self) -> dict[int, tuple[OneMuscle, ...]]:
-        """Return the muscles at the posture that was looked at last, since a search stays there."""
+        """Muscles at the posture that was looked at last, since a search stays there."""
         return {}
 
     def forces(self, which: Indices, P: Array) -> Array:
@@ -146,7 +146,7 @@ class Model:
 
     @cached_property
     def curves(self) -> tuple[tuple[Curve, ...], ...]:
-        """Return the curves of all muscles at each posture (Q), between the least and the greatest pressure allowed."""
+        """Curves of all muscles at each posture (Q), between the least and the greatest pressure allowed."""
         lo, hi = self.bounds
         found = []
         for i in range(len(self.C)):

@@ -28,7 +28,7 @@ _SAMPLES = 65  # pressures between which a force is looked up
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A `Node` is an interval of pressure [Pa] for each muscle, with the polygons around what they can do there."""
+    """Interval of pressure [Pa] for each muscle, with the polygons around what they can do there."""
 
     lo: Array  # (m,)
     hi: Array
@@ -134,7 +134,7 @@ class Nearby(NamedTuple):
 
     @property
     def left(self) -> Array:
-        """Return how far a level's cost may be above the least (N,), of 1 + cost."""
+        """How far a level's cost may be above the least (N,), of 1 + cost."""
         return np.asarray(((self.costs - self.bounds) / (1 + self.costs)).max(axis=1))
 
     @classmethod

@@ -31,7 +31,7 @@ _HELD = 1e-3  # a step is held where the limits leave less than this of it
 
 
 class Assessment(NamedTuple):
-    """An `Assessment` is the facts about n answers, each (n,)."""
+    """Facts about n answers, each (n,)."""
 
     T: Array  # torque given [N·m]
     K: Array  # stiffness given [N·m/rad]

@@ -30,7 +30,7 @@ _TIE = 1e-13  # torques or stiffnesses closer than this fraction of their scale 
 
 
 class Optimum(NamedTuple):
-    """An `Optimum` is the optimal pressures, each (n,), and how much is not proved."""
+    """Optimal pressures, each (n,), and how much is not proved."""
 
     P1: Array  # [Pa]
     P2: Array

@@ -52,7 +52,7 @@ The nearest torque or stiffness is the same for all targets beyond reach; a weig
 
 @dataclass(frozen=True)
 class Problem:
-    """A `Problem` is n allocation problems [A] of one joint; all arrays have the shape (n,)."""
+    """n allocation problems [A] of one joint; all arrays have the shape (n,)."""
 
     joint: AntagonistJoint
     theta: Array  # joint angle within the joint range [rad]
@@ -70,7 +70,7 @@ class Problem:
 
     @cached_property
     def sides(self) -> BothMuscles:
-        """Return both muscles, held at the angles."""
+        """Both muscles, held at the angles."""
         return self.sides_at(self.theta)
 
     def sides_at(self, theta: Array) -> BothMuscles:
@@ -80,32 +80,32 @@ class Problem:
 
     @cached_property
     def box(self) -> PressureBox:
-        """Return the pressures that all limits together allow."""
+        """Pressures that all limits together allow."""
         return self.joint.box(self.theta, self.limits, self.shares)
 
     @cached_property
     def curves(self) -> Curves:
-        """Return both muscles at the angles, in the numbers that the complete search takes."""
+        """Both muscles at the angles, in the numbers that the complete search takes."""
         return Curves.of(self.sides, self.box, self.joint.pressure_limits)
 
     @cached_property
     def box_without_forces(self) -> PressureBox:
-        """Return the pressures that all limits but those on the forces allow."""
+        """Pressures that all limits but those on the forces allow."""
         return self.joint.box(self.theta, self.limits.without_forces, self.shares)
 
     @property
     def tondu_pulley(self) -> TonduPulley | None:
-        """Return the closed forms of the report's joint where they hold: for its isobaric stiffness."""
+        """Closed forms of the report's joint where they hold: for its isobaric stiffness."""
         return self.joint.tondu_pulley if self.shares is None and self.felt is None and self.push is None else None
 
     @cached_property
     def T_aim(self) -> Array:
-        """Return the torque aimed at: the target, or where it is out of all proportion a nearer one."""
+        """Torque aimed at: the target, or where it is out of all proportion a nearer one."""
         return self._near(self.T, [side.torque for side in self.sides])
 
     @cached_property
     def K_aim(self) -> Array:
-        """Return the stiffness aimed at: the least that is as good as the target, or a nearer one likewise."""
+        """Stiffness aimed at: the least that is as good as the target, or a nearer one likewise."""
         return self._near(self.K, [side.stiffness for side in self.sides], self._hysteresis) - self.stiffness_tolerance
 
     def _near(
@@ -123,7 +123,7 @@ class Problem:
 
     @property
     def P_ref(self) -> Pair:
-        """Return the reference pressures; without a pull they do not matter."""
+        """Reference pressures; without a pull they do not matter."""
         return (np.zeros(()), np.zeros(())) if self.reference is None else self.reference
 
     def errors(self, P1: Array, P2: Array) -> Pair:
@@ -168,7 +168,7 @@ class Problem:
 
     @cached_property
     def scales(self) -> Pair:
-        """Return what counts as large: both muscles' torque and stiffness at their upper bounds, in absolute value."""
+        """What counts as large: both muscles' torque and stiffness at their upper bounds, in absolute value."""
         one, two = self.sides
         hi1, hi2 = self.box.agonist.hi, self.box.antagonist.hi
         return (

@@ -13,7 +13,7 @@ from allocator.allocation.result import Allocation
 from allocator.allocation.status import CLOSED_FORM, OPTIMISER, Priority, Status, status_names
 from allocator.allocation.two_muscles import certificate, reach, sensitivity
 from allocator.allocation.two_muscles.problem import Problem
-from allocator.allocation.uncertain.spread import forces_std, stiffness_std
+from allocator.allocation.uncertain.spread import Spread, of_joint
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.inverse import why_no_inverse
@@ -63,7 +63,7 @@ class PairAllocation(Allocation):
 
     @property
     def valves(self) -> tuple[bool | Mask, bool | Mask]:
-        """Return whether the valves of (agonist, antagonist) are shut while the joint is as stiff as `K`.
+        """Whether the valves of (agonist, antagonist) are shut while the joint is as stiff as `K`.
 
         Two truth values, or arrays of them; regulated ones, where a `frequency` was asked for, count as open.
         """
@@ -75,12 +75,12 @@ class PairAllocation(Allocation):
 
     @cached_property
     def P(self) -> Array:
-        """Return the pressures of agonist and antagonist (…, 2) [Pa]."""
+        """Pressures of agonist and antagonist (…, 2) [Pa]."""
         return np.stack([self.P1, self.P2], axis=-1)
 
     @property
     def q(self) -> Value:
-        """Return the angle that is answered [rad]: the nearest within the joint's range."""
+        """Angle that is answered [rad]: the nearest within the joint's range."""
         return self._formed(self._problem.theta)
 
     @property
@@ -89,18 +89,18 @@ class PairAllocation(Allocation):
 
     @property
     def box(self) -> tuple[Array, Array]:
-        """Return the least and the greatest pressures (…, 2) [Pa] that the limits leave."""
+        """Least and greatest pressures (…, 2) [Pa] that the limits leave."""
         one, two = self._problem.box
         return self._array(np.stack([one.lo, two.lo], axis=-1)), self._array(np.stack([one.hi, two.hi], axis=-1))
 
     @property
     def torque_met(self) -> Any:
-        """Return whether the torque asked for is given."""
+        """Whether the torque asked for is given."""
         return self._near(self.T_error, self._problem.scales[0], 0.0)
 
     @property
     def stiffness_met(self) -> Any:
-        """Return whether the stiffness asked for is given, up to the tolerance."""
+        """Whether the stiffness asked for is given, up to the tolerance."""
         return self._near(self.K_error, self._problem.scales[1], self._problem.stiffness_tolerance)
 
     def _near(self, error: Value, scale: Array, tolerance: float) -> Any:
@@ -114,12 +114,12 @@ class PairAllocation(Allocation):
 
     @property
     def holds(self) -> Any:
-        """Return whether the joint holds itself: K > 0."""
+        """Whether the joint holds itself: K > 0."""
         return self.K > 0
 
     @property
     def least_stiffness(self) -> Value:
-        """Return K [N·m/rad], the one eigenvalue there is."""
+        """K [N·m/rad], the one eigenvalue there is."""
         return self.K
 
     @property
@@ -134,7 +134,7 @@ class PairAllocation(Allocation):
 
     @property
     def active(self) -> Any:
-        """Return the names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples.
+        """Names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples.
 
         A limit binds where the pressure lies on it, up to 1e-9 of the supply range; of limits at one pressure all bind,
         since relieving one does not help. Supply and validity of the model count as one limit, the lower.
@@ -143,7 +143,7 @@ class PairAllocation(Allocation):
 
     @property
     def broken(self) -> Any:
-        """Return the names of the limits that are not kept, since the slew limit or others allow no such pressure.
+        """Names of the limits that are not kept, since the slew limit or others allow no such pressure.
 
         Of method "analytic", which knows no limits, whatever it breaks. A tuple, or an array of tuples.
         """
@@ -153,12 +153,12 @@ class PairAllocation(Allocation):
 
     @cached_property
     def torque_interval(self) -> Pair:
-        """Return (T_min, T_max) [N·m] that can be reached at the angle."""
+        """(T_min, T_max) [N·m] that can be reached at the angle."""
         return self._shaped(*torque_interval(self._problem.sides, self._problem.box))
 
     @cached_property
     def stiffness_interval(self) -> Pair:
-        """Return (K_min, K_max) [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer.
+        """(K_min, K_max) [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer.
 
         Of the kind of stiffness asked for, and with the valves as they are.
         """
@@ -166,7 +166,7 @@ class PairAllocation(Allocation):
 
     @cached_property
     def torque_intervals(self) -> Array:
-        """Return the intervals (T_min, T_max) [N·m] within reach at the angle with the stiffness given: (…, m, 2).
+        """Intervals (T_min, T_max) [N·m] within reach at the angle with the stiffness given: (…, m, 2).
 
         A union of m intervals at most, NaN where a target has fewer; m is 1 for affine muscles and on the report's
         joint.
@@ -176,7 +176,7 @@ class PairAllocation(Allocation):
 
     @cached_property
     def gap(self) -> Value:
-        """Return how much better an answer might be than this one, for all that is proved; 0 for closed forms.
+        """How much better an answer might be than this one, for all that is proved; 0 for closed forms.
 
         A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
         (muscles not affine) prove some 1e-13. Of an optimising method: how much worse than the bound of "exact". NaN
@@ -188,7 +188,7 @@ class PairAllocation(Allocation):
 
     @cached_property
     def pairs(self) -> Any:
-        """Return how many pairs of pressures within the limits give this torque and stiffness: 1, on levers also more.
+        """How many pairs of pressures within the limits give this torque and stiffness: 1, on levers also more.
 
         The least of them is answered, or with `previous` the nearest to these pressures; see `along` of `allocate`.
         """
@@ -196,30 +196,16 @@ class PairAllocation(Allocation):
 
     @cached_property
     def kkt_residual(self) -> Value:
-        """Return the step that would still improve the answer, in fractions of the supply range; 0 is optimal."""
+        """Step that would still improve the answer, in fractions of the supply range; 0 is optimal."""
         return self._formed(certificate.residual(self._problem, np.ravel(self.P1), np.ravel(self.P2)))
 
-    @cached_property
-    def K_std(self) -> Value:
-        """Return the standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if they have none.
-
-        That of a fitted joint allows for a smooth error of its force law; that of muscles fitted to forces does not.
-        """
-        std = stiffness_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        return None if std is None else self._formed(std)
-
-    @cached_property
-    def forces_std(self) -> Array | None:
-        """Return the forces' standard deviations (…, 2) [N] from the covariance of fitted muscles; None without one.
-
-        A joint whose fit has not seen the force common to both muscles has a wide one.
-        """
-        std = forces_std(self._problem, np.ravel(self.P1), np.ravel(self.P2))
-        return None if std is None else self._array(np.stack(std, axis=-1))
+    @property
+    def _spread(self) -> Spread | None:
+        return of_joint(self._problem, np.ravel(self.P1), np.ravel(self.P2))
 
     @property
     def torques(self) -> tuple[Array, Array]:
-        """Return what agonist (a1 F1) and antagonist (-a2 F2) add to the torque, in one row [N·m]."""
+        """What agonist (a1 F1) and antagonist (-a2 F2) add to the torque, in one row [N·m]."""
         one, two = self._problem.sides
         return one.torque(np.ravel(self.P1)), two.torque(np.ravel(self.P2))
 
@@ -303,7 +289,7 @@ class PairAllocation(Allocation):
 
     @property
     def stiffness_name(self) -> str:
-        """Return which stiffness it is, with the valves of the answer where they were free: "shut stiffness", …"""
+        """Which stiffness it is, with the valves of the answer where they were free: "shut stiffness", …"""
         if self.kind.shares is not None:
             return self.kind.text
         state = StiffnessKind.of("open" if self._shape else tuple(map(bool, self.valves)))

@@ -26,7 +26,7 @@ _SIDES = (0, 1)
 
 
 class RiskySolution(NamedTuple):
-    """A `RiskySolution` is feasible pressures of n problems [U], and where there are none."""
+    """Feasible pressures of n problems [U], and where there are none."""
 
     P1: Array
     P2: Array

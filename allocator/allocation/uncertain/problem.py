@@ -124,7 +124,7 @@ class Affine(NamedTuple):
 
 
 class Uncertain(NamedTuple):
-    """An `Uncertain` is n problems [U]: means (m = 1) and spreads over the pressures, and the force limits' z."""
+    """n problems [U]: means (m = 1) and spreads over the pressures, and the force limits' z."""
 
     errors: tuple[Affine, Affine]  # T̂ - T*, K̂ - K* [N·m], [N·m/rad]
     spreads: tuple[Affine, Affine]  # Lᵀ∂T/∂p, Lᵀ∂K/∂p

@@ -1,10 +1,11 @@
-"""The parameters' uncertainty is carried into force, torque and stiffness here (delta method).
+"""Standard deviations of force, torque and stiffness from the covariance of the muscles' parameters (delta method).
 
 The muscles' parameters p have the covariance C = L Lᵀ. A quantity with the gradient g = ∂/∂p has the standard deviation
-‖Lᵀ g‖. Two equal muscles are one law used twice: they share their parameters, and their gradients are added. A joint
+‖Lᵀ g‖. Equal muscles are one law used several times: they share their parameters, so their gradients add up. A joint
 that was fitted as a whole has a covariance of its own, of the parameters of both muscles together.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,39 +22,64 @@ from allocator.muscles.uncertainty import covariance_root, parameter_gradient
 
 
 class Spread(NamedTuple):
-    """A `Spread` is Lᵀ∂/∂p of n answers; the norm of a row is a standard deviation."""
+    """Lᵀ∂/∂p of N answers, in the last axis; its norm is a standard deviation."""
 
-    torque: Array  # (n, m) [N·m]
-    stiffness: Array  # (n, m) [N·m/rad]
-    forces: tuple[Array, Array]  # (n, m1), (n, m2) [N]
+    torque: Array  # (N, r) of a joint, (N, n, r) of a mechanism [N·m]
+    stiffness: Array  # (N, r), (N, n, n, r) [N·m/rad]
+    forces: tuple[Array, ...]  # (N, r_j) of each muscle [N]
+
+    @property
+    def stiffness_std(self) -> Array:
+        """Standard deviation of K (N,) or (N, n, n) [N·m/rad]."""
+        return np.asarray(np.linalg.norm(self.stiffness, axis=-1))
+
+    @property
+    def forces_std(self) -> Array:
+        """Standard deviations of the forces (N, m) [N]."""
+        return np.stack([np.linalg.norm(force, axis=-1) for force in self.forces], axis=-1)
 
 
 def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
-    """Return the spread of everything at the pressures; a muscle without covariance counts as exactly known."""
-    (one, two), joint = problem.sides, problem.joint
-    root1, root2 = roots(joint)
-    share, drag = _of_hysteresis(problem, P1 + P2)
-    torque1, stiffness1, force1 = _of_muscle(one, P1, root1, share)
-    torque2, stiffness2, force2 = _of_muscle(two, P2, root2, share)
-    stiffness1, stiffness2 = stiffness1 + drag * torque1, stiffness2 - drag * torque2
-    if joint.covariance is not None or joint.agonist == joint.antagonist:
-        return Spread(torque1 + torque2, stiffness1 + stiffness2, (force1, force2))
-    return Spread(np.hstack([torque1, torque2]), np.hstack([stiffness1, stiffness2]), (force1, force2))
+    """Return the spread of two muscles at the pressures; one without covariance counts as exactly known."""
+    joint, hysteresis = problem.joint, _of_hysteresis(problem, P1 + P2)
+    law = (0, 0) if joint.covariance is not None or joint.agonist == joint.antagonist else (0, 1)
+    return spread_of(problem.sides, (P1, P2), roots(joint), law, hysteresis)
 
 
-def stiffness_std(problem: Problem, P1: Array, P2: Array) -> Array | None:
-    """Return the standard deviation of K [N·m/rad] from the covariance of fitted muscles; None if neither has one."""
-    if not _is_known(problem.joint):
+def spread_of(
+    muscles: Sequence[OneMuscle],
+    pressures: Sequence[Array],
+    roots: Sequence[Array],
+    laws: Sequence[int],
+    hysteresis: tuple[Array | float, float] = (0.0, 0.0),
+) -> Spread:
+    """Return the spread of muscles at pressures (N,) each, by the rows of L that belong to each of them.
+
+    Muscles of one number in `laws` share their parameters. `hysteresis` adds a share of the isobaric stiffness and a
+    share [1/rad] of the pull.
+    """
+    found = [_of_muscle(*given, *hysteresis) for given in zip(muscles, pressures, roots, strict=True)]
+
+    def added(which: int) -> Array:
+        groups = (
+            [part[which] for part, own in zip(found, laws, strict=True) if own == law] for law in sorted(set(laws))
+        )
+        return np.concatenate([sum(group) for group in groups], axis=-1)
+
+    return Spread(added(0), added(1), tuple(part[2] for part in found))
+
+
+def of_joint(problem: Problem, P1: Array, P2: Array) -> Spread | None:
+    """Return the spread by the covariance of a fitted joint or of its muscles; None if none of them has one."""
+    return spread(problem, P1, P2) if _is_known(problem.joint) else None
+
+
+def of_mechanism(muscles: Sequence[OneMuscle], pressures: Sequence[Array]) -> Spread | None:
+    """Return the spread by the covariances of a mechanism's muscles; None if none of them has one."""
+    laws = [side.muscle for side in muscles]
+    if all(law.covariance is None for law in laws):
         return None
-    return np.asarray(np.linalg.norm(spread(problem, P1, P2).stiffness, axis=1))
-
-
-def forces_std(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array] | None:
-    """Return the standard deviations of both forces [N] from the covariance of fitted muscles; None without one."""
-    if not _is_known(problem.joint):
-        return None
-    one, two = (np.asarray(np.linalg.norm(part, axis=1)) for part in spread(problem, P1, P2).forces)
-    return one, two
+    return spread_of(muscles, pressures, list(map(_root_of, laws)), [laws.index(law) for law in laws])
 
 
 def _is_known(joint: AntagonistJoint) -> bool:
@@ -61,31 +87,33 @@ def _is_known(joint: AntagonistJoint) -> bool:
     return any(fitted.covariance is not None for fitted in (joint, joint.agonist, joint.antagonist))
 
 
-def _of_hysteresis(problem: Problem, filled: Array) -> tuple[Array, float]:
+def _of_hysteresis(problem: Problem, filled: Array) -> tuple[Array | float, float]:
     """Return the share (n,) of K and the share [1/rad] of the pull that hysteresis adds to the stiffness."""
     if problem.felt is None:
-        share, drag = (0.0, 0.0) if problem.push is None else problem.push
-        return np.full(filled.shape, share), drag
+        return (0.0, 0.0) if problem.push is None else problem.push
     return problem.felt.affine_at(filled)[0], problem.felt.drag
 
 
-def _of_muscle(side: OneMuscle, P: Array, root: Array, share: Array) -> tuple[Array, Array, Array]:
-    """Return (torque, stiffness, force) of one muscle, each (n, m), by its `root` (parameters, m).
-
-    Hysteresis adds a `share` (n,) of the isobaric stiffness.
-    """
-    _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
+def _of_muscle(side: OneMuscle, P: Array, root: Array, share: Array | float, drag: float) -> tuple[Array, Array, Array]:
+    """Return (torque, stiffness, force) of one muscle, parameters' directions last, by its `root` (parameters, r)."""
+    shape = np.broadcast_shapes(P.shape, np.shape(side.contraction))
+    P, eps = np.broadcast_to(P, shape), np.broadcast_to(side.contraction, shape)
+    _, force, slope = parameter_sensitivities(side.muscle, P, eps)
     force, slope = force @ root, slope @ root
-    arm, bend = side.arm[:, None], side.bend[:, None]
-    stiffness = (1 + share[:, None]) * (-(arm**2) / side.rest_length * slope + bend * force)
+    columns = [side.added(F, -k / side.rest_length) for F, k in zip(force.T, slope.T, strict=True)]
+    torque, stiffness = (np.stack(np.broadcast_arrays(*parts), axis=-1) for parts in zip(*columns, strict=True))
+    if np.any(share) or drag:
+        pull = drag * side.moment_arm[:, None] * force
+        stiffness = (1 + np.asarray(share)[..., None]) * stiffness + pull
     if side.share is not None:
-        stiffness = stiffness + np.asarray(side.share)[:, None] * (_trapped_gradient(side, P) @ root)
-    return arm * force, stiffness, force
+        trapped = _trapped_gradient(replace(side, contraction=eps), P)  # (N, …, parameters)
+        stiffness = stiffness + np.asarray(side.share).reshape(-1, *[1] * (trapped.ndim - 1)) * (trapped @ root)
+    return torque, stiffness, force
 
 
 def _trapped_gradient(side: OneMuscle, P: Array) -> Array:
-    """Return the derivatives of the trapped gas's stiffness by the muscle's parameters (n, parameters)."""
-    return parameter_gradient(side.muscle, lambda m: replace(side, muscle=m).trapped(P), P.shape)
+    """Return the derivatives of the trapped gas's stiffness by the muscle's parameters, which come last."""
+    return parameter_gradient(side.muscle, lambda m: replace(side, muscle=m).trapped(P), np.shape(side.trapped(P)))
 
 
 def roots(joint: AntagonistJoint) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ class ArrayKind(NamedTuple):
 
 
 class StructKind(NamedTuple):
-    """A `StructKind` is the struct in the place of a named tuple: of numbers and of arrays, or of pointers to them."""
+    """Struct in the place of a named tuple: of numbers and of arrays, or of pointers to them."""
 
     name: str
     fields: "Mapping[str, Kind]"

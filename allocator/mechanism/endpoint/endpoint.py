@@ -29,7 +29,7 @@ _SYMMETRIC = 1e-9  # of the greatest entry
 
 @dataclass(frozen=True)
 class Endpoint:
-    """An `Endpoint` is a point whose coordinates x(q) ∈ R^dim depend on n joints; immutable.
+    """Point whose coordinates x(q) ∈ R^dim depend on n joints; immutable.
 
     Postures are (…, n), forces (…, dim), leading axes broadcast. Coordinates are lengths [m]; of a function of yours
     they may also be angles [rad], with moments for forces.
@@ -88,12 +88,12 @@ class Endpoint:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return self.kinematics.n
 
     @property
     def dim(self) -> int:
-        """Return the number of coordinates."""
+        """Number of coordinates."""
         return self.kinematics.dim
 
     # --- at postures ------------------------------------------------------------------------------------------------
@@ -184,7 +184,7 @@ class Endpoint:
 
     @property
     def text(self) -> str:
-        """Return what it is, in a few words."""
+        """What it is, in a few words."""
         return f"an endpoint with dim = {self.dim} coordinates over n = {self.n} joints"
 
 

@@ -29,12 +29,12 @@ class Kinematics(Protocol):
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         ...
 
     @property
     def dim(self) -> int:
-        """Return the number of coordinates."""
+        """Number of coordinates."""
         ...
 
     def at(self, q: Array) -> Place:
@@ -44,7 +44,7 @@ class Kinematics(Protocol):
 
 @dataclass(frozen=True)
 class LinkagePoint:
-    """A `LinkagePoint` is a point on one of the links; of its coordinates those of `axes` are taken."""
+    """Point on one of the links; of its coordinates those of `axes` are taken."""
 
     linkage: Linkage
     site: Site
@@ -63,12 +63,12 @@ class LinkagePoint:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return self.linkage.n
 
     @property
     def dim(self) -> int:
-        """Return the number of coordinates."""
+        """Number of coordinates."""
         return len(self.axes)
 
     def at(self, q: Array) -> Place:
@@ -83,7 +83,7 @@ class LinkagePoint:
 
 @dataclass(frozen=True)
 class FunctionPoint:
-    """A `FunctionPoint` is the coordinates x(q) that a function of yours gives for a CasADi vector q (n,)."""
+    """Coordinates x(q) that a function of yours gives for a CasADi vector q (n,)."""
 
     joints: int
     function: Callable[[Value], Value]
@@ -106,12 +106,12 @@ class FunctionPoint:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return self.joints
 
     @property
     def dim(self) -> int:
-        """Return the number of coordinates."""
+        """Number of coordinates."""
         return self._column.size
 
     def at(self, q: Array) -> Place:

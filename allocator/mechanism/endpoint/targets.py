@@ -22,7 +22,7 @@ from allocator.mechanism.mechanism import TargetsMap
 
 @dataclass(frozen=True, eq=False)
 class EndpointTargets:
-    """`EndpointTargets` are N stiffnesses asked of an endpoint, or one at one posture: every array has N rows or 1."""
+    """N stiffnesses asked of an endpoint, or one at one posture: every array has N rows or 1."""
 
     endpoint: Endpoint
     place: Place
@@ -39,33 +39,33 @@ class EndpointTargets:
 
     @property
     def redundant(self) -> bool:
-        """Return whether there are more joints than coordinates."""
+        """Whether there are more joints than coordinates."""
         return self.endpoint.n > self.endpoint.dim
 
     @property
     def load(self) -> Array:
-        """Return Γ(f) (N, n, n) [N·m/rad]."""
+        """Γ(f) (N, n, n) [N·m/rad]."""
         return load_of(self.place, self.force)
 
     @property
     def torque(self) -> Array:
-        """Return Jᵀf (N, n) [N·m], which holds the hand under its force."""
+        """Jᵀf (N, n) [N·m], which holds the hand under its force."""
         return torque_of(self.place, self.force)
 
     @cached_property
     def _root(self) -> Array:
-        """Return K_x*^(-1/2) (N, dim, dim)."""
+        """K_x*^(-1/2) (N, dim, dim)."""
         size, axes = np.linalg.eigh(self.asked)
         return np.asarray((axes / np.sqrt(size)[:, None, :]) @ axes.swapaxes(-1, -2))
 
     @cached_property
     def view(self) -> Array:
-        """Return S (N, dim, n)."""
+        """S (N, dim, n)."""
         return np.asarray(self._root @ self.lift.swapaxes(-1, -2))
 
     @cached_property
     def _linear(self) -> tuple[Array, Array]:
-        """Return (L (N, e, k), c (N, e)): E = L K_q + c, of symmetric matrices the upper triangles."""
+        """(L (N, e, k), c (N, e)): E = L K_q + c, of symmetric matrices the upper triangles."""
         n, dim = self.endpoint.n, self.endpoint.dim
         rows, columns = np.triu_indices(n)
         units = np.zeros((rows.size, n, n))

@@ -23,7 +23,7 @@ _NOTHING = 1e-9  # [m] an arm below it is none
 
 
 class RoutedLengths(NamedTuple):
-    """`RoutedLengths` are the lengths of m muscles at postures (…, n), with their derivatives."""
+    """Lengths of m muscles at postures (…, n), with their derivatives."""
 
     length: Array  # l (…, m) [m]
     arm: Array  # r (…, m, n) [m]
@@ -32,18 +32,18 @@ class RoutedLengths(NamedTuple):
 
 @dataclass(frozen=True)
 class Routes(ABC):
-    """`Routes` are the ways of m muscles over n joints; immutable."""
+    """Ways of m muscles over n joints; immutable."""
 
     rest_length: tuple[float, ...]  # L_j (m,) [m]
 
     @property
     @abstractmethod
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
 
     @property
     def m(self) -> int:
-        """Return the number of muscles."""
+        """Number of muscles."""
         return len(self.rest_length)
 
     @abstractmethod

@@ -26,7 +26,7 @@ class SymbolicColumn:
 
     @cached_property
     def expression(self) -> tuple[Value, Value]:
-        """Return the symbol q and the column (k, 1). Raises `InvalidInput` unless it is a column."""
+        """Symbol q and the column (k, 1). Raises `InvalidInput` unless it is a column."""
         import casadi as ca
 
         q = ca.SX.sym("q", self.joints)
@@ -41,12 +41,12 @@ class SymbolicColumn:
 
     @property
     def size(self) -> int:
-        """Return k."""
+        """k."""
         return int(self.expression[1].shape[0])
 
     @cached_property
     def _derivatives(self) -> "ca.Function":
-        """Return the CasADi function q ↦ (column (k, 1), first (k, n), second derivatives (k n, n))."""
+        """CasADi function q ↦ (column (k, 1), first (k, n), second derivatives (k n, n))."""
         import casadi as ca
 
         q, column = self.expression
@@ -76,7 +76,7 @@ class FunctionRoutes(Routes):
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return self.joints
 
     @cached_property

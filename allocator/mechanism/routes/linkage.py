@@ -25,7 +25,7 @@ _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 @dataclass(frozen=True)
 class Link:
-    """A `Link` is a body that hangs on its parent by one joint; link i moves with joint i."""
+    """Body that hangs on its parent by one joint; link i moves with joint i."""
 
     parent: int = GROUND  # index of an earlier link
     origin: Point = (0.0, 0.0, 0.0)  # of the joint, in the parent's frame [m]; two numbers lie in the plane z = 0
@@ -51,7 +51,7 @@ class Link:
 
 
 class Site(NamedTuple):
-    """A `Site` is a point on a link; a muscle runs through it, or it is a hand."""
+    """Point on a link; a muscle runs through it, or it is a hand."""
 
     link: int  # index, GROUND = -1
     position: Point  # in the link's frame [m]; two numbers lie in the plane z = 0
@@ -75,7 +75,7 @@ class Moved(NamedTuple):
 
 @dataclass(frozen=True)
 class Linkage:
-    """A `Linkage` is n links, of which each hangs on an earlier one or on the ground."""
+    """n links, of which each hangs on an earlier one or on the ground."""
 
     links: tuple[Link, ...]
 
@@ -88,7 +88,7 @@ class Linkage:
 
     @property
     def n(self) -> int:
-        """Return the number of joints, one a link."""
+        """Number of joints, one a link."""
         return len(self.links)
 
     def site(self, what: str, link: int, position: object) -> Site:
@@ -99,7 +99,7 @@ class Linkage:
 
     @cached_property
     def _moved_by(self) -> Array:
-        """Return (n + 1, n): 1 where link i (the ground last) is moved by joint j, else 0."""
+        """(n + 1, n): 1 where link i (the ground last) is moved by joint j, else 0."""
         moved = np.zeros((self.n + 1, self.n))
         for i, link in enumerate(self.links):
             moved[i] = moved[link.parent]  # the ground, -1, is the last row

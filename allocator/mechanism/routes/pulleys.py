@@ -15,7 +15,7 @@ _LONGEST_ARM = 1.0  # [m]; more is millimetres
 
 @dataclass(frozen=True)
 class Pulleys(Routes):
-    """`Pulleys` are routes round pulleys at the joints: l_j(q) = L_j (1 - ε0_j) - r_j·q, with bend 0."""
+    """Routes round pulleys at the joints: l_j(q) = L_j (1 - ε0_j) - r_j·q, with bend 0."""
 
     arms: tuple[tuple[float, ...], ...]  # r (m, n) [m], signed
     initial_contraction: tuple[float, ...]  # ε0 (m,) [-], at q = 0
@@ -36,7 +36,7 @@ class Pulleys(Routes):
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return len(self.arms[0])
 
     def at(self, q: Array) -> RoutedLengths:
@@ -52,7 +52,7 @@ class Pulleys(Routes):
 
 @dataclass(frozen=True)
 class JointRoutes(Routes):
-    """`JointRoutes` are those of one joint's `Geometry`: n = 1, m = 2, r = (a1, -a2) and H = (-a1', a2')."""
+    """Those of one joint's `Geometry`: n = 1, m = 2, r = (a1, -a2) and H = (-a1', a2')."""
 
     geometry: Geometry
 
@@ -63,7 +63,7 @@ class JointRoutes(Routes):
 
     @property
     def n(self) -> int:
-        """Return 1, the number of joints."""
+        """1, the number of joints."""
         return 1
 
     def at(self, q: Array) -> RoutedLengths:

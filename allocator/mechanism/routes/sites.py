@@ -29,7 +29,7 @@ _SOMEWHERE = 0.3  # [rad] or [m] per joint: a posture in general position, at wh
 
 @dataclass(frozen=True)
 class Sites(Routes):
-    """`Sites` are routes along straight segments between points on links."""
+    """Routes along straight segments between points on links."""
 
     links: tuple[Link, ...]
     paths: tuple[tuple[Site, ...], ...]  # the sites of each of m muscles, in order
@@ -53,12 +53,12 @@ class Sites(Routes):
 
     @property
     def n(self) -> int:
-        """Return the number of joints, one a link."""
+        """Number of joints, one a link."""
         return len(self.links)
 
     @cached_property
     def linkage(self) -> Linkage:
-        """Return what moves the sites."""
+        """What moves the sites."""
         return Linkage(self.links)
 
     def at(self, q: Array) -> RoutedLengths:

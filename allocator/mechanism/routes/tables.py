@@ -55,7 +55,7 @@ class Tables(Routes):
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return len(self.grid)
 
     @cached_property

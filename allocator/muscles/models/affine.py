@@ -30,7 +30,7 @@ class Hogan1984(AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """Return ε_max [-]."""
+        """ε_max [-]."""
         return self.eps_max
 
     def A(self, eps: Value) -> Value:
@@ -72,7 +72,7 @@ class Hildebrandt2005(AffineMuscle):
 
     @property
     def min_contraction(self) -> float:
-        """Return 0: ε^{2/3} has no slope there and no real value below."""
+        """0: ε^{2/3} has no slope there and no real value below."""
         return 0.0
 
     def A(self, eps: Value) -> Value:

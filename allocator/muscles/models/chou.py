@@ -41,17 +41,17 @@ class ChouHannaford1996(AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """Return the contraction 1 - b/(√3 L0) [-] where 3cos²θ = 1."""
+        """Contraction 1 - b/(√3 L0) [-] where 3cos²θ = 1."""
         return float(1 - self.b / (3**0.5 * self.rest_length))
 
     @property
     def min_contraction(self) -> float:
-        """Return 1 - b/L0 [-], where the threads are straight."""
+        """1 - b/L0 [-], where the threads are straight."""
         return 1 - self.b / self.rest_length
 
     @property
     def D0(self) -> Value:
-        """Return the diameter b/(nπ) at θ = 90° [m]."""
+        """Diameter b/(nπ) at θ = 90° [m]."""
         return self.b / (self.n * pi)
 
     def A(self, eps: Value) -> Value:
@@ -63,7 +63,7 @@ class ChouHannaford1996(AffineMuscle):
 
     @property
     def own_radius(self) -> Value:
-        """Return D0 sin(θ0)/2 [m], outside of the wall less its thickness."""
+        """D0 sin(θ0)/2 [m], outside of the wall less its thickness."""
         return self.D0 * sqrt(1 - (self.rest_length / self.b) ** 2) / 2 - self.t
 
     def A_integral(self, eps: Value) -> Value:

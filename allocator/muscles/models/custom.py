@@ -66,12 +66,12 @@ class TableMuscle(AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """Return the last knot [-]."""
+        """Last knot [-]."""
         return self.contraction[-1]
 
     @property
     def min_contraction(self) -> float:
-        """Return the first knot [-]."""
+        """First knot [-]."""
         return self.contraction[0]
 
     @cached_property

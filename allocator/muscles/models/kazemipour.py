@@ -39,7 +39,7 @@ class KazemipourKatzschmann2025(AffineMuscle):
 
     @property
     def min_contraction(self) -> float:
-        """Return where the denominator vanishes, if that is on the stretched side [-]."""
+        """Where the denominator vanishes, if that is on the stretched side [-]."""
         return -1 / self.d1 if self.d1 > 0 else -np.inf
 
     def A(self, eps: Value) -> Value:

@@ -50,12 +50,12 @@ class MartensBoblan2017(AffineMuscle):
 
     @property
     def fibre_length(self) -> Value:
-        """Return Lf = L0/cos θ0 [m]."""
+        """Lf = L0/cos θ0 [m]."""
         return self.L0 / cos(self.theta0)
 
     @property
     def turns(self) -> Value:
-        """Return n = L0 tan θ0/(π D0), turns of a fibre [-]."""
+        """n = L0 tan θ0/(π D0), turns of a fibre [-]."""
         return self.L0 * sin(self.theta0) / cos(self.theta0) / (pi * self.D0)
 
     def A(self, eps: Value) -> Value:
@@ -75,7 +75,7 @@ class MartensBoblan2017(AffineMuscle):
 
     @property
     def own_radius(self) -> Value:
-        """Return D0/2 [m]."""
+        """D0/2 [m]."""
         return self.D0 / 2
 
     def A_integral(self, eps: Value) -> Value:

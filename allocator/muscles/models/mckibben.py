@@ -42,12 +42,12 @@ class Braided(Muscle):
 
     @cached_property
     def S(self) -> float:
-        """Return the initial cross-section S = π r0² [m²]."""
+        """Initial cross-section S = π r0² [m²]."""
         return pi * self.r0**2
 
     @property
     def own_radius(self) -> Value:
-        """Return r0 [m]."""
+        """r0 [m]."""
         return self.r0
 
     @cached_property
@@ -56,12 +56,12 @@ class Braided(Muscle):
 
     @cached_property
     def a(self) -> float:
-        """Return a = 3/tan²α0 [-]   (7)"""
+        """= 3/tan²α0 [-]   (7)"""
         return self._constants[0]
 
     @cached_property
     def b(self) -> float:
-        """Return b = 1/sin²α0 [-]   (7)"""
+        """b = 1/sin²α0 [-]   (7)"""
         return self._constants[1]
 
 
@@ -78,7 +78,7 @@ class TonduLopez1995(Braided, AffineMuscle):
 
     @property
     def max_contraction(self) -> float:
-        """Return ε_max = 1 - √(b/a) [-]   (7)"""
+        """ε_max = 1 - √(b/a) [-]   (7)"""
         return 1 - sqrt(self.b / self.a)
 
     def A(self, eps: Value) -> Value:

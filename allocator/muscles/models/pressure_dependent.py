@@ -44,11 +44,11 @@ class PressureDependent(Braided):
     @property
     @abstractmethod
     def efficiency(self) -> Value:
-        """Return the share q of the ideal force that is left [-]."""
+        """Share q of the ideal force that is left [-]."""
 
     @property
     def max_contraction(self) -> float:
-        """Return ε_max at infinite pressure, (1-√(b/a))/k_inf [-]."""
+        """ε_max at infinite pressure, (1-√(b/a))/k_inf [-]."""
         return float((1 - sqrt(self.b / self.a)) / self.k_inf)
 
     def k(self, P: Value) -> Value:
@@ -65,7 +65,7 @@ class PressureDependent(Braided):
 
     @property
     def basis(self) -> Basis:
-        """Return the basis functions P, P E and P E², E = e^{-P/P_k}; P alone where k is constant."""
+        """Basis functions P, P E and P E², E = e^{-P/P_k}; P alone where k is constant."""
         return Basis("exponential", shape=self.P_k) if self.k_1 else Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
@@ -195,7 +195,7 @@ class TonduLopez2000(PressureDependent):
 
     @property
     def efficiency(self) -> Value:
-        """Return 1: nothing is lost."""
+        """1: nothing is lost."""
         return 1.0
 
     @classmethod
@@ -253,7 +253,7 @@ class Andrikopoulos2016(PressureDependent):
 
     @property
     def efficiency(self) -> Value:
-        """Return q   (12)"""
+        """q   (12)"""
         return self.q
 
     @classmethod

@@ -55,17 +55,17 @@ class Tondu2021(Braided):
 
     @property
     def g(self) -> float:
-        """Return g = e - cd [Pa²]: (cP+e)/(P+d) = c + g/(P+d)."""
+        """g = e - cd [Pa²]: (cP+e)/(P+d) = c + g/(P+d)."""
         return self.e - self.c * self.d
 
     @property
     def max_pressure(self) -> float:
-        """Return where ε_max(P) turns back and [M] ends, taut: cP² + 2eP + ed = 0, i.e. -d/2 for c = 0 [Pa]."""
+        """Where ε_max(P) turns back and [M] ends, taut: cP² + 2eP + ed = 0, i.e. -d/2 for c = 0 [Pa]."""
         return self.e * self.d / (-self.e + sqrt(self.e * self.g))
 
     @property
     def basis(self) -> Basis:
-        """Return the basis functions of the pressure: 1, P and 1/(P+d)."""
+        """Basis functions of the pressure: 1, P and 1/(P+d)."""
         return Basis("rational", shape=self.d)
 
     def law(self, P: Value, eps: Value) -> Value:

@@ -54,7 +54,7 @@ class Wickramatunge2010(Muscle):
 
     @property
     def max_contraction(self) -> float:
-        """Return the contraction 1 - l_min/l0 [-] where the stretched length vanishes."""
+        """Contraction 1 - l_min/l0 [-] where the stretched length vanishes."""
         return 1 - self.min_length / self.rest_length
 
     def stretched_length(self, eps: Value) -> Value:
@@ -63,7 +63,7 @@ class Wickramatunge2010(Muscle):
 
     @property
     def basis(self) -> Basis:
-        """Return the basis functions: quadratics below and above P_switch."""
+        """Basis functions: quadratics below and above P_switch."""
         return Basis("quadratic", kinks=(self.P_switch,))
 
     def law(self, P: Value, eps: Value) -> Value:

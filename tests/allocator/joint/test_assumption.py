@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import Status, allocate, notices, stiffness_interval, torque_interval
+from allocator import Status, allocate, errors, stiffness_interval, torque_interval
 from allocator.cli import app
 from allocator.feasibility import feasibility_map
 from allocator.joint.antagonist import report_joint
@@ -72,7 +72,7 @@ def test_a_stiffness_is_in_its_interval_if_and_only_if_it_is_given(seen, joint):
 
 
 def test_intervals_with_assumed_ends_warn_once(joint, monkeypatch):
-    monkeypatch.setattr(notices, "_said", set())
+    monkeypatch.setattr(errors, "_said", set())
     with pytest.warns(AssumedSlack, match=SAID):
         stiffness_interval(0.3, [0.0, 2.0], joint=joint)
     with warnings.catch_warnings():

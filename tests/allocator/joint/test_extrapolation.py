@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import allocate, notices, stiffness_interval, torque_interval
+from allocator import allocate, errors, stiffness_interval, torque_interval
 from allocator.cli import app
 from allocator.feasibility import angle_intervals, feasibility_map
 from allocator.joint.antagonist import report_joint
@@ -80,13 +80,13 @@ def test_without_measurements_or_within_them_nothing_is_said(tmp_path):
 
 def test_intervals_warn_once(joint, monkeypatch):
     for interval in (stiffness_interval, torque_interval):
-        monkeypatch.setattr(notices, "_said", set())
+        monkeypatch.setattr(errors, "_said", set())
         with pytest.warns(Extrapolated, match=SAID):
             interval(np.linspace(-1, 1, 5), joint=joint)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             interval(np.linspace(-0.9, 1, 4), joint=joint)
-    monkeypatch.setattr(notices, "_said", set())
+    monkeypatch.setattr(errors, "_said", set())
     with pytest.warns(Extrapolated, match=SAID):
         angle_intervals(5.0, joint=joint)
 

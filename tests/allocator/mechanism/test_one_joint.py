@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allocator import Limits, Status, Stiffness, allocate
-from allocator.mechanism import Mechanism
+from allocator.mechanism import Mechanism, machines
 from allocator.units import BAR
 
 AFFINE = ("mckibben-pulley", "hogan-pulley", "sarosi-pulley", "sarosi-lever", "sarosi-table")
@@ -116,3 +116,44 @@ def test_a_pull_off_the_targets_is_called_that_of_joint_and_mechanism(joints):
     assert one.status == many.status == Status.PULLED
     assert not many.torque_met
     assert not many.stiffness_met
+
+
+def fitted(muscle, seed):
+    """Return the muscle with a covariance: errors of some percent of its parameters, correlated."""
+    values = np.array([*muscle.parameters.values()])
+    root = 0.03 * values[:, None] * np.random.default_rng(seed).normal(size=(values.size, 3))
+    return replace(muscle, covariance=tuple(map(tuple, root @ root.T)))
+
+
+@pytest.mark.parametrize("alike", [True, False], ids=["one law", "two laws"])
+@pytest.mark.parametrize("kind", [{}, KINDS["shut"]], ids=["isobaric", "shut"])
+def test_standard_deviations_are_those_of_the_joint(joints, kind, alike):
+    joint = joints["sarosi-lever"]
+    one = fitted(replace(joint.agonist, **GAS), 1)
+    joint = replace(joint, agonist=one, antagonist=one if alike else fitted(one, 2))
+    theta, K, T = targets(joint, n=20)
+    single = allocate(theta, K, T, joint=joint, **kind)
+    many = allocate(theta[:, None], K[:, None], T[:, None], joint=Mechanism.from_joint(joint), **kind)
+    assert many.K_std[:, 0, 0] == pytest.approx(single.K_std, rel=1e-6)
+    assert many.forces_std == pytest.approx(single.forces_std, rel=1e-6)
+
+
+def test_standard_deviations_of_an_arm_are_those_of_muscles_moved_along_their_errors():
+    arm = machines.arm26()
+    laws = [fitted(arm.muscles[0], seed) for seed in (1, 2)]
+    arm = replace(arm, muscles=tuple(laws[i] for i in (0, 0, 0, 1, 1, 1)))
+    K = [[[10.0, 4.0], [4.0, 9.0]]]
+    found = allocate([[0.4, -0.3], [0.1, 0.2]], K, [[9.0, 4.0], [1.0, -2.0]], joint=arm)
+    variance = np.zeros((2, 2, 2))
+    for law in laws:
+        values, vectors = np.linalg.eigh(np.array(law.covariance))
+        for size, vector in zip(np.sqrt(np.maximum(values, 0.0)), vectors.T, strict=True):
+            ends = []
+            for sign in (1e-4, -1e-4):
+                numbers = np.array([*law.parameters.values()]) + sign * size * vector
+                moved = law.with_parameters(dict(zip(law.parameters, numbers, strict=True)))
+                other = replace(arm, muscles=tuple(moved if m is law else m for m in arm.muscles))
+                ends.append(other.stiffness(found.q, found.P))
+            variance += ((ends[0] - ends[1]) / 2e-4) ** 2
+    assert found.K_std == pytest.approx(np.sqrt(variance), rel=1e-4)
+    assert allocate([0.4, -0.3], 9.0, joint=machines.arm26()).K_std is None

@@ -30,7 +30,7 @@ _OUTSIDE = int(Limit.JOINT_RANGE | Limit.CONTRACTION_THRESHOLD)
 
 
 class Targets(NamedTuple):
-    """`Targets` are n targets with their limits, each array (n,), copied, in the form that compiled loops take."""
+    """n targets with their limits, each array (n,), copied, in the form that compiled loops take."""
 
     theta: Array
     K: Array

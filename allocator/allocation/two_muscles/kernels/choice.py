@@ -123,7 +123,7 @@ Kernel = Callable[..., Any]
 
 
 class JointKernel(NamedTuple):
-    """A `JointKernel` is the kernel that answers for a joint, with the joint's numbers."""
+    """Kernel that answers for a joint, with the joint's numbers."""
 
     joint: AntagonistJoint
     name: str  # "tondu", "affine", or "" where there is none
