@@ -1,4 +1,4 @@
-"""`antagonist allocate` finds the pressures of a joint or of a machine, in degrees and bar; behind it all is SI."""
+"""Command `antagonist allocate`: the pressures of a joint or of several joints, in degrees and bar."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,31 +33,36 @@ def allocate_command(
     stiffness: Annotated[
         str,
         typer.Option(
-            help="stiffness wanted [N·m/rad]: isobaric, or as --valves or --frequency say; of several joints "
-            "K11,K12,K22, with --links that of the hand [N/m]"
+            help="stiffness target [N·m/rad]; of several joints K11,K12,K22, and with --links that of the hand "
+            "[N/m]. It is isobaric, unless --valves, --frequency or --amplitude say otherwise"
         ),
     ],
     options: MachineOptions,
     stiffness_options: StiffnessOptions,
     hand: HandOptions,
     theta: Annotated[float | None, typer.Option(help="joint angle [degrees]")] = None,
-    torque: Annotated[str, typer.Option(help="torque wanted [N·m]; of several joints one each, with commas")] = "0",
+    torque: Annotated[
+        str, typer.Option(help="torque target [N·m]; of several joints one number per joint, with commas")
+    ] = "0",
     at_least: Annotated[
-        bool, typer.Option("--at-least", help="of several joints: at least this stiffness, with the least pressures")
+        bool,
+        typer.Option("--at-least", help="find the least pressures with at least this stiffness; for several joints"),
     ] = False,
-    priority: Annotated[str, typer.Option(help="what is met first: torque or stiffness")] = "torque",
+    priority: Annotated[str, typer.Option(help="the target that is met first: torque or stiffness")] = "torque",
     method: Annotated[
-        str, typer.Option(help="exact, qp; of one joint also nlp, convex, or analytic: no limits")
+        str,
+        typer.Option(
+            help="exact, qp, nlp, convex or analytic; several joints take exact and qp, and analytic ignores all limits"
+        ),
     ] = "exact",
     solver: Annotated[str | None, typer.Option(help="solver of the methods qp, nlp and convex")] = None,
     min_force: Annotated[float, typer.Option(help="least muscle force [N]")] = 0.0,
     as_json: AsJSON = False,
 ) -> None:
-    """Find the pressures for a torque and a stiffness, and say what is in the way.
+    """Compute the pressures for a torque and a stiffness, and name the limits that bind.
 
-    Of one joint the two pressures at the angle --theta; of several joints all pressures at a --posture, for their
-    torques and a stiffness matrix, with --links that of the hand. The exit code is 3 where torque and stiffness are not
-    both met.
+    For one joint: two pressures at the angle --theta. For several joints: all pressures at a --posture for their
+    torques and a stiffness matrix, with --links that of the hand. The exit code is 3 if a target is not met.
     """
     from rich.console import Console
 
@@ -66,7 +71,9 @@ def allocate_command(
     from allocator.joint.limits import Limits
 
     if priority not in ("torque", "stiffness"):
-        raise InvalidInput(f"--priority {priority}: choose torque or stiffness; allocate() in Python has weights, too")
+        raise InvalidInput(
+            f"--priority {priority}: choose torque or stiffness; allocate() in Python also takes weights"
+        )
     machine = options.build()
     asked: dict[str, Any] = {
         "priority": priority,

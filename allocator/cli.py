@@ -1,4 +1,4 @@
-"""The commands about statics are gathered here, and `antagonist muscles` stands here."""
+"""The command line: its group, the commands about statics, and `antagonist muscles`."""
 
 from importlib import metadata
 from typing import Annotated
@@ -15,7 +15,7 @@ from allocator.shell.printing import say
 
 app = typer.Typer(
     name="antagonist",
-    no_args_is_help=True,
+    invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # it takes units in brackets for styles
 )
@@ -27,25 +27,37 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+_FIRST = """\
+Torque and stiffness of pneumatic-muscle joints. Five commands to begin with:
+
+  antagonist track                                control a simulated joint
+  antagonist map                                  draw its feasible stiffnesses
+  antagonist allocate --theta 30 --stiffness 7.5  compute two pressures
+  antagonist fit forces.csv --out muscle.toml     fit a muscle to measured forces
+  antagonist init joint.toml                      write a joint file to edit
+
+`antagonist --help` lists all commands; `antagonist track --help` describes one."""
+
+
 @app.callback()
 def _group(
+    ctx: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     """Torque and stiffness of pneumatic-muscle joints.
 
-    A first tour: `antagonist track` moves a joint, `antagonist map` shows what it can do, `antagonist fit` makes a
-    muscle of your measurements, `antagonist init joint.toml` writes a joint to edit.
-
-    A joint of your own: `plan-joint` says what to measure, `fit-joint` makes a joint of it, `fit-motion` a plant of it
-    and a log of its motion, and `allocate`, `map`, `track` and `export` take the file with --machine.
+    To identify a joint: `plan-joint` plans the measurement, `fit-joint` fits a joint to it, `fit-motion` fits a plant
+    to a log of its motion, and `allocate`, `map`, `track`, `run` and `export` take the file with --machine.
     """
+    if ctx.invoked_subcommand is None:
+        print(_FIRST)
 
 
-@app.command(cls=Command, short_help="list muscles and models")
+@app.command(cls=Command, short_help="list muscles and force laws")
 def muscles() -> None:
-    """List the muscles that --muscle takes by name, and the models that `antagonist fit` fits."""
+    """List the muscles that --muscle takes, and the force laws that `antagonist fit` fits."""
     from rich.console import Console
     from rich.table import Table
 
@@ -63,12 +75,14 @@ def muscles() -> None:
         models.add_row(name, model.citation)
     console = Console()
     console.print(named, models, sep="\n")
-    say(console, "Forces are those at rest length. A file that `antagonist fit` wrote goes to --muscle as well.")
+    say(console, "Forces are those at rest length. --muscle also takes a file that `antagonist fit` wrote.")
 
 
-app.command("allocate", cls=Command, short_help="pressures for a torque and a stiffness")(allocate_command)
-app.command("fit", cls=Command, short_help="a muscle from measured forces (CSV)")(fit_command)
-app.command("fit-joint", cls=Command, short_help="a joint from angles at pressures (CSV)")(fit_joint_command)
-app.command("bag", cls=Command, short_help="topics of a ROS bag or MCAP file as a CSV log")(bag_command)
-app.command("plan-joint", cls=Command, short_help="what to measure for fit-joint")(plan_joint_command)
-app.command("map", cls=Command, short_help="which angles, stiffnesses and torques exist")(map_command)
+app.command("allocate", cls=Command, short_help="compute pressures for a torque and a stiffness")(allocate_command)
+app.command("fit", cls=Command, short_help="fit a muscle to measured forces")(fit_command)
+app.command("fit-joint", cls=Command, short_help="identify a joint from angles and pressures at rest")(
+    fit_joint_command
+)
+app.command("bag", cls=Command, short_help="convert topics of a ROS bag to a CSV log")(bag_command)
+app.command("plan-joint", cls=Command, short_help="plan the measurement for fit-joint")(plan_joint_command)
+app.command("map", cls=Command, short_help="draw the feasible angles, stiffnesses and torques")(map_command)

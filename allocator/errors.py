@@ -85,11 +85,11 @@ def notice_once(message: str, category: type[Warning]) -> None:
 
 
 _PACKAGES = ("allocator", "mpc")
-_INSTALL = {  # what to say to pip; extras of ours bring versions that were tried
+_INSTALL = {  # arguments of pip, by the library
     "casadi": "casadi",
     "cma": "cma",
     "control": "control",
-    "cvxpy": "cvxpy",
+    "cvxpy": "'antagonist[solvers]'",
     "daqp": "daqp",
     "distributed": "'antagonist[dask]'",
     "gymnasium": "'antagonist[gym]'",
@@ -97,9 +97,9 @@ _INSTALL = {  # what to say to pip; extras of ours bring versions that were trie
     "mcap": "'antagonist[ros]'",
     "mujoco": "'antagonist[mujoco]'",
     "numba": "numba",
-    "osqp": "osqp",
+    "osqp": "'antagonist[solvers]'",
     "pymodbus": "'antagonist[modbus]'",
-    "qpsolvers": "qpsolvers",
+    "qpsolvers": "'antagonist[solvers]'",
     "rich": "typer rich",
     "rosbags": "'antagonist[ros]'",
     "scipy": "scipy",
@@ -110,13 +110,13 @@ _INSTALL = {  # what to say to pip; extras of ours bring versions that were trie
 
 class _NameMissing(MetaPathFinder):
     def find_spec(self, fullname: str, path: Sequence[str] | None, target: object = None) -> None:
-        """Find nothing, and say so in our words if a file of ours imports it."""
+        """Find nothing. Raises `MissingPackage` if a file of these packages imports it."""
         if fullname in _INSTALL and _imported_by_us(sys._getframe(1)):
             raise MissingPackage(fullname, _INSTALL[fullname])
 
 
 def _imported_by_us(frame: FrameType | None) -> bool:
-    """Return whether the `import` under way stands in a file of ours; to look for a module is no import."""
+    """Return whether a file of these packages runs an `import`; looking for a module is none."""
     while frame is not None and frame.f_code.co_filename.startswith("<frozen importlib._"):
         frame = frame.f_back
     name = "" if frame is None else str(frame.f_globals.get("__name__", ""))
@@ -124,6 +124,6 @@ def _imported_by_us(frame: FrameType | None) -> bool:
 
 
 def name_what_is_missing() -> None:
-    """Put the finder behind all others, once."""
+    """Append the finder to `sys.meta_path`, once."""
     if not any(isinstance(finder, _NameMissing) for finder in sys.meta_path):
         sys.meta_path.append(_NameMissing())

@@ -18,8 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator import BAR, DEG, AntagonistJoint, fit_motion, report_joint
+from allocator import BAR, DEG, AntagonistJoint, report_joint
 from allocator.calculus import Array
+from allocator.identification import fit_motion
 from allocator.identification.motion.result import LABELS, MotionFit
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N

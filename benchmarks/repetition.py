@@ -1,20 +1,22 @@
-"""Motions of strangers that are learned by repeating them.
+"""Motions learned by repetition on simulated joints of other structures.
 
     python -m benchmarks.repetition [--seeds 1] [--structures braid,tips,power,exponential]
     python -m benchmarks.repetition --off 200
 
-The joints are those of `benchmarks.strangers`, which the library does not model. The MPC has the model of data sheets
-and the usual robust weights, and is told the age of the encoder's readings. Each motion is repeated 10 times, or until
-learning stops by itself; all repetitions begin in one state, with noise of their own. Learning sees the encoder, the
-figures are true angles after the first rest. For each run, *predicted* is the ratio of the second error to the first
-that the design computes for the worst of its linear plants, *seen* that of the errors as read.
+The joints are those of `benchmarks.strangers`, which the library does not model. The MPC has the data-sheet model and
+the usual robust weights, and knows the age of the encoder's readings. Each motion is repeated 10 times, or until
+learning ends; all repetitions begin in one state, each with its own noise. Learning sees the encoder; the figures are
+RMS errors of the true angle after the first rest. *Predicted* is the ratio of the second error to the first that the
+design computes for the worst of its linear plants, *seen* that of the measured errors.
 
-The best correction is then played five times more, with other noise. Over time, the standard deviation between these
-runs is what *does not return*: no learning gets below it. A repetition *rose* if its error is greater than that of
-the one before by more than noise, which is 3 % and the encoder's RMS error, or 2√2 times the standard deviation of the
-RMS errors of these runs if that is more.
+Reference and best correction are each played five times more, with other noise. The standard deviation between these
+runs, RMS over time, *does not return*: no learning gets below it. The RMS error of their mean *returns* (less the share
+of that standard deviation in it); it is all that can be learned. A repetition *rose* if its error exceeds that of the
+one before by more than noise: 3 % and the encoder's RMS error, or 2√2 times the standard deviation of the RMS errors of
+the runs with the best correction if that is more.
 
-Corrections at another speed are those of the min-jerk motion in 1 s, scaled in time.
+Corrections at another speed are those of the min-jerk motion in 1 s, scaled in time. `Correction.along` refuses the
+marked ones.
 """
 
 import argparse
@@ -36,13 +38,14 @@ from mpc import Reference, Run, simulate
 from mpc.repetition.learner import Learner, Reason
 from mpc.repetition.practice import Practice, played, practise
 from mpc.repetition.response import Response, responses
+from mpc.trials.corrections import SPEEDS as SCALED
 from mpc.trials.corrections import Correction, Owner
 from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.metrics import metrics
 from mpc.trials.trajectories import chirp, point_to_point, rested_sine
 
 REPETITIONS, WRONG = 10, 5  # of the motions, of the runs with wrong models
-PLAYED = 5  # times the best correction, to see what does not return
+PLAYED = 5  # runs of one reference, to separate errors that return
 OFF = 1.3
 DRAWS = 2  # beside three postures of the model
 SPEEDS = (0.5, 0.8, 1.25, 2.0)
@@ -56,7 +59,7 @@ MOTIONS = {
 
 @dataclass(frozen=True)
 class Unwatched(Stranger):
-    """A stranger whose true stiffness and forces are computed only on request: they take three quarters of a run."""
+    """Stranger without stiffness and forces along a run, which take three quarters of its time."""
 
     @classmethod
     def of(cls, s: Stranger, parts: Parts) -> "Unwatched":
@@ -64,12 +67,12 @@ class Unwatched(Stranger):
         return cls(s.structure, s.seed, parts, s.sensors, s.delay, s.jitter, s.nominal, s.told)
 
     def along(self, x: Array) -> tuple[Array, Array]:
-        """Return numbers that mean nothing."""
+        """Return ones."""
         return np.ones(len(x)), np.ones((len(x), 2))
 
 
 class Ready(NamedTuple):
-    """A stranger with the loop for it, and the responses that this may have."""
+    """Stranger with its loop, and the possible responses of the loop."""
 
     stranger: Stranger
     settings: Settings
@@ -85,7 +88,7 @@ class Ready(NamedTuple):
         return cls(stranger, settings, responses("mpc", settings, MOTIONS["sine"], n_draws=DRAWS))
 
     def learned(self, motion: Reference, repetitions: int, parts: Parts | None = None, draw: int = 0) -> Practice:
-        """Let the stranger, or one with other `parts`, learn a motion; `draw` is that of the noise."""
+        """Learn a motion on the stranger, or on one with other `parts`; `draw` seeds the noise."""
         plant = Unwatched.of(self.stranger, parts or self.stranger.parts)
         controller, observer = loop("mpc", self.settings)
         x0 = self.settings.plant.at_rest(motion.theta[0], motion.K[0])
@@ -93,19 +96,28 @@ class Ready(NamedTuple):
         seed = 100 * self.stranger.seed + 1000 * draw
         return practise(plant, controller, learner, observer=observer, x0=x0, seed=seed)
 
-    def again(self, learner: Learner) -> tuple[float, float]:
-        """Return the RMS error that does not return, and the standard deviation of RMS errors, as read [rad]."""
+    def again(self, learner: Learner, given: Reference) -> "Again":
+        """Play a reference several times."""
         plant = Unwatched.of(self.stranger, self.stranger.parts)
         controller, observer = loop("mpc", self.settings)
         wanted, begin, count = learner.course.wanted, learner.course.begin, learner.course.count
         x0 = self.settings.plant.at_rest(wanted.theta[0], wanted.K[0])
         reads = [
-            played(plant, controller, learner.reference, learner, observer=observer, x0=x0, seed=seed)[1]
+            played(plant, controller, given, learner, observer=observer, x0=x0, seed=seed)[1]
             for seed in range(9000, 9000 + PLAYED)
         ]
         errors = (wanted.theta[:count] - np.array(reads))[:, begin:]
-        apart = float(np.sqrt(errors.var(axis=0, ddof=1).mean()))
-        return apart, float(np.sqrt((errors**2).mean(axis=1)).std(ddof=1))
+        variance = float(errors.var(axis=0, ddof=1).mean())
+        returns = max(float((errors.mean(axis=0) ** 2).mean()) - variance / PLAYED, 0.0)
+        return Again(returns**0.5, variance**0.5, float(np.sqrt((errors**2).mean(axis=1)).std(ddof=1)))
+
+
+class Again(NamedTuple):
+    """Measured errors of several runs along one reference [rad]."""
+
+    returns: float  # RMS of their mean
+    apart: float  # RMS between them
+    std: float  # of their RMS errors
 
 
 def error(run: Run, begin: int) -> float:
@@ -136,6 +148,8 @@ class Row(NamedTuple):
     reason: str
     broken: bool  # a limit of commands or of the joint range
     apart: float  # RMS error that does not return [°]
+    returned: float  # RMS error that returns, without a correction [°]
+    returns: float  # with the best one [°]
 
     @classmethod
     def of(cls, ready: Ready, motion: str) -> "Row":
@@ -144,8 +158,8 @@ class Row(NamedTuple):
         learner, begin = practice.learner, practice.learner.course.begin
         rms = np.array([one.rms for one in learner.history])
         until = int(rms.argmin()) + 1
-        apart, std = ready.again(learner)
-        noise = np.maximum(0.03 * rms[:-1] + ready.stranger.sensors.step / 12**0.5, 2 * 2**0.5 * std)
+        before, after = (ready.again(learner, given) for given in (learner.course.wanted, learner.reference))
+        noise = np.maximum(0.03 * rms[:-1] + ready.stranger.sensors.step / 12**0.5, 2 * 2**0.5 * after.std)
         limits = ("commanded pressure", "pressure slew", "joint range")
         runs = practice.first, practice.best
         kept = (not metrics(run).violations[name][0] for run in runs for name in limits)
@@ -153,7 +167,8 @@ class Row(NamedTuple):
             ready.stranger.structure, ready.stranger.seed, motion, error(practice.first, begin),
             error(practice.best, begin), *(stiffness_error(ready.stranger, run, begin) for run in runs),
             learner.update.predicted[1] if learner.update else np.nan, rms[1] / rms[0],
-            int((np.diff(rms) > noise)[: until - 1].sum()), len(rms), learner.reason.name, not all(kept), apart / DEG,
+            int((np.diff(rms) > noise)[: until - 1].sum()), len(rms), learner.reason.name, not all(kept),
+            after.apart / DEG, before.returns / DEG, after.returns / DEG,
         )  # fmt: skip
 
 
@@ -188,11 +203,12 @@ def faster(ready: Ready) -> list[tuple[float, float, float]]:
 
 
 def table(rows: list[Row]) -> list[str]:
-    """Return the figures by motion, and by structure, as lines of Markdown."""
+    """Return the figures by motion and by structure, as lines of Markdown."""
     lines = [
-        "| | RMS error [°], first → best | does not return [°] | divided by: median, least | e₂/e₁ predicted, seen | "
-        "repetitions that rose | K error, first → best [N·m/rad] | limits broken |",
-        "|---|---|---|---|---|---|---|---|",
+        "| | RMS error [°], first → best | divided by: median, least | does not return [°] | returns [°], first → "
+        "best | divided by: median, least | e₂/e₁ predicted, seen | repetitions that rose | K error, first → best "
+        "[N·m/rad] | limits broken |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     groups = [(m, [r for r in rows if r.motion == m]) for m in MOTIONS]
     groups += [(s, [r for r in rows if r.structure == s]) for s in STRUCTURES] + [("all", rows)]
@@ -200,12 +216,14 @@ def table(rows: list[Row]) -> list[str]:
         if not mine:
             continue
         ratio = np.array([r.first / r.best for r in mine])
-        names = ("first", "best", "K_first", "K_best", "predicted", "seen", "apart")
-        first, best, K1, K2, said, seen, apart = (np.median([getattr(r, n) for r in mine]) for n in names)
+        part = np.array([r.returned / max(r.returns, 1e-3) for r in mine])
+        names = ("first", "best", "K_first", "K_best", "predicted", "seen", "apart", "returned", "returns")
+        first, best, K1, K2, said, seen, apart, e1, e2 = (np.median([getattr(r, n) for r in mine]) for n in names)
         rises = f"{sum(r.rises for r in mine)} of {sum(r.done - 1 for r in mine)}"
         lines.append(
-            f"| {name} | {first:.2f} → {best:.3f} | {apart:.3f} | {np.median(ratio):.1f}, {ratio.min():.1f} | "
-            f"{said:.2f}, {seen:.2f} | {rises} | {K1:.3f} → {K2:.3f} | {sum(r.broken for r in mine)} of {len(mine)} |"
+            f"| {name} | {first:.2f} → {best:.3f} | {np.median(ratio):.1f}, {ratio.min():.1f} | {apart:.3f} | "
+            f"{e1:.2f} → {e2:.3f} | {np.median(part):.1f}, {part.min():.1f} | {said:.2f}, {seen:.2f} | {rises} | "
+            f"{K1:.3f} → {K2:.3f} | {sum(r.broken for r in mine)} of {len(mine)} |"
         )
     return lines
 
@@ -242,7 +260,7 @@ def main() -> None:
 
 
 def learned(strangers: Iterable[tuple[int, str]], out: Path) -> None:
-    """Let the strangers, seeds and structures, learn all motions, and write the report."""
+    """Learn all motions on the strangers (seed, structure), and write the report."""
     rows: list[Row] = []
     speeds: list[tuple[float, float, float]] = []
     steps: dict[str, float] = {}
@@ -288,9 +306,9 @@ def report(rows: list[Row], speeds: list[tuple[float, float, float]], steps: dic
         mine = np.array([s[1:] for s in speeds if s[0] == speed])
         if mine.size:
             before, after = np.median(mine, axis=0)
-            lines.append(
-                f"| {speed:g} | {before:.2f} | {after:.2f} | {(mine[:, 1] < mine[:, 0]).sum()} of {len(mine)} |"
-            )
+            name = f"{speed:g}" + ("" if SCALED[0] <= speed <= SCALED[1] else ", refused")
+            better = f"{(mine[:, 1] < mine[:, 0]).sum()} of {len(mine)}"
+            lines.append(f"| {name} | {before:.2f} | {after:.2f} | {better} |")
     return "\n".join(lines) + "\n"
 
 

@@ -13,9 +13,7 @@ from math import pi
 
 from allocator import BAR
 from mpc import KalmanObserver, Plant, TrackingMPC, sine
-from mpc.bench.device import DeviceLost, NoAnswer, Reading
-from mpc.bench.devices.functions import CallableDevice
-from mpc.bench.loop import RealTimeLoop
+from mpc.bench import CallableDevice, DeviceLost, NoAnswer, Reading, RealTimeLoop
 
 FULL, RANGE, STEPS = 32767, 6 * BAR, 20_000
 TIMEOUT = 2000  # [µs] of a process data exchange

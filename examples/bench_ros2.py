@@ -11,9 +11,7 @@ import time
 from math import nan
 
 from mpc import KalmanObserver, Plant, TrackingMPC, sine
-from mpc.bench.device import Reading
-from mpc.bench.devices.functions import CallableDevice
-from mpc.bench.loop import RealTimeLoop
+from mpc.bench import CallableDevice, Reading, RealTimeLoop
 
 
 class Joint:

@@ -5,8 +5,8 @@ On a Dask cluster: `executor=distributed.Client("address").get_executor()`.
 
 from concurrent.futures import ProcessPoolExecutor
 
-from allocator import design_grid, design_sweep, named_muscle
-from allocator.units import DEG
+from allocator import DEG, named_muscle
+from allocator.feasibility import design_grid, design_sweep
 
 
 def main():

@@ -7,16 +7,10 @@ the other with a stiffness matrix of your choice, and writes arm.csv and arm.png
 import numpy as np
 
 from allocator.mechanism import Mechanism, Pulleys
-from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.model.arm.bodies import Bodies
-from mpc.model.arm.model import Arm
-from mpc.tracking.controller import TrackingMPC
-from mpc.trials.files import save_run
-from mpc.trials.metrics import metrics
-from mpc.trials.pictures.plotting import save_tracking_figure
-from mpc.trials.reference import Reference
-from mpc.trials.simulation import simulate
+from allocator.muscles import SAROSI_DMSP_20_400N
+from mpc import Arm, Reference, TrackingMPC, metrics, simulate
+from mpc.arm import Bodies, MujocoPlant
+from mpc.trials import save_run, save_tracking_figure
 
 ARMS = [[0.02, 0.0], [-0.02, 0.0], [0.0, 0.02], [0.0, -0.02], [0.02, 0.015], [-0.02, -0.015]]  # [m], a row a muscle
 STIFFNESS = np.array([[12.0, 4.6], [4.6, 9.5]])  # [N·m/rad]

@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator import BAR, DEG
 from mpc import KalmanObserver, RealPlant, TrackingMPC, robust_weights
-from mpc.trials.trajectories import point_to_point
+from mpc.trials import point_to_point
 
 DT = 0.01  # [s]
 SECONDS = 5.0

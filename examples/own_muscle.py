@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from allocator import BAR, DEG, AntagonistJoint, Pulley, allocate, rank_models, read_samples
+from allocator import BAR, DEG, AntagonistJoint, Pulley, allocate
+from allocator.identification import rank_models, read_samples
 
 samples = read_samples(Path(__file__).parent / "force_table.csv")  # columns: contraction, pressure, force
 ranking = rank_models(samples)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from allocator import DEG
-from mpc import KalmanObserver, RealPlant, Reference, TrackingMPC, robust_weights, simulate
-from mpc.trials.metrics import metrics
+from mpc import KalmanObserver, RealPlant, Reference, TrackingMPC, metrics, robust_weights, simulate
 
 t = np.arange(0.0, 6.0, 0.02)  # [s]
 theta = 25 * DEG * np.sin(np.pi * np.clip((t - 1) / 4, 0, 1)) ** 2  # there and back

@@ -1,4 +1,4 @@
-"""The command `antagonist` runs from here, as `python -m mpc` too."""
+"""Entry of the command `antagonist`, and of `python -m mpc`."""
 
 import _thread
 import os
@@ -12,7 +12,7 @@ _INTERRUPTED = "antagonist: interrupted\n"
 
 
 def main() -> None:
-    """Run the command; who interrupts it while it still loads reads one word too."""
+    """Run the command; an interrupt during loading prints one word."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored, as in a background job
         signal.signal(signal.SIGINT, _interrupt)
     try:
@@ -23,7 +23,7 @@ def main() -> None:
 
 
 def _commands() -> Callable[[], None]:
-    """Load the commands; without a library that they need say how to install it."""
+    """Load the commands, or exit with the name of a missing library."""
     import allocator  # noqa: F401  # names what is missing from here on
 
     try:
@@ -38,7 +38,7 @@ def _commands() -> Callable[[], None]:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, unless what runs at this moment would lose it.
+    """Raise KeyboardInterrupt, unless the running code would lose it.
 
     Callbacks of Python's import locks and the initialisation of some compiled modules do, but loading holds nothing
     that needs care: leave. CasADi does where it converts its arguments: ask again a moment later.

@@ -1,6 +1,6 @@
-"""Commands about motion are here: `antagonist track`.
+"""Command `antagonist track`, and the list of all commands about motion.
 
-Degrees and bar here, SI behind; heavy libraries load when it runs.
+Options are in degrees and bar, the library is in SI units. Heavy libraries are imported when a command runs.
 """
 
 import os
@@ -42,7 +42,12 @@ if TYPE_CHECKING:
     from mpc.trials.reference import Reference
     from mpc.trials.simulation import Process, Run
 
-_NOMINAL, _REAL = "nominal", "real"  # plants
+_OTHER, _REAL, _NOMINAL = "other", "real", "nominal"  # plants
+_PLANTS = {
+    _OTHER: "driving a plant of another structure",
+    _REAL: "driving the plant with the effects of a real one",
+    _NOMINAL: "driving its own model",
+}
 _REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
 _SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap", ".gif", ".mp4")
 _OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".mcap"))
@@ -60,7 +65,7 @@ _EPILOG = "\n\n".join(
 )
 
 
-@app.command(cls=Command, short_help="simulate a controller along a trajectory", epilog=_EPILOG)
+@app.command(cls=Command, short_help="simulate a controller on a joint or an arm", epilog=_EPILOG)
 @grouped
 def track(
     options: PlantOptions,
@@ -70,45 +75,56 @@ def track(
     trajectory: Annotated[
         str | None,
         typer.Argument(
-            help="a standard trajectory (see below), or a CSV with the columns t,theta_deg,stiffness; without it ±40° "
-            "at 0.5 Hz with K = 7.6 ± 0.3, or what another joint than the report's has room for; of several joints "
-            "circle (the default), reach, hold, draw (arm26), or a CSV of angles or the hand's path and of stiffness"
+            help="sine (the default), min-jerk, chirp, steps, stiffness-step, stiffness-ramps, together, jumps, "
+            "or a CSV; a CSV has the columns t,theta_deg,stiffness. Standard trajectories are smaller on a "
+            "joint with less room. Of several joints: circle (the default), reach, hold, draw (arm26), or a "
+            "CSV of angles or of the hand's path and of stiffness"
         ),
     ] = None,
-    reference: Annotated[str | None, typer.Option(help="the trajectory's CSV, in the place of the argument")] = None,
+    reference: Annotated[str | None, typer.Option(help="CSV of the trajectory; instead of the argument")] = None,
     out: Annotated[
         list[Path] | None,
         typer.Option(
-            help="a .csv, .npz or .mcap (of one joint), .png, .gif or .mp4 to write, or a directory for tracking.png "
-            "and .csv, of several joints also .gif; may be repeated"
+            help="a .png, .gif, .mp4, .csv, .npz or .mcap to write, or a directory; may be repeated. A directory "
+            "gets tracking.png and tracking.csv, and of several joints tracking.gif. Only one joint has .npz "
+            "and .mcap"
         ),
     ] = None,
     solver: Annotated[
         str | None,
-        typer.Option(help="of mpc: riccati (default), daqp or one of qpsolvers, e.g. osqp; of nmpc: ipopt, fatrop"),
+        typer.Option(
+            help="QP or NLP solver; of mpc riccati (default), daqp or a solver of qpsolvers, e.g. osqp; of nmpc "
+            "ipopt or fatrop"
+        ),
     ] = None,
     plant: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="nominal, or real: with what the controller's model does not know; of several joints muscles 5 % off, "
-            "sensors with steps and noise, 20 ms of dead time"
+            help="plant to drive: other (the default), real or nominal; other: muscles of another force law and "
+            "the effects of real. real: wrong muscle strengths, hysteresis, dead time, dead band, sensors "
+            "with steps and noise. nominal: the controller's model. Of several joints nominal (the default), "
+            "or real: muscles 5 % off, noisy sensors, 20 ms dead time"
         ),
-    ] = _NOMINAL,
+    ] = None,
     controller: Annotated[
-        str, typer.Option(help="mpc, nmpc (nonlinear, slow), pid, pi, predictive-pid, lqr, feedforward")
+        str, typer.Option(help="mpc, nmpc (slow), pid, pi, predictive-pid, lqr or feedforward")
     ] = _MPC,
     observer: Annotated[
-        bool | None, typer.Option(help="estimate state and disturbance torque; the MPCs and lqr do on a real plant")
+        bool | None,
+        typer.Option(
+            help="estimate state and disturbance torque; by default mpc, nmpc and lqr do unless the plant is nominal"
+        ),
     ] = None,
     payload: Annotated[
-        float, typer.Option(help="load that nobody tells of, from half-way on, of several joints on the first [N·m]")
+        float, typer.Option(help="unmodelled load from half-way on [N·m]; of several joints on the first one")
     ] = 0.0,
-    seed: Annotated[int, typer.Option(help="of the sensors' noise")] = 0,
+    seed: Annotated[int, typer.Option(help="seed of the sensor noise")] = 0,
     amplitude: Annotated[
-        float, typer.Option(help="of pushes whose felt stiffness is said where the plant has hysteresis, ± this [°]")
+        float,
+        typer.Option(help="amplitude of pushes whose felt stiffness is reported [±°]; for plants with hysteresis"),
     ] = 2.0,
     margins: Annotated[
-        Path | None, typer.Option(help="a picture to write of the loop's robustness at three postures")
+        Path | None, typer.Option(help="picture of the loop's robustness at three postures, of one joint")
     ] = None,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     wait: Annotated[
@@ -116,16 +132,19 @@ def track(
         typer.Option(
             "--wait",
             envvar="ANTAGONIST_WAIT",
-            help="wait where mpc's step is not compiled yet (once after an installation); else it is compiled beside "
-            "this run, which takes the readable step",
+            help="wait for compilation of the mpc step; needed once after an installation. Otherwise it is "
+            "compiled in a second process, and this run takes the uncompiled step",
         ),
     ] = False,
     force: Force = False,
 ) -> None:
-    """Let a controller follow a trajectory of angle and stiffness, and say how well it did.
+    """Simulate a controller that tracks angle and stiffness, and report its errors.
 
-    With several joints, --machine arm26, arm48, leg37, a file with [bodies], or a MuJoCo model (.xml) on hinges whose
-    tendons are the muscles, it follows angles and a stiffness matrix on MuJoCo, and is filmed.
+    By default the controller drives a joint that its model does not describe: muscles of another force law, 10 %
+    stronger and weaker than modelled, with hysteresis, dead time and noise.
+
+    With several joints (--machine arm26, arm48, leg37, a file with [bodies], or a MuJoCo model (.xml) on hinges with
+    tendons as muscles) the controller tracks angles and a stiffness matrix on MuJoCo, and the motion is filmed.
     """
     from rich.console import Console
     from rich.progress import track as tracked
@@ -163,7 +182,7 @@ def track(
             more,
             trajectory,
             files,
-            plant=plant,
+            plant=plant or _NOMINAL,
             payload=payload,
             dt=at.dt,
             horizon=at.horizon,
@@ -176,13 +195,14 @@ def track(
         _show(files if show else [])
         return
     if more != ArmOptions():
-        raise InvalidInput("--stiffness-of, --hand and --view go with a --machine of several joints")
+        raise InvalidInput("--stiffness-of, --hand, --catch and --view go with a --machine of several joints")
+    plant = plant or _OTHER
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
     asked = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, nominal))
     asked.samples(at.dt)  # before anything is built
     half_way = float(asked.t[-1] - asked.t[0]) / 2
     known = options.compensation()
-    tested, settings = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
+    tested, settings, unknown = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
     settings, tuned = options.tuned(settings._replace(dt=at.dt, N=at.horizon, solver=solver, wait=wait), controller)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, and nothing disturbs
@@ -205,16 +225,21 @@ def track(
     else:
         done = simulate(tested, driver, asked, observer=estimator, seed=seed, progress=True)
 
-    title = f"{controller} on the {plant} plant, {_muscles(nominal)}"
+    title = f"{controller} with a model of {_muscles(nominal)}, {_PLANTS[plant]}"
     bar = partial(tracked, description="drawing", console=console)
     for path in files:
         if path.suffix in IMAGES:
             say(console, f"drawing {path}")
-        write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title)
+        write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title, model=nominal)
     _report(done, nominal, known, asked, console)
+    if unknown:
+        say(console, f"not known to the controller: {unknown}")
     if isinstance(tested, RealPlant) and not tested.friction.loop.absent:
         K = done.felt(amplitude * DEG, tested.friction.loop)
-        say(console, f"pushes by ±{amplitude:g}° would have met {K.min():.3g} … {K.max():.3g} N·m/rad, with hysteresis")
+        say(
+            console,
+            f"felt stiffness, with hysteresis: pushes of ±{amplitude:g}° meet {K.min():.3g} … {K.max():.3g} N·m/rad",
+        )
     if learned:
         report(learner, owner, practice.first.theta, done.theta, learned, console)
     if tuned:
@@ -233,7 +258,7 @@ def _refuse(**given: object) -> None:
     """Insist that options are None, with several joints."""
     if option := next((name for name, value in given.items() if value is not None), None):
         raise InvalidInput(
-            f"--{option} is of one joint; several follow their usual stiffness, by the mpc and its observer"
+            f"--{option} is for one joint; several joints track their usual stiffness with mpc and its observer"
         )
 
 
@@ -244,73 +269,71 @@ def _show(files: list[Path]) -> None:
 
 
 def _muscles(plant: "Plant") -> str:
-    """Return the laws of both muscles, in a word if it is one."""
+    """Return the force laws of both muscles, in words."""
     names = [type(muscle).__name__ for muscle in (plant.joint.agonist, plant.joint.antagonist)]
-    return f"two {names[0]}" if names[0] == names[1] else " and ".join(names)
+    return f"two {names[0]} muscles" if names[0] == names[1] else " and ".join(names)
 
 
 def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Reference", console: "Console") -> None:
-    """Say what was simulated and how well it went."""
+    """Print the plant, the trajectory and the errors."""
     from mpc.trials.metrics import metrics
     from mpc.trials.pictures.report import table_of
 
     figures = metrics(run)
     say(console, f"plant: {nominal.summary}")
     if known.summary:
-        say(console, f"told to the controller: {known.summary}")
+        say(console, f"known to the controller: {known.summary}")
     if known.untold:
-        say(console, f"in the simulated plant, not told to the controller: {known.untold}")
+        say(console, f"simulated, but not known to the controller: {known.untold}")
     say(console, f"trajectory: {reference.summary}")
     console.print(table_of(run, figures))
     if run.assumed:
         say(console, run.assumed)
     if figures.out_of_reach:
         share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
-        say(console, f"{share}; `antagonist map` shows what is in it")
+        say(console, f"{share}; `antagonist map` shows the reachable targets")
     if figures.at_slew_limit >= _WORTH_SAYING:
-        share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed as fast as --slew allows"
-        say(console, f"{share} ({nominal.slew / BAR:g} bar/s): the reference may ask for more")
+        share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed at the limit --slew"
+        say(console, f"{share} ({nominal.slew / BAR:g} bar/s): the reference may be too fast")
 
 
 def _tested(
     kind: str, nominal: "Plant", known: "Compensation", torque: "tuple[tuple[float, float], ...]"
-) -> "tuple[Process, Settings]":
-    """Return the plant of this kind under an unknown torque, and what its controller knows.
+) -> "tuple[Process, Settings, str]":
+    """Return the plant under test with an unknown torque, its controller's settings, and a list of model errors.
 
-    It has what the plant's file tells of friction and regulators, and the controller is told so.
+    Friction and regulators of the plant's file are simulated, and the controller knows them.
     """
     from mpc.model.compensation import Compensation
     from mpc.model.real_plant import RealPlant
     from mpc.trials.loops import Settings
+    from mpc.trials.other_plant import other_plant
 
+    if kind not in _PLANTS:
+        raise MissingBackend("plant", kind, _PLANTS)
+    if kind == _NOMINAL:
+        if known == Compensation():
+            return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal), ""
+        return RealPlant.of(nominal, known, torque_profile=torque), Settings(nominal, compensation=known), ""
     if kind == _REAL:
-        real = RealPlant.standard(torque_profile=torque, nominal=nominal)
-        return replace(real, **known.told), Settings(real.nominal, compensation=replace(real.known(), **known.told))
-    if kind != _NOMINAL:
-        raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
-    if known == Compensation():
-        return (RealPlant(nominal, torque_profile=torque) if torque else nominal), Settings(nominal)
-    tested = RealPlant.of(nominal, known, torque_profile=torque)
-    return tested, Settings(nominal, compensation=known)
+        real, unknown = RealPlant.standard(torque_profile=torque, nominal=nominal), ""
+    else:
+        real, unknown = other_plant(nominal, torque)
+    compensation = replace(real.known(), **known.told)
+    return replace(real, **known.told), Settings(nominal, compensation=compensation), unknown
 
 
-app.command("fit-motion", cls=Command, short_help="lags and hysteresis from a log of a moving joint (CSV)")(
+app.command("fit-motion", cls=Command, short_help="identify lags and hysteresis from a log of a moving joint")(
     fit_motion_command
 )
-app.add_typer(export_app, name="export", short_help="C, FMUs, firmware: what runs without Python")
-app.command("devices", cls=Command, short_help="list what `run` and `sweep` can drive")(devices_command)
+app.add_typer(export_app, name="export", short_help="write C code, FMUs or firmware")
+app.command("devices", cls=Command, short_help="list the devices that `run` and `sweep` drive")(devices_command)
 app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)
 app.command("sweep", cls=Command, short_help="run the experiment that identifies a joint")(sweep_command)
-app.command("measure", cls=Command, short_help="measure a joint's stiffness, isobaric and felt, on a device")(
-    measure_command
-)
-app.command("explore", cls=Command, short_help="see in the browser what a joint can do")(explore)
-app.command("bench-check", cls=Command, short_help="does a board on a serial line do as it should?")(
-    bench_check_command
-)
-app.command("tune", cls=Command, short_help="tune the controller for a fitted plant, by closed loops on draws")(
-    tune_command
-)
+app.command("measure", cls=Command, short_help="measure the stiffness of a joint on a device")(measure_command)
+app.command("explore", cls=Command, short_help="explore a joint in the browser")(explore)
+app.command("bench-check", cls=Command, short_help="check a board on a serial line")(bench_check_command)
+app.command("tune", cls=Command, short_help="tune a controller for a fitted plant")(tune_command)
 app.command("init", cls=Command, short_help="write a plant file to edit, for --machine")(init_command)
 
 

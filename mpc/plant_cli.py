@@ -1,4 +1,4 @@
-"""`antagonist init` is here, and the options that describe a plant; degrees and bar here, SI behind."""
+"""Command `antagonist init`, and the options of a plant; in degrees and bar."""
 
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -26,33 +26,42 @@ _LAGS = ("lag_up", "lag_down")
 
 @dataclass(frozen=True)
 class PlantOptions(MachineOptions):
-    """The options are what the user says of the plant; the rest is as in the file, or as in `Plant()`."""
+    """Options of the plant, which override its file or `Plant()`."""
 
-    PANEL: ClassVar[str] = "The plant"
+    PANEL: ClassVar[str] = "Plant"
 
-    inertia: Annotated[float | None, typer.Option(help="moment of inertia of the link [kg·m²]; else 0.05")] = None
-    damping: Annotated[float | None, typer.Option(help="viscous damping [N·m·s/rad]; else 0.1")] = None
+    inertia: Annotated[float | None, typer.Option(help="moment of inertia of the link [kg·m²]; 0.05 by default")] = None
+    damping: Annotated[float | None, typer.Option(help="viscous damping [N·m·s/rad]; 0.1 by default")] = None
     lag: Annotated[
         str | None,
-        typer.Option(help="time constant of the pressures [s], or AGONIST:ANTAGONIST; else 0.1, real plant 0.12"),
+        typer.Option(
+            help="time constant of the pressures [s]; one number, or AGONIST:ANTAGONIST. By default 0.1, and 0.12 "
+            "on the real plant"
+        ),
     ] = None
     gravity: Annotated[
-        float | None, typer.Option(help="m g l of a link that hangs at 0° [N·m], negative where it stands; else 0")
+        float | None,
+        typer.Option(
+            help="gravity torque m g l of a link that hangs at 0° [N·m]; negative for one that stands. 0 by default"
+        ),
     ] = None
-    slew: Annotated[float | None, typer.Option(help="greatest change of a commanded pressure [bar/s]; else 5")] = None
+    slew: Annotated[float | None, typer.Option(help="greatest rate of a commanded pressure [bar/s]; 5 by default")] = (
+        None
+    )
     gas: Annotated[
-        bool | None, typer.Option(help="motion compresses the gas in the muscles; else the file's, or yes of one joint")
+        bool | None,
+        typer.Option(help="motion compresses the gas in the muscles; by default as in the file, or yes for one joint"),
     ] = None
     kappa: Annotated[
         float | None,
-        typer.Option(help="polytropic exponent of the gas, 1 (slow) to 1.4 (fast), else 1.3; implies --gas"),
+        typer.Option(help="polytropic exponent of the gas; 1 (slow) to 1.4 (fast), 1.3 by default. Implies --gas"),
     ] = None
     frequency: Annotated[
-        float | None, typer.Option(help="frequency at which the stiffness is meant [Hz]; else it is isobaric")
+        float | None, typer.Option(help="frequency at which the stiffness is meant [Hz]; isobaric by default")
     ] = None
 
     def __post_init__(self) -> None:
-        """Refuse what can only be a mistake, in the units of the options."""
+        """Refuse implausible values, in the units of the options."""
         super().__post_init__()
         within("--inertia", self.inertia, "kg·m²", 1e-9, 1e6)
         within("--damping", self.damping, "N·m·s/rad", 0, 1e6)
@@ -97,7 +106,7 @@ class PlantOptions(MachineOptions):
         return self.driven(replace(arm, mechanism=self._changed(arm.mechanism)))
 
     def driven(self, arm: "Arm") -> "Arm":
-        """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for what is of one joint."""
+        """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for options of one joint."""
         if option := self.given(*OF_ONE_JOINT, "inertia", "damping", "gravity", "frequency"):
             raise InvalidInput(f"{option} is of one joint with two muscles; {self.machine} says it in its file")
         changes: dict[str, Any] = {} if self.slew is None else {"slew": self.slew * BAR}
@@ -110,7 +119,7 @@ class PlantOptions(MachineOptions):
         return replace(arm, **changes) if changes else arm
 
     def compensation(self) -> "Compensation":
-        """Return what the file tells beyond the plant: hysteresis or friction, and regulators. --lag overrides lags."""
+        """Return the hysteresis or friction and the regulators of the file. --lag overrides its lags."""
         from mpc.model.compensation import Compensation
         from mpc.model.storage import stored_regulators
 
@@ -163,33 +172,35 @@ class PlantOptions(MachineOptions):
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """The options are those of every loop along a trajectory."""
+    """Options of a loop along a trajectory."""
 
-    PANEL: ClassVar[str] = "The loop"
+    PANEL: ClassVar[str] = "Loop"
 
     stiffness: Annotated[
         float | None,
         typer.Option(
-            help="K about which a standard trajectory runs [N·m/rad]; without it the middle of what the joint has"
+            help="mean stiffness of a standard trajectory [N·m/rad]; by default the middle of the joint's range"
         ),
     ] = None
     dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01
-    horizon: Annotated[int, typer.Option(help="samples that mpc and nmpc look ahead")] = 20
+    horizon: Annotated[int, typer.Option(help="horizon of mpc and nmpc, in samples")] = 20
 
 
 def init_command(
-    file: Annotated[Path, typer.Argument(help="the TOML file to write, e.g. joint.toml")],
+    file: Annotated[Path, typer.Argument(help="TOML file to write, e.g. joint.toml")],
     machine: Annotated[
-        str | None, typer.Option(help="arm26, arm48 or leg37: several joints and their bodies, instead of a joint")
+        str | None,
+        typer.Option(help="arm26, arm48 or leg37; writes several joints and their bodies instead of a joint"),
     ] = None,
     gas: Annotated[
-        bool | None, typer.Option(help="motion compresses the gas in the muscles; else yes of one joint, no of several")
+        bool | None,
+        typer.Option(help="motion compresses the gas in the muscles; by default yes for one joint, no for several"),
     ] = None,
     force: Force = False,
 ) -> None:
-    """Write a plant to edit: joint, muscles and link, with comments; it runs as it is.
+    """Write a plant file to edit: joint, muscles and link, with comments.
 
-    Every command takes it with --machine.
+    The file is valid as it is; every command takes it with --machine.
     """
     from allocator.files.atomic import write_text
 

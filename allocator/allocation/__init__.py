@@ -7,6 +7,7 @@ affine in the pressure, by `relaxation/`.
 from allocator.allocation.arguments import Method
 from allocator.allocation.at_least import AtLeast, Infeasibility, allocate_at_least
 from allocator.allocation.box.certificate import Separation
+from allocator.allocation.box.result import BoxAllocation
 from allocator.allocation.entry import allocate, warm_up
 from allocator.allocation.result import Allocation
 from allocator.allocation.status import Status
@@ -15,6 +16,7 @@ from allocator.allocation.two_muscles.problem import Problem
 __all__ = [
     "Allocation",
     "AtLeast",
+    "BoxAllocation",
     "Infeasibility",
     "Method",
     "Problem",

@@ -1,4 +1,4 @@
-"""`antagonist map` shows which angles, stiffnesses and torques exist; degrees, millimetres and bar here, SI behind."""
+"""Command `antagonist map`: feasible angles, stiffnesses and torques, in degrees, millimetres and bar."""
 
 from collections.abc import Iterable, Sequence
 from itertools import product
@@ -39,37 +39,37 @@ def map_command(
     stiffness_options: StiffnessOptions,
     hand: HandOptions,
     theta: Annotated[
-        str | None, typer.Option(help="angle, LOW:HIGH or LOW:HIGH:STEP [degrees]; all by default")
+        str | None, typer.Option(help="angles, LOW:HIGH or LOW:HIGH:STEP [degrees]; the whole range by default")
     ] = None,
     stiffness: Annotated[
-        str | None, typer.Option(help="stiffness, LOW:HIGH or LOW:HIGH:STEP [N·m/rad]; or all that exist")
+        str | None, typer.Option(help="stiffnesses, LOW:HIGH or LOW:HIGH:STEP [N·m/rad]; by default all that exist")
     ] = None,
     torque: Annotated[
         str | None,
         typer.Option(
-            help="torque, LOW:HIGH or LOW:HIGH:STEP [N·m]; 0, or all if another one is a number; of several "
-            "joints numbers with commas, or free"
+            help="torques, LOW:HIGH or LOW:HIGH:STEP [N·m]; 0 by default, or all if angle or stiffness is a "
+            "number. Of several joints numbers with commas, or free"
         ),
     ] = None,
     targets: Annotated[
         str | None,
-        typer.Option(help="of several joints: what is drawn over what, such as K11,K12, T1,K22, Kx11,Kx22"),
+        typer.Option(help="the two quantities to draw, for several joints; such as K11,K12 or T1,K22 or Kx11,Kx22"),
     ] = None,
     out: Annotated[Path, typer.Option(help="picture (.png, .pdf, .svg), table (.csv) or arrays (.npz)")] = Path(
         _OWN_NAME
     ),
     pressures: Annotated[bool, typer.Option("--pressures", help="draw the pressures over the map")] = False,
     min_force: Annotated[float, typer.Option(help="least muscle force [N]")] = 0.0,
-    max_memory: Annotated[float, typer.Option(help="memory that the map may take [GB]")] = 1.0,
+    max_memory: Annotated[float, typer.Option(help="most memory that the map may take [GB]")] = 1.0,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
-    """Show which angles, stiffnesses and torques the joint can have, and which limit ends them.
+    """Draw the feasible angles, stiffnesses and torques, and the limits that bound them.
 
-    Two or three of angle, stiffness and torque are ranges, the others numbers. The ending of --out says what is
-    written. Repeat --muscle to compare muscles on one picture. Of several joints at a --posture the polygon of two
-    --targets, the muscles in the way named on its edges; with --links instead of a posture the stiffness ellipses that
-    the hand can have over its workspace.
+    Two or three of angle, stiffness and torque are ranges, the others numbers. The ending of --out selects the format.
+    Repeat --muscle to compare muscles in one picture. For several joints at a --posture: the polygon of two --targets,
+    with the binding muscles named on its edges. With --links and no posture: the stiffness ellipses that the hand can
+    have over its workspace.
     """
     from rich.console import Console
 
@@ -82,14 +82,16 @@ def map_command(
     base = options.base
     if not isinstance(base, AntagonistJoint):
         if theta is not None or stiffness is not None:
-            raise InvalidInput("--theta and --stiffness are ranges of a joint; of several --targets says what is drawn")
+            raise InvalidInput("--theta and --stiffness are ranges of one joint; several joints take --targets")
         if pressures or stiffness_options != StiffnessOptions():
-            raise InvalidInput("--pressures, --valves and --frequency are of one joint's map")
+            raise InvalidInput("--pressures, --valves and --frequency are for one joint")
         _several(options, hand, targets, torque, out, min_force, as_json)
         return
     hand.none()
     if targets is not None:
-        raise InvalidInput("--targets is of several joints; of one --theta, --stiffness and --torque are ranges")
+        raise InvalidInput(
+            "--targets is for several joints; one joint takes ranges of --theta, --stiffness and --torque"
+        )
     axes = {
         "theta": None if theta is None else _axis("--theta", theta, "°") * DEG,
         "K": None if stiffness is None else _axis("--stiffness", stiffness, "N·m/rad"),
@@ -117,7 +119,7 @@ def _several(
     min_force: float,
     as_json: bool,
 ) -> None:
-    """Draw what several joints can do."""
+    """Draw the feasible targets of several joints."""
     from rich.console import Console
 
     from allocator.feasibility.cli import draw

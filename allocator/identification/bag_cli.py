@@ -13,21 +13,22 @@ from allocator.shell.printing import say
 
 
 def bag_command(
-    bag: Annotated[Path, typer.Argument(help="ROS 1 .bag, .mcap, or the folder of a ROS 2 bag.")],
+    bag: Annotated[Path, typer.Argument(help="ROS 1 .bag, .mcap, or the folder of a ROS 2 bag")],
     topics: Annotated[
         str | None,
         typer.Option(
-            help="Which number is what: 'theta=/joint_states.position[0] pressure1=/valves.data[0]:bar …'; angles are "
-            "rad and pressures Pa unless a unit follows. Without it the topics are listed."
+            help="quantities and their fields; such as 'theta=/joint_states.position[0] "
+            "pressure1=/valves.data[0]:bar'. Angles are in rad and pressures in Pa unless a unit follows. "
+            "Without this option the topics are listed"
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="CSV to write, for fit-motion, fit-joint or fit.")] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV to write, for fit-motion, fit-joint or fit")] = None,
     force: Force = False,
 ) -> None:
     """Write topics of a ROS bag or an MCAP file as a CSV log.
 
-    There is a row for every message of the first quantity; the others are as in their last message before it. Rows are
-    left out while one of them is older than a second, so that its silence is a gap of the log.
+    Each message of the first quantity gives a row with the latest messages of the others. Rows with a message older
+    than a second are left out, so that a silent topic makes a gap in the log.
     """
     console = Console()
     if topics is None:

@@ -17,13 +17,14 @@ T = TypeVar("T")
 P = TypeVar("P", str, Path)
 
 SkipRows = Annotated[
-    int, typer.Option("--skip-rows", min=0, help="Leave out so many lines at the beginning of the file.")
+    int, typer.Option("--skip-rows", min=0, help="number of lines to leave out at the beginning of the file")
 ]
 Topics = Annotated[
     str | None,
     typer.Option(
-        help="Quantities and their numbers in a ROS bag or an MCAP file, such as 'theta=/joint_states.position[0] "
-        "pressure1=/valves.data[0]:bar'; SI unless a unit follows. There is a row for every message of the first."
+        help="quantities and their fields in a ROS bag or an MCAP file; such as "
+        "'theta=/joint_states.position[0] pressure1=/valves.data[0]:bar', in SI units unless a unit "
+        "follows. Each message of the first topic gives a row"
     ),
 ]
 
@@ -31,8 +32,8 @@ Topics = Annotated[
 def columns_option(example: str) -> OptionInfo:
     """Return the option --columns with an example of the command's own quantities."""
     option: OptionInfo = typer.Option(
-        help=f"Which column is what, where the names do not tell: {example} (name and unit; :-N turns the sign round, "
-        ":bar(abs) takes the atmosphere off; ignore=NAME leaves a column out)."
+        help=f"quantities of columns with other names, such as {example}; a unit follows the name, :-N reverses the "
+        "sign, :bar(abs) subtracts the atmosphere, and ignore=NAME leaves a column out"
     )
     return option
 

@@ -82,6 +82,12 @@ class AntagonistJoint:
                 "within the angle limits"
             )
 
+    def __repr__(self) -> str:
+        laws = " and ".join(dict.fromkeys(type(muscle).__name__ for muscle in (self.agonist, self.antagonist)))
+        left, right = (end / DEG for end in self.angle_limits or (-pi, pi))
+        low, high = (P / BAR for P in self.pressure_limits)
+        return f"AntagonistJoint: {laws} on {self.geometry}, {left:.4g}° … {right:.4g}°, {low:g} … {high:g} bar"
+
     # --- at a fixed angle -------------------------------------------------------------------------------------------
 
     def sides(self, theta: Value, shares: Shares | None = None) -> tuple[OneMuscle, OneMuscle]:

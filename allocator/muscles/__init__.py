@@ -1,12 +1,13 @@
-"""Published static models of pneumatic muscles are here, each named AuthorYear, and a catalogue of parameter sets.
+"""Published static models of pneumatic muscles, each named AuthorYear, and a catalogue of parameter sets.
 
-`MODELS` lists them all; `allocator.muscles.catalogue.MUSCLES` the named parameter sets. Takosoglu et al. 2016
+`MODELS` lists the models, `MUSCLES` the named parameter sets. Takosoglu et al. 2016
 (exponential in pressure) is missing: its formula was not found.
 """
 
 from allocator.muscles.base import AffineMuscle, Muscle
 from allocator.muscles.basis import Basis
 from allocator.muscles.cabled import Cabled
+from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N
 from allocator.muscles.models import MODELS
 from allocator.muscles.models.affine import AffinePolynomial, Hildebrandt2005, Hogan1984, Sarosi2012
 from allocator.muscles.models.chou import ChouHannaford1996
@@ -33,6 +34,8 @@ from allocator.muscles.uncertainty import (
 
 __all__ = [
     "MODELS",
+    "MUSCLES",
+    "SAROSI_DMSP_20_400N",
     "AffineMuscle",
     "AffinePolynomial",
     "Basis",

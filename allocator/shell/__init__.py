@@ -1,1 +1,1 @@
-"""All commands have this in common: options of a joint, what may be written, how failures are told."""
+"""Parts shared by all commands: options of a machine, output files, printing, messages of failures."""

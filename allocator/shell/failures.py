@@ -1,7 +1,7 @@
 """Message of a command that fails, one sentence on stderr, and its exit code.
 
 0    done
-1    standard output is gone, or something nobody foresaw
+1    standard output is closed, or an unexpected error
 2    wrong input, or a file that cannot be written
 3    `antagonist allocate`: the target is not met
 4    `antagonist run`, `sweep`: the loop ended itself, for safety
@@ -40,7 +40,7 @@ def run(command: Callable[[], object]) -> int:
 
 
 def _told(command: Callable[[], object]) -> int:
-    """Return the exit code of `command`, which has said what went wrong."""
+    """Return the exit code of `command`, and print its error."""
     try:
         command()
     except SystemExit as left:
@@ -62,7 +62,7 @@ def _told(command: Callable[[], object]) -> int:
             raise
         what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         ask = f"please report it to {_tracker()} ({_DEBUG}=1 shows the traceback)"
-        return _fail(f"this should not have happened ({what}); {ask}", 1)
+        return _fail(f"unexpected error ({what}); {ask}", 1)
     return 0
 
 
@@ -75,13 +75,13 @@ def _fail(sentence: str, code: int) -> int:
 
 
 def _silenced(code: int) -> int:
-    """Send what is left in the buffer of standard output nowhere, lest Python complain at its exit."""
+    """Discard the rest of the buffer of standard output, about which Python would complain at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return code
 
 
 def _tracker() -> str:
-    """Return where to report, from the package's metadata."""
+    """Return the address of the issue tracker, from the package's metadata."""
     try:
         urls = metadata.metadata("antagonist").get_all("Project-URL") or []
     except metadata.PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""The options that say the posture of several joints, and where their hand is; degrees, millimetres and N."""
+"""Options of the posture and the hand of several joints; in degrees, millimetres and N."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Hand(NamedTuple):
-    """A `Hand` is what --links and --push say."""
+    """Hand of --links and its force of --push."""
 
     endpoint: "Endpoint"
     force: "Array"  # (2,) [N]
@@ -25,19 +25,19 @@ class Hand(NamedTuple):
 
 @dataclass(frozen=True)
 class HandOptions:
-    """The options are what the user asks of several joints besides; numbers have commas between them."""
+    """Options of several joints; numbers are separated by commas."""
 
-    PANEL: ClassVar[str] = "Of several joints"
+    PANEL: ClassVar[str] = "Several joints"
 
     posture: Annotated[str | None, Option(help="the joint angles, such as 23,-17 [degrees]")] = None
     links: Annotated[
         str | None,
-        Option(help="of a machine in the plane: the lengths of its links, such as 300,250 [mm]; for its hand"),
+        Option(help="lengths of the links of a planar machine, such as 300,250 [mm]; they locate its hand"),
     ] = None
     links_at_zero: Annotated[
-        str | None, Option(help="angle of each link to the one before, where the posture is 0 [degrees]; 0")
+        str | None, Option(help="angle of each link to the one before at posture 0 [degrees]; 0 by default")
     ] = None
-    push: Annotated[str | None, Option(help="force that the hand exerts, such as 5,0 [N]; 0")] = None
+    push: Annotated[str | None, Option(help="force that the hand exerts, such as 5,0 [N]; 0 by default")] = None
 
     def __post_init__(self) -> None:
         if self.links is None:

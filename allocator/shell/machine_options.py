@@ -1,4 +1,4 @@
-"""The options that describe a machine are the same for every command; millimetres, degrees and bar here, SI behind."""
+"""Options of a machine, shared by all commands; in millimetres, degrees and bar."""
 
 from dataclasses import dataclass, replace
 from inspect import signature
@@ -24,41 +24,45 @@ OF_ONE_JOINT = "agonist", "antagonist", "radius", "stops", "friction"  # options
 
 @dataclass(frozen=True)
 class MachineOptions:
-    """The options are what the user says of the machine; the rest is as in the file, or as in the report's joint."""
+    """Options of the machine, which override its file or the report's joint."""
 
-    PANEL: ClassVar[str] = "The machine"
+    PANEL: ClassVar[str] = "Machine"
 
     machine: Annotated[
         str | None,
         Option(
-            help="a joint or a machine of several joints in a TOML file (`antagonist init` writes one), or "
-            "arm26, arm48, leg37; without it the report's joint. The options below change what it says"
+            help="a TOML file of a joint or of several joints, or arm26, arm48, leg37; `antagonist init` writes "
+            "such a file. By default the joint of Tondu's report. The options below override the file"
         ),
     ] = None
     muscle: Annotated[
-        list[str] | None, Option(help=f"all muscles: {_MUSCLE}; repeated, with several joints: one each")
+        list[str] | None, Option(help=f"all muscles; {_MUSCLE}. Repeat it to give one muscle each to several joints")
     ] = None
-    agonist: Annotated[str | None, Option(help="the muscle that shortens as the angle grows, likewise")] = None
-    antagonist: Annotated[str | None, Option(help="the muscle that lengthens, likewise")] = None
+    agonist: Annotated[str | None, Option(help="the muscle that shortens as the angle grows; as --muscle")] = None
+    antagonist: Annotated[str | None, Option(help="the muscle that lengthens as the angle grows; as --muscle")] = None
     radius: Annotated[float | None, Option(help="radius of the pulley [mm]; the report's: 20")] = None
     rest_length: Annotated[
-        str | None, Option(help="rest length of the muscles, one or one each with commas [mm]; the report's: 400")
+        str | None,
+        Option(help="rest length of the muscles [mm]; one number, or one per muscle with commas. The report's: 400"),
     ] = None
     initial_contraction: Annotated[
-        str | None, Option(help="contraction ratio of all muscles, or of each, at 0°; the report's: 0.1375")
+        str | None,
+        Option(
+            help="contraction ratio of the muscles at 0°; one number, or one per muscle with commas. The "
+            "report's: 0.1375"
+        ),
     ] = None
-    supply: Annotated[float | None, Option(help="greatest pressure of the supply [bar]; the report's: 5")] = None
+    supply: Annotated[float | None, Option(help="greatest supply pressure [bar]; the report's: 5")] = None
     stops: Annotated[str | None, Option(help="mechanical end stops LOW:HIGH [degrees]; the report's: -125:125")] = None
     rest_volume: Annotated[
-        float | None, Option(help="gas in each muscle at rest length [cm³]; else that of a tube of the muscle's radius")
+        float | None,
+        Option(help="gas in each muscle at rest length [cm³]; by default that of a tube of the muscle's radius"),
     ] = None
     tube_volume: Annotated[float | None, Option(help="gas between each muscle and its valve [cm³]")] = None
-    friction: Annotated[float | None, Option(help="friction, as a share of the muscles' forces; the report's: 0")] = (
-        None
-    )
+    friction: Annotated[float | None, Option(help="friction, as a share of the muscle forces; the report's: 0")] = None
 
     def __post_init__(self) -> None:
-        """Refuse what can only be a mistake, in the units of the options."""
+        """Refuse implausible values, in the units of the options."""
         within("--radius", self.radius, "mm", 0.1, 10_000)
         for length in self.rest_lengths or ():
             within("--rest-length", length, "mm", 1, 10_000)
@@ -139,9 +143,7 @@ class MachineOptions:
     def _changed(self, base: "Mechanism") -> "Mechanism":
         """Return `base` with everything that is given."""
         if option := self.given(*OF_ONE_JOINT):
-            raise InvalidInput(
-                f"{option} is of one joint with two muscles; what differs in {self.machine} stands in its file"
-            )
+            raise InvalidInput(f"{option} is for one joint with two muscles; edit {self.machine} instead")
         changes: dict[str, Any] = {}
         if self.muscle:
             changes["muscles"] = self.all_muscles(base.m)

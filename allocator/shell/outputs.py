@@ -1,4 +1,4 @@
-"""A command may write files: never over what it reads, and over other files only if its user says so."""
+"""Checks of output files: a command never overwrites its inputs, and other files only with --force."""
 
 import os
 from collections.abc import Iterable
@@ -18,10 +18,10 @@ IMAGES = (".png", ".pdf", ".svg")
 def claim(
     *outputs: Path | None, inputs: Iterable[str | Path | None] = (), force: bool = False, own: Iterable[str] = ()
 ) -> None:
-    """Insist that `outputs` may be written before work is spent on them; None stands for one not asked for.
+    """Check that `outputs` can be written, before any work; None is skipped.
 
     Raises `InvalidInput` for one of the `inputs`, for the same file twice, and for a file that exists, unless `force`
-    or its name is among the command's `own`. Raises `CannotWrite` for a directory and what is write-protected.
+    or its name is among the command's `own`. Raises `CannotWrite` for a directory or a write-protected file.
     """
     read = {Path(os.path.realpath(path)) for path in inputs if path is not None}
     seen: set[Path] = set()

@@ -1,4 +1,4 @@
-"""Commands print in one way: sentences, and JSON for other programs."""
+"""Printing of commands: sentences, and JSON for other programs."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The options that say which stiffness is meant are the same for every command: isobaric, shut, or at a frequency."""
+"""Options of the kind of stiffness: isobaric, with shut valves, at a frequency or at an amplitude."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,25 +22,27 @@ _LAG = 0.1  # [s], that of a plant without one
 
 @dataclass(frozen=True)
 class StiffnessOptions:
-    """Which valves are shut, or which frequency is felt, and by which push; without them pressures are held."""
+    """Options of the kind of stiffness; isobaric by default."""
 
-    PANEL: ClassVar[str] = "Which stiffness"
+    PANEL: ClassVar[str] = "Kind of stiffness"
 
     valves: Annotated[
         str,
         Option(
-            help="open: isobaric stiffness, pressures are held; shut: with the gas of both muscles trapped, or of the "
-            "agonist or the antagonist alone; free: whichever valves serve best"
+            help="state of the valves: open, shut, agonist, antagonist or free; open holds the pressures "
+            "(isobaric stiffness), shut traps the gas of both muscles, agonist and antagonist that of one, "
+            "and free takes the best of these"
         ),
     ] = "open"
-    frequency: Annotated[float | None, Option(help="stiffness that motions at this frequency meet [Hz]")] = None
+    frequency: Annotated[float | None, Option(help="frequency at which the stiffness is meant [Hz]")] = None
     lag: Annotated[
         float | None,
-        Option(help=f"lag of the regulators [s], for --frequency; else that of --machine's plant, or {_LAG:g}"),
+        Option(help=f"lag of the regulators [s], for --frequency; by default that of --machine's plant, or {_LAG:g}"),
     ] = None
 
     amplitude: Annotated[
-        float | None, Option(help="stiffness that pushes by ± this meet, with the joint's hysteresis [degrees]")
+        float | None,
+        Option(help="amplitude of the pushes that meet the stiffness, ± [degrees]; includes the joint's hysteresis"),
     ] = None
 
     def meant(self, file: str | None, muscles: Sequence[str] = PAIR) -> "Stiffness":

@@ -18,7 +18,7 @@ NAME = "allocators"
 METHOD = f"""\
 **Targets.** *Fig. 8*: the ranges of the report's figure, K = 6…9 N·m/rad, θ = ±125°, T = 0. *random*: seeded angles,
 torques and stiffnesses over {STRETCH:g} times the range that can be had (θ at most a turn, K > 0; T and K at the
-nearest angle inside), so that most of them cannot be met. *feasible*: what random allowed pressures give.
+nearest angle inside), so that most of them cannot be met. *feasible*: torque and stiffness of random allowed pressures.
 
 **Contenders.** *inverse*: the closed-form pressures as they come. *clipped*: to the supply, 0 ≤ P ≤ 5 bar, what is done
 today. *in the box*: clipped to all limits, taut cables too, which presupposes this library's box. Where there is no
@@ -42,7 +42,7 @@ PLOTS = f"""\
 
 ![Torque error where the torque can be had]({NAME}_torque_error.png)
 
-The report's Fig. 8 again: what the inverse asks for, and what can be had.
+The report's Fig. 8 again: the pressures of the inverse, and the feasible ones.
 
 ![Difference and sum of the pressures over the angle]({NAME}_pressures.png)
 
@@ -94,7 +94,7 @@ def markdown(results: Results) -> Iterator[str]:
     yield from (f"* {sentence}" for sentence in findings(results))
     yield f"\n## Main table\n\n{EXPLAINED}\n"
     yield from table(HEADER, summary(results))
-    yield f"\n## Plots\n\n{PLOTS}\n## What was compared\n\n{METHOD}"
+    yield f"\n## Plots\n\n{PLOTS}\n## Comparison\n\n{METHOD}"
     for priority in PRIORITIES:
         yield f"## Priority: {priority}\n"
         yield from accuracy([s for s in results.scores if s.priority == priority])

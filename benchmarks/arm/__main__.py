@@ -136,7 +136,7 @@ def write(lines: list[Line], growth: list[scaling.Grown], out: Path) -> None:
     """Write the report."""
     out.mkdir(parents=True, exist_ok=True)
     text = [
-        "# Arms on MuJoCo: do they follow, and what does it cost?",
+        "# Arms on MuJoCo: tracking errors and times",
         "",
         "Written by `python -m benchmarks.arm`. The circle is ±23°/±17° (arm48: ±23°, ±17°, ±15°, ±12°) at 0.5 Hz;",
         "K11 = 12 ± 1.5, K12 = 4.6, K22 = 9.5 N·m/rad (arm48: 6 ± 1.5, and 6 at the other joints). Errors are those of",

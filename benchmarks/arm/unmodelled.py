@@ -31,6 +31,7 @@ from benchmarks.arm.pid import Gains, PredictivePID
 from benchmarks.arm.rough import TUNED, Loop
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
+from mpc.arm.payload import carry
 from mpc.model.arm.model import Arm
 from mpc.model.arm.reading import read_arm
 from mpc.model.compensation import Compensation
@@ -92,7 +93,7 @@ def tested(name: str, width: float, seed: int) -> MujocoPlant:
         pressure_offset=OFFSET * rng.choice([-1.0, 1.0], arm.m), nominal=arm, **of_tendons, **SENSORS,
     )  # fmt: skip
     plant.model.opt.timestep = STEP
-    _carry(plant, PAYLOAD[name], np.array(tip))
+    carry(plant, PAYLOAD[name], tip)
     return plant
 
 
@@ -100,19 +101,6 @@ def _slips(arm: Arm, width: float, share: float = 1.0) -> tuple[MaxwellSlip, ...
     if not width:
         return ()
     return tuple(MaxwellSlip.of_width(arm, share * width * DEG, joint=i) for i in range(arm.n))
-
-
-def _carry(plant: MujocoPlant, mass: float, tip: np.ndarray) -> None:
-    """Put a point `mass` [kg] at the `tip` (3,) [m] of the last body, on the long axis of that."""
-    import mujoco
-
-    model, last = plant.model, plant.model.nbody - 1
-    own, away = float(model.body_mass[last]), tip - model.body_ipos[last]
-    across = np.argsort(model.body_inertia[last])[1:]  # principal axes across a slender link
-    model.body_inertia[last][across] += own * mass / (own + mass) * float(away @ away)
-    model.body_ipos[last] += mass / (own + mass) * away
-    model.body_mass[last] += mass
-    mujoco.mj_setConst(model, plant.data)
 
 
 def mpc(arm: Arm, known: Compensation) -> Loop:

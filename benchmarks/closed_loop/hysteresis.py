@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from allocator import fit_motion
 from allocator.calculus import Array
+from allocator.identification import fit_motion
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.units import BAR, DEG
 from benchmarks.closed_loop.cases import CASES, FREE, MODEL, SETTINGS, STANDARD, TOLD

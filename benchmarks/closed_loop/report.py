@@ -99,7 +99,7 @@ def _ratio(rows: list[Row], plant: str, pid: str) -> float:
 
 
 def _untuned(rows: list[Row]) -> Iterator[str]:
-    yield "## What tuning does for the PID\n"
+    yield "## The effect of tuning the PID\n"
     yield "Standard plant, RMS errors before the load [°]; gains that place poles (`cases.placed`), and tuned ones.\n"
     cases = dict.fromkeys(r.case for r in rows if r.controller in PLACED)
     yield "| | " + " | ".join(cases) + " |"

@@ -94,7 +94,7 @@ def markdown(scores: Sequence[Score], times: Sequence[Time]) -> Iterator[str]:
     yield "# Is the exact answer exact?\n"
     yield f"Written by `python -m benchmarks.exactness`; the figures are also in `{NAME}.csv` and `{NAME}_time.csv`.\n"
     yield from (f"* {sentence}" for sentence in findings(scores, times))
-    yield f"\n## What was asked, and how it was judged\n\n{METHOD}\n## Every joint\n"
+    yield f"\n## Targets and checks\n\n{METHOD}\n## Every joint\n"
     clock = {_key(t): t for t in times}
     yield from table(HEADER, (row(s, clock.get(_key(s))) for s in scores))
     yield f"\n## Machine and versions\n\n{machine()}; {', '.join(f'{p} {version(p)}' for p in ('numpy', 'numba'))}."

@@ -100,7 +100,7 @@ def _rate(alarms: int, hours: float) -> str:
 
 
 def _names(rows: list[Row]) -> Iterator[str]:
-    yield "## What was said\n"
+    yield "## Findings\n"
     yield f"{NAMED_AFTER:g} s after the alarm, without the time, with the number of runs.\n"
     for fault in FAULTS:
         said = [row.said.split(":")[0] for row in rows if row.job.fault == fault and row.at_once]

@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from allocator import DEG, AntagonistJoint, Lever, Pulley, Table, fit
-from allocator.identification import load_dataset
+from allocator import DEG, AntagonistJoint, Lever, Pulley, Table
+from allocator.identification import fit, load_dataset
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import MODELS, Muscle
 from benchmarks.felt.dense import Reach, judged, targets

@@ -41,7 +41,7 @@ def write(found: list[Check], clock: list[Time], out: Path) -> None:
         table.writerows([c.what, c.targets, f"{c.worst:.3g}", f"{c.allowed:g}", ""] for c in found)
         table.writerows([t.what, "", f"{t.off:.3g}", "", f"{t.microseconds:.3f}"] for t in clock)
     lines = [
-        "# Mechanisms: are the answers optimal, and what do they cost?",
+        "# Mechanisms: optimality and times",
         "",
         f"Written by `python -m benchmarks.mechanisms`; the figures are also in `{NAME}.csv`.",
         "",

@@ -12,7 +12,7 @@ from benchmarks.speed.c_reference import FLAGS
 from benchmarks.speed.clock import MISSED, Measurement
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "daqp", "osqp")
-HEADER = "| what | time | against | its time | times faster | quartiles | wanted |\n|---|--:|---|--:|--:|--:|--:|\n"
+HEADER = "| task | time | against | its time | times faster | quartiles | wanted |\n|---|--:|---|--:|--:|--:|--:|\n"
 
 
 def line(m: Measurement) -> str:
@@ -64,15 +64,15 @@ def lines(found: Sequence[Measurement]) -> Iterator[str]:
 
 
 LIMITATIONS = (
-    "Times are those of one, shared, virtual machine and are no promise; ratios vary from machine to machine, too.",
+    "Times are those of one, shared, virtual machine and are no promise; ratios also vary from machine to machine.",
     "The optimisers start from the middle of the box and are told the box and the nearest torque within reach. From a "
     "better start they would need fewer iterations; a compiled formulation of their own would cost less a call.",
     "The C reference has the same formulas and one thread, and the flags that gcc needs to vectorise them. Other "
     "compilers, or intrinsics, may do better.",
-    "What two threads gain depends on what else wants the second processor: hashing by two threads, measured beside "
-    "it, shows how much there was to gain.",
+    "The gain of two threads depends on the load of the second processor; hashing by two threads, measured beside it, "
+    "shows the possible gain.",
     "Times are the processor's, except where threads are compared; on an idle machine they are the wall's. "
-    "Those of MPC steps are the calling thread's: what solvers do in other threads is not counted.",
+    "Those of MPC steps are the calling thread's: solver threads are not counted.",
     "MPC: the nonlinear MPCs solve their problem to the end at every sample, TrackingMPC one QP of it; the costs of "
     "the closed loops stand beside the times. One joint, one trajectory. In do-mpc every stage has slacks of its own. "
     "acados has them, too; only its C function is timed, which linearises and solves a QP, of TrackingMPC all of a "

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator import BAR, Pulley, fit_joint, fit_motion
+from allocator import BAR, Pulley
 from allocator.calculus import Array
+from allocator.identification import fit_joint, fit_motion
 from benchmarks.strangers.plants import LENGTH, LEVER, MIDDLE, Stranger
 from mpc import Compensation, Plant
 from mpc.identification.plant import IdentifiedPlant

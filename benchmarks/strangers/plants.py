@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from allocator import BAR, DEG, AntagonistJoint, Pulley, fit
+from allocator import BAR, DEG, AntagonistJoint, Pulley
 from allocator.calculus import Array
+from allocator.identification import fit
 from allocator.muscles.models.affine import Sarosi2012
 from benchmarks.strangers import physics
 from benchmarks.strangers.physics import BRAID, EXPONENTIAL, FLOWING, LAGGED, POWER, SLIPS, SPOOLED, TIPS, Parts

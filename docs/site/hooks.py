@@ -1,4 +1,4 @@
-"""What the site needs beyond its pages: files from elsewhere in their places, formulas, and lists made of the code."""
+"""Additions to the pages of the site: files from other folders, formulas, and lists made from the code."""
 
 import re
 from enum import IntEnum
@@ -11,7 +11,8 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
 
-from allocator import MODELS, AffineMuscle, Limit, Status
+from allocator import Limit, Status
+from allocator.muscles import MODELS, AffineMuscle
 from mpc import PlanStatus, Rung
 
 ROOT = Path(__file__).parents[2]
@@ -19,16 +20,20 @@ REPORTS = "benchmarks/results"
 ELSEWHERE = {"notebooks": "tutorials", REPORTS: "benchmarks"}  # folders beside docs/, and where on the site they stand
 LINK = re.compile(r"(\]\()(?!https?:|#|mailto:)([^)#\s]+)")
 PLACEHOLDER = re.compile(r"^\{\{ (\w+) \}\}$", re.MULTILINE)
+PICTURE = re.compile(r"^\{\{ picture (\d\d) (\d) (.+) \}\}$", re.MULTILINE)  # notebook, number from 0, caption
+PICTURES: dict[str, list[str]] = {}  # files in tutorials/, by notebook
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add notebooks, benchmark reports, their pictures and the changes to the pages of docs/."""
+    """Add notebooks, benchmark reports, their pictures and the changelog to the pages of docs/."""
+    PICTURES.clear()
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
         text, resources = MarkdownExporter().from_filename(str(notebook), {"unique_key": notebook.stem})
         text = text.replace("<details>", '<details markdown="1">')  # or Markdown within it stays as it is
         files.append(File.generated(config, f"tutorials/{notebook.stem}.md", content=text))
-        for name, picture in resources["outputs"].items():
+        for name, picture in sorted(resources["outputs"].items(), key=_place):
+            PICTURES.setdefault(notebook.stem, []).append(name)
             files.append(File.generated(config, f"tutorials/{name}", content=picture))
     for folder, kinds in (("notebooks/images", ("*.png",)), (REPORTS, ("*.md", "*.png"))):
         for file in sorted(path for kind in kinds for path in (ROOT / folder).glob(kind)):
@@ -40,6 +45,8 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Fill in the lists, and turn links to files of the project into links to pages."""
+    up = "../" * (page.file.src_uri.count("/"))
+    markdown = PICTURE.sub(lambda found: _picture(up, found[1], int(found[2]), found[3]), markdown)
     markdown = PLACEHOLDER.sub(lambda found: LISTS[found[1]](), markdown)
     path = page.file.abs_src_path  # None of what was made here of a notebook
     source = Path(path).relative_to(ROOT).parent.as_posix() if path else "notebooks"
@@ -55,33 +62,62 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     return LINK.sub(relinked, markdown)
 
 
+def _place(output: tuple[str, bytes]) -> list[int]:
+    """Return cell and number of a notebook's picture, which end its name."""
+    return [int(part) for part in re.findall(r"_(\d+)", output[0])[-2:]]
+
+
+def _picture(up: str, notebook: str, number: int, caption: str) -> str:
+    """Return a picture of a notebook with a link to it; `up` leads from the page to the top of the site."""
+    stem = next(stem for stem in PICTURES if stem.startswith(notebook))
+    return f"[![{caption}]({up}tutorials/{PICTURES[stem][number]})]({up}tutorials/{stem}.md)\n*{caption}*"
+
+
 def _site_uri(path: str) -> str:
-    """Return where on the site a file of the project stands, by its path in the project."""
+    """Return the address on the site of a file of the project."""
     for folder, at in {**ELSEWHERE, "docs": ""}.items():
         if path.startswith(f"{folder}/"):
             return f"{at}/{path.removeprefix(f'{folder}/')}".removeprefix("/").replace(".ipynb", ".md")
     return {"CHANGELOG.md": "changes.md"}.get(path, path)
 
 
-def _commands() -> str:
-    """Return the help of every command, as it is printed."""
-    from typer.main import get_command
+MACHINE = re.compile(r"\n\nMachine:\n(?:  .*\n?)+")  # the panel that most commands share
+
+
+def _printed(*command: str) -> str:
+    """Return the whole help of a command."""
     from typer.testing import CliRunner
 
     from mpc.cli import app
 
+    return CliRunner().invoke(app, [*command, "--help-all"], env={"COLUMNS": "80", "TERM": "dumb"}).output.strip()
+
+
+def _shared_options() -> str:
+    """Return the panel of options of a machine."""
+    found = MACHINE.search(_printed("allocate"))
+    assert found is not None
+    return f"```text\n{found[0].strip()}\n```"
+
+
+def _commands() -> str:
+    """Return the help of every command, without the panel that they share."""
+    from typer.main import get_command
+
+    from mpc.cli import app
+
     def help_of(*command: str) -> str:
-        printed = CliRunner().invoke(app, [*command, "--help"], env={"COLUMNS": "88", "TERM": "dumb"}).output
-        return f"## antagonist {' '.join(command)}\n\n```text\n{printed.strip()}\n```\n"
+        text = MACHINE.sub("\n\nMachine: as above\n", _printed(*command))
+        return f"## antagonist {' '.join(command)}\n\n```text\n{text.strip()}\n```\n"
 
     found = []
     for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]
-        found += [(name,), *((name, own) for own in getattr(command, "commands", ()))]
+        found += [(name, own) for own in getattr(command, "commands", ())] or [(name,)]
     return "\n".join(help_of(*names) for names in found)
 
 
 def _enumerated(kind: type[IntEnum], column: str, text: str) -> str:
-    """Return a table of the members of an enumeration and what they say of themselves."""
+    """Return a table of the members of an enumeration with their texts."""
     rows = (f"| `{member.name}` | {member.value} | {getattr(member, text)} |" for member in kind)
     return f"| {column} | number | means |\n|---|--:|---|\n" + "\n".join(rows)
 
@@ -113,6 +149,7 @@ def _models() -> str:
 
 LISTS = {
     "commands": _commands,
+    "shared_options": _shared_options,
     "statuses": _statuses,
     "limits": _limits,
     "plan_statuses": _plan_statuses,

@@ -1,4 +1,4 @@
-"""`antagonist track` of several joints is answered here, on MuJoCo; degrees and bar at the edge, SI behind."""
+"""Command `antagonist track` for several joints, on MuJoCo."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,20 +31,22 @@ _OFF = 0.05  # of the muscles' forces, on a real plant
 
 @dataclass(frozen=True)
 class ArmOptions:
-    """The options are what the user says of several joints besides."""
+    """Options of several joints."""
 
-    PANEL: ClassVar[str] = "Of several joints"
+    PANEL: ClassVar[str] = "Several joints"
 
-    stiffness_of: Annotated[str, typer.Option(help="whose stiffness follows: joints, or hand")] = _JOINTS
+    stiffness_of: Annotated[str, typer.Option(help="stiffness to track: that of the joints, or of the hand")] = _JOINTS
     hand: Annotated[
         str | None,
-        typer.Option(help="of a MuJoCo model: a site or body, or some of its coordinates, such as tip:xy"),
+        typer.Option(help="hand of a MuJoCo model: a site or a body; with some of its coordinates, such as tip:xy"),
     ] = None
-    view: Annotated[bool, typer.Option("--view", help="watch it in MuJoCo's window, in real time")] = False
+    catch: Annotated[float, typer.Option(help="unmodelled mass at rest that the hand catches half-way [kg]")] = 0.0
+    view: Annotated[bool, typer.Option("--view", help="show the arm in MuJoCo's window, in real time")] = False
 
     def __post_init__(self) -> None:
         if self.stiffness_of not in _TRACKED:
             raise MissingBackend("stiffness to follow", self.stiffness_of, _TRACKED)
+        within("--catch", self.catch, "kg", 0.0, 100.0)
 
 
 def track_arm(
@@ -64,9 +66,12 @@ def track_arm(
     wait: bool,
 ) -> None:
     """Let an arm of pneumatic muscles follow angles and a stiffness matrix on MuJoCo, film it, and say how it went."""
+    import numpy as np
     from rich.console import Console
 
     from mpc.arm.film import SIZES, Film
+    from mpc.arm.payload import arriving
+    from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
     from mpc.trials.corrections import Owner, compared, digest_of
     from mpc.trials.margins import margins as margins_of
@@ -84,6 +89,8 @@ def track_arm(
     arm, tested, point, notes = _machine(options, more, plant, seed)
     asked = repeated.reference(trajectory, lambda: _asked(trajectory or _CIRCLE, arm, point))
     half_way = asked.duration / 2
+    if more.catch and (learned or not isinstance(arm.bodies, Bodies)):
+        raise InvalidInput("--catch is for one run of a --machine in the plane, such as arm26, without --repeat")
     with Console(stderr=True).status("building the controller"):
         controller, observer = _loop(arm, plant, dt, horizon, wait)
 
@@ -99,7 +106,12 @@ def track_arm(
     with Film(tested, arm, size) as film, _Window(tested, more.view) as window:
         filmed = bool(endings)
 
+        tip = (arm.bodies.length[-1], 0.0, 0.0) if more.catch else None
+        catch = None if tip is None else arriving(tested, half_way, more.catch, tip, np.zeros(3))
+
         def watch() -> None:
+            if catch is not None:
+                catch()
             if filmed:
                 film.watch()
             window.watch()

@@ -74,14 +74,21 @@ def pushed_stiffness(plant: "MujocoPlant", push: float, load: Array, shut: bool)
 
 def _brake(plant: "MujocoPlant") -> tuple[Array, float]:
     """Return a damping (nv, nv) [N·m·s/rad] in which no mode swings any more, and a step [s] fine enough for it."""
-    import mujoco
     from scipy.linalg import eigh
 
-    M = np.zeros((plant.model.nv, plant.model.nv))
-    for row, unit in zip(M, np.eye(plant.model.nv), strict=True):
-        mujoco.mj_mulM(plant.model, plant.data, row, unit)
+    M = mass_matrix(plant)
     squares, modes = eigh(plant.own_stiffness(), M)
     rates = np.sqrt(np.maximum(squares, _SLOWEST**2))
     moved = M @ modes
     step = max(min(_FINE / float(rates.max()), _COARSE), float(plant.model.opt.timestep))
     return (2 * rates * moved) @ moved.T, step
+
+
+def mass_matrix(plant: "MujocoPlant") -> Array:
+    """Return M (nv, nv) [kg·m²] of MuJoCo's coordinates at the plant's posture."""
+    import mujoco
+
+    M = np.zeros((plant.model.nv, plant.model.nv))
+    for row, unit in zip(M, np.eye(plant.model.nv), strict=True):
+        mujoco.mj_mulM(plant.model, plant.data, row, unit)
+    return M

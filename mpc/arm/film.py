@@ -1,14 +1,16 @@
 """A film of a run shows the arm as it moves: rendered by MuJoCo where there is a GL, else drawn by matplotlib."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
+from allocator.mechanism.endpoint.endpoint import stiffness_of
 from allocator.presentation.plotting import new_figure
 from allocator.units import BAR
 from mpc.arm.mujoco_plant import MujocoPlant
@@ -18,26 +20,37 @@ from mpc.model.arm.model import Arm
 from mpc.trials.pictures.animation import Picture, drawn, save_film
 from mpc.trials.pictures.plotting import COLOURS
 
-SIZE = 480, 360  # [pixels]
+if TYPE_CHECKING:
+    from mujoco import MjvScene
+
+SIZES = {".gif": (640, 360), ".mp4": (1280, 720)}  # [pixels] by the ending of a file
+_DOTS = 80  # an inch, of drawings
 _RATE = 20  # pictures a second
+_LARGEST = 0.15  # of the arm's reach: the ellipse of its stiffness as it is first drawn
+_RING = np.linspace(0, 2 * np.pi, 41)
+_THIN = 0.002  # [m] of a line
+_OVER = 0.03  # [m] of the marks, over the chain
+_WAY, _STIFF = (0.0, 0.45, 0.7, 1.0), (0.1, 0.55, 0.25, 1.0)  # colours
 
 
 class Film:
     """A film takes pictures of a `plant` every twentieth of a second while it moves; to be used in a `with`.
 
-    `by` says what draws it: MuJoCo and its GL, or matplotlib and why.
+    The way of a hand in the plane is in them, and the ellipse of its stiffness: the forces that displacements of one
+    size meet. `size` is in pixels, one of `SIZES`. `by` says what draws it: MuJoCo and its GL, or matplotlib and why.
     """
 
-    def __init__(self, plant: MujocoPlant, arm: Arm) -> None:
+    def __init__(self, plant: MujocoPlant, arm: Arm, size: tuple[int, int] = SIZES[".gif"]) -> None:
         self.pictures: list[Picture] = []
         self._plant, self._camera = plant, None
         self._next = 0.0
+        hand = Hand(plant, arm) if isinstance(arm.bodies, Bodies) else None
         try:
-            self._camera = Camera(plant, *SIZE)
-            self._draw: Callable[[], Picture] = self._camera.render
+            self._camera = camera = Camera(plant, *size)
+            self._draw: Callable[[], Picture] = lambda: camera.render(None if hand is None else hand.mark)
             self.by = "MuJoCo"
         except MissingBackend as missing:
-            self._draw = _Drawing(plant, arm).render
+            self._draw = _Drawing(plant, arm, hand, size).render
             self.by = f"matplotlib, because MuJoCo cannot render here ({missing})"
 
     def watch(self) -> None:
@@ -58,13 +71,52 @@ class Film:
             self._camera.close()
 
 
-class _Drawing:
-    """A drawing has the links as lines, the way of the hand, and a bar for the pressure of every muscle."""
+class Hand:
+    """Marks of the hand of a chain in the plane: its way so far, and the ellipse of its stiffness."""
 
     def __init__(self, plant: MujocoPlant, arm: Arm) -> None:
-        self._plant, self._arm = plant, arm
-        self._figure = new_figure(SIZE[0] / 80, SIZE[1] / 80)
-        self._figure.set_dpi(80)
+        assert isinstance(arm.bodies, Bodies)
+        self._plant, self._arm, self._endpoint = plant, arm, arm.bodies.endpoint
+        self._largest, self._scale = _LARGEST * sum(arm.bodies.length), 0.0
+        self.way: list[Array] = []
+
+    def ellipse(self) -> Array:
+        """Return the ellipse K_x·(cos φ, sin φ) about the hand (k, 2) [m]; nothing where the hand is singular."""
+        q = self._plant.q
+        at = self._endpoint.at(q[None])
+        K = stiffness_of(at, self._arm.mechanism.stiffness(q, self._plant.P)[None])[0]
+        if not np.isfinite(K).all():
+            return np.empty((0, 2))
+        self._scale = self._scale or self._largest / float(np.linalg.norm(K, 2))
+        return np.asarray(at.position[0] + self._scale * np.stack([np.cos(_RING), np.sin(_RING)], axis=1) @ K)
+
+    def mark(self, scene: "MjvScene") -> None:
+        """Add the way and the ellipse to a scene, as far as there is room in it."""
+        self.way.append(self._endpoint.position(self._plant.q))
+        for line, colour in ((np.array(self.way), _WAY), (self.ellipse(), _STIFF)):
+            for begin, end in pairwise(line):
+                _add(scene, begin, end, colour)
+
+
+def _add(scene: "MjvScene", begin: Array, end: Array, colour: tuple[float, ...]) -> None:
+    """Add a line in the plane to a scene that has room for it."""
+    import mujoco
+
+    if scene.ngeom >= scene.maxgeom:
+        return
+    geom, kind = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
+    mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), np.array(colour, np.float32))
+    mujoco.mjv_connector(geom, kind, _THIN, np.append(begin, _OVER), np.append(end, _OVER))
+    scene.ngeom += 1
+
+
+class _Drawing:
+    """A drawing has the links as lines, the marks of the `hand`, and a bar for the pressure of every muscle."""
+
+    def __init__(self, plant: MujocoPlant, arm: Arm, hand: Hand | None, size: tuple[int, int]) -> None:
+        self._plant, self._arm, self._hand = plant, arm, hand
+        self._figure = new_figure(size[0] / _DOTS, size[1] / _DOTS)
+        self._figure.set_dpi(_DOTS)
         plane, bars = self._figure.subplots(1, 2, width_ratios=[3, 2])
         self._two = np.array([0, 1])
         if isinstance(arm.bodies, Bodies):
@@ -76,6 +128,7 @@ class _Drawing:
         plane.set(xlim=limits[0], ylim=limits[1], xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]", aspect="equal")
         (self._links,) = plane.plot([], [], color=COLOURS[7], lw=6, marker="o", mfc=COLOURS[6], solid_capstyle="round")
         (self._way,) = plane.plot([], [], color=COLOURS[1], lw=1)
+        (self._ellipse,) = plane.plot([], [], color=COLOURS[2], lw=1)
         self._trace: list[Array] = []
         self._bars = bars.barh(arm.mechanism.muscle_names, np.zeros(arm.m), color=COLOURS[1])
         bars.set(xlim=np.array(plant.pressure_limits) / BAR, xlabel="pressure [bar]")
@@ -87,6 +140,8 @@ class _Drawing:
         self._trace.append(points[-1])
         self._links.set_data(points[:, 0], points[:, 1])
         self._way.set_data(*np.transpose(self._trace))
+        if self._hand is not None:
+            self._ellipse.set_data(*self._hand.ellipse().T)
         for bar, pressure in zip(self._bars, self._plant.P / BAR, strict=True):
             bar.set_width(pressure)
         return drawn(self._figure)

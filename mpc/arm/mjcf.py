@@ -24,6 +24,7 @@ from mpc.model.arm.bodies import Bodies
 _TIMESTEP = 0.002  # [s]
 _SLENDER = 0.01  # a rod's inertia about its own axis, in fractions of that across; nothing turns about it in the plane
 _THIN, _THICK = 0.004, 0.012  # [m] radii of links and of muscles as they are drawn
+_ABOVE_FLOOR = 0.05  # [m] of a chain, whose shadow falls there
 _GREY = "0.55 0.58 0.62 1"
 
 
@@ -42,7 +43,10 @@ def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", t
         raise InvalidInput(f"{type(routes).__name__} cannot be written as MJCF; Pulleys and Sites can")
     _settings(root, bodies, timestep)
     world = Tree.SubElement(root, "worldbody")
-    Tree.SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true", diffuse="0.4 0.4 0.4")
+    light = {"pos": "-1 1.5 3", "dir": "0.3 -0.45 -1", "directional": "true", "castshadow": "true"}
+    Tree.SubElement(world, "light", light, diffuse="0.55 0.55 0.55")
+    floor = {"class": DRAWN, "name": "floor", "type": "plane", "material": "floor", "size": "3 3 0.1"}
+    Tree.SubElement(world, "geom", floor, pos=row(0.0, 0.0, -_ABOVE_FLOOR))
     parts = _links(world, mechanism, bodies.links if isinstance(routes, Pulleys) else routes.links, bodies)
     tendons = Tree.SubElement(root, "tendon")
     if isinstance(routes, Sites):
@@ -68,11 +72,16 @@ def _settings(root: Tree.Element, bodies: Bodies, timestep: float) -> None:
     visual = Tree.SubElement(root, "visual")
     Tree.SubElement(visual, "global", offwidth="1280", offheight="960")
     Tree.SubElement(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.3 0.3 0.3", specular="0.1 0.1 0.1")
-    Tree.SubElement(visual, "quality", offsamples="8")
+    Tree.SubElement(visual, "quality", offsamples="8", shadowsize="4096")
+    Tree.SubElement(visual, "map", shadowclip="2")  # else there are stray shadows at the edges of a wide picture
     drawn = Tree.SubElement(Tree.SubElement(root, "default"), "default", {"class": DRAWN})
     Tree.SubElement(drawn, "geom", contype="0", conaffinity="0", mass="0", rgba=_GREY)
     sky = {"type": "skybox", "builtin": "gradient", "rgb1": "1 1 1", "rgb2": "0.8 0.85 0.9"}
-    Tree.SubElement(Tree.SubElement(root, "asset"), "texture", {**sky, "width": "64", "height": "64"})
+    tiles = {"type": "2d", "builtin": "checker", "rgb1": "0.93 0.94 0.95", "rgb2": "0.88 0.9 0.92"}
+    asset = Tree.SubElement(root, "asset")
+    Tree.SubElement(asset, "texture", {**sky, "width": "64", "height": "64"})
+    Tree.SubElement(asset, "texture", {**tiles, "name": "floor", "width": "128", "height": "128"})
+    Tree.SubElement(asset, "material", name="floor", texture="floor", texrepeat="10 10", texuniform="true")
 
 
 def _links(

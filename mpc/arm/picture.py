@@ -6,6 +6,7 @@ pictures get a bright sky and a lamp at the camera.
 
 import os
 import sys
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from mpc.arm.drawing import paint
 from mpc.arm.mujoco_plant import MujocoPlant
 
 if TYPE_CHECKING:
+    from mujoco import MjvScene
     from mujoco.egl import GLContext  # those of OSMesa and GLFW have the same methods
 
 _BARE = 0.010, 0.006  # [m] the radius of a muscle whose volume is not known, empty and its growth at full pressure
@@ -64,8 +66,8 @@ class Camera:
         self._gpu = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
 
-    def render(self) -> NDArray[np.uint8]:
-        """Return the picture of the plant as it is now (height, width, 3)."""
+    def render(self, mark: "Callable[[MjvScene], None] | None" = None) -> NDArray[np.uint8]:
+        """Return the picture of the plant as it is now (height, width, 3), with what `mark` adds to the scene."""
         import mujoco
 
         plant, (width, height) = self.plant, self._size
@@ -76,6 +78,8 @@ class Camera:
         self._context.make_current()
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(plant.model, plant.data, self._option, None, self._view, everything, self._scene)
+        if mark is not None:
+            mark(self._scene)
         window, picture = mujoco.MjrRect(0, 0, width, height), np.empty((height, width, 3), np.uint8)
         mujoco.mjr_render(window, self._scene, self._gpu)
         if self._sky is None:

@@ -1,4 +1,4 @@
-"""Commands about hardware are here: `antagonist devices`, `run` and `sweep`; degrees and bar here, SI behind."""
+"""Commands about hardware: `antagonist devices`, `run` and `sweep`; in degrees and bar."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -35,14 +35,14 @@ _SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap")
 
 
 def devices_command() -> None:
-    """List the kinds of devices that --device takes, those of installed packages included."""
+    """List the devices that --device takes, including those of installed packages."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from mpc.bench.devices.registry import kinds
 
-    table = Table("name", "what it does", "from")
+    table = Table("name", "description", "from")
     for name, kind in sorted(kinds().items()):
         table.add_row(name, Text(kind.summary), kind.brought_by)
     Console().print(table)
@@ -55,22 +55,24 @@ def run_command(
     bench: BenchOptions,
     repeated: RepeatOptions,
     trajectory: Annotated[
-        str | None, typer.Argument(help="a standard trajectory (`antagonist track --help`), or a CSV, as of `track`")
+        str | None, typer.Argument(help="a standard trajectory or a CSV, as of `antagonist track`")
     ] = None,
     out: Annotated[
         list[Path] | None,
-        typer.Option(help="a .csv (written sample by sample), .npz, .mcap or .png to write; may be repeated"),
+        typer.Option(
+            help="a .csv, .npz, .mcap or .png to write; may be repeated. The .csv is written sample by sample"
+        ),
     ] = None,
-    controller: Annotated[str, typer.Option(help="mpc, pid, pi, predictive-pid, lqr, feedforward")] = "mpc",
-    settle: Annotated[float, typer.Option(help="under control at the first point of the trajectory [s]")] = 1.0,
+    controller: Annotated[str, typer.Option(help="mpc, pid, pi, predictive-pid, lqr or feedforward")] = "mpc",
+    settle: Annotated[float, typer.Option(help="time under control at the first point of the trajectory [s]")] = 1.0,
     force: Force = False,
 ) -> None:
-    """Let a controller drive a joint on a device along a trajectory of angle and stiffness.
+    """Drive a joint on a device along a trajectory of angle and stiffness.
 
-    It begins with a soft start from the present pressures, and ends with the pressures as --stop says, whatever ends
-    it: the end of the trajectory, Ctrl-C (twice: vent at once), SIGTERM, a closed terminal, a device or a log that
-    fails. Exit code 0 at the end, 130 after Ctrl-C, 143 after SIGTERM or a closed terminal, 4 if the loop ended itself.
-    With .npz, .mcap or .png alone the samples go into a .csv beside it, which is removed when all is well.
+    The run begins with a soft start from the present pressures. It ends with the safe stop of --stop after the
+    trajectory, Ctrl-C (twice: vent at once), SIGTERM, a closed terminal, or a failure of the device or the log. The
+    exit code is 0 after the trajectory, 130 after Ctrl-C, 143 after SIGTERM or a closed terminal, and 4 if the loop
+    ended itself. If --out names no .csv, the samples are written to one during the run, and removed after success.
     """
     from rich.console import Console
 
@@ -146,23 +148,27 @@ def sweep_command(
     options: PlantOptions,
     bench: BenchOptions,
     out: Annotated[Path, typer.Option(help="directory for joint_log.csv, motion_log.csv and sweep.csv")],
-    accuracy: Annotated[float, typer.Option(help="standard deviation of K that is wanted [%]")] = 5.0,
+    accuracy: Annotated[float, typer.Option(help="wanted standard deviation of K [%]")] = 5.0,
     weight: Annotated[
-        list[float] | None, typer.Option(help="torque of a weight that can be hung [N·m]; repeatable")
+        list[float] | None, typer.Option(help="torque of an available weight [N·m]; may be repeated")
     ] = None,
-    weights: Annotated[bool, typer.Option(help="hang weights; without them fit-joint tells no forces")] = True,
-    motion: Annotated[float, typer.Option(help="random steps for fit-motion, in all [s]; 0: none")] = 90.0,
-    rate: Annotated[float, typer.Option(help="of the way from setpoint to setpoint [bar/s]")] = 1.0,
+    weights: Annotated[
+        bool, typer.Option(help="ask for weights to be hung; without them fit-joint cannot determine forces")
+    ] = True,
+    motion: Annotated[
+        float, typer.Option(help="duration of random steps for fit-motion [s]; 0 leaves them out")
+    ] = 90.0,
+    rate: Annotated[float, typer.Option(help="rate of the pressures between setpoints [bar/s]")] = 1.0,
     dt: Annotated[float, typer.Option(help="sample time [s]")] = 0.02,
-    seed: Annotated[int, typer.Option(help="of the random steps")] = 0,
+    seed: Annotated[int, typer.Option(help="seed of the random steps")] = 0,
     force: Force = False,
 ) -> None:
     """Run the experiment that identifies a joint: random steps, then equilibria with and without a weight.
 
-    Describe the joint by the options below, as well as you know it. Random steps come first; then the setpoints of
-    `antagonist plan-joint`, each approached from both sides. Whenever a weight is to be hung the pressures are held
-    until Enter is pressed. `fit-joint` reads joint_log.csv, `fit-motion` motion_log.csv; sweep.csv has every
-    sample. It begins and ends as `antagonist run` does.
+    Describe the joint with the options below, from a data sheet or a first fit. Random steps come first, then the
+    setpoints of `antagonist plan-joint`, each approached from both sides. The pressures are held while a weight is
+    hung, until Enter is pressed. `fit-joint` reads joint_log.csv and `fit-motion` motion_log.csv; sweep.csv has all
+    samples. The experiment begins and ends as `antagonist run` does.
     """
     from rich.console import Console
 
@@ -208,7 +214,7 @@ def sweep_command(
 
 
 def hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
-    """Return the function that asks for weights: a simulated joint hangs them itself, a person presses Enter."""
+    """Return the function that asks for a weight; a simulated joint hangs it itself."""
     from mpc.bench.devices.simulated import SimulatedDevice
     from mpc.bench.display.asking import REQUEST, Asking
 
@@ -218,7 +224,7 @@ def hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
 
 
 def _run(cycle: "Cycle", watch: "Watch", console: "Console") -> "Ending":
-    """Run to the end and return it; an exception of a device's own kind is an ending."""
+    """Run the cycle and return its ending; an exception of the device is an ending."""
     from mpc.bench.safety import Reason
 
     try:

@@ -1,4 +1,4 @@
-"""`antagonist measure`: the stiffness of a joint on a device, or in a log; degrees here, SI behind."""
+"""Command `antagonist measure`: the stiffness of a joint on a device, or in a log."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -32,43 +32,43 @@ def measure_command(
     log: Annotated[
         Path | None,
         typer.Argument(
-            help="a log to look into instead of a --device: of `antagonist run`, or a CSV with time, theta, pressure1 "
-            "and pressure2 (measured)"
+            help="a log to analyse instead of a --device; of `antagonist run`, or a CSV with time, theta and "
+            "measured pressure1 and pressure2"
         ),
     ] = None,
     around: Annotated[
         list[str] | None,
         typer.Option(
-            help="ANGLE:STIFFNESS to measure about [°, N·m/rad]; repeatable; else the middle of angles and stiffnesses"
+            help="ANGLE:STIFFNESS to measure about [°, N·m/rad]; may be repeated. By default the middle of both ranges"
         ),
     ] = None,
-    amplitude: Annotated[float, typer.Option(help="of the tones that are compared [±°]")] = 1.5,
+    amplitude: Annotated[float, typer.Option(help="amplitude of the tones that are compared [±°]")] = 1.5,
     shake: Annotated[
         float,
-        typer.Option(help="shake by noise instead of tones, so that the joint moves by about this [±°]; 0: tones"),
+        typer.Option(help="shake by noise with this amplitude instead of tones [±°]; 0: tones"),
     ] = 0.0,
-    series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A) [±°], with commas; 0: none")] = "4,8",
+    series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A), with commas [±°]; 0: none")] = "4,8",
     inertia_error: Annotated[float, typer.Option(help="standard deviation of --inertia [%]")] = 0.0,
     weight: Annotated[
-        float, typer.Option(help="torque of a weight that is asked for in the end [N·m], θ down positive; 0: none")
+        float, typer.Option(help="torque of a weight to hang at the end [N·m], positive towards falling θ; 0: none")
     ] = 0.0,
     update: Annotated[
-        bool, typer.Option("--update", help="write the strengths into the file of --machine, its history kept")
+        bool, typer.Option("--update", help="write the strengths into the file of --machine; its history is kept")
     ] = False,
     out: Annotated[Path | None, typer.Option(help="picture of K_felt against the amplitude (.png, .pdf, .svg)")] = None,
     dt: Annotated[float, typer.Option(help="sample time [s]")] = 0.01,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
-    """Measure the stiffness of a joint: the muscles' strengths, the backbone K and what pushes meet.
+    """Measure the stiffness of a joint: muscle strengths, backbone stiffness and felt stiffness.
 
-    Tones of both pressures about a rest, of equal amplitude at a low and at a high frequency, are compared: hysteresis
-    drops out, and the inertia is the scale. It needs an encoder, two pressure sensors and the inertia of --machine or
-    --inertia, for which a payload counts. It begins and ends as `antagonist run` does.
+    Both pressures oscillate about a rest with equal amplitudes at a low and at a high frequency. Hysteresis cancels in
+    the comparison, and the inertia sets the scale. The measurement needs an encoder, two pressure sensors and the
+    inertia, including a payload, in --machine or --inertia. It begins and ends as `antagonist run` does.
 
-    With --shake noise takes the place of the tones: wider motions, which slow regulators and friction bear better. Or
-    it looks into a log, which tells as much where it has quick motions of both pressures. Exit code 0 if all was
-    measured, 3 if not; the message says why.
+    --shake replaces the tones by noise, whose wider motions suit slow regulators and joints with friction. A log is
+    analysed in the same way; it needs fast motions of both pressures. The exit code is 0 if everything was measured,
+    else 3, and the message gives the reason.
     """
     from rich.console import Console
 
@@ -78,10 +78,10 @@ def measure_command(
     within("--inertia-error", inertia_error, "%", 0, 50)
     finite("--weight", weight, "N·m")
     if update and options.file is None:
-        raise InvalidInput("--update writes into a file: name that of the joint by --machine")
+        raise InvalidInput("--update writes into the joint's file: name it with --machine")
     if log is not None:
         if bench.device or around or weight or shake:
-            raise InvalidInput("a log is looked into as it is: leave out --device, --around, --weight and --shake")
+            raise InvalidInput("a log takes none of --device, --around, --weight and --shake")
         found, code = [_in_log(log, options, inertia_error)], 0
     else:
         method = _tones(amplitude, series) if not shake else _shaken(shake, weight)
@@ -126,7 +126,7 @@ def _on_device(
     dt: float,
     console: "Console",
 ) -> "tuple[list[MeasuredStiffness], int]":
-    """Measure about every rest, by tones or by noise of an amplitude [rad], until one ends by anything but its end.
+    """Measure about every rest, by tones or by noise of an amplitude [rad], and stop after a failure.
 
     Return the measurements and that exit code.
     """
@@ -167,7 +167,7 @@ def _in_log(log: Path, options: PlantOptions, inertia_error: float) -> "Measured
 
 
 def _rest(text: str | None, plant: "Plant") -> tuple[float, float]:
-    """Return angle [rad] and stiffness [N·m/rad] of a rest; the middle of what the joint has where none is given."""
+    """Return angle [rad] and stiffness [N·m/rad] of a rest, by default the middle of both ranges."""
     from allocator.feasibility import stiffness_interval
 
     if text is not None:
@@ -212,7 +212,7 @@ def _updated(good: "list[MeasuredStiffness]", options: PlantOptions, inertia_err
     from mpc.bench.measuring.update import update
 
     if not good:
-        say(console, f"{options.file} stays as it is")
+        say(console, f"{options.file} is unchanged")
         return
     path = str(options.file)
     joint = update(path, good, options.plant().inertia, inertia_error * PERCENT)

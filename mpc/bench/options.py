@@ -1,4 +1,4 @@
-"""Options of every command that moves a joint, and the device that they open; bar here, SI behind."""
+"""Options of commands that move a joint, and the device that they open; in bar."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -24,32 +24,38 @@ _SIM = "sim"
 class BenchOptions:
     """Options of a command that moves a joint."""
 
-    PANEL: ClassVar[str] = "The bench"
+    PANEL: ClassVar[str] = "Bench"
 
     device: Annotated[
         str,
-        typer.Option(help="needed: NAME or NAME:ADDRESS, such as sim, serial:/dev/ttyUSB0, modbus:192.168.0.5:502"),
+        typer.Option(
+            rich_help_panel="Options",
+            help="device to drive, NAME or NAME:ADDRESS; such as sim, serial:/dev/ttyUSB0, "
+            "modbus:192.168.0.5:502. `antagonist devices` lists them",
+        ),
     ] = ""
     present: Annotated[
-        str | None, typer.Option(help="pressures at the start [bar], P1:P2, where the device measures none; 0:0 vented")
+        str | None,
+        typer.Option(help="pressures at the start P1:P2 [bar]; for devices that do not measure them, 0:0 if vented"),
     ] = None
-    start_rate: Annotated[float, typer.Option(help="of the soft start [bar/s]")] = 1.0
-    stop: Annotated[str, typer.Option(help="what then happens to the pressures, however it ends: ramp, hold, vent")] = (
-        "ramp"
-    )
-    stop_rate: Annotated[float, typer.Option(help="of the ramp down [bar/s]")] = 1.0
+    start_rate: Annotated[float, typer.Option(help="rate of the soft start [bar/s]")] = 1.0
+    stop: Annotated[str, typer.Option(help="final treatment of the pressures: ramp, hold or vent")] = "ramp"
+    stop_rate: Annotated[float, typer.Option(help="rate of the ramp down [bar/s]")] = 1.0
     overrun: Annotated[
-        str, typer.Option(help="what follows samples that took too long: skip (the reference goes on), catch-up, stop")
+        str,
+        typer.Option(
+            help="reaction to samples that took too long: skip, catch-up or stop; with skip the reference goes on"
+        ),
     ] = "skip"
-    fast: Annotated[bool, typer.Option("--fast", help="with sim: as fast as the computer can")] = False
-    quiet: Annotated[bool, typer.Option("--quiet", help="show nothing while it runs")] = False
-    plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window, too")] = False
+    fast: Annotated[bool, typer.Option("--fast", help="run --device sim as fast as the computer can")] = False
+    quiet: Annotated[bool, typer.Option("--quiet", help="show nothing during the run")] = False
+    plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window")] = False
 
     def opened(self, options: PlantOptions) -> "Opened":
-        """Return the device, the clock of its loop, and what the options tell of the joint.
+        """Return the device, the clock of its loop, the plant and its known effects.
 
-        A `sim` without a file simulates the joint of the options, with the effects of a real bench. Its controller is
-        told what the options tell, as on any other device, and of the rest what a fit would find.
+        A `sim` without a file simulates the joint of the options, with the effects of a real bench. Its controller
+        knows the effects in the options, as on any device, and of the others the values that a fit would find.
         """
         from mpc.bench.device import MonotonicClock, SimulatedClock
         from mpc.bench.devices.registry import open_device
@@ -57,7 +63,7 @@ class BenchOptions:
         from mpc.model.real_plant import RealPlant
 
         if not self.device:
-            raise InvalidInput("--device is missing: name what to drive, such as sim or serial:/dev/ttyUSB0")
+            raise InvalidInput("--device is missing: name a device, such as sim or serial:/dev/ttyUSB0")
         name, _, address = self.device.partition(":")
         clock = SimulatedClock() if self.fast else MonotonicClock()
         plant, known = options.plant(), options.compensation()
@@ -73,7 +79,7 @@ class BenchOptions:
         return Opened(open_device(self.device), clock, plant, known)
 
     def settings(self, settle: float = 0.0) -> "Settings":
-        """Return how a loop starts, what ends it and what then happens."""
+        """Return the settings of a loop: its start, its ends and its safe stop."""
         from mpc.bench.cycle import Overrun, Settings
         from mpc.bench.safety import Action, SafeStop, SoftStart
 
@@ -91,7 +97,7 @@ class BenchOptions:
 
 
 class Opened(NamedTuple):
-    """An open device with its clock, and what is known of the joint behind it."""
+    """An open device with its clock, and the plant and known effects of its joint."""
 
     device: "Device"
     clock: "Clock"
@@ -99,7 +105,7 @@ class Opened(NamedTuple):
     known: "Compensation"
 
     def assumed(self, options: PlantOptions) -> str:
-        """Return what is known of a joint from a file without standing there, or ""."""
+        """Return the assumed effects of a joint that its file does not state, or ""."""
         from mpc.model.compensation import Compensation
 
         told = options.compensation().told if options.file else self.known.told

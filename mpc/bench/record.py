@@ -71,7 +71,7 @@ INTEGERS = frozenset(name for name, kind in Row.__annotations__.items() if kind 
 
 
 def of_plan(plan: Plan) -> dict[str, object]:
-    """Return what a row says of a controller's plan."""
+    """Return the columns of a controller's plan."""
     moved = {} if plan.moved is None else {f"moved_{name}": value for name, value in plan.moved._asdict().items()}
     return {
         "K_estimate": float(plan.K[0]),
@@ -208,7 +208,7 @@ def _named(rows: Array) -> list[tuple[str, Array]]:
 
 
 class Lateness(NamedTuple):
-    """The figures say how late the samples of a loop were, in seconds."""
+    """Lateness of a loop's samples [s]."""
 
     median: float  # [s]
     p99: float  # 99 % of the samples began no later [s]

@@ -1,7 +1,7 @@
-"""Repetitions of a motion on a device, with a safe stop between them, by which it is learned.
+"""Learning of a motion on a device, with a safe stop between the repetitions.
 
-The first repetition is not recorded: after it all others begin with the same memory of the joint's hysteresis. Nothing
-is learned while a loop runs.
+The first repetition is not recorded: it gives all others the same initial memory of the joint's hysteresis. Nothing is
+learned while a loop runs.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from mpc.trials.reference import Reference
 
 
 class Repeated(NamedTuple):
-    """Records of a motion's first and best repetition; a loop that was ended early is the last one."""
+    """Records of the first, the best and the last repetition; a loop that ended early is the last one."""
 
     first: Record | None
     best: Record | None
@@ -33,10 +33,10 @@ def repeat(
     age: float = 0.0,
     progress: Callable[[Repetition], None] = lambda done: None,
 ) -> Repeated:
-    """Let `drive` do the motion of `learner` on a device until it is learned, or until a loop does not finish.
+    """Repeat the motion of `learner` on a device until learning ends, or until a loop does not finish.
 
-    `drive` runs one loop along a reference and returns its record, `age` [s] is that of the angle's readings.
-    `progress` is called after each repetition that counts.
+    `drive` runs one loop along a reference and returns its record. `age` [s] is the age of the angle's readings.
+    `progress` is called after each recorded repetition.
     """
     last, first, best = drive(learner.reference), None, None
     while finished(last) and not learner.done:
@@ -52,7 +52,7 @@ def repeat(
 
 
 def finished(record: Record) -> bool:
-    """Return whether a loop came to the end of its reference."""
+    """Return whether a loop reached the end of its reference."""
     return record.ending.reason is Reason.FINISHED
 
 
@@ -67,7 +67,7 @@ def read(record: Record, course: Course, age: float) -> Array:
 
 
 def compared(record: Record, course: Course) -> Record:
-    """Return the record with the angles that are wanted in the place of those that were asked for."""
+    """Return the record with the desired angles in place of the corrected reference."""
     columns = dict(record.columns)
     here = np.isin(columns["phase"], (Phase.SETTLE, Phase.RUN))
     running = columns["phase"] == Phase.RUN

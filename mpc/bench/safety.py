@@ -1,7 +1,7 @@
-"""The safety of a loop is set here: how it starts, what ends it, and what then happens to the pressures.
+"""Safety of a loop: its start, the conditions that end it, and the safe stop of the pressures.
 
-What no program can do for you: a hard stop of the joint, a relief valve, and a device whose own watchdog vents where
-no command comes for a while. A process that is killed outright (SIGKILL, power) sends nothing more.
+A program cannot replace hard stops of the joint, a relief valve, and a device whose own watchdog vents after some time
+without commands. A process that is killed (SIGKILL, power) sends nothing more.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from mpc.observer.health import Reaction
 
 
 class Action(StrEnum):
-    """An action is what happens to the pressures when a loop ends."""
+    """Action on the pressures at the end of a loop."""
 
     HOLD = "hold"  # the last commands are sent once more, and stay
     RAMP = "ramp"  # both fall to nothing, in proportion; then vent
@@ -42,7 +42,7 @@ class Reason(StrEnum):
 
 
 class Ending(NamedTuple):
-    """An ending says why a loop ended, and what was done then."""
+    """Ending of a loop: its reason, and the action taken."""
 
     reason: Reason
     message: str
@@ -54,11 +54,11 @@ class Ending(NamedTuple):
 
 
 class RefusedStart(AntagonistError):
-    """The start is refused, before any command was sent; the message says what was found."""
+    """Start refused before any command; the message names the cause."""
 
 
 class Stopped(Exception):  # it is no error
-    """The loop has to end; who raises it says why."""
+    """Request to end the loop, with its reason."""
 
     def __init__(self, reason: Reason, message: str = "", action: Action | None = None) -> None:
         super().__init__(message)
@@ -112,7 +112,7 @@ class Watchdog:
 
 @dataclass(frozen=True)
 class SafeStop:
-    """A safe stop is what happens to the pressures when a loop ends, however it ends."""
+    """Treatment of the pressures at every end of a loop."""
 
     action: Action = Action.RAMP
     rate: float = 1 * BAR  # of a ramp: how fast the higher pressure falls [Pa/s]

@@ -88,7 +88,7 @@ class Stops:
             raise Stopped(self._asked)
 
     def attempt(self, call: Callable[[], _T]) -> tuple[_T | None, BaseException | None]:
-        """Return the result of `call` and None, or None and what it raised; one that hangs is interrupted."""
+        """Return the result of `call` and None, or None and its exception; a hanging call is interrupted."""
         before = self.interruptible
         try:
             self.interruptible = True

@@ -1,4 +1,4 @@
-"""The sweep is the experiment that identifies a joint: random steps of both pressures, then equilibria under weights.
+"""Sweep: the experiment that identifies a joint, by random steps of both pressures and equilibria under weights.
 
 First, without a weight, both pressures step at random, which `fit_motion` takes lags and hysteresis from. Then come the
 setpoints of `plan_joint_experiment`, each approached from above and from below and held until the angle rests, first
@@ -38,7 +38,7 @@ MOTION_HEADER = "time [s],theta [rad],P1 [Pa],P2 [Pa],P1_measured [Pa],P2_measur
 
 @dataclass(frozen=True)
 class Pace:
-    """The pace of a sweep says how long everything takes."""
+    """Durations and rates of a sweep."""
 
     rate: float = 1 * BAR  # of the way to a setpoint [Pa/s]
     approach: float = 1.0  # at the pressures that a setpoint is approached from [s]
@@ -68,7 +68,7 @@ class Visit(NamedTuple):
 
 
 class Equilibrium(NamedTuple):
-    """An equilibrium is what was measured in a visit; SI units."""
+    """Means measured in a visit; SI units."""
 
     theta: float
     P1: float
@@ -78,7 +78,7 @@ class Equilibrium(NamedTuple):
 
 
 def within(joint: AntagonistJoint, share: float = _MIDDLE) -> AntagonistJoint:
-    """Return `joint` with a `share` of its range: what is known roughly is not to be led to its stops."""
+    """Return `joint` with a `share` of its range, so that a roughly known joint stays off its stops."""
     left, right = joint.angle_range
     middle, half = (left + right) / 2, share * (right - left) / 2
     return replace(joint, angle_limits=(middle - half, middle + half))
@@ -128,12 +128,12 @@ def random_steps(joint: AntagonistJoint, n: int, seed: int = 0) -> list[Pressure
 
 
 class Sweep:
-    """A sweep is the `CommandSource` of the experiment.
+    """`CommandSource` of the experiment.
 
     Parameters
     ----------
     visits, steps
-        What to do: `visits_of` a plan, `random_steps` of a joint.
+        The program: `visits_of` a plan, `random_steps` of a joint.
     dt
         Sample time [s].
     hang
@@ -185,7 +185,7 @@ class Sweep:
             yield from self._visit(visit)
 
     def _motion(self) -> Iterator[Decision]:
-        """Step at random, and write what the joint did."""
+        """Step at random, and write the motion."""
         rows: list[list[float]] = []
         for u in self.steps:
             for decision in self._hold(u, self.pace.every):

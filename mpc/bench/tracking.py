@@ -1,4 +1,4 @@
-"""Tracking is what a controller and its observer do with the samples of a loop; a log can be replayed through them.
+"""Tracking: a controller and its observer as the command source of a loop, also for the replay of a log.
 
 An observer takes it for granted that readings are evenly spaced, and at 1 rad/s a millisecond is 0.06°: what was read
 late is brought to the time at which it was due. So is an angle that its device dates up to a sample earlier, by the
@@ -58,7 +58,7 @@ class Tracking:
 
     @property
     def health(self) -> Health:
-        """Return what the observer suspects; nothing if it has no diagnosis."""
+        """Return the suspects of the observer; none without a diagnosis."""
         health = getattr(self.observer, "health", WELL)
         assert isinstance(health, Health)
         return health
@@ -89,7 +89,7 @@ class Tracking:
         return x, d
 
     def _at_due(self, tick: Tick) -> Array:
-        """Return what the sensors (4,) would have said at the due time.
+        """Return the readings (4,) projected to the due time.
 
         A later reading is put on a line from the one before, an earlier angle goes on with the estimated velocity.
         """
@@ -106,7 +106,7 @@ class Tracking:
         return np.where(np.isnan(line), said, line)
 
     def _check_health(self) -> None:
-        """Raise `Stopped` where health has asked for too long for what ends a loop."""
+        """Raise `Stopped` if health has requested a hold or a vent for too long."""
         least = self._watchdog.reaction
         if least is None or self.health.reaction < least:
             self._unwell = 0
@@ -117,7 +117,7 @@ class Tracking:
 
 
 def replay(columns: Columns, tracking: Tracking) -> Array:
-    """Return the commands (n, 2) [Pa] that `tracking` decides on where it is told what the log says was read and sent.
+    """Return the commands (n, 2) [Pa] of `tracking` for the readings and commands of a log.
 
     They are those of the log's n samples under control, if `tracking` has the same plant, controller, observer and
     reference, and if no guard changed them.

@@ -1,1 +1,1 @@
-"""The explorer is a page in the browser that shows what a joint can do, computed by `allocate` itself."""
+"""Explorer: a page in the browser with a joint, its pressures and its feasible stiffnesses, computed by `allocate`."""

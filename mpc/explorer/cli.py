@@ -1,4 +1,4 @@
-"""`antagonist explore` opens a page in the browser that shows what a joint can do."""
+"""Command `antagonist explore`: a joint in the browser."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,15 +15,15 @@ from allocator.shell.printing import say
 def explore(
     options: MachineOptions,
     run: Annotated[
-        Path | None, typer.Option(help="a run to play, an .npz of `antagonist track`; its joint is shown")
+        Path | None, typer.Option(help="a recorded run to play, the .npz of `antagonist track`; its joint is shown")
     ] = None,
-    port: Annotated[int, typer.Option(help="of the page's address; 0 takes any that is free")] = 0,
+    port: Annotated[int, typer.Option(help="port of the page's address; 0 takes a free one")] = 0,
     browser: Annotated[bool, typer.Option(help="open the browser")] = True,
 ) -> None:
-    """Open a page in the browser: angle, stiffness, torque and the joint itself by sliders.
+    """Open a page in the browser with sliders for angle, stiffness, torque and the joint's dimensions.
 
-    It shows which stiffnesses exist, the joint with its two muscles, their pressures, and which limit is in the way.
-    The page is served by this command on this machine alone and needs no internet; end it with Ctrl-C.
+    The page shows the feasible stiffnesses, the joint with its two muscles, their pressures, and the binding limit. It
+    is served on this machine only and needs no internet. End it with Ctrl-C.
     """
     import webbrowser
     from contextlib import suppress
@@ -35,16 +35,16 @@ def explore(
 
     within("--port", port, "", 0, 65535)
     if run is not None and options != MachineOptions():
-        raise InvalidInput("--run brings its own joint: leave out the options of a joint")
+        raise InvalidInput("--run has its own joint: leave out the options of a joint")
     joint = options.joint() if run is None else load_recording(run).plant.joint
     played = None if run is None else frames(run)
     try:
         serving = server(joint, played, port)
     except OSError as error:
-        raise InvalidInput(f"--port {port} cannot be used ({error.strerror}); 0 takes any that is free") from None
+        raise InvalidInput(f"--port {port} cannot be used ({error.strerror}); 0 takes a free one") from None
     with serving:
         address = f"http://{HOST}:{serving.server_address[1]}/"
-        say(Console(), f"the joint is at {address} until Ctrl-C")
+        say(Console(), f"the page is at {address} until Ctrl-C")
         if browser:
             webbrowser.open(address)
         with suppress(KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""The export takes allocator and controller from Python to the microcontroller, as plain C99.
+"""Export of allocation and controller to microcontrollers, as plain C99.
 
     from mpc.export import export
     export("joint_in_c", controller=TrackingMPC(plant, N=10), precision="single")
@@ -13,17 +13,17 @@ would cost a processor whose FPU is single some millions of instructions an iter
 
 from typing import TYPE_CHECKING
 
+from allocator.faces import face
+
 if TYPE_CHECKING:
-    from mpc.export.entry import export
+    from mpc.export.controller.tuning import write_tuning as write_tuning
+    from mpc.export.entry import export as export
+    from mpc.export.fmu.entry import export_controller_fmu as export_controller_fmu
+    from mpc.export.fmu.entry import export_plant_fmu as export_plant_fmu
+    from mpc.export.governor import export_governor as export_governor
+    from mpc.export.mechanism import export_mechanism as export_mechanism
+    from mpc.export.serial.firmware import Safety as Safety
+    from mpc.export.serial.firmware import export_board as export_board
+    from mpc.export.serial.simulated import SimulatedBoard as SimulatedBoard
 else:
-
-    def __getattr__(name: str) -> object:
-        """`export`, loaded when it is first used: the command line begins without it."""
-        if name != "export":
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from mpc.export.entry import export
-
-        return export
-
-
-__all__ = ["export"]
+    __all__, __getattr__, __dir__ = face(__name__, __file__)

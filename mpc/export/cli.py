@@ -1,4 +1,4 @@
-"""`antagonist export` writes what runs without Python: C, FMUs, firmware. Heavy libraries load when it runs."""
+"""Command `antagonist export`: C code, FMUs and firmware."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
 export_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 Out = Annotated[Path, typer.Option(help="new or empty directory for the files")]
-Precision = Annotated[str, typer.Option(help="double, or single for an FPU without double")]
+Precision = Annotated[str, typer.Option(help="double, or single for processors without a double-precision FPU")]
 
 
 @dataclass(frozen=True)
 class ControllerOptions(PlantOptions):
-    """The options are what the user says of a controller of a plant."""
+    """Options of a controller and its plant."""
 
-    PANEL: ClassVar[str] = "The controller"
+    PANEL: ClassVar[str] = "Controller"
 
-    horizon: Annotated[int, typer.Option(help="samples of 10 ms that the controller looks ahead")] = 10
+    horizon: Annotated[int, typer.Option(help="horizon of the controller, in samples of 10 ms")] = 10
     errors: Annotated[
         str | None,
         typer.Option(
-            help="its weights by errors that cost one half, e.g. theta=0.1,rate=0.3: theta [°], omega [°/s], "
-            "K [N·m/rad], u [bar], rate [bar/s]"
+            help="controller weights, as the errors that each cost one half; e.g. theta=0.1,rate=0.3: theta [°], "
+            "omega [°/s], K [N·m/rad], u [bar], rate [bar/s]"
         ),
     ] = None
 
@@ -71,13 +71,13 @@ class Built(NamedTuple):
 
 @export_app.callback()
 def _group() -> None:
-    """Write what runs without Python: C99 for a microcontroller or a real-time PC, or FMUs.
+    """Write C99 for a microcontroller or a real-time PC, or FMUs.
 
-    The allocation and the governor are those of any --machine, everything else of one joint with two muscles.
+    `allocation` and `governor` take any --machine, the other commands one joint with two muscles.
     """
 
 
-@export_app.command("controller", cls=Command, short_help="the whole controller of a joint as C")
+@export_app.command("controller", cls=Command, short_help="controller, observer and allocation of a joint as C")
 @grouped
 def controller_command(
     out: Out,
@@ -93,13 +93,13 @@ def controller_command(
     built = options.built()
     what = "mpc" if alone else "all"
     made = export(out, controller=built.controller, observer=built.observer, what=what, precision=precision)
-    _say(built, made, f"{made / 'README.md'} says how to build them")
+    _say(built, made, f"{made / 'README.md'} describes how to build them")
 
 
 @export_app.command("allocation", cls=Command, short_help="the allocation of any machine as C")
 @grouped
 def allocation_command(out: Out, options: MachineOptions, precision: Precision = "double") -> None:
-    """Write the allocation of a joint or of several as plain C99: pressures for torques and stiffnesses."""
+    """Write the allocation of one or several joints as plain C99: pressures for torques and stiffnesses."""
     from allocator.joint.antagonist import AntagonistJoint
     from mpc.export.entry import export
     from mpc.export.mechanism import export_mechanism
@@ -109,18 +109,18 @@ def allocation_command(out: Out, options: MachineOptions, precision: Precision =
         made = export(out, joint=machine, what="allocate", precision=precision)
     else:
         made = export_mechanism(out, machine, precision=precision)
-    _say(None, made, f"{made / 'README.md'} says how to build them")
+    _say(None, made, f"{made / 'README.md'} describes how to build them")
 
 
-@export_app.command("governor", cls=Command, short_help="safe pressures of an arm as C")
+@export_app.command("governor", cls=Command, short_help="the pressure governor of an arm as C")
 @grouped
 def governor_command(out: Out, options: PlantOptions, precision: Precision = "double") -> None:
-    """Write the governor of an arm's pressures as plain C99, for a sample every 10 ms: --machine arm26 or a file."""
+    """Write the pressure governor of an arm as plain C99, with 10 ms samples: --machine arm26 or a file."""
     from mpc.export.governor import export_governor
     from mpc.governor import PressureGovernor
 
     made = export_governor(out, PressureGovernor.of_arm(options.arm(), 0.01), precision=precision)
-    _say(None, made, f"{made / 'README.md'} says how to build them")
+    _say(None, made, f"{made / 'README.md'} describes how to build them")
 
 
 @export_app.command("fmu", cls=Command, short_help="plant and controller of a joint as FMUs")
@@ -135,10 +135,10 @@ def fmu_command(out: Out, options: ControllerOptions) -> None:
     check(out)
     export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()))
     export_controller_fmu(out / "controller.fmu", built.controller, built.observer)
-    _say(built, out, "any tool that reads FMI 3.0 takes them")
+    _say(built, out, "tools that read FMI 3.0 import them")
 
 
-@export_app.command("firmware", cls=Command, short_help="a board on a serial line, for a joint")
+@export_app.command("firmware", cls=Command, short_help="firmware of a board on a serial line")
 @grouped
 def firmware_command(
     out: Out,
@@ -149,29 +149,32 @@ def firmware_command(
     """Write the firmware of a board on a serial line as plain C99, and a simulated board."""
     terminal = board.variant == "terminal"
     if terminal and options.errors is not None:
-        raise InvalidInput("--errors: it is the controller's, and a terminal has none")
+        raise InvalidInput("--errors belongs to a controller; a terminal has none")
     built = None if terminal else options.built()
     controller, observer = (None, None) if built is None else (built.controller, built.observer)
     made = board.export(out, options.plant(), options.compensation(), controller, observer, precision)
-    _say(built, made, f"{made / 'serial' / 'README.md'} says what to do")
+    _say(built, made, f"{made / 'serial' / 'README.md'} describes the next steps")
 
 
-@export_app.command("tuning", cls=Command, short_help="numbers that retune a controller in C")
+@export_app.command("tuning", cls=Command, short_help="a file that retunes an exported controller")
 @grouped
 def tuning_command(
-    out: Annotated[Path, typer.Option(help="the file to write")],
+    out: Annotated[Path, typer.Option(help="file to write")],
     options: ControllerOptions,
     precision: Precision = "double",
     force: Force = False,
 ) -> None:
-    """Write numbers that retune an exported controller without a compiler."""
+    """Write a file that retunes an exported controller without a compiler."""
     from rich.console import Console
 
     from mpc.export.controller.tuning import write_tuning
 
     claim(out, inputs=options.files, force=force)
     write_tuning(out, options.built().controller, precision=precision)
-    say(Console(), f"written: {out}, for a build of the same plant in {precision} precision; its README says how")
+    say(
+        Console(),
+        f"written: {out}, for a build of the same plant in {precision} precision; its README describes its use",
+    )
 
 
 def _margins(built: "Built") -> "Margins":
@@ -187,7 +190,7 @@ def _margins(built: "Built") -> "Margins":
 
 
 def _say(built: "Built | None", made: Path, read: str) -> None:
-    """Say what a controller was told, and what was written."""
+    """Print the knowledge of the controller and the files written."""
     from rich.console import Console
 
     console = Console()
@@ -197,9 +200,9 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
         if built.tuned:
             say(console, built.tuned)
         if known.summary:
-            say(console, f"told to the controller: {known.summary}")
+            say(console, f"known to the controller: {known.summary}")
         if known.untold:
-            say(console, f"not told to the controller, whose C has no such numbers: {known.untold}")
+            say(console, f"not known to the controller, since its C has no such numbers: {known.untold}")
         found = _margins(built)
         say(console, f"margins on the model at {found}")
         if found.advice:

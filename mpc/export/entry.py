@@ -66,9 +66,9 @@ def export(
 def default_controller(
     plant: Plant, horizon: int = 10, compensation: Compensation | None = None, weights: Weights | None = None
 ) -> TrackingMPC:
-    """Return the controller for `plant` where none is given; its weights are for joints unlike their model.
+    """Return the default controller for `plant`, with weights for joints that differ from their model.
 
-    It is told the joint's own hysteresis or friction, or `compensation`; nothing is compiled for it in Python.
+    It knows the joint's own hysteresis or friction, or `compensation`; nothing is compiled for it in Python.
     Raises InvalidInput for a joint that cannot be exported.
     """
     kernel_of(plant.joint)

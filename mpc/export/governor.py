@@ -21,7 +21,7 @@ _SEED = 20  # of the demonstration's commands
 def export_governor(out: str | PathLike[str], governor: PressureGovernor, *, precision: str = "double") -> Path:
     """Write `governor` as plain C99 to the directory `out`, and return it.
 
-    The C says what `PressureGovernor.govern` says. Its kernel is printed from the text that Python runs, its formulas
+    The C equals `PressureGovernor.govern`. Its kernel is printed from the text that Python runs, its formulas
     by CasADi for this mechanism.
 
     Raises
@@ -85,7 +85,7 @@ def _commands(governor: PressureGovernor) -> Array:
 
 
 def _shown(governor: PressureGovernor) -> list[str]:
-    """Return what the demonstration prints, according to Python."""
+    """Return the output of the demonstration, computed in Python."""
     n, m = governor.mechanism.n, governor.mechanism.m
     lines = []
     for row in _commands(governor):
@@ -110,8 +110,8 @@ Exported from the Python package `antagonist`, in {precision} precision: {n} joi
 
 {known}
 
-`ant_govern` (`antagonist_governor.h`) takes the state of the arm, the commands given last and those that somebody would
-like to give, and fills in those to be given, as `mpc.governor.PressureGovernor.govern` does. All memory is in
+`ant_govern` (`antagonist_governor.h`) takes the state of the arm, the last commands and the requested ones, and
+fills in the safe ones, as `mpc.governor.PressureGovernor.govern` does. All memory is in
 `ant_memory`, of fixed size.
 """
 )
@@ -210,7 +210,7 @@ def kernel_files(single: bool) -> dict[str, str]:
     }
 
 
-_WORKS = "What ant_govern works in: one for each thread, best made static."
+_WORKS = "Work space of ant_govern: one per thread, preferably static."
 
 
 def _array(name: str, constant: bool = False) -> ArrayKind:
@@ -218,7 +218,7 @@ def _array(name: str, constant: bool = False) -> ArrayKind:
 
 
 def _kinds(rules: StructKind, memory: StructKind) -> dict[str, Kind]:
-    """Return what arguments are, by their names in all functions."""
+    """Return the kinds of arguments, by their names in all functions."""
     given = {name: ArrayKind(REAL, (_M,), True) for name in ("P", "previous", "command")}
     given["scene"] = ArrayKind(REAL, _SIZES["scene"], True)
     made = {name: memory.fields[name] for name in ("alpha", "gain", "force", "speed", "energy", "level")}
@@ -233,5 +233,5 @@ def numbers_file(rules: kernel.Rules, single: bool) -> str:
     body = [f"static {text.table(f'ANT_RULES_{name.upper()}', values, single)}" for name, values in tables.items()]
     listed = ", ".join(f"ANT_RULES_{name.upper()}" for name in tables)
     body.append(f"static const ant_rules ANT_RULES = {{{listed}}};")
-    about = "The governor's numbers, in SI units; mpc/governor/kernel.py says what they are."
+    about = "The governor's numbers, in SI units; see mpc/governor/kernel.py."
     return text.header("ANT_GOVERNOR_H", about, "\n\n".join(body), ["kernel.h", "real.h"])

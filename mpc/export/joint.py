@@ -1,4 +1,4 @@
-"""The kernel and the numbers of a joint are found here, or why it cannot be exported."""
+"""Kernel and numbers of a joint for the export, or the reason for a refusal."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -78,7 +78,7 @@ def _tondu(numbers: TonduNumbers) -> Numbers:
 
 
 def _check_affine(joint: AntagonistJoint) -> None:
-    """Check what the exported code presumes all over the joint range."""
+    """Check the assumptions of the exported code over the joint range."""
     theta = np.linspace(*joint.angle_range, _GRID)
     (t1, t2), (k1, k2) = joint.jacobian(theta, 0.0 * theta, 0.0 * theta)
     wrong = ~((t1 > 0) & (t2 < 0) & (t1 * k2 - t2 * k1 > 0) & (k1 != 0) & (k2 != 0))

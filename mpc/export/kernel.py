@@ -40,7 +40,7 @@ _AFFINE: Defined = {"most1": "HI1", "most2": "HI2"}
 
 
 class Form(NamedTuple):
-    """The kernel of a kind of joints, and what C has in the place of its numbers `p`."""
+    """Kernel of a kind of joints, and the C expressions of its numbers `p`."""
 
     numbers: type[tuple[object, ...]]  # NamedTuple
     defined: Defined

@@ -45,7 +45,7 @@ _SEED = 19  # of the demonstration's targets
 def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precision: str = "double") -> Path:
     """Write the allocation of `mechanism` as plain C99 to the directory `out`, and return it.
 
-    The C says what `allocate` says, with priority "torque" or "stiffness". Its kernel is printed from the
+    The C equals `allocate` with priority "torque" or "stiffness". Its kernel is printed from the
     text that Python runs, its formulas by CasADi for this mechanism.
 
     Raises
@@ -64,7 +64,7 @@ def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precisio
 
 
 def _files(mechanism: Mechanism, single: bool) -> Files:
-    functions = [(map_function(mechanism), "q [rad] to what the muscles are there and y0 + M P, see allocate.c")]
+    functions = [(map_function(mechanism), "q [rad] to the muscles at q and y0 + M P, see allocate.c")]
     return {
         **dict(copied("mechanism", "")),
         "CMakeLists.txt": dict(copied(".", ""))["CMakeLists.txt"],
@@ -133,7 +133,7 @@ def _targets(mechanism: Mechanism) -> Array:
 
 
 def _shown(mechanism: Mechanism) -> list[str]:
-    """Return what the demonstration prints, according to Python."""
+    """Return the output of the demonstration, computed in Python."""
     lines, n = [], mechanism.n
     for row in _targets(mechanism):
         q, T, entries = row[:n], row[n : 2 * n], row[2 * n :]
@@ -220,7 +220,7 @@ _OUTSIDE = Outside(
 
 
 def _structs() -> dict[str, StructKind]:
-    """Return what C has for the named tuples."""
+    """Return the C structs of the named tuples."""
     m, p, K = _SIZES.values()
     rows = {
         "A": ArrayKind(REAL, (p, m), True),
@@ -254,7 +254,7 @@ def _size(node: ast.expr) -> str:
 
 
 def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
-    """Return what arguments are, by their names in all functions."""
+    """Return the kinds of arguments, by their names in all functions."""
     m, p, K = _SIZES.values()
     memory = structs["work"].fields
     return {

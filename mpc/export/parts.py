@@ -77,7 +77,7 @@ def allocation_files(joint: AntagonistJoint, kernel: Kernel, single: bool) -> Fi
 
 
 def _tolerances(joint: AntagonistJoint, single: bool) -> Numbers:
-    """Return what rounding leaves of "equal"."""
+    """Return the tolerances of equality under rounding."""
     met, near = (4e-6, 1e-6) if single else CLOSED_FORM
     return {
         "MET": (met, "of the torque or stiffness scale: a target missed by less is met [-]"),
@@ -94,10 +94,10 @@ def dense(name: str, inputs: Mapping[str, Value], outputs: Mapping[str, Value]) 
 
 
 def kernel_functions(joint: AntagonistJoint, kernel: Kernel) -> Functions:
-    """Return the CasADi functions that the kernel takes, and what each computes."""
+    """Return the CasADi functions of the kernel, with descriptions."""
     if kernel.name == "tondu":
         return []
-    return [(sides_function(joint), "theta [rad] to what the muscles are there, see kernel.c")]
+    return [(sides_function(joint), "theta [rad] to the muscles at theta, see kernel.c")]
 
 
 def model_files(functions: Functions, single: bool) -> Files:

@@ -1,4 +1,4 @@
-"""A plant becomes C here, to be simulated: under a board on a PC, and in an FMU."""
+"""Plants as C, for simulated boards on a PC and for FMUs."""
 
 import numpy as np
 

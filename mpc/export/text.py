@@ -1,4 +1,4 @@
-"""Numbers and tables are written as C here."""
+"""Numbers and tables as C."""
 
 from collections.abc import Iterable, Mapping
 
@@ -11,14 +11,14 @@ Table = NDArray[np.float64] | NDArray[np.int64]  # of floats or of integers, in 
 
 
 def header(guard: str, about: str, body: str, includes: Iterable[str] = ()) -> str:
-    """Return a header file; `about` says what is in it."""
+    """Return a header file with the comment `about`."""
     included = "".join(f'#include "{name}"\n' for name in includes)
     pieces = [f"/* {about} */\n#ifndef {guard}\n#define {guard}\n", included, f"{body}\n", f"#endif /* {guard} */\n"]
     return "\n".join(piece for piece in pieces if piece)
 
 
 def defines(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
-    """Return a line `#define ANT_NAME value` for each of `numbers`, with what it is behind it."""
+    """Return a line `#define ANT_NAME value` for each of `numbers`, with its comment."""
     rows = []
     for name, (value, meaning) in numbers.items():
         literal = str(value) if isinstance(value, int) else f"({number(value, single)})"
@@ -53,11 +53,11 @@ def _row(values: Table, single: bool) -> str:
 def config(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
     """Return antagonist_config.h with these numbers, see `defines`."""
     lines = ["#define ANT_SINGLE /* numbers are float */"] * single + [defines(numbers, single)] * bool(numbers)
-    return header("ANTAGONIST_CONFIG_H", "What was chosen at export.", "\n".join(lines))
+    return header("ANTAGONIST_CONFIG_H", "Choices at export.", "\n".join(lines))
 
 
 def demonstration(names: str, rows: Table, single: bool, skipped: bool = False) -> str:
     """Return src/demonstration.h with `rows` of `names`, which main.c shows unless they are `skipped`."""
     count = f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};"
     body = f"{count}\n\n/* {names} */\nstatic {table('ANT_DEMONSTRATION', rows, single)}"
-    return header("ANT_DEMONSTRATION_H", "What main.c shows.", body, ["antagonist.h"])
+    return header("ANT_DEMONSTRATION_H", "Options of main.c.", body, ["antagonist.h"])

@@ -28,44 +28,43 @@ def fit_motion_command(
     log: Annotated[
         list[Path],
         typer.Argument(
-            help="One CSV or bag, or several: time [s], theta [deg], pressure1 [bar], pressure2 [bar]; see above."
+            help="CSV files or bags; with time [s], theta [deg], pressure1 [bar] and pressure2 [bar], see above"
         ),
     ],
     machine: Annotated[
-        Path | None, typer.Option(help="Joint of the same kind, a TOML file of fit-joint: needed for --out.")
+        Path | None, typer.Option(help="TOML file of the same joint, from fit-joint; needed for --out")
     ] = None,
     columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
     skip_rows: SkipRows = 0,
     topics: Topics = None,
-    out: Annotated[Path | None, typer.Option(help="Write the plant to this TOML file, for --machine.")] = None,
+    out: Annotated[Path | None, typer.Option(help="TOML file to write the plant to, for --machine")] = None,
     gas: Annotated[
         bool | None,
-        typer.Option(help="Reckon with the gas in the muscles of --machine; by default if the log fits better."),
+        typer.Option(help="include the gas in the muscles of --machine; by default if the log fits better with it"),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw free run, residuals and hysteresis into this image.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="picture of free run, residuals and hysteresis")] = None,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
     """Fit lags, dead time, dead band, hysteresis, inertia and damping to the log of a moving joint without load.
 
-    Columns by name with unit: time [s]; theta [deg]; pressure1 [bar] and pressure2 [bar] (agonist, antagonist; gauge;
-    commanded or measured); in these or other units and words (P1_kPa, phi [rad]). Everything is found by predicting the
-    angle from the pressures alone. A minute or more of random steps of both pressures tells most; a log
-    of slow sweeps shows the width of the hysteresis instead. Begin the log at rest: the prediction does, too.
-    Several logs, and the stretches between gaps of more than a second, are fitted together, each without memory of what
-    was before. Rows with spikes, drop-outs and missing readings are left out and listed.
+    Columns are found by name and unit: time [s], theta [deg], pressure1 [bar] and pressure2 [bar] (agonist and
+    antagonist, gauge, commanded or measured), also in other units and words (P1_kPa, phi [rad]). The parameters
+    minimise the error of the angle that is predicted from the pressures alone. The best log is a minute or more of
+    random steps of both pressures; slow sweeps determine the width of the hysteresis instead. Begin the log at rest,
+    as the prediction does. Several logs, and stretches between gaps of more than a second, are fitted together, each
+    with a new memory of the hysteresis. Rows with spikes, drop-outs and missing readings are left out and listed.
 
-    Commands show the sum of dead time and age of the angle's readings. With columns measured1 and measured2 [bar]
-    beside them both are found apart.
+    A log of commands determines the sum of dead time and reading age. Columns measured1 and measured2 [bar] beside
+    them separate the two.
 
-    In the tables, taut rows are those without a pressure below 1.5 bar; gain is the slope of the static angle over that
-    of --machine (1: they agree); inertia and damping are divided by the joint's stiffness, and without the division in
-    the file of --out.
+    In the tables, taut rows have no pressure below 1.5 bar. The gain is the slope of the static angle over that of
+    --machine (1: they agree). Inertia and damping are divided by the joint's stiffness, but not in the file of --out.
     """
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(*log, machine), force=force)
     if out is not None and machine is None:
-        raise InvalidInput("--out writes a plant with muscles: give --machine, a file of fit-joint to begin with")
+        raise InvalidInput("--out writes a plant with muscles: give its joint with --machine, a file of fit-joint")
     console = Console(stderr=as_json)
     data = joined([read_motion_log(one, parse_columns(columns), skip_rows=skip_rows, topics=topics) for one in log])
     for note in data.notes:
@@ -109,7 +108,7 @@ def _plant(fit: MotionFit, joint: Path) -> "IdentifiedPlant":
 
 
 def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console) -> None:
-    """Print what was found, how far to trust it, and what the log does not tell."""
+    """Print the parameters, their uncertainties, and the questions that the log leaves open."""
     errors = {
         "all rows": fit.error,
         "last 40 %, predicted from the rest": fit.held_out,
@@ -131,7 +130,7 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
         f"coverage of left-out blocks {bands.coverage:.1%}",
     )
     _describe_drift(fit, console)
-    table = Table("", "value", "95 % interval", "unit", title="what the motion shows")
+    table = Table("", "value", "95 % interval", "unit", title="parameters of the motion")
     for name, e in fit.parameters.items():
         label = LABELS[name]
         low, high = (f"{end / label.unit:.3g}" for end in (e.low, e.high))

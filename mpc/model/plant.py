@@ -291,16 +291,17 @@ class Plant:
         """Raise `InvalidInput` for stiffnesses that cannot be meant."""
         checks.stiffness(name, K)
 
-    # --- in words and on disk ---------------------------------------------------------------------------------------
+    def __repr__(self) -> str:
+        return f"Plant: {self.joint!r}; {self.summary}"
 
     @property
     def summary(self) -> str:
         """Return its numbers in a line, the joint's left out."""
-        gas = ", no gas" if self.gas is None else f", {self._gas_text}, {self.kind.text}"
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
             f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s, gravity {self.gravity_torque:g} N·m, "
-            f"slew {self.slew / BAR:g} bar/s{gas}"
+            f"slew {self.slew / BAR:g} bar/s, "
+            + ("no gas" if self.gas is None else f"{self._gas_text}, {self.kind.text}")
         )
 
     @property

@@ -1,4 +1,4 @@
-"""A learner: the corrections of one motion from repetition to repetition, and when to stop."""
+"""Learner of the correction of one motion, with its stopping rules."""
 
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -11,17 +11,17 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.repetition.response import Response
-from mpc.repetition.update import Update, designed, power_of, unforeseen
+from mpc.repetition.update import Update, designed, passed, power_of, rested, returning, unforeseen
 from mpc.trials.reference import Reference
 from mpc.trials.trajectories import min_jerk
 
-NOISE = 0.03  # relative change of an RMS error that is none
-PATIENCE = 3  # repetitions in a row that gain nothing
-GROWTH = 2  # repetitions in a row that grow
-AHEAD = 4  # repetitions that an update is designed for, the last one among them
-_LEAST_GROWTH = 0.5  # of the power of the best error: more is growth, however little returns
-FADE = 0.25  # [s] in which a correction sets in where the reference has no first rest
-_LEAST_OF_SEVERAL = 1.5  # times the least of several estimated powers is an estimate again
+NOISE = 0.03  # relative change of an RMS error that counts as none
+PATIENCE = 3  # repetitions in a row without gain, after which learning ends
+GROWTH = 2  # repetitions in a row with growth, after which learning ends
+_LEAST_GROWTH = 0.5  # of the power of the best error: a greater increase is growth, however great the noise
+FADE = 0.25  # [s] over which a correction sets in if the reference has no first rest
+_LEAST_REST = 1.0  # [s] of a rest from which noise is estimated
+_LEAST_OF_SEVERAL = 1.5  # corrects the bias of the least of several estimated powers
 _MOVED = 1e-9  # [rad] and relative stiffness
 
 
@@ -46,7 +46,7 @@ class Repetition(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Samples of a motion: those in which it counts and those that a correction sets in with."""
+    """Samples of a motion, the first one that counts, and the fade-in of a correction."""
 
     wanted: Reference  # resampled
     count: int  # samples before the tail
@@ -66,29 +66,28 @@ class Course:
 
 
 class Learner:
-    """Learning of the correction of one motion, see `mpc.repetition.update`.
+    """Learner of the correction of one motion, see `mpc.repetition.update`.
 
-    `reference` is what the controller is to be given next; after each repetition call `learn` with the angles that were
-    measured. The first repetition is done without a correction, or with a given one. The update is designed anew after
-    each repetition, with what has turned out not to return as noise. If the error grows by more than that, the next
-    repetition returns to the best correction and takes half the gain from it; after the second growth in a row, and
-    after three repetitions in a row without gain, learning is `done`, and `reason` is why. `best` is the best
-    repetition, and `update` the first one.
+    Give `reference` to the controller, then call `learn` with the measured angles of the repetition, until `done`;
+    `reason` says why it has ended. The first repetition is uncorrected unless a correction is given. After it the
+    update is designed, and errors that do not return are filtered out of each further one. If the error grows by more
+    than noise, the next repetition starts again from the best correction with half the gain. Learning ends after two
+    repetitions in a row with growth, or three without gain.
 
     Parameters
     ----------
     reference
-        Angles that are wanted [rad], with their stiffness, which stays as it is.
+        Desired angles [rad] and stiffness; the stiffness is not corrected.
     responses
-        Responses that the loop may have, see `mpc.repetition.response`.
+        Possible responses of the loop, see `mpc.repetition.response`.
     dt
         Sample time of the controller [s].
     repetitions
-        At most, 2 or more.
+        Most repetitions, 2 or more.
     correction
-        To begin with, (M, …) [rad] on the samples of the reference every `dt`.
+        Correction of the first repetition, (M, …) [rad] on the samples of the reference every `dt`.
     angle_limits
-        Of the joints [rad]; no corrected reference leaves them where the reference does not.
+        Angle limits of the joints [rad]. A corrected reference is clipped to them where the reference keeps to them.
     """
 
     def __init__(
@@ -111,8 +110,7 @@ class Learner:
         self.history: list[Repetition] = []
         self.update: Update | None = None
         self.reason = Reason.RUNNING
-        self._now: Update | None = None
-        self._best, self._base, self._grown, self._idle, self._caution = 0, 0, 0, 0, 1.0
+        self._best, self._base, self._grown, self._idle, self._caution, self._gain = 0, 0, 0, 0, 1.0, 0.0
         self._errors: list[Array] = []
         self._noises: list[Array] = []  # powers (f,) of what did not return
 
@@ -135,7 +133,7 @@ class Learner:
 
     @property
     def reference(self) -> Reference:
-        """Reference to give to the controller next: that of the next repetition, or of the best one at the end."""
+        """Reference of the next repetition, or of the best one if learning is `done`."""
         return self.corrected(self.best.correction if self.done else self._next)
 
     def corrected(self, correction: Array) -> Reference:
@@ -145,29 +143,29 @@ class Learner:
         return replace(self.course.wanted, theta=np.clip(wanted + correction, low, high))
 
     def learn(self, theta: Array) -> Repetition:
-        """Take in the measured angles (count, …) [rad] of a repetition at the samples of the reference; return it.
+        """Learn from the measured angles (count, …) [rad] of a repetition at the samples of the reference; return it.
 
-        Raises `InvalidInput` for angles of another shape, or after the end.
+        Raises `InvalidInput` for angles of another shape, or if learning is `done`.
         """
         if self.done:
             raise InvalidInput(f"learning has ended: {self.reason.value}")
         error = self.course.wanted.theta[: self.course.count] - checks.real("theta", theta, "rad")
         counted = error[self.course.begin :]
         rms, worst = float(np.sqrt(np.mean(counted**2))), float(np.abs(counted).max())
-        self.history.append(Repetition(rms, worst, self._next, 0.0 if self._now is None else self._now.gain))
+        self.history.append(Repetition(rms, worst, self._next, self._gain))
         self._errors.append(error)
         if len(self.history) > 1:
             self._judge(rms)
         if self.reason is Reason.RUNNING and len(self.history) == self.repetitions:
             self.reason = Reason.ENOUGH
-        if not self.done:
+        if not self.done and self.update is None:
             self._design()
         if not self.done:
             self._next = self._updated()
         return self.history[-1]
 
     def _judge(self, rms: float) -> None:
-        """Compare the last repetition with the best before, and end if several in a row gained nothing or grew."""
+        """Compare the last repetition with the best one so far; end after several without gain, or with growth."""
         last, before, model = len(self.history) - 1, self.best.rms, self._responses[0]
         change = self.history[last].correction - self.history[self._base].correction
         old, new, shift = map(self._counted, (self._errors[self._base], self._errors[last], change))
@@ -178,7 +176,7 @@ class Learner:
             self._best = last
         if rms**2 > ((1 + NOISE) * before) ** 2 + doubt:
             self._grown, self._caution, self._base = self._grown + 1, self._caution / 2, self._best
-            self._noises.pop()  # an error that grows is the update's fault until it is shown not to be
+            self._noises.pop()  # growth is blamed on the update, not on noise
         else:
             self._grown, self._base = 0, last
         self._idle = self._idle + 1 if rms > (1 - NOISE) * before else 0
@@ -189,41 +187,50 @@ class Learner:
 
     @property
     def _noise(self) -> Array:
-        """Power (f,) of what did not return: the least of all repetitions, since a wrong response adds to each."""
-        return np.asarray(np.minimum(_LEAST_OF_SEVERAL * np.min(self._noises, axis=0), self._noises[-1]))
+        """Power (f,) of the errors that do not return.
+
+        It is the least of all repetitions, since a wrong response adds to each; before the second one, that of the
+        second half of the first rest.
+        """
+        if self._noises:
+            return np.asarray(np.minimum(_LEAST_OF_SEVERAL * np.min(self._noises, axis=0), self._noises[-1]))
+        begin = self.course.begin
+        rest = self._errors[0][begin // 2 : begin].reshape(begin - begin // 2, -1)
+        if len(rest) < _LEAST_REST / self.dt:
+            return np.zeros(self._responses[0].frequency.size)
+        return rested(rest, self._responses[0], self.dt, self.course.count - begin)
 
     def _counted(self, values: Array) -> Array:
-        """Return the part (M, n) of `values` in which the motion counts."""
+        """Return the samples (M, n) of `values` that count."""
         part = values[self.course.begin : self.course.count]
         return part.reshape(len(part), -1)
 
     def _design(self) -> None:
+        """Design the update after the first repetition."""
         shown = self.course.fade[self.course.begin] if self.course.begin else 1.0
-        error = shown * self._counted(self._errors[self._base])
-        noise: Array | float = self._noise if self._noises else 0.0
-        ahead = self.repetitions if self.update is None else AHEAD
+        error = shown * self._counted(self._errors[0])
         try:
-            update = designed(self._responses, error, self.dt, ahead, noise, self.update)
+            self.update = designed(self._responses, error, self.dt, self.repetitions)
         except InvalidInput:
             self.reason = Reason.UNKNOWN
-            return
-        self.update = self.update or update
-        self._now = replace(update, gain=self._caution * update.gain)
 
     def _updated(self) -> Array:
-        """Return the next correction; the tail, in which no error is known, goes on with the last one."""
-        assert self._now is not None
-        size, count = self._next.shape[0], self.course.count
+        """Return the next correction; in the tail, where no error is known, the last error is held."""
+        assert self.update is not None
+        size, count, model = self._next.shape[0], self.course.count, self._responses[0]
+        H = returning(self._counted(self._errors[self._base]), model, self.dt, self._noise)
         faded = self._errors[self._base].reshape(count, -1) * self.course.fade[:, None]
+        faded = passed(faded, model.frequency, H, self.dt)
         error = np.concatenate([faded, np.tile(faded[-1], (size - count, 1))])
         base = self.history[self._base].correction
-        corrected = self._now.applied(base.reshape(size, -1), error, self.dt)
+        self._gain = self._caution * self.update.gain
+        corrected = replace(self.update, gain=self._gain).applied(base.reshape(size, -1), error, self.dt)
         fade = np.ones(size)
         fade[:count] = self.course.fade
         return np.asarray((corrected * fade[:, None]).reshape(self._next.shape))
 
     def __str__(self) -> str:
-        """Return what was gained, and why it ended."""
+        """Return the gain, and the reason of the end."""
         if not self.history:
             return "no repetition yet"
         first, best = self.history[0].rms / DEG, self.best.rms / DEG

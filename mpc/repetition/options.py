@@ -1,4 +1,4 @@
-"""Options of commands that repeat a motion: `antagonist track` and `run`; degrees here, SI behind."""
+"""Options of `antagonist track` and `run` for learning a motion by repeating it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -29,34 +29,40 @@ _SLOW = "nmpc"
 
 @dataclass(frozen=True)
 class RepeatOptions:
-    """The options are what the user says of a motion that is learned, or was."""
+    """Options of a motion to be learned, or of a correction to be played."""
 
-    PANEL: ClassVar[str] = "Learning by repeating"
+    PANEL: ClassVar[str] = "Repetition"
 
     repeat: Annotated[
         int | None,
-        typer.Option(help="repeat the motion at most so many times, and correct what is asked for in between"),
+        typer.Option(
+            help="repeat the motion at most this many times; the reference is corrected after each repetition"
+        ),
     ] = None
     correction: Annotated[
         Path | None,
-        typer.Option(help=f"TOML file for the correction; by default TRAJECTORY{_ENDING} beside the trajectory"),
+        typer.Option(
+            help=f"TOML file to write the correction to; by default TRAJECTORY{_ENDING} beside the trajectory"
+        ),
     ] = None
     learned: Annotated[
         Path | None,
-        typer.Option("--from", help="play the correction in this file, which --repeat wrote; with --repeat go on"),
+        typer.Option(
+            "--from", help="play the correction in this file, which --repeat wrote; with --repeat continue from it"
+        ),
     ] = None
     load: Annotated[
-        str | None, typer.Option(help="name of what the joint carries; a correction is refused for another load")
+        str | None, typer.Option(help="name of the carried load; a correction is refused for another load")
     ] = None
 
     def __post_init__(self) -> None:
-        """Refuse what can only be a mistake."""
+        """Refuse contradictory options. Raises `InvalidInput`."""
         if self.repeat is not None:
             checks.count("--repeat", self.repeat, least=2)
         elif self.correction is not None:
             raise InvalidInput("--correction is written by --repeat N; to play one say --from FILE")
         if self.load is not None and not self.asked:
-            raise InvalidInput("--load goes with --repeat or --from: it names what a correction was learned with")
+            raise InvalidInput("--load goes with --repeat or --from: it names the load of a correction")
 
     @property
     def asked(self) -> bool:
@@ -64,7 +70,7 @@ class RepeatOptions:
         return self.repeat is not None or self.learned is not None
 
     def written(self, trajectory: str | None) -> tuple[Path, Path] | tuple[()]:
-        """Return the files of the correction and its picture, of none unless a motion is repeated."""
+        """Return the files of the correction and its picture, or () if no motion is repeated."""
         if self.repeat is None:
             return ()
         path = self.correction
@@ -78,7 +84,7 @@ class RepeatOptions:
         return path, path.with_suffix(".png")
 
     def reference(self, trajectory: str | None, called: "Callable[[], Reference]") -> "Reference":
-        """Return the motion of the file --from if there is no other trajectory, else the one that is `called`."""
+        """Return the motion of the file --from if no `trajectory` is named, else the one that `called` returns."""
         from mpc.trials.corrections import Correction
 
         if self.learned is not None and trajectory is None:
@@ -119,7 +125,7 @@ class RepeatOptions:
 
 
 def progress(console: "Console") -> "Callable[[Repetition], None]":
-    """Return what says how a repetition went."""
+    """Return a function that prints the error of each repetition."""
     count = [0]
 
     def after(done: "Repetition") -> None:
@@ -132,9 +138,9 @@ def progress(console: "Console") -> "Callable[[Repetition], None]":
 def report(
     learner: "Learner", owner: "Owner", before: Array, after: Array, files: Sequence[Path], console: "Console"
 ) -> None:
-    """Print what was learned, and write the correction and its picture.
+    """Print the results of learning, and write the correction and its picture.
 
-    `before` and `after` are the angles (M, …) [rad] of the first and the best repetition, as they were read.
+    `before` and `after` are the measured angles (M, …) [rad] of the first and the best repetition.
     """
     from allocator.presentation.plotting import save_figure
     from mpc.repetition.picture import plot_learning

@@ -1,4 +1,4 @@
-"""Practice: a simulated loop that repeats a motion and learns it."""
+"""Learning of a motion in simulation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,19 +16,19 @@ from mpc.trials.simulation import Controller, Load, Process, Run, simulate
 
 @dataclass(frozen=True, eq=False)
 class Practice:
-    """Runs of a motion that was learned, each compared with the angles that were wanted."""
+    """First and best run of a learned motion, compared with the desired angles."""
 
     learner: Learner
     first: Run
     best: Run
 
     def __repr__(self) -> str:
-        """Return what was gained, and why it ended."""
+        """Return the gain, and the reason of the end."""
         return f"Practice: {self.learner}"
 
 
 class Listener:
-    """An observer that keeps the angles that it is told."""
+    """Observer that records the measured angles."""
 
     def __init__(self, observer: Observer, n: int) -> None:
         self.observer, self.n = observer, n
@@ -58,8 +58,8 @@ def practise(
 ) -> Practice:
     """Repeat the motion of `learner` in simulation until it is done, and return the first run and the best one.
 
-    All repetitions begin in the same state, `x0` or the plant's rest at the reference's first point, with noise of
-    their own; the learner sees what the sensors of the angle say. `progress` is called after each. Other arguments are
+    All repetitions begin in the same state, `x0` or the plant's rest at the reference's first point, and each has its
+    own noise. The learner sees the measured angles. `progress` is called after each repetition. Other arguments are
     those of `simulate`.
     """
     first = best = None
@@ -89,7 +89,7 @@ def played(
     load: Load | None = None,
     seed: int = 0,
 ) -> tuple[Run, Array]:
-    """Return the run along a `given` reference, compared with the wanted one, and the angles (M, …) [rad] as read."""
+    """Return the run along a `given` reference, compared with the desired one, and its measured angles (M, …) [rad]."""
     course, listener = learner.course, Listener(observer, plant.nominal.n)
     run = simulate(plant, controller, given, x0=x0, observer=listener, load=load, seed=seed)
     read = np.array([*listener.heard, listener.heard[-1]])

@@ -1,23 +1,28 @@
-"""The update of a correction between two repetitions of a motion, and its design.
+"""Update of a correction between two repetitions of a motion, and its design.
 
-The controller is asked for θ* + c. After repetition j, with the error e_j = θ* - θ,
+The controller is given the reference θ* + c. After repetition j, with the error e_j = θ* - θ,
 
-    c_{j+1} = Q [c_j + γ e_j(t + δ)],      |Q(iω)| = 1/(1 + (ω/ω_c)⁴), zero phase                        (1)
+    c_{j+1} = Q [c_j + γ H_j e_j(t + δ)],      |Q(iω)| = 1/(1 + (ω/ω_c)⁴), zero phase                     (1)
 
-and with the loop's response T of the angle to what is asked for the errors are
+and with the response T of the loop from the reference to the angle the errors are
 
-    e_{j+1} = Q (I - γ e^{iωδ} T) e_j + (1 - Q) e_0                                                      (2)
+    e_{j+1} = Q (I - γ H_j e^{iωδ} T) e_j + (1 - Q) e_0                                                   (2)
 
-so they fall monotonically if |Q| ‖I - γ e^{iωδ} T‖ < 1 at all frequencies (Bristow, Tharayil & Alleyne, A survey of
-iterative learning control, IEEE Control Systems 26 (3), 2006). Gain γ, lead δ and cut-off ω_c are those with the least
-error predicted by (2) for the worst response of a set, noise of the readings included, that keep the left side below
-`MOST` for each of them. The largest left side is the guaranteed rate.
+They fall monotonically if |Q| ‖I - γ e^{iωδ} T‖ < 1 at all frequencies (Bristow, Tharayil & Alleyne, A survey of
+iterative learning control, IEEE Control Systems 26 (3), 2006), since 0 ≤ H ≤ 1 is real. Gain γ, lead δ and cut-off ω_c
+minimise the error that (2) predicts for the worst response of a set, noise of the readings included, among those that
+keep the left side below `MOST` for each response. The largest left side is the guaranteed rate.
 
-Errors that do not return cannot be learned; a gain of one would carry those of a repetition into the next. Their power
-N(ω) follows from repetitions: what (2) does not explain of an error is n_{j+1} - n_j, and the error of the response. An
-update that knows N is designed for the part S = |E|² - N of the last error, with N as noise.
+Errors that do not return cannot be learned: with a gain of one, those of a repetition would be added to the next. Their
+power N(ω) follows from the first rest at first, and from repetitions later: the part of an error that (2) does not
+explain is n_{j+1} - n_j, and the error of the response. Wiener's filter with spectral over-subtraction (Berouti,
+Schwartz & Makhoul, ICASSP 1979), since the spectrum of one repetition scatters, has the gain
 
-(1) filters the correction alone; a reference that is filtered as a whole would lose its own high frequencies.
+    H_j(ω) = max(0, 1 - α N/|E_j|²)                                                                       (3)
+
+at each frequency: errors that return are learned as fast as before, others not at all.
+
+Q filters the correction alone; a reference that is filtered as a whole would lose its own high frequencies.
 """
 
 from collections.abc import Sequence
@@ -35,13 +40,14 @@ MOST = 0.9  # of the rate that is guaranteed: errors fall by a tenth at least
 GAINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 LEADS = tuple(0.01 * i for i in range(-2, 15))  # [s]
 CUTOFFS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # [Hz]
+OVER = 1.5  # α
 _LOUD = 0.67  # of the highest frequency, above which errors are noise
 _BAND = 11  # frequencies, over which powers are averaged
 
 
 @dataclass(frozen=True)
 class Update:
-    """Gain, lead and low-pass of an update, and what is guaranteed of it."""
+    """Gain, lead and low-pass of an update, with its guaranteed rate."""
 
     gain: float  # γ [-]
     lead: float  # δ [s]
@@ -52,7 +58,7 @@ class Update:
     def applied(self, correction: Array, error: Array, dt: float) -> Array:
         """Return the next correction (M, n) [rad] from the present one and the errors (M, n) [rad] of every `dt`.
 
-        Equation (1). The last error counts as that of all later times.
+        Equation (1), of which `error` has passed H. The last error counts as that of all later times.
         """
         t = dt * np.arange(error.shape[0])
         led = np.stack([np.interp(t + self.lead, t, column) for column in error.T], axis=1)
@@ -73,45 +79,27 @@ def filtered(values: Array, cutoff: float, dt: float) -> Array:
     return np.asarray(sosfiltfilt(sos, values, axis=0, padtype="constant", padlen=padding))
 
 
-def designed(
-    responses: Sequence[Response],
-    error: Array,
-    dt: float,
-    repetitions: int,
-    unlearnable: Array | float = 0.0,
-    before: Update | None = None,
-) -> Update:
-    """Return the update for a loop with one of these `responses`, whose last errors (M, n) [rad] are known.
-
-    `unlearnable` (f,) is the power of errors that do not return, see `unforeseen`. Of an update `before` only the gain
-    is designed anew, and not increased: another low-pass would forget what was learned with this one, and where little
-    is left to learn, any lead would do.
+def designed(responses: Sequence[Response], error: Array, dt: float, repetitions: int) -> Update:
+    """Return the update for a loop with one of these `responses`, whose first errors (M, n) [rad] are known.
 
     Raises `InvalidInput` if no update is guaranteed to converge.
     """
     frequency = responses[0].frequency
     T = np.stack([one.T for one in responses])  # (d, f, n, n)
     first, white = _spectrum(error, frequency, dt)
-    noise = np.maximum(unlearnable, white) * np.ones(frequency.size)
-    if np.any(unlearnable):
-        learnable = np.maximum(1 - noise / np.maximum(_banded(first), 1e-300), 0.0)  # S/|E|²
-        first = np.sqrt(learnable)[:, None] * first
     best: tuple[float, Update] | None = None
-    leads, cutoffs = (LEADS, CUTOFFS) if before is None else ((before.lead,), (before.cutoff,))
-    for gain, lead in product(GAINS, leads):
-        if before is not None and gain > before.gain:
-            break
+    for gain, lead in product(GAINS, LEADS):
         learned = gain * np.exp(2j * np.pi * frequency * lead)[:, None, None] * T  # γ e^{iωδ} T
         left = np.eye(T.shape[-1]) - learned
         norm = np.linalg.norm(left, 2, axis=(-2, -1))  # (d, f)
-        for cutoff in cutoffs:
+        for cutoff in CUTOFFS:
             Q = 1 / (1 + (frequency / cutoff) ** 4)
             rate = float((Q * norm).max())
             if rate > MOST:
                 break  # and so do the wider ones
             rms = _predicted(Q, left, first, repetitions)
             spread = (Q * np.linalg.norm(learned, axis=(-2, -1))) ** 2 / (1 - (Q * norm) ** 2)
-            heard = np.sqrt((noise * spread).sum(axis=1))  # of the worst response
+            heard = np.sqrt((white * spread).sum(axis=1))  # of the worst response
             cost = float(np.hypot(rms[:, -1], heard).max())
             if best is None or cost < best[0]:
                 worst = rms[int(rms[:, -1].argmax())]
@@ -122,6 +110,28 @@ def designed(
             f"{100 * (1 - MOST):.0f} % in every repetition; its response differs too much between possible plants"
         )
     return best[1]
+
+
+def returning(error: Array, response: Response, dt: float, noise: Array | float) -> Array:
+    """Return H (f,) of errors (M, n) [rad] by (3), `noise` (f,) being the power of those that do not return."""
+    spectrum, white = _spectrum(error, response.frequency, dt)
+    return np.maximum(1 - OVER * np.maximum(noise, white) / np.maximum(_banded(spectrum), 1e-300), 0.0)
+
+
+def passed(error: Array, frequency: Array, H: Array, dt: float) -> Array:
+    """Return errors (M, n) [rad] through a filter without phase of gain `H` (f,); the ends go on beyond themselves."""
+    size = len(error)
+    padded = np.pad(error, ((size, size), (0, 0)), mode="edge")
+    gains = np.interp(np.fft.rfftfreq(3 * size, dt), frequency, H)
+    return np.asarray(np.fft.irfft(gains[:, None] * np.fft.rfft(padded, axis=0), 3 * size, axis=0)[size : 2 * size])
+
+
+def rested(error: Array, response: Response, dt: float, count: int) -> Array:
+    """Return the power (f,) of errors (M, n) [rad] of a rest, about their line, as `count` samples of them have it."""
+    from scipy.signal import detrend
+
+    power = _banded(_spectrum(detrend(error, axis=0), response.frequency, dt)[0])
+    return np.asarray(power * count / len(error))
 
 
 def unforeseen(response: Response, before: Array, error: Array, change: Array, dt: float) -> Array:

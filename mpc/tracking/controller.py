@@ -114,6 +114,11 @@ class TrackingMPC(BaseController):
             check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
 
+    def __repr__(self) -> str:
+        return (
+            f"TrackingMPC: {self.N} samples of {1e3 * self.dt:g} ms, solver {self.solver}; model: {self.plant.summary}"
+        )
+
     def _check_settings(self) -> tuple[int, ...]:
         """Check the settings, and return the blocks."""
         self._check_model()

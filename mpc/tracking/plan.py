@@ -11,6 +11,7 @@ from enum import IntEnum
 from typing import NamedTuple, Self
 
 from allocator.calculus import Array
+from allocator.units import BAR
 from mpc.deferred import Deferred
 
 
@@ -109,6 +110,10 @@ class Plan(Deferred):
         """Make the arrays read-only, because the controller continues from them."""
         for array in (self.u, self.x, self.K):
             array.setflags(write=False)
+
+    def __repr__(self) -> str:
+        first = ", ".join(f"{P / BAR:.4g}" for P in self.u[0])
+        return f"Plan: {self.status.name} by {self.rung.name}, {len(self.u)} samples, first commands {first} bar"
 
     @classmethod
     def later(cls, fields: Callable[..., dict[str, object]], *values: object) -> Self:

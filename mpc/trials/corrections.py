@@ -1,16 +1,16 @@
-"""Files of corrections: what was learned of a motion by repeating it, to be played again.
+"""Files of corrections, which are learned by repeating a motion and played again.
 
 [correction]                   # written by `track --repeat` and `run --repeat`
 name = "sine"
-joint = "two Tondu2000, …"     # in words, and
+joint = "two Tondu2000, …"     # description
 digest = "9f…"                 # of the joint's model
 controller = "mpc"
-load = ""                      # that the joint carried
+load = ""                      # name of the load
 errors = [1.7, 0.4, …]         # RMS by repetition [rad]
-tail = 0.0                     # [s] of the motion that is only looked ahead to
+tail = 0.0                     # [s] at the end, for preview only
 
 [correction.motion]            # SI units, one number or row a sample
-t, theta, K, shift             # theta is wanted, theta + shift is asked for
+t, theta, K, shift             # theta: desired angle; theta + shift: reference
 
 A correction belongs to a motion, a joint, a load and a controller. It is refused for others.
 """
@@ -34,7 +34,7 @@ from mpc.model.plant import Plant
 from mpc.trials.reference import Reference
 from mpc.trials.simulation import Run
 
-SPEEDS = 0.8, 1.25  # times the learned speed, within which a correction is scaled in time
+SPEEDS = 0.8, 1.25  # range of speeds, relative to the learned one, to which a correction is scaled
 _SAME = 0.005  # of the range of angle and stiffness: less is the same path
 _STILL = 1e-6  # of the ranges
 
@@ -50,7 +50,7 @@ class Owner:
 
     @classmethod
     def of(cls, plant: Plant, known: Compensation, controller: str = "mpc", load: str = "") -> Self:
-        """Return the owner that a joint and what is known of it make."""
+        """Return the owner of a correction from the joint, its compensation, its controller and its load."""
         return cls(plant.summary, digest_of(dumps(plant.joint), plant.numbers, known), controller, load)
 
 
@@ -61,7 +61,7 @@ def digest_of(*parts: object) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """A motion, and by how much other angles are asked for so that the joint follows it."""
+    """Motion with the correction of its reference."""
 
     wanted: Reference
     shift: Array  # (M, …) [rad], as the angles of `wanted`
@@ -80,13 +80,13 @@ class Correction:
 
     @property
     def summary(self) -> str:
-        """Return what it was learned for, in a line."""
+        """One line with motion, controller, load and gain."""
         load = f", load: {self.owner.load}" if self.owner.load else ""
         gained = f": {self.errors[0] / DEG:.3g}° → {min(self.errors) / DEG:.3g}° RMS" if self.errors else ""
         return f"correction of {self.wanted.name or 'a motion'} with {self.owner.controller}{load}{gained}"
 
     def check(self, owner: Owner, path: FilePath = "the correction") -> None:
-        """Insist that it is used for the owner that it belongs to. Raises `InvalidInput`."""
+        """Check that it belongs to `owner`. Raises `InvalidInput`."""
         mine = self.owner
         if mine.digest != owner.digest:
             raise InvalidInput(
@@ -108,8 +108,8 @@ class Correction:
         """Return the correction for the same motion at another speed, scaled in time. Raises `InvalidInput`.
 
         The motion between first and last rest has to have the same path of angle and stiffness, at `speeds` times the
-        learned speed. Hysteresis depends on the path alone, but lags and inertia do not; beyond these speeds it is
-        refused.
+        learned speed. Hysteresis depends on the path alone, but lags and inertia do not. A correction is therefore
+        refused beyond these speeds.
         """
         mine, theirs = _moving(self.wanted), _moving(other)
         speed = (mine[1] - mine[0]) / max(theirs[1] - theirs[0], 1e-12)
@@ -127,7 +127,7 @@ class Correction:
         return replace(self, wanted=other, shift=_at(self.wanted.t, self.shift, at))
 
     def save(self, path: FilePath) -> None:
-        """Write it. Raises `CannotWrite`."""
+        """Write the file. Raises `CannotWrite`."""
         w, o = self.wanted, self.owner
         about: dict[str, Any] = {"name": w.name, "joint": o.joint, "digest": o.digest, "controller": o.controller}
         about |= {"load": o.load, "errors": tuple(map(float, self.errors)), "tail": float(w.tail)}
@@ -138,7 +138,7 @@ class Correction:
 
     @classmethod
     def load(cls, path: FilePath) -> Self:
-        """Read what `save` wrote. Raises `InvalidFile`."""
+        """Read a file written by `save`. Raises `InvalidFile`."""
         table = Table.read(path).needed("correction", "a correction of `--repeat`")
         motion = table.needed("motion", "a correction of `--repeat`")
         try:
@@ -156,12 +156,12 @@ class Correction:
 
 
 def compared(run: Run, wanted: Reference) -> Run:
-    """Return a run along a corrected reference with the angles that are wanted as its reference."""
+    """Return a run along a corrected reference with the desired angles as its reference."""
     return replace(run, theta_ref=wanted.resampled(run.dt).theta[: run.t.size])
 
 
 def _moving(reference: Reference) -> tuple[float, float]:
-    """Return when the motion begins and when it ends [s]."""
+    """Return the times at which the motion begins and ends [s]."""
     moved = np.zeros(reference.t.size - 1, bool)
     for values in (reference.theta, reference.K):
         rows = values.reshape(reference.t.size, -1)
@@ -178,7 +178,7 @@ def _onto(t: Array, theirs: tuple[float, float], of: Array, mine: tuple[float, f
 
 
 def _apart(moving: tuple[float, float], t: Array) -> list[float]:
-    """Return the ends of motion and of the reference; equal ones are put apart, for interpolation."""
+    """Return the ends of motion and of the reference, made distinct for interpolation."""
     begin, end = moving
     begin = max(begin, float(t[0]) + 1e-9)
     return [begin, end, max(float(t[-1]), end + 1e-9)]

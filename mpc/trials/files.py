@@ -5,7 +5,6 @@ NPZ files are without pickle; NumPy alone opens them as well.
 
 from collections.abc import Mapping
 from dataclasses import fields
-from importlib import resources
 from lzma import LZMAError
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from allocator.files.atomic import replacing
 from allocator.files.csv_table import Table, read_table
 from allocator.units import DEG
 from mpc.model.plant import NU, NUMBERS, NX, Plant
-from mpc.trials.reference import Reference, sine
+from mpc.trials.reference import Reference
 from mpc.trials.simulation import Run
 from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 
@@ -43,12 +42,6 @@ def load(path: str | Path) -> Reference:
     refuse(table, "theta_deg", np.abs(theta) > 360, theta, "{:g}° is over a turn")
     refuse(table, "stiffness", K <= 0, K, "{:g} N·m/rad has to be positive")
     return Reference(t, theta * DEG, K)
-
-
-def default_trajectory() -> Reference:
-    """Return the trajectory that ships with the package: ±40° at 0.5 Hz with K = 7.6 ± 0.3 N·m/rad at 0.25 Hz."""
-    with resources.as_file(resources.files("mpc") / "data" / "default_trajectory.csv") as path:
-        return load(path)
 
 
 def save_reference(reference: Reference, path: str | Path) -> None:
@@ -86,17 +79,14 @@ def refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str)
 
 
 def reference_called(name: str | None, K: float | None, plant: Plant) -> Reference:
-    """Return the trajectory of this name or in this file, about the stiffness K [N·m/rad] if it is a standard one.
+    """Return the trajectory of this name or in this file, by default the standard sine.
 
-    Without a name it is the default trajectory where the plant has the report's joint, a sine elsewhere. Raises
-    `InvalidInput`.
+    K [N·m/rad] is the stiffness of a standard trajectory, by default the joint's usual one. Raises `InvalidInput`.
     """
-    if name is None and K is None and plant.joint == Plant().joint:
-        return default_trajectory()
-    if name is None or name in TRAJECTORIES:
+    name = name or "sine"
+    if name in TRAJECTORIES:
         middle = usual_stiffness(plant.joint) if K is None else float(checks.stiffness("stiffness", K))
-        about = TRAJECTORIES[name].about if name else lambda K: sine(K=K)
-        return shrunk(about, middle, plant.joint)
+        return shrunk(TRAJECTORIES[name].about, middle, plant.joint)
     if K is not None:
         raise InvalidInput("--stiffness goes with a standard trajectory; a file has its own")
     if Path(name).suffix or Path(name).exists():
@@ -160,7 +150,7 @@ def _check(arrays: dict[str, Array]) -> None:
 
 
 def _shape(name: str, steps: int) -> tuple[int, ...]:
-    """Return what `Run` says of the array called `name`."""
+    """Return the shape of the array `name` of a `Run`."""
     if name in ("dt", "implementation"):
         return ()
     length = steps + 1 if name in ("t", "x", "theta_ref", "K_ref", "K", "forces") else steps

@@ -1,4 +1,4 @@
-"""Plants and controllers become discrete-time I/O systems of python-control here, to be connected with others.
+"""Plants and controllers as discrete-time I/O systems of python-control.
 
     loop = closed_loop(plant, controller, reference)
     control.input_output_response(loop, T, U=0, X0=...)      is what `simulate` does, to rounding
@@ -61,7 +61,7 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> "InputOutpu
     import control
 
     if real.faults:
-        raise InvalidInput("a plant with faults is no I/O system: what faults remember is no state; use simulate")
+        raise InvalidInput("a plant with faults is no I/O system, since the memory of faults is no state; use simulate")
     experiment, noise = RealExperiment(real, dt, np.zeros(NX), seed), _Noise(seed)
     waiting = experiment.memory.size - NX - real.friction.size
 

@@ -1,4 +1,4 @@
-"""The control loops that can be compared have names: each is a controller and its observer."""
+"""Named control loops to compare: a controller and its observer each."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -30,7 +30,7 @@ from mpc.yardsticks.nonlinear import NonlinearMPC
 
 
 class Settings(NamedTuple):
-    """The settings are what all of them are built from."""
+    """Settings from which every loop is built."""
 
     plant: Plant  # the model
     dt: float = 0.01  # [s]
@@ -93,7 +93,7 @@ WEIGHED = "mpc", "nmpc", "lqr"  # controllers with `Weights`
 
 
 def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[Controller, Observer]:
-    """Return controller and observer called `name`; `observer` says whether to have one (None: as it is used)."""
+    """Return controller and observer called `name`; `observer` adds or omits it (None: the usual choice)."""
     if name not in CONTROLLERS:
         raise MissingBackend("controller", name, CONTROLLERS)
     if settings.solver is not None and name not in ("mpc", "nmpc"):

@@ -1,4 +1,4 @@
-"""Metrics say how well a run went: errors, limits broken and by how much, time taken, rungs used."""
+"""Metrics of a run: errors, violations of limits, step times, rungs."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
@@ -17,7 +17,7 @@ _AT_LIMIT = 1e-3  # of the slew limit: as near to it a command is at it, for a Q
 
 
 class Errors(NamedTuple):
-    """Errors say how far angle and stiffness were from their references."""
+    """Errors of angle and stiffness against their references."""
 
     theta_rms: Figure  # [°], (n,) of an arm
     theta_worst: Figure  # [°]

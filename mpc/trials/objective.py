@@ -1,4 +1,4 @@
-"""The closed-loop cost is what a run has cost by the controllers' own objective, so that controllers can be compared.
+"""Closed-loop cost of a run by the controllers' own objective, to compare controllers.
 
 Of the cost in `mpc.tracking.cost` every stage is charged once, as it happened: at sample k the command against
 the feed-forward of the preview of that sample, at sample k + 1 the state against that preview's reference; the
@@ -19,7 +19,7 @@ from mpc.trials.simulation import Run
 
 
 class Cost(NamedTuple):
-    """The cost of a run, by what it comes from."""
+    """Cost of a run, by its parts."""
 
     theta: float
     omega: float

@@ -1,5 +1,4 @@
-"""Stiffness is found here as an experimenter finds it: settle the joint under control, freeze its pressures, push, see
-it give way.
+"""Simulated measurement of stiffness: settle the joint under control, freeze its pressures, push, and read the angle.
 
 From the moment of freezing on both regulators hold the pressures that were there, or are shut (`Cycle.shut`), which is
 another stiffness where the plant has gas. Then a slow sine of

@@ -24,38 +24,40 @@ _KEPT = ".before-tuning"  # suffix of a copy's name
 
 
 def tune_command(
-    plant: Annotated[Path, typer.Argument(help="the plant's file, of fit-motion, fit-joint or init (TOML)")],
+    plant: Annotated[Path, typer.Argument(help="TOML file of the plant, from fit-motion, fit-joint or init")],
     out: Annotated[
-        Path | None, typer.Option(help="write the plant with its table [tuning] to this TOML file, for --machine")
+        Path | None, typer.Option(help="TOML file to write the plant with its table [tuning] to, for --machine")
     ] = None,
     in_place: Annotated[
         bool,
-        typer.Option("--in-place", help=f"write [tuning] into PLANT itself, and keep a copy PLANT{_KEPT}"),
+        typer.Option("--in-place", help=f"write [tuning] into PLANT itself; a copy PLANT{_KEPT} is kept"),
     ] = False,
-    controller: Annotated[str, typer.Option(help="mpc, lqr, predictive-pid, pid, pi")] = "mpc",
-    evaluations: Annotated[int, typer.Option(help="tunings to try")] = 60,
-    draws: Annotated[int, typer.Option(help="real plants that each is tried on")] = 8,
+    controller: Annotated[str, typer.Option(help="mpc, lqr, predictive-pid, pid or pi")] = "mpc",
+    evaluations: Annotated[int, typer.Option(help="number of tunings to try")] = 60,
+    draws: Annotated[int, typer.Option(help="number of real plants that each tuning is tried on")] = 8,
     peak: Annotated[float, typer.Option(help="limit of M_s, the peak of the sensitivity")] = 2.0,
-    seed: Annotated[int, typer.Option(help="of draws, noise and search")] = 0,
+    seed: Annotated[int, typer.Option(help="seed of draws, noise and search")] = 0,
     stiffness: Annotated[
-        float | None, typer.Option(help="K of the trial runs [N·m/rad]; by default the usual one")
+        float | None, typer.Option(help="stiffness of the trial runs [N·m/rad]; by default the joint's usual one")
     ] = None,
     dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
-    horizon: Annotated[int, typer.Option(help="samples that mpc looks ahead")] = 20,
-    workers: Annotated[int | None, typer.Option(help="processes on this machine; by default as many as cores")] = None,
+    horizon: Annotated[int, typer.Option(help="horizon of mpc, in samples")] = 20,
+    workers: Annotated[
+        int | None, typer.Option(help="number of processes on this machine; by default one per core")
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="address of a Dask scheduler to run on instead, e.g. tcp://10.0.0.5:8786")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="draw error against M_s into this image")] = None,
+    plot: Annotated[Path | None, typer.Option(help="picture of the error against M_s")] = None,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
-    """Tune a controller and its observer for a fitted plant, by closed loops on draws from its posterior.
+    """Tune a controller and its observer for a fitted plant, in closed loops with plants drawn from its posterior.
 
-    Real plants are drawn about the file's numbers, as far off as its 95 % intervals say (table [intervals] of
-    fit-motion), or as data sheets usually are. Minimised is the 80 % quantile of the closed-loop cost on a tour of
-    sine, movements and steps, without and with a payload, with M_s within its limit. `track`, `run` and `export` take
-    the numbers from the file.
+    Plants are drawn within the 95 % intervals of the file (table [intervals] of fit-motion), or within the usual errors
+    of data sheets. The search minimises the 80 % quantile of the closed-loop cost over a sine, movements and steps,
+    without and with a payload, and keeps M_s within its limit. `track`, `run` and `export` read the result from the
+    file.
     """
     from rich.console import Console
     from rich.progress import track
@@ -117,7 +119,7 @@ def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor |
     """Give an executor for the evaluations: processes on this machine, or a Dask cluster. Raises `MissingPackage`."""
     if scheduler is not None:
         if workers is not None:
-            raise InvalidInput("--workers are of this machine, and --scheduler has its own; give one of the two")
+            raise InvalidInput("--workers is for this machine, and --scheduler has its own; give one of the two")
         from distributed import Client
 
         try:

@@ -20,7 +20,9 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
+from mpc.model.machine import Machine
 from mpc.model.plant import NU, Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.cost import diagonal
@@ -40,12 +42,14 @@ class Baseline(BaseController):
     says_moved = False
     patience = 0.2  # for which the angle is predicted where it is not measured; then the commands stay [s]
 
-    def __init__(self, plant: Plant, dt: float = 0.01, compensation: Compensation | None = None) -> None:
+    def __init__(
+        self, plant: Machine, dt: float = 0.01, compensation: Compensation | None = None, min_force: float = 0.0
+    ) -> None:
         self.plant, self.dt = plant, dt
         self.compensation = Compensation() if compensation is None else compensation
         self._check_model()
-        self._feed_forward: FeedForwardOf = InverseDynamics(plant, dt, _PREVIEW).ready()
-        self._build(_PREVIEW)
+        self._feed_forward: FeedForwardOf = InverseDynamics(plant, dt, _PREVIEW, min_force).ready()
+        self._build(_PREVIEW, min_force)
         self.ladder.holding = inf  # pressures are never let out
         self.reset()
 
@@ -82,7 +86,12 @@ class Baseline(BaseController):
 
 
 class FeedForwardControl(Baseline):
-    """The feed-forward control is the analytic inverse alone; of what is measured it uses the friction's direction."""
+    """Feed-forward alone, of a joint or an arm: the inverse dynamics, and the direction of the friction.
+
+    Without feedback a machine is as stiff as its muscles: the hand meets a contact with the stiffness that is tracked.
+    """
+
+    machines = Plant, Arm
 
 
 @dataclass(frozen=True)

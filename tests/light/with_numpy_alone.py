@@ -8,7 +8,8 @@ from importlib.util import find_spec
 import numpy as np
 
 import mpc
-from allocator import DEG, MissingPackage, allocate, feasibility_map, load_dataset, rank_models, report_joint
+from allocator import DEG, MissingPackage, allocate, feasibility_map, report_joint
+from allocator.identification import load_dataset, rank_models
 from allocator.mechanism import machines
 
 assert find_spec("scipy") is None, "this is to be run without SciPy"

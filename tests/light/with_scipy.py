@@ -2,17 +2,8 @@
 
 from importlib.util import find_spec
 
-from allocator import (
-    AntagonistJoint,
-    Lever,
-    Stiffness,
-    allocate,
-    feasibility_map,
-    load_dataset,
-    named_muscle,
-    rank_models,
-    stiffness_interval,
-)
+from allocator import AntagonistJoint, Lever, Stiffness, allocate, feasibility_map, named_muscle, stiffness_interval
+from allocator.identification import load_dataset, rank_models
 
 assert find_spec("casadi") is None, "this is to be run without CasADi"
 

@@ -90,7 +90,7 @@ def test_track_tells_the_controller_what_the_plant_s_file_says_and_simulates_it(
         command = ["track", str(move), "--machine", str(name), "--plant", plant, "--out", str(out)]
         result = CliRunner().invoke(app, [*command, "--controller", "predictive-pid"])
         assert result.exit_code == 0, result.output
-        told = "told to the controller: hysteresis of the angle with 3 elements, dead time 0.04 s"
+        told = "known to the controller: hysteresis of the angle with 3 elements, dead time 0.04 s"
         assert (told in " ".join(result.output.split())) is (name is path)
         runs[name] = load_recording(out)
     told, plain = runs[path], runs[silent]
@@ -182,8 +182,10 @@ def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
     assert done.returncode == 0, done.stderr
     assert sorted(p.name for p in tmp_path.iterdir()) == ["tracking.csv", "tracking.png"]
     assert "steps answered by QP" in done.stdout
-    assert "1200" in done.stdout
     assert "exceeded" not in done.stdout
+    assert "not known to the controller: muscles of Wickramatunge2010" in done.stdout
+    angle = float(re.search(r"angle error \[°\]\D+([\d.e-]+)", done.stdout).group(1))
+    assert 0.2 < angle < 3  # [°] of a plant that the model does not describe
 
 
 @pytest.mark.parametrize(
@@ -200,7 +202,7 @@ def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
         (["short.csv", "--controller", "nmpc", "--solver", "daqp"], "unknown NLP solver 'daqp'; available: "),
         (["short.csv", "--out", "run.xlsx"], "--out run.xlsx: a run is written as .png, "),
         (["short.csv", "--out", "bad.csv/run.npz"], "bad.csv/run.npz cannot be written"),
-        (["short.csv", "--plant", "imaginary"], "unknown plant 'imaginary'; available: nominal, real"),
+        (["short.csv", "--plant", "imaginary"], "unknown plant 'imaginary'; available: other, real, nominal"),
         (["short.csv", "--seed", "-1"], "seed = -1 has to be a whole number, 0 or more"),
         (["short.csv", "--controller", "pid", "--solver", "osqp"], "solver = 'osqp' belongs to the controllers mpc"),
         (["short.csv", "--controller", "fuzzy"], "unknown controller 'fuzzy'; available: "),

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, fit_motion, report_joint
+from allocator import BAR, DEG, report_joint
+from allocator.identification import fit_motion
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant

@@ -31,46 +31,49 @@ if TYPE_CHECKING:
 def fit_joint_command(
     log: Annotated[
         list[Path],
-        typer.Argument(help="CSV or bag, or several, with theta [deg], pressure1 [bar], pressure2 [bar]; see above."),
+        typer.Argument(help="CSV files or bags; with theta [deg], pressure1 [bar] and pressure2 [bar], see above"),
     ],
     lever: Annotated[
         str | None,
         typer.Option(
-            help="Lever R,r or R,r,offset [m]: anchor distance, lever, and what is added to the distance "
-            "√(R² + r² ∓ 2 R r sin θ) of their ends for the muscle's length (a cable between them: less than 0)."
+            help="dimensions of a lever, R,r or R,r,offset [m]; the distance from axis to anchor, the lever, and "
+            "an offset. The muscle is √(R² + r² ∓ 2 R r sin θ) + offset long; the offset of a cable in "
+            "between is negative"
         ),
     ] = None,
-    pulley: Annotated[str | None, typer.Option(help="Pulley R,ε0: radius [m], contraction at θ = 0 [ratio].")] = None,
+    pulley: Annotated[
+        str | None, typer.Option(help="dimensions of a pulley, R,ε0: radius [m] and contraction ratio at θ = 0")
+    ] = None,
     rest_length: Annotated[
-        float | None, typer.Option(help="Rest length of the muscles [mm], unless the file has a column of it.")
+        float | None, typer.Option(help="rest length of the muscles [mm]; needed unless the file has a column of it")
     ] = None,
     columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
     skip_rows: SkipRows = 0,
     topics: Topics = None,
-    model: Annotated[str, typer.Option(help="Muscle model.")] = "Sarosi2012",
-    every: Annotated[bool, typer.Option("--all", help="Compare all models, in angle and in stiffness.")] = False,
-    average: Annotated[bool, typer.Option("--average", help="Fit the mean of both directions.")] = False,
-    friction: Annotated[bool, typer.Option(help="Fit the friction μ, if the log has directions.")] = True,
-    dead_band: Annotated[float, typer.Option(help="Leave out samples with a pressure below [bar].")] = 0.5,
+    model: Annotated[str, typer.Option(help="muscle model")] = "Sarosi2012",
+    every: Annotated[bool, typer.Option("--all", help="compare all models, in angle and in stiffness")] = False,
+    average: Annotated[bool, typer.Option("--average", help="fit the mean of both directions")] = False,
+    friction: Annotated[bool, typer.Option(help="fit the friction μ; needs directions in the log")] = True,
+    dead_band: Annotated[float, typer.Option(help="leave out samples with a pressure below this [bar]")] = 0.5,
     sweep: Annotated[
-        list[str] | None, typer.Option(help="Direction of a number in the column sweep: 1=-1, 2=+1. Repeatable.")
+        list[str] | None, typer.Option(help="direction of a number in the column sweep, such as 1=-1; may be repeated")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the joint to this TOML file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="TOML file to write the joint to")] = None,
     group: Annotated[
-        str | None, typer.Option(help="Which rest length [mm] --out is for, if there are several.")
+        str | None, typer.Option(help="rest length [mm] of the joint that --out writes; needed if there are several")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw angles, residuals and stiffness into this image.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="picture of angles, residuals and stiffness")] = None,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
-    """Fit a joint's muscles to angles measured at pressures, with friction and, given a weight, the force scale.
+    """Fit a joint to angles measured at known pressures: muscles, friction and, with a weight, the force scale.
 
-    Columns by name with unit: theta [deg]; pressure1 [bar] and pressure2 [bar] (agonist, antagonist; gauge); torque
-    [Nm] of a weight, positive where it pulls θ down; direction (+1 where θ was rising, -1 falling) or sweep;
-    rest_length [mm] where there are several; slack (1, 2 or 3 in the rows of a sag test: agonist, antagonist or both
-    just went slack, else 0; `antagonist plan-joint` proposes one); in these or other units and words (P1_kPa,
-    phi [rad]). With a column time [s] the file is a raw log: what was steady for a second is used, without rows with
-    spikes, drop-outs or missing readings. Several files of one joint are fitted together, and each left out in turn.
+    Columns are found by name and unit: theta [deg]; pressure1 [bar] and pressure2 [bar] (agonist and antagonist,
+    gauge); torque [Nm] of a weight, positive if it pulls θ down; direction (+1 after rising, -1 after falling θ) or
+    sweep; rest_length [mm] if there are several; slack, in the rows of a sag test (1, 2 or 3: agonist, antagonist or
+    both just went slack, else 0; `antagonist plan-joint` proposes one). Other units and words are recognised (P1_kPa,
+    phi [rad]). A file with a column time [s] is a raw log: rests of a second or more are used, without rows with
+    spikes, drop-outs or missing readings. Several files are fitted together, and each is also predicted from the rest.
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--dead-band", dead_band, "bar", 0, 100)
@@ -127,7 +130,7 @@ def _geometry(
 ) -> tuple[Geometry | dict[str, Geometry], list[str] | None]:
     """Return the mechanism, or one for each rest length in the file with the label of each sample."""
     if (lever is None) == (pulley is None):
-        raise InvalidInput("give the mechanism, measured: either --lever R,r,offset [m] or --pulley R,ε0")
+        raise InvalidInput("give the measured mechanism: --lever R,r,offset [m] or --pulley R,ε0")
     if (rest_length is None) == (column is None):
         raise InvalidInput("give the rest length once: --rest-length [mm], or a column rest_length_mm in the file")
 
@@ -272,27 +275,25 @@ _HEADER = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction,slack,expec
 @grouped
 def plan_joint_command(
     options: MachineOptions,
-    accuracy: Annotated[float, typer.Option(help="standard deviation of K that the noise may leave [%]")] = 5.0,
-    noise: Annotated[float, typer.Option(help="standard deviation of a reading of the angle [degrees]")] = 0.5,
+    accuracy: Annotated[float, typer.Option(help="wanted standard deviation of K from noise [%]")] = 5.0,
+    noise: Annotated[float, typer.Option(help="standard deviation of an angle reading [degrees]")] = 0.5,
     weight: Annotated[
-        list[float] | None, typer.Option(help="torque of a weight that can be hung [N·m]; repeatable")
+        list[float] | None, typer.Option(help="torque of an available weight [N·m]; may be repeated")
     ] = None,
     setpoints: Annotated[
-        int | None, typer.Option(help="number of setpoints; three times the unknowns of the fit by default")
+        int | None, typer.Option(help="number of setpoints; by default three times the unknowns of the fit")
     ] = None,
     lowest: Annotated[float | None, typer.Option(help="least pressure to visit [bar]; 1.5 by default")] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="write a table (.csv) to fill in, which fit-joint reads as it is")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="table (.csv) to fill in; fit-joint reads it unchanged")] = None,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
-    """Plan the measurement of a roughly known joint: setpoints, a weight, and supplements that reveal muscle forces.
+    """Plan the measurement of a roughly known joint: setpoints, a weight, and a sag test of the muscle forces.
 
-    Describe the joint by the options below, as well as you know it: a data sheet, a first fit. The table of --out has
-    a row for each reading, with theta_deg left to fill in, and one for each angle of a sag test (slack = 1, 2 or 3:
-    agonist, antagonist, both), with the pressures left to fill in. `antagonist fit-joint` reads it once no cell is
-    empty; delete the rows that were not measured.
+    Describe the joint with the options below, from a data sheet or a first fit. The table of --out has a row for each
+    reading, with an empty theta_deg, and one for each angle of a sag test (slack = 1, 2 or 3: agonist, antagonist,
+    both), with empty pressures. Fill in the cells, delete the rows that were not measured, and give the table to
+    `antagonist fit-joint`.
     """
     import numpy as np
     from rich.console import Console

@@ -23,16 +23,6 @@ LEFT_OUT = 5  # contiguous blocks, left out in turn to be predicted
 _JACKKNIFE = 10  # contiguous blocks, left out in turn for the intervals
 _WORSE = 1.02  # by which the error grows at least without something that the log shows,
 _MUCH_WORSE = 1.05  # and without inertia and damping, of which a little can always pass for lag
-_UNITS = {"lag_up": "s", "lag_down": "s", "dead_time": "s", "dead_band": "Pa", "base": "-", "damping": "s"}
-_UNITS |= {
-    "filling": "s/Pa",
-    "lag_ratio": "-",
-    "volume": "-",
-    "inertia": "s²",
-    "loop_width": "rad",
-    "stuck_slope": "-",
-    "gain": "-",
-}
 _SIGNS = {  # what is told together, and the sentence if it is not; what may pass for something else comes first
     ("dead_band",): "the dead band: small steps up and down about one pressure would show it",
     ("base",): "that the hysteresis grows with P1 + P2: sweeps at several co-contractions would show it",
@@ -345,7 +335,7 @@ def _estimates(
         std = float(np.sqrt(variance))
         below = 0.0 if value <= _AT_BOUND * LOWER.get(name, 0.0) else value - factor * std  # it would be less still
         low, high = max(below, 0.0), min(value + factor * std, UPPER.get(name, np.inf))
-        found[name] = Estimate(value, std, low, high, _UNITS[name])
+        found[name] = Estimate(value, std, low, high)
     return found
 
 
@@ -367,9 +357,9 @@ def _apart(total: dict[str, Estimate], found: Found, sensed: tuple[Array, Array]
     jackknife = [fit_regulators(found, sensed, rows & every) for rows in _blocks(log.n, _JACKKNIFE)]
     own = _estimates(fit_regulators(found, sensed, every), jackknife, [], {}, log, 0.0)
     own = {name: estimate for name, estimate in own.items() if estimate.value != ABSENT[name]}
-    late, dead = total.get("dead_time"), own.get("dead_time", Estimate(0.0, 0.0, 0.0, 0.0, "s"))
+    late, dead = total.get("dead_time"), own.get("dead_time", Estimate(0.0, 0.0, 0.0, 0.0))
     if late is None:
         return total | own
     age, std = max(late.value - dead.value, 0.0), float(np.hypot(late.std, dead.std))
     half = float(np.hypot(late.high - late.low, dead.high - dead.low)) / 2
-    return total | own | {"reading_age": Estimate(age, std, max(age - half, 0.0), age + half, "s")}
+    return total | own | {"reading_age": Estimate(age, std, max(age - half, 0.0), age + half)}

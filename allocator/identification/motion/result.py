@@ -35,7 +35,6 @@ class Estimate(NamedTuple):
     std: float
     low: float
     high: float
-    unit: str
 
 
 class Errors(NamedTuple):

@@ -32,35 +32,39 @@ def fit_command(
     data: Annotated[
         list[str] | None,
         typer.Argument(
-            help=f"CSV or bag, or several, or a table of the package: {', '.join(DATASETS)}.", metavar="DATA"
+            help=f"CSV files or bags, or a table of the package; the tables are {', '.join(DATASETS)}", metavar="DATA"
         ),
     ] = None,
     model: Annotated[
-        str | None, typer.Option(help="Fit this model only; by default all are, and ranked by name.")
+        str | None, typer.Option(help="fit this model only; by default all models are fitted and ranked")
     ] = None,
-    rest_length: Annotated[float | None, typer.Option(help="Rest length of the muscle [mm], for lengths.")] = None,
+    rest_length: Annotated[
+        float | None, typer.Option(help="rest length of the muscle [mm]; for columns of lengths")
+    ] = None,
     columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
     skip_rows: SkipRows = 0,
     topics: Topics = None,
     hold: Annotated[
-        list[str] | None, typer.Option(help="Parameter not to be fitted, in SI units: r0=0.0109. Repeatable.")
+        list[str] | None, typer.Option(help="parameter to hold fixed, in SI units, such as r0=0.0109; may be repeated")
     ] = None,
-    min_pressure: Annotated[float | None, typer.Option(help="Leave out samples below [bar].")] = None,
-    min_contraction: Annotated[float | None, typer.Option(help="Leave out samples below [ratio].")] = None,
+    min_pressure: Annotated[float | None, typer.Option(help="leave out samples below this pressure [bar]")] = None,
+    min_contraction: Annotated[
+        float | None, typer.Option(help="leave out samples below this contraction ratio")
+    ] = None,
     zero_noise: Annotated[
         float | None,
-        typer.Option(help="Noise of the load cell at no force [N]; estimated from slack samples if not given."),
+        typer.Option(help="noise of the load cell without a force [N]; by default estimated from slack samples"),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the muscle to this TOML file.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw isobars and data into this image.")] = None,
+    out: Annotated[Path | None, typer.Option(help="TOML file to write the muscle to")] = None,
+    plot: Annotated[Path | None, typer.Option(help="picture of isobars and data")] = None,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
-    """Fit muscle models to measured forces, rank them, and save the best (or the one asked for).
+    """Fit force laws to measured forces, rank them, and save the best one, or that of --model.
 
-    Columns by name with unit: contraction [%], length or shortening [mm], pressure [bar] (gauge), force [N], in these
-    or other units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used. One
-    muscle is fitted to several files, each with the zero of the load cell that it shows.
+    Columns are found by name and unit: contraction [%], length or shortening [mm], pressure [bar] (gauge), force [N],
+    also in other units and words (eps_pct, p (kPa), Kraft [N]). Without DATA a measured table of the package is used.
+    Several files give one muscle; the zero of the load cell is estimated for each file.
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--min-pressure", min_pressure, "bar", -1, 100)

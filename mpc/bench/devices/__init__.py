@@ -1,1 +1,1 @@
-"""Devices are here: simulated ones, callables, Modbus, and how others add theirs."""
+"""Devices: simulated ones, functions, Modbus, serial lines, and entry points for others."""

@@ -1,1 +1,1 @@
-"""The display shows a loop while it runs, from a process of its own."""
+"""Display of a running loop, in a process of its own."""

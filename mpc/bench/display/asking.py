@@ -27,10 +27,14 @@ class Asking:
             try:
                 self._ask(torque)
             except OSError:
-                raise Stopped(Reason.TERMINATED, "nobody is there to hang the weight: the terminal is closed") from None
+                raise Stopped(
+                    Reason.TERMINATED, "the request to hang a weight cannot be answered: the terminal is closed"
+                ) from None
             Thread(target=self._read, daemon=True).start()
         if self._line == "":
-            raise Stopped(Reason.REQUESTED, "nobody is there to hang the weight: standard input is at its end")
+            raise Stopped(
+                Reason.REQUESTED, "the request to hang a weight cannot be answered: standard input is at its end"
+            )
         return self._line is not None
 
     def _read(self) -> None:

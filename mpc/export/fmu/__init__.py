@@ -1,4 +1,4 @@
-"""Plants and controllers are exported as FMUs here: FMI 3.0, co-simulation in samples, as source and compiled.
+"""Export of plants and controllers as FMUs: FMI 3.0, co-simulation in samples, as source and compiled.
 
     export_plant_fmu("plant.fmu", RealPlant.standard(), dt=0.01)
     export_controller_fmu("controller.fmu", TrackingMPC(plant, N=10))

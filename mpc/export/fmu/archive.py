@@ -21,7 +21,7 @@ _TIME = "0"  # the reference of the time; the variables are counted from 1 on
 
 
 class Model(NamedTuple):
-    """A model is what an FMU says of itself."""
+    """Description of an FMU."""
 
     identifier: str  # of its functions and files
     about: str
@@ -131,7 +131,7 @@ def packed(model: Model, own: Files, path: Path, binary: bool) -> Path:
 
 
 def _token(sources: Files, model: Model) -> str:
-    """Return what identifies these sources and variables."""
+    """Return a token that identifies these sources and variables."""
     digest = hashlib.sha256(repr((sorted(sources.items()), model)).encode())
     return digest.hexdigest()
 

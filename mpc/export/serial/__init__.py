@@ -1,4 +1,4 @@
-"""The firmware of a board on a serial line is exported from here: a dumb terminal, or the whole controller.
+"""Export of the firmware of a board on a serial line: a terminal, or the whole controller.
 
     export_board("board_in_c")                                            a dumb terminal
     export_board("board_in_c", controller=TrackingMPC(plant, N=10))       which takes references

@@ -1,4 +1,4 @@
-"""A board is examined here, real or simulated: does it answer, how soon, and do the pressures fall without a host?"""
+"""Examination of a real or simulated board: its answers, their delay, and falling pressures without a host."""
 
 import time
 from collections.abc import Callable
@@ -17,7 +17,7 @@ _LOST = 0.01  # share of the exchanges that may be lost
 
 @dataclass(frozen=True)
 class Examination:
-    """An examination is what a board did when it was asked `exchanges` times for a reading, and for a command."""
+    """Results of `exchanges` readings and commands of a board."""
 
     info: BoardInfo
     exchanges: int
@@ -34,7 +34,7 @@ class Examination:
 
     @property
     def faults(self) -> list[str]:
-        """Return what is wrong with the board, a sentence each; none if it may be used."""
+        """Return the faults of the board, a sentence each; none if it may be used."""
         lost = self.unanswered / (2 * self.exchanges)
         found = [
             (lost > _LOST, f"{100 * lost:.2g} % of the requests were not answered in time"),
@@ -61,7 +61,7 @@ class Examination:
 
 
 def examine(connect: Callable[[], SerialDevice], exchanges: int = 500) -> Examination:
-    """Return what the board does that `connect` makes devices for; it is commanded nothing but its least pressure.
+    """Return the examination of the board that `connect` opens, with its least pressure as the only command.
 
     Raises `DeviceError`.
     """

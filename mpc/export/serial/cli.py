@@ -1,4 +1,4 @@
-"""The command `antagonist bench-check` is here, and the options of a board. Heavy libraries load when it runs."""
+"""Command `antagonist bench-check`, and the options of a board."""
 
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -24,16 +24,19 @@ _VARIANTS = ("controller", "terminal")
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """The options are what the user says of a board on a serial line."""
+    """Options of a board on a serial line."""
 
-    PANEL: ClassVar[str] = "The board"
+    PANEL: ClassVar[str] = "Board"
 
     variant: Annotated[
         str, typer.Option(help="controller, which takes references, or terminal, which takes commands")
     ] = "controller"
-    watchdog: Annotated[float, typer.Option(help="silence of the host after which the board acts [s]")] = 0.2
+    watchdog: Annotated[float, typer.Option(help="silence of the host after which the board stops [s]")] = 0.2
     fall: Annotated[
-        float, typer.Option(help="how fast it then lets the pressures fall [bar/s]; 0: it holds them, inf: at once")
+        float,
+        typer.Option(
+            help="rate at which the stopped board lowers the pressures [bar/s]; 0: it holds them, inf: at once"
+        ),
     ] = 1.0
 
     def __post_init__(self) -> None:
@@ -49,7 +52,7 @@ class BoardOptions:
         observer: "KalmanObserver | None",
         precision: str,
     ) -> Path:
-        """Write the board's firmware, and what simulates it with what is `known` of the plant; return `out`."""
+        """Write the firmware and a simulated board, with the `known` effects of the plant; return `out`."""
         from mpc.export.serial.firmware import Safety, export_board
         from mpc.model.real_plant import RealPlant
 
@@ -63,14 +66,16 @@ class BoardOptions:
 def bench_check_command(
     device: Annotated[
         str | None,
-        typer.Argument(help="e.g. serial:/dev/ttyUSB0@921600; without it a simulated board is compiled and run"),
+        typer.Argument(
+            help="port of the board, e.g. serial:/dev/ttyUSB0@921600; by default a simulated board is compiled and run"
+        ),
     ] = None,
-    exchanges: Annotated[int, typer.Option(help="readings and commands to exchange")] = 500,
-    timeout: Annotated[float, typer.Option(help="for which an answer is waited [s]")] = 0.02,
+    exchanges: Annotated[int, typer.Option(help="number of readings and commands to exchange")] = 500,
+    timeout: Annotated[float, typer.Option(help="time to wait for an answer [s]")] = 0.02,
 ) -> None:
-    """Check a board on a serial line: round trips, lost frames, and whether its watchdog works.
+    """Check a board on a serial line: round-trip times, lost frames and the watchdog.
 
-    Nothing but the least pressure is commanded.
+    Only the least pressure is commanded.
     """
     from rich.console import Console
 

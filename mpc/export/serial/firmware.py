@@ -35,7 +35,7 @@ _LONGEST = 1e3  # [s] of a watchdog; the board's clock begins anew after 4295 s
 
 @dataclass(frozen=True)
 class Safety:
-    """The safety of a board is what it does when the host is silent."""
+    """Behaviour of a board without messages from its host."""
 
     watchdog: float = 0.2  # silence after which the pressures fall [s]
     fall: float = 1 * BAR  # how fast the higher of them falls [Pa/s]; 0: they are held, inf: at once
@@ -100,7 +100,7 @@ def _config(limits: tuple[float, float], safety: Safety, controller: TrackingMPC
         lines.append(_whole("TICK_US", round(controller.dt * 1e6), "sample time of the controller [us]"))
         lines.append(_whole("ROOM", controller.ahead + 1 + _SPARE, "samples of reference that it can hold"))
     body = "\n".join(lines).replace("ANT_INFINITY", "INFINITY")
-    return text.header("ANT_CONFIG_H", "What was chosen at export.", body, ["math.h"] if "INFINITY" in body else [])
+    return text.header("ANT_CONFIG_H", "Choices at export.", body, ["math.h"] if "INFINITY" in body else [])
 
 
 def _whole(name: str, value: int, meaning: str) -> str:
@@ -177,7 +177,7 @@ It prints the name of its port, e.g. `/dev/pts/3`; `antagonist bench-check seria
 real one. `antagonist bench-check` alone does all of this by itself.
 """
 
-_TERMINAL = "a dumb terminal: it sends what the sensors say and sets the valves as the host commands"
+_TERMINAL = "a terminal: it sends the sensor readings and sets the valves to the host's commands"
 _CONTROLLER = (
     "a board with the whole controller on it, which the host sends references alone (and, if it likes, commands)"
 )
@@ -228,9 +228,9 @@ def export_board(
         The plant under the simulated board; its joint's supply is what commands have to lie within. By default the
         controller's plant, or `Plant()`.
     controller, observer
-        What is to run on the board; without a controller it is a dumb terminal.
+        The controller on the board; without one it is a terminal.
     safety
-        What the board does when the host is silent, by default `Safety()`.
+        Behaviour of the board without a host, by default `Safety()`.
     precision
         Of the controller, "double" or "single".
     x0
@@ -240,7 +240,8 @@ def export_board(
     Raises
     ------
     InvalidInput
-        For what C cannot do (see `mpc.export.export`), and for a directory that is not empty. Nothing is written then.
+        For settings that C does not support (see `mpc.export.export`), and for a directory that is not empty. Nothing
+        is written then.
     MissingBackend
         For an unknown `precision`.
     """

@@ -23,7 +23,7 @@ _PROGRAM = "simulated_board"
 
 
 class SimulatedBoard:
-    """A simulated board runs from entering to leaving it; `port` is what hosts open."""
+    """Simulated board, a context manager; hosts open its `port`."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class SimulatedBoard:
         """Describe the board, see `export_board`.
 
         With a `step` [s] the board's clock stands still, and goes on by it at every command: the host may be as fast as
-        it likes. Raises `InvalidInput` for what C cannot do.
+        it likes. Raises `InvalidInput` for settings that C does not support.
         """
         self.files = board_files(process, controller, observer, safety or Safety(), x0=x0)
         self._controls, self._step, self._flags = controller is not None, step, flags
@@ -88,7 +88,7 @@ class SimulatedBoard:
         return bool(self._process.stdout.readline())
 
     def stop(self) -> str:
-        """Stop the board, as if its cable were unplugged; return what it complained about."""
+        """Stop the board, as if its cable were unplugged, and return its messages."""
         process, self._process = self._process, None
         if process is None:
             return ""

@@ -384,6 +384,9 @@ class Arm:
         check = "; check masses, inertias and damping of its bodies"
         return substeps("this arm", dt, self.fastest_rate, resolution, _MOST_SUBSTEPS, check)
 
+    def __repr__(self) -> str:
+        return f"Arm: {self.summary}"
+
     @property
     def summary(self) -> str:
         """Return its numbers in a line."""

@@ -1,1 +1,1 @@
-"""Many closed loops run here in compiled code: the plant under test, the controller's sample and the loop of both."""
+"""Many closed loops in compiled code: the plant under test, the controller's sample, and their loop."""

@@ -80,7 +80,7 @@ class Driving:
 
 
 def driving(controller: Controller, observer: Observer | None) -> Driving | None:
-    """Return what drives plants as controller and observer do, if these are such that they are compiled."""
+    """Return a compiled driver equal to controller and observer, if they can be compiled."""
     if not (type(controller) is TrackingMPC and type(observer) is KalmanObserver):
         return None
     whole, estimate = controller._whole, observer.compiled

@@ -1,4 +1,4 @@
-"""Many closed loops are simulated here: thousands of seeds, plants or gains."""
+"""Simulation of many closed loops: thousands of seeds, plants or gains."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -52,7 +52,7 @@ def simulate_many(
     Raises
     ------
     InvalidInput
-        For lists of different lengths and for what is no plant, controller or reference.
+        For lists of different lengths, and for objects that are no plant, controller or reference.
     """
     parts = {"plants": plants, "controllers": controllers, "references": references, "observers": observers}
     loops = _loops(x0, seeds, **parts)
@@ -81,7 +81,7 @@ def _loops(x0: ArrayLike | None, seeds: int | Iterable[int], **parts: object) ->
 
 
 def _listed(given: object) -> object:
-    """Return a list of what is given as a sequence, else what is given."""
+    """Return a sequence as a list, and any other value unchanged."""
     return [*given] if isinstance(given, Sequence) and not isinstance(given, str) else given
 
 

@@ -1,4 +1,4 @@
-"""A loop is one run, and what does it: `simulate`, on a compiled plant where there is one."""
+"""One run of many, by `simulate` or on a compiled plant."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Loop(NamedTuple):
-    """A loop is what `simulate` takes, for one run."""
+    """Arguments of `simulate` for one run."""
 
     number: int  # among the runs
     plant: Process
@@ -27,7 +27,7 @@ class Loop(NamedTuple):
     seed: int
 
     def checked(self) -> Self:
-        """Return itself, with a seed that is one. Raises `InvalidInput` for what can take no part in a loop."""
+        """Return itself, with a seed that is one. Raises `InvalidInput` for invalid parts of a loop."""
         kinds: dict[str, type] = {"plant": Process, "controller": Controller, "reference": Reference}
         for name, kind in (kinds | ({} if self.observer is None else {"observer": Observer})).items():
             value = getattr(self, name)
@@ -38,7 +38,7 @@ class Loop(NamedTuple):
 
 
 def outcomes(loops: Sequence[Loop], keep: bool, made: "Compiled | None" = None) -> Iterator[tuple[int, Outcome]]:
-    """Yield the number of each loop and its outcome; what is compiled is added to `made`."""
+    """Yield the number of each loop and its outcome; compiled parts are added to `made`."""
     made = Compiled() if made is None else made
     for loop in loops:
         try:
@@ -53,7 +53,7 @@ Kept: TypeAlias = dict[tuple[float, ...], tuple[object, Any]]
 
 
 class Compiled:
-    """What was compiled is found again as long as the same plants, controllers and observers come."""
+    """Compiled parts, reused for the same plants, controllers and observers."""
 
     def __init__(self, plants: Kept | None = None) -> None:
         self._plants: Kept = {} if plants is None else plants
@@ -68,7 +68,7 @@ class Compiled:
         return self._found(self._plants, (id(plant), dt), plant, lambda: _compiled_plant(plant, dt)) or plant
 
     def driving(self, controller: Controller, observer: Observer | None) -> "Driving | None":
-        """Return what drives compiled plants as controller and observer do, None where that cannot be compiled."""
+        """Return a compiled driver equal to controller and observer, or None if they cannot be compiled."""
         parts = controller, observer
         made: Driving | None = self._found(self._loops, tuple(map(id, parts)), parts, lambda: _driving(*parts))
         return made

@@ -1,4 +1,4 @@
-"""Plants under test become compiled functions: the formula of a fine step, and the loop over a sample around it.
+"""Plants under test as compiled functions: the formula of a fine step, and the loop over a sample around it.
 
 The formula is the one that `mpc.model.real_plant` has for CasADi and for the exported C. Plants that differ in their
 numbers only share what is compiled. Faults, but for what is added to an angle's readings, and processes of other kinds
@@ -31,7 +31,7 @@ _TEMPLATE = Path(__file__).with_name("process.py")
 
 @dataclass(frozen=True, eq=False)
 class CompiledPlant:
-    """A compiled plant does what the plant under test `process` does, whose kind has been compiled."""
+    """Compiled equivalent of the plant under test `process`."""
 
     process: Plant | RealPlant
     dt: float  # [s]
@@ -118,7 +118,7 @@ class CompiledExperiment:
 def compiled_plant(process: Process, dt: float) -> CompiledPlant:
     """Return `process` compiled, at the sample time `dt` [s].
 
-    Raises `Untranslatable` for what is not compiled, an `ImportError` or `OSError` where nothing can be.
+    Raises `Untranslatable` for plants that cannot be compiled, and `ImportError` or `OSError` without a compiler.
     """
     if not isinstance(process, Plant | RealPlant):
         raise Untranslatable(f"a {type(process).__name__} is not compiled, a Plant and a RealPlant are")

@@ -1,4 +1,4 @@
-"""The template moves a plant under test by a sample, and reads its sensors.
+"""Template that moves a plant under test by a sample, and reads its sensors.
 
 `mpc.trials.many.plant` puts the formula of a plant in the place of the lines below that begin with `FORMULAS`:
 `stepped(full, u, dh, c, out)` fills in the state after a fine step of h = dh[1] [s] under the commands u (2,) [Pa] and
@@ -41,7 +41,7 @@ def advance(c: Array, durations: Array, substeps: int, full: Array, waiting: Arr
 
 @exactly
 def read(sensors: Array, full: Array, angles: Array, noise: Array, y: Array) -> None:
-    """Fill in what the sensors say (4,) of the state `full` with `noise` (3,): of the angle [rad], of the pressures in
+    """Fill in the sensor readings (4,) of the state `full` with `noise` (3,): of the angle [rad], of the pressures in
     standard deviations.
 
     `angles` (a,) [rad] are those of the last samples. `sensors` has the encoder's step [rad], the standard deviation

@@ -23,7 +23,7 @@ class Plant(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What is recorded of M samples: see `mpc.trials.simulation.Run`."""
+    """Record of M samples, see `mpc.trials.simulation.Run`."""
 
     x: Array  # (M+1, 4)
     estimate: Array  # (M, 5)

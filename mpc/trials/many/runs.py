@@ -1,4 +1,4 @@
-"""What many runs came to: arrays over runs, the figures of each, and whole runs where these were kept."""
+"""Results of many runs: arrays over runs, the figures of each, and whole runs if they were kept."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -108,7 +108,7 @@ class Runs:
 
 @dataclass(frozen=True)
 class Outcome:
-    """An outcome is what is kept of one run."""
+    """Stored results of one run."""
 
     metrics: Metrics
     statuses: NDArray[np.int64]  # (10,)

@@ -1,4 +1,4 @@
-"""Runs are spread over processes here, in batches, and stop soon when they are interrupted."""
+"""Distribution of runs over processes, in batches that stop soon after an interrupt."""
 
 import pickle
 import signal
@@ -51,7 +51,7 @@ def _check_sendable(loops: Sequence[Loop]) -> None:
 
 
 def _begin(*given: object) -> None:
-    """Prepare a process: an interrupt is for the one that it works for, which then says stop."""
+    """Prepare a process: it ignores interrupts, which its parent handles."""
     global _given
     _given = (*given, Compiled())
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -26,7 +26,7 @@ Picture = NDArray[np.uint8]  # (height, width, 3)
 
 
 def check_film(path: Path) -> None:
-    """Insist that a film with the ending of `path` can be written here. Raises `MissingBackend`."""
+    """Check that a film with the ending of `path` can be written. Raises `MissingBackend`."""
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise MissingBackend("writer of .mp4, ffmpeg,", "which is not installed", [".gif"])
 
@@ -96,7 +96,7 @@ class _Muscle(NamedTuple):
 def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Progress = lambda frames: frames) -> None:
     """Write the run as GIF or MP4, whole or not at all.
 
-    `progress` is what to wrap the iteration over the frames in. Raises `MissingBackend` for MP4 without ffmpeg.
+    `progress` wraps the iteration over the frames. Raises `MissingBackend` for MP4 without ffmpeg.
     """
     check_film(Path(path))
     film = _Film(run, title)

@@ -1,4 +1,4 @@
-"""The picture of a run: angles, stiffness and pressures against references and limits, and the way of a hand."""
+"""Pictures of a run: angles, stiffness and pressures with references and limits, and the path of a hand."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,6 +14,7 @@ from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.plant import Plant
 from mpc.trials.metrics import metrics
+from mpc.trials.other_plant import STIFFNESS_BAND
 from mpc.trials.simulation import Run
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _GOLDEN = 0.5 * (5**0.5 - 1)  # whose multiples meet no period twice
 
 
 class Way(NamedTuple):
-    """A `Way` is where a hand went and where it should have gone, in the two coordinates in which it moved most."""
+    """Path of a hand and its reference, in the two coordinates with the most motion."""
 
     names: tuple[str, str]
     x: Array  # (M+1, 2) [m]
@@ -61,12 +62,12 @@ def draw_hand(axes: "Axes", run: Run, way: Way) -> None:
         axes.plot(points[:, 0], points[:, 1], color=COLOURS[7], lw=3, marker="o", zorder=0)
     _at_least(axes, way.asked)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="the way of the hand")
+    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="path of the hand")
     axes.legend(frameon=False, fontsize="small")
 
 
 def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
-    """Draw what forces of 1 N in all directions move the hand by, at some moments: the compliance J K⁻¹ Jᵀ."""
+    """Draw the displacements of the hand by forces of 1 N, at some moments: the compliance J K⁻¹ Jᵀ."""
     K_joints = run.plant.stiffness(run.x)
     turn = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(turn), np.sin(turn)])
@@ -77,11 +78,11 @@ def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
         axes.plot(x + moved[0], y + moved[1], color=COLOURS[0], lw=1)
         axes.plot(x, y, ".", color=COLOURS[1], ms=3)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="where 1 N moves the hand")
+    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="compliance: displacement by 1 N")
 
 
 def _at_least(axes: "Axes", points: Array) -> None:
-    """Let `axes` show some centimetres about `points` (…, 2): a hand that is held is no microscope's object."""
+    """Let `axes` show some centimetres about `points` (…, 2), also if the hand is held."""
     middle, half = points.mean(axis=0), np.maximum(np.ptp(points, axis=0) / 2, _SHOWN)
     axes.plot(*np.transpose([middle - half, middle + half]), alpha=0.0)
 
@@ -95,10 +96,11 @@ _PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its comma
 _MANY = (3.0,)  # of those of more
 
 
-def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> "Figure":
-    """Draw a matplotlib figure of `run`, without pyplot, so that nothing global changes; `title` names what it is.
+def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None, model: Plant | None = None) -> "Figure":
+    """Return a matplotlib figure of `run`, made without pyplot, with `title` above it.
 
-    Of an arm the way of its `hand` is drawn beside, as `mpc.trials.pictures.plotting.way_of` says.
+    An arm's figure also has the path of its `hand`, see `mpc.trials.pictures.plotting.way_of`. With the controller's
+    `model` of a joint, the stiffness that it predicts from the estimated states is drawn as a 95 % band.
     """
     pair, way = isinstance(run.plant, Plant), way_of(run, hand)
     heights = 3.0, 1.3, 2.2, *(_PAIR if pair else _MANY)
@@ -111,7 +113,7 @@ def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> 
     for axes in (angle, angle_error, stiffness, *pressures[:-1]):
         axes.tick_params(labelbottom=False)
     _angle(angle, angle_error, run)
-    _stiffness(stiffness, run)
+    _stiffness(stiffness, run, model)
     if pair:
         for muscle, axes in enumerate(pressures):
             _pressure(axes, run, muscle)
@@ -131,15 +133,17 @@ def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None) -> 
 
 
 def errors(run: Run) -> str:
-    """Say the errors of angle and stiffness in a line."""
+    """Return the errors of angle and stiffness in a line."""
     m = metrics(run)
     angle, K = np.max(m.theta_rms), np.max(m.K_rms)
     return f"RMS: angle {angle:.3g}°, {run.plant.stiffness_text} {K:.3g} {m.K_unit}"
 
 
-def save_tracking_figure(run: Run, path: str | Path, title: str = "", hand: Endpoint | None = None) -> None:
-    """Write the figure as an image, whole or not at all."""
-    save_figure(tracking_figure(run, title, hand), path)
+def save_tracking_figure(
+    run: Run, path: str | Path, title: str = "", hand: Endpoint | None = None, model: Plant | None = None
+) -> None:
+    """Write the figure of `tracking_figure` as an image, whole or not at all."""
+    save_figure(tracking_figure(run, title, hand, model), path)
 
 
 def _angle(axes: "Axes", errors: "Axes", run: Run) -> None:
@@ -159,12 +163,19 @@ def _angle(axes: "Axes", errors: "Axes", run: Run) -> None:
     errors.set_ylabel("error of θ [°]")
 
 
-def _stiffness(axes: "Axes", run: Run) -> None:
+def _stiffness(axes: "Axes", run: Run, model: Plant | None) -> None:
+    if model is not None:
+        believed = model.along(run.estimate[:, : model.size])[0]
+        axes.fill_between(
+            run.t[:-1], (1 - STIFFNESS_BAND) * believed, (1 + STIFFNESS_BAND) * believed,
+            color=COLOURS[5], alpha=0.3, lw=0, label=f"model ± {100 * STIFFNESS_BAND:.0f} %, 95 % band",
+        )  # fmt: skip
     table, names = run.to_dict(), run.plant.labels.stiffness
     for i, name in enumerate(names):
         if np.abs(table[name]).max() < _NOTHING:  # of muscles that cross one joint only
             continue
-        axes.plot(run.t, table[name], color=COLOURS[i % len(COLOURS)], label=name)
+        reached = f"{name} reached" if run.plant.angle_shape == () else name
+        axes.plot(run.t, table[name], color=COLOURS[i % len(COLOURS)], label=reached)
         axes.plot(run.t, table[f"{name}_ref"], color=_BLACK, ls="--", lw=1, label="reference")
     name, *frequency = run.plant.stiffness_text.split(" at ")
     unit = f"[{run.plant.stiffness_unit}]"
@@ -182,7 +193,7 @@ def _pressures(axes: "Axes", run: Run) -> None:
 
 
 def _pressure(axes: "Axes", run: Run, muscle: int) -> None:
-    """Draw pressure and command of a muscle (0, 1); what is shaded is forbidden: beyond the supply, or slack."""
+    """Draw pressure and command of a muscle (0, 1), with the infeasible pressures shaded."""
     color, name = ((COLOURS[0], "P1"), (COLOURS[1], "P2"))[muscle]
     low, high = (limit / BAR for limit in run.plant.joint.pressure_limits)
     taut = _taut_limit(run)[muscle] / BAR
@@ -204,7 +215,7 @@ def _taut_limit(run: Run) -> tuple[Array, Array]:
 
 
 def _widen(axes: "Axes", least: float) -> None:
-    """Make the axis at least so high: what should be constant shall look it."""
+    """Give the axis a least height, so that nearly constant curves look constant."""
     low, high = axes.get_ylim()
     if high - low < least:
         axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)

@@ -22,9 +22,14 @@ _NOTHING = 1e-6  # of an entry of the stiffness: no muscle crosses both joints
 
 
 def write_run(
-    run: Run, path: Path, film: Callable[[Path], None], title: str = "", hand: Endpoint | None = None
+    run: Run,
+    path: Path,
+    film: Callable[[Path], None],
+    title: str = "",
+    hand: Endpoint | None = None,
+    model: Plant | None = None,
 ) -> None:
-    """Write `run` as CSV, NPZ or MCAP, as a film by `film`, or as a picture with the path of its `hand`."""
+    """Write `run` as CSV, NPZ or MCAP, as a film by `film`, or as a picture; see `tracking_figure`."""
     ending = path.suffix.lower()
     if ending == ".csv":
         save_run(run, path)
@@ -35,7 +40,7 @@ def write_run(
     elif ending in ENDINGS:
         film(path)
     else:
-        save_tracking_figure(run, path, title, hand)
+        save_tracking_figure(run, path, title, hand, model)
 
 
 def table_of(run: Run, m: Metrics) -> "Table":

@@ -17,9 +17,8 @@ from allocator import (
     report_joint,
     stiffness_interval,
     torque_interval,
-    torque_intervals,
 )
-from allocator.feasibility import angle_intervals
+from allocator.feasibility import angle_intervals, torque_intervals
 from allocator.joint.gas import StiffnessKind
 from allocator.muscles import Hogan1984
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from allocator import fit, fit_joint
-from allocator.identification import load_dataset
+from allocator.identification import fit, fit_joint, load_dataset
 from allocator.identification.muscle.reading import DATASETS
 from allocator.identification.outliers import outlying
 from allocator.muscles import Sarosi2012

@@ -22,12 +22,12 @@ from allocator import (
     Status,
     Stiffness,
     allocate,
-    load_joint,
     report_joint,
     save_machine,
 )
 from allocator.identification import fit, load_dataset
 from allocator.joint.gas import StiffnessKind, storage_share, thermal_corner
+from allocator.machine_file import load_joint
 from allocator.muscles import MODELS
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc.model.plant import Plant

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allocator import PrandtlIshlinskii, load_joint, report_joint, save_machine
+from allocator import PrandtlIshlinskii, report_joint, save_machine
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.machine_file import load_joint
 from allocator.units import BAR, DEG
 
 

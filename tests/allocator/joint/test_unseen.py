@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from allocator import InvalidInput, load_joint, report_joint, save_machine
+from allocator import InvalidInput, report_joint, save_machine
 from allocator.errors import InvalidFile
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE
+from allocator.machine_file import load_joint
 from allocator.units import BAR
 
 ASSUMED = replace(report_joint(), unseen=(COMMON_FORCE,))

@@ -11,12 +11,11 @@ from allocator import (
     Lever,
     MissingBackend,
     allocate,
-    load_joint,
     load_machine,
-    named_machine,
     report_joint,
     save_machine,
 )
+from allocator.machine_file import load_joint, named_machine
 from allocator.mechanism import (
     Link,
     Mechanism,

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from allocator import allocate, load_joint, report_joint, save_machine
+from allocator import allocate, report_joint, save_machine
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.machine_file import load_joint
 from allocator.mechanism import Mechanism
 from allocator.muscles import Cabled, Muscle, Sarosi2012, scaled
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N

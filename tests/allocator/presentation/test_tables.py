@@ -5,7 +5,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, Status, allocate, fit, fit_joint, load_dataset
+from allocator import BAR, DEG, Status, allocate
+from allocator.identification import fit, fit_joint, load_dataset
 from allocator.muscles import Hogan1984, Sarosi2012
 from allocator.presentation.tables import html_table, number, span
 from mpc import Plant, Reference, TrackingMPC, simulate

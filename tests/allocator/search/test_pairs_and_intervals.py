@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from allocator import BAR, InvalidInput, Limits, allocate, feasibility_map, stiffness_interval, torque_intervals
+from allocator import BAR, InvalidInput, Limits, allocate, feasibility_map, stiffness_interval
+from allocator.feasibility import torque_intervals
 from tests.exact_everywhere.joints import joint_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::allocator.joint.assumption.Extrapolated")  # of fits, at 0 bar

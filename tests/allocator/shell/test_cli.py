@@ -86,7 +86,7 @@ def test_a_joint_goes_from_file_to_pressures(tmp_path):
 @pytest.mark.compiles
 @pytest.mark.parametrize("command", ["allocate", "map", "fit", "fit-joint", "plan-joint", "track"])
 def test_the_help_keeps_the_units(command):
-    shown = CliRunner().invoke(app, [command, "--help"]).output
+    shown = CliRunner().invoke(app, [command, "--help-all"]).output
     options = [param for param in get_command(app).commands[command].params if param.help]
     units = {unit for option in options for unit in re.findall(r"\[[^\]]+\]", option.help)}
     assert units or command == "fit"

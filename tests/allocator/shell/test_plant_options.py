@@ -145,7 +145,7 @@ def test_a_file_with_a_word_too_many_is_refused(tmp_path):
 
 
 def test_the_list_of_muscles_names_every_muscle_and_model():
-    from allocator import MODELS
+    from allocator.muscles import MODELS
     from allocator.muscles.catalogue import MUSCLES, SOURCES
 
     said = antagonist("muscles")

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import DEG, Pulley, fit_joint
+from allocator import DEG, Pulley
+from allocator.identification import fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.motion.fit import fit_motion

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, AntagonistJoint, Lever, PrandtlIshlinskii, fit_motion, load_joint
+from allocator import BAR, DEG, AntagonistJoint, Lever, PrandtlIshlinskii
 from allocator.errors import InvalidFile
+from allocator.identification import fit_motion
 from allocator.identification.motion.samples import MotionLog, read_motion_log
-from allocator.machine_file import save_machine
+from allocator.machine_file import load_joint, save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, Plant, RealPlant
 from mpc.identification.plant import IdentifiedPlant, replay

@@ -8,9 +8,20 @@ import pytest
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc import Reference
+from mpc.repetition import update
 from mpc.repetition.learner import Learner, Reason
 from mpc.repetition.response import Response, doubted
-from mpc.repetition.update import MOST, Update, designed, filtered, power_of, unforeseen
+from mpc.repetition.update import (
+    MOST,
+    Update,
+    designed,
+    filtered,
+    passed,
+    power_of,
+    rested,
+    returning,
+    unforeseen,
+)  # fmt: skip
 from mpc.trials.trajectories import point_to_point
 
 DT, LAG = 0.01, 0.05
@@ -87,15 +98,51 @@ def wander(seed, size=0.5 * DEG):
     return size * noise / np.sqrt(np.mean(noise**2))
 
 
-def test_the_gain_falls_to_what_is_left_to_learn_where_errors_do_not_return():
-    """With the gain of the first update errors of one repetition would return in the next: √2 of their size."""
+def wandering(seed, lag):
+    """Return what is learned of a joint that wanders: the learner at its end."""
     learner = Learner(WANTED, (FIRST_ORDER,), DT, 14)
     while not learner.done:
-        learner.learn(followed(learner.reference.theta, lag=0.08) + wander(len(learner.history)))
-    gains, rms = ([getattr(one, name) for one in learner.history] for name in ("gain", "rms"))
-    assert learner.history[0].rms > 1 * DEG
-    assert np.median(gains[3:]) < 0.5 * gains[1]
-    assert np.median(rms[3:]) < 1.2 * 0.5 * DEG
+        theta = followed(learner.reference.theta, lag=lag) if lag else learner.reference.theta
+        learner.learn(theta + wander(seed + len(learner.history)))
+    return learner
+
+
+def test_errors_that_return_are_learned_under_others_as_great():
+    learned = [wandering(seed, lag=0.08) for seed in range(0, 1000, 200)]
+    left = [WANTED.theta - followed(WANTED.theta + one.best.correction, lag=0.08) for one in learned]
+    assert all(one.history[0].rms > 1 * DEG for one in learned)
+    assert np.sqrt(np.mean(np.square(left)[:, 400:])) < 0.4 * DEG
+    assert np.median([one.rms for each in learned for one in each.history[3:]]) < 1.25 * 0.5 * DEG
+
+
+def test_errors_that_do_not_return_are_not_learned(monkeypatch):
+    def corrected():
+        return np.mean([np.std(wandering(seed, lag=0.0).history[1].correction) for seed in range(0, 800, 200)])
+
+    filtered_out = corrected()
+    monkeypatch.setattr(update, "OVER", 0.0)
+    assert filtered_out < 0.5 * corrected()
+
+
+def test_a_filter_passes_errors_that_return_and_no_others():
+    t = DT * np.arange(WANTED.t.size)
+    slow = 1 * DEG * np.sin(2 * np.pi * 0.5 * t)[:, None] * np.exp(-(((t - 5) / 1.5) ** 2))[:, None]
+    noise = np.where((FREQUENCY > 2) & (FREQUENCY < 6), power_of(slow, FIRST_ORDER, DT), 0.0)
+    H = returning(slow, FIRST_ORDER, DT, noise)
+    assert H[5] > 0.95
+    assert not H[30:50].any()
+    np.testing.assert_allclose(passed(slow, FREQUENCY, H, DT), slow, atol=0.03 * DEG)
+    quick = np.sin(2 * np.pi * 4.0 * t)[:, None]
+    assert np.abs(passed(quick, FREQUENCY, H, DT)[200:-200]).max() < 0.02
+
+
+def test_the_power_of_a_rest_is_that_of_a_motion_as_long():
+    rng = np.random.default_rng(3)
+    errors = 0.1 * DEG * filtered(rng.standard_normal((20_000, 1)), 4.0, DT)
+    errors[-1] = 0
+    rests = [rested(part, FIRST_ORDER, DT, 600).sum() for part in np.split(errors, 100)]
+    motions = [power_of(part - part.mean(), FIRST_ORDER, DT) for part in np.split(errors[:19_800], 33)]
+    assert np.mean(rests) == pytest.approx(np.mean(motions), rel=0.35)
 
 
 def test_what_is_unforeseen_is_the_power_of_what_does_not_return():

@@ -8,19 +8,8 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG, InvalidInput, MissingBackend
-from mpc import (
-    DAQP,
-    IPOPT,
-    OSQP,
-    SCS,
-    Clarabel,
-    Fatrop,
-    NonlinearMPC,
-    PlanStatus,
-    Plant,
-    Riccati,
-    TrackingMPC,
-)
+from mpc import NonlinearMPC, PlanStatus, Plant, TrackingMPC
+from mpc.solvers import DAQP, IPOPT, OSQP, SCS, Clarabel, Fatrop, Riccati
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import Installed, solver
 

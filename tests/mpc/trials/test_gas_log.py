@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, fit_gas
+from allocator import BAR, DEG
+from allocator.identification import fit_gas
 from allocator.identification.trapped_gas import at_rest
 from allocator.joint.antagonist import report_joint
 from allocator.joint.gas import Gas

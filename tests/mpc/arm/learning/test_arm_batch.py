@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from allocator import InvalidInput, fit, load_dataset
+from allocator import InvalidInput
+from allocator.identification import fit, load_dataset
 from allocator.joint.gas import Gas
 from allocator.mechanism import Link, Mechanism, Sites
 from allocator.muscles import Hildebrandt2005
