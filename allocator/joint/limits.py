@@ -1,4 +1,4 @@
-"""A joint's limits stand here: by name, as what is asked of the muscles, and as the pressures that they leave.
+"""Limits of a joint: their names, what is asked of the muscles, and the pressures that they leave.
 
 `Limit` names what may bind, `Limits` is what a caller asks for beyond supply and joint range, `PressureBox` is what
 both leave at an angle.

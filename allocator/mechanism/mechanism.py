@@ -1,4 +1,4 @@
-"""A mechanism is n joints moved by m muscles.
+"""Mechanism of n joints moved by m muscles.
 
 At the posture q ∈ Rⁿ muscle j pulls with F_j(P_j, ε_j) along its arm r_j = -∇l_j; its own stiffness is
 k_j = -F_ε/L_j and its bend H_j = ∇²l_j. By virtual work
