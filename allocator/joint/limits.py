@@ -235,17 +235,6 @@ class PressureBox:
         """Where limits contradict each other."""
         return self.agonist.empty | self.antagonist.empty
 
-    @property
-    def slack(self) -> NDArray[np.bool_]:
-        """Where no pressure left pulls a cable with the least force."""
-        broken = self.agonist.broken | self.antagonist.broken
-        return np.asarray(broken & (Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) != 0)
-
-    @property
-    def unreachable(self) -> NDArray[np.bool_]:
-        """Where the slew limit allows no pressure within supply, model and greatest force."""
-        return self.agonist.unreachable | self.antagonist.unreachable
-
     def contains(self, P1: Array, P2: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
         """Return whether (P1, P2) satisfies all limits, up to `tolerance` [Pa]."""
         inside = self.agonist.contains(P1, tolerance) & self.antagonist.contains(P2, tolerance)

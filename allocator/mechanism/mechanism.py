@@ -181,10 +181,6 @@ class Mechanism:
         """Return the arms r = -∇l (…, m, n) [m] at the postures `q` (…, n)."""
         return self.routes.at(self.posture(q)).arm
 
-    def bends(self, q: ArrayLike) -> Array:
-        """Return the bends H = ∇²l (…, m, n, n) [m] at the postures `q` (…, n)."""
-        return self.routes.at(self.posture(q)).bend
-
     def forces(self, q: ArrayLike, P: ArrayLike) -> Array:
         """Return the muscles' forces F (…, m) [N]; negative where one would be slack."""
         muscles, pressures = self._held(q, P)
