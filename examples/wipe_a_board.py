@@ -13,12 +13,9 @@ from xml.etree import ElementTree as Tree
 import matplotlib.pyplot as plt
 import numpy as np
 
-from mpc.arm.mjcf import to_mjcf
-from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.model.arm.model import Arm
-from mpc.trials.reference import Reference
-from mpc.trials.simulation import simulate
-from mpc.yardsticks.baselines import FeedForwardControl
+from mpc import Arm, Reference, simulate
+from mpc.arm import MujocoPlant, to_mjcf
+from mpc.trials import FeedForwardControl
 
 ARM = Arm.machine("arm26")
 HAND = ARM.bodies.endpoint

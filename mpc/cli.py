@@ -123,9 +123,7 @@ def track(
         float,
         typer.Option(help="amplitude of pushes whose felt stiffness is reported [±°]; for plants with hysteresis"),
     ] = 2.0,
-    margins: Annotated[
-        Path | None, typer.Option(help="picture of the loop's robustness at three postures, of one joint")
-    ] = None,
+    margins: Annotated[Path | None, typer.Option(help="picture of the loop's robustness at three postures")] = None,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     wait: Annotated[
         bool,

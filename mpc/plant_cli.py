@@ -108,7 +108,7 @@ class PlantOptions(MachineOptions):
     def driven(self, arm: "Arm") -> "Arm":
         """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for options of one joint."""
         if option := self.given(*OF_ONE_JOINT, "inertia", "damping", "gravity", "frequency"):
-            raise InvalidInput(f"{option} is of one joint with two muscles; {self.machine} says it in its file")
+            raise InvalidInput(f"{option} is for one joint with two muscles; edit {self.machine} instead")
         changes: dict[str, Any] = {} if self.slew is None else {"slew": self.slew * BAR}
         if (lags := self._lags(arm.m)) is not None:
             changes["lag"] = lags

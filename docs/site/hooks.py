@@ -70,7 +70,7 @@ def _place(output: tuple[str, bytes]) -> list[int]:
 def _picture(up: str, notebook: str, number: int, caption: str) -> str:
     """Return a picture of a notebook with a link to it; `up` leads from the page to the top of the site."""
     stem = next(stem for stem in PICTURES if stem.startswith(notebook))
-    return f"[![{caption}]({up}tutorials/{PICTURES[stem][number]})]({up}tutorials/{stem}.md)\n*{caption}*"
+    return f"[![{caption}]({up}tutorials/{PICTURES[stem][number]})]({up}tutorials/{stem}.md)<br>*{caption}*"
 
 
 def _site_uri(path: str) -> str:

@@ -253,7 +253,7 @@ def _exiting(ending: "Ending") -> Iterator[None]:
 
 
 class Watch:
-    """The watch of a loop shows its samples on a dashboard, unless it is to be quiet."""
+    """Display of a loop's samples on a dashboard, unless it is quiet."""
 
     def __init__(self, highest: float, dt: float, bench: BenchOptions) -> None:
         from mpc.bench.display.dashboard import Dashboard
@@ -284,7 +284,7 @@ def _journal(files: list[Path]) -> Path | None:
 
 
 def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
-    """Write the other files, and remove a journal that nobody asked for."""
+    """Write the other files, and remove a journal that --out does not name."""
     from mpc.trials.mcap import save_mcap
     from mpc.trials.pictures.plotting import save_tracking_figure
 
@@ -311,7 +311,7 @@ def _report(record: "Record", console: "Console") -> None:
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
-    """Say how a loop ended, what became of the pressures, and how late its samples were."""
+    """Print the ending of a loop, the final pressures, and the lateness of its samples."""
     say(console, f"ended: {ending}")
     if ending.action is not None:
         say(console, f"pressures: {ending.action}" + ("" if ending.delivered else ", which the device did not take"))

@@ -278,7 +278,7 @@ class Cycle:
         return reading
 
     def _check(self, reading: Reading) -> None:
-        """Raise `Stopped` where nothing is seen for too long, or a limit is broken."""
+        """Raise `Stopped` if readings are missing for too long, or a limit is broken."""
         now, patience = self.clock.now(), self.settings.watchdog.silence
         if isfinite(reading.theta):
             self._seen = now
@@ -329,7 +329,7 @@ class Cycle:
     # --- end --------------------------------------------------------------------------------------------------------
 
     def _end(self, ending: Ending) -> Ending:
-        """Bring the pressures to where they are to be; return what was done. Whatever fails is not raised."""
+        """Perform the safe stop and return the action taken. Failures are not raised."""
         if not self._commanded:
             return ending
         action = ending.action or self.settings.stop.action

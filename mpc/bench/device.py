@@ -1,4 +1,4 @@
-"""A device is what stands between a controller and a joint's valves and sensors: three functions, in SI units.
+"""Devices: the interface of a joint's valves and sensors, three functions in SI units.
 
 Muscle 1 is the agonist, which turns the joint towards greater angles; pressures are gauge pressures. `antagonist`
 calls a device from one thread, with one exception: where that thread hangs inside a call of the device for longer
@@ -14,7 +14,7 @@ from allocator.errors import AntagonistError
 
 
 class Clock(Protocol):
-    """A clock has what a loop asks of time; what it tells never goes back."""
+    """Interface of clocks, whose time never goes back."""
 
     def now(self) -> float:
         """Return the time [s] from some beginning."""
@@ -24,7 +24,7 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The monotonic clock is this computer's: nobody sets it, and it stands still while the computer sleeps."""
+    """Monotonic clock of this computer, which cannot be set and stops while the computer sleeps."""
 
     def now(self) -> float:
         """Return `time.monotonic()` [s]."""
@@ -37,7 +37,7 @@ class MonotonicClock:
 
 
 class SimulatedClock:
-    """A simulated clock goes only while somebody sleeps or says that time was spent: as fast as the computer can."""
+    """Simulated clock, which advances only by sleeping and by spent time, as fast as the computer can."""
 
     def __init__(self) -> None:
         self._t = 0.0
@@ -56,19 +56,19 @@ class SimulatedClock:
 
 
 class DeviceError(AntagonistError, OSError):
-    """A device does not do what it was asked for; the message names it and says why."""
+    """Failure of a device; the message names it and the reason."""
 
 
 class NoAnswer(DeviceError):
-    """An answer came too late, not at all, or damaged; the next one may be good, so that the loop goes on."""
+    """Late, missing or damaged answer; the loop goes on, since the next one may be good."""
 
 
 class DeviceLost(DeviceError):
-    """A device is gone (unplugged, closed by its other end): no further answer is to be expected."""
+    """Lost device (unplugged, closed by its other end), without further answers."""
 
 
 class Reading(NamedTuple):
-    """A reading is what the sensors say at one moment; NaN for what is not measured."""
+    """Sensor readings at one time; NaN if not measured."""
 
     t: float  # when it was measured [s], on the clock of the loop: `time.monotonic` for a real device
     theta: float = nan  # joint angle [rad]
@@ -77,7 +77,7 @@ class Reading(NamedTuple):
 
 
 class Device(Protocol):
-    """A device has what a real-time loop asks of it. It is a context manager: entered, it is connected."""
+    """Interface of devices for a real-time loop. It is a context manager; entering it connects."""
 
     def read(self) -> Reading:
         """Return the newest reading, having waited no longer than a fraction of a sample for it.
@@ -103,4 +103,4 @@ class Device(Protocol):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Disconnect, without a command: what is to happen to the pressures was decided before."""
+        """Disconnect without a command; the safe stop came before."""

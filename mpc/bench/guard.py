@@ -1,4 +1,4 @@
-"""Checks of what a device reports and of what it is commanded.
+"""Checks of the readings and commands of a device.
 
 Nothing that comes from a device or a controller is trusted: a reading that is not four numbers is a `DeviceError`, one
 outside the limits ends the loop, and a command keeps to the supply's range and the slew limit.
@@ -48,7 +48,7 @@ class Guard:
 
 
 def checked(reading: object) -> Reading:
-    """Return what a device has read, as four floats. Raises `DeviceError` for anything else."""
+    """Return a device's reading as four floats. Raises `DeviceError` for anything else."""
     if not isinstance(reading, Sequence) or len(reading) != len(Reading._fields):
         raise DeviceError(f"read() returned {checks.brief(reading)}, which is not a Reading (t, theta, P1, P2)")
     if not all(isinstance(value, Real) for value in reading):

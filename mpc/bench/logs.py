@@ -22,7 +22,7 @@ from mpc.trials.simulation import Run
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A record is all that happened in a loop: its rows as columns (n,) with the names of `Row`, and its end."""
+    """Record of a loop: its rows as columns (n,) with the names of `Row`, and its ending."""
 
     plant: Plant  # the controller's
     dt: float  # [s]

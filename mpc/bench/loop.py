@@ -115,7 +115,7 @@ def _plant_of(controller: Controller) -> Plant:
 
 
 def _rehearse(plant: Plant, controller: Controller, observer: Observer, reference: Reference) -> None:
-    """Let both do a sample before it counts: what the first use loads or compiles is loaded now."""
+    """Run a sample of both in advance, so that nothing is loaded or compiled during the loop."""
     theta, K = float(reference.theta[0]), float(reference.K[0])
     x = plant.at_rest(theta, K)
     seen = x.copy()

@@ -23,7 +23,7 @@ class Action(StrEnum):
 
 
 class Reason(StrEnum):
-    """A reason is why a loop ended."""
+    """Reason for the end of a loop."""
 
     FINISHED = "finished"
     INTERRUPTED = "interrupted"  # Ctrl-C, Ctrl-Z

@@ -59,7 +59,7 @@ class Pace:
 
 
 class Visit(NamedTuple):
-    """A visit is a setpoint, and the pressures from which it is approached."""
+    """Setpoint, and the pressures from which it is approached."""
 
     torque: float  # of the weight [N·m]
     P: Pressures  # [Pa]

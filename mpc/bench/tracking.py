@@ -28,7 +28,7 @@ _UNSEEN = np.full(NX, np.nan)
 
 
 class Tracking:
-    """Tracking is the `CommandSource` of a controller: it settles at the reference's first point, then follows it."""
+    """`CommandSource` of a controller, which settles at the reference's first point and then follows it."""
 
     def __init__(
         self,

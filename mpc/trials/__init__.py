@@ -29,5 +29,6 @@ if TYPE_CHECKING:
     from mpc.trials.trajectories import rested_sine as rested_sine
     from mpc.trials.trajectories import steps as steps
     from mpc.trials.trajectories import usual_stiffness as usual_stiffness
+    from mpc.yardsticks.baselines import FeedForwardControl as FeedForwardControl
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -145,7 +145,7 @@ def closed_loop(
 
 
 class _Noise:
-    """The noise is standard normal numbers by sample: those that a `RealExperiment` with the same seed draws."""
+    """Standard normal noise by sample, equal to that of a `RealExperiment` with the same seed."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._drawn = np.random.default_rng(seed), list[Array]()
@@ -157,7 +157,7 @@ class _Noise:
 
 
 class _Moment(NamedTuple):
-    """A moment is controller and observer after a sample, and the commands (2,) [Pa] given then."""
+    """Controller and observer after a sample, and its commands (2,) [Pa]."""
 
     controller: Controller
     observer: Observer
@@ -165,9 +165,7 @@ class _Moment(NamedTuple):
 
 
 class _Rewindable:
-    """A rewindable one is controller and observer that can be asked again, and otherwise, for the sample that was
-    answered last.
-    """
+    """Controller and observer that can repeat the last sample with other inputs."""
 
     def __init__(
         self, controller: Controller, reference: Reference, observer: Observer, u_before: Array | None

@@ -235,7 +235,7 @@ def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, 
 
 
 def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:
-    """Return what begins the model of a controller from `x`, with the dead time and the reading age that it is told."""
+    """Return a function that begins the controller's model from `x`, with its known dead time and reading age."""
     plant, told, dt, n = controller.plant, controller.compensation, controller.dt, controller.plant.n
     if isinstance(plant, Arm):
         exact = plant.begin(dt, x, 0)

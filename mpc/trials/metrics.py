@@ -27,7 +27,7 @@ class Errors(NamedTuple):
 
 @dataclass(frozen=True)
 class Metrics:
-    """Metrics are figures of a run, in the units they are read in; over all samples from the first to the last.
+    """Figures of a run over all samples, in degrees, percent and ms.
 
     A reference that begins with a rest gives a controller time to find out how far its model is off; `after_rest` are
     the errors from the last sample on at which angle and stiffness were still those of the first one. A reference that

@@ -52,7 +52,7 @@ def closed_loop_cost(run: Run, weights: Weights, N: int = 20, min_force: float =
 
 
 class _References(NamedTuple):
-    """The references are those that the controller had at each of M samples."""
+    """References of the controller at each of M samples."""
 
     x: Array  # (M, 4) of the sample after
     y: Array  # (M, 3)

@@ -59,7 +59,7 @@ _LEAST = 2.4  # times that, the joint has to swing
 
 @dataclass(frozen=True)
 class Push:
-    """A push is what an experiment found; stiffness in N·m/rad."""
+    """Result of a push; stiffness in N·m/rad."""
 
     theta: float  # θ_0, where all of them are taken [rad]
     asked: float
@@ -73,7 +73,7 @@ class Push:
 
     @property
     def causes(self) -> dict[str, float]:
-        """Return what separates the measured stiffness from the asked one [N·m/rad]; the sum is the whole distance."""
+        """Return the causes of the difference between measured and wanted stiffness [N·m/rad], which add up to it."""
         return {
             "saturation": self.feasible - self.asked,
             "dynamics": self.modelled - self.feasible,
@@ -84,7 +84,7 @@ class Push:
 
 
 class Cycle(NamedTuple):
-    """A cycle says how to push."""
+    """Settings of a slow push."""
 
     torque: float = 2.0  # amplitude of T_e [N·m]: within the presliding of friction a joint seems stiffer than it is
     period: float = 16.0  # [s]; inertia lets the joint seem softer by J (2π/period)²
@@ -184,9 +184,7 @@ def held(reference: Reference, steps: int) -> Reference:
 
 
 class Freezing:
-    """A freezing controller is `controller` up to the sample `after`; from then on the pressures measured there are
-    commanded.
-    """
+    """`controller` up to the sample `after`; from then on the pressures measured there are commanded."""
 
     def __init__(self, controller: Controller, after: int) -> None:
         self.controller, self.after, self.dt = controller, after, controller.dt
@@ -214,7 +212,7 @@ class Freezing:
 
 
 class _Reading:
-    """A reading observer is `observer`, and all that the encoder showed it."""
+    """`observer` with a record of all encoder readings."""
 
     def __init__(self, observer: Observer) -> None:
         self.observer = observer
@@ -236,7 +234,7 @@ _FREQUENCIES = 1e-3, 1e3  # [Hz]
 
 @dataclass(frozen=True)
 class Shake:
-    """A shake says how to push: a sine that turns the joint by about `angle`, as far as its model can say."""
+    """Settings of a shake: a sine that turns the joint by about `angle`, according to its model."""
 
     frequency: float  # f [Hz]
     angle: float = 1 * DEG  # amplitude [rad]
@@ -252,7 +250,7 @@ class Shake:
 
 @dataclass(frozen=True)
 class Felt:
-    """What is felt is a complex stiffness: storage in phase with the angle, loss ahead of it; N·m/rad."""
+    """Felt complex stiffness [N·m/rad]: storage in phase with the angle, loss ahead of it."""
 
     frequency: float  # [Hz]
     theta: float  # θ_0, at which the joint was frozen [rad]
@@ -298,7 +296,7 @@ def felt(
 
 
 def _passive(model: Plant, x: Array, f: float) -> complex:
-    """Return what link and gravity add to the stiffness that is felt."""
+    """Return the contribution of link and gravity to the felt stiffness."""
     omega = 2 * pi * f
     return -model.inertia * omega**2 + 1j * omega * model.damping + model.gravity_torque * cos(x[0])
 

@@ -1,4 +1,4 @@
-"""The closed loop is controller and plant against each other, sample by sample: of a joint or of an arm.
+"""Closed-loop simulation of controller and plant, sample by sample, for a joint or an arm.
 
 The plant starts at rest, in equilibrium at the reference's first point with the stiffness asked there, unless another
 state is given: a reference that starts in motion has to be caught up with, and the errors of that count. Commands are
@@ -36,7 +36,7 @@ Load: TypeAlias = Callable[[float], ArrayLike]  # the time [s] ↦ a torque from
 
 @runtime_checkable
 class Controller(Protocol):
-    """A controller has what `simulate` asks of it: dt, ahead, reset and step."""
+    """Interface of controllers for `simulate`: dt, ahead, reset and step."""
 
     dt: float
 
@@ -53,7 +53,7 @@ class Controller(Protocol):
 
 @runtime_checkable
 class Process(Protocol):
-    """A process has what `simulate` asks of a plant: `Plant`, `RealPlant`, `Arm` and `MujocoPlant` have it."""
+    """Interface of plants for `simulate`, of `Plant`, `RealPlant`, `Arm` and `MujocoPlant`."""
 
     @property
     def nominal(self) -> Machine:
@@ -121,7 +121,7 @@ class Run:
         return str(self.plant.assumed(self.x))
 
     def to_dict(self) -> dict[str, Array | NDArray[np.int64]]:
-        """Return the run as columns (M+1,), those of the CSV that `track` writes: what `pandas.DataFrame` takes.
+        """Return the run as columns (M+1,), those of the CSV that `track` writes, for `pandas.DataFrame`.
 
         Time in s, stiffness in N·m/rad, of an endpoint in N/m, forces in N; the other names carry their units. The
         commands and rungs of a line hold until the next, the last line repeats them.
@@ -219,7 +219,7 @@ def in_motion(plant: Machine, reference: Reference) -> Array:
 
 
 class ClosedLoop:
-    """A closed loop is a run under way: what takes part in it, and what happened in its `steps` samples so far."""
+    """Simulation in progress: its parts, and the record of its `steps` samples so far."""
 
     def __init__(
         self,

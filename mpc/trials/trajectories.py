@@ -111,7 +111,7 @@ def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Referen
 
 
 def usual_swing(joint: AntagonistJoint) -> float:
-    """Return 40°, or nine tenths of what `joint` has to both sides of 0 if that is less [rad].
+    """Return 40° or nine tenths of the range of `joint` to both sides of 0, the smaller one [rad].
 
     It is 40° where the joint never is at 0.
     """
@@ -153,7 +153,7 @@ def _limited(values: Array, most: float) -> Array:
 
 
 class Standard(NamedTuple):
-    """A standard trajectory is one that has a name."""
+    """Standard trajectory, called by a name."""
 
     about: Callable[[float], Reference]  # the stiffness K [N·m/rad]
     summary: str

@@ -69,7 +69,16 @@ def day(plan):
         }
         if name == plan["tracked"]:
             commands["export"] = commands["export"][:4]  # finds robust weights, which takes 10 s
-            commands["track"] = ("track", f"{name}.csv", "--horizon", "10", "--out", f"{name}.npz")
+            commands["track"] = (
+                "track",
+                f"{name}.csv",
+                "--plant",
+                "nominal",
+                "--horizon",
+                "10",
+                "--out",
+                f"{name}.npz",
+            )
         done |= {f"{name} {command}": called(*arguments, *given) for command, arguments in commands.items()}
     return done
 

@@ -49,7 +49,7 @@ class CallableDevice:
             self._close()
 
     def read(self) -> Reading:
-        """Return what the function says. Raises `DeviceError` if that is no reading."""
+        """Return the result of the function. Raises `DeviceError` if that is no reading."""
         said = self._read()
         if isinstance(said, Reading):
             return said

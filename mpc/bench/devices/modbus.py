@@ -83,7 +83,7 @@ class ModbusDevice:
             self._write(register, numbers)
 
     def vent(self) -> None:
-        """Write what empties both muscles."""
+        """Write the registers that empty both muscles."""
         if not self.registers.vent:
             self.write(0.0, 0.0)
         for register, number in self.registers.vent:
@@ -122,7 +122,7 @@ class ModbusDevice:
         return answer
 
     def _not_meant(self, why: str) -> NoAnswer:
-        """Return the error for an answer to something else; what follows on this connection is not trusted either."""
+        """Return the error for an answer to another request; later answers on this connection are not trusted."""
         self._client.close()
         return NoAnswer(f"the device answered another request: {why}")
 

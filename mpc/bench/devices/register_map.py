@@ -1,4 +1,4 @@
-"""A register map says where a Modbus device keeps what, in which unit and scale. It is a TOML file:
+"""Register maps of Modbus devices: TOML files with the quantity, unit and scale of each register.
 
     device_id = 1            # the Modbus unit
     timeout = 0.02           # for an answer [s]; a sample that gets none goes without a reading
@@ -49,7 +49,7 @@ GENERIC = "generic_valve_terminal.toml"
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry is a quantity in registers: value [unit] = scale · number + offset."""
+    """Quantity in registers: value [unit] = scale · number + offset."""
 
     quantity: str  # theta, P1 or P2
     register: int
@@ -105,7 +105,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class RegisterMap:
-    """A register map says which registers a device has."""
+    """Registers of a device."""
 
     read: Mapping[str, Entry]
     write: Mapping[str, Entry]

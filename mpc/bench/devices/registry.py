@@ -1,4 +1,4 @@
-"""Devices have names: those of this project, and those that other packages bring.
+"""Registry of devices by name, of this project and of other packages.
 
 A package adds devices by an entry point of the group `antagonist.devices`, whose name is what stands before the first
 colon in `--device NAME:ADDRESS`, and whose object takes the rest, `(address: str) -> Device`; the first line of its
@@ -25,7 +25,7 @@ _OURS = {
 
 
 class Kind(NamedTuple):
-    """A kind of device has a name, and a function that makes one of an address."""
+    """Kind of device: a name, and a function that makes one from an address."""
 
     name: str
     entry: EntryPoint
@@ -33,7 +33,7 @@ class Kind(NamedTuple):
 
     @property
     def summary(self) -> str:
-        """Return what it says of itself in a line, or why it cannot be used."""
+        """Return its description in a line, or the reason why it cannot be used."""
         try:
             return (self.load().__doc__ or "").strip().partition("\n")[0]
         except (ImportError, AttributeError) as error:
@@ -47,7 +47,7 @@ class Kind(NamedTuple):
 
 
 def kinds() -> Mapping[str, Kind]:
-    """Return all kinds of devices by name; what others bring cannot take the name of one of ours."""
+    """Return all kinds of devices by name; other packages cannot replace those of this project."""
     brought = {
         entry.name: Kind(entry.name, entry, entry.dist.name if entry.dist else "")
         for entry in entry_points(group=GROUP)

@@ -1,4 +1,4 @@
-"""A board on a serial line is a device here, by the protocol of `serial_protocol`; see docs/serial.md.
+"""Device of a board on a serial line, with the protocol of `serial_protocol`; see docs/serial.md.
 
     with SerialDevice("/dev/ttyUSB0", baud=921600) as device:
         reading = device.read()
@@ -46,7 +46,7 @@ _READING_ERRORS: tuple[type[Exception], ...] = (*_SYSTEM_ERRORS, TypeError)  # c
 
 
 class BoardInfo(NamedTuple):
-    """What a board says of itself when it is greeted."""
+    """Description that a board sends in reply to HELLO."""
 
     ahead: int  # samples of reference that its controller wants after the present one
     room: int  # samples of reference that it can hold; 0: it has no controller
@@ -58,7 +58,7 @@ class BoardInfo(NamedTuple):
 
 
 class Tracking(NamedTuple):
-    """What a board says while the controller on it follows references."""
+    """State of a board whose controller follows references."""
 
     reading: Reading
     u: tuple[float, float]  # commanded now [Pa]
@@ -70,7 +70,7 @@ class Tracking(NamedTuple):
 
 
 class SerialDevice:
-    """A serial device is a board at a port (`/dev/ttyUSB0`, `COM3`, or a URL that pyserial knows)."""
+    """Board at a serial port (`/dev/ttyUSB0`, `COM3`, or a URL of pyserial)."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class SerialDevice:
 
     @property
     def damaged(self) -> int:
-        """Return how many stretches of what came from the board were no frame, since connecting."""
+        """Return the number of received stretches without a frame since connecting."""
         return self._receiver.damaged
 
     # --- a device ---------------------------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ class SerialDevice:
         return Tracking(reading, u, sample, next_, status, rung, bool(answer.value("running")))
 
     def track(self, reference: Reference) -> Iterator[Tracking]:
-        """Have the board follow `reference`, yielding what it says about once a sample, to the last sample.
+        """Have the board follow `reference`, and yield its state about once per sample.
 
         The clock is the board's. An exchange that fails is asked again as long as the board's watchdog allows.
         Raises `InvalidInput`, `NoAnswer`, `DeviceLost`.
@@ -293,7 +293,7 @@ class SerialDevice:
             raise self._gone(error) from None
 
     def _arrived(self) -> bytes:
-        """Return what has come, having waited for the first byte of it."""
+        """Wait for a byte, and return all received bytes."""
         if self._line is None:
             raise DeviceLost(f"the board at {self.port} is not connected")
         try:

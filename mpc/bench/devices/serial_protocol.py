@@ -1,4 +1,4 @@
-"""The line protocol between a host and a board is defined here alone: constants, layout of the frames, coding.
+"""Line protocol between a host and a board: constants, layout of the frames, coding.
 
 `docs/serial.md` explains it; `mpc.export.serial.firmware` prints these tables as the C header of the firmware.
 
@@ -22,7 +22,7 @@ BATCH = 16  # samples of reference in a frame at most
 
 
 class Kind(IntEnum):
-    """The kind of a frame is what the host asks, or what the board answers."""
+    """Kind of a frame: a request of the host, or an answer of the board."""
 
     HELLO = 0x01
     READ = 0x02
@@ -46,7 +46,7 @@ ANSWERS: Mapping[int, Kind] = {
 
 
 class State(IntEnum):
-    """The state of a board says whom the valves obey; in all but two of them the pressures fall to the least."""
+    """State of a board; in all but two states the pressures fall to the least."""
 
     IDLE = 0  # no session since it was switched on
     READY = 1  # a session, and no command in it yet
@@ -57,7 +57,7 @@ class State(IntEnum):
 
 
 class Refusal(IntEnum):
-    """A refusal says why a board did not do what it was asked."""
+    """Reason for which a board refused a request."""
 
     VERSION = 1
     SESSION = 2
@@ -80,7 +80,7 @@ REASONS: Mapping[int, str] = {
 
 
 class Field(NamedTuple):
-    """A field is a number in a frame's body."""
+    """Number in a frame's body."""
 
     name: str
     type: str  # of `TYPES`
@@ -156,7 +156,7 @@ _CRC = struct.Struct("<I")
 
 
 class Frame(NamedTuple):
-    """A frame is what one end says to the other."""
+    """Message from one end to the other."""
 
     kind: Kind
     session: int
@@ -219,7 +219,7 @@ def unstuffed(stretch: bytes) -> bytes | None:
 
 
 class Receiver:
-    """A receiver finds frames in the bytes that arrive, however they are cut, and counts what is damaged."""
+    """Receiver that finds frames in arriving bytes, and counts damaged stretches."""
 
     def __init__(self) -> None:
         self.damaged = 0  # stretches that were no frame

@@ -1,4 +1,4 @@
-"""A simulated device is a plant that moves while the clock goes: in real time, or as fast as the computer can.
+"""Simulated device: a plant that moves with the clock, in real time or as fast as the computer can.
 
 It does what a joint on a bench does, effects of `RealPlant` included, on a time base of its own that is finer than a
 controller's: a command acts from the moment on at which it is written, not from the next sample of anybody.
@@ -22,7 +22,7 @@ _MOST = 2.0  # [s] that are caught up with in one call: more would take as long 
 
 
 class SimulatedDevice:
-    """A simulated device is a `RealPlant` (or a `Plant`) behind the interface of a device.
+    """`RealPlant` or `Plant` with the interface of a device.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class SimulatedDevice:
         return self._u.copy()
 
     def read(self) -> Reading:
-        """Return what the sensors say now; its time is that of the state, however long its computation took."""
+        """Return the sensor readings; their time is that of the state, independent of its computation time."""
         experiment = self._now()
         theta, _, P1, P2 = experiment.measure().tolist()
         nan = float("nan")
@@ -118,7 +118,7 @@ class SimulatedDevice:
 
 
 def simulated(plant: Plant, known: Compensation, **effects: Any) -> RealPlant:
-    """Return `plant` as a joint on a bench: with what is `known` of its friction and regulators, and a bench's sensors.
+    """Return `plant` as a joint on a bench, with its `known` friction and regulators, and sensors of a bench.
 
     Where nothing is known of an effect it is that of `RealPlant.standard`; its muscles pull as the plant's do.
     """

@@ -1,4 +1,4 @@
-"""The dashboard shows a loop in the terminal, from a process of its own: drawing must not make a sample late.
+"""Dashboard of a loop in the terminal, in a process of its own, so that drawing delays no sample.
 
 The loop hands over a line of JSON now and then, and none where the dashboard does not keep up. On a terminal it is
 drawn in place (rich); elsewhere there is a line of text a second.
@@ -26,7 +26,7 @@ _PHASES = ("start", "settling", "tracking", "stopping")
 
 
 class Dashboard:
-    """A dashboard is entered as a context, and shows the states that it is told; `plot` opens a window besides."""
+    """Dashboard as a context manager, which shows the states passed to it; `plot` also opens a window."""
 
     def __init__(self, highest_pressure: float, dt: float, *, plot: bool = False) -> None:
         self._highest, self._dt, self._plot = highest_pressure, dt, plot
@@ -141,7 +141,7 @@ def _picture(state: State) -> "Table":
 
 
 def bar(value: float, highest: float) -> str:
-    """Return a bar as long as `value` is of `highest`; empty for what is not measured."""
+    """Return a bar of length `value` over `highest`; empty if not measured."""
     full = round(_BAR * min(max(value / highest, 0.0), 1.0)) if value == value else 0
     return "█" * full + "·" * (_BAR - full)
 

@@ -1,4 +1,4 @@
-"""The last seconds of a loop are drawn in a window, by the dashboard's process: drawing must not make a sample late."""
+"""Window with the last seconds of a loop, drawn by the dashboard's process, so that drawing delays no sample."""
 
 import sys
 from collections import deque
@@ -34,7 +34,7 @@ def plotted(states: Iterable[State]) -> Iterator[State]:
 
 
 class Window:
-    """A window shows angle, stiffness and pressures of the last seconds."""
+    """Window with angle, stiffness and pressures of the last seconds."""
 
     def __init__(self) -> None:
         import matplotlib.pyplot as plt

@@ -30,7 +30,7 @@ _TEMPLATE = Path(__file__).parent / "driven.py"
 
 
 class Driving:
-    """Driving is the compiled loop of a controller and its observer with plants, and the arrays of its step."""
+    """Compiled loop of a controller and its observer with plants, and the arrays of its step."""
 
     def __init__(self, controller: TrackingMPC, whole: WholeStep, estimate: CompiledEstimate) -> None:
         self._controller, self._whole, self._estimate = controller, whole, estimate

@@ -63,7 +63,7 @@ class CompiledPlant:
 
 
 class CompiledExperiment:
-    """A compiled experiment is one on a `CompiledPlant`: all that the future depends on is in flat arrays."""
+    """Experiment on a `CompiledPlant`, with its whole state in flat arrays."""
 
     def __init__(self, plant: CompiledPlant, x0: Array, seed: int) -> None:
         process = plant.process

@@ -1,4 +1,4 @@
-"""These are the flat values that a compiled closed loop works on, beside those of the compiled step and observer."""
+"""Flat records of a compiled closed loop, beside those of the compiled step and observer."""
 
 from typing import NamedTuple
 

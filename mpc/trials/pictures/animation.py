@@ -49,7 +49,7 @@ def drawn(figure: "Figure") -> Picture:
 
 
 def _save_gif(pictures: list[Picture], path: Path, per_second: int) -> None:
-    """Write the pictures in colours that all of them share: a frame then holds no more than what has moved."""
+    """Write the pictures with one palette, so that a frame holds only the moving parts."""
     from PIL import Image
 
     some = np.concatenate(pictures[:: max(1, len(pictures) // 8)])
@@ -87,7 +87,7 @@ _BULGE = 0.22  # of which it grows per contraction
 
 
 class _Muscle(NamedTuple):
-    """A muscle is drawn as its outline and its cable."""
+    """Drawing of a muscle: its outline and its cable."""
 
     outline: "Polygon"
     cable: "Line2D"
@@ -104,7 +104,7 @@ def save_animation(run: Run, path: str | Path, title: str = "", *, progress: Pro
 
 
 class _Film:
-    """A film is a figure that can show any sample of the run."""
+    """Figure that can show any sample of the run."""
 
     def __init__(self, run: Run, title: str) -> None:
         self.run = run

@@ -72,11 +72,11 @@ def test_each_muscle_may_be_another_one():
 
 
 def test_help_has_its_options_in_panels():
-    said = run("allocate", "--help").stdout
-    panels = ["Options:", "The machine:", "Which stiffness:", "Of several joints:"]
+    said = run("allocate", "--help-all").stdout
+    panels = ["Options:", "Machine:", "Kind of stiffness:", "Several joints:"]
     places = [said.index(panel) for panel in panels]
     assert places == sorted(places)
-    assert said.index("The machine:") < said.index("--supply") < said.index("Which stiffness:")
+    assert said.index("Machine:") < said.index("--supply") < said.index("Kind of stiffness:")
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_help_has_its_options_in_panels():
         (("--stiffness", "inf", "--posture", "1,2"), "expected a finite number"),
         (("--stiffness", "9,50,9", "--posture", "1,2"), "has to be positive definite"),
         (("--stiffness", "9", "--posture", "1,2", "--theta", "5"), "--theta is of a joint"),
-        (("--stiffness", "9", "--posture", "1,2", "--radius", "20"), "--radius is of one joint with two muscles"),
+        (("--stiffness", "9", "--posture", "1,2", "--radius", "20"), "--radius is for one joint with two muscles"),
         (("--stiffness", "9", "--posture", "1,2", "--muscle", "tondu-mckibben", "--muscle", "tondu-mckibben"), "once"),
         (("--stiffness", "9", "--posture", "1,2", "--at-least", "--valves", "shut"), "of the isobaric stiffness"),
         (("--stiffness", "9", "--posture", "1,2", "--valves", "agonist"), "choose one of open, shut$"),
@@ -198,12 +198,12 @@ def test_a_hand_without_a_posture_has_its_workspace_drawn(tmp_path):
         (("--machine", "arm26"), "need --posture, 2 angles"),
         (("--machine", "arm26", "--posture", "1,2", "--targets", "K11"), "--targets K11: expected two"),
         (("--machine", "arm26", "--posture", "1,2", "--targets", "Kx11,K12"), "no target 'Kx11'.*needs an endpoint"),
-        (("--machine", "arm26", "--posture", "1,2", "--stiffness", "1:9"), "--stiffness are ranges of a joint"),
-        (("--machine", "arm26", "--posture", "1,2", "--theta", "5"), "--theta and --stiffness are ranges of a joint"),
+        (("--machine", "arm26", "--posture", "1,2", "--stiffness", "1:9"), "--stiffness are ranges of one joint"),
+        (("--machine", "arm26", "--posture", "1,2", "--theta", "5"), "--theta and --stiffness are ranges of one joint"),
         (("--machine", "arm26", "--posture", "1,2", "--out", "map.csv"), "the ending has to be one of .png"),
         (("--machine", "arm48", "--links", "1,2,3,4"), "the workspace is drawn of n = 2 joints, not 4"),
         (("--machine", "arm26", *LINKS, "--torque", "free"), "--torque free goes with --posture"),
-        (("--targets", "K11,K22"), "--targets is of several joints"),
+        (("--targets", "K11,K22"), "--targets is for several joints"),
         (("--posture", "1,2"), "--posture goes with a --machine of several joints"),
     ],
 )

@@ -25,7 +25,7 @@ LEVER = AntagonistJoint(
     friction=0.1,
 )
 PLANT = Plant(LEVER, inertia=0.02, damping=0.3, lag=(0.05, 0.08), gravity_torque=-0.5, slew=8 * BAR)
-SHORT = ("--dt", "0.02", "--controller", "feedforward")
+SHORT = ("--dt", "0.02", "--controller", "feedforward", "--plant", "nominal")
 
 
 def antagonist(*arguments):

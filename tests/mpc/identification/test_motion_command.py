@@ -70,7 +70,7 @@ def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_co
     track = ["track", "sine", "--machine", str(path), "--controller", "feedforward", "--out", str(tmp_path / "run.csv")]
     tracked = CliRunner().invoke(app, track)
     assert tracked.exit_code == 0, tracked.output
-    assert "told to the controller: hysteresis of the angle" in " ".join(tracked.output.split())
+    assert "known to the controller: hysteresis of the angle" in " ".join(tracked.output.split())
     exported = CliRunner().invoke(app, ["export", "controller", "--machine", str(path), "--out", str(tmp_path / "c")])
     assert exported.exit_code == 0, exported.output
     assert any((tmp_path / "c").rglob("*.c"))
@@ -124,5 +124,5 @@ def test_an_export_names_the_numbers_of_regulators_that_c_does_not_take(tmp_path
     exported = CliRunner().invoke(app, ["export", "controller", "--machine", str(path), "--out", str(tmp_path / "c")])
     assert exported.exit_code == 0, exported.output
     said = " ".join(exported.output.split())
-    assert "not told to the controller" in said
+    assert "not known to the controller" in said
     assert "lag 0.08 s of a rising pressure and lag 0.14 s of a falling pressure and flow up to 4 bar/s" in said

@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 from allocator import BAR, DEG, InvalidInput, allocate
 from mpc import PlanStatus, Plant, Reference, Rung, TrackingMPC, simulate, sine
-from mpc.trials.files import default_trajectory
 from mpc.trials.metrics import metrics
 from mpc.trials.pictures.plotting import tracking_figure
 from mpc.trials.trajectories import LEAD, TRAJECTORIES, jumps
@@ -21,7 +20,7 @@ PLANT = Plant()
 
 @pytest.fixture(scope="module")
 def default_run():
-    return simulate(PLANT, TrackingMPC(PLANT), default_trajectory())
+    return simulate(PLANT, TrackingMPC(PLANT), sine())
 
 
 def held(theta_deg, K, seconds=2.5):
@@ -46,16 +45,16 @@ def hard_limits_kept(run):
     return broken["commanded pressure"][0] == broken["pressure slew"][0] == broken["pressure"][0] == 0
 
 
-# --- the default trajectory -------------------------------------------------------------------------------------------
+# --- a sine -----------------------------------------------------------------------------------------------------------
 
 
-def test_the_default_trajectory_is_tracked_within_the_required_errors(default_run):
+def test_the_sine_is_tracked_within_the_required_errors(default_run):
     m = metrics(default_run)
     assert m.theta_rms <= 0.05  # [°]
     assert m.K_rms <= 0.2  # [%]
 
 
-def test_on_the_default_trajectory_no_limit_is_exceeded_and_both_muscles_are_taut(default_run):
+def test_on_the_sine_no_limit_is_exceeded_and_both_muscles_are_taut(default_run):
     m = metrics(default_run)
     assert m.limits_kept
     assert m.out_of_reach == 0.0
