@@ -25,9 +25,9 @@ A loop that swings about its reference by more than `RINGING` to both sides, aga
 is not there. Then the controller takes what friction there is as constant until the reference moves, rests as soon as
 the swing allows it at the mean over a whole period, and corrects only errors of more than two dead zones.
 
-An arm rests when all of its joints may, and stops resting when one is disturbed. The free period is that of the greatest J
-and the least K*. ΔT_i is the torque for joint i alone; the torques Σ_j K_ij ΔT_j/K_jj turn the joints by as much without
-turning others, and changes of pressures in the direction of `side` share them by least squares.
+An arm rests when all of its joints may, and stops resting when one is disturbed. The free period is that of the
+greatest J and the least K*. ΔT_i is the torque for joint i alone; the torques Σ_j K_ij ΔT_j/K_jj turn the joints by as
+much without turning others, and changes of pressures in the direction of `side` share them by least squares.
 """
 
 import numpy as np
