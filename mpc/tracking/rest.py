@@ -40,7 +40,7 @@ from mpc.model.machine import Machine
 from mpc.tracking import resting
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Task
-from mpc.tracking.resting import DWELL, HELD, QUARTER, QUARTER_LENGTH, RESTS, RINGS, SIDE, THETA, Rules
+from mpc.tracking.resting import DWELL, HELD, JOLT, QUARTER, QUARTER_LENGTH, RESTS, RINGS, SIDE, THETA, Rules
 
 
 class RestMode(Deferred):
@@ -56,7 +56,7 @@ class RestMode(Deferred):
         shortest, longest = (max(round(t / dt), 1) for t in QUARTER)
         times = settling, round(DWELL / dt), shortest, longest
         inertia = float(np.max(plant.inertias))
-        self.rules = Rules(inertia, dt, *times, compensation.dead_band, limits.pressure[1])
+        self.rules = Rules(inertia, dt, *times, compensation.dead_band, limits.pressure[1], JOLT * plant.n)
         self._unit = float(plant.entries[2][0]) if isinstance(plant, Arm) else 1.0  # of an endpoint's K as N·m/rad
         self.reset()
 
