@@ -1,4 +1,4 @@
-"""One formula serves floats, arrays and CasADi symbols: elementary functions, derivatives, monotone root finding.
+"""Formulas for floats, arrays and CasADi symbols: elementary functions, derivatives, monotone root finding, splines.
 
 A formula written with `+ - * / **` and the functions of this file can be evaluated with numbers and with symbols. Its
 derivative need not be written by hand: complex step for numbers (exact to rounding, Squire & Trapp 1998), algorithmic

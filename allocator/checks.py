@@ -1,4 +1,4 @@
-"""What comes in from outside is checked here: one clear sentence for every wrong input."""
+"""Checks of input from outside: one clear sentence for every wrong value."""
 
 import operator
 from collections.abc import Iterable

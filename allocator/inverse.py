@@ -1,4 +1,4 @@
-"""The analytic inverse leads from (θ, K, T) to (P1, P2), without limits.
+"""Analytic inverse from (θ, K, T) to (P1, P2), without limits.
 
 By [M] (see `allocator.muscles.base`) the Jacobian of (P1, P2) ↦ (T, K) on a pulley has positive principal minors up to
 the sign of P2: it is a P-matrix, and a map whose Jacobian is a P-matrix on a rectangle is injective there (Gale &

@@ -1,4 +1,4 @@
-"""Machines, a joint or an arm alike, are kept as TOML files, which commands take by --machine. What one looks like:
+"""TOML files of machines, a joint or an arm alike, which commands take by --machine. An example:
 
 [machine]                      # SI units
 pressure_limits = [0.0, 500000.0]

@@ -185,6 +185,7 @@ def warm_up(
     ----------
     joint
         An `AntagonistJoint`, by default the report's, or a `Mechanism`, for which the other options do not matter.
+        Single targets of this very object are then answered in compiled code if its routes have formulas (not tables).
         Compiling takes some seconds the first time after installation (half a minute for muscles that are not affine
         and for mechanisms), and half a second in a new process, most of it the import of numba.
     priority, min_force, max_force

@@ -1,4 +1,4 @@
-"""An `Allocation` is the answer: pressures, what they achieve, and which limits bind.
+"""Answer of `allocate`: pressures, what they achieve, and which limits bind.
 
 Everything here is computed from the pressures themselves; nothing is taken from a back-end's word.
 """

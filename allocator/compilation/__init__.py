@@ -1,1 +1,1 @@
-"""Functions are compiled with numba here, and what has been compiled is kept."""
+"""Compiling with numba, and the cache of what was compiled."""

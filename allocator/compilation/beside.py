@@ -1,4 +1,4 @@
-"""A process of its own compiles beside this one, so that nobody waits: what it makes is kept, and found by the next.
+"""Compiling in a background process, so that no call waits; the next call finds the result in the cache.
 
 It is a process and no thread, because numba compiles under a lock and Python under another. It outlives the one that
 has started it, works at a low priority, and holds a lock on a file as long as it is at it: a file without one tells of

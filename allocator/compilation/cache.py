@@ -1,4 +1,4 @@
-"""What numba has compiled is kept in files that are looked at before they are believed.
+"""Cache of compiled code whose files are verified before they are used.
 
 numba's own cache believes its files. One that a power failure has cut short makes every call of the function fail, in
 every process, and a flipped bit is executed. Here each file, one for every kind of arguments, begins with the hash of

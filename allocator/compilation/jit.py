@@ -1,4 +1,4 @@
-"""Functions are compiled by numba, once, and kept on disk next to their file or where NUMBA_CACHE_DIR says.
+"""Compiling of functions by numba, once, kept on disk next to their file or where NUMBA_CACHE_DIR says.
 
 numba is not imported before. Where it is missing, is told not to compile (NUMBA_DISABLE_JIT), or finds no directory of
 the user's own to keep what it compiles (`allocator.compilation.cache`), `compiled` answers None and plain Python does

@@ -1,4 +1,4 @@
-"""The edges of the feasible set are curves in (θ, K, T), each labelled by the limit that binds along it.
+"""Edges of the feasible set: curves in (θ, K, T), each labelled by the limit that binds along it.
 
 Three ways to cut the set, by what is held: a torque (edges over θ are the ends of the stiffness interval), a stiffness
 (the ends of the torque interval at it) and an angle (edges over T are the ends of the stiffness interval).

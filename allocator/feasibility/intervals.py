@@ -1,4 +1,4 @@
-"""Intervals say which torques, stiffnesses and angles exist.
+"""Intervals of the torques, stiffnesses and angles that exist.
 
 At an angle the torques are an interval, [T(lo1, hi2), T(hi1, lo2)]; at an angle and a torque the stiffnesses are one,
 whose ends lie where the torque level leaves the box of pressures (`allocator.joint.torque_levels`) unless the stiffness

@@ -1,4 +1,4 @@
-"""A feasibility map is what `allocate` answers, cell by cell, over any two or three of (θ, K, T).
+"""Feasibility maps: the answers of `allocate`, cell by cell, over any two or three of (θ, K, T).
 
 A map is made of columns (θ, T): the ends of the stiffness interval say for every K of the column whether it exists and
 which limits bind if it does not. Only where it exists are the pressures to be found, by the inverse: along the level of

@@ -1,4 +1,4 @@
-"""Mechanisms are drawn here: what they can do, their arms and muscles, and the stiffness of their hands."""
+"""Pictures of mechanisms: feasible targets, arms and muscles, and the stiffness of hands."""
 
 from collections import Counter
 from typing import TYPE_CHECKING, Any

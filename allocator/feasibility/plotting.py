@@ -1,4 +1,4 @@
-"""Feasible sets are drawn here."""
+"""Pictures of a joint's feasible sets."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any

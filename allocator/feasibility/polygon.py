@@ -1,4 +1,4 @@
-"""What two targets can be together is a convex polygon, found corner by corner with linear programmes.
+"""Convex polygons of what two targets can be together, found corner by corner with linear programmes.
 
 The farthest point in the direction outward from an edge between two known corners either is a new corner, or proves the
 edge: no pressures are beyond it. The prices of that proof say which muscles' limits are in the way, all along the edge:

@@ -1,4 +1,4 @@
-"""A `FeasibilityMap` is what `feasibility_map` answers."""
+"""Result of `feasibility_map`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""A `Setting` is a joint with what is asked of its forces and pressures, which is held at angles and torques.
+"""Joint with its limits, held at angles and torques, and the spans between which targets are feasible.
 
 At one angle and one torque the pairs of pressures that exist form a piece of a torque level
 (`allocator.joint.torque_levels`), and their stiffnesses an interval. This is a *column* of the feasible set; everything

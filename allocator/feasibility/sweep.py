@@ -1,4 +1,4 @@
-"""`design_sweep` runs many designs, here, on an executor or on a cluster; interrupted sweeps go on."""
+"""Designs and their performance; `design_sweep` runs many, on an executor or a cluster, and continues after breaks."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait

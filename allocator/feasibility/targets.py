@@ -23,7 +23,7 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.feasibility.polygon import Coordinate, Edge, Hand, Polygon, Programme, coordinate, outline
 from allocator.joint.gas import ISOBARIC, Stiffness
-from allocator.joint.limits import TAUT, Limit, Limits
+from allocator.joint.limits import TAUT, Limits
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.points import Place
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
@@ -91,10 +91,7 @@ class FeasibleTargets:
     @cached_property
     def exists(self) -> bool:
         """Whether the limits leave every muscle a pressure, at which it is taut."""
-        return not any(
-            (side.empty | side.unreachable | (side.broken & Limit.AGONIST_SLACK != 0)).any()
-            for side in self._problem.box
-        )
+        return not any((side.empty | side.unreachable | side.slack).any() for side in self._problem.box)
 
     def support(self, d: ArrayLike) -> Array:
         """Return h(d) = max d·y (…) for directions `d` (…, n + n(n+1)/2). Raises `InvalidInput`."""

@@ -1,1 +1,1 @@
-"""CSV tables are read here, and files written that appear whole or not at all."""
+"""Reading of CSV tables and bags, and writing of files that appear whole or not at all."""

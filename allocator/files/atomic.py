@@ -1,4 +1,4 @@
-"""Files are written whole or not at all: whoever reads while they are written sees the old one.
+"""Atomic writing of files: a reader sees the old one until the new one is complete.
 
 What is written goes to a temporary file beside the target, which then takes the target's place.
 """

@@ -1,4 +1,4 @@
-"""The text of a file in any of the encodings that spreadsheets and loggers write."""
+"""Text of a file in any of the encodings that spreadsheets and loggers write."""
 
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from os import PathLike

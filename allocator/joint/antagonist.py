@@ -1,4 +1,4 @@
-"""The antagonistic joint is a geometry and two muscles.
+"""Antagonistic joint: a geometry and two muscles.
 
 With moment arms a_i(θ) and contractions ε_i(θ) the joint's torque and isobaric stiffness are
 

@@ -1,4 +1,4 @@
-"""The gas that is trapped in the muscles adds to the joint's stiffness, and how much is said here.
+"""Gas trapped in the muscles, and what it adds to the joint's stiffness.
 
 While a valve is shut, (P + p_a) V^κ stays what it is. With the torque gain g_i = ∂T/∂P_i of muscle i and its volume V_i
 (`Muscle.volume`) the joint then has, beyond the isobaric stiffness K = -∂T/∂θ |P,

@@ -1,4 +1,4 @@
-"""A joint's limits stand here: by name, as what is asked of the muscles, and as the pressures that they leave.
+"""Limits of a joint: their names, what is asked of the muscles, and the pressures that they leave.
 
 `Limit` names what may bind, `Limits` is what a caller asks for beyond supply and joint range, `PressureBox` is what
 both leave at an angle.
@@ -234,17 +234,6 @@ class PressureBox:
     def empty(self) -> NDArray[np.bool_]:
         """Where limits contradict each other."""
         return self.agonist.empty | self.antagonist.empty
-
-    @property
-    def slack(self) -> NDArray[np.bool_]:
-        """Where no pressure left pulls a cable with the least force."""
-        broken = self.agonist.broken | self.antagonist.broken
-        return np.asarray(broken & (Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) != 0)
-
-    @property
-    def unreachable(self) -> NDArray[np.bool_]:
-        """Where the slew limit allows no pressure within supply, model and greatest force."""
-        return self.agonist.unreachable | self.antagonist.unreachable
 
     def contains(self, P1: Array, P2: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
         """Return whether (P1, P2) satisfies all limits, up to `tolerance` [Pa]."""

@@ -1,4 +1,4 @@
-"""One muscle held at a posture is what everything static of a joint or a mechanism is a sum of."""
+"""One muscle held at a posture; everything static of a joint or a mechanism is a sum of these."""
 
 from dataclasses import dataclass, replace
 from typing import Self

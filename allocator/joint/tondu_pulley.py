@@ -1,4 +1,4 @@
-"""The report's joint, two equal Tondu2021 muscles on a pulley, has closed forms.
+"""Closed forms of the report's joint, two equal Tondu2021 muscles on a pulley.
 
 In the reciprocals r_i = 1/(P_i+d), with their sum s and difference δ, torque and stiffness are (any c; g = e - cd)
 

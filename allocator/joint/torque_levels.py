@@ -1,4 +1,4 @@
-"""A torque level is all pressure pairs of the box that give one torque.
+"""Torque levels: all pressure pairs of the box that give one torque.
 
 Since T grows with P1 and falls with P2 the level T(P1, P2) = const is one curve that rises from the lower left to the
 upper right of the box. Along it

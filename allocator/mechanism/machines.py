@@ -1,4 +1,4 @@
-"""Ready-made machines show what a mechanism can be; each says where its numbers come from.
+"""Ready-made machines, each with the source of its numbers.
 
 All have pulleys and Festo DMSP-20-400N muscles (Sárosi et al. 2012) with rest length 40 cm and 0–5 bar: replace what
 differs in yours (`dataclasses.replace`, `Mechanism.with_muscles`).

@@ -1,4 +1,4 @@
-"""A mechanism is n joints moved by m muscles.
+"""Mechanism of n joints moved by m muscles.
 
 At the posture q ∈ Rⁿ muscle j pulls with F_j(P_j, ε_j) along its arm r_j = -∇l_j; its own stiffness is
 k_j = -F_ε/L_j and its bend H_j = ∇²l_j. By virtual work
@@ -180,10 +180,6 @@ class Mechanism:
     def arms(self, q: ArrayLike) -> Array:
         """Return the arms r = -∇l (…, m, n) [m] at the postures `q` (…, n)."""
         return self.routes.at(self.posture(q)).arm
-
-    def bends(self, q: ArrayLike) -> Array:
-        """Return the bends H = ∇²l (…, m, n, n) [m] at the postures `q` (…, n)."""
-        return self.routes.at(self.posture(q)).bend
 
     def forces(self, q: ArrayLike, P: ArrayLike) -> Array:
         """Return the muscles' forces F (…, m) [N]; negative where one would be slack."""

@@ -1,4 +1,4 @@
-"""Every muscle model has this in common.
+"""Base classes of muscle models.
 
 A muscle is a static force law F(P, ε): contraction force [N] from gauge pressure P [Pa] and contraction ratio
 ε = (l0 - l)/l0 [-]. It pulls only: where F < 0 the cable is slack and the law does not hold, so the taut region F ≥ 0

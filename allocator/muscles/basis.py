@@ -1,4 +1,4 @@
-"""A force law at a fixed contraction is a combination of functions of the pressure, its basis."""
+"""Basis of a force law: the functions of the pressure that it combines at a fixed contraction."""
 
 from dataclasses import dataclass
 from functools import cache

@@ -1,4 +1,4 @@
-"""Named muscles are parameter sets, each with the place where its numbers were read."""
+"""Catalogue of named parameter sets, each with the place where its numbers were read."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Does a muscle satisfy [M], F_P > 0 and F_Pε < 0, on a rectangle of pressures and contractions where it is taut?"""
+"""Check of [M], F_P > 0 and F_Pε < 0, on a rectangle of pressures and contractions where a muscle is taut."""
 
 import numpy as np
 

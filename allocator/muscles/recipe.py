@@ -1,4 +1,4 @@
-"""A recipe is what a model tells the least squares about itself."""
+"""Recipe by which the least squares fit a model."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field

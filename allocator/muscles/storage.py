@@ -1,4 +1,4 @@
-"""Muscles are kept as small TOML files. What one looks like:
+"""TOML files of muscles. An example:
 
 model = "Hogan1984"
 

@@ -1,4 +1,4 @@
-"""A muscle is made stronger or weaker by the parameters that scale its force; its class names them: `strength`.
+"""Scaling of a muscle's force by the parameters that its class names in `strength`.
 
 A law scales by s, F → s F, when each of these parameters x becomes x s^n, n the number beside its name. A joint without
 a force sensor needs this: its data say nothing about s, and two muscles of one kind differ by it.

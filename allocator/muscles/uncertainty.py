@@ -1,4 +1,4 @@
-"""How a muscle's force and stiffness depend on its parameters: what the delta method needs.
+"""Derivatives of a muscle's force and stiffness by its parameters, for the delta method.
 
 A quantity y(p) of a muscle whose parameters p have the covariance C has, to first order, the variance
 

@@ -1,4 +1,4 @@
-"""A muscle's volume is in its force law, but for one number.
+"""Volume of a muscle, which follows from its force law but for one number.
 
 Quasi-static work on a muscle of rest length L is dE = P dV + F dl with l = L(1 - ε). With G = E - PV the mixed
 derivatives of dG = -V dP + F dl are equal, so that of any law without hysteresis

@@ -1,4 +1,4 @@
-"""The project's pictures look alike: light, told apart by colour-blind eyes, readable in grey, units on every axis.
+"""Style of the project's pictures: light, told apart by colour-blind eyes, readable in grey, units on every axis.
 
 Figures are made without pyplot, so that nothing global changes and nothing has to be closed; a notebook shows them as
 they are. Every function loads Matplotlib when it is called.

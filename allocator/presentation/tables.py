@@ -1,4 +1,4 @@
-"""Results are shown to a person here: numbers, ranges and small tables for consoles and notebooks."""
+"""Numbers, ranges and small tables for consoles and notebooks."""
 
 from collections.abc import Iterable, Sequence
 from html import escape

@@ -1,4 +1,4 @@
-"""The complete search finds all pairs of pressures and all optima of two muscles at an angle, for any law and geometry.
+"""Complete search of all pairs of pressures and all optima of two muscles at an angle, for any law and geometry.
 
 `rows` turns muscles into numbers, `curves` cuts their curves into pieces, `pairs` finds all roots and the nearest
 points stretch by stretch (`stretches`), `arcs` the weighted optimum; `loops` does it for arrays, compiled or as plain

@@ -1,4 +1,4 @@
-"""The weighted optimum of two curves is sought where no pressures meet both targets: branch and bound along arcs.
+"""Weighted optimum of two curves where no pressures meet both targets: branch and bound along arcs.
 
 At the optimum JᵀW r = 0 with a residual r that is not zero wherever no limit holds and no curve has a kink, so that J
 is singular there: both curves have the same slope, m_1 = m_2 with m = dk/dt. Hence the optimum lies on one of these:

@@ -1,4 +1,4 @@
-"""The search is run for arrays of targets: NumPy in, NumPy out.
+"""Search for arrays of targets: NumPy in, NumPy out.
 
 Compiled code is used where it is there (`ready`), or for so many targets that it pays to make it; else the loops run as
 plain Python.

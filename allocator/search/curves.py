@@ -1,4 +1,4 @@
-"""Each muscle at a fixed angle is a plane curve P ↦ (t(P), k(P)), in numbers that a compiled loop takes.
+"""Plane curve P ↦ (t(P), k(P)) of each muscle at a fixed angle, in numbers that a compiled loop takes.
 
 A curve is a row of segments between the kinks of the muscle's law. On a segment t and k are combinations of the same
 few functions of the pressure (`allocator.muscles.basis`):

@@ -1,4 +1,4 @@
-"""`pairs` and `arcs` run for many targets: compiled, or called as they stand, plain Python without NumPy.
+"""Loops of `pairs` and `arcs` over many targets: compiled, or as plain Python without NumPy.
 
 `one` and `two` are rows of segments (n, segments, numbers), `box` (lo1, hi1, lo2, hi2, least sum) a target, `now` the
 pressures from which the nearest of several pairs is chosen, NaN for the least; `out` is filled, a row a target.

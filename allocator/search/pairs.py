@@ -1,4 +1,4 @@
-"""All pairs of pressures are found that give a torque and a stiffness, and the nearest where there are none.
+"""All pairs of pressures that give a torque and a stiffness, and the nearest where there are none.
 
 Torque and stiffness are sums of one function for each pressure, T = t_1 + t_2 and K = k_1 + k_2. On a level of one of
 them, x_1 + x_2 = X, the other is searched, stretch by stretch (`stretches`), one for each pair of pieces of the curves

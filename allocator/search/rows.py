@@ -1,4 +1,4 @@
-"""A muscle at angles becomes the rows of numbers in which `allocator.search.curves` takes its curve.
+"""Rows of numbers that describe a muscle's curve at angles, as `allocator.search.curves` takes them.
 
 With a share of the trapped gas the stiffness is no combination of the functions of the law's basis: then torque and
 stiffness are Chebyshev series, from angle to angle between the pressures that the box leaves there, up to which the

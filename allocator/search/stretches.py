@@ -1,4 +1,4 @@
-"""One stretch of a level has all its roots and its nearest point found here, from the values at its two ends.
+"""Roots and nearest point of one stretch of a level, from the values at its two ends.
 
 Along the level x_1 + x_2 = X of two pieces the other quantity is y = y_1(x_1) + y_2(X - x_1), and both slopes dy_i/dx_i
 are monotone. So on any stretch the values at its ends alone say:

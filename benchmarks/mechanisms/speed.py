@@ -49,16 +49,20 @@ def lexicographic(rounds: int) -> list[Time]:
     """Torque, then stiffness, then least pressure, with status and certificate, on the arm with six muscles."""
     one, own = random_targets(machines.arm26(), POSTURE, 10_000), arm_at_postures(10_000)
     few = Targets(one.mechanism, one.q, one.T[:FEW], one.K[:FEW])
+    warm_up(joint=few.mechanism)
     exact = allocate(few.q, few.K, few.T, joint=few.mechanism)
     problem = one.problem
     works = {
         "the kernel alone": lambda: pivoting.solve(problem),
+        "compiled, target by target from Python": lambda: [
+            allocate(few.q, K, T, joint=few.mechanism) for K, T in zip(few.K, few.T, strict=True)
+        ],
         "compiled batch, one posture": lambda: allocate(one.q, one.K, one.T, joint=one.mechanism),
         "compiled batch, every target at its own posture": lambda: allocate(own.q, own.K, own.T, joint=own.mechanism),
         "DAQP, three QPs called from Python": lambda: daqp_levels(few),
         "DAQP through qpsolvers (method='qp')": lambda: allocate(few.q, few.K, few.T, joint=few.mechanism, method="qp"),
     }
-    units = {name: FEW if "DAQP" in name else 10_000 for name in works}
+    units = {name: FEW if "DAQP" in name or "target by target" in name else 10_000 for name in works}
     found = in_turns(works, units, rounds)
     off = {
         "DAQP, three QPs called from Python": daqp_levels(few),

@@ -240,7 +240,7 @@ def _structs() -> dict[str, StructKind]:
 def _memory() -> Iterator[ArrayKind]:
     """Yield the arrays that `carved` takes from flat ones, in their order."""
     for node in ast.walk(_parsed(data.carved)):
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and isinstance(node.targets[0], ast.Tuple):
             flat, *sizes = node.value.args
             yield ArrayKind(_ELEMENTS[ast.unparse(flat)], tuple(map(_size, sizes)))
 

@@ -17,17 +17,17 @@ period 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/�
              several times as stiff as its muscles are; bounded by g ≤ K (1 + OVERSHOOT/|m|): it may begin to slide.
              A pressure that was above the held one when the rest began is within the play, and moves from there; one
              that rose since is on the edge of a narrower band, or of a regulator with another offset
-    leave    the preview changes, a state is not measured, θ is off its prediction by more than JOLT and more than it
-             usually was before the rest (a push, seen within a sample), e off its mean by more than PUSH + swing, or a
-             pressure is off by LEAK
+    leave    the preview changes, a state is not measured, θ is off its prediction by more than JOLT and by more than
+             UNUSUAL times what was usual before the rest (a push, seen within a sample), e off its mean by more than
+             PUSH + swing, or a pressure is off by LEAK
 
 A loop that swings about its reference by more than `RINGING` to both sides, again and again, counts with friction that
 is not there. Then the controller takes what friction there is as constant until the reference moves, rests as soon as
 the swing allows it at the mean over a whole period, and corrects only errors of more than two dead zones.
 
-An arm rests with all of its joints, and leaves with one; the period is that of its greatest J and least K*. The torques
-ΔT_i are those of each joint alone; with the other rows of K they would turn the others by nothing, and are shared
-among changes of pressures of one sign by least squares.
+An arm rests when all of its joints may, and stops resting when one is disturbed. The free period is that of the
+greatest J and the least K*. ΔT_i is the torque for joint i alone; the torques Σ_j K_ij ΔT_j/K_jj turn the joints by as
+much without turning others, and changes of pressures in the direction of `side` share them by least squares.
 """
 
 import numpy as np
@@ -40,7 +40,7 @@ from mpc.model.machine import Machine
 from mpc.tracking import resting
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Task
-from mpc.tracking.resting import DWELL, HELD, QUARTER, QUARTER_LENGTH, RESTS, RINGS, SIDE, THETA, Rules
+from mpc.tracking.resting import DWELL, HELD, JOLT, QUARTER, QUARTER_LENGTH, RESTS, RINGS, SIDE, THETA, Rules
 
 
 class RestMode(Deferred):
@@ -56,7 +56,7 @@ class RestMode(Deferred):
         shortest, longest = (max(round(t / dt), 1) for t in QUARTER)
         times = settling, round(DWELL / dt), shortest, longest
         inertia = float(np.max(plant.inertias))
-        self.rules = Rules(inertia, dt, *times, compensation.dead_band, limits.pressure[1])
+        self.rules = Rules(inertia, dt, *times, compensation.dead_band, limits.pressure[1], JOLT * plant.n)
         self._unit = float(plant.entries[2][0]) if isinstance(plant, Arm) else 1.0  # of an endpoint's K as N·m/rad
         self.reset()
 

@@ -23,7 +23,8 @@ RESOLUTION = 0.015 * DEG  # [rad] to which the effect of a correction is known
 OVERSHOOT = 0.15 * DEG  # [rad]
 MOST, LEAST_CHANGE = 0.1 * BAR, 1e-5 * BAR  # [Pa] of a correction
 SWEEPS = 30  # over the muscles, to share a torque among them
-JOLT, PUSH = 0.045 * DEG, 0.12 * DEG  # [rad]
+JOLT = 0.045 * DEG  # [rad] by joint: those of an arm move each other
+UNUSUAL, PUSH = 2.0, 0.12 * DEG  # [-] of the usual error of a prediction, [rad]
 EDGE = 0.5 * DEG  # [rad] by which the regulators' way to their edges may turn a joint
 LEAK = 0.1 * BAR  # [Pa] beyond the dead band
 NOISE = 0.005 * BAR  # [Pa] of a pressure's mean
@@ -83,6 +84,7 @@ class Rules(NamedTuple):
     longest: float
     dead_band: float  # [Pa]
     highest: float  # pressure [Pa]
+    jolt: float  # [rad] from a prediction that counts as a push, at least
 
 
 def size(n: int, m: int) -> int:
@@ -156,7 +158,7 @@ def decided(m: Memory, k: Rules, seen: Array, expected: Array) -> bool:
     """Look at the state `seen` (2n + m,) at a constant reference, where the angles `expected` (n, …) [rad] were
     predicted; return whether a correction is due, of the mean errors that `due` says.
     """
-    if pushed(m, seen, expected):
+    if pushed(m, k, seen, expected):
         begin(m)
         return False
     if m.shared[RESTS] == 0:
@@ -183,7 +185,7 @@ def watch(m: Memory, theta: Array, expected: Array) -> None:
             m.joint[i, USUAL] = off
 
 
-def pushed(m: Memory, theta: Array, expected: Array) -> bool:
+def pushed(m: Memory, k: Rules, theta: Array, expected: Array) -> bool:
     """Return whether a rest is disturbed at the angles `theta` [rad] where others were `expected` [rad]."""
     if m.shared[RESTS] == 0:
         return False
@@ -191,7 +193,8 @@ def pushed(m: Memory, theta: Array, expected: Array) -> bool:
     for i in range(len(m.joint)):
         mean, width = swing(m, i, QUARTERS)
         away = abs(theta[i] - m.joint[i, THETA] - mean)
-        jolt = max(JOLT * (2 if rings else 1), m.joint[i, USUAL])  # a ringing joint lacks friction that is predicted
+        least = k.jolt * (2 if rings else 1)  # a ringing joint lacks friction that is predicted
+        jolt = max(least, UNUSUAL * m.joint[i, USUAL])
         if abs(theta[i] - expected[i]) > jolt or away > PUSH + width + m.joint[i, FREE]:
             return True
     return False

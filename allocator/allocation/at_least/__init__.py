@@ -1,4 +1,4 @@
-"""At least a stiffness is given here with the least pressures: a semidefinite programme, proved both ways."""
+"""Least pressures for at least a stiffness: a semidefinite programme, with proofs of both outcomes."""
 
 from allocator.allocation.at_least.entry import allocate_at_least
 from allocator.allocation.at_least.result import AtLeast, Infeasibility

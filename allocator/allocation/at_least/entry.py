@@ -1,4 +1,4 @@
-"""`allocate_at_least` finds the least pressures that are stiff enough."""
+"""`allocate_at_least`: the least pressures that are stiff enough."""
 
 from dataclasses import replace
 

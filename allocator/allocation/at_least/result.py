@@ -1,4 +1,4 @@
-"""The answer of `allocate_at_least` is the least pressures that are stiff enough, or the proof that none are."""
+"""Answer of `allocate_at_least`: the least pressures that are stiff enough, or the proof that none are."""
 
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""To have at least a stiffness is a semidefinite programme, for cvxpy and Clarabel; what they return is not believed.
+"""Semidefinite programme of at least a stiffness, for cvxpy and Clarabel, whose answers are checked.
 
 In x = P/unit, with torques A x = b and linear matrices F_i(x) = F_i0 + Σ_j x_j F_ij,
 

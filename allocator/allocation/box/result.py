@@ -1,4 +1,4 @@
-"""The answer about a mechanism has the pressures of all muscles in a box, level after level of goals, and the proof."""
+"""Answer about a mechanism: pressures of all muscles, level after level of goals, and the proof."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,1 +1,1 @@
-"""Back-ends solve the allocation problem by general optimisation."""
+"""Back-ends that solve the allocation problem by general optimisation."""

@@ -1,4 +1,4 @@
-"""`optimise` calls a solver of the allocation problem by its name; each is imported only when it is used.
+"""Solvers of the allocation problem by name; each is imported only when it is used.
 
 The back-ends share goals to minimise one after the other, where to start, and what to hand back.
 """

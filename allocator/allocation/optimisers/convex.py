@@ -1,4 +1,4 @@
-"""Back-end "convex" solves the allocation problem in cvxpy.
+"""Back-end "convex": the allocation problem in cvxpy.
 
 For affine muscles every goal is a convex quadratic programme and one solve is exact; other muscles are linearised again
 around the answer until it stays. The cvxpy problem is built once for each kind of goal, with everything that changes a

@@ -1,4 +1,4 @@
-"""Back-end "nlp" solves the allocation problem as a nonlinear programme in CasADi, by IPOPT or CasADi's SQP method.
+"""Back-end "nlp": the allocation problem as a nonlinear programme in CasADi, by IPOPT or CasADi's SQP method.
 
 The programme is built once for a joint and a kind of goal; angle, targets, bounds and weights are its parameters.
 """

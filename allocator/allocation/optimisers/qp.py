@@ -1,4 +1,4 @@
-"""Back-end "qp" solves successive quadratic programmes through qpsolvers."""
+"""Back-end "qp": successive quadratic programmes through qpsolvers."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Sequential quadratic programming solves the allocation problem: the loop that "qp" and "convex" share.
+"""Sequential quadratic programming for the allocation problem, shared by "qp" and "convex".
 
 At pressures P each goal is replaced by its model in the step d,
 

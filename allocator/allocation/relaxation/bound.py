@@ -1,4 +1,4 @@
-"""The curves of all muscles are relaxed to polygons around them: a convex QP, and a lower bound that is always safe.
+"""Relaxation of all muscles' curves to polygons around them: a convex QP, and a lower bound that is always safe.
 
 With v = (F_1, k_1, …, F_m, k_m) minimise ½‖G v - b‖² over v_j in the polygon of muscle j, where E v = e, what the
 earlier levels have achieved. Whatever x and λ a solver returns, with g = Gᵀ(G x - b) + Eᵀλ every such v has, since the

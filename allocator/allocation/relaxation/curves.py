@@ -1,4 +1,4 @@
-"""What a muscle can do at a posture is a curve (F(P), k(P)) in the plane; polygons enclose its parts here.
+"""Curves (F(P), k(P)) of single muscles at a posture, and the polygons that enclose them.
 
 Torque and stiffness of a mechanism are linear in force and own stiffness, y = Σ_j (r_j F_j ; k_j r_j r_jᵀ + F_j H_j),
 so that the curve is all that is not linear. Along a part of it the slope σ = dk/dF = k'/F' keeps between a least and a

@@ -1,4 +1,4 @@
-"""Pressures go down to a local optimum of all levels of problem [M] here, by Gauss and Newton's method.
+"""Descent of pressures to a local optimum of all levels of problem [M], by Gauss and Newton's method.
 
 About the pressures of a step every muscle's F and k are straight lines, and [M] is that of affine muscles, which the
 kernel solves exactly, level after level, within a trust region. The step is taken in the forces, so that torques are

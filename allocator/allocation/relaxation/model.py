@@ -1,4 +1,4 @@
-"""The problem is put in the muscles' forces and own stiffnesses here, in which it is linear but for a curve a muscle.
+"""Problem in the muscles' forces and own stiffnesses, in which it is linear but for one curve per muscle.
 
 With v = (F_1, k_1, …, F_m, k_m), y = C v: column 2j of C is (r_j ; H_j), column 2j + 1 is (0 ; r_j r_jᵀ). The muscles'
 laws are in v(P) alone.

@@ -1,4 +1,4 @@
-"""Level after level of problem [M] is solved here for muscles that are not affine, and bounded from below."""
+"""Solution of problem [M], level after level, for muscles that are not affine, bounded from below."""
 
 import heapq
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""`solve` finds the global optimum: in closed form for affine muscles, by a complete search for others.
+"""Global optimum for two muscles: in closed form if they are affine, by a complete search for others.
 
 Without a pull (ρ = 0) an interior stationary point of [A] satisfies JᵀW r = 0 with the Jacobian J. Where that is
 invertible the residual r is zero: it is the analytic inverse. For affine muscles J is constant at an angle. Hence

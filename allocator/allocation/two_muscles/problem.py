@@ -1,4 +1,4 @@
-"""The allocation problem is stated here, and nowhere else.
+"""Allocation problem of two muscles.
 
 At a joint angle θ, with targets T* and K*, over the pressures P = (P1, P2):
 

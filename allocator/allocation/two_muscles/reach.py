@@ -1,4 +1,4 @@
-"""What a box of pressures can give at an angle is found here: stiffnesses at a torque, torques at a stiffness.
+"""Reach of a box of pressures at an angle: stiffnesses at a torque, torques at a stiffness.
 
 At a torque the stiffnesses are one interval, as the torque level is connected. At a stiffness the torques are a union
 of intervals, of up to three in all that was tried: the stiffness may turn, and its level fall apart.

@@ -1,4 +1,4 @@
-"""The answer about a pair of muscles, whose targets are numbers: in floats and arrays."""
+"""Answer about a pair of muscles, whose targets are numbers: in floats and arrays."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

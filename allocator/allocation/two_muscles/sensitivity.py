@@ -1,4 +1,4 @@
-"""`jacobian` says how the allocated pressures move with angle, stiffness and torque while the active set is held.
+"""Derivatives of two allocated pressures by angle, stiffness and torque, with the active set held.
 
 An answer is the solution of two equations G(P; θ, K*, T*) = 0, hence dP = -G_P⁻¹ G_x dx. Where both targets are met
 they are T = T* and K = K*. Otherwise every limit that is met takes an equation, P_i = b_i(θ) or P1 + P2 = 2 P_co, and

@@ -1,1 +1,1 @@
-"""Pressures are allocated here where the muscles' parameters are known with a covariance only."""
+"""Allocation for muscles whose parameters are known with a covariance."""

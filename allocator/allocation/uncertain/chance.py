@@ -1,4 +1,4 @@
-"""Back-end "convex" with `uncertainty` solves problem [U] as a second-order cone programme in cvxpy.
+"""Back-end "convex" with `uncertainty`: problem [U] as a second-order cone programme in cvxpy.
 
 The certificate does not use the cones: bounds by root finding, optimality by the step that is left inside them.
 """

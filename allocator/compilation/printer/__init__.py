@@ -1,4 +1,4 @@
-"""The printer takes functions of plain Python, such as the kernels of `source`, and prints them for NumPy and as C99.
+"""Printer of plain Python functions, such as the kernels of `source`, for NumPy and as C99.
 
 Such functions know numbers and tuples of numbers, and what numba compiles into code without branches:
 

@@ -1,4 +1,4 @@
-"""Expressions of plain Python are given their kinds, and printed as C, by the variables of the function they are in."""
+"""Kinds and C text of plain Python expressions, by the variables of the function they are in."""
 
 import ast
 from collections.abc import Mapping, Sequence

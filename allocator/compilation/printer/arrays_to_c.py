@@ -1,4 +1,4 @@
-"""Functions of plain Python that fill arrays, such as the kernel of mechanisms, are printed here as C99 without a heap.
+"""Printing of plain Python functions that fill arrays, such as the kernel of mechanisms, as C99 without a heap.
 
 They have what numba compiles without asking: numbers, arrays, named tuples of these, loops over `range` and arrays,
 branches, each other, `abs`, `min`, `max`, `sqrt`, `len`, `isfinite`, new arrays of constant size, copies. A named tuple

@@ -1,4 +1,4 @@
-"""What a C file has besides functions is kept here while they are printed: structs, constants, and who returns what."""
+"""Declarations of a C file, collected while its functions are printed: structs, constants and return types."""
 
 import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence

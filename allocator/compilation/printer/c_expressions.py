@@ -1,4 +1,4 @@
-"""Expressions, what stands on the right of an assignment, are turned into C here."""
+"""Printing of expressions, the right-hand sides of assignments, as C."""
 
 import ast
 

@@ -1,4 +1,4 @@
-"""The text to be printed is read here: functions of a module, checked for what the printer knows.
+"""Reading of the text to be printed: functions of a module, checked for what the printer knows.
 
 Such functions know numbers, tuples of numbers and each other; the table of `printed` lists all that they may contain.
 """

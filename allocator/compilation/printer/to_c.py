@@ -1,4 +1,4 @@
-"""The printer for C writes functions of plain Python as C99 that reads like them, docstrings and comments included.
+"""Printing of plain Python functions as C99 that reads like them, docstrings and comments included.
 
 A tuple is a struct: one that is passed on is called as the argument that takes it and unpacks it into names, which are
 its fields; one that is returned is called as the function and has the names returned. The tuples that come from outside

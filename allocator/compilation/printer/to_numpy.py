@@ -1,4 +1,4 @@
-"""The printer for NumPy turns functions of numbers into functions of arrays: `where` chooses between all branches."""
+"""Printing of functions of numbers as functions of arrays: `where` chooses between all branches."""
 
 import ast
 from collections.abc import Callable, Iterable, Iterator

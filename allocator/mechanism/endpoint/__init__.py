@@ -1,4 +1,4 @@
-"""An endpoint is a hand, which exerts a force, and has a stiffness or shall have one."""
+"""Endpoint of a mechanism, a hand: its position, force and stiffness."""
 
 from allocator.mechanism.endpoint.endpoint import Endpoint
 

@@ -1,4 +1,4 @@
-"""An endpoint is a hand: a point that the joints move, which exerts a force f and resists with a stiffness K_x.
+"""Hand of a mechanism: a point that the joints move, which exerts a force f and resists with a stiffness K_x.
 
 With x = x(q) and J = ∂x/∂q, rest under the force that the hand exerts is τ = Jᵀf; differentiating it,
 

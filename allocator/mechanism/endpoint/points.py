@@ -1,4 +1,4 @@
-"""Where a hand is, over the posture: a point on a linkage in closed form, or a function that CasADi differentiates."""
+"""Position of a hand over the posture: a point on a linkage in closed form, or a CasADi function."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Endpoint stiffness is a target as joint stiffness is: a linear image of it, so that the problem stays what it is.
+"""Endpoint stiffness as a target: a linear image of the joint stiffness, so that the problem stays the same.
 
 With K = K_q + Γ(f) and G with J G = 1, of which K_x = Gᵀ K G is the least, what is asked of the hand is
 

@@ -1,4 +1,4 @@
-"""Routes say how long every muscle of a mechanism is at a posture, with the first and second derivatives."""
+"""Routes of muscles over joints: lengths over the posture, with first and second derivatives."""
 
 from allocator.mechanism.routes.base import RoutedLengths, Routes
 from allocator.mechanism.routes.functions import FunctionRoutes, from_function

@@ -1,4 +1,4 @@
-"""`Routes` is what a mechanism knows of its geometry: the length of every muscle over the posture.
+"""Base class of all routes: the length of every muscle over the posture.
 
 The posture q ∈ Rⁿ holds the joints' angles [rad] (or strokes [m]); muscle j has the length l_j(q), and
 

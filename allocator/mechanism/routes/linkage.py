@@ -1,4 +1,4 @@
-"""A linkage is bodies that hang on each other by hinges and slides; its points move with closed derivatives.
+"""Linkages: bodies that hang on each other by hinges and slides, and the derivatives of their points.
 
 For a point p on a link and a joint b that moves it ∂p/∂q_b = w_b × (p - o_b) of a hinge, w_b of a slide; a hinge a
 before b (or b itself) turns that: ∂²p/∂q_a∂q_b = w_a × ∂p/∂q_b.

@@ -1,4 +1,4 @@
-"""The tendons of a MuJoCo model are read as `Sites` or `Pulleys`, its bodies and sites as points on links.
+"""Reading of a MuJoCo model: tendons as `Sites` or `Pulleys`, bodies and sites as points on links.
 
 Spatial tendons through sites are `Sites`, fixed tendons (sums of joint angles) `Pulleys`. A model with the text `MARK`
 tells rest length and cable of every tendon in its user data; `mpc.arm.mjcf.to_mjcf` writes such models. MuJoCo is not

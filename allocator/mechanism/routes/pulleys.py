@@ -1,4 +1,4 @@
-"""Muscles round pulleys have constant arms; the two muscles of an `AntagonistJoint` have those of its geometry."""
+"""Muscles round pulleys, whose arms are constant, and the two muscles of an `AntagonistJoint`'s geometry."""
 
 from dataclasses import dataclass
 

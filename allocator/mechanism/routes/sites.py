@@ -1,4 +1,4 @@
-"""Muscles here run straight between points on links; the derivatives of their lengths are closed, first and second.
+"""Muscles that run straight between points on links, with closed first and second derivatives of their lengths.
 
 A segment between the points p_o and p_i of two links has D = p_i - p_o, u = D/|D| and J = ∂D/∂q; with it
 

@@ -1,4 +1,4 @@
-"""The one list of all models is here."""
+"""List of all muscle models."""
 
 from allocator.muscles.base import Muscle
 from allocator.muscles.models.affine import AffinePolynomial, Hildebrandt2005, Hogan1984, Sarosi2012

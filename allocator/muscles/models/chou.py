@@ -1,4 +1,4 @@
-"""The McKibben muscle is described by virtual work, with the thickness of its wall."""
+"""McKibben muscle by virtual work, with the thickness of its wall."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Affine muscles of one's own are made from two functions, or from two tables."""
+"""Affine muscles of one's own, made from two functions or from two tables."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""A Padé force law is shared by several kinds of artificial muscle."""
+"""Padé force law shared by several kinds of artificial muscle."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The energy-based model of a Festo muscle contains a measured rubber law."""
+"""Energy-based model of a Festo muscle with a measured rubber law."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The ideal McKibben muscle is described by the geometry of its braid."""
+"""Ideal McKibben muscle, described by the geometry of its braid."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

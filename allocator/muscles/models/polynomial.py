@@ -1,4 +1,4 @@
-"""The McKibben muscle is given a polynomial counter-force here."""
+"""McKibben muscle with a polynomial counter-force."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""These McKibben muscles have a greatest contraction that depends on the pressure."""
+"""McKibben muscles whose greatest contraction depends on the pressure."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Tondu's report proposes this muscle model."""
+"""Muscle model proposed in Tondu's report."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The muscle is a spring whose stiffness depends on pressure and stretch."""
+"""Muscle as a spring whose stiffness depends on pressure and stretch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -97,6 +97,7 @@ def _structs() -> dict[str, StructKind]:
         "step": numbers,
         "L": _array(few, few),
         "order": counts,
+        "known": _array(1, element=INT),
         "p": _array(6),
     }
     structs = {name: StructKind(f"ant_qp_{name}", fields, False) for name, fields in made.items()}

@@ -208,6 +208,7 @@ def _rest(controller: TrackingMPC) -> Numbers:
         "REST_OVERSHOOT": (resting.OVERSHOOT, "that a correction may have [rad]"),
         "REST_MOST": (resting.MOST, "of a correction [Pa]"),
         "REST_JOLT": (resting.JOLT, "from the predicted angle: a push [rad]"),
+        "REST_UNUSUAL": (resting.UNUSUAL, "times the usual error of the prediction: a push [-]"),
         "REST_PUSH": (resting.PUSH, "from the mean angle: a push [rad]"),
         "REST_EDGE": (resting.EDGE, "by which the regulators' way to their edges may turn the joint [rad]"),
         "REST_LEAK": (resting.LEAK, "of a pressure from where it is held [Pa]"),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, Limits, Status, Stiffness, allocate, warm_up
+from allocator import InvalidInput, Limits, Stiffness, allocate, warm_up
 from allocator.allocation.box import single
 from allocator.allocation.box.kernel.target import answer
 from allocator.mechanism import Link, Mechanism, Sites, Tables, from_function, machines
@@ -196,4 +196,4 @@ def test_compiled_code_gives_the_digits_of_plain_python(monkeypatch):
         b = allocate(*targets, joint=arm, limits=kept)
         assert a.P == pytest.approx(b.P, abs=1e-9 * 5 * BAR)
         assert a.status is b.status
-    assert {a.status for a in compiled} >= {Status.EXACT, Status.STIFFNESS_LIMITED}
+    assert len({a.status for a in compiled}) > 2

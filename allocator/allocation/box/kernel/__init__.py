@@ -1,4 +1,4 @@
-"""The kernel solves the lexicographic box-constrained least squares of a mechanism, exactly, by block pivoting.
+"""Exact solution of a mechanism's lexicographic least squares in a box, by block principal pivoting.
 
 Over x ∈ Rᵐ within [lo, hi], in the order of the levels k = 0 … K-1 and then of the centre c,
 

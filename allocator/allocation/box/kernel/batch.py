@@ -1,4 +1,4 @@
-"""Many targets are solved, and their answers proved, one after the other.
+"""Loops over many targets, and the residual that proves an answer.
 
 Row matrices `A` (maps, p, m) hold all levels, which end at `ends` (K); target i takes the map `which[i]`, with `b`
 (N, p) and the bounds `lo`, `hi` and the `centre` (N, m). Multipliers `mu` (N, K + 1, p) are of the earlier levels'

@@ -1,4 +1,4 @@
-"""Strictly convex QPs in a box are solved by block principal pivoting: min ½ xᵀH x - gᵀx for lo ≤ x ≤ hi."""
+"""Strictly convex QPs in a box by block principal pivoting: min ½ xᵀH x - gᵀx for lo ≤ x ≤ hi."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 # numba types the functions by their calls

@@ -1,4 +1,4 @@
-"""One target is solved here: guesses are made until one of them proves to be the answer of [L].
+"""Solution of one target: guesses are made until one of them proves to be the answer of [L].
 
 `point` solves [L] for the free variables by orthogonal bases of the rows: those of level k less their part in the
 earlier levels' bases, are L Q with Q orthonormal, and L z ≈ b_k is a small least-squares problem (L = U R).

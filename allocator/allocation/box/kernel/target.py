@@ -1,4 +1,4 @@
-"""One target, from what is asked to what is judged: checks, rows, box, solution, residual and status.
+"""One target in one call: checks, rows, box, solution, residual and status.
 
 It says what `allocator.allocation.box.problem` and `certificate` say of N targets. All arrays are flat, because a
 compiled function takes a quarter of a microsecond for each array that it is given:

@@ -1,4 +1,4 @@
-"""Compiled kernels are the functions of `source` by numba: compiled when they are used, once, and kept on disk.
+"""Functions of `source` compiled by numba: at their first use, once, and kept on disk.
 
 Where they cannot be compiled (`allocator.compilation.jit`) `kernel` answers None and the readable implementation does
 the work.

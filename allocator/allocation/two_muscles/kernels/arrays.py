@@ -1,4 +1,4 @@
-"""Arrays of targets go through a kernel here: memory bounded, in several threads where there are many."""
+"""Kernels for arrays of targets: bounded memory, several threads where there are many."""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor

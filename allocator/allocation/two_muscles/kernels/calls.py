@@ -1,4 +1,4 @@
-"""The kernels answer `allocate` here: one target in some microseconds, arrays at the speed of compiled loops.
+"""Kernels behind `allocate`: one target in some microseconds, arrays at the speed of compiled loops.
 
 It is a short cut for the ordinary question (method "exact", a lexicographic priority, no pull, no co-contraction floor,
 no tolerance) about a joint that has a kernel. To everything else, and to arguments that are not certainly valid, the

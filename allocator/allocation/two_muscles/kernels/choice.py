@@ -1,4 +1,4 @@
-"""The kernel that answers for a joint, with the joint's numbers that it takes; a `Kind` is what it is compiled for."""
+"""Choice of the kernel for a joint, and the joint's numbers that the kernel takes."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

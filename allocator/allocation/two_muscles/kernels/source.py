@@ -1,4 +1,4 @@
-"""The exact allocation of one target as plain Python is the one text that everything else is made from.
+"""Exact allocation of one target as plain Python, the one text that everything else is made from.
 
 `tondu_exact` answers for two equal Tondu2021 on a pulley, `affine_exact` for muscles affine in the pressure in any
 geometry. They give, to rounding, what the readable `allocator.allocation.two_muscles.exact` and `status` give, for the

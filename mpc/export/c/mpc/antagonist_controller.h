@@ -167,7 +167,7 @@ typedef struct {
     ant_real item_z[ANT_ITEMS][ANT_HORIZON + 1][2], item_r[ANT_ITEMS][ANT_HORIZON + 1][2];
     ant_real K[ANT_ITEMS][ANT_ITEMS], L[ANT_ITEMS][ANT_ITEMS], multiplier[ANT_ITEMS], step[ANT_ITEMS];
     ant_real item_p[6];
-    int kind[ANT_ITEMS], sample[ANT_ITEMS], muscle[ANT_ITEMS], side[ANT_ITEMS], order[ANT_ITEMS];
+    int kind[ANT_ITEMS], sample[ANT_ITEMS], muscle[ANT_ITEMS], side[ANT_ITEMS], order[ANT_ITEMS], known[1];
     signed char base[ANT_HORIZON + 1][2], held[ANT_HORIZON + 1][2];
 } ant_exchange;
 

@@ -51,7 +51,7 @@ static int pushed(const ant_rest *r, const ant_real seen[4], ant_real expected) 
     const summary last = summed(r, QUARTERS);
     const ant_real away = ant_abs(seen[0] - r->reference[0] - last.mean);
     const ant_real least = ANT_REST_JOLT * (r->ringing ? 2 : 1); /* friction that is not there is predicted, too */
-    const ant_real jolt = r->usual > least ? r->usual : least;
+    const ant_real unusual = ANT_REST_UNUSUAL * r->usual, jolt = unusual > least ? unusual : least;
     return ant_abs(seen[0] - expected) > jolt || away > ANT_REST_PUSH + last.high - last.low + r->free;
 }
 

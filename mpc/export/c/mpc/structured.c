@@ -55,7 +55,7 @@ ant_structured ant_structured_of(ant_qp *qp) {
          a->xi,
          a->first,
          {a->other_xi, a->other_v, a->other_sigma},
-         {a->item_z, a->item_r, a->K, a->kind, a->sample, a->muscle, a->side, a->multiplier, a->step, a->L, a->order, a->item_p}}};
+         {a->item_z, a->item_r, a->K, a->kind, a->sample, a->muscle, a->side, a->multiplier, a->step, a->L, a->order, a->known, a->item_p}}};
     return made;
 }
 

@@ -48,7 +48,7 @@ class Beyond(NamedTuple):
         return memory_of(self.friction)
 
 
-_NOTHING = Beyond(flat(NO_FRICTION), 0, 0.0, rests=False, rules=Rules(*8 * (0.0,)))
+_NOTHING = Beyond(flat(NO_FRICTION), 0, 0.0, rests=False, rules=Rules(*9 * (0.0,)))
 
 
 class StepArrays:

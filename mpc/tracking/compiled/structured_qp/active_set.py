@@ -75,6 +75,7 @@ def begin(path: Path, setting: Setting, u: Array, bounded: Bounded, sweep: Sweep
         a.lower[N, i], a.upper[N, i], a.z[N, i] = 0.0, HUGE if i < 2 else 0.0, 0.0
         a.r[N, i] = setting.slack[2 * i] if i < 2 else 0.0
     items.kind[LAST], items.sample[LAST], items.muscle[LAST], items.side[LAST] = BOUND, 0, 0, 0
+    items.known[0] = 0
     sides(path, u, setting.bounds, bounded, a.b)
 
 

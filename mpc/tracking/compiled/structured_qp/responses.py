@@ -51,6 +51,7 @@ class Items(NamedTuple):
     step: Array  # (ITEMS,) by which the multipliers, or the changes that were let go, move
     L: Array  # (ITEMS, ITEMS) factor of K
     order: Indices  # (ITEMS,) in which it is factorised
+    known: Indices  # (1,) lines of the factor that are right
     p: Array  # (6,) a gradient by ξ
 
 
@@ -61,7 +62,7 @@ def new_items(N: int) -> Items:
     numbers, p = np.empty((2, ITEMS)), np.empty(NXI)
     return Items(
         lines[0], lines[1], few[0], counts[0], counts[1], counts[2], counts[3], numbers[0], numbers[1], few[1],
-        counts[4], p,
+        counts[4], np.zeros(1, np.int64), p,
     )  # fmt: skip
 
 
@@ -171,22 +172,28 @@ def row_value(slope: Array, k: int, kind: int, xi: Array) -> float:
 
 @inlined_flat
 def solve_items(size: int, items: Items) -> None:
-    """Replace `step` (size,) by the solution x of K x = step; K is factorised as L D Lᵀ, what was let go first."""
-    L, order, x, number = items.L, items.order, items.step, 0
+    """Replace `step` (size,) by the solution x of K x = step; K is factorised as L D Lᵀ, what was let go first.
+
+    Lines of L are kept up to the first that a change of the items has touched.
+    """
+    L, order, x, number, known = items.L, items.order, items.step, 0, 0
     for turn in range(2):
         for q in range(size):
             if (items.kind[q] == GONE) == (turn == 0):
+                if known == number and number < items.known[0] and order[number] == q:
+                    known += 1
                 order[number] = q
                 number += 1
     for m in range(size):
         p = order[m]
-        for n in range(m + 1):
+        for n in range(m + 1 if m >= known else 0):
             total = items.K[p, order[n]]
             for j in range(n):
                 total -= L[m, j] * L[n, j] * L[j, j]
             L[m, n] = total / L[n, n] if n < m else total
         for n in range(m):
             x[p] -= L[m, n] * x[order[n]]
+    items.known[0] = size
     for m in range(size - 1, -1, -1):
         p = order[m]
         x[p] /= L[m, m]
@@ -197,6 +204,10 @@ def solve_items(size: int, items: Items) -> None:
 @inlined_flat
 def remove(size: int, c: int, items: Items) -> int:
     """Remove the item `c` of the first `size`, and return how many are left: the last one takes its place."""
+    for m in range(items.known[0]):
+        if items.order[m] == c:
+            items.known[0] = m
+            break
     if c != size - 1:
         copy_item(size - 1, c, size - 1, items)
     return size - 1

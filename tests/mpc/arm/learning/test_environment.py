@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 
 from allocator import InvalidInput, MissingBackend, allocate, report_joint
 from allocator.units import BAR
+from benchmarks.arm.unmodelled import machine
 from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness, governor_of
 from mpc.arm.learning.environment import NAME, ReachEnvironment, ReachVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
@@ -130,6 +131,12 @@ def test_by_default_a_governor_keeps_the_joints_in_range():
     assert governor.lag == pytest.approx(ARM.lags + 0.01)  # dead time counts as lag
     steep = replace(ARM.mechanism, muscles=(report_joint().agonist,) * 6)
     assert isinstance(governor_of(replace(ARM, mechanism=steep), 0.01, 1), BoxAndSlew)
+
+
+def test_arms_of_up_to_three_joints_are_governed(monkeypatch):
+    monkeypatch.setattr(PressureGovernor, "warm_up", lambda governor: True)
+    for arm, kind in ((machine("three").arm, PressureGovernor), (Arm.machine("arm48"), BoxAndSlew)):
+        assert isinstance(governor_of(arm, 0.01, 1), kind)
 
 
 def test_box_and_slew_change_nothing_that_is_within():
