@@ -195,9 +195,10 @@ class Learner:
         if self._noises:
             return np.asarray(np.minimum(_LEAST_OF_SEVERAL * np.min(self._noises, axis=0), self._noises[-1]))
         begin = self.course.begin
-        rest = self._errors[0][begin // 2 : begin].reshape(begin - begin // 2, -1)
+        rest = self._errors[0][begin // 2 : begin]
         if len(rest) < _LEAST_REST / self.dt:
             return np.zeros(self._responses[0].frequency.size)
+        rest = rest.reshape(len(rest), -1)
         return rested(rest, self._responses[0], self.dt, self.course.count - begin)
 
     def _counted(self, values: Array) -> Array:

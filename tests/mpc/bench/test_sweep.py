@@ -120,7 +120,7 @@ def test_an_input_that_ends_stops_the_sweep(monkeypatch):
         while not ask(1.0):
             pass
 
-    with pytest.raises(Stopped, match="nobody is there"):
+    with pytest.raises(Stopped, match="standard input is at its end"):
         waited_for()
 
 

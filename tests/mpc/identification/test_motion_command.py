@@ -107,7 +107,7 @@ def test_a_log_that_tells_too_little_is_refused_with_the_experiment_that_would_h
 def test_nothing_is_written_over_and_no_plant_without_a_joint(slow_joint, tmp_path):
     log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],p2 [bar]", slow_joint)
     result = run(log, "--out", tmp_path / "plant.toml")
-    assert "--out writes a plant with muscles: give --machine" in str(result.exception)
+    assert "--out writes a plant with muscles: give its joint with --machine" in str(result.exception)
     (tmp_path / "plant.toml").write_text("mine")
     save_machine(JOINT, tmp_path / "joint.toml")
     result = run(log, "--machine", tmp_path / "joint.toml", "--out", tmp_path / "plant.toml")

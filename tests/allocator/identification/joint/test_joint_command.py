@@ -113,7 +113,7 @@ def test_steady_samples_are_picked_from_a_raw_log(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--rest-length", 300), "either --lever"),
+        (("--rest-length", 300), "--lever R,r,offset [m] or --pulley"),
         (("--pulley", "0.02,0.11"), "give the rest length once"),
         (("--pulley", "0.02", "--rest-length", 300), "expected 2 numbers"),
         (("--lever", "a,b", "--rest-length", 300), "expected 2 or 3 numbers"),
