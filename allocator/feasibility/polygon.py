@@ -33,7 +33,7 @@ class Coordinate(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What stands on an axis."""
+        """Label of an axis."""
         return f"{self.kind} {self.name} [{self.unit}]"
 
 

@@ -199,7 +199,7 @@ class StiffnessKind:
 
     @property
     def text(self) -> str:
-        """What to call it: "isobaric stiffness", "shut stiffness", "dynamic stiffness at 2 Hz", …"""
+        """Name: "isobaric stiffness", "shut stiffness", "dynamic stiffness at 2 Hz", …"""
         at = "" if self.frequency is None else f" at {self.frequency:g} Hz"
         by = "" if self.amplitude is None else f" felt by ±{self.amplitude / DEG:.4g}°"
         return f"{self.name} stiffness{at}{by}"

@@ -93,7 +93,7 @@ class AtLeast:
 
     @cached_property
     def excess(self) -> tuple[float, ...]:
-        """How far K_q is above each floor in the worst direction, in shares of what is asked for; ≥ 0 is met.
+        """Margin of K_q above each floor in the worst direction, relative to the floor; ≥ 0 is met.
 
         Of a stiffness beyond reach the least of these is the greatest that there is.
         """
@@ -130,7 +130,7 @@ class AtLeast:
 
     @cached_property
     def gap(self) -> float:
-        """How far Σ (P - P_ref)² is above a proved bound, in shares of the square of the greatest pressure."""
+        """Σ (P - P_ref)² above a proven bound, relative to the square of the greatest pressure."""
         if self.multipliers is None:
             return np.inf
         programme = self.floors.programme

@@ -158,7 +158,7 @@ class BoxProblem:
 
     @cached_property
     def y_scale(self) -> Array:
-        """What counts as large (N, d): what the muscles add at their upper bounds, in absolute value."""
+        """Scale of large answers (N, d): the sums of the muscles' absolute values at their upper bounds."""
         if not self.mechanism.affine:
             return np.asarray(sum(map(np.abs, self._added(self.bounds[1])))) + np.abs(self.y)
         most = self.by_posture(np.abs(self.map.M).swapaxes(1, 2), np.abs(self.bounds[1]))

@@ -70,7 +70,7 @@ class Model:
 
     @cached_property
     def scale(self) -> Array:
-        """What counts as a large weighted error of each level (N, K)."""
+        """Scale of large weighted errors of each level (N, K)."""
         every = np.arange(self.problem.size)
         size = np.abs(self.product(np.abs(self.weighted), every, np.abs(self.states(every, self.bounds[1]))))
         size += np.abs(self.asked)

@@ -134,7 +134,7 @@ class Nearby(NamedTuple):
 
     @property
     def left(self) -> Array:
-        """How far a level's cost may be above the least (N,), of 1 + cost."""
+        """Bound on a level's cost above the least (N,), relative to 1 + cost."""
         return np.asarray(((self.costs - self.bounds) / (1 + self.costs)).max(axis=1))
 
     @classmethod

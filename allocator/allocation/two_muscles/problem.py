@@ -168,7 +168,7 @@ class Problem:
 
     @cached_property
     def scales(self) -> Pair:
-        """What counts as large: both muscles' torque and stiffness at their upper bounds, in absolute value."""
+        """Scale of large torques and stiffnesses: both muscles' absolute values at their upper bounds."""
         one, two = self.sides
         hi1, hi2 = self.box.agonist.hi, self.box.antagonist.hi
         return (

@@ -176,7 +176,7 @@ class PairAllocation(Allocation):
 
     @cached_property
     def gap(self) -> Value:
-        """How much better an answer might be than this one, for all that is proved; 0 for closed forms.
+        """Proven bound on the improvement that another answer could bring; 0 for closed forms.
 
         A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
         (muscles not affine) prove some 1e-13. Of an optimising method: how much worse than the bound of "exact". NaN
@@ -188,7 +188,7 @@ class PairAllocation(Allocation):
 
     @cached_property
     def pairs(self) -> Any:
-        """How many pairs of pressures within the limits give this torque and stiffness: 1, on levers also more.
+        """Number of pairs of pressures within the limits with this torque and stiffness: 1, on levers also more.
 
         The least of them is answered, or with `previous` the nearest to these pressures; see `along` of `allocate`.
         """
@@ -205,7 +205,7 @@ class PairAllocation(Allocation):
 
     @property
     def torques(self) -> tuple[Array, Array]:
-        """What agonist (a1 F1) and antagonist (-a2 F2) add to the torque, in one row [N·m]."""
+        """Torques of agonist (a1 F1) and antagonist (-a2 F2), in one row [N·m]."""
         one, two = self._problem.sides
         return one.torque(np.ravel(self.P1)), two.torque(np.ravel(self.P2))
 

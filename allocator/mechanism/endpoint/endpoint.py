@@ -184,7 +184,7 @@ class Endpoint:
 
     @property
     def text(self) -> str:
-        """What it is, in a few words."""
+        """Description in a few words."""
         return f"an endpoint with dim = {self.dim} coordinates over n = {self.n} joints"
 
 

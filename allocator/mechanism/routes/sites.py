@@ -58,7 +58,7 @@ class Sites(Routes):
 
     @cached_property
     def linkage(self) -> Linkage:
-        """What moves the sites."""
+        """Motion of the sites."""
         return Linkage(self.links)
 
     def at(self, q: Array) -> RoutedLengths:
