@@ -1,4 +1,4 @@
-"""Controllers are tested against a plant that does all that real joints do and the prediction model does not know.
+"""Simulated plant with effects of real joints that the prediction model does not know.
 
     θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
     P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e less the dead band, 0 within it,
@@ -16,8 +16,9 @@ the joint turns in one direction, and each step begins with what is remembered o
 """
 
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from math import ceil, inf, isfinite, prod, sqrt
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -38,6 +39,9 @@ from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
 from mpc.model.gas import trapped
 from mpc.model.integration import integrated
 from mpc.model.plant import MOST_SUBSTEPS, NU, NX, Plant
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 
 @dataclass(frozen=True)
@@ -252,17 +256,11 @@ class RealPlant:
         return max(least, ceil(steps))
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """Return the nominal plant's rest (4,): where an experiment begins.
-
-        This plant will drift from it and settle.
-        """
+        """Return the nominal plant's rest (4,), from which this plant drifts until it settles."""
         return self.nominal.at_rest(theta, K)
 
     def begin(self, dt: float, x0: Array, seed: int) -> "RealExperiment":
-        """Begin an experiment from the state `x0` (4,) with commands every `dt` [s].
-
-        `seed` is that of the sensors' noise.
-        """
+        """Begin an experiment from `x0` (4,) with commands every `dt` [s] and the `seed` of the sensors' noise."""
         return RealExperiment(self, dt, x0, seed)
 
 
@@ -288,7 +286,7 @@ def outside_torque(profile: tuple[tuple[float, float], ...], t: float) -> float:
 
 
 class RealExperiment:
-    """A real experiment is one on a `RealPlant`: its state, what its sensors say, and time going on."""
+    """Experiment on a `RealPlant`, with its state, its sensors and the time."""
 
     def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
         self.real, self.dt = real, dt
@@ -301,7 +299,7 @@ class RealExperiment:
         remembered = int(real.reading_age / dt) + 2 if real.reading_age else 0
         self._angles = [float(x0[0])] * remembered  # of the last samples, oldest first
         # by the shares of the forces that reach the joint, and the valves that are shut
-        self._integrators = {((1.0, 1.0), real.shut): self._integrator(real)}
+        self._integrators = {((1.0, 1.0), real.shut): Buffered(_integrator(real, dt))}
 
     @property
     def x(self) -> Array:
@@ -378,22 +376,22 @@ class RealExperiment:
         shut = one, two
         if (pulling, shut) not in self._integrators:
             broken = replace(self.real, force_gains=(g1 * pulling[0], g2 * pulling[1]), shut=shut)
-            self._integrators[pulling, shut] = self._integrator(broken)
+            self._integrators[pulling, shut] = Buffered(_integrator(broken, self.dt))
         return self._integrators[pulling, shut]
 
-    def _integrator(self, real: RealPlant) -> Buffered:
-        """Return (x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a
-        `Plant`.
-        """
-        import casadi as ca
 
-        n = NX + real.friction.size
-        full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
-        substeps = real.substeps(self.dt, FINE)
-        x, memory = full[:NX], full[NX:]
-        for _ in range(substeps):
-            x, memory = real.stepped(x, memory, u, d, duration / substeps)
-        return Buffered(ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)]))
+@lru_cache(maxsize=16)
+def _integrator(real: RealPlant, dt: float) -> "Function":
+    """Return (x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a `Plant`."""
+    import casadi as ca
+
+    n = NX + real.friction.size
+    full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
+    substeps = real.substeps(dt, FINE)
+    x, memory = full[:NX], full[NX:]
+    for _ in range(substeps):
+        x, memory = real.stepped(x, memory, u, d, duration / substeps)
+    return ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)])
 
 
 _UNITS = (
