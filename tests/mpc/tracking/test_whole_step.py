@@ -182,7 +182,7 @@ def test_a_plan_is_the_same_value_however_it_is_looked_at():
     plan = pair.whole.step(pair.x, 0.1, 7.6)
     for other in (pickle.loads(pickle.dumps(pair.whole.step(pair.x, 0.1, 7.6))), copy(plan), deepcopy(plan)):
         assert other.u.shape == (N, 2)
-    assert repr(pair.whole.step(pair.x, 0.1, 7.6)).startswith("Plan(u=array(")
+    assert repr(pair.whole.step(pair.x, 0.1, 7.6)).startswith("Plan: OPTIMAL by QP, ")
     np.testing.assert_array_equal(copy(plan).u, plan.u)
     assert plan.times.total > plan.times.solve > 0.0
     with pytest.raises(AttributeError, match="no 'v'"):
