@@ -33,7 +33,7 @@ class Loop(NamedTuple):
             value = getattr(self, name)
             if isinstance(value, type) or not isinstance(value, kind):
                 said = str(kind.__doc__).splitlines()[0]
-                raise InvalidInput(f"{name}s[{self.number}] = {checks.brief(value)} is no {name}. {said}")
+                raise InvalidInput(f"{name}s[{self.number}] = {checks.brief(value)} is no {name}; expected: {said}")
         return self._replace(seed=checks.count(f"seeds[{self.number}]", self.seed, least=0))
 
 
