@@ -94,7 +94,7 @@ def test_the_report_has_its_sections_and_pictures(quick_run):
     titles = [
         "Main table",
         "Plots",
-        "What was compared",
+        "Comparison",
         *(f"Priority: {p}" for p in ("torque", "stiffness", "weighted")),
     ]
     titles += ["Time", "Warm start", "Limitations", "Machine and versions"]
