@@ -3,7 +3,7 @@
 It is a short cut for the ordinary question (method "exact", a lexicographic priority, the isobaric stiffness of the
 joints, force limits that are numbers) after `warm_up(joint=mechanism)`. Everything else, and arguments that are not
 certainly valid, it leaves to the readable road by returning None. CasADi evaluates the mechanism at the posture,
-`kernel/target.py` does the rest. Fields of the answer that nobody looks at are not computed.
+`kernel/target.py` does the rest. Fields of the answer are computed on first access.
 """
 
 from functools import cache
