@@ -14,7 +14,6 @@ finder behind all others turns failed imports by our own files into a `MissingPa
 import sys
 import warnings
 from collections.abc import Iterable, Sequence
-from importlib.abc import MetaPathFinder
 from types import FrameType
 
 
@@ -108,7 +107,7 @@ _INSTALL = {  # arguments of pip, by the library
 }
 
 
-class _NameMissing(MetaPathFinder):
+class _NameMissing:
     def find_spec(self, fullname: str, path: Sequence[str] | None, target: object = None) -> None:
         """Find nothing. Raises `MissingPackage` if a file of these packages imports it."""
         if fullname in _INSTALL and _imported_by_us(sys._getframe(1)):

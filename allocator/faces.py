@@ -7,7 +7,8 @@ The `__init__.py` of such a package imports its public names for type checkers o
     else:
         __all__, __getattr__, __dir__ = face(__name__, __file__)
 
-`face` reads this list, so that `dir()`, tab completion and `from mpc import *` show the same names.
+`face` reads this list, so that `dir()`, tab completion and `from mpc import *` show the same names. Sub-packages are
+imported on first use too, as in `mpc.export`.
 """
 
 import ast
@@ -21,9 +22,12 @@ from typing import Any
 def face(package: str, file: str) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
     """Return `__all__`, `__getattr__` and `__dir__` of the package whose `__init__.py` is `file`."""
     homes = _homes(Path(file).read_text(encoding="utf-8"))
+    rooms = {inner.parent.name for inner in Path(file).parent.glob("*/__init__.py")}
 
     def getattr_(name: str) -> Any:
-        """Return the public name `name`, imported from its module. Raises `AttributeError` for others."""
+        """Return the public name or sub-package `name`, imported. Raises `AttributeError` for others."""
+        if name in rooms:
+            return import_module(f"{package}.{name}")
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(import_module(homes[name]), name)

@@ -18,10 +18,10 @@ from allocator.allocation.status import CLOSED_FORM
 from allocator.allocation.two_muscles import exact
 from allocator.allocation.two_muscles.certificate import assess
 from allocator.calculus import Array, Mask
+from allocator.closed_form import solve_inverse
 from allocator.errors import InvalidInput
 from allocator.feasibility.result import FeasibilityMap
 from allocator.feasibility.setting import Columns, Setting, columns
-from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import TAUT, Limits

@@ -6,7 +6,7 @@ is its domain. A model worth using satisfies on it
 
     ∂F/∂P > 0  and  ∂²F/∂P∂ε < 0        (more pressure pulls more, and stiffens)        [M]
 
-from which the uniqueness of the inverse follows (see `allocator.inverse`).
+from which the uniqueness of the inverse follows (see `allocator.closed_form`).
 """
 
 from abc import ABC, abstractmethod

@@ -3,7 +3,7 @@
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from allocator.inverse import inverse
+from allocator.closed_form import inverse
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.geometry import Pulley
 from allocator.joint.torque_levels import Pair

@@ -202,7 +202,7 @@ def test_track_without_a_file_follows_the_default_and_writes_here(tmp_path):
         (["short.csv", "--controller", "nmpc", "--solver", "daqp"], "unknown NLP solver 'daqp'; available: "),
         (["short.csv", "--out", "run.xlsx"], "--out run.xlsx: a run is written as .png, "),
         (["short.csv", "--out", "bad.csv/run.npz"], "bad.csv/run.npz cannot be written"),
-        (["short.csv", "--plant", "imaginary"], "unknown plant 'imaginary'; available: other, real, nominal"),
+        (["short.csv", "--plant", "imaginary"], "unknown plant 'imaginary'; available: nominal, other, real"),
         (["short.csv", "--seed", "-1"], "seed = -1 has to be a whole number, 0 or more"),
         (["short.csv", "--controller", "pid", "--solver", "osqp"], "solver = 'osqp' belongs to the controllers mpc"),
         (["short.csv", "--controller", "fuzzy"], "unknown controller 'fuzzy'; available: "),

@@ -13,8 +13,8 @@ from allocator.allocation.status import OPTIMISER
 from allocator.allocation.two_muscles import certificate, exact
 from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
+from allocator.closed_form import solve_inverse
 from allocator.errors import InvalidInput
-from allocator.inverse import solve_inverse
 from allocator.units import BAR
 
 CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is not passed on

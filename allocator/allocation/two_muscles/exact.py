@@ -21,8 +21,8 @@ from allocator import search
 from allocator.allocation.two_muscles import felt
 from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
+from allocator.closed_form import affine_inverse
 from allocator.errors import InvalidInput
-from allocator.inverse import affine_inverse
 from allocator.joint.limits import PressureBox
 from allocator.joint.torque_levels import Pair
 

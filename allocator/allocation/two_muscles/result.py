@@ -15,8 +15,8 @@ from allocator.allocation.two_muscles import certificate, reach, sensitivity
 from allocator.allocation.two_muscles.problem import Problem
 from allocator.allocation.uncertain.spread import Spread, of_joint
 from allocator.calculus import Array, Mask, Value
+from allocator.closed_form import why_no_inverse
 from allocator.errors import InvalidInput
-from allocator.inverse import why_no_inverse
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import assumptions
 from allocator.joint.gas import HELD, StiffnessKind, Valves

@@ -31,8 +31,8 @@ from allocator.allocation.two_muscles.problem import Problem
 from allocator.allocation.two_muscles.result import PairAllocation
 from allocator.allocation.uncertain.spread import with_covariance
 from allocator.calculus import Array, Mask, Value
+from allocator.closed_form import solve_inverse
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.inverse import solve_inverse
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import HELD, StiffnessKind, of_a_joint
 from allocator.joint.limits import Limits
