@@ -5,14 +5,19 @@ from all repetitions of the first, inflating. Bins of fewer than 20 readings whi
 is judged by differences of the predicted and the measured forces of neighbouring contractions, where both pull. Each
 rig's load cell is zeroed by its readings of slack muscles. The end length comes from the forces at no contraction of
 four lengths of the same laboratory, 20 and 30 cm among them: at no contraction the held-out length is not unseen.
+Where one reading is seen it is the mean force of the held-out length at no contraction and 6 bar. The last row is no
+prediction: three numbers, of force, contraction and pressure, are fitted to the held-out length itself, which shows
+how far a law of one length serves at another at all.
 """
 
 import csv
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from allocator.calculus import Array, Mask
 from allocator.identification.muscle.fit import fit
@@ -30,6 +35,8 @@ _PRESSURES = np.arange(300e3, 620e3, 20e3)  # [Pa] at which it is
 
 Force = Callable[[Array, Array], Array]
 _LAWS = "Sarosi2012", "MartensBoblan2017", "AffinePolynomial", "ThresholdPolynomial", "TableMuscle"
+_READING = 600e3  # [Pa]
+_BIN = 10e3  # [Pa]
 _SLACK = 100e3  # [Pa], below which a contracted muscle is slack and shows the load cell's zero
 
 
@@ -128,14 +135,43 @@ def repeatability(rows: Forces) -> float:
     return float(np.sqrt(np.mean(squares)))
 
 
-def _other_length(rows: Forces, end_length: float) -> list[float]:
+def _by_end_length(seen: Forces, held: Forces, end_length: float) -> ForceSurface:
+    return surface(seen).at_length(seen.length[0], held.length[0], end_length)
+
+
+def _by_one_reading(seen: Forces, held: Forces) -> ForceSurface:
+    still = held.only(held.contraction == 0)
+    near = still.only(np.abs(still.pressure - _READING) < _BIN)
+    return _by_end_length(seen, held, END_LENGTH).calibrated(_READING, 0.0, float(near.force.mean()))
+
+
+def _fitted_to_itself(seen: Forces, held: Forces) -> Array:
+    """Return the errors [N] of the other length's surface with three factors of the held-out length's own."""
+    force = surface(seen).force
+    return np.asarray(
+        least_squares(
+            lambda s: s[0] * force(s[1] * held.pressure, s[2] * held.contraction) - held.force, np.ones(3)
+        ).fun
+    )
+
+
+def _predicted(by: Callable[[Forces, Forces], ForceSurface]) -> Callable[[Forces, Forces], Array]:
+    return lambda seen, held: by(seen, held).force(held.pressure, held.contraction) - held.force
+
+
+OTHER_LENGTH: dict[str, Callable[[Forces, Forces], Array]] = {
+    "no end": _predicted(partial(_by_end_length, end_length=0.0)),
+    f"end length {1000 * END_LENGTH:.0f} mm": _predicted(partial(_by_end_length, end_length=END_LENGTH)),
+    f"end length {1000 * END_LENGTH:.0f} mm, one reading seen": _predicted(_by_one_reading),
+    "three numbers fitted to itself": _fitted_to_itself,
+}
+
+
+def _other_length(rows: Forces, errors: Callable[[Forces, Forces], Array]) -> list[float]:
     """Return the RMS errors [N] of each length, predicted from the other."""
-    lengths, errors = np.unique(rows.length), []
-    for one, other in ((lengths[0], lengths[1]), (lengths[1], lengths[0])):
-        seen, held = (rows.only((rows.length == length) & rows.inflating) for length in (one, other))
-        error = surface(seen).at_length(one, other, end_length).force(held.pressure, held.contraction) - held.force
-        errors.append(float(np.sqrt(np.mean(error**2))))
-    return errors
+    lengths = np.unique(rows.length)
+    of = [rows.only((rows.length == length) & rows.inflating) for length in lengths]
+    return [float(np.sqrt(np.mean(errors(seen, held) ** 2))) for seen, held in (of[::-1], of)]
 
 
 def table(path: Path) -> list[str]:
@@ -154,8 +190,7 @@ def table(path: Path) -> list[str]:
     cells = [f"{repeatability(rows.only(rows.length == length)):.1f}" for length in lengths]
     lines += [f"| repeatability, 3 to 6.2 bar | {' | '.join(cells)} |", ""]
     lines += ["Held-out length, inflating: RMS error [N] of each length, predicted from the other.", ""]
-    lines += [f"| end length | {head} |", f"|---{'|---' * lengths.size}|"]
-    for e in (0.0, END_LENGTH):
-        back = _other_length(rows, e)[::-1]
-        lines.append(f"| {1000 * e:.0f} mm | {' | '.join(f'{error:.1f}' for error in back)} |")
+    lines += [f"| model | {head} |", f"|---{'|---' * lengths.size}|"]
+    for name, errors in OTHER_LENGTH.items():
+        lines.append(f"| {name} | {' | '.join(f'{error:.1f}' for error in _other_length(rows, errors))} |")
     return lines

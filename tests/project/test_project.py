@@ -15,7 +15,8 @@ HEAVY = ("scipy", "casadi", "osqp", "daqp", "qpsolvers", "cvxpy", "control", "ma
 
 
 def test_importing_allocate_loads_numpy_and_nothing_heavy():
-    code = f"import sys; from allocator import allocate; print([m for m in {HEAVY} if m in sys.modules], 'numpy' in sys.modules)"
+    loaded = f"[m for m in {HEAVY} if m in sys.modules], 'numpy' in sys.modules"
+    code = f"import sys; from allocator import allocate; print({loaded})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[] True"
 

@@ -23,7 +23,10 @@ The ends of a muscle do not contract. A muscle of another length L than the meas
     F_L(P, ε) = (a_L/a_0) F(P, ε a_L/a_0),   a_L = 1 - e/L             (S1)
 
 with one number, the end length e. At no contraction it is the growth of force with length that is measured on muscles
-of 10 mm diameter (304, 366, 422, 439 N for 10, 20, 30, 40 cm): e = 40 mm there.
+of 10 mm diameter (304, 366, 422, 439 N for 10, 20, 30, 40 cm): e = 40 mm there. Each of these forces is within 6 % of
+that growth and no nearer, because muscles differ. One reading of the other muscle tells its strength:
+
+    F_s(P, ε) = s F_L(P, ε)                                            (S2)
 """
 
 from dataclasses import dataclass, replace
@@ -51,6 +54,7 @@ class ForceSurface:
     coefficients: Array  # (pressures, contractions) [N]
     rms: float  # of the table [N]
     scale: float = 1.0  # a_L/a_0 of another length   (S1)
+    strength: float = 1.0  # s of another muscle   (S2)
 
     @classmethod
     def fit(
@@ -97,14 +101,14 @@ class ForceSurface:
         P, eps = np.broadcast_arrays(np.asarray(pressure, float), np.asarray(contraction, float))
         at = eps * self.scale
         rows = _rows(P.ravel(), at.ravel(), self.pressure_knots, self.contraction_knots)
-        return np.asarray(self.scale * (rows @ self.coefficients.ravel()).reshape(P.shape))
+        return np.asarray(self.strength * self.scale * (rows @ self.coefficients.ravel()).reshape(P.shape))
 
     def slope(self, pressure: ArrayLike, contraction: ArrayLike) -> Array:
         """Return ∂F/∂ε (…) [N]."""
         P, eps = np.broadcast_arrays(np.asarray(pressure, float), np.asarray(contraction, float))
         at = eps * self.scale
         rows = _rows(P.ravel(), at.ravel(), self.pressure_knots, self.contraction_knots, 1)
-        return np.asarray(self.scale**2 * (rows @ self.coefficients.ravel()).reshape(P.shape))
+        return np.asarray(self.strength * self.scale**2 * (rows @ self.coefficients.ravel()).reshape(P.shape))
 
     def at_length(self, measured: float, other: float, end_length: float) -> Self:
         """Return the surface of a muscle of length `other`, all in one unit   (S1)
@@ -116,6 +120,18 @@ class ForceSurface:
                 f"end length {end_length:g} has to be less than both lengths, {measured:g} and {other:g}"
             )
         return replace(self, scale=(1 - end_length / other) / (1 - end_length / measured))
+
+    def calibrated(self, pressure: float, contraction: float, force: float) -> Self:
+        """Return the surface of a muscle with the force `force` [N] at one pressure [Pa] and contraction [-]   (S2)
+
+        Raises `InvalidInput` where this surface or that muscle does not pull.
+        """
+        here = float(self.force(pressure, contraction))
+        if min(here, force) <= 0:
+            raise InvalidInput(
+                f"a surface of {here:g} N is not calibrated by a muscle of {force:g} N: both have to pull"
+            )
+        return replace(self, strength=self.strength * force / here)
 
 
 def _knots(x: Array, count: int) -> Array:

@@ -55,6 +55,18 @@ def test_the_force_at_no_contraction_grows_with_length_as_measured():
     np.testing.assert_allclose(np.array(of) / of[-1], np.array([304, 366, 422, 439]) / 439, atol=0.06)
 
 
+def test_one_reading_tells_the_strength_of_another_muscle():
+    found = surface().at_length(0.2, 0.3, 0.04)
+    other = found.calibrated(6 * BAR, 0.0, 400.0)
+    assert float(other.force(6 * BAR, 0.0)) == pytest.approx(400.0)
+    at = np.linspace(0.0, 0.13, 7)
+    ratio = 400.0 / float(found.force(6 * BAR, 0.0))
+    np.testing.assert_allclose(other.force(3 * BAR, at), ratio * found.force(3 * BAR, at))
+    np.testing.assert_allclose(other.slope(3 * BAR, at), ratio * found.slope(3 * BAR, at))
+    with pytest.raises(InvalidInput, match="a muscle of -1 N: both have to pull"):
+        found.calibrated(6 * BAR, 0.0, -1.0)
+
+
 def test_what_tells_no_surface_is_refused():
     with pytest.raises(InvalidInput, match="360 samples do not tell 40 × 20 coefficients"):
         ForceSurface.fit(EPS, P, P * 0, pressures=40, contractions=20)
