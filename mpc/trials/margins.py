@@ -42,9 +42,10 @@ from mpc.tracking.base import BaseController
 
 ROBUST = 2.0  # M_s that textbooks ask for at most
 DELTA = 1e-5  # [rad], far below the observer's gates
-SETTLE, LISTEN = 0.2, 8.0  # [s] before the disturbed reading and after it
+SETTLE, SHORT, LISTEN = 0.2, 2.0, 8.0  # [s] before the disturbed reading and after it
 _FINE = 8  # how much finer than 1/LISTEN the frequencies are
 _DECAYED = 1e-2  # of δ at the end; more is a loop that does not settle
+_SILENT = 1e-3  # of δ at the end of the short response; more needs the long one
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,9 @@ class Margins:
 
         It is (samples,), of an arm (samples, n, n): the readings of each joint by the one that is disturbed.
         """
-        samples = len(response)
-        points = _FINE * max(samples, round(LISTEN / dt))
+        points = _FINE * max(len(response), round(LISTEN / dt))
         frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
-        settled = bool(np.abs(response[-round(0.1 * samples) :]).max() < _DECAYED)
-        return cls(theta, K, frequency, np.fft.rfft(response, points, axis=0)[1:], settled)
+        return cls(theta, K, frequency, np.fft.rfft(response, points, axis=0)[1:], _left(response) < _DECAYED)
 
     @cached_property
     def magnitude(self) -> Array:
@@ -159,14 +158,14 @@ def margins(
     observer: Observer,
     postures: Iterable[tuple[Value, Value]] | None = None,
     *,
-    listen: float = LISTEN,
+    listen: float | None = None,
 ) -> tuple[Margins, ...]:
     """Return the margins of the loop of `controller` and `observer` on its own model, dead time and gas included.
 
     `postures` are pairs (θ [rad], K [N·m/rad]), of an arm (n,) and (k, k); by default those of `usual_postures`. The
-    response is computed for `listen` [s]. Both are used and reset; rest mode is off meanwhile. The joints slide and the
-    regulators move, so both need a compensation without friction and dead band, which are not linear. Raises
-    `InvalidInput` for a compensation with friction or a dead band.
+    response is computed for `listen` [s], by default for 2 s, or 8 s if it has not decayed by then. Both are used and
+    reset; rest mode is off meanwhile. The joints slide and the regulators move, so both need a compensation without
+    friction and dead band, which are not linear. Raises `InvalidInput` for a compensation with friction or a dead band.
     """
     plant, told = controller.plant, controller.compensation
     if told != linear(told):
@@ -208,8 +207,21 @@ def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
 
 
-def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float) -> Margins:
+def _left(response: Array) -> float:
+    """Return the greatest value in the last tenth of a response."""
+    return float(np.abs(response[-round(0.1 * len(response)) :]).max())
+
+
+def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float | None) -> Margins:
     """Return the margins at one posture."""
+    response = _response(controller, observer, theta, K, listen or SHORT)
+    if listen is None and not _left(response) < _SILENT:
+        response = _response(controller, observer, theta, K, LISTEN)
+    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], controller.dt)
+
+
+def _response(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float) -> Array:
+    """Return the readings (samples, n, n) [-] of each joint by the one whose reading is disturbed by 1."""
     dt, n = controller.dt, controller.plant.n
     first, samples = round(SETTLE / dt), round((SETTLE + listen) / dt)
     at_rest = controller.plant.at_rest(theta, K)
@@ -230,8 +242,7 @@ def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, 
         return np.array(angles[first:])
 
     undisturbed = readings(np.zeros(n))
-    response = np.stack([readings(DELTA * unit) - undisturbed for unit in np.eye(n)], axis=2) / DELTA
-    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], dt)
+    return np.asarray(np.stack([readings(DELTA * unit) - undisturbed for unit in np.eye(n)], axis=2) / DELTA)
 
 
 def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:
