@@ -387,11 +387,12 @@ def _integrator(real: RealPlant, dt: float) -> "Function":
 
     n = NX + real.friction.size
     full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
-    substeps = real.substeps(dt, FINE)
-    x, memory = full[:NX], full[NX:]
+    given = full, u, d, duration
+    step = ca.Function("step", given, [ca.vertcat(*real.stepped(full[:NX], full[NX:], u, d, duration))])
+    substeps, later = real.substeps(dt, FINE), full
     for _ in range(substeps):
-        x, memory = real.stepped(x, memory, u, d, duration / substeps)
-    return ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)])
+        later = step(later, u, d, duration / substeps)
+    return ca.Function("real", given, [later])
 
 
 _UNITS = (
