@@ -47,8 +47,8 @@ class Limits:
     def commandable(self, P: Array) -> Array:
         """Return the measured pressures `P` [Pa] as commands to start from.
 
-        A gauge may read less than no pressure, which cannot be commanded. Readings outside the supply stay, since
-        commands return from there at the slew limit.
+        Negative readings of a gauge, which cannot be commanded, are moved to zero. Readings above the supply stay,
+        since commands return from there at the slew limit.
         """
         return np.maximum(P, min(self.pressure[0], 0.0))
 
@@ -57,7 +57,7 @@ class Limits:
         left, right = self.theta
         if theta.ndim > 1:
             return float(max(0.0, (left - theta).max(), (theta - right).max()))
-        angles = theta.tolist()  # Python is faster than NumPy on so few
+        angles = theta.tolist()  # Python is faster than NumPy on so few numbers
         return float(max(0.0, left - min(angles), max(angles) - right))
 
     def slackening(self, F: Array) -> float:
