@@ -175,7 +175,7 @@ class MaxwellSlip:
         return Loop(Slip(self.springs, self.widths, self.base, elastic=self.elastic))
 
     def as_dahl(self, plant: Plant) -> Friction:
-        """Return Dahl's friction with a loop of the same width at θ = 0, P1 + P2 = 5 bar, as found without this model."""
+        """Return Dahl's friction with the same loop width at θ = 0, P1 + P2 = 5 bar, as found without this model."""
         contact = Contact(plant, np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT]))
         return Friction.of_width(plant, float(2 * self.most(contact) / contact.stiffness))
 

@@ -168,7 +168,7 @@ class TreeBodies:
         return torque
 
     def _outwards(self, q: "SX", omega: "SX", alpha: "SX") -> tuple[list["SX"], list[_Moved]]:
-        """Return every link's rotation in its parent, angular velocity and acceleration, and its origin's acceleration."""
+        """Return every link's rotation in its parent, angular rates, and the acceleration of its origin."""
         import casadi as ca
 
         still = ca.SX.zeros(3)
