@@ -133,7 +133,7 @@ class Recorder:
             self._draft = None
 
     def add(self, row: Row) -> None:
-        """Add a row. Raises `CannotWrite`; the file then ends with the row before, and is not written to again."""
+        """Add a row. Raises `CannotWrite`; the file then ends with the row before, and is closed."""
         if self._used == _CHUNK:
             self._chunks.append(np.empty((_CHUNK, len(Row._fields))))
             self._used = 0
@@ -219,7 +219,7 @@ class Lateness(NamedTuple):
 
     @classmethod
     def of(cls, late: Array, missed: Array, dt: float) -> Self:
-        """Return the statistics of samples of `dt` [s] with the lateness `late` (n,) [s] and the counts `missed` (n,)."""
+        """Return the statistics of samples of `dt` [s] with the lateness `late` (n,) [s] and counts `missed` (n,)."""
         if not late.size:
             return cls(0.0, 0.0, 0.0, 0, 0, 0)
         median, p99 = np.percentile(late, [50, 99]).tolist()
