@@ -83,7 +83,7 @@ def plain_loop(text: str) -> Loop:
 
 @cache
 def compiled_loop(text: str) -> Loop:
-    """Return the loop compiled at its first call; if that is impossible, warn with `SlowStep` and return the plain one."""
+    """Return the loop compiled at its first call; if that fails, warn with `SlowStep` and return the plain one."""
     reason = "numba is missing, or told not to compile"
     try:
         from mpc.codegen.modules import imported

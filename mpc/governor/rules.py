@@ -111,9 +111,7 @@ class _Rest(NamedTuple):
 
     @classmethod
     def of(cls, dynamics: Dynamics, limits: Limits, most: Array, cases: Corners) -> "_Rest":
-        """Find the rest in the middle of the range, with pressures in the middle of those that are taut everywhere in
-        it.
-        """
+        """Find the rest in the middle of the range, with pressures in the middle of those that are taut throughout."""
         mechanism, statics, middle = dynamics.mechanism, statics_function(dynamics), dynamics.middle
         ends = np.array(mechanism.angle_limits) + limits.margin * np.array([1.0, -1.0])
         grid = _grid(ends)
