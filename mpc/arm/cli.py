@@ -65,7 +65,7 @@ def track_arm(
     margins: Path | None,
     wait: bool,
 ) -> None:
-    """Let an arm of pneumatic muscles follow angles and a stiffness matrix on MuJoCo, film it, and say how it went."""
+    """Track angles and a stiffness matrix with an arm of pneumatic muscles on MuJoCo, film it, and report the errors."""
     import numpy as np
     from rich.console import Console
 

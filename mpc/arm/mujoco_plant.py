@@ -134,17 +134,17 @@ class MujocoPlant:
 
     @property
     def n(self) -> int:
-        """Return the number of encoders."""
+        """Number of encoders."""
         return len(self._places)
 
     @property
     def m(self) -> int:
-        """Return the number of muscles."""
+        """Number of muscles."""
         return self.pneumatics.m
 
     @property
     def pressure_limits(self) -> tuple[float, float]:
-        """Return the least and the greatest pressure of the supply [Pa]."""
+        """Least and greatest pressure of the supply [Pa]."""
         return self.supply.limits
 
     # --- as a process that `simulate` runs --------------------------------------------------------------------------
@@ -153,7 +153,7 @@ class MujocoPlant:
     def nominal(self) -> Arm:
         """Arm as the controllers' model. Raises `InvalidInput` if it was not given."""
         if self._nominal is None:
-            raise InvalidInput("MujocoPlant: say nominal=arm, or make it by MujocoPlant.of(arm)")
+            raise InvalidInput("MujocoPlant: set nominal=arm, or use MujocoPlant.of(arm)")
         return self._nominal
 
     def at_rest(self, theta: ArrayLike, K: ArrayLike) -> Array:
@@ -223,22 +223,22 @@ class MujocoPlant:
 
     @property
     def time(self) -> float:
-        """Return the time since the beginning [s]."""
+        """Time since the beginning [s]."""
         return float(self.data.time)
 
     @property
     def q(self) -> Array:
-        """Return the true angles (n,) [rad]."""
+        """True angles (n,) [rad]."""
         return np.array(self.data.qpos[self._places])
 
     @property
     def omega(self) -> Array:
-        """Return the true velocities (n,) [rad/s]."""
+        """True velocities (n,) [rad/s]."""
         return np.array(self.data.qvel[self._speeds])
 
     @property
     def P(self) -> Array:
-        """Return the true pressures (m,) [Pa]."""
+        """True pressures (m,) [Pa]."""
         return self._P.copy()
 
     @property
@@ -248,7 +248,7 @@ class MujocoPlant:
 
     @property
     def arms(self) -> Array:
-        """Return the arms r = -∂l/∂q (m, n) [m] at the encoders' joints."""
+        """Arms r = -∂l/∂q (m, n) [m] at the encoders' joints."""
         return -self._jacobian()[:, self._speeds]
 
     @property
@@ -258,12 +258,12 @@ class MujocoPlant:
 
     @property
     def torque(self) -> Array:
-        """Return the muscles' torques (n,) [N·m]   (M1)"""
+        """Muscles' torques (n,) [N·m]   (M1)"""
         return np.asarray(self.tension @ self.arms)
 
     @property
     def energy(self) -> tuple[float, float]:
-        """Return the potential energy, of gravity and the model's springs, and the kinetic one [J]."""
+        """Potential energy, of gravity and the model's springs, and the kinetic one [J]."""
         import mujoco
 
         mujoco.mj_energyPos(self.model, self.data)

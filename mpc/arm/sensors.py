@@ -38,7 +38,9 @@ class Sensors:
         self.faults = tuple(faults)
         for fault in self.faults:
             if not isinstance(fault, Fault) or (fault.joints, fault.muscles) != (n, m):
-                raise InvalidInput(f"faults: {fault!r} is not one of joints={n}, muscles={m}; say them when it is made")
+                raise InvalidInput(
+                    f"faults: {fault!r} is not one of joints={n}, muscles={m}; set them in its constructor"
+                )
         self.begin(0)
 
     @property
@@ -87,7 +89,7 @@ def encoders_of(model: Any, source: str) -> NDArray[np.intp]:
     import mujoco
 
     if model.na:
-        raise InvalidFile(source, "has actuators with states of their own, which are not integrated here")
+        raise InvalidFile(source, "has actuators with states, which are not integrated")
     if not model.ntendon:
         raise InvalidFile(source, "has no tendons; the tendons of the model are the muscles")
     kinds = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]

@@ -79,7 +79,7 @@ class CommandSource(Protocol):
         """Pressures [Pa] that a soft start leads to."""
 
     def decide(self, tick: Tick) -> Decision | None:
-        """Return the commands of this sample, None at the end. Raises `Stopped` where the joint is not well."""
+        """Return the commands of this sample, None at the end. Raises `Stopped` if the joint is unhealthy."""
 
 
 class Settings(NamedTuple):
@@ -195,7 +195,7 @@ class Cycle:
         if not all(map(isfinite, measured)):
             if present is None:
                 raise RefusedStart(
-                    "the device measures no pressures: say where they are, SoftStart(present=(P1, P2)) in Pa, or "
+                    "the device measures no pressures: give their values, SoftStart(present=(P1, P2)) in Pa, or "
                     "--present on the command line (0:0 after venting)"
                 )
             measured = present

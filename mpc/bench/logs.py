@@ -31,7 +31,7 @@ class Record:
 
     @property
     def lateness(self) -> Lateness:
-        """Return the distribution of lateness, without that of the safe stop."""
+        """Distribution of lateness, without that of the safe stop."""
         late, missed = self.where("late", "missed", phases=_MOVING)
         return Lateness.of(late, missed, self.dt)
 

@@ -2,7 +2,7 @@
 
 A signal only sets a flag, which the loop reads at its next sample, so that a command under way is not interrupted.
 Ctrl-C (SIGINT), Ctrl-Z (SIGTSTP), SIGTERM and a closed terminal (SIGHUP, unless it is ignored as under nohup) ask for
-the safe stop; a second signal, or SIGQUIT, asks for a vent at once. If no sample is finished for `stall` seconds, a
+the safe stop; a second signal, or SIGQUIT, requests a vent at once. If no sample is finished for `stall` seconds, a
 thread interrupts the call that hangs by a signal whose handler raises `Stopped` in it. If that does not help twice, the
 device is vented from that thread, and the process ends with exit code 4.
 

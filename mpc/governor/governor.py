@@ -245,7 +245,7 @@ class PressureGovernor:
 
     @property
     def _table(self) -> Array:
-        """Return the kernel's numbers and memory, one table per thread."""
+        """Kernel's numbers and memory, one table per thread."""
         kept: dict[str, Array] = self._kept.__dict__
         if "table" not in kept:
             kept["table"] = self._packed.table.copy()

@@ -40,7 +40,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Scaled:
-    """A function times a number."""
+    """Function times a number."""
 
     function: Posed
     factor: float

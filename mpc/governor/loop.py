@@ -93,5 +93,5 @@ def compiled_loop(text: str) -> Loop:
             return Loop(made, True)
     except (ImportError, OSError) as failure:  # no numba, or no writable cache
         reason = str(failure)
-    notice(f"the governor is not compiled and takes some thousand times as long: {reason}", SlowStep)
+    notice(f"the governor is not compiled and takes about a thousand times as long: {reason}", SlowStep)
     return plain_loop(text)

@@ -38,13 +38,13 @@ class Dynamics(NamedTuple):
 
     @property
     def bounds(self) -> Array:
-        """Return the bounds (2, m + n + 1) of strengths, damping and the share of the heaviest bodies' masses."""
+        """Bounds (2, m + n + 1) of strengths, damping and the share of the heaviest bodies' masses."""
         heavier = float(self.inertia[0] is not self.inertia[1] or self.gravity[0] is not self.gravity[1])
         return np.column_stack([self.strength, self.damping, [0.0, heavier]])
 
     @property
     def uncertain(self) -> Array:
-        """Return which (m + n + 1) of these have different bounds."""
+        """Which (m + n + 1) of these have different bounds."""
         low, high = self.bounds
         return np.asarray(low < high)
 
@@ -54,7 +54,7 @@ class Dynamics(NamedTuple):
 
     @property
     def middle(self) -> Array:
-        """Return the scene (k) in the middle of all bounds."""
+        """Scene (k) in the middle of all bounds."""
         return np.asarray(self.scenes(self.bounds.mean(axis=0, keepdims=True))[0])
 
 

@@ -100,7 +100,7 @@ class Compensation:
 
     @property
     def told(self) -> dict[str, Any]:
-        """Return the known effects by name, without those at their defaults."""
+        """Known effects by name, without those at their defaults."""
         return {name: value for name, value in vars(self).items() if value != vars(Compensation())[name]}
 
     @property

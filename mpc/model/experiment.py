@@ -39,7 +39,7 @@ class Experiment(Protocol):
 
     @property
     def x(self) -> Array:
-        """Return the true state (2n + m,): angles [rad], velocities [rad/s], pressures [Pa]."""
+        """True state (2n + m,): angles [rad], velocities [rad/s], pressures [Pa]."""
 
     def measure(self) -> Array:
         """Return the readings of the sensors (2n + m,); NaN for unmeasured entries. Call it once per sample."""

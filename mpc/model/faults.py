@@ -36,7 +36,7 @@ class Fault:
 
     @property
     def size(self) -> int:
-        """The number of sensors and states, 2n + m."""
+        """Number of sensors and states, 2n + m."""
         return 2 * self.joints + self.muscles
 
     @property

@@ -100,17 +100,17 @@ class Plant:
 
     @property
     def pressure_limits(self) -> tuple[float, float]:
-        """Return the least and the greatest command [Pa]."""
+        """Least and greatest command [Pa]."""
         return self.joint.pressure_limits
 
     @property
     def angle_limits(self) -> tuple[float, float]:
-        """Return the least and the greatest angle [rad]."""
+        """Least and greatest angle [rad]."""
         return self.joint.angle_range
 
     @property
     def lags(self) -> tuple[float, float]:
-        """Return the time constants (τ1, τ2) of the pressures [s]."""
+        """Time constants (τ1, τ2) of the pressures [s]."""
         assert isinstance(self.lag, tuple)  # __post_init__ made it one
         return self.lag
 
@@ -338,7 +338,7 @@ class Plant:
 
     @property
     def fastest_rate(self) -> float:
-        """Return an upper estimate of the fastest eigenvalue [1/s], which determines integration steps."""
+        """Upper estimate of the fastest eigenvalue [1/s], which determines integration steps."""
         P = self.joint.pressure_limits[1]
         angles = np.linspace(*self.joint.angle_range, 9)
         sides = self.joint.sides(angles)

@@ -249,7 +249,7 @@ class RealPlant:
         if steps > MOST_SUBSTEPS:
             raise InvalidInput(
                 f"lag_up or lag_down = {shortest:.3g} s is so short that dt = {dt:g} s would take {steps:.3g} steps of "
-                f"integration, over {MOST_SUBSTEPS}; such a pressure has no lag: leave it out or say 1e-3 s"
+                f"integration, over {MOST_SUBSTEPS}; omit such a short lag or give 1e-3 s"
             )
         return max(least, ceil(steps))
 
@@ -302,7 +302,7 @@ class RealExperiment:
 
     @property
     def x(self) -> Array:
-        """Return the true state (4,)."""
+        """True state (4,)."""
         return self._full[:NX].copy()
 
     def measure(self) -> Array:

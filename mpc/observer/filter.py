@@ -95,7 +95,7 @@ class Belief(NamedTuple):
 
     @property
     def sound(self) -> bool:
-        """Return whether it is finite, and no variance negative."""
+        """Whether it is finite, and no variance negative."""
         return bool(np.isfinite(self.xi).all() and np.isfinite(self.covariance).all()) and bool(
             (np.diag(self.covariance) > 0).all()
         )

@@ -68,7 +68,7 @@ class Verdict(IntEnum):
 
 
 _VERDICTS = {
-    Verdict.BELIEVED: "The reading is near what was expected.",
+    Verdict.BELIEVED: "The reading is near the expected one.",
     Verdict.ACCEPTED: "The readings had jumped and stayed there, or go on after a rest: the sensor is believed again.",
     Verdict.SILENT: "The sensor says nothing.",
     Verdict.IMPOSSIBLE: "The reading is beyond what the joint range or the supply allow.",
@@ -165,7 +165,7 @@ class SensorGate:
 
     @property
     def quiet(self) -> bool:
-        """Return whether the gate has no memory of rejections."""
+        """Whether the gate has no memory of rejections."""
         return self._since == 0 and not isfinite(self._refused)
 
     def frozen(self, read: float) -> None:

@@ -1,16 +1,13 @@
 """Health of a joint or an arm: the faults that `mpc.observer.diagnosis` suspects, and the reactions to them.
 
-| fault | what is seen | reaction |
-|---|---|---|
-| leak | pressure below what its command makes of it, and never rising | stiffen less |
-| stuck valve | pressure that does not move while its command does | hold |
-| supply drop | pressure that follows its command up to a ceiling common to several muscles | stiffen less |
-| offset of a pressure sensor | it comes to rest beside its command, which the observer makes up for | none |
-| drifting pressure sensor | departs slowly from its command, and d̂ takes back the torque of it | stiffen less |
-| broken cable | d̂ jumps to minus the muscle's torque, and follows it | vent |
-| silent, frozen or rejected sensor | the observer's own flags | none for a pressure, hold for the angle |
-| load or drift of the angle | d̂ larger than usual loads, whatever the pressures do | hold |
-| loop that rings | the angle swings at a common period, does not come to rest, and d̂ with it | hold |
+| fault | what is seen | reaction | |---|---|---| | leak | pressure below that of its command, and never rising |
+stiffen less | | stuck valve | pressure that does not move while its command does | hold | | supply drop | pressure that
+follows its command up to a ceiling common to several muscles | stiffen less | | offset of a pressure sensor | it
+settles at a distance from its command, which the observer compensates | none | | drifting pressure sensor | departs
+slowly from its command, and d̂ takes back the torque of it | stiffen less | | broken cable | d̂ jumps to minus the
+muscle's torque, and follows it | vent | | silent, frozen or rejected sensor | the observer's own flags | none for a
+pressure, hold for the angle | | load or drift of the angle | d̂ larger than usual loads, for any pressures | hold | |
+loop that rings | the angle swings at a common period, does not come to rest, and d̂ with it | hold |
 
 If several faults explain the observations, all of them are reported; `docs/faults.md` lists which, and until when.
 """
@@ -156,7 +153,7 @@ class Health:
 
     @property
     def reaction(self) -> Reaction:
-        """Most urgent reaction of all suspects: of indistinguishable faults, the worst is assumed."""
+        """Most urgent reaction of all suspects, since the worst of indistinguishable faults is assumed."""
         return max((suspect.reaction for suspect in self.suspects), default=Reaction.NONE)
 
     def __str__(self) -> str:

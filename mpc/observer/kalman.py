@@ -189,7 +189,7 @@ class KalmanObserver:
 
     @property
     def _believed(self) -> Mask:
-        """Return which readings (n + m,) count."""
+        """Which readings (n + m,) count."""
         return np.array([verdict.counts for verdict in self._verdicts])
 
     def _learn_steps(self, changes: list[float]) -> None:

@@ -13,8 +13,8 @@ explanations are possible then. Until the pressure has been normal for `HOLD` se
     leak               P rises, or r > 0
     supply drop        P still falls after SETTLED, or r > 0, or the other muscle holds more than this one does
     drifting sensor    r moves quickly, or d̂ does not move by -(∂T/∂P) r
-    all but that       d̂ does: the torque that P would make is not there
-    broken cable       P lies outside of what regulators make without q, which has a sum of its own
+    all but that       d̂ does: the torque of P is missing
+    broken cable       P lies outside the range of regulators without q, with a sum of its own
 
 The regression coefficient of d̂ on -(∂T/∂P) r, with a memory of MEMORY seconds, decides these: 1 for a drift and 0 for
 the others. Limits above the noise are in standard deviations σ of the sensor. If no explanation remained, as when a

@@ -29,7 +29,7 @@ _SHARE = 0.9  # [-] of the time budget, for optimising; the rest is for predicti
 
 
 class Situation(NamedTuple):
-    """The starting point of the optimisation."""
+    """Starting point of the optimisation."""
 
     task: Task
     feed: FeedForward
@@ -38,7 +38,7 @@ class Situation(NamedTuple):
 
 
 class Optimised(NamedTuple):
-    """The result of the optimisation, or the reason why there is none."""
+    """Result of the optimisation, or the reason why there is none."""
 
     status: PlanStatus
     best: tuple[Rung, Array] | None = None  # commands (N, m) and their rung of the ladder
@@ -66,7 +66,7 @@ class BaseController(ABC):
     budget: float | None = None  # greatest duration of a step [s]
     rest: bool = False  # whether commands settle at a constant reference, given a compensation
     machines: ClassVar[tuple[type, ...]] = (Plant,)  # supported types of plants
-    says_moved: ClassVar[bool] = True  # whether plans report how far the references were moved
+    says_moved: ClassVar[bool] = True  # whether plans report moves of the references
     _feed_forward: FeedForwardOf
     _first: bool = True  # whether there was no step since the last reset
 

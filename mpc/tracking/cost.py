@@ -30,7 +30,7 @@ NY = 1 + NU  # outputs: stiffness and both forces
 
 
 class Residual(NamedTuple):
-    """A quantity with one weight, which charges half its square, summed over entries and samples."""
+    """Quantity with one weight; its cost is half its square, summed over entries and samples."""
 
     weight: str  # field of `Weights`
     rows: str  # field of `Rows`

@@ -53,7 +53,7 @@ class Limits:
         return np.maximum(P, min(self.pressure[0], 0.0))
 
     def excursion(self, theta: Array) -> float:
-        """Return how far the angles `theta` (N,) or (N, n) leave their ranges at worst [rad]."""
+        """Return the greatest excursion of the angles `theta` (N,) or (N, n) from their ranges [rad]."""
         left, right = self.theta
         if theta.ndim > 1:
             return float(max(0.0, (left - theta).max(), (theta - right).max()))
@@ -61,5 +61,5 @@ class Limits:
         return float(max(0.0, left - min(angles), max(angles) - right))
 
     def slackening(self, F: Array) -> float:
-        """Return how far the forces `F` fall below the least one at worst [N]."""
+        """Return the greatest shortfall of the forces `F` below the least one [N]."""
         return max(0.0, self.min_force - min(F.ravel().tolist()))

@@ -26,7 +26,7 @@ class Rung(IntEnum):
 
     @property
     def text(self) -> str:
-        """A description of this rung."""
+        """Description of this rung."""
         return _RUNGS[self]
 
 
@@ -60,7 +60,7 @@ class PlanStatus(IntEnum):
 
 
 _STATUSES = {
-    PlanStatus.BAD_INPUT: "A reference or the torque d is no number that could be meant; the pressures are held.",
+    PlanStatus.BAD_INPUT: "A reference or the torque d is not plausible; the pressures are held.",
     PlanStatus.OPTIMAL: "The problem was solved and its optimality conditions were checked.",
     PlanStatus.UNSOLVED: "The solver gave up; try another solver.",
     PlanStatus.REFUSED: "The solver's answer is not optimal and was refused; try another solver.",
@@ -100,10 +100,12 @@ class Plan(Deferred):
     K: Array  # (N+1,) stiffness along x [N·m/rad]
     status: PlanStatus
     rung: Rung
-    slack: float  # s: how far x leaves the joint range at worst [rad]
+    slack: float  # s: greatest excursion of x from the joint range [rad]
     times: Times
     # defaults by factories leave no class attribute that would hide `__getattr__`
-    slack_force: float = field(default_factory=float)  # s_F: how far a force falls below the least one along x [N]
+    slack_force: float = field(
+        default_factory=float
+    )  # s_F: greatest shortfall of a force below the least one along x [N]
     moved: Moved | None = field(default_factory=lambda: None)  # None if the controller does not report it
 
     def __post_init__(self) -> None:

@@ -79,17 +79,17 @@ class RestMode(Deferred):
 
     @property
     def resting(self) -> bool:
-        """Return whether the commands rest."""
+        """Whether the commands rest."""
         return bool(self.numbers[RESTS] > 0)
 
     @property
     def ringing(self) -> bool:
-        """Return whether the loop compensates friction that does not exist."""
+        """Whether the loop compensates friction that does not exist."""
         return bool(self.numbers[RINGS] > 0)
 
     @property
     def side(self) -> float:
-        """Return the edge of the dead band, ±1; 0 before the first rest."""
+        """Edge of the dead band, ±1; 0 before the first rest."""
         return float(self.numbers[SIDE])
 
     def pressures(self, task: Task) -> Array | None:

@@ -38,11 +38,11 @@ SWINGS = QUARTERS + HALF  # a load that displaces a joint is in QUARTERS of them
     SIDE,  # edge of the dead band
     SINCE,  # quarters since the last correction
     SAMPLES,  # of constant preview
-    COUNTED, SWUNG,  # quarters, and over how many of them e has swung to both sides
+    COUNTED, SWUNG,  # quarters, and the number of those over which e has swung to both sides
     IN_SUM,  # samples in the current quarter
 ) = range(9)  # fmt: skip
 (
-    THETA,  # the reference while it stands still [rad]
+    THETA,  # the constant reference [rad]
     ASKED, ERROR,  # torque of the last correction, for this joint alone [N·m], and its mean e [rad]
     FREE,  # the angle by which it would turn a joint without friction [rad]
     USUAL,  # recent error of the prediction of θ outside a rest, over about a period [rad]
@@ -87,7 +87,7 @@ class Rules(NamedTuple):
 
 
 def size(n: int, m: int) -> int:
-    """Return how many numbers are remembered of `n` joints and `m` muscles."""
+    """Return the size of the memory of `n` joints and `m` muscles."""
     return 9 + 9 * n + 4 * m + QUARTERS * (3 * n + m) + n * n
 
 

@@ -36,7 +36,7 @@ class Middle(NamedTuple):
 
     @property
     def units(self) -> Array:
-        """Return the units (s + m,) of ξ in the Riccati equation, for its conditioning: bar for Pa."""
+        """Units (s + m,) of ξ in the Riccati equation, for its conditioning: bar for Pa."""
         states, m = self.B.shape
         return np.concatenate([np.ones(states - m), np.full(2 * m, BAR)])
 

@@ -146,7 +146,7 @@ class Margins:
         """Advice in a sentence, or "" for a robust loop."""
         if self.sensitivity_peak <= ROBUST + 0.05:  # the accuracy of `robust_weights`
             return ""
-        return f"M_s is above {ROBUST:g}: take lower gains or slower weights (`antagonist tune`), or less dead time"
+        return f"M_s is above {ROBUST:g}: use lower gains or slower weights (`antagonist tune`), or less dead time"
 
     @property
     def sentences(self) -> list[str]:

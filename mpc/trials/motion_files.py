@@ -110,7 +110,7 @@ def _stiffness(table: Table, arm: Arm, q: Array) -> Array:
     if other in table.names:
         whose = ("hand", "joints") if arm.endpoint is None else ("joints", "hand")
         raise InvalidFile(
-            table.path, f"this is the stiffness of the {whose[0]}, and that of the {whose[1]} is tracked: say "
+            table.path, f"this is the stiffness of the {whose[0]}, and that of the {whose[1]} is tracked: use "
             f"--stiffness-of {whose[0]}, or give {', '.join(names)} [{arm.stiffness_unit}]", line=1, column=other,
         )  # fmt: skip
     if not any(name in table.names for name in names):

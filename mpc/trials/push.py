@@ -73,7 +73,7 @@ class Push:
 
     @property
     def causes(self) -> dict[str, float]:
-        """Return the causes of the difference between measured and wanted stiffness [N·m/rad], which add up to it."""
+        """Causes of the difference between measured and wanted stiffness [N·m/rad], which add up to it."""
         return {
             "saturation": self.feasible - self.asked,
             "dynamics": self.modelled - self.feasible,
@@ -141,7 +141,7 @@ def slope(psi: Array, T_e: Array) -> tuple[float, float]:
     down = np.flatnonzero(psi[top] - psi[falling] > _TURNED) + top
     up = np.flatnonzero(psi[rising] - psi[bottom] > _TURNED) + bottom
     if (swing := psi[top] - psi[bottom]) < _LEAST * _TURNED:
-        needed = f"it takes {_LEAST * _TURNED / DEG:g}° to tell elasticity from friction: push harder"
+        needed = f"it takes {_LEAST * _TURNED / DEG:g}° to separate elasticity from friction: push harder"
         raise InvalidInput(f"pushed both ways the joint turned by {swing / DEG:.2g}° in all; {needed}")
     kept = np.concatenate([down, up])
     s, x = np.repeat([-1.0, 1.0], [down.size, up.size]), psi[kept]
@@ -184,7 +184,7 @@ def held(reference: Reference, steps: int) -> Reference:
 
 
 class Freezing:
-    """`controller` up to the sample `after`; then the pressures measured there are commanded."""
+    """Controller that is `controller` up to the sample `after` and then commands the pressures measured there."""
 
     def __init__(self, controller: Controller, after: int) -> None:
         self.controller, self.after, self.dt = controller, after, controller.dt
@@ -212,7 +212,7 @@ class Freezing:
 
 
 class _Reading:
-    """`observer` with a record of all encoder readings."""
+    """Observer `observer` with a record of all encoder readings."""
 
     def __init__(self, observer: Observer) -> None:
         self.observer = observer

@@ -206,7 +206,7 @@ def _moving(varied: VariedArm) -> Move:
         return move
     except Exception as failure:  # no compiler, cache not writable, formula too long, or a fault of the compiler
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
-    notice(f"the arms' motion is not compiled and takes some hundred times as long: {reason}", SlowStep)
+    notice(f"the arms' motion is not compiled and takes about a hundred times as long: {reason}", SlowStep)
     return _evaluated(varied)
 
 

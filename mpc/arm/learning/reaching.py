@@ -59,7 +59,7 @@ class Reaching:
         if not 0 < checks.number("reach", self.reach, "-") <= 1:
             raise InvalidInput(f"reach = {self.reach:g} has to be a share of the angle range, such as 0.8")
         if self.arm.mechanism.angle_limits is None:
-            raise InvalidInput("the mechanism has no angle_limits, which say where postures are asked for")
+            raise InvalidInput("the mechanism has no angle_limits, which define the target postures")
 
 
 class Batch(Protocol):

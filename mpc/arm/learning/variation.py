@@ -63,7 +63,7 @@ class Variation:
 
 
 def _parameters(varied: VariedArm, k: int, size: int, rng: np.random.Generator) -> Array:
-    """Draw the parameters (size, …) of a kind of muscle; those that do not pull at full pressure are drawn anew."""
+    """Draw the parameters (size, …) of a kind of muscle; those that do not pull at full pressure are drawn again."""
     drawn = _normal(varied.kinds[k], size, rng)
     while (lame := ~_pulls(varied, k, drawn)).any():  # rare, as ensured by `check`
         drawn[lame] = _normal(varied.kinds[k], int(lame.sum()), rng)

@@ -58,7 +58,7 @@ class CallableDevice:
             values = checks.floats("read()", said, "rad, Pa, Pa").ravel().tolist()
         except InvalidInput:
             raise DeviceError(
-                f"read() returned {checks.brief(said)}, no numbers: give theta [rad], P1, P2 [Pa]"
+                f"read() returned {checks.brief(said)}, not numbers: give theta [rad], P1, P2 [Pa]"
             ) from None
         if len(values) not in (1, 3):
             raise DeviceError(f"read() returned {len(values)} numbers: give theta [rad], or theta, P1 and P2 [Pa]")

@@ -69,7 +69,7 @@ class Tones:
 
 
 class Refused(Exception):  # a finding, reported in the result
-    """The joint cannot be measured about this rest; the message says why."""
+    """Refusal of a measurement about this rest; the message has the reason."""
 
 
 @dataclass

@@ -147,7 +147,7 @@ def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_s
     if abs(found.rate) > _RATE * found.rate_error and abs(found.rate) > _RATE_LEAST:
         return (
             f"the stiffness depends on the rate: {100 * found.rate:+.0f} % a decade of frequency "
-            f"(± {100 * found.rate_error:.0f}); tones then do not tell the muscles' strengths"
+            f"(± {100 * found.rate_error:.0f}); tones then do not determine the muscles' strengths"
         )
     worst = max(found.errors["g1"] / abs(found.strengths[0]), found.errors["g2"] / abs(found.strengths[1]))
     if not worst < 0.15 or min(found.strengths) <= 0:

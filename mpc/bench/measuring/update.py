@@ -62,7 +62,7 @@ def combined(found: Sequence[MeasuredStiffness], inertia_error: float = 0.0) -> 
 
 
 def strengthened(joint: AntagonistJoint, strengths: Array, covariance: Array) -> AntagonistJoint:
-    """Return the joint with muscles so many times as strong, and its covariance with that of the strengths.
+    """Return the joint with the forces of its muscles times `strengths`, and its covariance with theirs.
 
     Raises `InvalidInput` for a model without a scale of force, and for strengths that are not positive.
     """

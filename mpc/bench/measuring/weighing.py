@@ -68,5 +68,5 @@ def disagreement(known: Known, scale: Scale) -> str:
         return ""
     return (
         f"by the weight the inertia is {scale.ratio:.2f} ± {scale.std:.2f} times that told (± {100 * told:.0f} %): "
-        "check the weight's torque and its direction, and the inertia; --inertia-error 50 takes the weight's word"
+        "check the weight's torque and its direction, and the inertia; --inertia-error 50 gives priority to the weight"
     )

@@ -90,18 +90,18 @@ class Bodies:
 
     @property
     def n(self) -> int:
-        """Return the number of links, and of joints."""
+        """Number of links, and of joints."""
         return len(self.length)
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """Return the chain as links of a `Linkage`."""
+        """Chain as links of a `Linkage`."""
         ends = [0.0, *self.length]
         return tuple(Link(i - 1 if i else GROUND, (ends[i], 0.0), (0.0, 0.0, s)) for i, s in enumerate(self.sense))
 
     @property
     def endpoint(self) -> Endpoint:
-        """Return the end of the last link, with its coordinates in the plane; of a single link y alone."""
+        """End of the last link, with its coordinates in the plane; of a single link y alone."""
         axes = "xy" if self.n > 1 else "y"
         return Endpoint.on_link(self.links, self.n - 1, (self.length[-1], 0.0), axes=axes)
 
@@ -168,20 +168,20 @@ class Bodies:
 
     @property
     def _moments(self) -> Array:
-        """Return s (n,) [kg·m]."""
+        """Moments s (n,) [kg·m]."""
         length, m, a = (np.array(field) for field in (self.length, self.mass, self.centre))
         return np.asarray(m * a + length * self._carried_mass)
 
     @property
     def _coupling(self) -> Array:
-        """Return c (n, n) [kg·m²], symmetric."""
+        """Coefficients c (n, n) [kg·m²], symmetric."""
         length, m, a, inertia = (np.array(field) for field in (self.length, self.mass, self.centre, self.inertia))
         c = np.triu(np.outer(length, self._moments), 1)
         return np.asarray(c + c.T + np.diag(inertia + m * a**2 + length**2 * self._carried_mass))
 
     @property
     def _carried_mass(self) -> Array:
-        """Return the mass that hangs on the end of every link (n,) [kg]."""
+        """Mass that hangs on the end of every link (n,) [kg]."""
         return np.append(np.cumsum(self.mass[::-1])[-2::-1], 0.0)
 
     def _angles(self, q: Value) -> list[Value]:
@@ -275,11 +275,11 @@ class MovingBodies(Protocol):
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
 
     @property
     def damping(self) -> ArrayLike:
-        """Return the damping of the hinges (n,) [N·m·s/rad]."""
+        """Damping of the hinges (n,) [N·m·s/rad]."""
 
     @property
     def summary(self) -> str:

@@ -48,7 +48,7 @@ class Differences:
         return x, y, A, B, np.concatenate(self._output_slopes(x), axis=1)
 
     def sample(self, x: Array, u: Array, d: Array) -> tuple[Array, Array]:
-        """Return the state (2n + m,) a sample later and its derivative (2n + m, 3n + m) by (x, d)."""
+        """Return the next state (2n + m,) and its derivative (2n + m, 3n + m) by (x, d)."""
         later = self._later(x, u, d)
         A, _, D = self._slopes(((x + later) / 2)[None], d[None])
         return later, np.hstack([A[0], D[0]])

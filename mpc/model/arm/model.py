@@ -126,17 +126,17 @@ class Arm:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return self.mechanism.n
 
     @property
     def m(self) -> int:
-        """Return the number of muscles."""
+        """Number of muscles."""
         return self.mechanism.m
 
     @property
     def size(self) -> int:
-        """Return the number of states, 2n + m."""
+        """Number of states, 2n + m."""
         return 2 * self.n + self.m
 
     @property
@@ -169,17 +169,17 @@ class Arm:
 
     @property
     def lags(self) -> Array:
-        """Return the time constants of the regulators (m,) [s]."""
+        """Time constants of the regulators (m,) [s]."""
         return np.array(self.lag)
 
     @property
     def pressure_limits(self) -> tuple[float, float]:
-        """Return the least and the greatest command [Pa]."""
+        """Least and greatest command [Pa]."""
         return self.mechanism.pressure_limits
 
     @cached_property
     def angle_limits(self) -> tuple[Array, Array]:
-        """Return the least and the greatest angles (n,) [rad]; one turn to both sides if there are no limits."""
+        """Least and greatest angles (n,) [rad]; one turn to both sides if there are no limits."""
         limits = self.mechanism.angle_limits
         turn = np.full(self.n, 2 * np.pi)
         return (-turn, turn) if limits is None else (np.array(limits)[:, 0], np.array(limits)[:, 1])
@@ -316,7 +316,7 @@ class Arm:
 
     @property
     def stiffnesses(self) -> int:
-        """Return the number of entries of svec K."""
+        """Number of entries of svec K."""
         return self.tracked * (self.tracked + 1) // 2
 
     @property
@@ -336,7 +336,7 @@ class Arm:
 
     @cached_property
     def entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Rows, columns and factors of svec K: K11, √2 K12, …, K22, …, whose square is that of all of K.
+        """Rows, columns and factors of svec K: K11, √2 K12, …, K22, …, with the same square as all entries of K.
 
         The endpoint's are those of lever² K_x [N·m/rad], which has the weight of a joint's stiffness (`ranges.lever`).
         """
@@ -362,7 +362,7 @@ class Arm:
 
     @cached_property
     def outputs(self) -> "SX":
-        """The CasADi column (svec K, F) over `statics.q` and `statics.P`."""
+        """CasADi column (svec K, F) over `statics.q` and `statics.P`."""
         return formulas.outputs(self)
 
     def symbolic_outputs(self, x: Value) -> Value:
@@ -375,7 +375,7 @@ class Arm:
 
     @cached_property
     def fastest_rate(self) -> float:
-        """Return an estimate of the fastest eigenvalue [1/s] at full pressure, which determines integration steps."""
+        """Estimate of the fastest eigenvalue [1/s] at full pressure, which determines integration steps."""
         return ranges.fastest_rate(self)
 
     def substeps(self, dt: float, resolution: float) -> int:

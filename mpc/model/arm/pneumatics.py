@@ -57,12 +57,12 @@ class Pneumatics:
 
     @property
     def m(self) -> int:
-        """Return the number of muscles."""
+        """Number of muscles."""
         return len(self.muscles)
 
     @cached_property
     def _kinds(self) -> tuple[tuple[Muscle, Sequence[int] | NDArray[np.intp]], ...]:
-        """Return every distinct muscle and its places, for one call of its model."""
+        """Distinct muscles and their places, for one call of each model."""
         kinds = list(dict.fromkeys(self.muscles))
         places = [np.array([j for j, muscle in enumerate(self.muscles) if muscle == kind]) for kind in kinds]
         return tuple(zip(kinds, places, strict=True))

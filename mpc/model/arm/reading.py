@@ -109,7 +109,7 @@ def _lengths(
         lengths, cables = tendon_lengths(model, source, rest_length, cable)
         return np.array(rest_lengths("muscles", lengths, m)), per_muscle("cable", cables, m, "m")
     if cable is not None:
-        raise InvalidInput("cable and contraction are both given; each of them says where the muscles begin")
+        raise InvalidInput("cable and contraction are both given; each of them determines where the muscles begin")
     lengths, eps = np.array(rest_lengths("muscles", rest_length, m)), per_muscle("contraction", contraction, m, "-")
     if (wrong := ~((eps >= -0.1) & (eps <= 0.5))).any():
         raise InvalidInput(f"contraction{checks.at(eps, wrong)} has to be a ratio of -0.1 to 0.5, not per cent")

@@ -37,7 +37,7 @@ class Loads(Protocol):
 
 
 class Pressed(NamedTuple):
-    """`Loads` as numbers."""
+    """Numeric `Loads`."""
 
     pulled: float  # [N·m]
     filled: float  # [Pa]
@@ -81,12 +81,12 @@ class Contact(NamedTuple):
 
     @property
     def pulled(self) -> Value:
-        """Return a1 F1 + a2 F2 [N·m]."""
+        """Sum a1 F1 + a2 F2 [N·m] of the muscles' opposing torques."""
         return self.plant.pull(self.x)
 
     @property
     def filled(self) -> Value:
-        """Return P1 + P2 [Pa]."""
+        """Sum P1 + P2 [Pa]."""
         return self.x[2] + self.x[3]
 
     @property

@@ -95,7 +95,7 @@ class MaxwellSlip:
         """
         slip = operator.slip.with_gain
         if not slip.springs:
-            raise InvalidInput("this PrandtlIshlinskii has neither plays nor a gain: say `Friction()`, which is none")
+            raise InvalidInput("this PrandtlIshlinskii has neither plays nor a gain: use `Friction()` for no friction")
         return cls(slip.springs, slip.widths, slip.base, elastic=True)
 
     @property

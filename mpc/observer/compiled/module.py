@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _HERE = Path(__file__).parent
 _TEMPLATE = _HERE / "sample.py"
-_PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # whose functions of numbers the template calls
+_PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # modules with functions that the template calls
 
 
 class CompiledFilter(NamedTuple):
@@ -45,7 +45,7 @@ def compiled_filter(own: Filter) -> CompiledFilter:
     """Return the compiled functions of an observer's filter. Raises `Untranslatable` if they cannot be compiled."""
     friction = friction_numbers(own.compensation.friction)
     if friction is None:
-        raise Untranslatable(f"{own.compensation.friction!r} is none of the models of friction that are compiled")
+        raise Untranslatable(f"{own.compensation.friction!r} is not a friction model that can be compiled")
     text, c = "", np.zeros(0)
     for name, function in _formulas(own.plant).items():
         source = translated(name, function, c.size)

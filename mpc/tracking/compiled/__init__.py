@@ -1,4 +1,4 @@
-"""The controller's step, compiled by numba; nothing of it, nor numba, is imported before it is needed.
+"""Compiled step of the controller, by numba; nothing of it, nor numba, is imported before it is needed.
 
 The QP's solver is written once, in `structured_qp`: `stage`, `riccati`, `newton`, `certificate`, and in double
 precision `rows`, `interior`, `multipliers` and `solve`, are printed as C (`mpc.export.controller.recursions`), with the

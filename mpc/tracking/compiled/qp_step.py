@@ -38,7 +38,7 @@ class CompiledQPStep:
         self.linearise()  # compiles now rather than at the joint's first command
 
     def __deepcopy__(self, memo: dict[int, object]) -> "CompiledQPStep":
-        """Return one with buffers of its own."""
+        """Return a copy with its own buffers."""
         other = CompiledQPStep(self.plant, self._problem)
         other.active_set = self.active_set
         return other
@@ -95,7 +95,7 @@ class CompiledFeedForward:
         self(rest, rest + 1.0, rest)  # compiles it
 
     def __deepcopy__(self, memo: dict[int, object]) -> "CompiledFeedForward":
-        """Return one with buffers of its own."""
+        """Return a copy with its own buffers."""
         return CompiledFeedForward(self._plant, self.readable)
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:

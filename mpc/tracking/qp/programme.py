@@ -58,7 +58,7 @@ class QP:
         return float(np.concatenate([self.lower - z, z - self.upper, self.breaches(z)]).max(initial=0.0))
 
     def breaches(self, z: Array) -> Array:
-        """Return by how much each row is violated at `z`, (m,); negative inside."""
+        """Return the violation (m,) of each row at `z`; negative inside."""
         Rz = self.R @ z
         return np.maximum(self.rows_lower - Rz, Rz - self.rows_upper)
 

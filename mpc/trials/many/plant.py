@@ -77,7 +77,7 @@ class CompiledExperiment:
 
     @property
     def x(self) -> Array:
-        """Return the true state (4,)."""
+        """True state (4,)."""
         return self.full[:NX].copy()
 
     def measure(self) -> Array:

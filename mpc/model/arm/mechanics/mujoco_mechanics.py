@@ -114,7 +114,7 @@ class MujocoTendons(Routes):
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return int(self.mechanics.model.njnt)
 
     def ways(self, q: Array) -> tuple[Array, Array]:
@@ -140,12 +140,12 @@ class MujocoBodies:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return int(self.mechanics.model.njnt)
 
     @property
     def damping(self) -> Array:
-        """Return the damping of the hinges (n,) [N·m·s/rad]."""
+        """Damping of the hinges (n,) [N·m·s/rad]."""
         return np.array(self.mechanics.model.dof_damping[self.mechanics.model.jnt_dofadr])
 
     @property

@@ -82,7 +82,7 @@ class TreeBodies:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return len(self.links)
 
     @property

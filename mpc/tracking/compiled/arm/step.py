@@ -58,7 +58,7 @@ def linearise(
 
 @inlined
 def advance(c: Array, h: float, decay: Array, x: Array, u: Array, d: Array, after: Array, S: Array | None) -> None:
-    """Fill in the state a sample later and the Jacobian `S` (2n, 2n + 2m) of its (q, ω), if there is one."""
+    """Fill in the next state and the Jacobian `S` (2n, 2n + 2m) of its (q, ω), if there is one."""
     s, K, total, now = np.empty(2 * n), np.empty(2 * n), np.empty(2 * n), np.empty(2 * n)
     P, M, a = np.empty(m), np.empty(n * n), np.empty(n)
     if S is not None:  # numba removes this branch for None

@@ -44,7 +44,7 @@ class Beyond(NamedTuple):
 
     @property
     def memory(self) -> int:
-        """Return the number of entries of the friction's memory."""
+        """Number of entries of the friction's memory."""
         return memory_of(self.friction)
 
 

@@ -46,12 +46,12 @@ class Newest:
 
     @property
     def made(self) -> Made:
-        """Return views into the plan."""
+        """Views into the plan."""
         return made_of(self.out[: self._counts[0]])
 
     @property
     def state(self) -> State:
-        """Return views into the state."""
+        """Views into the state."""
         return state_of(self.out, *self._counts)
 
     def defer(self, parts: Parts) -> None:
