@@ -65,7 +65,7 @@ def track_arm(
     margins: Path | None,
     wait: bool,
 ) -> None:
-    """Track angles and a stiffness matrix with an arm of pneumatic muscles on MuJoCo, film it, and report the errors."""
+    """Track angles and a stiffness matrix with an arm of pneumatic muscles on MuJoCo, film it, report the errors."""
     import numpy as np
     from rich.console import Console
 

@@ -38,9 +38,7 @@ class Sensors:
         self.faults = tuple(faults)
         for fault in self.faults:
             if not isinstance(fault, Fault) or (fault.joints, fault.muscles) != (n, m):
-                raise InvalidInput(
-                    f"faults: {fault!r} is not one of joints={n}, muscles={m}; set them in its constructor"
-                )
+                raise InvalidInput(f"faults: {fault!r} is not one of joints={n}, muscles={m}; give it these numbers")
         self.begin(0)
 
     @property

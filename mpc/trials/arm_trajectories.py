@@ -82,7 +82,7 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
     """
     if arm.n != 2 or not isinstance(arm.bodies, Bodies) or not _on_pulleys(arm):
         raise InvalidInput(
-            f"draw is for arm26, with n = 2 joints in the plane, whose hand's position determines the angles; n = {arm.n}"
+            f"draw is for arm26, with n = 2 joints in the plane, whose hand determines the angles; n = {arm.n}"
         )
     seconds = checks.positive("seconds", seconds, "s")
     first, second = arm.bodies.length

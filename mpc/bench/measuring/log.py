@@ -127,9 +127,7 @@ def _why_not(left: float, std: float, x: Array) -> str:
             f"{100 * _UNEXPLAINED:.0f}): too little excitation, commanded pressures, or another joint; {excite}"
         )
     if std > _KNOWN or min(x[:2]) <= 0:
-        return (
-            f"the log determines the strengths to ± {100 * min(std, 9.99):.0f} % only: too little excitation; {excite}"
-        )
+        return f"the strengths are known to ± {100 * min(std, 9.99):.0f} % only: too little excitation; {excite}"
     return ""
 
 
