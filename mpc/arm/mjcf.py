@@ -1,9 +1,9 @@
 """Export of mechanisms with rigid bodies as MJCF, MuJoCo's format, with muscles as tendons.
 
-`Sites` become spatial tendons through sites on bodies, which are exact everywhere. `Pulleys` become *fixed* tendons, l
-= -r·q, with constant arms at every posture; MuJoCo's wrapping round a cylinder has a constant arm only while the tendon
-touches it. MuJoCo does not draw fixed tendons. Their muscles are drawn as capsules without mass or contact, at their
-true length, on the link before the first joint that they move if that is long enough, else on the ground.
+`Sites` become spatial tendons through sites on bodies, which are exact everywhere. `Pulleys` become *fixed* tendons,
+l = -r·q, with constant arms at every posture; MuJoCo's wrapping round a cylinder has a constant arm only while the
+tendon touches it. MuJoCo does not draw fixed tendons. Their muscles are drawn as capsules without mass or contact, at
+their true length, on the link before the first joint that they move if that is long enough, else on the ground.
 `Mechanism.from_mjcf` reads routes, names and ranges back, with rest lengths and cables from the tendons' user data.
 """
 

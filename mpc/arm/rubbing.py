@@ -1,7 +1,7 @@
 """Friction at the joints and in the muscles of a simulated machine.
 
-The friction models are those of one joint (`mpc.model.friction.contact.Hysteresis`). They act along the coordinates s =
-(q, l): the angles of the joints, and the lengths of the muscles. With J = ∂s/∂q the torques at the joints are
+The friction models are those of one joint (`mpc.model.friction.contact.Hysteresis`). They act along the coordinates
+s = (q, l): the angles of the joints, and the lengths of the muscles. With J = ∂s/∂q the torques at the joints are
 
     τ = -Jᵀ f,    f_i = T_f,i of the path of s_i
 

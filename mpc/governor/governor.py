@@ -43,7 +43,7 @@ class GovernorStatus(IntEnum):
     NOT_KEPT = kernel.NOT_KEPT  # joint range or energy may not be kept: the backup, or the strongest brake
     CONFLICT = kernel.CONFLICT  # the limits of a muscle are contradictory: the supply had priority
     SLACK = kernel.SLACK  # no pressure keeps a muscle taut
-    OUTSIDE_LIMITS = kernel.OUTSIDE_LIMITS  # no pressure of a muscle within the supply is within the slew
+    OUTSIDE_LIMITS = kernel.OUTSIDE_LIMITS  # the slew permits a muscle no pressure within the supply
     BAD_INPUT = kernel.BAD_INPUT  # a command is not a number: replaced by the muscle's previous one
 
 

@@ -29,7 +29,7 @@ motion = potential = FORMULAS
 
 SAFE, MOVED, NOT_KEPT, BAD_INPUT = 0, 1, 2, -1
 CONFLICT, SLACK, OUTSIDE_LIMITS = 5, 6, 9
-ENORMOUS = 1e30  # [Pa] stands for no limit
+ENORMOUS = 1e30  # [Pa], [J], [W] beyond which a number counts as none
 HALVINGS = 4  # of the segment from the backup to the command
 STEPS = 60  # of the bisection that finds the multiplier of the energy
 KEPT = 1e-8  # [-] of a row's size: greatest excess that counts as none
@@ -290,9 +290,9 @@ def brake(rules, samples, calm, memory):
 def certain(rules, s, memory):
     """Return whether the joints of scene `s` always stay in range if the pressures go to the rest now.
 
-    The bodies' energy decides: with E the energy above that of the rest, pressure errors δ let it grow by (√E)' ≤
-    ‖∂τ/∂P δ‖_{M⁻¹}/√2, in all by less than w·∫|δ|dt, where ∫|δ_j|dt ≤ (u_j - P_bj)²/2r + τ |P_j - P_bj| with the slew r
-    and the lag τ. The potential at the ends is nowhere less than ROOT² above the rest's.
+    The bodies' energy decides: with E the energy above that of the rest, pressure errors δ let it grow by
+    (√E)' ≤ ‖∂τ/∂P δ‖_{M⁻¹}/√2, in all by less than w·∫|δ|dt, where ∫|δ_j|dt ≤ (u_j - P_bj)²/2r + τ |P_j - P_bj| with
+    the slew r and the lag τ. The potential at the ends is nowhere less than ROOT² above the rest's.
     """
     numbers = rules.numbers
     grows = 0.0

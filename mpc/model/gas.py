@@ -23,7 +23,7 @@ from allocator.joint.one_muscle import STABLE, OneMuscle
 
 
 def fall(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
-    """Return the fall of the pressure per turn of the joint behind a shut valve, κ (P + p_a) g/V^eff [Pa/rad].
+    """Return the fall of the pressure per angle of the joint behind a shut valve, κ (P + p_a) g/V^eff [Pa/rad].
 
     `strength` [-] is the ratio of the muscle's force to that of its model.
     """

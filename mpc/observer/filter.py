@@ -41,7 +41,7 @@ from mpc.observer.gating import Gate
 
 OFFSET_TIME = 0.5  # T_o [s]
 SETTLED = 0.2 * BAR
-_UNSURE = 4.0  # [-] initial variance over the stationary one
+_UNSURE = 4.0  # [-] variance over the stationary one, if little is known
 
 
 @dataclass(frozen=True)

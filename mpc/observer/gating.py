@@ -42,7 +42,7 @@ NEAR_A_TURN = 20 * DEG  # distance from the expected angle up to which whole tur
 _MARGIN, _NO_STOPS = 10 * DEG, 90 * DEG  # of the joint range, with end stops and without
 _BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # [-] of the supply range: margins of pressures, and their jump
 _LEAST = 1 * DEG  # jump of the angle
-_NEAR = 0.04  # [-] of the supply range: floor of pressures; such a reading moves the estimate by a tenth of it
+_NEAR = 0.04  # [-] of the supply range: floor of pressures; such a reading moves P̂ by a tenth of that
 ROUGH = 8.0  # [standard deviations] of the noise: floor, more than two steps of an encoder
 
 

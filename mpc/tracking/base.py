@@ -64,7 +64,7 @@ class BaseController(ABC):
     compensation: Compensation
     patience: float  # longest time without a measured angle [s]
     budget: float | None = None  # greatest duration of a step [s]
-    rest: bool = False  # whether commands settle at a constant reference, given a compensation
+    rest: bool = False  # whether commands rest at a constant reference, if the compensation has effects
     machines: ClassVar[tuple[type, ...]] = (Plant,)  # supported types of plants
     says_moved: ClassVar[bool] = True  # whether plans report moves of the references
     _feed_forward: FeedForwardOf

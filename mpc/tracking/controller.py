@@ -12,12 +12,13 @@ share one slack and all forces another. The decisions are then changes of the co
 whose lengths grow along the horizon.
 
 The squares of the first line are weighted entry by entry (`mpc.tracking.cost`); y = (K, F1, F2). θ* and K* are the
-references, moved to the nearest feasible ones. The closed-form allocation gives u* and the pressures in x* = (θ*, θ*',
-P1*, P2*) that follow them (`mpc.tracking.feedforward`). L is the terminal cost (`mpc.tracking.terminal`). The penalties
-ρ, ρ_F are large enough for slacks to be used only if necessary (`Weights`). f_d, K and F are linearised along the
-previous plan, shifted by one sample (`mpc.tracking.linearise`). The result is a QP in the changes of the commands
-(`mpc.tracking.qp.condense`). One QP is solved per sample, or `iterations` of them, which converge to the solution of
-the nonlinear problem. With `blocks`, the commands depart from the previous plan only where a block begins.
+references, moved to the nearest feasible ones. The closed-form allocation gives u* and the pressures in
+x* = (θ*, θ*', P1*, P2*) that follow them (`mpc.tracking.feedforward`). L is the terminal cost
+(`mpc.tracking.terminal`). The penalties ρ, ρ_F are large enough for slacks to be used only if necessary (`Weights`).
+f_d, K and F are linearised along the previous plan, shifted by one sample (`mpc.tracking.linearise`). The result is a
+QP in the changes of the commands (`mpc.tracking.qp.condense`). One QP is solved per sample, or `iterations` of them,
+which converge to the solution of the nonlinear problem. With `blocks`, the commands depart from the previous plan only
+where a block begins.
 
 A `Compensation` describes the real joint. The problem begins in the state to which the commands under way will have
 brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion θ*, and the

@@ -47,8 +47,8 @@ class Limits:
     def commandable(self, P: Array) -> Array:
         """Return the measured pressures `P` [Pa] as commands to start from.
 
-        Negative readings of a gauge, which cannot be commanded, are moved to zero. Readings above the supply stay,
-        since commands return from there at the slew limit.
+        A gauge may read less than zero, which cannot be commanded; such readings are moved to zero. Other readings
+        outside the supply stay, since commands return from there at the slew limit.
         """
         return np.maximum(P, min(self.pressure[0], 0.0))
 

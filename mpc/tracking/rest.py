@@ -2,11 +2,11 @@
 
 A loop that compensates friction, dead time and dead band lets sensor noise alone make the valves chatter at rest, and
 it oscillates for ever if the modelled friction does not exist. But with friction such as Dahl's or Maxwell slip, which
-has no peak at standstill, *any constant commands are a rest*, and a dead band is a play: commands u = P + side ·
-band/2, with both regulators on the same edge of it, hold the pressures P exactly, and raise (side +1) or lower them
-(-1) without crossing the band. So the pressures are held at the mean P̄ of the hunting, and a remaining angle error is
-corrected by a sampled integral with a dead zone. With e = θ - θ*, means over quarters of the joint's free period 2π
-√(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/∂P_i there,
+has no peak at standstill, *any constant commands are a rest*, and a dead band is a play: commands
+u = P + side · band/2, with both regulators on the same edge of it, hold the pressures P exactly, and raise (side +1) or
+lower them (-1) without crossing the band. So the pressures are held at the mean P̄ of the hunting, and a remaining
+angle error is corrected by a sampled integral with a dead zone. With e = θ - θ*, means over quarters of the joint's
+free period 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/∂P_i there,
 
     enter    the preview has been constant and |e| ≤ FAR for `DWELL`, |mean e| ≤ START + GROWTH · (time beyond),
              swing ≤ SWING; P̄ is the mean over half a period. On their way to the edges the regulators may turn the

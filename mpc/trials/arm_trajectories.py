@@ -26,9 +26,9 @@ _HELD = 0.1  # [-] of the least stiffness in the middle, required elsewhere
 def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1.0) -> Reference:
     """Return swings of all joints, each a quarter of a period later, by ±23°, ±17°, … times `size`, while K11 swings.
 
-    The joints swing about the middles of their ranges, and less if the arm would not hold itself. K is [[12 ± 1.5,
-    4.6], [4.6, 9.5]] for two joints on pulleys, which a biarticular pair can provide; diag(6 ± 1.5, 6, …) for others on
-    pulleys; otherwise the stiffness at middle pressures, ± 10 %. Raises `InvalidInput`.
+    The joints swing about the middles of their ranges, and less if the arm would not hold itself. K is
+    [[12 ± 1.5, 4.6], [4.6, 9.5]] for two joints on pulleys, which a biarticular pair can provide; diag(6 ± 1.5, 6, …)
+    for others on pulleys; otherwise the stiffness at middle pressures, ± 10 %. Raises `InvalidInput`.
     """
     frequency = checks.positive("frequency", frequency, "Hz")
     swings, w = _swings(arm, size * np.resize(_SWING, arm.n) * DEG), 2 * np.pi * frequency

@@ -90,8 +90,8 @@ def stiffness_ramps(K: float = 5.5, height: float = 0.5, theta: float = 20 * DEG
 
 
 def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time: float = 1.0) -> Reference:
-    """Return simultaneous motions of angle and stiffness: to `angle` and K + `height` in `time`, to -`angle` and K -
-    `height`, and back.
+    """Return simultaneous motions of angle and stiffness: to `angle` and K + `height` in `time`, to -`angle` and
+    K - `height`, and back.
     """
     rest = 1.5
     t = _times(LEAD + 3 * (time + rest))

@@ -67,7 +67,7 @@ class Baseline(BaseController):
         return self
 
     def _optimise(self, situation: Situation) -> Optimised:
-        """Return the wanted commands within the limits; commands that are not finite are not changed."""
+        """Return the wanted commands within the limits, and the last commands in place of those that are not finite."""
         task, u_last = situation.task, situation.previous.u
         wanted = self._wanted(task, situation.feed)
         wanted = np.where(np.isfinite(wanted), wanted, u_last)

@@ -1,8 +1,9 @@
 """Template of a function that advances many arms by one sample.
 
-`mpc.arm.learning.plant` replaces the lines below that begin with `FORMULAS` by the formula of an arm: `rate(x, u, v, d,
-c, out)` fills in the derivative x' of the state x = (q, ω, P) (2n + m,) under the commands u (m,) [Pa] and the external
-torques d (n,) [N·m], for an arm with the varied numbers v. The array c holds the formula's numbers.
+`mpc.arm.learning.plant` replaces the lines below that begin with `FORMULAS` by the formula of an arm:
+`rate(x, u, v, d, c, out)` fills in the derivative x' of the state x = (q, ω, P) (2n + m,) under the commands u (m,)
+[Pa] and the external torques d (n,) [N·m], for an arm with the varied numbers v. The array c holds the formula's
+numbers.
 """
 
 from typing import Any

@@ -3,9 +3,10 @@
 `mpc.tracking.compiled.module` replaces the lines below that begin with `FORMULAS` by the formulas of the joint, as
 functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `variational` (x, S, u, d) ↦ (x', S') with the `layout`
 of `mpc.tracking.compiled.module`, `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦ (y, its Jacobian by columns),
-`expansion` x ↦ the pressures' fall as the muscles swell, `pressing` x ↦ the loads on the sliding surfaces (pull,
-isobaric stiffness) and ∂T/∂P. `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation`
-for the joint, if there is one. The array c holds the numbers of the formulas, p those of the kernel.
+`expansion` x ↦ the pressures' fall as the muscles swell, `pressing` x ↦ the loads on the sliding surfaces
+(pull, isobaric stiffness) and ∂T/∂P. `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of
+`allocator.allocation` for the joint, if there is one. The array c holds the numbers of the formulas, p those of the
+kernel.
 
 The motion is that of `mpc.model.integration`, and its derivatives are those of the formula. Each formula occurs once
 and is evaluated four times: writing it out would make the graph and the compilation four times as long.

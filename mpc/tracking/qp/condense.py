@@ -1,9 +1,9 @@
 """Condensing of stage matrices to a dense QP in the changes of the commands, with the states eliminated.
 
-The commands are u = ū + E z, where E (N, 2, n) maps decisions to commands. The decisions z are the N changes Δu_k = u_k
-- u_{k-1} (less those of ū), so that every command contains the sum of the changes up to it, followed by the slacks s of
-the joint range and s_F of the muscle forces. Blocked moves have fewer: one pair of changes at the beginning of every
-block, after which the commands move as ū does. With δx_0 = 0 the linear model gives
+The commands are u = ū + E z, where E (N, 2, n) maps decisions to commands. The decisions z are the N changes
+Δu_k = u_k - u_{k-1}, minus those of ū, so that every command contains the sum of the changes up to it, followed by the
+slacks s of the joint range and s_F of the muscle forces. Blocked moves have fewer: one pair of changes at the beginning
+of every block, after which the commands move as ū does. With δx_0 = 0 the linear model gives
 
     δx_{k+1} = A_k δx_k + B_k E_k z      so      x_k = x̄_k + G_k z,    G_0 = 0,    G_{k+1} = A_k G_k + B_k E_k
 

@@ -3,13 +3,12 @@
     minimise ½ zᵀ H z + fᵀ z   subject to   lower ≤ z ≤ upper,   rows_lower ≤ R z ≤ rows_upper                  [QP]
 
 Solutions of solvers are checked. Multipliers λ (positive at an upper, negative at a lower bound) bound the error of a
-feasible z: with the gradient of the Lagrangian r = H z + f + λ_z + Rᵀ λ_R, its cost exceeds the least possible by at
-most
+feasible z: with the gradient of the Lagrangian r = H z + f + λ_z + Rᵀ λ_R, the excess of its cost is at most
 
     gap = ½ rᵀ H⁻¹ r + Σ_i |λ_i (bound_i - z_i)|            (z_i: also the rows' values R z)
 
-the difference of the primal and the dual cost. It vanishes only at the solution z*: if no eigenvalue of H is below c, ½
-c |z - z*|² ≤ gap. If z violates limits, this holds for the QP with the limits moved to z.
+the difference of the primal and the dual cost. It vanishes only at the solution z*: if no eigenvalue of H is below c,
+½ c |z - z*|² ≤ gap. If z violates limits, this holds for the QP with the limits moved to z.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
 """Template of functions that advance a plant under test by one sample and read its sensors.
 
-`mpc.trials.many.plant` replaces the lines below that begin with `FORMULAS` by the formula of a plant: `stepped(full, u,
-dh, c, out)` fills in the state after a fine step of h = dh[1] [s] under the commands u (2,) [Pa] and the torque dh[0]
-[N·m]. `full` (n,) is the state (θ, ω, P1, P2) with the friction's memory, c the formula's numbers. Operations are not
-contracted, so that the results are those of CasADi's interpreter, bit by bit.
+`mpc.trials.many.plant` replaces the lines below that begin with `FORMULAS` by the formula of a plant:
+`stepped(full, u, dh, c, out)` fills in the state after a fine step of h = dh[1] [s] under the commands u (2,) [Pa] and
+the torque dh[0] [N·m]. `full` (n,) is the state (θ, ω, P1, P2) with the friction's memory, c the formula's numbers.
+Operations are not contracted, so that the results are those of CasADi's interpreter, bit by bit.
 """
 
 from typing import Any

@@ -1,10 +1,10 @@
 """Certificate that an answer to the QP without its rows solves the whole QP, in one pass.
 
 With λ exactly the gradient's pushes at the active bounds, the gap reduces to ½ rᵀH⁻¹r, r being the gradient by the free
-changes. Every change of a command has a cost c of its own, so that no eigenvalue of H is below c, and c |z - z*|² ≤
-rᵀH⁻¹r ≤ |r|²/c. An answer with |r|/c ≤ ACCURACY is no farther than that from the solution. Sweeps that settle reach
-2e-9 bar at horizons of 80 samples, so that a refused answer is wrong. The slacks are zero if no soft limit is violated
-without them.
+changes. Every change of a command has a cost c of its own, so that no eigenvalue of H is below c, and c
+|z - z*|² ≤ rᵀH⁻¹r ≤ |r|²/c. An answer with |r|/c ≤ ACCURACY is no farther than that from the solution. Sweeps that
+settle reach 2e-9 bar at horizons of 80 samples, so that a refused answer is wrong. The slacks are zero if no soft limit
+is violated without them.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> boo
 def confirmed(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, gx: Array, gv: Array, r: Array
 ) -> bool:
-    """Return whether the point, within its bounds, is the solution without the rows."""
+    """Return whether the point, within its bounds, is the solution except for the rows."""
     gradients(path, errors, setting.cost, at, gx, gv)
     adjoint(path, gx, gv, r)
     return proved(r, bounded, at.v, setting)

@@ -199,8 +199,8 @@ def own_proof(
     path: Path, setting: Setting, u: Array, bounded: Bounded, total: float, worst: float, count: int, guess: Signs,
     at: Point, work: Work
 ) -> bool:  # fmt: skip
-    """Return whether the iteration's own multipliers prove that an iterate is the solution, and satisfies the other
-    rows; ½|r|²/c bounds ½ rᵀH⁻¹r from above.
+    """Return whether the iteration's own multipliers prove that an iterate is the solution and satisfies the other
+    rows; ½ rᵀH⁻¹r is replaced by its upper bound ½|r|²/c.
     """
     square, slack, most = 0.0, setting.slack, 0.5 * setting.curvature * setting.accuracy**2
     if worst > PRIMAL or needed(path, setting, u, at, setting.tolerance) > count:

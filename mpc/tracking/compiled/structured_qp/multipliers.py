@@ -23,10 +23,10 @@ from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, JOINTS, LOWER
 from mpc.tracking.compiled.structured_qp.stage import advance
 
 TURNS = 12  # rounds, at most
-GIVES_UP = 2  # rounds after which the active set must not change
+GIVES_UP = 2  # rounds after which the active set must not change any more
 SOON = 6  # rounds after which rounding hides more of the gap
 PRIMAL = 1e-7  # allowed violation of a row at the end [bar], [rad], [N]
-GAP = 1e-3  # [-] of the allowed gap: the aim
+GAP = 1e-3  # [-] of the allowed gap: aim
 HELD = 1e30  # [cost]/[bar]²
 WEIGHT = BOUNDS * (0.0,) + BOUNDS * (1e12,) + 2 * JOINTS * (2.5e13,) + NU * (6e8,)  # [cost]/(the row's unit)²
 SLACK_WEIGHT = 100.0  # [-] weight of σ ≥ 0, relative to the cost of a slack's square

@@ -2,8 +2,8 @@
 
 The problem is that of `mpc.tracking.qp.condense`, with the state ξ_k = (δx_k, w_k), w_k the deviation of u_{k-1} from
 ū_{k-1}, and the change v_k of that deviation as input: w_{k+1} = w_k + v_k, δx_{k+1} = A_k δx_k + B_k w_{k+1}. The cost
-of a stage from v_k on is ½ ρ|v|² + ρ Δeᵀv + W_k(δx, w + v), W_k the cost-to-go after the command; hence with D = W_ww +
-ρ I
+of a stage from v_k on is ½ ρ|v|² + ρ Δeᵀv + W_k(δx, w + v), W_k the cost-to-go after the command; hence with
+D = W_ww + ρ I
 
     D v + W_wx δx + W_ww w + g = -λ,        λ = 0 for free changes, v at its bound for the others
 

@@ -18,7 +18,7 @@ from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FORCE, JOINTS
 from mpc.tracking.compiled.structured_qp.stage import changed, first_of
 
 RESOLVED = 1e-10  # [bar], [rad], [N] below which a residual counts as 0
-NEAR = 0.03  # least share of the mean product t λ
+NEAR = 0.03  # least product t λ, as a share of their mean
 WIDTH = BOUNDS * (0.04,) + BOUNDS * (0.1,) + 2 * JOINTS * (0.02,) + NU * (4.0,)  # least t at first [bar], [rad], [N]
 
 

@@ -1,7 +1,7 @@
 """Algebra of one sample for any number of muscles: `stage` in loops over the sizes.
 
-A pressure depends only on its own command, and approaches it by the share B (m,) of the error in every sample; A (N,
-2n, NXI) is the Jacobian of the next (q, ω) by (q, ω), P and the command. D and its inverse are (N, m, m).
+A pressure depends only on its own command, and approaches it by the share B (m,) of the error in every sample; A
+(N, 2n, NXI) is the Jacobian of the next (q, ω) by (q, ω), P and the command. D and its inverse are (N, m, m).
 """
 
 import numpy as np
