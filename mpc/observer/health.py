@@ -1,13 +1,16 @@
 """Health of a joint or an arm: the faults that `mpc.observer.diagnosis` suspects, and the reactions to them.
 
-| fault | what is seen | reaction | |---|---|---| | leak | pressure below that of its command, and never rising |
-stiffen less | | stuck valve | pressure that does not move while its command does | hold | | supply drop | pressure that
-follows its command up to a ceiling common to several muscles | stiffen less | | offset of a pressure sensor | it
-settles at a distance from its command, which the observer compensates | none | | drifting pressure sensor | departs
-slowly from its command, and d̂ takes back the torque of it | stiffen less | | broken cable | d̂ jumps to minus the
-muscle's torque, and follows it | vent | | silent, frozen or rejected sensor | the observer's own flags | none for a
-pressure, hold for the angle | | load or drift of the angle | d̂ larger than usual loads, for any pressures | hold | |
-loop that rings | the angle swings at a common period, does not come to rest, and d̂ with it | hold |
+| fault | observation | reaction |
+|---|---|---|
+| leak | pressure below that of its command, and never rising | stiffen less |
+| stuck valve | pressure that does not move while its command does | hold |
+| supply drop | pressure that follows its command up to a ceiling common to several muscles | stiffen less |
+| offset of a pressure sensor | it settles at a distance from its command, which the observer compensates | none |
+| drifting pressure sensor | slow departure from its command, and d̂ cancels the torque of it | stiffen less |
+| broken cable | d̂ jumps to minus the muscle's torque, and follows it | vent |
+| silent, frozen or rejected sensor | the observer's own flags | none for a pressure, hold for the angle |
+| load or drift of the angle | d̂ larger than usual loads, for any pressures | hold |
+| loop that rings | the angle swings at a common period, does not come to rest, and d̂ with it | hold |
 
 If several faults explain the observations, all of them are reported; `docs/faults.md` lists which, and until when.
 """

@@ -1,8 +1,11 @@
 """Motions of several joints from CSV files: angles of the joints or the path of the hand, each with a stiffness matrix.
 
-| columns | meaning | |---|---| | `t` | time [s] | | `joint_1_deg`, … | the angles [°], named as the machine names its
-joints, blanks as `_`; or | | `x_mm`, `y_mm`, … | the path of the hand [mm] | | `K11`, `K12`, `K22`, … | stiffness of
-the joints [N·m/rad]; `Kx11`, … [N/m] if that of the hand is tracked |
+| columns | meaning |
+|---|---|
+| `t` | time [s] |
+| `joint_1_deg`, … | the angles [°], named as the machine names its joints, blanks as `_`; or |
+| `x_mm`, `y_mm`, … | the path of the hand [mm] |
+| `K11`, `K12`, `K22`, … | stiffness of the joints [N·m/rad]; `Kx11`, … [N/m] if that of the hand is tracked |
 
 Entries off the diagonal are 0 without a column. Without any stiffness, it is the usual one of the machine.
 
