@@ -22,7 +22,7 @@ from mpc import Plant, RealPlant, Reference, Weights, simulate
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.trials.loops import Settings, loop
-from mpc.trials.trajectories import point_to_point
+from mpc.trials.motions.trajectories import point_to_point
 
 LOADED, SETTLED, END = 9.0, 6.0, 29.0  # [s] the load comes, and what is judged begins, after it; the run ends
 SWING, RATE = 0.05, 0.02  # [°], [bar/s]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mpc.model.arm.model import Arm
     from mpc.plant_cli import PlantOptions
     from mpc.repetition.response import Response
-    from mpc.trials.reference import Reference
+    from mpc.trials.motions.reference import Reference
 
 _NOMINAL, _REAL = "nominal", "real"
 _REAL_EFFECTS = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
@@ -73,9 +73,9 @@ def track_arm(
     from mpc.arm.payload import arriving
     from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
-    from mpc.trials.corrections import Owner, compared, digest_of
     from mpc.trials.margins import margins as margins_of
     from mpc.trials.metrics import metrics
+    from mpc.trials.motions.corrections import Owner, compared, digest_of
     from mpc.trials.pictures.animation import ENDINGS, check_film
     from mpc.trials.pictures.report import table_of, write_run
     from mpc.trials.pictures.sensitivity import plot_margins
@@ -153,8 +153,8 @@ def track_arm(
 
 def _asked(trajectory: str, arm: "Arm", hand: "Endpoint | None") -> "Reference":
     """Return the reference of a name, or that of a user's file."""
-    from mpc.trials.arm_trajectories import REFERENCES, reference
-    from mpc.trials.motion_files import load_motion
+    from mpc.trials.motions.arm_trajectories import REFERENCES, reference
+    from mpc.trials.motions.motion_files import load_motion
 
     if trajectory not in REFERENCES and (Path(trajectory).suffix or Path(trajectory).exists()):
         return load_motion(trajectory, arm, hand)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mpc.bench.logs import Record
     from mpc.bench.record import Lateness, Row
     from mpc.bench.safety import Ending
-    from mpc.trials.reference import Reference
+    from mpc.trials.motions.reference import Reference
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
 _OBSERVING = ("mpc", "predictive-pid", "lqr")  # controllers
@@ -80,10 +80,10 @@ def run_command(
     from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
-    from mpc.trials.corrections import Owner
     from mpc.trials.files import reference_called
     from mpc.trials.loops import Settings as LoopSettings
     from mpc.trials.loops import loop, margins_in_words, robust
+    from mpc.trials.motions.corrections import Owner
 
     console = Console()
     finite("--settle", settle, "s")

@@ -23,7 +23,7 @@ from mpc.bench.tracking import Tracking
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer.base import Observer
 from mpc.tracking.limits import Limits
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller
 
 

@@ -182,7 +182,8 @@ class PressureGovernor:
     def _rows(self, given: tuple[ArrayLike, ...]) -> Array:
         """Return rows (…, 2n + 3m) of q, ω, P, the last command and the next. Raises `InvalidInput`."""
         arrays = [np.asarray(value, float) for value in given]
-        if tuple(array.shape for array in arrays) != self._shapes:
+        lead = arrays[0].shape[:-1]
+        if tuple(array.shape for array in arrays) != tuple((*lead, *size) for size in self._shapes):
             arrays = self._spread(arrays)
         rows = np.concatenate(arrays, axis=-1)
         known = rows[..., : -self.mechanism.m]

@@ -23,9 +23,9 @@ from allocator.files.atomic import replacing
 from allocator.files.csv_table import Table, read_table
 from allocator.units import DEG
 from mpc.model.plant import NU, NUMBERS, NX, Plant
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 from mpc.trials.simulation import Run
-from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 
 COLUMNS = ("t", "theta_deg", "stiffness")  # [s], [°], [N·m/rad]
 

@@ -25,7 +25,7 @@ from mpc.model.experiment import FINE
 from mpc.model.plant import INPUTS, NU, NX, STATES, Plant
 from mpc.model.real_plant import RealExperiment, RealPlant
 from mpc.observer.base import Differentiator, Observer
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller
 
 if TYPE_CHECKING:

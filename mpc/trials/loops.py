@@ -15,7 +15,7 @@ from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
 from mpc.trials.margins import Margins, linear, margins
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
 from mpc.yardsticks.baselines import (

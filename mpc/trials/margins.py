@@ -42,9 +42,10 @@ from mpc.tracking.base import BaseController
 
 ROBUST = 2.0  # greatest M_s recommended by textbooks
 DELTA = 1e-5  # [rad], far below the observer's gates
-SETTLE, LISTEN = 0.2, 8.0  # [s] before the disturbed reading and after it
+SETTLE, SHORT, LISTEN = 0.2, 2.0, 8.0  # [s] before the disturbed reading and after it
 _FINE = 8  # resolution of the frequencies relative to 1/LISTEN
 _DECAYED = 1e-2  # [-] of δ at the end; with more, the loop does not settle
+_SILENT = 1e-3  # [-] of δ at the end of the short response; with more, the long one is needed
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,9 @@ class Margins:
 
         It is (samples,), or (samples, n, n) for an arm: the readings of each joint by the disturbed one.
         """
-        samples = len(response)
-        points = _FINE * max(samples, round(LISTEN / dt))
+        points = _FINE * max(len(response), round(LISTEN / dt))
         frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
-        settled = bool(np.abs(response[-round(0.1 * samples) :]).max() < _DECAYED)
-        return cls(theta, K, frequency, np.fft.rfft(response, points, axis=0)[1:], settled)
+        return cls(theta, K, frequency, np.fft.rfft(response, points, axis=0)[1:], _left(response) < _DECAYED)
 
     @cached_property
     def magnitude(self) -> Array:
@@ -159,14 +158,15 @@ def margins(
     observer: Observer,
     postures: Iterable[tuple[Value, Value]] | None = None,
     *,
-    listen: float = LISTEN,
+    listen: float | None = None,
 ) -> tuple[Margins, ...]:
     """Return the margins of the loop of `controller` and `observer` on its own model, including dead time and gas.
 
     `postures` are pairs (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; by default those of `usual_postures`. The
-    response is computed for `listen` [s]. Controller and observer are used and reset; rest mode is off meanwhile. They
-    need a compensation without friction and dead band, which are nonlinear, as for sliding joints and moving
-    regulators. Raises `InvalidInput` for a compensation with friction or a dead band.
+    response is computed for `listen` [s], by default for 2 s, or 8 s if it has not decayed by then. Controller and
+    observer are used and reset; rest mode is off meanwhile. They need a compensation without friction and dead band,
+    which are nonlinear, as for sliding joints and moving regulators. Raises `InvalidInput` for a compensation with
+    friction or a dead band.
     """
     plant, told = controller.plant, controller.compensation
     if told != linear(told):
@@ -208,8 +208,21 @@ def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
 
 
-def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float) -> Margins:
+def _left(response: Array) -> float:
+    """Return the greatest value in the last tenth of a response."""
+    return float(np.abs(response[-round(0.1 * len(response)) :]).max())
+
+
+def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float | None) -> Margins:
     """Return the margins at one posture."""
+    response = _response(controller, observer, theta, K, listen or SHORT)
+    if listen is None and not _left(response) < _SILENT:
+        response = _response(controller, observer, theta, K, LISTEN)
+    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], controller.dt)
+
+
+def _response(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float) -> Array:
+    """Return the readings (samples, n, n) [-] of each joint by the one whose reading is disturbed by 1."""
     dt, n = controller.dt, controller.plant.n
     first, samples = round(SETTLE / dt), round((SETTLE + listen) / dt)
     at_rest = controller.plant.at_rest(theta, K)
@@ -230,8 +243,7 @@ def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, 
         return np.array(angles[first:])
 
     undisturbed = readings(np.zeros(n))
-    response = np.stack([readings(DELTA * unit) - undisturbed for unit in np.eye(n)], axis=2) / DELTA
-    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], dt)
+    return np.asarray(np.stack([readings(DELTA * unit) - undisturbed for unit in np.eye(n)], axis=2) / DELTA)
 
 
 def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:

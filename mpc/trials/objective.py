@@ -14,7 +14,7 @@ from mpc.tracking.cost import Rows, charges
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.weights import Weights
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run
 
 

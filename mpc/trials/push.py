@@ -48,9 +48,9 @@ from mpc.model.plant import NX, Plant
 from mpc.model.real_plant import RealExperiment, RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.plan import Plan
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.trajectories import min_jerk
 from mpc.trials.simulation import Controller, Run, simulate
-from mpc.trials.trajectories import min_jerk
 
 REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest
 _TURNED = 10 * DEG  # after a reversal, until friction has reversed, see `mpc.model.friction.maxwell_slip`

@@ -27,7 +27,7 @@ from mpc.model.machine import Machine
 from mpc.model.plant import NX, Plant
 from mpc.observer.base import Differentiator, Observer
 from mpc.tracking.plan import Moved, Plan
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 
 T = TypeVar("T")
 _TELLS = 5.0  # [s] between lines of progress

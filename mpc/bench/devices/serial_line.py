@@ -22,7 +22,7 @@ from allocator.errors import InvalidInput
 from mpc.bench.device import Clock, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.devices import serial_protocol as protocol
 from mpc.bench.devices.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 
 if TYPE_CHECKING:
     from serial import Serial

@@ -14,6 +14,7 @@ j ≥ i of those of φ_j, times σ_i, because q_i turns all links from its own o
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
@@ -134,6 +135,8 @@ class Bodies:
     def gravity_torque(self, q: Value) -> Value:
         """Return g(q) (…, n) [N·m], the slope of the potential, which the muscles have to balance."""
         (x, y), s = self.gravity, self._moments.tolist()
+        if x == y == 0 and not is_symbol(q):  # a horizontal plane, where most studies are
+            return 0.0 * _vector(self._entries(q), q)
         of_links = [s[j] * (x * sin(angle) - y * cos(angle)) for j, angle in enumerate(self._angles(q))]
         return _vector(self._carried(of_links), q)
 
@@ -166,13 +169,13 @@ class Bodies:
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def _moments(self) -> Array:
         """Moments s (n,) [kg·m]."""
         length, m, a = (np.array(field) for field in (self.length, self.mass, self.centre))
         return np.asarray(m * a + length * self._carried_mass)
 
-    @property
+    @cached_property
     def _coupling(self) -> Array:
         """Coefficients c (n, n) [kg·m²], symmetric."""
         length, m, a, inertia = (np.array(field) for field in (self.length, self.mass, self.centre, self.inertia))
@@ -219,8 +222,10 @@ def _vector(entries: list[Value], like: Value) -> Value:
         import casadi
 
         return casadi.vertcat(*entries)
-    shape = np.shape(np.asarray(like)[..., 0])
-    return np.stack([np.broadcast_to(entry, shape) for entry in entries], axis=-1)
+    made = np.empty((*np.shape(like)[:-1], len(entries)))
+    for i, entry in enumerate(entries):
+        made[..., i] = entry
+    return made
 
 
 def _matrix(rows: list[list[Value]], like: Value) -> Value:

@@ -12,7 +12,7 @@ from mpc.observer.base import Observer
 from mpc.trials.many.loop import Loop, outcomes
 from mpc.trials.many.runs import Outcome, Runs
 from mpc.trials.many.workers import spread
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller, Process, state, tracked
 
 

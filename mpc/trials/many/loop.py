@@ -8,7 +8,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.observer.base import Observer
 from mpc.trials.many.runs import Outcome
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import ClosedLoop, Controller, Process, Run, simulate
 
 if TYPE_CHECKING:

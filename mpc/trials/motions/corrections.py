@@ -31,7 +31,7 @@ from allocator.machine_file import dumps
 from allocator.units import DEG
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run
 
 SPEEDS = 0.8, 1.25  # range of speeds, relative to the learned one, to which a correction is scaled

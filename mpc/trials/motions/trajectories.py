@@ -13,7 +13,7 @@ from allocator import allocate
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import DEG
-from mpc.trials.reference import Reference, sine
+from mpc.trials.motions.reference import Reference, sine
 
 LEAD = 4.0  # [s] first rest
 _DT = 0.01  # [s] between samples

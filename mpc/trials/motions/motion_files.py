@@ -25,9 +25,9 @@ from allocator.mechanism.endpoint import Endpoint
 from allocator.units import DEG, MM
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
-from mpc.trials.arm_trajectories import tracked_stiffness, usual_stiffness
 from mpc.trials.files import place_of, refuse
-from mpc.trials.reference import Reference
+from mpc.trials.motions.arm_trajectories import tracked_stiffness, usual_stiffness
+from mpc.trials.motions.reference import Reference
 
 _NEAR = 0.1 * MM  # of the path
 _STEPS = 60  # of Gauss and Newton
