@@ -44,7 +44,7 @@ class Dynamics(NamedTuple):
 
     @property
     def uncertain(self) -> Array:
-        """Which (m + n + 1) of these have different bounds."""
+        """Mask (m + n + 1) of the numbers with different bounds."""
         low, high = self.bounds
         return np.asarray(low < high)
 

@@ -95,7 +95,7 @@ class Diagnosis:
         self.said = [nan] * (n + m)  # last reading of each sensor that is losing readings
         self.sensors: list[Finding | None] = [None] * (n + m)
         self.offset = [0.0] * m  # of the pressure sensors against the regulators [Pa]
-        self.large = [nan] * m  # time since which they are large [s]; NaN: they are not
+        self.large = [nan] * m  # time at which they became large [s]; NaN: they are not
         self._known: tuple[object, ...] = ()
         self._low_supply = False
         for part in self.parts:

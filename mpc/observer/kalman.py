@@ -45,8 +45,9 @@ class KalmanObserver:
     """Extended Kalman filter with `plant`, a `Plant` or an `Arm`, as its model.
 
     A sensor may be silent (NaN, or rejected by the `gate`) or frozen for `tolerance` seconds. After that, its quantity
-    is NaN in the estimate until the sensor returns, and the plans of `TrackingMPC` have the status `BLIND`. No number
-    makes the observer raise. Before the first plausible angle, the estimate is NaN except for the pressures.
+    is NaN in the estimate until the sensor returns, and `TrackingMPC` reports the missing measurement in the status of
+    its plans. No number makes the observer raise. Before the first plausible angle, the estimate is NaN except for the
+    pressures.
 
     Angles are read `Compensation.reading_age` late. Readings of pressures are delayed by the same time, the filter
     estimates the state at that time, and the result is predicted from it with the commands since.
@@ -171,7 +172,7 @@ class KalmanObserver:
         self._held.extend([pressures] * (1 if self._held else self.age + 1))
         return np.append(angles, self._held[0])
 
-    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # `_sound` detects numbers out of range
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # `Belief.sound` detects numbers out of range
     def _estimated(self, said: Array, u: Array) -> tuple[Array, Value]:
         """Return the result of `estimate` for any readings `said` (n + m,)."""
         if self._belief is None:
@@ -189,7 +190,7 @@ class KalmanObserver:
 
     @property
     def _believed(self) -> Mask:
-        """Which readings (n + m,) count."""
+        """Mask (n + m,) of the readings that count."""
         return np.array([verdict.counts for verdict in self._verdicts])
 
     def _learn_steps(self, changes: list[float]) -> None:

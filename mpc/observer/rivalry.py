@@ -1,5 +1,4 @@
-"""Rival belief, which uses the readings that the gates reject and takes over after it has explained all of them for a
-time.
+"""Rival belief, which uses the readings that the gates reject and takes over after it has explained them for a time.
 
 It restarts whenever it cannot explain a reading. The time is `Gate.hesitation` if it began near the expected reading,
 and `Gate.patience` after a jump. Thus the observer recovers from a blow, and from an encoder that has lost its zero,

@@ -20,9 +20,9 @@ QP in the changes of the commands (`mpc.tracking.qp.condense`). One QP is solved
 which converge to the solution of the nonlinear problem. With `blocks`, the commands depart from the previous plan only
 where a block begins.
 
-A `Compensation` describes the real joint. The problem begins in the state to which the commands under way will have
-brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion θ*, and the
-commands sent are the inverse of the regulators' dead band at u.
+A `Compensation` has the known effects of the real joint. The problem begins in the state to which the commands under
+way will have brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion
+θ*, and the commands sent are the inverse of the regulators' dead band at u.
 
 `mpc.tracking.qp.step` builds and solves one QP about a plan, `mpc.tracking.compiled.qp_step` does so in compiled code.
 
@@ -71,7 +71,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class TrackingMPC(BaseController):
-    """Linearised MPC that tracks references of angle and stiffness with `plant` as its model, from plan to plan.
+    """Linearised MPC that tracks references of angle and stiffness with `plant` as its model. It keeps its last plan.
 
     `plant` is a `Plant`, or an `Arm` of n joints and m muscles. The references of an arm are values (n,) [rad] and
     (k, k) [N·m/rad], or previews (ahead + 1, …) of them; the arrays of its `Plan` are u (N, m) [Pa], x (N+1, 2n + m)

@@ -7,7 +7,7 @@ sample of constant command,
 
     P_{k+1} = α_i P_k + (1 - α_i) (u_k - τ_i q_k),    α_i = exp(-dt/τ_i)
 
-is inverted for the commands. q is the pressure rate due to the muscles' change of volume (`Plant.expansion`), averaged
+is inverted for the commands. q is the fall of the pressures [Pa/s] as the muscles swell (`Plant.expansion`), averaged
 over both ends of the sample.
 """
 

@@ -195,7 +195,7 @@ def simulate(
     load: Load | None = None,
     watch: Callable[[], None] | None = None,
 ) -> Run:
-    """Simulate `plant` with `controller` along `reference` from its first sample to its last; see the module's
+    """Simulate `plant` under `controller` along `reference` from its first to its last sample, see the module's
     docstring.
 
     `load(t)` is an unmodelled external torque [N·m], (n,) for an arm; `watch` is called after every sample.
