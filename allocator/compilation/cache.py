@@ -88,7 +88,7 @@ def check_own(directory: Path) -> None:
     if others:
         raise Refused(
             f"others may write to {directory}, and cached code is executed: "
-                    f"check its contents, then chmod go-w {directory}"
+            f"check its contents, then chmod go-w {directory}"
         )
 
 
