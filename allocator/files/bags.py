@@ -222,8 +222,9 @@ def to_csv(path: Path, quantities: Sequence[Quantity], out: Path) -> tuple[int, 
 
 
 def sampled(path: Path, quantities: Sequence[Quantity]) -> tuple[list[str], Array, int]:
-    """Return names with units and the values (n, 1 + quantities) of a table, times first, and the number of rows left
-    out. Raises `InvalidFile` as `read_topics` does.
+    """Return (names with units, values (n, 1 + quantities), times first, number of rows left out).
+
+    Raises `InvalidFile` as `read_topics` does.
     """
     series = read_topics(path, quantities)
     t, _ = series[quantities[0].name]

@@ -154,7 +154,7 @@ class Problem:
         )
 
     def _hysteresis(self, P1: Array, P2: Array) -> Array | float:
-        """Return the contribution of hysteresis to the stiffness [N·m/rad] (S1), (S2)"""
+        """Return the contribution of hysteresis to the stiffness [N·m/rad]   (S1), (S2)"""
         if self.felt is None:
             return 0.0
         one, two = self.sides

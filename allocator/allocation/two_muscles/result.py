@@ -108,7 +108,7 @@ class PairAllocation(Allocation):
         return self._formed(np.abs(np.ravel(error)) <= tolerance + met * scale)
 
     def felt_stiffness(self, amplitude: float, valves: Valves = "open") -> Value:
-        """Return the stiffness [N·m/rad] against pushes by ±`amplitude` [rad], `AntagonistJoint.stiffness` (S3)"""
+        """Return the stiffness [N·m/rad] against pushes by ±`amplitude` [rad], `AntagonistJoint.stiffness`   (S3)"""
         at = self._problem.theta, np.ravel(self.P1), np.ravel(self.P2)
         return self._formed(np.asarray(self.joint.stiffness(*at, valves, amplitude=amplitude)))
 
