@@ -295,7 +295,7 @@ class Mechanism:
         return np.broadcast_to(array, (self.m,)).tolist()  # type: ignore[no-any-return]  # floats
 
     def check_affine(self, what: str) -> None:
-        """Raise `InvalidInput` with the names of muscles not affine in pressure, if any; `what` requires affine ones."""
+        """Raise `InvalidInput` if muscles are not affine in pressure, with their names; `what` needs affine ones."""
         if self.not_affine:
             raise InvalidInput(
                 f"{', '.join(self.not_affine)}: not affine in the pressure ("
