@@ -248,7 +248,7 @@ class Profile:
         return min(self.points, key=lambda point: point.cost)
 
     def end(self, side: int, limit: float) -> tuple[float, bool]:
-        """Return the φ below (-1) or above (+1) the best at which the cost has risen by `limit`, and whether it does."""
+        """Return φ below (-1) or above (+1) the best at which the cost has risen by `limit`, and whether it does."""
         best = inner = self.best
         for point in sorted(self.points, key=lambda p: side * p.share):
             if side * (point.share - best.share) <= 0:
