@@ -55,8 +55,8 @@ LIMITATIONS = """\
   shares, would differ. Only Fig. 8 is not our choice.
 * The baseline only clips. A controller around it would recover some of the lost torque by integration.
 * Times are of one run on a shared machine, in one process; only ratios count. Batches are vectorised for the inverse
-  and `exact`, while the optimisers solve target by target. Single calls include the fixed cost of vectorised code, least
-  for the inverse alone.
+  and `exact`, while the optimisers solve target by target. Single calls include the fixed cost of vectorised code,
+  least for the inverse alone.
 * If the warm start is the answer, as for every feasible target, no solver runs. "Iterations" are QPs for qp and convex,
   and the solver's own count for nlp: compare within a row only.
 * Solver options are the library's, tight enough to agree with `exact`; at their defaults the solvers are faster and
