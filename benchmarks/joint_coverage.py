@@ -8,7 +8,8 @@ With --catalogue the true law is one of the catalogue, or fitted to the measured
 is fitted. A laboratory sweeps both pressures both ways and hangs a weight on either side: 100 to 250 equilibria, all
 taut. K is compared at the unloaded equilibria, at fixed θ, P1 and P2.
 
-Besides the coverage the report has the interval score of Gneiting and Raftery (2007), eq. 43, at 95 %, relative to K,
+In addition to the coverage the report has the interval score of Gneiting and Raftery (2007), eq. 43, at 95 %, relative
+to K,
 
     S = (u - l) + (2/α) (l - K)₊ + (2/α) (K - u)₊,   α = 0.05
 

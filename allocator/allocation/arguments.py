@@ -48,7 +48,7 @@ class Method(NamedTuple):
             checks.flag("warm_start", method.warm_start)
             return method
         if isinstance(method, str):
-            return cls(method)  # type: ignore[arg-type]  # whoever solves knows the names
+            return cls(method)  # type: ignore[arg-type]  # the solver checks the names
         raise InvalidInput(f"method = {method!r} has to be a name, such as 'exact', or a Method")
 
 

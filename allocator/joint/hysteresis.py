@@ -71,7 +71,7 @@ class PrandtlIshlinskii:
     """Prandtl–Ishlinskii operator H, given by its weights and thresholds. The caller stores its memory, the plays.
 
     Angles in rad, pressures in Pa. Everything takes floats or arrays (the plays are rows: (n,) or (n, …)), and `moved`
-    and `output` CasADi symbols too (plays: a column).
+    and `output` also CasADi symbols (plays: a column).
     """
 
     weights: tuple[float, ...] = (1.0,)  # w_0, …, w_n [-]

@@ -91,7 +91,7 @@ def _found(joint, reach, targets, P1, P2):
 
 
 def lexicographic(joint, reach, targets, priority):
-    """Return the nearest torque (or stiffness), then the nearest other one; only the latter if the first is constant."""
+    """Return the nearest torque (or stiffness), then the nearest other one; only the latter if the first is fixed."""
     first = "tk"[priority == "stiffness"]
     constant = _constant(reach, first)[targets.row]
     found = Found(*np.empty((4, constant.size)))

@@ -3,7 +3,7 @@
 Pressures on a limit move with it. The others are, level after level, the least-squares solution of their rows in the
 null space of the earlier rows, nearest to the reference:
 
-    x ← x + (A_k Z)⁺ (b_k - A_k x),     Z ← Z (1 - (A_k Z)⁺ A_k Z),     from x = x_ref, Z = 1 on what is free
+    x ← x + (A_k Z)⁺ (b_k - A_k x),     Z ← Z (1 - (A_k Z)⁺ A_k Z),     from x = x_ref, Z = 1 on free ones
 
 which is linear in the targets. Along the posture A, b and the limits are differentiated by five points.
 """

@@ -105,7 +105,7 @@ def newton_step(
 ) -> Array:
     """Return the step [Pa] to the minimum of a quadratic cost, of the pressures that no limit within `near` holds.
 
-    On the co-contraction floor, whose corners two limits may hold in many ways, that of a projected gradient step.
+    On the co-contraction floor, with corners that two limits may hold in many ways, that of a projected gradient step.
     """
     (g1, g2), (h11, h12, h22) = gradient, hessian
     held1, held2 = _held(box.agonist, P1, g1, near), _held(box.antagonist, P2, g2, near)

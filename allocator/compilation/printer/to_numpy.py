@@ -116,7 +116,7 @@ class _Arrays(ast.NodeTransformer):
         first, *others = map(self.visit, node.values)
         for other in others:
             first = _numpy("logical_and" if isinstance(node.op, ast.And) else "logical_or", [first, other])
-        return first  # type: ignore[no-any-return]  # visit returns what it likes
+        return first  # type: ignore[no-any-return]  # visit is untyped
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
         """Negate truth values elementwise."""

@@ -281,7 +281,7 @@ def earlier(k, begin, end, ends, mu, work):
         top = ends[level]
         bottom = ends[level - 1] if level > 0 else 0
         for t in range(first[level], first[level + 1]):
-            z[t] = -step[t] if k == len(ends) else 0.0  # of the last level, whose gradient is x - c
+            z[t] = -step[t] if k == len(ends) else 0.0  # of the last level, with the gradient x - c
             for i in range(top, end):
                 z[t] -= L[i, t] * mu[k, i]
             for s in range(first[level], t):  # Rᵀ z = remaining gradient
