@@ -46,7 +46,7 @@ def feasible_targets(
     mechanism.check_affine("feasibility")
     problem, shape = problem_from(mechanism, q, 1.0, 0.0, limits=limits, stiffness=stiffness)
     if shape:
-        raise InvalidInput(f"q has the shape {np.shape(q)}; what is feasible is asked for one posture ({mechanism.n},)")
+        raise InvalidInput(f"q has the shape {np.shape(q)}; expected one posture ({mechanism.n},)")
     if problem.outside.any():
         raise InvalidInput(f"q = {np.array(q)} rad is beyond the range of {_outside(problem)}")
     endpoint = stiffness.endpoint

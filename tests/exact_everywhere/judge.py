@@ -89,7 +89,7 @@ def excess_of(mine, best, priority, scales):
 
 
 def _false_status(relative, status):
-    """Return whether a missed target is reported as met, or the reverse; near the library's tolerance both are right."""
+    """Return whether a missed target is reported as met, or the reverse; near the library's tolerance both may be."""
     missed, met = relative > 100 * MET, relative < MET / 100
     says_missed = np.stack([np.isin(status, (1, 3)), np.isin(status, (2, 3))])  # torque, stiffness
     wrong = ((missed & ~says_missed) | (met & says_missed)).any(axis=0)

@@ -41,7 +41,7 @@ def problem_from(
     now = None if previous is None else mechanism.pressures("previous", previous)
     step = None if max_step is None else checks.positive_pressure("max_step", max_step)
     if step is not None and now is None:
-        raise InvalidInput("max_step limits how far the pressures move from previous; give previous, too")
+        raise InvalidInput("max_step limits the change of the pressures from previous; give previous as well")
     weight, toward = _pull(mechanism, priority, pull)
     others = [x.shape[:-1] for x in (posture, torque, now, exerted, toward) if x is not None]
     K, own_only = _stiffness(asked_of, K, _common(others, n, m))

@@ -235,7 +235,7 @@ def _taken(found: Found, run: Prediction) -> list[str]:
     if _at_most(found, run):
         sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")
     if not log.varies_sum:
-        sentences.append(f"what depends on P1 + P2, which stays at {np.mean(log.P1 + log.P2) / BAR:.3g} bar")
+        sentences.append(f"effects of P1 + P2, which stays at {np.mean(log.P1 + log.P2) / BAR:.3g} bar")
     return sentences
 
 

@@ -108,7 +108,7 @@ class JointPlan:
         best, *others = self.further
         unseen = "Equilibria do not show a force common to both muscles, hence not where cables go slack. "
         table = sag_table(best.sag) if best.sag else []
-        said = f"\n{unseen if best.sag else ''}What tells most beside them:"
+        said = f"\n{unseen if best.sag else ''}Most informative in addition:"
         return [said, f"  {best}", *table, *(f"  (or {other})" for other in others)]
 
 
