@@ -4,8 +4,8 @@ Measurements over the plane of the set quantities lie on a smooth surface. A pol
 it, and the median over the nearest neighbours the rest, so no law is needed, and errors of a law cause no outliers. A
 sample is left out if it differs from its neighbours by both
 
-    8 times the usual difference (1.4826 · its median magnitude: the standard deviation if errors are normal), 10 % of
-    the range of the measured quantity,
+    8 times the usual difference (1.4826 · its median magnitude: the standard deviation if errors are normal),
+    10 % of the range of the measured quantity,
 
 and if a plane through its inlying neighbours misses it by that and by three times their residuals: at a corner of the
 table a median does not predict.

@@ -93,7 +93,7 @@ class AntagonistJoint:
     def sides(self, theta: Value, shares: Shares | None = None) -> tuple[OneMuscle, OneMuscle]:
         """Return agonist and antagonist at the joint angle `theta` [rad].
 
-        Their stiffness is isobaric, or includes these `shares` (s1, s2) of the trapped gas (G5)
+        Their stiffness is isobaric, or includes these `shares` (s1, s2) of the trapped gas   (G5)
         """
         l0 = self.geometry.rest_length
         one, two = self.geometry.agonist(theta), self.geometry.antagonist(theta)

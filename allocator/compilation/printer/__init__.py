@@ -9,7 +9,7 @@ Such functions use numbers and tuples of numbers, and the constructs that numba 
     a < b < c                           np.logical_and(a < b, b < c)    a < b && b < c
     a if x is None else b               as it stands                    the test that stands for it, or a or b alone
     if test: x = a                      x = np.where(test, a, x)        as it stands
-    if test: return a                   the rest, where it is false      as it stands
+    if test: return a                   the rest, where it is false     as it stands
     x, y, z = box                       as it stands                    fields of a struct, which has these names
     return x, y                         as it stands                    a struct of x and y
     for _ in range(4): …                as it stands                    a loop

@@ -5,10 +5,10 @@ angle on any mechanism. Only a cable that goes slack reveals them. Friction in p
 a law without a term like C, seem to reveal them too, but neither is a measurement: with the law of another type of
 muscle, on a lever, the form gave three times the true forces. The data are therefore tested
 
-by rank: whether there are readings of a sag test, without which C is absent from the equations, and by profile
-likelihood: whether the cost rises by 4 σ² on both sides if the pull share φ (see `problem`) is fixed away from the
-optimum and all else is fitted again, with a constant friction torque and a constant play in addition to μ; σ² =
-cost/(cells - unknowns), samples at the same pressures and torque being one cell.
+by rank: whether there are readings of a sag test, without which C is absent from the equations, and
+by profile likelihood: whether the cost rises by 4 σ² on both sides if the pull share φ (see `problem`) is fixed away
+    from the optimum and all else is fitted again, with a constant friction torque and a constant play in addition to μ;
+    σ² = cost/(cells - unknowns), samples at the same pressures and torque being one cell.
 
 If it is not determined, its bounds are physical: at most a tenth of the measured forces are negative, and φ ≤ 1.05,
 since a contracted muscle without pressure does not pull. φ is then assumed: that of a prior; or that at which friction
