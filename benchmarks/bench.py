@@ -27,7 +27,7 @@ from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import Record
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import SafeStop, SoftStart, Watchdog
-from mpc.trials.reference import sine
+from mpc.trials.motions.reference import sine
 
 RATES = (100, 60.0), (500, 30.0)  # [Hz], [s]
 LATE = 0.05  # [s]

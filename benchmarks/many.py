@@ -29,8 +29,8 @@ from benchmarks.allocators.machine import machine
 from benchmarks.speed.allocation import machine_threads
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import KalmanObserver, RealPlant, Run, TrackingMPC, Weights, simulate, simulate_many
+from mpc.trials.motions.trajectories import rested_sine
 from mpc.trials.simulation import tracked
-from mpc.trials.trajectories import rested_sine
 
 LOAD = ((9.0, 1.0),)  # from [s] on, [N·m]
 RESULTS = Path(__file__).parent / "results"

@@ -26,9 +26,9 @@ import numpy as np
 from allocator.units import DEG
 from mpc import KalmanObserver, NonlinearMPC, Plant, RealPlant, Reference, Run, TrackingMPC, Weights, simulate, sine
 from mpc.trials.metrics import metrics
+from mpc.trials.motions.trajectories import LEAD, TRAJECTORIES, stiffness_step
 from mpc.trials.objective import closed_loop_cost
 from mpc.trials.simulation import Controller
-from mpc.trials.trajectories import LEAD, TRAJECTORIES, stiffness_step
 
 PLANT, K = Plant(), 7.6
 MUST, STRETCH = 0.5, 0.05  # [%]

@@ -38,11 +38,11 @@ from mpc import Reference, Run, simulate
 from mpc.repetition.learner import Learner, Reason
 from mpc.repetition.practice import Practice, played, practise
 from mpc.repetition.response import Response, responses
-from mpc.trials.corrections import SPEEDS as SCALED
-from mpc.trials.corrections import Correction, Owner
 from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.metrics import metrics
-from mpc.trials.trajectories import chirp, point_to_point, rested_sine
+from mpc.trials.motions.corrections import SPEEDS as SCALED
+from mpc.trials.motions.corrections import Correction, Owner
+from mpc.trials.motions.trajectories import chirp, point_to_point, rested_sine
 
 REPETITIONS, WRONG = 10, 5  # of the motions, of the runs with wrong models
 PLAYED = 5  # runs of one reference, to separate errors that return

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from mpc.trials.many.runs import Runs as Runs
     from mpc.trials.margins import margins as margins
     from mpc.trials.metrics import metrics as metrics
+    from mpc.trials.motions.reference import Reference as Reference
+    from mpc.trials.motions.reference import sine as sine
     from mpc.trials.pictures.plotting import tracking_figure as tracking_figure
-    from mpc.trials.reference import Reference as Reference
-    from mpc.trials.reference import sine as sine
     from mpc.trials.robust import robust_weights as robust_weights
     from mpc.trials.simulation import Run as Run
     from mpc.trials.simulation import simulate as simulate

@@ -30,7 +30,7 @@ from mpc.export.serial.cli import bench_check_command
 from mpc.identification.cli import fit_motion_command
 from mpc.plant_cli import LoopOptions, PlantOptions, init_command
 from mpc.repetition.options import RepeatOptions, progress, report
-from mpc.trials.trajectories import TRAJECTORIES
+from mpc.trials.motions.trajectories import TRAJECTORIES
 from mpc.tuning.cli import tune_command
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
     from mpc.trials.loops import Settings
-    from mpc.trials.reference import Reference
+    from mpc.trials.motions.reference import Reference
     from mpc.trials.simulation import Process, Run
 
 _OTHER, _REAL, _NOMINAL = "other", "real", "nominal"  # plants
@@ -151,9 +151,9 @@ def track(
     from mpc.model.real_plant import RealPlant
     from mpc.repetition.practice import practise
     from mpc.repetition.response import responses
-    from mpc.trials.corrections import Owner, compared
     from mpc.trials.files import reference_called
     from mpc.trials.loops import loop, margins_in_words, robust, sliding_margins
+    from mpc.trials.motions.corrections import Owner, compared
     from mpc.trials.pictures.animation import save_animation
     from mpc.trials.pictures.report import write_run
     from mpc.trials.pictures.sensitivity import plot_margins

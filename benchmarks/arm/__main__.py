@@ -9,7 +9,7 @@ from benchmarks.arm import nominal, rough, scaling
 from benchmarks.arm.cases import ARMS, plant
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
-from mpc.trials.arm_trajectories import circle
+from mpc.trials.motions.arm_trajectories import circle
 from mpc.trials.simulation import in_motion, simulate
 
 RESULTS = Path(__file__).parents[1] / "results"

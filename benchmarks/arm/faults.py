@@ -39,7 +39,7 @@ from mpc.observer.health import FaultKind, Health, Part
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import CALM
-from mpc.trials.arm_trajectories import REFERENCES
+from mpc.trials.motions.arm_trajectories import REFERENCES
 from mpc.trials.simulation import in_motion, simulate
 
 NAME = "arm_faults"

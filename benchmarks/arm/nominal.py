@@ -14,8 +14,8 @@ from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.plan import Rung
-from mpc.trials.arm_trajectories import circle
-from mpc.trials.reference import Reference
+from mpc.trials.motions.arm_trajectories import circle
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run, in_motion, simulate
 
 SETTLING = 50  # samples that do not count

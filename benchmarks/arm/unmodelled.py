@@ -40,7 +40,7 @@ from mpc.observer.filter import Noise
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
-from mpc.trials.arm_trajectories import circle, reach
+from mpc.trials.motions.arm_trajectories import circle, reach
 from mpc.trials.simulation import Run, in_motion, simulate
 
 NAME, TUNED_ON = "arm_unmodelled", 1001

@@ -10,7 +10,7 @@ from mpc import Compensation, Reference, Weights
 from mpc.model.friction.dahl import WIDTH_AT, Friction
 from mpc.model.real_plant import RealPlant
 from mpc.trials.loops import Settings
-from mpc.trials.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
+from mpc.trials.motions.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
 from mpc.yardsticks.baselines import PIDGains
 
 SEEDS = 41  # the first; tuning used others

@@ -22,7 +22,7 @@ from mpc import Plant, RealPlant, Reference, Weights, simulate
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.trials.loops import Settings, loop
-from mpc.trials.trajectories import point_to_point
+from mpc.trials.motions.trajectories import point_to_point
 
 LOADED, SETTLED, END = 9.0, 6.0, 29.0  # [s] onset of the load; wait after it; end of the run
 SWING, RATE = 0.05, 0.02  # [°], [bar/s]

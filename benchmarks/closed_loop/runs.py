@@ -13,8 +13,8 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator, Observer
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
+from mpc.trials.motions.trajectories import LEAD
 from mpc.trials.simulation import Controller
-from mpc.trials.trajectories import LEAD
 from mpc.yardsticks.baselines import PIDControl
 
 UNSTABLE = 45.0  # [°] of error: more than that of a motionless joint, as no trajectory exceeds 40°

@@ -19,8 +19,8 @@ from mpc import Plant, Reference, Weights
 from mpc.model.friction.contact import Contact
 from mpc.model.real_plant import RealPlant
 from mpc.trials.loops import Settings, loop
+from mpc.trials.motions.trajectories import LEAD
 from mpc.trials.push import Cycle, Push, push
-from mpc.trials.trajectories import LEAD
 
 SETTLED = 5.0  # [s]
 WEIGHT = 1.2  # [N·m] weight in the joint's log

@@ -15,9 +15,9 @@ from mpc.model.faults import DriftingSensor, Fault
 from mpc.model.real_plant import RealPlant
 from mpc.observer.health import Health, Suspect
 from mpc.trials.loops import loop
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.trajectories import TRAJECTORIES
 from mpc.trials.simulation import Controller
-from mpc.trials.trajectories import TRAJECTORIES
 
 AFTERWARDS = 5.0  # [s] of a run with its fault
 NAMED_AFTER = 1.0  # [s] after the alarm at which the name counts

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from mpc.model.arm.model import Arm
     from mpc.plant_cli import PlantOptions
     from mpc.repetition.response import Response
-    from mpc.trials.reference import Reference
+    from mpc.trials.motions.reference import Reference
 
 _NOMINAL, _REAL = "nominal", "real"
 _REAL_EFFECTS = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
 _JOINTS, _HAND = _TRACKED = "joints", "hand"
 _MPC, _CIRCLE = "mpc", "circle"
-_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # where nothing else is said of a model's muscles
-_OFF = 0.05  # of the muscles' forces, on a real plant
+_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults for a model's muscles
+_OFF = 0.05  # [-] error of the muscles' forces, on a real plant
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def track_arm(
     margins: Path | None,
     wait: bool,
 ) -> None:
-    """Let an arm of pneumatic muscles follow angles and a stiffness matrix on MuJoCo, film it, and say how it went."""
+    """Track angles and a stiffness matrix with an arm of pneumatic muscles on MuJoCo, film it, report the errors."""
     import numpy as np
     from rich.console import Console
 
@@ -73,9 +73,9 @@ def track_arm(
     from mpc.arm.payload import arriving
     from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
-    from mpc.trials.corrections import Owner, compared, digest_of
     from mpc.trials.margins import margins as margins_of
     from mpc.trials.metrics import metrics
+    from mpc.trials.motions.corrections import Owner, compared, digest_of
     from mpc.trials.pictures.animation import ENDINGS, check_film
     from mpc.trials.pictures.report import table_of, write_run
     from mpc.trials.pictures.sensitivity import plot_margins
@@ -126,7 +126,7 @@ def track_arm(
             practice = practise(
                 tested, controller, learner, observer=observer, x0=x0, load=push, seed=seed, progress=progress(console)
             )
-            given = learner.reference  # the best one is played again, to be seen
+            given = learner.reference  # the best one is played again for display
         done = simulate(tested, controller, given, x0=x0, observer=observer, load=push, seed=seed, watch=watch)
         done = compared(done, asked)
     for path in files:
@@ -152,9 +152,9 @@ def track_arm(
 
 
 def _asked(trajectory: str, arm: "Arm", hand: "Endpoint | None") -> "Reference":
-    """Return the reference of a name, or that of a file of the user's."""
-    from mpc.trials.arm_trajectories import REFERENCES, reference
-    from mpc.trials.motion_files import load_motion
+    """Return the reference of a name, or that of a user's file."""
+    from mpc.trials.motions.arm_trajectories import REFERENCES, reference
+    from mpc.trials.motions.motion_files import load_motion
 
     if trajectory not in REFERENCES and (Path(trajectory).suffix or Path(trajectory).exists()):
         return load_motion(trajectory, arm, hand)
@@ -164,7 +164,7 @@ def _asked(trajectory: str, arm: "Arm", hand: "Endpoint | None") -> "Reference":
 def _machine(
     options: "PlantOptions", more: ArmOptions, kind: str, seed: int
 ) -> "tuple[Arm, MujocoPlant, Endpoint | None, list[str]]":
-    """Return the arm of the options, its plant, its hand, and what is to be said of it."""
+    """Return the arm of the options, its plant, its hand, and remarks about it."""
     import numpy as np
 
     from mpc.arm.mujoco_plant import MujocoPlant
@@ -226,7 +226,7 @@ def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
 
 
 def _loop(arm: "Arm", kind: str, dt: float, horizon: int, wait: bool) -> tuple[Any, Any]:
-    """Return a controller and its observer, which `wait` for what is not compiled yet."""
+    """Return a controller and its observer, which `wait` for compilation."""
     from mpc.model.compensation import Compensation
     from mpc.observer.filter import CALM_NOISE
     from mpc.observer.kalman import KalmanObserver
@@ -244,7 +244,7 @@ def _loop(arm: "Arm", kind: str, dt: float, horizon: int, wait: bool) -> tuple[A
 def _responses(
     options: "PlantOptions", more: ArmOptions, kind: str, controller: Any, observer: Any, asked: "Reference"
 ) -> "tuple[Response, ...]":
-    """Return the responses of the loop on its model in the middle of a reference, and those that it may have."""
+    """Return the responses of the loop on its model in the middle of a reference, and their possible variations."""
     from mpc.repetition.response import doubted, postures, response
 
     _, model, _, _ = _machine(options, more, _NOMINAL, 0)
@@ -259,7 +259,7 @@ def _text_of(options: "PlantOptions") -> str:
 
 
 class _Window:
-    """A window of MuJoCo's viewer shows the plant in real time, if it is wanted."""
+    """Window of MuJoCo's viewer with the plant in real time, if requested."""
 
     def __init__(self, plant: "MujocoPlant", wanted: bool) -> None:
         self._plant, self._viewer, self._began = plant, None, perf_counter()
@@ -269,7 +269,7 @@ class _Window:
             self._viewer = mujoco.viewer.launch_passive(plant.model, plant.data)
 
     def watch(self) -> None:
-        """Show the plant as it is now, when its time has come."""
+        """Show the present plant at the right time."""
         if self._viewer is None:
             return
         sleep(max(0.0, self._plant.time - (perf_counter() - self._began)))

@@ -1,8 +1,8 @@
-"""The muscles of machines on pulleys are drawn as capsules, with cables and pulleys, without a mass or an effect.
+"""Drawing of muscles on pulleys as capsules, with cables and pulleys, without mass or effect.
 
 A muscle lies along -x of the joint that it moves first, at its true length; its far end moves with the cable. It is
-mounted on the link before that joint where that is long enough, else on the ground, from where the cable runs through
-the axes of the joints on its way.
+mounted on the link before that joint if that is long enough, else on the ground, from which the cable runs through the
+axes of the joints on its path.
 """
 
 from itertools import pairwise
@@ -19,20 +19,20 @@ from allocator.mechanism.routes.linkage import GROUND
 from mpc.model.arm.bodies import Bodies
 
 DRAWN = "drawn"
-"""The class of geoms that are there to be seen."""
+"""Class of geoms for display only."""
 PALE, RED = (0.93, 0.86, 0.78), (0.80, 0.04, 0.05)
-"""The colours of a muscle without and with all of the supply's pressure."""
+"""Colours of a muscle without pressure and with the supply's pressure."""
 
-_RADIUS = 0.011  # [m] of a muscle before it is told its pressure
+_RADIUS = 0.011  # [m] of a muscle before its pressure is known
 _CABLE = 0.0015  # [m]
 _GAP = 0.06  # [m] from the shortest cable's end to the joint's axis
 _FIRST, _NEXT = 0.035, 0.045  # [m] from the middle to the first muscle at its side, and on to the next
-_ANY_RANGE = 1.0  # [rad] where a joint has no range
+_ANY_RANGE = 1.0  # [rad] for a joint without a range
 _FOVY = 45.0  # [°]
 
 
 class Place(NamedTuple):
-    """A `Place` is where a muscle is drawn: on a link, from x = `begin` on, at y = `side`."""
+    """Place of a drawn muscle: on a link, beginning at x = `begin`, at y = `side`."""
 
     link: int
     begin: float  # [m], behind the joint's axis
@@ -40,11 +40,11 @@ class Place(NamedTuple):
 
 
 class Drawing:
-    """A `Drawing` has the places of all muscles of a machine on pulleys."""
+    """Places of all muscles of a machine on pulleys."""
 
     def __init__(self, mechanism: Mechanism, bodies: Bodies) -> None:
         routes = mechanism.routes
-        assert isinstance(routes, Pulleys)  # `to_mjcf` draws no others
+        assert isinstance(routes, Pulleys)  # the only ones that `to_mjcf` draws
         self.mechanism, self.bodies, self.arms = mechanism, bodies, np.array(routes.arms)
         reach = (
             np.abs(mechanism.angle_limits).max(axis=1) if mechanism.angle_limits else np.full(mechanism.n, _ANY_RANGE)
@@ -52,12 +52,12 @@ class Drawing:
         rest = mechanism.lengths(np.zeros(mechanism.n))
         self._longest = rest + np.abs(self.arms) @ reach
         self._rest = rest
-        self._sides = (self.arms * bodies.sense).tolist()  # (m, n) where the cables pass the joints: y [m]
+        self._sides = (self.arms * bodies.sense).tolist()  # (m, n) y of the cables at the joints [m]
         self.places = self._placed()
 
     @property
     def behind(self) -> float:
-        """Return how far the muscles on the ground reach behind the first joint [m]."""
+        """Extent of the muscles on the ground behind the first joint [m]."""
         return max([-place.begin for place in self.places if place.link == GROUND], default=0.0)
 
     def _placed(self) -> list[Place]:
@@ -101,12 +101,12 @@ class Drawing:
 
 
 def muscle_geom(name: str) -> str:
-    """Return the name of the geom that is drawn for the muscle called `name`."""
+    """Return the name of the drawn geom of the muscle `name`."""
     return f"muscle {name}"
 
 
 def paint(model: object, names: tuple[str, ...], lengths: Array, radii: Array, fill: Array) -> None:
-    """Let the drawn muscles of an `MjModel`, or else its tendons, have these `lengths` and `radii` (m,) [m].
+    """Set `lengths` and `radii` (m,) [m] of the drawn muscles of an `MjModel`, or else of its tendons.
 
     `fill` (m,) are the pressures in fractions of the supply's, from pale to red.
     """
@@ -126,13 +126,13 @@ def paint(model: object, names: tuple[str, ...], lengths: Array, radii: Array, f
 
 
 def view(bodies: Bodies, behind: float) -> dict[str, str]:
-    """Return a camera's attributes that sees a chain and its muscles `behind` it [m]; gravity points down in it."""
+    """Return the attributes of a camera for a chain and its muscles `behind` it [m], with gravity downwards."""
     reach = sum(bodies.length)
     middle = np.array([(reach - behind) / 2, 0.0, 0.0])
     down = np.array([*bodies.gravity, 0.0])
     up = -down / np.linalg.norm(down) if down.any() else np.array([0.0, 1.0, 0.0])
     distance = 0.56 * (reach + behind) / tan(_FOVY / 2 * pi / 180)
-    back = np.array([0.0, 0.0, 1.0]) * np.cos(0.45) - up * np.sin(0.45)  # a little from below, to see the depth
+    back = np.array([0.0, 0.0, 1.0]) * np.cos(0.45) - up * np.sin(0.45)  # a little from below, to show the depth
     right = np.cross(up, back)
     upward = np.cross(back, right)
     place = middle + distance * back
@@ -150,5 +150,5 @@ def _line(part: Tree.Element, begin: tuple[float, float], end: tuple[float, floa
 
 
 def row(*numbers: float) -> str:
-    """Return numbers as MJCF has them."""
+    """Return numbers in the format of MJCF."""
     return " ".join(repr(float(number)) for number in numbers)

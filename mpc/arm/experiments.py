@@ -1,4 +1,4 @@
-"""Experiments on a `MujocoPlant`: that of a closed loop, and pushes at rest, which measure its stiffness."""
+"""Experiments on a `MujocoPlant`: in a closed loop, and pushes at rest, which measure its stiffness."""
 
 from typing import TYPE_CHECKING
 
@@ -11,15 +11,15 @@ from allocator.errors import InvalidInput
 if TYPE_CHECKING:
     from mpc.arm.mujoco_plant import MujocoPlant
 
-_STILL = 1e-9  # [rad/s] a pushed machine that moves no faster has come to rest
-_LONGEST_REST = 60.0  # [s] of waiting for it
-_BETWEEN = 10  # steps from look to look
-_SLOWEST = 1.0  # [1/s] what no muscle holds is braked as if it moved at this rate
-_FINE, _COARSE = 0.3, 0.01  # steps while it settles: in times of the fastest mode, and [s] at most
+_STILL = 1e-9  # [rad/s] greatest speed of a pushed machine at rest
+_LONGEST_REST = 60.0  # [s] longest wait for a rest
+_BETWEEN = 10  # steps between checks
+_SLOWEST = 1.0  # [1/s] rate that determines the brake of motions without a muscle
+_FINE, _COARSE = 0.3, 0.01  # steps while it settles: times the fastest mode, and [s] at most
 
 
 class MujocoExperiment:
-    """A `MujocoPlant` under way in a closed loop.
+    """Experiment on a `MujocoPlant` in a closed loop.
 
     Sensors without an encoder's step and without noise measure the whole state, velocities included.
     """
@@ -29,23 +29,23 @@ class MujocoExperiment:
 
     @property
     def x(self) -> Array:
-        """The true state (2n + m,)."""
+        """True state (2n + m,)."""
         plant = self._plant
         return np.concatenate([plant.q, plant.omega, plant.P])
 
     def measure(self) -> Array:
-        """Read the sensors (2n + m,); NaN for velocities that nobody measures."""
+        """Read the sensors (2n + m,); NaN for unmeasured velocities."""
         plant = self._plant
         read = plant.measure()
         return np.concatenate([read.q, plant.omega if plant.sensors.exact else np.full(plant.n, np.nan), read.P])
 
     def advance(self, u: Array, d: ArrayLike = 0.0) -> None:
-        """Advance by one sample with the commands `u` (m,) [Pa] and the torques `d` [N·m] from outside."""
+        """Advance by one sample with the commands `u` (m,) [Pa] and the external torques `d` [N·m]."""
         self._plant.step(u, self._dt, d)
 
 
 def settle(plant: "MujocoPlant", load: Array, shut: bool) -> Array:
-    """Let `plant` come to rest under a `load` (n,) [N·m], as its method of this name says; return the angles (n,)."""
+    """Let `plant` come to rest under a `load` (n,) [N·m], see its method `settle`; return the angles (n,)."""
     if shut and plant.pneumatics.gas is None:
         raise InvalidInput("shut valves trap gas, and this plant has none: say gas=True")
     begin, (brake, step) = plant.time, _brake(plant)
@@ -57,7 +57,7 @@ def settle(plant: "MujocoPlant", load: Array, shut: bool) -> Array:
 
 
 def pushed_stiffness(plant: "MujocoPlant", push: float, load: Array, shut: bool) -> Array:
-    """Return the stiffness (n, n) [N·m/rad] that pushes of ± `push` [N·m] find, as the plant's method says."""
+    """Return the stiffness (n, n) [N·m/rad] from pushes of ± `push` [N·m], see the plant's method."""
     kept = plant.kept()
     settle(plant, load, shut)
     rest, compliance = plant.kept(), np.empty((plant.n, plant.n))
@@ -73,7 +73,7 @@ def pushed_stiffness(plant: "MujocoPlant", push: float, load: Array, shut: bool)
 
 
 def _brake(plant: "MujocoPlant") -> tuple[Array, float]:
-    """Return a damping (nv, nv) [N·m·s/rad] in which no mode swings any more, and a step [s] fine enough for it."""
+    """Return a damping (nv, nv) [N·m·s/rad] with which no mode swings, and a fine enough step [s] for it."""
     from scipy.linalg import eigh
 
     M = mass_matrix(plant)

@@ -1,4 +1,4 @@
-"""A film of a run shows the arm as it moves: rendered by MuJoCo where there is a GL, else drawn by matplotlib."""
+"""Film of a moving arm, rendered by MuJoCo if there is a GL, otherwise drawn by matplotlib."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -24,20 +24,21 @@ if TYPE_CHECKING:
     from mujoco import MjvScene
 
 SIZES = {".gif": (640, 360), ".mp4": (1280, 720)}  # [pixels] by the ending of a file
-_DOTS = 80  # an inch, of drawings
-_RATE = 20  # pictures a second
-_LARGEST = 0.15  # of the arm's reach: the ellipse of its stiffness as it is first drawn
+_DOTS = 80  # per inch, of drawings
+_RATE = 20  # pictures per second
+_LARGEST = 0.15  # [-] of the arm's reach: initial size of its stiffness ellipse
 _RING = np.linspace(0, 2 * np.pi, 41)
 _THIN = 0.002  # [m] of a line
-_OVER = 0.03  # [m] of the marks, over the chain
+_OVER = 0.03  # [m] height of the marks over the chain
 _WAY, _STIFF = (0.0, 0.45, 0.7, 1.0), (0.1, 0.55, 0.25, 1.0)  # colours
 
 
 class Film:
-    """A film takes pictures of a `plant` every twentieth of a second while it moves; to be used in a `with`.
+    """Film of a moving `plant` with a picture every twentieth of a second; a context manager.
 
-    The way of a hand in the plane is in them, and the ellipse of its stiffness: the forces that displacements of one
-    size meet. `size` is in pixels, one of `SIZES`. `by` says what draws it: MuJoCo and its GL, or matplotlib and why.
+    The pictures show the path of a hand in the plane, and the ellipse of its stiffness: the forces against
+    displacements of one size. `size` is in pixels, one of `SIZES`. `by` names the renderer: MuJoCo and its GL, or
+    matplotlib and the reason.
     """
 
     def __init__(self, plant: MujocoPlant, arm: Arm, size: tuple[int, int] = SIZES[".gif"]) -> None:
@@ -72,7 +73,7 @@ class Film:
 
 
 class Hand:
-    """Marks of the hand of a chain in the plane: its way so far, and the ellipse of its stiffness."""
+    """Marks of the hand of a chain in the plane: its path so far, and the ellipse of its stiffness."""
 
     def __init__(self, plant: MujocoPlant, arm: Arm) -> None:
         assert isinstance(arm.bodies, Bodies)
@@ -81,7 +82,7 @@ class Hand:
         self.way: list[Array] = []
 
     def ellipse(self) -> Array:
-        """Return the ellipse K_x·(cos φ, sin φ) about the hand (k, 2) [m]; nothing where the hand is singular."""
+        """Return the ellipse K_x·(cos φ, sin φ) about the hand (k, 2) [m]; nothing if the hand is singular."""
         q = self._plant.q
         at = self._endpoint.at(q[None])
         K = stiffness_of(at, self._arm.mechanism.stiffness(q, self._plant.P)[None])[0]
@@ -91,7 +92,7 @@ class Hand:
         return np.asarray(at.position[0] + self._scale * np.stack([np.cos(_RING), np.sin(_RING)], axis=1) @ K)
 
     def mark(self, scene: "MjvScene") -> None:
-        """Add the way and the ellipse to a scene, as far as there is room in it."""
+        """Add the path and the ellipse to a scene, as far as it has room."""
         self.way.append(self._endpoint.position(self._plant.q))
         for line, colour in ((np.array(self.way), _WAY), (self.ellipse(), _STIFF)):
             for begin, end in pairwise(line):
@@ -111,7 +112,7 @@ def _add(scene: "MjvScene", begin: Array, end: Array, colour: tuple[float, ...])
 
 
 class _Drawing:
-    """A drawing has the links as lines, the marks of the `hand`, and a bar for the pressure of every muscle."""
+    """Drawing of the links as lines, the marks of the `hand`, and a bar for the pressure of every muscle."""
 
     def __init__(self, plant: MujocoPlant, arm: Arm, hand: Hand | None, size: tuple[int, int]) -> None:
         self._plant, self._arm, self._hand = plant, arm, hand
@@ -135,7 +136,7 @@ class _Drawing:
         bars.tick_params(axis="y", labelsize=7)
 
     def render(self) -> Picture:
-        """Return the drawing of the plant as it is now (height, width, 3)."""
+        """Return the drawing of the present plant (height, width, 3)."""
         points = self._points()
         self._trace.append(points[-1])
         self._links.set_data(points[:, 0], points[:, 1])
@@ -147,7 +148,7 @@ class _Drawing:
         return drawn(self._figure)
 
     def _points(self) -> Array:
-        """Return the hinges and the end of the arm in the plane that is drawn (k, 2) [m]."""
+        """Return the hinges and the end of the arm in the drawn plane (k, 2) [m]."""
         if isinstance(self._arm.bodies, Bodies):
             return np.asarray(self._arm.bodies.points(self._plant.q))
         return self._in_space()[:, self._two]
@@ -157,7 +158,7 @@ class _Drawing:
         return np.vstack([data.xanchor, data.xipos[-1:]])
 
     def _seen_from(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Choose the two axes along which the model is largest; return how far it may reach along them."""
+        """Choose the two axes along which the model is largest; return its reach along them."""
         points = self._in_space()
         self._two = np.sort(np.argsort(-np.ptp(points, axis=0), kind="stable")[:2])
         reach = 1.2 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -1,4 +1,4 @@
-"""The arm of one joint: a plant as an arm with n = 1 and m = 2, for whatever works on arms."""
+"""Arm of one joint: a plant as an arm with n = 1 and m = 2, for functions on arms."""
 
 from allocator import checks
 from allocator.errors import InvalidInput
@@ -11,15 +11,15 @@ _CENTRE = 0.15  # [m] of the link's mass from the hinge, at most
 
 
 def arm_of(plant: Plant) -> Arm:
-    """Return the arm of one link whose equation of motion is the plant's.
+    """Return the arm of one link with the plant's equation of motion.
 
     A plant knows the link's inertia J about the hinge and its gravity torque m g a; many links share these two numbers.
-    This one has its centre of mass in its middle, at most 15 cm from the hinge, and weighs
+    This one has its centre of mass in its middle, at most 15 cm from the hinge, and the mass
 
         m = |m g a|/(g a),    I = J - m a² ≥ J/2
 
-    The joint's friction and hysteresis are not taken along. Raises `InvalidInput` for a plant whose stiffness is meant
-    at a `frequency`: an arm's is isobaric.
+    The joint's friction and hysteresis are not included. Raises `InvalidInput` for a plant with the stiffness at a
+    `frequency`, because an arm's is isobaric.
     """
     if not isinstance(plant, Plant):
         raise InvalidInput(f"plant = {checks.brief(plant)} has to be a Plant")

@@ -1,11 +1,10 @@
-"""Mechanisms with rigid bodies are written as MJCF, MuJoCo's format, with their muscles as tendons.
+"""Export of mechanisms with rigid bodies as MJCF, MuJoCo's format, with muscles as tendons.
 
-`Sites` become spatial tendons through sites on bodies, which is faithful everywhere. `Pulleys` become *fixed* tendons,
-l = -r·q: their arms are constant at every posture, while MuJoCo's wrapping round a cylinder has a constant arm only as
-long as the tendon touches it. MuJoCo draws no fixed tendons; so their muscles are drawn as capsules without mass or
-contact, at their true length, on the link before the first joint that they move where that is long enough, else on the
-ground. `Mechanism.from_mjcf` reads routes, names and ranges again, with rest lengths and cables, which are the tendons'
-user data.
+`Sites` become spatial tendons through sites on bodies, which are exact everywhere. `Pulleys` become *fixed* tendons,
+l = -r·q, with constant arms at every posture; MuJoCo's wrapping round a cylinder has a constant arm only while the
+tendon touches it. MuJoCo does not draw fixed tendons. Their muscles are drawn as capsules without mass or contact, at
+their true length, on the link before the first joint that they move if that is long enough, else on the ground.
+`Mechanism.from_mjcf` reads routes, names and ranges back, with rest lengths and cables from the tendons' user data.
 """
 
 from xml.etree import ElementTree as Tree
@@ -22,19 +21,19 @@ from mpc.arm.drawing import DRAWN, PALE, Drawing, row, view
 from mpc.model.arm.bodies import Bodies
 
 _TIMESTEP = 0.002  # [s]
-_SLENDER = 0.01  # a rod's inertia about its own axis, in fractions of that across; nothing turns about it in the plane
-_THIN, _THICK = 0.004, 0.012  # [m] radii of links and of muscles as they are drawn
-_ABOVE_FLOOR = 0.05  # [m] of a chain, whose shadow falls there
+_SLENDER = 0.01  # a rod's inertia about its axis, over that across; there is no rotation about it in the plane
+_THIN, _THICK = 0.004, 0.012  # [m] radii of drawn links and muscles
+_ABOVE_FLOOR = 0.05  # [m] of a chain, which throws a shadow on the floor
 _GREY = "0.55 0.58 0.62 1"
 
 
 def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", timestep: float = _TIMESTEP) -> str:
-    """Return the MJCF text of a mechanism with `Pulleys` or `Sites` and of its `bodies`; no MuJoCo is needed for it.
+    """Return the MJCF text of a mechanism with `Pulleys` or `Sites` and of its `bodies`; MuJoCo is not needed.
 
     On `Pulleys` the links are the bodies' chain in the plane. On `Sites` they are the routes' own links, with the
-    masses of the bodies on their x-axes; the equations of motion are those of `bodies` where both are the same chain.
-    Ranges of the joints become their limits, the gravity of the plane the model's. `timestep` [s] is that of
-    simulations. Raises `InvalidInput` for other routes, and for bodies of another number of joints.
+    masses of the bodies on their x-axes; the equations of motion are those of `bodies` if both are the same chain.
+    Ranges of the joints become their limits, the gravity of the plane that of the model. `timestep` [s] is that of
+    simulations. Raises `InvalidInput` for other routes, and for bodies with another number of joints.
     """
     if bodies.n != mechanism.n:
         raise InvalidInput(f"bodies have n = {bodies.n} links; the mechanism has n = {mechanism.n} joints")
@@ -73,7 +72,7 @@ def _settings(root: Tree.Element, bodies: Bodies, timestep: float) -> None:
     Tree.SubElement(visual, "global", offwidth="1280", offheight="960")
     Tree.SubElement(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.3 0.3 0.3", specular="0.1 0.1 0.1")
     Tree.SubElement(visual, "quality", offsamples="8", shadowsize="4096")
-    Tree.SubElement(visual, "map", shadowclip="2")  # else there are stray shadows at the edges of a wide picture
+    Tree.SubElement(visual, "map", shadowclip="2")  # avoids stray shadows at the edges of a wide picture
     drawn = Tree.SubElement(Tree.SubElement(root, "default"), "default", {"class": DRAWN})
     Tree.SubElement(drawn, "geom", contype="0", conaffinity="0", mass="0", rgba=_GREY)
     sky = {"type": "skybox", "builtin": "gradient", "rgb1": "1 1 1", "rgb2": "0.8 0.85 0.9"}
@@ -87,7 +86,7 @@ def _settings(root: Tree.Element, bodies: Bodies, timestep: float) -> None:
 def _links(
     world: Tree.Element, mechanism: Mechanism, links: tuple[Link, ...], bodies: Bodies
 ) -> dict[int, Tree.Element]:
-    """Write the bodies, one a link, and return their elements by the links' numbers."""
+    """Write one body per link, and return the elements by the links' numbers."""
     parts = {GROUND: world}
     for i, link in enumerate(links):
         part = parts[i] = Tree.SubElement(parts[link.parent], "body", name=f"{mechanism.joint_names[i]} link")
@@ -113,7 +112,7 @@ def _tendon(tendons: Tree.Element, kind: str, mechanism: Mechanism, j: int, cabl
 
 
 def _fixed(tendons: Tree.Element, mechanism: Mechanism, routes: Pulleys) -> None:
-    """Write l_j + L_j (1 - ε0_j) = -r_j·q: what is constant in the length counts as cable."""
+    """Write l_j + L_j (1 - ε0_j) = -r_j·q: the constant part of the length counts as cable."""
     for j, arms in enumerate(routes.arms):
         at_zero = routes.rest_length[j] * (1 - routes.initial_contraction[j])
         tendon = _tendon(tendons, "fixed", mechanism, j, -at_zero)

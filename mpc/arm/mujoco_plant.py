@@ -1,6 +1,6 @@
-"""A plant whose bodies are MuJoCo's: muscles pull along the tendons of a model, their pressures are states.
+"""Plant with MuJoCo's bodies: muscles pull along the tendons of a model, and their pressures are states.
 
-With the tendons' lengths l(q), whose slopes are MuJoCo's `ten_J`, muscle j pulls with F_j along its tendon:
+With the tendons' lengths l(q) and their slopes, MuJoCo's `ten_J`, muscle j pulls with F_j along its tendon:
 
     M(q) q'' = -(∂l/∂q)ᵀ F + friction + load + what else the model has (gravity, damping, limits, contacts, …)    (M1)
 
@@ -38,10 +38,10 @@ _Kept: TypeAlias = tuple[float, Array, Array, Array, Array, list[tuple[float, Ar
 
 
 class MujocoPlant:
-    """A `MujocoPlant` is a machine under way: a MuJoCo model whose tendons are pneumatic muscles.
+    """Simulated machine: a MuJoCo model with pneumatic muscles as tendons.
 
-    Its m muscles are all tendons of the model, its n encoders all hinges and slides. It changes with every step: copies
-    are made by `copy.deepcopy`.
+    Its m muscles are all tendons of the model, its n encoders are on all hinges and slides. Every step changes the
+    plant; `copy.deepcopy` makes copies.
     """
 
     def __init__(
@@ -66,39 +66,39 @@ class MujocoPlant:
         faults: Sequence[Fault] = (),
         nominal: Arm | None = None,
     ) -> None:
-        """Load and check.
+        """Load and check a model.
 
         Parameters
         ----------
         model
-            A file, MJCF text, or an `mujoco.MjModel`, of which a copy is taken. Tendons may run as MuJoCo's
-            may: through sites, round geoms, over pulleys, or be fixed; their own stiffness, damping and limits stay.
+            A file, MJCF text, or an `mujoco.MjModel`, which is copied. All tendons of MuJoCo are supported:
+            through sites, round geoms, over pulleys, or fixed. Their stiffness, damping and limits are kept.
         muscles
             One for all tendons or m of them, in the order of the tendons.
         rest_length, cable
-            L and the part of the tendon that is cable [m], numbers or rows (m,); without them the model has to tell, as
-            those of `to_mjcf` do.
+            L and the part of the tendon that is cable [m], numbers or rows (m,); without them, the model has to contain
+            them, as those of `to_mjcf` do.
         pressure_limits, lag, slew
-            Of the supply [Pa], to which commands are clipped; time constants of the regulators [s], a number or a row
-            (m,), and how fast what they follow may move [Pa/s].
+            Limits of the supply [Pa], to which commands are clipped; time constants of the regulators [s], a number
+            or a row (m,), and the greatest rate of their input [Pa/s].
         gas, force_gains
-            Whether motions move the pressures (G3), a `Gas` or True for air; and how many times as hard as their laws
-            say the muscles pull [-], a number or a row (m,).
+            Whether motions move the pressures (G3), a `Gas` or True for air; and factors on the forces of the
+            muscle models [-], a number or a row (m,).
         dead_time, dead_band
             Of the commands [s], and of the regulators [Pa], in total.
         friction, muscle_friction
             At the joints and in the muscles, see `mpc.arm.rubbing`: a `Friction` or `MaxwellSlip` for all, or one each.
         encoder, pressure_noise, pressure_offset, faults
-            Of the sensors, see `mpc.arm.sensors`; faults are of valves and cables, too.
+            Of the sensors, see `mpc.arm.sensors`; faults may also be those of valves and cables.
         nominal
-            The arm whose bodies these are, as its controllers know it: `simulate` asks for it.
+            The arm with these bodies, as the controllers' model; `simulate` needs it.
 
         Raises
         ------
         InvalidInput
-            For numbers that make no sense, and where no rest length is known.
+            For invalid numbers, and if no rest length is known.
         InvalidFile
-            For a model that MuJoCo does not read, without tendons or joints.
+            For a model that MuJoCo cannot read, or without tendons or joints.
         MissingPackage
             Without MuJoCo (`pip install 'antagonist[mujoco]'`).
         """
@@ -121,39 +121,39 @@ class MujocoPlant:
         self.rubbing = Rubbing(friction, muscle_friction, self.n, m)
         self.sensors = Sensors(self.n, m, encoder, pressure_noise, pressure_offset, faults)
         self._nominal = nominal
-        self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)  # older versions want to be asked
+        self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)  # needed by older versions
         self.data = mujoco.MjData(self.model)
         self._jacobian = TendonJacobian(self.model, self.data)
         self.reset()
 
     @classmethod
     def of(cls, arm: Arm, **effects: Any) -> Self:
-        """Return bodies and muscles of `arm` on MuJoCo, with `effects` that its model does not know, by name."""
+        """Return bodies and muscles of `arm` on MuJoCo, with unmodelled `effects` by name."""
         given = {"pressure_limits": arm.pressure_limits, "lag": arm.lag, "slew": arm.slew, "nominal": arm} | effects
         return cls(to_mjcf(arm.mechanism, arm.bodies), arm.mechanism.muscles, **given)
 
     @property
     def n(self) -> int:
-        """Return the number of encoders."""
+        """Number of encoders."""
         return len(self._places)
 
     @property
     def m(self) -> int:
-        """Return the number of muscles."""
+        """Number of muscles."""
         return self.pneumatics.m
 
     @property
     def pressure_limits(self) -> tuple[float, float]:
-        """Return the least and the greatest pressure of the supply [Pa]."""
+        """Least and greatest pressure of the supply [Pa]."""
         return self.supply.limits
 
     # --- as a process that `simulate` runs --------------------------------------------------------------------------
 
     @property
     def nominal(self) -> Arm:
-        """The arm as its controllers know it. Raises `InvalidInput` where it was not given."""
+        """Arm as the controllers' model. Raises `InvalidInput` if it was not given."""
         if self._nominal is None:
-            raise InvalidInput("MujocoPlant: say nominal=arm, or make it by MujocoPlant.of(arm)")
+            raise InvalidInput("MujocoPlant: set nominal=arm, or use MujocoPlant.of(arm)")
         return self._nominal
 
     def at_rest(self, theta: ArrayLike, K: ArrayLike) -> Array:
@@ -175,9 +175,9 @@ class MujocoPlant:
     def reset(
         self, q: ArrayLike | None = None, P: ArrayLike | None = None, *, omega: ArrayLike = 0.0, seed: int = 0
     ) -> Readings:
-        """Begin anew at the posture `q` (n,) [rad], the model's own without it, with the pressures `P` (m,) [Pa].
+        """Restart at the posture `q` (n,) [rad], by default the model's own, with the pressures `P` (m,) [Pa].
 
-        Without `P` all muscles have the supply's lower limit. `omega` (n,) [rad/s] are velocities, `seed` is that of
+        Without `P` all muscles are at the supply's lower limit. `omega` (n,) [rad/s] are velocities, `seed` is that of
         the sensors' noise. Raises `InvalidInput`.
         """
         import mujoco
@@ -199,7 +199,7 @@ class MujocoPlant:
     def step(self, commands: ArrayLike, dt: float, load: ArrayLike = 0.0) -> Readings:
         """Advance by `dt` [s] with the `commands` (m,) [Pa] given now, and read the sensors.
 
-        `load` [N·m] are torques (n,) from outside. Raises `InvalidInput`, also where the motion has no finite end.
+        `load` [N·m] are external torques (n,). Raises `InvalidInput`, also if the motion is not finite.
         """
         pressures = self._row("commands", checks.pressure("commands", commands), self.m, "Pa")
         self._load[self._speeds] = self._row("load", load, self.n, "N·m")
@@ -223,47 +223,47 @@ class MujocoPlant:
 
     @property
     def time(self) -> float:
-        """Return the time since the beginning [s]."""
+        """Time since the beginning [s]."""
         return float(self.data.time)
 
     @property
     def q(self) -> Array:
-        """Return the true angles (n,) [rad]."""
+        """True angles (n,) [rad]."""
         return np.array(self.data.qpos[self._places])
 
     @property
     def omega(self) -> Array:
-        """Return the true velocities (n,) [rad/s]."""
+        """True velocities (n,) [rad/s]."""
         return np.array(self.data.qvel[self._speeds])
 
     @property
     def P(self) -> Array:
-        """Return the true pressures (m,) [Pa]."""
+        """True pressures (m,) [Pa]."""
         return self._P.copy()
 
     @property
     def lengths(self) -> Array:
-        """Return the muscles' lengths l (m,) [m], cables taken off."""
+        """Muscles' lengths l (m,) [m], without cables."""
         return np.asarray(self.data.ten_length - self._cable)
 
     @property
     def arms(self) -> Array:
-        """Return the arms r = -∂l/∂q (m, n) [m] at the encoders' joints."""
+        """Arms r = -∂l/∂q (m, n) [m] at the encoders' joints."""
         return -self._jacobian()[:, self._speeds]
 
     @property
     def tension(self) -> Array:
-        """The tensions (m,) [N] of the muscles' cables; a slack one has 0."""
+        """Tensions (m,) [N] of the muscles' cables; 0 for a slack one."""
         return self.pneumatics.forces(self.lengths, self._P)
 
     @property
     def torque(self) -> Array:
-        """Return the muscles' torques (n,) [N·m]   (M1)"""
+        """Muscles' torques (n,) [N·m]   (M1)"""
         return np.asarray(self.tension @ self.arms)
 
     @property
     def energy(self) -> tuple[float, float]:
-        """Return the potential energy, of gravity and the model's springs, and the kinetic one [J]."""
+        """Potential energy, of gravity and the model's springs, and the kinetic one [J]."""
         import mujoco
 
         mujoco.mj_energyPos(self.model, self.data)
@@ -276,24 +276,24 @@ class MujocoPlant:
     def settle(self, load: ArrayLike = 0.0, *, shut: bool = False) -> Array:
         """Let the machine come to rest with its pressures frozen, under a `load` (n,) [N·m]; return the angles (n,).
 
-        With `shut` valves the gas is trapped instead, so that pressures follow the motion (needs `gas`). A damping for
-        the settling alone takes the energy. Raises `InvalidInput` where there is no rest within a minute.
+        With `shut` valves the gas is trapped instead, so that pressures follow the motion (needs `gas`). An artificial
+        damping removes the energy. Raises `InvalidInput` if there is no rest within a minute.
         """
         return settle(self, self._row("load", load, self.n, "N·m"), shut)
 
     def pushed_stiffness(self, push: float = 0.05, load: ArrayLike = 0.0, *, shut: bool = False) -> Array:
-        """Measure the stiffness (n, n) [N·m/rad] where the machine comes to rest under a `load` (n,) [N·m].
+        """Measure the stiffness (n, n) [N·m/rad] at rest under a `load` (n,) [N·m].
 
         With the pressures frozen (or the valves `shut`) every joint is pushed by ± `push` [N·m], and the matrix of
-        compliances inverted; the error is of second order in the push. The machine is then where it was before. Raises
-        `InvalidInput` as `settle`.
+        compliances is inverted; the error is of second order in the push. The machine then returns to its former state.
+        Raises `InvalidInput` like `settle`.
         """
         return pushed_stiffness(
             self, checks.positive("push", push, "N·m"), self._row("load", load, self.n, "N·m"), shut
         )
 
     def own_stiffness(self) -> Array:
-        """Return what the muscles' own stiffness makes of that of all degrees of freedom (nv, nv) [N·m/rad] now."""
+        """Return the muscles' own share of the present stiffness of all degrees of freedom (nv, nv) [N·m/rad]."""
         J = self._jacobian()
         return np.asarray(J.T @ (self.pneumatics.own_stiffness(self.lengths, self._P)[:, None] * J))
 
@@ -311,7 +311,7 @@ class MujocoPlant:
         return *state, list(self.supply.waiting), self.rubbing.kept
 
     def restore(self, kept: _Kept) -> None:
-        """Go back to the state that was `kept`."""
+        """Restore the state `kept`."""
         d = self.data
         d.time, d.qpos[:], d.qvel[:] = kept[:3]
         self._P, self._load = kept[3].copy(), kept[4].copy()
@@ -327,9 +327,9 @@ class MujocoPlant:
             self._substep(duration / steps)
 
     def _substep(self, h: float, brake: Array | None = None, shut: bool = False) -> None:
-        """Take a step of the classical Runge–Kutta method; angles of balls and free bodies move as MuJoCo has it.
+        """Take a step of the classical Runge–Kutta method; MuJoCo integrates the angles of balls and free bodies.
 
-        With a `brake` (nv, nv) [N·m·s/rad] no regulator works: pressures are frozen, or of gas that is `shut` in.
+        With a `brake` (nv, nv) [N·m·s/rad] no regulator works: pressures are frozen, or those of `shut` gas.
         """
         import mujoco
 
@@ -357,7 +357,7 @@ class MujocoPlant:
             self.rubbing.go_on(self._rubs, self._loads(self._P, self.tension))
 
     def _rates(self, P: Array, brake: Array | None = None, shut: bool = False) -> tuple[Array, Array]:
-        """Return q'' (nv,) and P' (m,) in the state that `data` holds."""
+        """Return q'' (nv,) and P' (m,) in the state of `data`."""
         import mujoco
 
         m, d = self.model, self.data
@@ -383,14 +383,14 @@ class MujocoPlant:
 
     @property
     def _rubs(self) -> Array:
-        """The coordinates (n + m,) along which friction acts: angles and lengths."""
+        """Coordinates (n + m,) along which friction acts: angles and lengths."""
         return np.concatenate([self.q, self.lengths])
 
     def _loads(self, P: Array, forces: Array) -> Array:
         return loads(self.arms, self.pneumatics.own_stiffness(self.lengths, P), forces, P)
 
     def _look(self) -> None:
-        """Have MuJoCo derive everything from the state, without moving it."""
+        """Let MuJoCo compute all quantities of the state, without a motion."""
         self._rates(self._P)
 
     def _row(self, name: str, value: ArrayLike, size: int, unit: str) -> Array:

@@ -1,4 +1,4 @@
-"""Point masses that the last body of a `MujocoPlant` carries from the beginning, or catches in motion."""
+"""Point masses that the last body of a `MujocoPlant` carries from the beginning or catches in motion."""
 
 from collections.abc import Callable
 
@@ -14,9 +14,8 @@ from mpc.arm.mujoco_plant import MujocoPlant
 def carry(plant: MujocoPlant, mass: float, at: ArrayLike, velocity: ArrayLike | None = None) -> None:
     """Put a point `mass` [kg] at a place `at` (3,) [m] of the last body, in that body's frame.
 
-    A mass that comes with a `velocity` (3,) [m/s] in the world is caught without bouncing: the joints' momentum and its
-    own make their new velocities. None: it moves with the body already. Raises `InvalidInput` for numbers that make no
-    sense.
+    A mass that arrives with a `velocity` (3,) [m/s] in the world is caught without bouncing: its momentum and that of
+    the joints give the new velocities. None: it already moves with the body. Raises `InvalidInput` for invalid numbers.
     """
     import mujoco
 
@@ -45,7 +44,7 @@ def carry(plant: MujocoPlant, mass: float, at: ArrayLike, velocity: ArrayLike | 
 def arriving(
     plant: MujocoPlant, time: float, mass: float, at: ArrayLike, velocity: ArrayLike | None = None
 ) -> Callable[[], None]:
-    """Return what `simulate` may take as its `watch`, to let a mass arrive at a `time` [s]; see `carry`."""
+    """Return a `watch` for `simulate` that lets a mass arrive at a `time` [s]; see `carry`."""
     waiting = [time]
 
     def watch() -> None:
@@ -67,5 +66,5 @@ def _inertia(model: object, body: int) -> Array:
 
 
 def _about(away: Array) -> Array:
-    """Return the inertia (3, 3) of a unit mass that is `away` (3,) from the centre."""
+    """Return the inertia (3, 3) of a unit mass at the distance `away` (3,) from the centre."""
     return np.asarray(away @ away * np.eye(3) - np.outer(away, away))

@@ -1,6 +1,6 @@
 """Pictures of a plant, rendered offscreen, with muscles that swell and redden with their pressures.
 
-A model that is not of `mpc.arm.mjcf` may have neither sky nor lights, and MuJoCo shows it dark before black. Its
+A model that is not from `mpc.arm.mjcf` may have neither sky nor lights, so that MuJoCo shows it dark on black. Its
 pictures get a bright sky and a lamp at the camera.
 """
 
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
     from mujoco import MjvScene
     from mujoco.egl import GLContext  # those of OSMesa and GLFW have the same methods
 
-_BARE = 0.010, 0.006  # [m] the radius of a muscle whose volume is not known, empty and its growth at full pressure
+_BARE = 0.010, 0.006  # [m] radius of a muscle of unknown volume: empty, and its growth at full pressure
 _SKY = np.array([224, 232, 240], np.uint8)
 _AMBIENT, _DIFFUSE = 0.4, 0.5  # of the lamp at the camera
-_FILLING = 3.0  # how soon a muscle looks full, over the supply's range
+_FILLING = 3.0  # rate at which a muscle looks full, over the supply's range
 
 
 class Camera:
-    """A camera for pictures of a `MujocoPlant`, arrays (height, width, 3) of bytes, by EGL, OSMesa or GLFW.
+    """Camera for pictures of a `MujocoPlant`, arrays (height, width, 3) of bytes, by EGL, OSMesa or GLFW.
 
-    `MUJOCO_GL` chooses one of them; without it the first that works is used. To be closed, or used in a `with`.
+    `MUJOCO_GL` selects one of them; without it the first that works is used. Close it, or use it in a `with`.
     """
 
     def __init__(self, plant: MujocoPlant, width: int = 640, height: int = 480, camera: str | int = -1) -> None:
-        """Open a context; `camera` is one of the model's, by default "view" where it has one, else a free one.
+        """Open a context; `camera` is one of the model's, by default "view" if there is one, else a free one.
 
-        Raises `MissingBackend` where no GL renders offscreen, which names what to install, and `InvalidInput`.
+        Raises `InvalidInput`, and `MissingBackend` with the packages to install if no GL renders offscreen.
         """
         import mujoco
 
@@ -67,14 +67,14 @@ class Camera:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
 
     def render(self, mark: "Callable[[MjvScene], None] | None" = None) -> NDArray[np.uint8]:
-        """Return the picture of the plant as it is now (height, width, 3), with what `mark` adds to the scene."""
+        """Return the picture of the present plant (height, width, 3), with the marks that `mark` adds to the scene."""
         import mujoco
 
         plant, (width, height) = self.plant, self._size
         low, high = plant.pressure_limits
         fill = np.clip((plant.P - low) / (high - low), 0.0, 1.0)
         paint(plant.model, plant.muscle_names, plant.lengths, radii(plant), fill)
-        mujoco.mj_kinematics(plant.model, plant.data)  # of the muscles that were moved
+        mujoco.mj_kinematics(plant.model, plant.data)  # of the moved muscles
         self._context.make_current()
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(plant.model, plant.data, self._option, None, self._view, everything, self._scene)
@@ -91,7 +91,7 @@ class Camera:
         return picture[::-1].copy()
 
     def close(self) -> None:
-        """Give the context back."""
+        """Release the context."""
         self._gpu.free()
         self._context.free()
 
@@ -103,24 +103,24 @@ class Camera:
 
 
 def radii(plant: MujocoPlant) -> Array:
-    """Return the radii (m,) [m] of the muscles as they are drawn.
+    """Return the radii (m,) [m] of the drawn muscles.
 
-    Full of pressure they are cylinders of the muscles' lengths and volumes; an empty one hangs as thin as it was made.
-    Muscles whose laws tell no volume are drawn by a guess.
+    At full pressure they are cylinders with the muscles' lengths and volumes; an empty one has its manufactured radius.
+    Muscle models without a volume are drawn with a guessed radius.
     """
     low, high = plant.pressure_limits
     filled = 1 - np.exp(-_FILLING * np.clip((plant.P - low) / (high - low), 0.0, 1.0))
     try:
         volumes = plant.pneumatics.volumes(plant.lengths, plant.P)
         empty = plant.pneumatics.volumes(plant.pneumatics.rest_length, np.zeros(plant.m))
-    except InvalidInput:  # a law without a radius
+    except InvalidInput:  # a muscle model without a radius
         return np.asarray(_BARE[0] + _BARE[1] * filled)
     thin = np.sqrt(empty / (np.pi * plant.pneumatics.rest_length))
     return np.asarray(thin + filled * (np.sqrt(np.maximum(volumes, 0.0) / (np.pi * plant.lengths)) - thin))
 
 
 def _context(width: int, height: int) -> "GLContext":
-    """Return a context of the GL that `MUJOCO_GL` names, or of the first that works. Raises `MissingBackend`."""
+    """Return a context of the GL in `MUJOCO_GL`, or of the first that works. Raises `MissingBackend`."""
     asked = os.environ.get("MUJOCO_GL", "").lower()
     if asked and asked not in _MAKERS:
         raise MissingBackend("MUJOCO_GL", asked, _MAKERS)
@@ -129,7 +129,7 @@ def _context(width: int, height: int) -> "GLContext":
     for name in [asked] if asked else [*(["egl", "osmesa"] if sys.platform.startswith("linux") else []), *windows]:
         try:
             return _MAKERS[name](width, height)
-        except Exception as error:  # whatever a missing driver raises: AttributeError, ImportError, GLError, …
+        except Exception as error:  # exceptions of a missing driver: AttributeError, ImportError, GLError, …
             why.append(f"{name}: {type(error).__name__}")
     raise MissingBackend("offscreen GL", ", ".join(why) or sys.platform, _ADVICE)
 

@@ -1,9 +1,9 @@
-"""Friction at the joints and in the muscles of a machine under way.
+"""Friction at the joints and in the muscles of a simulated machine.
 
-Friction models are those of one joint (`mpc.model.friction.contact.Hysteresis`). Here they act along the coordinates
+The friction models are those of one joint (`mpc.model.friction.contact.Hysteresis`). They act along the coordinates
 s = (q, l): the angles of the joints, and the lengths of the muscles. With J = ∂s/∂q the torques at the joints are
 
-    τ = -Jᵀ f,    f_i = T_f,i of the way of s_i
+    τ = -Jᵀ f,    f_i = T_f,i of the path of s_i
 
 The loads of a muscle are its force, twice its pressure and its own stiffness; its friction is in N, its lengths in m.
 """
@@ -24,22 +24,22 @@ Given = Hysteresis | Sequence[Hysteresis] | None  # one for all, one each, or no
 
 
 class Rubbing:
-    """The friction of n joints and m muscles, and its memory."""
+    """Friction of n joints and m muscles, and its memory."""
 
     def __init__(self, joints: Given, muscles: Given, n: int, m: int) -> None:
-        """Check. Raises `InvalidInput` for another number of models than n or m."""
+        """Check the models. Raises `InvalidInput` for a number of models other than n or m."""
         self._models = *_each("friction", joints, n), *_each("muscle_friction", muscles, m)
         self._places = [i for i, model in enumerate(self._models) if not model.absent]
         self.absent = not self._places
         self.begin(np.zeros(n + m))
 
     def begin(self, s: Array) -> None:
-        """Forget the past: nothing has moved from `s` (n + m,) [rad, m] yet."""
+        """Forget the past: nothing has moved from `s` (n + m,) [rad, m]."""
         self._from = s.copy()
         self._memories = [model.begun(at) for model, at in zip(self._models, s.tolist(), strict=True)]
 
     def forces(self, s: Array, loads: Array) -> Array:
-        """Return f (n + m,) [N·m, N] at `s` (n + m,), which is on the way from where `go_on` was last.
+        """Return f (n + m,) [N·m, N] at `s` (n + m,), on the path from the `s` of the last `go_on`.
 
         `loads` (n + m, 3) are those of `mpc.model.friction.contact.Pressed`.
         """
@@ -49,22 +49,22 @@ class Rubbing:
         return f
 
     def go_on(self, s: Array, loads: Array) -> None:
-        """Take note that the machine has come to `s` (n + m,) in one direction."""
+        """Update the memory by a motion to `s` (n + m,) in one direction."""
         for i, memory, _ in self._moved(s, loads):
             self._memories[i] = memory
         self._from = s.copy()
 
     @property
     def kept(self) -> tuple[Array, list[Any]]:
-        """What is remembered, for `restore`."""
+        """Memory, for `restore`."""
         return self._from, list(self._memories)
 
     def restore(self, kept: tuple[Array, list[Any]]) -> None:
-        """Go back to what was `kept`."""
+        """Restore the memory `kept`."""
         self._from, self._memories = kept[0], list(kept[1])
 
     def _moved(self, s: Array, loads: Array) -> list[tuple[int, Any, Pressed]]:
-        """Return place, memory and loads of every friction that is not absent, at `s` (n + m,)."""
+        """Return index, memory and loads of every friction that is not absent, at `s` (n + m,)."""
         motion, given = (s - self._from).tolist(), loads.tolist()
         found = []
         for i in self._places:

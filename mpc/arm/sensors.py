@@ -21,16 +21,16 @@ class Readings(NamedTuple):
 
 
 class Sensors:
-    """The sensors of n joints and m muscles.
+    """Sensors of n joints and m muscles.
 
-    Encoders have steps of `encoder` [rad or m]. Pressure sensors read `pressure_offset` [Pa], a number or a row (m,),
-    too much, with noise of the standard deviation `pressure_noise` [Pa]. `faults` are made with `joints=n, muscles=m`.
+    Encoders have steps of `encoder` [rad or m]. Pressure sensors have the offset `pressure_offset` [Pa], a number or a
+    row (m,), and noise of the standard deviation `pressure_noise` [Pa]. `faults` are made with `joints=n, muscles=m`.
     """
 
     def __init__(
         self, n: int, m: int, encoder: float, pressure_noise: float, pressure_offset: ArrayLike, faults: Sequence[Fault]
     ) -> None:
-        """Check. Raises `InvalidInput`."""
+        """Check the numbers. Raises `InvalidInput`."""
         self.n, self.m = n, m
         self.encoder = checks.not_negative("encoder", encoder, "rad")
         self.pressure_noise = checks.not_negative("pressure_noise", pressure_noise, "Pa")
@@ -38,26 +38,26 @@ class Sensors:
         self.faults = tuple(faults)
         for fault in self.faults:
             if not isinstance(fault, Fault) or (fault.joints, fault.muscles) != (n, m):
-                raise InvalidInput(f"faults: {fault!r} is not one of joints={n}, muscles={m}; say them when it is made")
+                raise InvalidInput(f"faults: {fault!r} is not one of joints={n}, muscles={m}; give it these numbers")
         self.begin(0)
 
     @property
     def exact(self) -> bool:
-        """Whether they say the truth."""
+        """Whether the readings are exact."""
         return not (self.encoder or self.pressure_noise or self.pressure_offset.any() or self.faults)
 
     def begin(self, seed: int) -> None:
-        """Begin anew with the noise of the `seed`."""
+        """Restart with the noise of the `seed`."""
         self._noise = np.random.default_rng(seed)
         self._said = np.full(2 * self.n + self.m, np.nan)
 
     def active(self, t: float) -> list[Fault]:
-        """Return the faults that are there at the time `t` [s]."""
+        """Return the faults that are active at the time `t` [s]."""
         return [fault for fault in self.faults if fault.active(t)]
 
     def broken(self, t: float) -> tuple[Array, Mask]:
-        """Return the shares (m,) of the muscles' forces that faults leave at the time `t` [s], and which valves (m,)
-        they shut.
+        """Return the remaining shares (m,) of the muscles' forces at the time `t` [s], and the valves (m,) shut by
+        faults.
         """
         pulling, shut = np.ones(self.m), np.zeros(self.m, bool)
         for fault in self.active(t):
@@ -65,7 +65,7 @@ class Sensors:
         return pulling, shut
 
     def effective(self, command: Array, P: Array, t: float) -> Array:
-        """Return what the regulators follow (m,) [Pa] instead of a `command` at the pressures `P` and the time `t`."""
+        """Return the regulators' inputs (m,) [Pa] instead of a `command` at the pressures `P` and the time `t`."""
         for fault in self.active(t):
             command = fault.effective(command, P)
         return command
@@ -87,7 +87,7 @@ def encoders_of(model: Any, source: str) -> NDArray[np.intp]:
     import mujoco
 
     if model.na:
-        raise InvalidFile(source, "has actuators with states of their own, which are not integrated here")
+        raise InvalidFile(source, "has actuators with states, which are not integrated")
     if not model.ntendon:
         raise InvalidFile(source, "has no tendons; the tendons of the model are the muscles")
     kinds = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]

@@ -1,4 +1,4 @@
-"""The way of commands to the regulators: supply, slew and dead time."""
+"""Path of commands to the regulators: supply, slew and dead time."""
 
 from collections.abc import Iterator
 from math import inf
@@ -11,10 +11,10 @@ from allocator.errors import InvalidInput
 
 
 class Supply:
-    """The commands on their way to regulators within `limits` [Pa], `slew` [Pa/s] and behind a `dead_time` [s]."""
+    """Delayed commands to regulators within `limits` [Pa] and `slew` [Pa/s], after a `dead_time` [s]."""
 
     def __init__(self, limits: tuple[float, float], slew: float, dead_time: float) -> None:
-        """Check. Raises `InvalidInput`."""
+        """Check the numbers. Raises `InvalidInput`."""
         low, high = checks.limits("pressure_limits", limits, "Pa")
         checks.pressure("pressure_limits", (low, high))
         if not 0 <= low < high:
@@ -28,10 +28,10 @@ class Supply:
     def begin(self, P: Array) -> None:
         """Begin with regulators that follow the pressures `P` (m,) [Pa]."""
         self.command = P.copy()
-        self.waiting: list[tuple[float, Array]] = []  # commands on their way, with the time at which they arrive
+        self.waiting: list[tuple[float, Array]] = []  # delayed commands with their times of arrival
 
     def pieces(self, now: float, asked: Array, dt: float) -> Iterator[float]:
-        """Yield the pieces [s] of a sample of `dt` [s] from `now` [s] on; `command` is what regulators follow in each.
+        """Yield the pieces [s] of a sample of `dt` [s] from `now` [s] on; `command` is the regulators' input in each.
 
         The commands `asked` (m,) [Pa] are given now.
         """

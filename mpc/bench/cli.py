@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mpc.bench.logs import Record
     from mpc.bench.record import Lateness, Row
     from mpc.bench.safety import Ending
-    from mpc.trials.reference import Reference
+    from mpc.trials.motions.reference import Reference
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
 _OBSERVING = ("mpc", "predictive-pid", "lqr")  # controllers
@@ -80,10 +80,10 @@ def run_command(
     from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
-    from mpc.trials.corrections import Owner
     from mpc.trials.files import reference_called
     from mpc.trials.loops import Settings as LoopSettings
     from mpc.trials.loops import loop, margins_in_words, robust
+    from mpc.trials.motions.corrections import Owner
 
     console = Console()
     finite("--settle", settle, "s")
@@ -153,7 +153,7 @@ def sweep_command(
         list[float] | None, typer.Option(help="torque of an available weight [N·m]; may be repeated")
     ] = None,
     weights: Annotated[
-        bool, typer.Option(help="ask for weights to be hung; without them fit-joint cannot determine forces")
+        bool, typer.Option(help="request weights; without them fit-joint cannot determine forces")
     ] = True,
     motion: Annotated[
         float, typer.Option(help="duration of random steps for fit-motion [s]; 0 leaves them out")
@@ -214,7 +214,7 @@ def sweep_command(
 
 
 def hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
-    """Return the function that asks for a weight; a simulated joint hangs it itself."""
+    """Return the function that requests a weight; a simulated joint hangs it without a person."""
     from mpc.bench.devices.simulated import SimulatedDevice
     from mpc.bench.display.asking import REQUEST, Asking
 
@@ -277,7 +277,7 @@ class Watch:
 
 
 def _journal(files: list[Path]) -> Path | None:
-    """Return the file that is written sample by sample: a .csv that is asked for, or one beside the first other."""
+    """Return the file that is written sample by sample: a requested .csv, or one next to the first other file."""
     if not files:
         return None
     return next((path for path in files if path.suffix == ".csv"), files[0].with_suffix(".partial.csv"))
@@ -300,7 +300,7 @@ def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
 
 
 def _report(record: "Record", console: "Console") -> None:
-    """Say how it ended and how well it went, and whether the strengths want a check."""
+    """Print the ending, the errors, and whether the strengths need a check."""
     from mpc.bench.measuring.due import check_due
 
     say_ending(record.ending, record.lateness, console)
@@ -319,5 +319,5 @@ def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> No
 
 
 def exit_code(ending: "Ending") -> int:
-    """Return the exit code that an ending asks for."""
+    """Return the exit code of an ending."""
     return _EXITS.get(str(ending.reason), _STOPPED)

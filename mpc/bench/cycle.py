@@ -1,4 +1,4 @@
-"""The sequence that all loops on a device have in common, whichever source decides on the commands.
+"""Sequence of all loops on a device, for any source of commands.
 
     wait for the deadline t0 + k dt          absolute, so that lateness does not add up
     read                                     `NoAnswer`: a sample without a reading
@@ -7,9 +7,9 @@
     guard and write                          within the supply's range and the slew limit
     record                                   after the command, in the time that is left
 
-A loop begins with a soft start and ends with a safe stop (`mpc.bench.safety`), whatever ends it: the end of the
-commands, a signal, a log that cannot be written, or any exception of the device, the source or `watch`. The safe stop
-raises nothing: a ramp that fails becomes a vent, and a vent is tried several times. Then the exception is raised.
+A loop begins with a soft start and ends with a safe stop (`mpc.bench.safety`) in all cases: after the last command, a
+signal, a failure to write the log, or any exception of the device, the source or `watch`. The safe stop raises nothing:
+a ramp that fails becomes a vent, and a vent is tried several times. Then the exception is raised.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -44,19 +44,19 @@ class Phase(IntEnum):
 class Overrun(IntEnum):
     """Policy for samples that take longer than the sample time."""
 
-    SKIP = 0  # leave out the samples that are over: the reference goes with the clock
-    CATCH_UP = 1  # do all of them, at once
+    SKIP = 0  # leave out missed samples: the reference follows the clock
+    CATCH_UP = 1  # make up for all of them at once
     STOP = 2  # end the loop
 
 
 class Tick(NamedTuple):
     """One sample of a loop."""
 
-    k: int  # by the clock: those left out count
-    missed: int  # left out before it
+    k: int  # by the clock, including missed ones
+    missed: int  # missed samples before it
     reading: Reading  # NaN where there was none
     sent: Pressures  # the last command [Pa]
-    due: float  # when it should have begun [s], on the clock of the reading
+    due: float  # scheduled beginning [s], on the clock of the reading
 
 
 class Decision(NamedTuple):
@@ -79,11 +79,11 @@ class CommandSource(Protocol):
         """Pressures [Pa] that a soft start leads to."""
 
     def decide(self, tick: Tick) -> Decision | None:
-        """Return the commands of this sample, None at the end. Raises `Stopped` where the joint is not well."""
+        """Return the commands of this sample, None at the end. Raises `Stopped` if the joint is unhealthy."""
 
 
 class Settings(NamedTuple):
-    """Settings that all loops have in common."""
+    """Settings common to all loops."""
 
     overrun: Overrun = Overrun.SKIP
     start: SoftStart = SoftStart()
@@ -94,8 +94,8 @@ class Settings(NamedTuple):
 class Cycle:
     """One run of a source's commands on a device; `run` returns how it ended.
 
-    `ending` is also set where `run` raises. `replace` says whether a `log` that exists may be replaced. A `watch` that
-    raises ends the loop like any other exception, and is not called again.
+    `ending` is also set if `run` raises. `replace` permits the replacement of an existing `log`. A `watch` that raises
+    ends the loop like any other exception, and is not called again.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class Cycle:
         self._unforeseen: BaseException | None = None
 
     def request_stop(self) -> None:
-        """Ask for the end, from any thread; asked twice a ramp becomes a vent."""
+        """Request the end, from any thread; a second request turns a ramp into a vent."""
         self._stops.request()
 
     def run(self) -> Ending:
@@ -136,12 +136,12 @@ class Cycle:
             with self.recorder, self.device, self._stops:
                 ending = self._live()
         finally:
-            if self._unforeseen is not None:  # and not what closing the device may raise then
+            if self._unforeseen is not None:  # rather than an exception while the device is closed
                 raise self._unforeseen
         return ending
 
     def _live(self) -> Ending:
-        """Drive until something ends it, and stop safely."""
+        """Drive until the end, and stop safely."""
         try:
             self._drive()
             ending = Ending(Reason.FINISHED, "")
@@ -173,7 +173,7 @@ class Cycle:
         if isinstance(raised, RefusedStart) and not self._commanded:
             return Ending(Reason.REFUSED, str(raised)), False
         if isinstance(raised, DeviceError):
-            lost = isinstance(raised, DeviceLost)  # there may be nobody to ramp with
+            lost = isinstance(raised, DeviceLost)  # the device may not take the commands of a ramp
             return Ending(Reason.DEVICE, str(raised), Action.VENT if lost else None), self._commanded
         message = f"{self._calling}() raised {said(raised)}" if self._calling else said(raised)
         return Ending(Reason.DEVICE if self._calling in _OF_DEVICE else Reason.ERROR, message), False
@@ -188,14 +188,14 @@ class Cycle:
     # --- start ------------------------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Find out where the joint is, and refuse to move one that is where it must not be."""
+        """Read the joint's position, and refuse to move a joint outside its limits."""
         reading = self._first_reading()
         measured = reading.P1, reading.P2
         present = self.settings.start.present
         if not all(map(isfinite, measured)):
             if present is None:
                 raise RefusedStart(
-                    "the device measures no pressures: say where they are, SoftStart(present=(P1, P2)) in Pa, or "
+                    "the device measures no pressures: give their values, SoftStart(present=(P1, P2)) in Pa, or "
                     "--present on the command line (0:0 after venting)"
                 )
             measured = present
@@ -223,7 +223,7 @@ class Cycle:
         raise RefusedStart(f"{_PATIENCE} readings were asked for and none came ({why}); nothing was commanded")
 
     def _ramp_up(self) -> None:
-        """Lead both pressures on a line to those of the first command, and wait there."""
+        """Move both pressures linearly to those of the first command, and wait there."""
         start, begin, end = self.settings.start, self._sent, self.source.first
         way = max(abs(b - a) for a, b in zip(begin, end, strict=True))
         steps = max(1, ceil(way / start.rate / self.dt))
@@ -240,7 +240,7 @@ class Cycle:
     # --- a sample ---------------------------------------------------------------------------------------------------
 
     def _tick(self, decide: Callable[[Tick], Decision | None]) -> bool:
-        """Do one sample; return whether there was a decision."""
+        """Perform one sample; return whether there was a decision."""
         self.clock.sleep_until(self._began + self._next * self.dt)
         self._leave_out()
         deadline, began = self._began + self._next * self.dt, self.clock.now()
@@ -261,7 +261,7 @@ class Cycle:
         return True
 
     def _read(self) -> Reading:
-        """Return the reading of now; NaN where there is none, or an old one."""
+        """Return the present reading; NaN if there is none, or only an old one."""
         try:
             reading = self._asked()
         except NoAnswer:
@@ -278,7 +278,7 @@ class Cycle:
         return reading
 
     def _check(self, reading: Reading) -> None:
-        """Raise `Stopped` if readings are missing for too long, or a limit is broken."""
+        """Raise `Stopped` if readings are missing for too long, or a limit is violated."""
         now, patience = self.clock.now(), self.settings.watchdog.silence
         if isfinite(reading.theta):
             self._seen = now
@@ -308,16 +308,14 @@ class Cycle:
         )  # fmt: skip
 
     def _show(self, row: Row) -> None:
-        """Call `watch`, which is gone if it raises."""
+        """Call `watch`, which is dropped if it raises."""
         watch, self._watch, self._calling = self._watch, None, "watch"
         if watch is not None:
             watch(row)
         self._watch, self._calling = watch, ""
 
     def _leave_out(self) -> None:
-        """Leave out the samples that are over already, if that is the policy: the last one took too long, or so did the
-        system to wake up.
-        """
+        """Leave out missed samples, if that is the policy: the last one or the wake-up of the system took too long."""
         over = int((self.clock.now() - self._began) / self.dt * (1 + 1e-12)) - self._next
         if over < 1:
             return
@@ -348,7 +346,7 @@ class Cycle:
         return ending
 
     def _ramp_down(self) -> None:
-        """Let both pressures fall in proportion, until a signal is impatient or the device takes nothing more."""
+        """Let both pressures fall in proportion, until a second signal comes or the device takes no more commands."""
         begin, low, began = self._sent, self.limits.pressure[0], self.clock.now()
         self._taken = began
         steps = ceil((max(begin) - low) / self.settings.stop.rate / self.dt)
@@ -365,7 +363,7 @@ class Cycle:
             self._descend((one, two), now, now - deadline)
 
     def _descend(self, u: Pressures, now: float, late: float) -> None:
-        """Do a sample of the ramp. Only the command has to succeed; after a reading that failed there are none."""
+        """Perform a sample of the ramp. Only the command has to succeed; a failed reading is the last one."""
         reading = None
         if self._sighted:
             reading, failed = self._stops.attempt(self._read)

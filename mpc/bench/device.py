@@ -1,8 +1,8 @@
 """Devices: the interface of a joint's valves and sensors, three functions in SI units.
 
-Muscle 1 is the agonist, which turns the joint towards greater angles; pressures are gauge pressures. `antagonist`
-calls a device from one thread, with one exception: where that thread hangs inside a call of the device for longer
-than the stall watchdog allows, `vent` is called from another thread as a last resort, and the process ends.
+Muscle 1 is the agonist, which turns the joint towards greater angles; pressures are gauge pressures. `antagonist` calls
+a device from one thread, with one exception: if that thread hangs inside a call of the device for longer than the stall
+watchdog allows, another thread calls `vent` as a last resort, and the process ends.
 """
 
 import time
@@ -14,13 +14,13 @@ from allocator.errors import AntagonistError
 
 
 class Clock(Protocol):
-    """Interface of clocks, whose time never goes back."""
+    """Interface of monotonic clocks."""
 
     def now(self) -> float:
-        """Return the time [s] from some beginning."""
+        """Return the time [s] since an arbitrary origin."""
 
     def sleep_until(self, t: float) -> None:
-        """Return at the time `t` [s] or as soon after it as the system wakes up; at once if it is over."""
+        """Return at the time `t` [s] or as soon after it as the system wakes up; at once if `t` is past."""
 
 
 class MonotonicClock:
@@ -47,7 +47,7 @@ class SimulatedClock:
         return self._t
 
     def sleep_until(self, t: float) -> None:
-        """Jump to the time `t` [s], unless it is over."""
+        """Jump to the time `t` [s], unless it is past."""
         self._t = max(self._t, t)
 
     def spend(self, duration: float) -> None:
@@ -80,25 +80,25 @@ class Device(Protocol):
     """Interface of devices for a real-time loop. It is a context manager; entering it connects."""
 
     def read(self) -> Reading:
-        """Return the newest reading, having waited no longer than a fraction of a sample for it.
+        """Return the newest reading, after a wait of at most a fraction of a sample.
 
-        Raises `NoAnswer` where none came in time or it was damaged, `DeviceLost` where the device is gone.
+        Raises `NoAnswer` if none came in time or it was damaged, `DeviceLost` if the device is gone.
         """
 
     def write(self, P1: float, P2: float) -> None:
         """Command the gauge pressures [Pa] of agonist and antagonist.
 
-        Raises `NoAnswer` where the device does not take them, `DeviceLost` where it is gone.
+        Raises `NoAnswer` if the device does not take them, `DeviceLost` if it is gone.
         """
 
     def vent(self) -> None:
-        """Let both muscles empty, as fast as the hardware does; may be called at any time, and more than once.
+        """Vent both muscles as fast as the hardware can; may be called at any time, and more than once.
 
-        Raises `DeviceError` where the device does not take it.
+        Raises `DeviceError` if the device does not take the command.
         """
 
     def __enter__(self) -> Self:
-        """Connect. Raises `DeviceError` where that is not possible."""
+        """Connect. Raises `DeviceError` if that is not possible."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None

@@ -1,7 +1,7 @@
 """Checks of the readings and commands of a device.
 
-Nothing that comes from a device or a controller is trusted: a reading that is not four numbers is a `DeviceError`, one
-outside the limits ends the loop, and a command keeps to the supply's range and the slew limit.
+Data of devices and controllers are not trusted: a reading that is not four numbers is a `DeviceError`, one outside the
+limits ends the loop, and commands are limited to the supply's range and the slew limit.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ class Guard:
         self.angle_margin = angle_margin  # [rad] beyond the joint's range; another one during the soft start
 
     def broken(self, reading: Reading) -> Stopped | None:
-        """Return the limit that a reading breaks; a quantity that is not measured breaks none."""
+        """Return the limit that a reading violates, if any; unmeasured quantities violate none."""
         left, right = self.limits.theta
         if reading.theta < left - self.angle_margin or reading.theta > right + self.angle_margin:
             where = f"the joint's range {left / DEG:.1f} … {right / DEG:.1f}°"

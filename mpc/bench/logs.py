@@ -1,8 +1,8 @@
-"""Logs of a bench: read, turned into runs, kept as NPZ.
+"""Logs of a bench: reading, conversion to runs, storage as NPZ.
 
-A log is the CSV of `mpc.bench.record`, in SI units. `read_log` takes one that ends in the middle of a line. A log's
-samples under control make a `Run`, so that all that metrics, pictures and recordings say of simulations they say
-of a bench, too: its states are what was measured, and estimated where nothing measures it.
+A log is the CSV of `mpc.bench.record`, in SI units. `read_log` accepts one that ends in the middle of a line. The
+samples of a log under control make a `Run`, for the same metrics, pictures and recordings as those of simulations: its
+states are measured, or estimated if they are not measured.
 """
 
 import re
@@ -31,28 +31,28 @@ class Record:
 
     @property
     def lateness(self) -> Lateness:
-        """Return the distribution of lateness, without that of the safe stop."""
+        """Distribution of lateness, without that of the safe stop."""
         late, missed = self.where("late", "missed", phases=_MOVING)
         return Lateness.of(late, missed, self.dt)
 
     @property
     def controlled(self) -> bool:
-        """Return whether there are samples under control enough for a `Run`."""
+        """Whether there are enough samples under control for a `Run`."""
         return int(np.isin(self.columns["phase"], _CONTROLLED).sum()) >= _LEAST
 
     @property
     def tracked(self) -> bool:
-        """Return whether it came to follow the reference."""
+        """Whether it has followed the reference."""
         return bool((self.columns["phase"] == Phase.RUN).any())
 
     @property
     def theta_rms(self) -> float:
-        """Return the root mean square [rad] of the measured angle less its reference, without settling."""
+        """Root mean square [rad] of the measured angle minus its reference, without settling."""
         theta, wanted = self.where("theta", "theta_ref", phases=(Phase.RUN,))
         return float(np.sqrt(np.nanmean((theta - wanted) ** 2)))
 
     def where(self, *names: str, phases: tuple[Phase, ...]) -> list[Column]:
-        """Return the columns called `names` in these phases."""
+        """Return the columns `names` in these phases."""
         here = np.isin(self.columns["phase"], phases)
         return [self.columns[name][here] for name in names]
 
@@ -63,12 +63,12 @@ class Record:
     def save(self, path: str | Path) -> None:
         """Write an NPZ that `load_recording` reads as a run, with every column of the log beside it (`log_…`).
 
-        Raises `CannotWrite`, and `InvalidInput` where there is no run.
+        Raises `CannotWrite`, and `InvalidInput` if there is no run.
         """
         save_recording(self.run(), path, {f"log_{name}": column for name, column in self.columns.items()})
 
 
-_MOST = 2.0**53  # up to which floats have all whole numbers
+_MOST = 2.0**53  # floats represent all whole numbers up to this one
 _MOVING = (Phase.RAMP, Phase.SETTLE, Phase.RUN)
 _LEAST = 2  # samples of a run
 _CONTROLLED = (Phase.SETTLE, Phase.RUN)
@@ -77,7 +77,7 @@ _CONTROLLED = (Phase.SETTLE, Phase.RUN)
 def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
     """Return the samples of a log that were under control as a `Run` of the nominal `plant` with samples of `dt` [s].
 
-    The last of them is where the run ends. Raises `InvalidInput` if there are fewer than two.
+    The run ends at the last of them. Raises `InvalidInput` if there are fewer than two.
     """
     here = np.isin(columns["phase"], _CONTROLLED)
     if here.sum() < _LEAST:
@@ -120,7 +120,7 @@ def read_log(path: str | Path) -> dict[str, Column]:
 
 
 def _numbers(path: str | Path, number: int, line: str, n: int, whole: list[int]) -> list[float]:
-    """Return the n values of a line, those at the places `whole` being whole numbers."""
+    """Return the n values of a line, with whole numbers at the places `whole`."""
     try:
         values = [float(cell) for cell in line.split(",")]
     except ValueError:

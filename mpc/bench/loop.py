@@ -4,8 +4,8 @@
     record = loop.run()
     print(record.ending, record.lateness)
 
-Controller and observer do on a device what they do on a simulated plant (`mpc.trials.simulation.simulate`).
-`mpc.bench.tracking` decides on the commands, `mpc.bench.cycle` keeps the time, the limits and the safe stop.
+Controller and observer are used as on a simulated plant (`mpc.trials.simulation.simulate`). `mpc.bench.tracking`
+decides on the commands; `mpc.bench.cycle` is responsible for the time, the limits and the safe stop.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from mpc.bench.tracking import Tracking
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer.base import Observer
 from mpc.tracking.limits import Limits
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller
 
 
@@ -39,17 +39,17 @@ class RealTimeLoop:
     reference
         Angle [rad] and stiffness [N·m/rad] over time; between its samples a smooth curve.
     plant
-        The model whose limits count, and whose rest is the end of the soft start; by default the controller's.
+        Model that defines the limits and the rest at the end of the soft start; by default the controller's.
     start, stop, watchdog, overrun
         See `mpc.bench.safety` and `mpc.bench.cycle.Overrun`.
     log
-        A CSV file that is written sample by sample; see `mpc.bench.record`.
+        CSV file that is written sample by sample; see `mpc.bench.record`.
     replace
-        Whether a `log` that exists may be replaced; the first sample does it.
+        Whether an existing `log` may be replaced, by the first sample.
     clock
-        By default this computer's monotonic one; a `SimulatedDevice` that runs faster has its own.
+        Clock, by default this computer's monotonic one; a faster `SimulatedDevice` has its own.
     watch
-        Is called with every `Row`, after its command was sent: for a display. It must not take long. If it raises, the
+        Called with every `Row`, after its command was sent, for a display. It must return quickly. If it raises, the
         loop ends with the safe stop, and `run` raises the exception.
     """
 
@@ -81,24 +81,24 @@ class RealTimeLoop:
         )
 
     def run(self) -> Record:
-        """Run to the end of the reference, or until something else ends it; return the record of it.
+        """Run to the end of the reference or an earlier ending; return the record.
 
-        Raises `RefusedStart` and `DeviceError` before the first command, `InvalidInput` for a log that exists, and
-        `CannotWrite` where the log cannot begin. Any exception of device, controller, observer or `watch` that is not a
-        `DeviceError` is raised after the safe stop; `record` then has what was recorded.
+        Raises `RefusedStart` and `DeviceError` before the first command, `InvalidInput` for an existing log, and
+        `CannotWrite` if the log cannot begin. Any exception of device, controller, observer or `watch` that is not a
+        `DeviceError` is raised after the safe stop; `record` then has the recorded samples.
         """
         self.cycle.run()
         return self.record
 
     @property
     def record(self) -> Record:
-        """Record of a loop that has ended, by an exception or not. Raises `InvalidInput` before."""
+        """Record of a loop that has ended, even by an exception. Raises `InvalidInput` before."""
         if self.cycle.ending is None:
             raise InvalidInput("the loop has not run, or has not ended: there is no record of it")
         return Record(self.plant, self.cycle.dt, self.cycle.recorder.columns, self.cycle.ending)
 
     def stop(self) -> None:
-        """Ask for the safe stop, from any thread."""
+        """Request the safe stop, from any thread."""
         self.cycle.request_stop()
 
 
@@ -115,7 +115,7 @@ def _plant_of(controller: Controller) -> Plant:
 
 
 def _rehearse(plant: Plant, controller: Controller, observer: Observer, reference: Reference) -> None:
-    """Run a sample of both in advance, so that nothing is loaded or compiled during the loop."""
+    """Run one sample of both in advance, so that nothing is loaded or compiled during the loop."""
     theta, K = float(reference.theta[0]), float(reference.K[0])
     x = plant.at_rest(theta, K)
     seen = x.copy()

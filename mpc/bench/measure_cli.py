@@ -128,7 +128,7 @@ def _on_device(
 ) -> "tuple[list[MeasuredStiffness], int]":
     """Measure about every rest, by tones or by noise of an amplitude [rad], and stop after a failure.
 
-    Return the measurements and that exit code.
+    Return the measurements and the exit code.
     """
     from mpc.bench.measuring.session import Told, measure, shake
     from mpc.bench.measuring.weighing import Weight

@@ -54,8 +54,8 @@ class BenchOptions:
     def opened(self, options: PlantOptions) -> "Opened":
         """Return the device, the clock of its loop, the plant and its known effects.
 
-        A `sim` without a file simulates the joint of the options, with the effects of a real bench. Its controller
-        knows the effects in the options, as on any device, and of the others the values that a fit would find.
+        A `sim` without a file simulates the joint of the options, with the effects of a real bench. Its controller has
+        the effects in the options, as on any device, and for the others the values that a fit would find.
         """
         from mpc.bench.device import MonotonicClock, SimulatedClock
         from mpc.bench.devices.registry import open_device
@@ -97,7 +97,7 @@ class BenchOptions:
 
 
 class Opened(NamedTuple):
-    """An open device with its clock, and the plant and known effects of its joint."""
+    """Open device with its clock, and the plant and known effects of its joint."""
 
     device: "Device"
     clock: "Clock"
@@ -105,7 +105,7 @@ class Opened(NamedTuple):
     known: "Compensation"
 
     def assumed(self, options: PlantOptions) -> str:
-        """Return the assumed effects of a joint that its file does not state, or ""."""
+        """Return the assumed effects that the joint's file does not state, or ""."""
         from mpc.model.compensation import Compensation
 
         told = options.compensation().told if options.file else self.known.told

@@ -1,11 +1,11 @@
-"""The record of a loop, sample by sample: in memory, and in a file that is never behind.
+"""Record of a loop, sample by sample: in memory, and in a file that is always up to date.
 
-The file is a CSV with a line per sample, written to the system at once and without a buffer of ours, so that the log of
-a killed process is complete up to its last sample. If the disk is full, the line that did not fit is taken back. SI
-units, numbers exact (`repr`), so that a log can be replayed; `NaN` is a quantity that was not measured.
+The file is a CSV with a line per sample, written to the system at once and without buffering, so that the log of a
+killed process is complete up to its last sample. If the disk is full, an incomplete line is removed. Units are SI, and
+numbers are exact (`repr`), so that a log can be replayed; `NaN` is an unmeasured quantity.
 
-A log that exists is replaced only on request, and only by the first row: until then the head of the new log is in a
-file of its own, which shows that the disk takes it. A loop that never comes to a first row leaves no file behind.
+An existing log is replaced only on request, and only by the first row: until then the head of the new log is in its own
+file, which shows that the disk accepts it. A loop without a first row leaves no file behind.
 """
 
 import os
@@ -28,19 +28,19 @@ _CHUNK = 4096  # rows
 class Row(NamedTuple):
     """One sample of a loop; SI units."""
 
-    t: float  # [s] when it began, since the first one
+    t: float  # beginning [s], since the first one
     theta: float  # measured [rad]; NaN: no reading
     P1: float  # measured [Pa]
     P2: float  # measured [Pa]
     P1_command: float  # [Pa]
     P2_command: float  # [Pa]
     phase: int  # `Phase`
-    missed: int  # samples that were left out before it
-    late: float  # how long after its deadline it began [s]
+    missed: int  # missed samples before it
+    late: float  # delay of its beginning after the deadline [s]
     took: float  # from then until its command was sent [s]
-    read_at: float = nan  # when the device says that it measured [s], since the first sample
+    read_at: float = nan  # time of the measurement by the device [s], since the first sample
     sent: int = 1  # whether the device took the command
-    torque: float = 0.0  # of a weight that hangs on the joint, as far as is known [N·m]
+    torque: float = 0.0  # of a weight on the joint, if known [N·m]
     theta_ref: float = nan  # [rad]
     K_ref: float = nan  # [N·m/rad]
     theta_estimate: float = nan  # [rad]
@@ -53,7 +53,7 @@ class Row(NamedTuple):
     status: int = -2  # `PlanStatus`; -2: no plan
     slack: float = 0.0  # predicted excursion from the joint range [rad]
     slack_force: float = 0.0  # predicted lack of muscle force [N]
-    moved_theta: float = nan  # how far the controller moved what was asked [rad]
+    moved_theta: float = nan  # distance by which the controller moved the reference [rad]
     moved_K: float = nan  # [N·m/rad]
     moved_T: float = nan  # [N·m]
 
@@ -98,8 +98,8 @@ class Recorder:
     def __init__(self, path: str | Path | None, about: Sequence[str] = (), *, replace: bool = False) -> None:
         self._path, self._about, self._replace = path, about, replace
         self._file: int | None = None
-        self._target: Path | None = None  # that the first row makes of the draft
-        self._draft: Path | None = None  # is removed if no row comes
+        self._target: Path | None = None  # to which the first row renames the draft
+        self._draft: Path | None = None  # removed if there is no row
         self._chunks: list[Array] = []
         self._used = _CHUNK  # rows of the last chunk
 
@@ -133,7 +133,7 @@ class Recorder:
             self._draft = None
 
     def add(self, row: Row) -> None:
-        """Keep a row. Raises `CannotWrite`; the file then ends with the row before, and nothing more goes into it."""
+        """Add a row. Raises `CannotWrite`; the file then ends with the row before, and is closed."""
         if self._used == _CHUNK:
             self._chunks.append(np.empty((_CHUNK, len(Row._fields))))
             self._used = 0
@@ -144,19 +144,19 @@ class Recorder:
             self._write(",".join([repr(kind(value)) for kind, value in zip(_KINDS, row, strict=True)]) + "\n")
 
     def remark(self, line: str) -> None:
-        """Write a line of comment, if there is a file that takes it."""
+        """Write a line of comment, if there is a writable file."""
         if self._file is not None:
             self._write(f"# {line}\n")
 
     def _settle(self) -> None:
-        """Let the draft take the place of the log, now that there is a row."""
+        """Replace the log by the draft, since there is a row."""
         draft, self._draft = self._draft, None
         if draft is None or self._target is None:
             return
         assert self._file is not None
         try:
             draft.chmod(self._target.stat().st_mode)
-            os.close(self._file)  # Windows renames no file that is open
+            os.close(self._file)  # Windows cannot rename an open file
             self._file = None
             os.replace(draft, self._target)
             self._file = _opened(self._target)
@@ -183,7 +183,7 @@ class Recorder:
 
     @staticmethod
     def _take_back(file: int, written: int) -> None:
-        """Take back the beginning of a line that did not fit, and close the file."""
+        """Remove the beginning of a line that did not fit, and close the file."""
         if written:
             os.ftruncate(file, os.fstat(file).st_size - written)
         os.close(file)
@@ -214,12 +214,12 @@ class Lateness(NamedTuple):
     p99: float  # 99 % of the samples began no later [s]
     worst: float  # [s]
     late: int  # samples that began later than a tenth of the sample time
-    missed: int  # samples that were left out, being over before they could begin
+    missed: int  # samples left out because they were over before they could begin
     samples: int
 
     @classmethod
     def of(cls, late: Array, missed: Array, dt: float) -> Self:
-        """Return the figures of how `late` (n,) [s] samples of `dt` [s] were, and of how many were `missed` (n,)."""
+        """Return the statistics of samples of `dt` [s] with the lateness `late` (n,) [s] and counts `missed` (n,)."""
         if not late.size:
             return cls(0.0, 0.0, 0.0, 0, 0, 0)
         median, p99 = np.percentile(late, [50, 99]).tolist()

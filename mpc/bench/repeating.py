@@ -15,7 +15,7 @@ from mpc.bench.cycle import Phase
 from mpc.bench.logs import Record
 from mpc.bench.safety import Reason
 from mpc.repetition.learner import Course, Learner, Repetition
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 
 
 class Repeated(NamedTuple):

@@ -17,8 +17,8 @@ from mpc.observer.health import Reaction
 class Action(StrEnum):
     """Action on the pressures at the end of a loop."""
 
-    HOLD = "hold"  # the last commands are sent once more, and stay
-    RAMP = "ramp"  # both fall to nothing, in proportion; then vent
+    HOLD = "hold"  # the last commands are sent once more, and hold
+    RAMP = "ramp"  # both fall to zero, in proportion; then vent
     VENT = "vent"  # at once
 
 
@@ -46,8 +46,8 @@ class Ending(NamedTuple):
 
     reason: Reason
     message: str
-    action: Action | None = None  # that the reason asks for, whatever is configured
-    delivered: bool = True  # whether the device took what was sent last
+    action: Action | None = None  # that the reason requires, independent of the configuration
+    delivered: bool = True  # whether the device took the last command
 
     def __str__(self) -> str:
         return f"{self.reason}: {self.message}" if self.message else str(self.reason)
@@ -57,7 +57,7 @@ class RefusedStart(AntagonistError):
     """Start refused before any command; the message names the cause."""
 
 
-class Stopped(Exception):  # it is no error
+class Stopped(Exception):  # not an error
     """Request to end the loop, with its reason."""
 
     def __init__(self, reason: Reason, message: str = "", action: Action | None = None) -> None:
@@ -66,22 +66,22 @@ class Stopped(Exception):  # it is no error
 
     @property
     def message(self) -> str:
-        """Return the sentence."""
+        """Message as a sentence."""
         return self.ending.message
 
 
 @dataclass(frozen=True)
 class SoftStart:
-    """A soft start leads the pressures from where they are to where the first command is, and lets the joint settle.
+    """Soft start: the pressures move from their present values to the first command, and the joint settles.
 
-    Nobody observes the joint on this way: a slack joint obeys no model.
+    The observer does not run meanwhile, because a slack joint does not obey the model.
     """
 
-    rate: float = 1 * BAR  # [Pa/s] of the pressure that has the longer way
-    dwell: float = 0.5  # at its end [s]: regulators lag behind, and the joint swings
+    rate: float = 1 * BAR  # [Pa/s] of the pressure with the greater change
+    dwell: float = 0.5  # at its end [s], for the lag of regulators and the swing of the joint
     settle: float = 1.0  # under control at the reference's first point [s]
-    angle_margin: float = 10 * DEG  # [rad] beyond the joint's range on this way: without pressure it lies at its stop
-    present: tuple[float, float] | None = None  # pressures [Pa] where the device measures none
+    angle_margin: float = 10 * DEG  # [rad] beyond the joint's range meanwhile: without pressure it lies at its stop
+    present: tuple[float, float] | None = None  # pressures [Pa], if the device measures none
 
     def __post_init__(self) -> None:
         checks.positive("rate", self.rate, "Pa/s")
@@ -94,12 +94,12 @@ class SoftStart:
 
 @dataclass(frozen=True)
 class Watchdog:
-    """A watchdog ends a loop that sees nothing, gets nowhere, or drives a joint that is not well."""
+    """Watchdog that ends a loop without readings or progress, or with an unhealthy joint."""
 
     silence: float = 0.2  # without a reading of the angle, or without a command taken [s]
-    stall: float = 1.0  # without a sample done [s], of real time
-    reaction: Reaction | None = Reaction.HOLD  # of the observer's health that ends the loop; None: none
-    lasting: float = 0.5  # for how long health has to ask for it [s]
+    stall: float = 1.0  # without a finished sample [s], in real time
+    reaction: Reaction | None = Reaction.HOLD  # least reaction of the observer's health that ends the loop; None: none
+    lasting: float = 0.5  # duration of this reaction before the end [s]
     angle_margin: float = 2 * DEG  # [rad] beyond the joint's range
     pressure_margin: float = 0.3 * BAR  # [Pa] beyond the supply's range
 
@@ -115,7 +115,7 @@ class SafeStop:
     """Treatment of the pressures at every end of a loop."""
 
     action: Action = Action.RAMP
-    rate: float = 1 * BAR  # of a ramp: how fast the higher pressure falls [Pa/s]
+    rate: float = 1 * BAR  # of a ramp: rate at which the higher pressure falls [Pa/s]
 
     def __post_init__(self) -> None:
         if self.action not in list(Action):

@@ -1,10 +1,10 @@
-"""Requests that end a loop, and calls that must not: signals, the program, calls that hang or raise.
+"""Requests that end a loop (signals, the program), and calls that hang or raise, which must not end it.
 
-A signal only sets a flag, which the loop reads at its next sample, so that a command under way is not torn. Ctrl-C
-(SIGINT), Ctrl-Z (SIGTSTP), SIGTERM and a closed terminal (SIGHUP, unless it is ignored as under nohup) ask for the safe
-stop; a second signal, or SIGQUIT, asks for a vent at once. If no sample is finished for `stall` seconds, a thread
-interrupts the call that hangs by a signal whose handler raises `Stopped` in it. If that does not help twice, the device
-is vented from that thread, and the process ends with exit code 4.
+A signal only sets a flag, which the loop reads at its next sample, so that a command under way is not interrupted.
+Ctrl-C (SIGINT), Ctrl-Z (SIGTSTP), SIGTERM and a closed terminal (SIGHUP, unless it is ignored as under nohup) ask for
+the safe stop; a second signal, or SIGQUIT, requests a vent at once. If no sample is finished for `stall` seconds, a
+thread interrupts the call that hangs by a signal whose handler raises `Stopped` in it. If that does not help twice, the
+device is vented from that thread, and the process ends with exit code 4.
 
 Signals reach the main thread only. A loop in another thread stops by `request` and when the process exits; its
 hanging calls cannot be interrupted.
@@ -27,10 +27,10 @@ from mpc.bench.safety import Reason, Stopped
 
 EXIT = 4  # exit code of a process that had to be ended
 _PATIENCE = 2  # interruptions before the process is ended
-_TRIES = 8  # of a command that has to arrive
+_TRIES = 8  # of a command that has to succeed
 _ENDING = {
     "SIGINT": Reason.INTERRUPTED,
-    "SIGTSTP": Reason.INTERRUPTED,  # a suspended process would hold the pressures for ever
+    "SIGTSTP": Reason.INTERRUPTED,  # a suspended process would hold the pressures indefinitely
     "SIGTERM": Reason.TERMINATED,
     "SIGHUP": Reason.TERMINATED,
     "SIGQUIT": Reason.TERMINATED,
@@ -45,8 +45,8 @@ class Stops:
     def __init__(self, device: Device, stall: float) -> None:
         self._device, self._stall = device, stall
         self._asked: Reason | None = None
-        self.urgent = False  # whether it was asked for more than once
-        self.interruptible = False  # whether a call that hangs may be interrupted by `Stopped`
+        self.urgent = False  # whether there was more than one request
+        self.interruptible = False  # whether `Stopped` may interrupt a hanging call
         self._interrupting = False
         self._beat = time.monotonic()
         self._left = threading.Event()
@@ -54,7 +54,7 @@ class Stops:
         self._thread = threading.Thread(target=self._guard, name="antagonist-watchdog", daemon=True)
 
     def __enter__(self) -> Self:
-        """Listen to signals, where this is the main thread, and begin to watch."""
+        """Handle signals, if this is the main thread, and begin to watch."""
         self._runs_in = threading.get_ident()
         self._main = threading.get_ident() if threading.current_thread() is threading.main_thread() else None
         self._beat = time.monotonic()
@@ -75,15 +75,15 @@ class Stops:
             signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not set by Python
 
     def request(self, reason: Reason = Reason.REQUESTED) -> None:
-        """Ask for the end, from any thread; asked twice it is urgent."""
+        """Request the end, from any thread; a second request makes it urgent."""
         self.urgent, self._asked = self._asked is not None, self._asked or reason
 
     def beat(self) -> None:
-        """Say that there is progress."""
+        """Report progress."""
         self._beat = time.monotonic()
 
     def check(self) -> None:
-        """Raise `Stopped` if the end was asked for."""
+        """Raise `Stopped` if the end was requested."""
         if self._asked is not None:
             raise Stopped(self._asked)
 
@@ -100,7 +100,7 @@ class Stops:
             return None, raised
 
     def insist(self, command: Callable[[], object], pause: Callable[[], None]) -> str:
-        """Try `command` several times, with a `pause` between; return why it failed, or "" if it succeeded."""
+        """Try `command` several times, with a `pause` between; return the reason of its failure, or ""."""
         why = ""
         for k in range(_TRIES):
             if k:
@@ -148,12 +148,12 @@ class Stops:
     def _interrupt(self, main: int | None) -> None:
         self._interrupting = True
         if main is not None and hasattr(signal, "pthread_kill"):
-            signal.pthread_kill(main, signal.SIGINT)  # ends a system call, too
+            signal.pthread_kill(main, signal.SIGINT)  # also ends a system call
         else:
             _thread.interrupt_main()
 
     def _abandon(self) -> None:
-        """Vent without the thread that hangs, and end the process."""
+        """Vent without the hanging thread, and end the process."""
         outcome: list[str] = []
 
         def vent() -> None:

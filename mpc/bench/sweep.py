@@ -1,9 +1,9 @@
 """Sweep: the experiment that identifies a joint, by random steps of both pressures and equilibria under weights.
 
-First, without a weight, both pressures step at random, which `fit_motion` takes lags and hysteresis from. Then come the
-setpoints of `plan_joint_experiment`, each approached from above and from below and held until the angle rests, first
-without and then with the weight; `fit_joint` takes the muscles from these. Whoever hangs the weight is waited for, with
-the pressures held. What is written:
+First, without a weight, both pressures step at random, for lags and hysteresis by `fit_motion`. The setpoints of
+`plan_joint_experiment` follow, each approached from above and from below and held until the angle rests, first without
+and then with the weight, for the muscles by `fit_joint`. The pressures are held while the weight is hung. The
+experiment writes:
 
     joint_log.csv    a row for each visit: means of the second at rest, torque of the weight, direction of the approach
     motion_log.csv   a row for each sample of the random steps: the angle, and the commands as P1 and P2
@@ -26,11 +26,15 @@ from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.guard import Pressures
 
-STEPS = 0.5 * BAR, 0.3 * BAR, 0.15 * BAR  # from how far a setpoint is approached, the first that its joint allows
-_STILL = 0.3 * DEG  # over a second, as `read_joint_log` has it
-_WINDOW = 1.0  # [s] whose means are an equilibrium
-_MIDDLE = 0.8  # of the joint's range that random steps may lead to
-_LOWEST = 1.5 * BAR  # of random steps: below, cables go slack
+STEPS = (
+    0.5 * BAR,
+    0.3 * BAR,
+    0.15 * BAR,
+)  # distances of the approach to a setpoint, by preference
+_STILL = 0.3 * DEG  # over a second, as in `read_joint_log`
+_WINDOW = 1.0  # [s] of means in an equilibrium
+_MIDDLE = 0.8  # [-] of the joint's range for random steps
+_LOWEST = 1.5 * BAR  # of random steps: below, cables are slack
 _TRIES = 10_000
 JOINT_HEADER = "theta [rad],P1 [Pa],P2 [Pa],torque [Nm],direction"
 MOTION_HEADER = "time [s],theta [rad],P1 [Pa],P2 [Pa],P1_measured [Pa],P2_measured [Pa]"
@@ -40,12 +44,12 @@ MOTION_HEADER = "time [s],theta [rad],P1 [Pa],P2 [Pa],P1_measured [Pa],P2_measur
 class Pace:
     """Durations and rates of a sweep."""
 
-    rate: float = 1 * BAR  # of the way to a setpoint [Pa/s]
-    approach: float = 1.0  # at the pressures that a setpoint is approached from [s]
+    rate: float = 1 * BAR  # of the change to a setpoint [Pa/s]
+    approach: float = 1.0  # at the pressures before a setpoint [s]
     hold: float = 2.5  # at a setpoint, at least [s]
     longest: float = 10.0  # until its angle rests [s]
     motion: float = 90.0  # random steps in all [s]
-    every: float = 1.0  # between two of them [s]
+    every: float = 1.0  # between two random steps [s]
 
     def __post_init__(self) -> None:
         for name in ("rate", "hold", "longest", "every"):
@@ -64,7 +68,7 @@ class Visit(NamedTuple):
     torque: float  # of the weight [N·m]
     P: Pressures  # [Pa]
     come_from: Pressures  # [Pa]
-    direction: int  # +1 where θ rises into it, -1 where it falls
+    direction: int  # +1 if θ rises into it, -1 if it falls
 
 
 class Equilibrium(NamedTuple):
@@ -78,16 +82,16 @@ class Equilibrium(NamedTuple):
 
 
 def within(joint: AntagonistJoint, share: float = _MIDDLE) -> AntagonistJoint:
-    """Return `joint` with a `share` of its range, so that a roughly known joint stays off its stops."""
+    """Return `joint` with a `share` of its range, to keep a roughly known joint away from its stops."""
     left, right = joint.angle_range
     middle, half = (left + right) / 2, share * (right - left) / 2
     return replace(joint, angle_limits=(middle - half, middle + half))
 
 
 def visits_of(plan: JointPlan, joint: AntagonistJoint, weights: bool = True) -> list[Visit]:
-    """Return two visits for each setpoint of a plan, falling and rising, without `weights` only those that need none.
+    """Return two visits for each setpoint of a plan, falling and rising; without `weights` only those that need none.
 
-    The approach keeps to the supply's range, and to the roughly known `joint`'s range of angles.
+    The approach stays within the supply's range, and within the roughly known `joint`'s range of angles.
     """
     return [
         Visit(s.torque, (s.P1, s.P2), _approach(joint, s, direction), direction)
@@ -111,7 +115,7 @@ def _approach(joint: AntagonistJoint, s: Setpoint, direction: int) -> Pressures:
 def random_steps(joint: AntagonistJoint, n: int, seed: int = 0) -> list[Pressures]:
     """Return n pairs of pressures [Pa] at random whose equilibria are well within the range of a roughly known joint.
 
-    Raises `InvalidInput` where hardly any are.
+    Raises `InvalidInput` if there are hardly any.
     """
     rng = np.random.default_rng(seed)
     high = joint.pressure_limits[1]
@@ -137,9 +141,9 @@ class Sweep:
     dt
         Sample time [s].
     hang
-        Is asked at every sample whether the weight of this torque [N·m] hangs, whenever another one is to hang.
+        Called at every sample after a change of the weight; returns whether the weight of this torque [N·m] hangs.
     directory
-        Where `joint_log.csv` and `motion_log.csv` are written, the first after every visit.
+        Directory of `joint_log.csv` and `motion_log.csv`; the first is written after every visit.
     """
 
     def __init__(
@@ -165,7 +169,7 @@ class Sweep:
 
     @property
     def duration(self) -> float:
-        """Return about how long it takes [s], without the time that it takes to hang weights."""
+        """Approximate duration [s], without the time for hanging weights."""
         p = self.pace
         return len(self.visits) * (p.approach + p.hold + 2 * STEPS[0] / p.rate) + len(self.steps) * p.every
 
@@ -191,7 +195,7 @@ class Sweep:
             for decision in self._hold(u, self.pace.every):
                 reading = self._tick.reading
                 if rows:
-                    rows[-1][2:4] = self._tick.sent  # which the slew limit may have changed
+                    rows[-1][2:4] = self._tick.sent  # the slew limit may have changed the commands
                 rows.append([reading.t, reading.theta, *u, reading.P1, reading.P2])
                 yield decision
         known = np.array([row for row in rows if isfinite(row[1])])
@@ -234,12 +238,12 @@ class Sweep:
             self.written.append(path)
 
     def _measured(self) -> tuple[float, float, float]:
-        """Return angle and pressures of now; the commands for pressures that are not measured."""
+        """Return the present angle and pressures; commands in place of unmeasured pressures."""
         _, theta, P1, P2 = self._tick.reading
         return theta, P1 if isfinite(P1) else self._u[0], P2 if isfinite(P2) else self._u[1]
 
     def _move(self, to: Pressures) -> Iterator[Decision]:
-        """Lead both pressures to `to` on a line."""
+        """Move both pressures linearly to `to`."""
         begin = self._u
         way = max(abs(b - a) for a, b in zip(begin, to, strict=True))
         n = max(1, round(way / self.pace.rate / self.dt))

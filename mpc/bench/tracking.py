@@ -1,9 +1,9 @@
 """Tracking: a controller and its observer as the command source of a loop, also for the replay of a log.
 
-An observer takes it for granted that readings are evenly spaced, and at 1 rad/s a millisecond is 0.06°: what was read
-late is brought to the time at which it was due. So is an angle that its device dates up to a sample earlier, by the
-estimated velocity; a constant age is told to the observer (`Compensation.reading_age`). Where samples had to be
-left out the observer is told so: a sample without a reading under the command that was held.
+An observer assumes evenly spaced readings, and at 1 rad/s a millisecond is 0.06°: late readings are therefore projected
+to their due time. So is an angle that its device dates up to a sample earlier, by the estimated velocity; the observer
+compensates a constant age (`Compensation.reading_age`). For each missed sample the observer gets a sample without a
+reading, under the held command.
 """
 
 from math import isfinite
@@ -19,10 +19,10 @@ from mpc.bench.safety import Action, Reason, Stopped, Watchdog
 from mpc.model.plant import NX, Plant
 from mpc.observer.base import Observer
 from mpc.observer.health import WELL, Health, Reaction
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller
 
-_ACTIONS = {Reaction.VENT: Action.VENT}  # after any other one the stop that was asked for: nobody stays to hold
+_ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
 _ESTIMATES = ("theta_estimate", "omega_estimate", "P1_estimate", "P2_estimate", "d_estimate")
 _UNSEEN = np.full(NX, np.nan)
 
@@ -45,20 +45,20 @@ class Tracking:
         given = reference.resampled(dt)
         self._settling = round(settle / dt)
         t: Array = dt * np.arange(self._settling + given.t.size, dtype=float)
-        i = np.maximum(np.arange(t.size) - self._settling, 0)  # the first point, until it has settled
+        i = np.maximum(np.arange(t.size) - self._settling, 0)  # the first point until the joint has settled
         self.reference = Reference(t, given.theta[i], given.K[i])
         one, two = plant.at_rest(float(given.theta[0]), float(given.K[0]))[2:].tolist()
         self.first: Pressures = one, two
         self._begun: int | None = None  # the sample of the first decision
         self._before: tuple[float, Array] | None = None  # the last reading's time [s] and values (4,)
         self._omega = 0.0  # last estimate of the velocity [rad/s]
-        self._unwell = 0  # samples for which health has asked for a reaction
+        self._unwell = 0  # samples for which health has required a reaction
         observer.reset()
         controller.reset()
 
     @property
     def health(self) -> Health:
-        """Return the suspects of the observer; none without a diagnosis."""
+        """Suspects of the observer; none without a diagnosis."""
         health = getattr(self.observer, "health", WELL)
         assert isinstance(health, Health)
         return health
@@ -71,7 +71,7 @@ class Tracking:
         if k >= self.reference.t.size:
             return None
         x, d = self._estimate(tick)
-        if k == 0:  # a controller's first step departs from the pressures that it is told: from those last commanded
+        if k == 0:  # a controller's first step begins at the given pressures, those last commanded
             x[2:] = tick.sent
         self._check_health()
         plan = self.controller.step(x, *self.reference.preview(k, self.controller.ahead), d)
@@ -91,7 +91,8 @@ class Tracking:
     def _at_due(self, tick: Tick) -> Array:
         """Return the readings (4,) projected to the due time.
 
-        A later reading is put on a line from the one before, an earlier angle goes on with the estimated velocity.
+        A later reading is interpolated linearly from the one before, an earlier angle is extrapolated with the
+        estimated velocity.
         """
         t, *now = tick.reading
         said = np.array([now[0], np.nan, now[1], now[2]])

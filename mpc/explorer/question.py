@@ -1,6 +1,6 @@
 """Questions of the page's controls, and the answers of `allocate` and of the feasible set.
 
-Degrees, bar and millimetres here, as on the page; SI behind. Numbers are answered as they are, the page rounds them.
+Questions and answers are in degrees, bar and millimetres, as on the page; computations are in SI. The page rounds.
 """
 
 from collections.abc import Mapping
@@ -25,14 +25,14 @@ _VALVES: dict[str, Valves] = {
     "antagonist": (False, True),
     "free": "free",
 }
-_PUSH = 2 * DEG  # of a hand
+_PUSH = 2 * DEG  # by a hand
 _SLACK = 1e-3  # [N] that a muscle may push by rounding
 _COLUMNS = 41
-_DRAWN = 120  # points of an edge at most
+_DRAWN = 120  # points of an edge, at most
 
 
 class _Control(NamedTuple):
-    """A slider for a number of the geometry."""
+    """Slider for a number of the geometry."""
 
     name: str
     label: str
@@ -43,7 +43,7 @@ class _Control(NamedTuple):
 
 
 _REST_LENGTH = _Control("rest_length", "Rest length of the muscles [mm]", MM, 50, 1000, 5)
-_CONTROLS: dict[str, tuple[_Control, ...]] = {  # by the class of the geometry; others have none
+_CONTROLS: dict[str, tuple[_Control, ...]] = {  # by the class of the geometry; other classes have none
     Pulley.__name__: (
         _REST_LENGTH,
         _Control("radius", "Radius of the pulley [mm]", MM, 5, 100, 0.5),
@@ -60,7 +60,7 @@ _CONTROLS: dict[str, tuple[_Control, ...]] = {  # by the class of the geometry; 
 
 @dataclass(frozen=True)
 class Question:
-    """A target and changes of the joint; None leaves a number of the joint as it is."""
+    """Target and changes of the joint; None leaves a number unchanged."""
 
     theta: float = 0.0  # [°]
     stiffness: float = 7.5  # [N·m/rad]
@@ -76,7 +76,7 @@ class Question:
 
     @classmethod
     def of(cls, given: Mapping[str, str]) -> Self:
-        """Read the question from texts by name. Raises `InvalidInput` for unknown names and what is no number."""
+        """Read the question from texts by name. Raises `InvalidInput` for unknown names and invalid numbers."""
         if unknown := given.keys() - {field.name for field in fields(cls)}:
             raise InvalidInput(f"nothing is known of {', '.join(sorted(unknown))}")
         if (valves := given.get("valves", "open")) not in _VALVES:
@@ -86,11 +86,11 @@ class Question:
 
     @property
     def meant(self) -> Stiffness:
-        """Which stiffness is asked for."""
+        """Kind of the target stiffness."""
         return Stiffness(_VALVES[self.valves])
 
     def joint(self, base: AntagonistJoint) -> AntagonistJoint:
-        """Return the joint with the changes. Raises `InvalidInput` for numbers that its geometry does not have."""
+        """Return the joint with the changes. Raises `InvalidInput` for numbers that are not in its geometry."""
         geometry, kind = base.geometry, type(base.geometry).__name__
         own = {control.name: control for control in _controls(geometry)}
         every = {control.name for controls in _CONTROLS.values() for control in controls}
@@ -112,18 +112,18 @@ def _number(name: str, text: str) -> float:
 
 @dataclass(frozen=True)
 class Answer:
-    """Everything that the page shows for one question."""
+    """Answer of the page to one question."""
 
     question: Question
     base: AntagonistJoint
 
     @cached_property
     def joint(self) -> AntagonistJoint:
-        """Return the joint that is asked about."""
+        """Joint of the question."""
         return self.question.joint(self.base)
 
     def state(self) -> dict[str, object]:
-        """Return pressures, what they give, what binds, and both muscles."""
+        """Return pressures, their results, the active limit, and both muscles."""
         asked = self.question
         a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, stiffness=asked.meant)
         theta = float(a.theta)
@@ -145,10 +145,10 @@ class Answer:
         }
 
     def outline(self) -> dict[str, object]:
-        """Return the border of the stiffnesses that exist at the torque, by the limits that end them.
+        """Return the border of the feasible stiffnesses at the torque, by the limits that define it.
 
-        With trapped gas in muscles that are not affine the complete search takes too long for a page that answers at
-        once: there the border is found angle by angle, without the limits' names.
+        With trapped gas in muscles that are not affine, the complete search takes too long for an interactive page. The
+        border is then found angle by angle, without the names of the limits.
         """
         left, right = self.joint.angle_range
         quick = self.joint.affine or self.question.valves == "open"
@@ -214,7 +214,7 @@ def _or_none(value: float | Array) -> float | None:
 
 
 def describe(joint: AntagonistJoint) -> dict[str, object]:
-    """Return what the page has to know of the joint before the first question."""
+    """Return the data of the joint that the page needs before the first question."""
     theta = sum(joint.angle_range) / 2
     low, high = stiffness_interval(theta, 0.0, joint=joint)
     return {
@@ -236,7 +236,7 @@ def _controls(geometry: Geometry) -> tuple[_Control, ...]:
 
 
 def _numbers(geometry: Geometry) -> dict[str, float]:
-    """Return the numbers that have a slider, in its unit."""
+    """Return the numbers with a slider, in its unit."""
     return {control.name: getattr(geometry, control.name) / control.unit for control in _controls(geometry)}
 
 

@@ -16,19 +16,19 @@ from mpc.explorer.question import Answer, Question, describe, muscles
 from mpc.trials.files import load_recording
 
 HOST = "127.0.0.1"
-_NAMES = (HOST, "localhost")  # a page of elsewhere that has our address resolved to it is refused
+_NAMES = (HOST, "localhost")  # other host names are refused, against DNS rebinding
 
 
 def server(joint: AntagonistJoint, run: dict[str, object] | None, port: int) -> ThreadingHTTPServer:
     """Return a server for `joint`, and for the frames of a run if there is one; port 0 takes any that is free.
 
-    Raises `OSError` where the port is taken.
+    Raises `OSError` if the port is taken.
     """
     return ThreadingHTTPServer((HOST, port), partial(_Handler, joint, run))
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers one request, and closes a connection that asks nothing for a while: a thread waits for each."""
+    """Handler of one request, with a timeout for idle connections, since each needs a thread."""
 
     timeout = 30.0  # [s]
 
@@ -37,7 +37,7 @@ class _Handler(BaseHTTPRequestHandler):
         super().__init__(*given)
 
     def do_GET(self) -> None:
-        """Answer with the page, or with what is asked for as JSON; what makes no sense gets its sentence."""
+        """Answer with the page or JSON; invalid questions get an error message."""
         if self.headers.get("Host", "").rpartition(":")[0] not in _NAMES:
             self._send(HTTPStatus.FORBIDDEN, "text/plain", b"this page is for this machine")
             return
@@ -78,14 +78,14 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *given: object) -> None:  # the name is that of the base class
-        """Say nothing: the page shows what went wrong."""
+        """Log nothing, because the page shows errors."""
 
 
 _FRAMES = 400
 
 
 def frames(path: Path) -> dict[str, object]:
-    """Return times [s] and what the joint did in the run in `path`. Raises `InvalidFile`."""
+    """Return times [s] and the joint's motion in the run in `path`. Raises `InvalidFile`."""
     run = load_recording(path)
     every = range(0, run.t.size, max(1, run.t.size // _FRAMES))
     return {

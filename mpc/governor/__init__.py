@@ -8,7 +8,7 @@
 
 J. Kolmanovsky, E. Garone and S. Di Cairano, "Reference and command governors: a tutorial on their theory and automotive
 applications", ACC 2014; E. Garone and M. M. Nicotra, "Explicit reference governor for constrained nonlinear systems",
-IEEE TAC 61(5), 2016: a command is let through if the energy that would go with it cannot reach the limit.
+IEEE TAC 61(5), 2016: a command passes if its energy cannot reach the limit.
 """
 
 from mpc.governor.governor import Governed, GovernorStatus, PressureGovernor

@@ -24,9 +24,9 @@ from mpc.governor.rules import Limits, Made, make, memory_for
 if TYPE_CHECKING:
     from mpc.model.arm.model import Arm
 
-_SINGULAR = 1e-12  # least eigenvalue of an inertia, in its greatest
-_PAYS = 500  # commands for which a call may wait for the compiler
-_ROWS: dict[str, tuple[str, str, float | None]] = {  # unit, how many, less than which they are not
+_SINGULAR = 1e-12  # least eigenvalue of an inertia, relative to its greatest
+_PAYS = 500  # number of commands from which compilation pays
+_ROWS: dict[str, tuple[str, str, float | None]] = {  # unit, number, lower bound
     "load": ("N·m", "n", None),
     "damping": ("N·m·s/rad", "n", None),
     "lag": ("s", "m", None),
@@ -36,15 +36,15 @@ _NAMES = "q", "omega", "P", "previous", "command"
 
 
 class GovernorStatus(IntEnum):
-    """Outcome for a command; if several apply, the last one, but BAD_INPUT before all."""
+    """Outcome for a command; if several apply, the last one, with priority of BAD_INPUT."""
 
     SAFE = kernel.SAFE  # unchanged
-    MOVED = kernel.MOVED  # moved to pressures that keep all limits
-    NOT_KEPT = kernel.NOT_KEPT  # nothing is sure to keep the joint range or the energy: the backup, or what brakes most
-    CONFLICT = kernel.CONFLICT  # the limits of a muscle contradict each other: the supply was kept first
-    SLACK = kernel.SLACK  # a muscle can have no pressure that keeps it taut
-    OUTSIDE_LIMITS = kernel.OUTSIDE_LIMITS  # the slew leaves a muscle no pressure in its supply
-    BAD_INPUT = kernel.BAD_INPUT  # a command is no number: the muscle's previous one is in its place
+    MOVED = kernel.MOVED  # moved to pressures that respect all limits
+    NOT_KEPT = kernel.NOT_KEPT  # joint range or energy may not be kept: the backup, or the strongest brake
+    CONFLICT = kernel.CONFLICT  # the limits of a muscle are contradictory: the supply had priority
+    SLACK = kernel.SLACK  # no pressure keeps a muscle taut
+    OUTSIDE_LIMITS = kernel.OUTSIDE_LIMITS  # the slew permits a muscle no pressure within the supply
+    BAD_INPUT = kernel.BAD_INPUT  # a command is not a number: replaced by the muscle's previous one
 
 
 _STATUS = {int(status): status for status in GovernorStatus}
@@ -59,39 +59,39 @@ class Governed(NamedTuple):
 
 @dataclass(frozen=True)
 class PressureGovernor:
-    """A governor that keeps supply, slew and tautness always, and the joint range if the model is right within bounds.
+    """Governor that always respects supply, slew and tautness, and the joint range if the model is right within bounds.
 
     A command passes if the model, under it for a sample and then under a backup that drives the arm to a stiff rest,
-    stays in range until its energy says that it always will (`mpc.governor.kernel`). What passes leaves the backup for
-    the next sample, so that on the model an arm that begins in range stays there, for any number of joints: up to the
-    error of the integration, for which commands are held off the ends by 0.5°. A command that does not pass is moved
-    towards those of the backup, to the first of 16 steps that does.
+    stays in range until its energy proves that it always will (`mpc.governor.kernel`). The backup is then available at
+    the next sample, so that on the model an arm that begins in range stays there, for any number of joints. A distance
+    of 0.5° from the ends allows for the error of the integration. A command that does not pass is moved towards those
+    of the backup, to the first of 16 steps that passes.
 
-    An arm that differs from its model leaves the range by some degrees: by 10° for a damping that is 20 % less. What is
-    not known exactly is therefore given as an `Interval`, and a command passes if it does so at all corners of the
-    intervals (`mpc.governor.model`): strength, damping, masses (`inertia` and `gravity` together) and lag. A value
-    that is no interval is taken as exact. The intervals are of constants: what varies in time, such as hysteresis, a
-    supply that falls or contacts, needs a `margin` or a `load`. `python -m benchmarks.governor` measures both.
+    An arm that differs from its model leaves the range by some degrees: by 10° if the damping is 20 % less. Uncertain
+    values are therefore given as an `Interval`, and a command has to pass at all corners of the intervals
+    (`mpc.governor.model`): strength, damping, masses (`inertia` and `gravity` together) and lag. Other values count as
+    exact. The intervals are those of constants: effects that vary in time, such as hysteresis, a falling supply or
+    contacts, need a `margin` or a `load`. `python -m benchmarks.governor` measures both.
 
-    The first call with many commands compiles, and so does `warm_up`; before, a command takes some ten milliseconds a
-    corner.
+    The first call with many commands compiles, and so does `warm_up`; before, a command takes about ten milliseconds
+    per corner.
     """
 
-    mechanism: Mechanism  # or an `AntagonistJoint`, of which one is made
+    mechanism: Mechanism  # or an `AntagonistJoint`, which is converted
     dt: float  # sample time [s]
     slew: float  # greatest change of a command [Pa/s]
     inertia: ArrayLike | Posed | Interval  # M (n, n) [kg·m²], its diagonal (n), a number, a function q ↦ M, or two
-    gravity: Posed | Interval | None = None  # q ↦ g (n) [N·m], torques that muscles hold
+    gravity: Posed | Interval | None = None  # q ↦ g (n) [N·m], torques that muscles balance
     damping: ArrayLike | Interval = ()  # of the joints (n) [N·m·s/rad], or an `Interval`; by default 0
-    load: tuple[float, ...] = ()  # greatest constant torque on each joint besides (n) [N·m]; by default 0
-    lag: ArrayLike | Interval = 0.0  # of the pressures behind the commands [s], one or m of them, or an `Interval`
-    margin: float = 0.0  # that the joints keep from their ends [rad]
+    load: tuple[float, ...] = ()  # greatest additional constant torque on each joint (n) [N·m]; by default 0
+    lag: ArrayLike | Interval = 0.0  # of the pressures after the commands [s], one or m of them, or an `Interval`
+    margin: float = 0.0  # distance of the joints from their ends [rad]
     min_force: float = 0.0  # that keeps a muscle taut [N]
-    max_energy: float | None = None  # greatest kinetic energy [J], what a contact can receive
-    strength: ArrayLike | Interval = 1.0  # of the muscles' forces, in those of the model [-], one or m of them
+    max_energy: float | None = None  # greatest kinetic energy [J], for a contact
+    strength: ArrayLike | Interval = 1.0  # of the muscles' forces, relative to the model [-], one or m of them
 
     def __post_init__(self) -> None:
-        """Check the parts against each other. Raises `InvalidInput`."""
+        """Check the consistency of the parts. Raises `InvalidInput`."""
         given: object = self.mechanism
         mechanism = Mechanism.from_joint(given) if isinstance(given, AntagonistJoint) else given
         if not isinstance(mechanism, Mechanism):
@@ -129,7 +129,7 @@ class PressureGovernor:
 
     @classmethod
     def of_arm(cls, arm: "Arm", dt: float, *, mass: float | Interval = 1.0, **others: Any) -> Self:
-        """Return the governor of an `mpc.model.arm.model.Arm`: slew, lags and bodies are its own.
+        """Return the governor of an `mpc.model.arm.model.Arm` with the arm's slew, lags and bodies.
 
         `mass` is a factor of all its masses [-], and `others` are further fields, such as
         `damping=Interval.about(arm.bodies.damping, 0.2)`. Raises `InvalidInput`.
@@ -152,7 +152,7 @@ class PressureGovernor:
     def govern(
         self, q: ArrayLike, omega: ArrayLike, P: ArrayLike, command: ArrayLike, previous: ArrayLike | None = None
     ) -> Governed:
-        """Return safe pressures next to `command` (…, m) [Pa], and what became of it.
+        """Return safe pressures next to `command` (…, m) [Pa], and the outcome.
 
         Parameters
         ----------
@@ -161,14 +161,14 @@ class PressureGovernor:
         P
             Pressures now (…, m) [Pa].
         command
-            The pressures somebody would like to have (…, m) [Pa]; any numbers, NaN and infinite ones included.
+            Wanted pressures (…, m) [Pa]; any numbers, including NaN and infinite ones.
         previous
-            The pressures commanded last (…, m) [Pa], from which the slew counts; by default `P`.
+            Last commanded pressures (…, m) [Pa], from which the slew counts; by default `P`.
 
         Raises
         ------
         InvalidInput
-            For shapes that do not fit, and angles, rates or pressures that are not finite.
+            For wrong shapes, and angles, rates or pressures that are not finite.
         """
         rows = self._rows((q, omega, P, P if previous is None else previous, command))
         shape = rows.shape[:-1]
@@ -182,11 +182,12 @@ class PressureGovernor:
     def _rows(self, given: tuple[ArrayLike, ...]) -> Array:
         """Return rows (…, 2n + 3m) of q, ω, P, the last command and the next. Raises `InvalidInput`."""
         arrays = [np.asarray(value, float) for value in given]
-        if tuple(array.shape for array in arrays) != self._shapes:
+        lead = arrays[0].shape[:-1]
+        if tuple(array.shape for array in arrays) != tuple((*lead, *size) for size in self._shapes):
             arrays = self._spread(arrays)
         rows = np.concatenate(arrays, axis=-1)
         known = rows[..., : -self.mechanism.m]
-        if not isfinite(np.add.reduce(known, axis=None)):  # in half the time of isfinite
+        if not isfinite(np.add.reduce(known, axis=None)):  # in half the time of np.isfinite
             for name, array in zip(_NAMES[:4], arrays[:4], strict=True):
                 if not np.isfinite(array).all():
                     raise InvalidInput(f"{name} has to be finite; only a command may be anything")
@@ -204,9 +205,9 @@ class PressureGovernor:
         return [np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays]
 
     def warm_up(self) -> bool:
-        """Compile now, so that every later call is fast; False, with a `SlowStep` warning, where that cannot be done.
+        """Compile now, so that every later call is fast; return False, with a `SlowStep` warning, if that fails.
 
-        It takes some ten seconds for a new kind of mechanism and bodies, and a moment once that is kept on disk.
+        It takes about ten seconds for a new kind of mechanism and bodies, and little time with code cached on disk.
         """
         made, m = compiled_loop(self._packed.text), self.mechanism.m
         rows = np.zeros((0, sum(size for (size,) in self._shapes)))
@@ -215,7 +216,7 @@ class PressureGovernor:
         return made.compiled
 
     def _loop(self, commands: int) -> Loop:
-        """Return the loop that is there; the compiled one where that pays."""
+        """Return the existing loop, or the compiled one if that pays."""
         if "_ready" not in self.__dict__ and commands >= _PAYS:
             self.warm_up()
         ready: Loop | None = self.__dict__.get("_ready")
@@ -223,7 +224,7 @@ class PressureGovernor:
 
     @cached_property
     def made(self) -> Made:
-        """Return the numbers and formulas of the kernel."""
+        """Numbers and formulas of the kernel."""
         damping, lag, strength = (np.array(ends(value)) for value in (self.damping, self.lag, self.strength))
         inertia, gravity = ends(self.inertia), ends(self.gravity)
         dynamics = Dynamics(self.mechanism, inertia, gravity, damping, strength, np.array(self.load))
@@ -245,19 +246,19 @@ class PressureGovernor:
 
     @property
     def _table(self) -> Array:
-        """Return the kernel's numbers and memory, which every thread has for itself."""
+        """Kernel's numbers and memory, one table per thread."""
         kept: dict[str, Array] = self._kept.__dict__
         if "table" not in kept:
             kept["table"] = self._packed.table.copy()
         return kept["table"]
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the fields alone: what has been made of them is made again in another process."""
+        """Return only the fields; another process rebuilds everything else."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 def _inertia(value: ArrayLike, n: int) -> tuple[tuple[float, ...], ...]:
-    """Return M (n, n) of a number, a diagonal (n) or a matrix (n, n). Raises `InvalidInput`."""
+    """Return M (n, n) from a number, a diagonal (n) or a matrix (n, n). Raises `InvalidInput`."""
     array = checks.real("PressureGovernor: inertia", value, "kg·m²")
     wrong = f"PressureGovernor: inertia has to be M ({n}, {n}), positive definite, its diagonal or a number [kg·m²]"
     if array.shape not in ((), (n,), (n, n)):

@@ -1,4 +1,4 @@
-"""Intervals of what is known only within bounds: strengths, damping, masses, lags."""
+"""Intervals of uncertain quantities: strengths, damping, masses, lags."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 
-Posed: TypeAlias = Callable[[Value], Value]  # a function of the posture q, numbers or CasADi's
+Posed: TypeAlias = Callable[[Value], Value]  # a function of the posture q, for numbers or CasADi symbols
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Least and greatest value of a quantity that does not change but is not known exactly.
+    """Least and greatest value of a constant, uncertain quantity.
 
-    Both are numbers, rows of numbers or, for masses, matrices or functions, in the unit of what they are given for.
+    Both are numbers, rows of numbers or, for masses, matrices or functions, in the unit of the quantity.
     """
 
     low: Value | Posed
@@ -26,7 +26,7 @@ class Interval:
 
     @classmethod
     def about(cls, value: ArrayLike, share: float) -> Self:
-        """Return `value` (…) less and more a `share` of it: `Interval.about(0.25, 0.1)` is 0.225 … 0.275.
+        """Return `value` (…) ± a `share` of it: `Interval.about(0.25, 0.1)` is 0.225 … 0.275.
 
         Raises `InvalidInput`.
         """
@@ -40,7 +40,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Scaled:
-    """A function times a number."""
+    """Function times a number."""
 
     function: Posed
     factor: float
@@ -51,14 +51,14 @@ class Scaled:
 
 
 def ends(value: Value | Posed | Interval) -> tuple[Value, Value]:
-    """Return the least and the greatest of what may be an interval; a value that is none twice."""
+    """Return the ends of an interval; for any other value, the value twice."""
     return (value.low, value.high) if isinstance(value, Interval) else (value, value)
 
 
 def rows(
     name: str, value: ArrayLike | Interval, unit: str, size: int, letter: str, above: float | None = None
 ) -> Array:
-    """Return the bounds (2, size) of one number or as many, or of an interval of these.
+    """Return the bounds (2, size) of one or `size` numbers, or of an interval of them.
 
     They are not negative, or greater than `above`. Raises `InvalidInput`.
     """

@@ -1,23 +1,22 @@
-"""One command is governed here: the box of pressures, the energy, and whether the joints can still be kept in range.
+"""Governor of one command: the box of pressures, the energy, and the check that the joints can be kept in range.
 
-A command is let through if the model, simulated under it for a sample and then under a *backup*, stays in the range
-until it is certain that it always will (K. P. Wabersich and M. N. Zeilinger, "Linear model predictive safety
-certification for learning-based control", CDC 2018; O. Bastani, "Safe reinforcement learning with nonlinear dynamics
-via model predictive shielding", ACC 2021). The backup drives the pressures to those of a stiff rest and brakes on the
-way. What was let through leaves the backup as a command for the next sample, so that on the model there always is one.
+A command passes if the model, simulated under it for a sample and then under a *backup*, stays in the range until it is
+certain that it always will (K. P. Wabersich and M. N. Zeilinger, "Linear model predictive safety certification for
+learning-based control", CDC 2018; O. Bastani, "Safe reinforcement learning with nonlinear dynamics via model predictive
+shielding", ACC 2021). The backup drives the pressures to those of a stiff rest and brakes on the way. After a command
+that passes, the backup is available at the next sample, so that on the model there always is one.
 
-Where strength, damping, masses or lags are known as intervals, the simulation is repeated for the corners of these in
-`Rules.scenes`, and a command is let through if every one of them stays in the range. The backup is the same function of
-the measured state in all of them.
+If strength, damping, masses or lags are intervals, the simulation is repeated for their corners in `Rules.scenes`, and
+a command passes if all of them stay in the range. The backup is the same function of the measured state in all scenes.
 
-It is plain Python for arrays that numba compiles as it stands, and that `mpc.export.governor` prints as C. In the place
-of the lines below that begin with `FORMULAS` come the formulas of `mpc.governor.model`: `motion(q, omega, P, scene, c,
+The kernel is plain Python for arrays, which numba compiles unchanged and `mpc.export.governor` prints as C. The
+formulas of `mpc.governor.model` replace the lines below that begin with `FORMULAS`: `motion(q, omega, P, scene, c,
 alpha, gain, force, speed, energy)` and `potential(q, scene, c, level)`, which fill arrays; c holds the formulas'
-numbers and `scene` those that are uncertain.
+numbers and `scene` the uncertain ones.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
-# numba compiles the functions for arrays; types would say Any
+# numba compiles the functions for arrays; types would be Any
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,10 +29,10 @@ motion = potential = FORMULAS
 
 SAFE, MOVED, NOT_KEPT, BAD_INPUT = 0, 1, 2, -1
 CONFLICT, SLACK, OUTSIDE_LIMITS = 5, 6, 9
-ENORMOUS = 1e30  # [Pa] no command
+ENORMOUS = 1e30  # [Pa], [J], [W] beyond which a number counts as none
 HALVINGS = 4  # of the segment from the backup to the command
 STEPS = 60  # of the bisection that finds the multiplier of the energy
-KEPT = 1e-8  # of a row's size: it is exceeded by more
+KEPT = 1e-8  # [-] of a row's size: greatest excess that counts as none
 LEAST, MIN_FORCE, REACH, SLEW, NEAR, REACTION, ENERGY, BRAKE, INNER, RANGED = range(10)  # of `numbers`
 LOWEST, ROOT = range(2)  # of a row of `barrier`
 
@@ -41,27 +40,27 @@ LOWEST, ROOT = range(2)  # of a row of `barrier`
 class Rules(NamedTuple):
     """Numbers of a governor of n joints and m muscles, with s scenes of k uncertain numbers."""
 
-    numbers: Array  # (10) as the constants above say: SI units
+    numbers: Array  # (10) in the order of the constants above, SI units
     most: Array  # (m) supply or validity [Pa]
-    load: Array  # (n) greatest torque from outside [N·m]
+    load: Array  # (n) greatest external torque [N·m]
     ends: Array  # (n, 2) of the range [rad]
     rest: Array  # P_b (m) of the stiff rest [Pa]
     strong: Array  # (2, m) least and greatest strength [-]
-    scenes: Array  # (s, k) that the formulas take
+    scenes: Array  # (s, k) uncertain numbers of the formulas
     barrier: Array  # (s, 2) energy in the range [J] and root of the barrier [√J]
-    weight: Array  # w (s, m) of the pressures' way to the rest [√J/(Pa·s)]
+    weight: Array  # w (s, m) of the pressures' approach to the rest [√J/(Pa·s)]
     lag: Array  # (s, m) [s]
     steps: Array  # (2) [s] of the integration, in the first sample and later
-    decay: Array  # (2s, m) exp(-step/lag), two rows a scene
+    decay: Array  # (2s, m) exp(-step/lag), two rows per scene
     counts: NDArray[np.int64]  # (5) steps in the first sample and in later ones; samples; dt in a later sample; s
     motion: Array  # numbers of the formulas
     potential: Array
 
 
 class Memory(NamedTuple):
-    """Arrays that `govern` works in; `mpc.governor.rules.memory_for` makes them."""
+    """Working arrays of `govern`; `mpc.governor.rules.memory_for` creates them."""
 
-    angles: Array  # (n) of the state under way [rad]
+    angles: Array  # (n) of the simulated state [rad]
     rates: Array  # (n) [rad/s]
     guess: Array  # (n) [rad/s] at the end of a step
     pressures: Array  # (m) [Pa]
@@ -73,17 +72,17 @@ class Memory(NamedTuple):
     speed: Array  # -l' (m), at which muscles shorten [m/s]
     energy: Array  # (2) kinetic [J], and gravity's power [W]
     level: Array  # (1) potential [J]
-    scene: Array  # (k) under way
-    power: Array  # (m) of the strongest muscles, of the weakest where they brake [W/Pa]
-    within: Array  # (n, 2) that the joints have to keep [rad]
+    scene: Array  # (k) of the present scene
+    power: Array  # (m) of the strongest muscles, or of the weakest if they brake [W/Pa]
+    within: Array  # (n, 2) range of the joints [rad]
     lo: Array  # (m) [Pa]
     hi: Array  # (m) [Pa]
-    wanted: Array  # (m) what comes next to the command [Pa]
+    wanted: Array  # (m) pressures next to the command [Pa]
     first: Array  # (m) of the backup [Pa]
 
 
 def govern(rules, q, omega, P, previous, command, safe, memory):
-    """Fill `safe` (m) with the pressures next to `command` (m) that keep all limits; return what became of it."""
+    """Fill `safe` (m) with the pressures next to `command` (m) that respect all limits; return the outcome."""
     begin(rules, 0, q, omega, P, previous, memory)
     found = limit(rules, previous, memory)
     status = found
@@ -107,9 +106,9 @@ def govern(rules, q, omega, P, previous, command, safe, memory):
 
 
 def limit(rules, previous, memory):
-    """Fill in the box of pressures that keep supply, tautness and slew; return what no pressure can keep.
+    """Fill in the box of pressures for supply, tautness and slew; return the outcome if no pressure respects them.
 
-    The slew comes before the supply and that before tautness, as in `Mechanism.pressure_box`.
+    The slew has priority over the supply, and the supply over tautness, as in `Mechanism.pressure_box`.
     """
     numbers, status = rules.numbers, SAFE
     least, near = numbers[LEAST], numbers[NEAR]
@@ -128,7 +127,7 @@ def limit(rules, previous, memory):
 
 
 def nearest(rules, q, omega, P, previous, safe, memory):
-    """Fill `safe` with the pressures of the box nearest to those wanted that keep the energy; return whether they do.
+    """Fill `safe` with the box's pressures nearest to the wanted ones within the energy; return whether there are any.
 
     In the time t of reaction the torques' power keeps the kinetic energy below its bound, ½ ωᵀM ω + t ω·τ(u) ≤ E, the
     load included, with the greatest strength of a muscle that drives the motion and the least of one that brakes it.
@@ -169,7 +168,7 @@ def nearest(rules, q, omega, P, previous, safe, memory):
 
 
 def energetic(rules, q, omega, P, previous, memory):
-    """Return the power [W] that brings the bodies to the greatest energy in the reaction time, in the worst scene."""
+    """Return the power [W] to the greatest energy within the reaction time, in the worst scene."""
     room = ENORMOUS
     for s in range(rules.counts[4]):
         if s > 0:
@@ -190,9 +189,9 @@ def projected(mu, safe, memory):
 
 
 def shielded(rules, q, omega, P, previous, safe, memory):
-    """Move `safe`, which is also what is wanted, towards the backup's commands until the joints can be kept in range.
+    """Move `safe`, the wanted pressures, towards the backup's commands until the joints can be kept in range.
 
-    Return 1 if it may stay as it is, 2 if it was moved, 0 if not even the backup keeps the range.
+    Return 1 if it is unchanged, 2 if it was moved, 0 if not even the backup keeps the range.
     """
     calm = True
     for s in range(rules.counts[4]):
@@ -205,7 +204,7 @@ def shielded(rules, q, omega, P, previous, safe, memory):
         memory.first[j] = memory.commands[j]
     low, high, share, kept = 0.0, 1.0, 1.0, False
     for k in range(HALVINGS + 2):
-        given = 0 if k == 1 else 1  # the backup's own is asked for less
+        given = 0 if k == 1 else 1  # the backup's own commands have a weaker condition
         for j in range(len(safe)):
             safe[j] = memory.wanted[j]
             if k > 0:
@@ -226,7 +225,7 @@ def shielded(rules, q, omega, P, previous, safe, memory):
 
 
 def begin(rules, s, q, omega, P, previous, memory):
-    """Copy the state to where it goes on from, and take scene `s`."""
+    """Copy the initial state of the simulation, and take scene `s`."""
     for i in range(len(memory.scene)):
         memory.scene[i] = rules.scenes[s, i]
     for i in range(len(q)):
@@ -242,8 +241,8 @@ def begin(rules, s, q, omega, P, previous, memory):
 def stays(rules, q, omega, P, previous, command, given, memory):
     """Return whether the joints stay in range in all scenes under `command` for a sample and then the backup.
 
-    A command that is `given`, not the backup's own, has to keep a little more, by which the integration may err; a
-    joint that has less now, what it has.
+    A `given` command, not the backup's own, has to keep an additional distance for the error of the integration, or the
+    joint's present distance if that is less.
     """
     inner = rules.numbers[INNER] if given else 0.0
     for i in range(len(q)):
@@ -276,7 +275,7 @@ def lasts(rules, s, command, memory):
 def brake(rules, samples, calm, memory):
     """Fill in the backup's commands some `samples` later: towards the rest, and against the motion unless `calm`.
 
-    u = P_b - β s with the speeds s at which the muscles shorten takes energy from the bodies.
+    With the shortening speeds s of the muscles, u = P_b - β s takes energy from the bodies.
     """
     numbers = rules.numbers
     reach = numbers[REACH] * samples
@@ -289,9 +288,9 @@ def brake(rules, samples, calm, memory):
 
 
 def certain(rules, s, memory):
-    """Return whether the joints of scene `s` stay in range for ever if the pressures go to the rest now.
+    """Return whether the joints of scene `s` always stay in range if the pressures go to the rest now.
 
-    The bodies' energy tells: with E the energy over that of the rest, pressures that are off by δ let it grow by
+    The bodies' energy decides: with E the energy above that of the rest, pressure errors δ let it grow by
     (√E)' ≤ ‖∂τ/∂P δ‖_{M⁻¹}/√2, in all by less than w·∫|δ|dt, where ∫|δ_j|dt ≤ (u_j - P_bj)²/2r + τ |P_j - P_bj| with
     the slew r and the lag τ. The potential at the ends is nowhere less than ROOT² above the rest's.
     """
@@ -312,7 +311,7 @@ def certain(rules, s, memory):
 def advance(rules, s, stage, memory):
     """Take a step of velocity Verlet in scene `s`; return whether all joints are within their range.
 
-    Between two steps a joint that turns is at most h²|ω'|/8 farther than at their ends.
+    Between two steps a reversing joint is at most h²|ω'|/8 farther than at their ends.
     """
     h = rules.steps[stage]
     for j in range(len(rules.rest)):

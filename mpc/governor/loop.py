@@ -1,7 +1,7 @@
-"""A loop over commands, compiled by numba from the kernel and a mechanism's formulas, or plain Python.
+"""Loop over commands, compiled by numba from the kernel and a mechanism's formulas, or plain Python.
 
-numba takes as long to look at thirty arrays as the kernel to govern some commands. So its numbers and memory are parts
-of one table, and the states and commands rows of another.
+numba needs as much time to unpack thirty arrays as the kernel for several commands. Its numbers and memory are
+therefore parts of one table, and the states and commands rows of another.
 """
 
 from collections.abc import Callable
@@ -38,14 +38,14 @@ govern_rows = compiled(govern_rows, FUNCTIONS, inline=True, unaliased=True)
 
 
 class Loop(NamedTuple):
-    """A `Loop` fills `safe` (N, m) and `status` (N): (table, counts, rows, safe, status) ↦ None."""
+    """Function that fills `safe` (N, m) and `status` (N): (table, counts, rows, safe, status) ↦ None."""
 
     govern: Callable[..., None]
     compiled: bool
 
 
 class Packed(NamedTuple):
-    """The `Packed` are a kernel's numbers and memory, and the text of the loop that takes them apart."""
+    """Numbers and memory of a kernel, and the text of the loop that unpacks them."""
 
     table: Array
     counts: NDArray[np.int64]
@@ -75,7 +75,7 @@ def _view(text: str, part: Array | NDArray[np.int64], begin: int, end: int) -> s
 
 @cache
 def plain_loop(text: str) -> Loop:
-    """Return the loop of a `Packed.text`, as Python runs it."""
+    """Return the loop of a `Packed.text` as a Python function."""
     names: dict[str, Any] = {"__name__": "mpc.governor.kernel with formulas"}
     exec(compile(text, "mpc/governor/kernel.py with formulas", "exec"), names)
     return Loop(names["govern_rows"], False)
@@ -83,7 +83,7 @@ def plain_loop(text: str) -> Loop:
 
 @cache
 def compiled_loop(text: str) -> Loop:
-    """Return it for numba, which compiles at the first call; plain, with a `SlowStep` warning, where it cannot."""
+    """Return the loop compiled at its first call; if that fails, warn with `SlowStep` and return the plain one."""
     reason = "numba is missing, or told not to compile"
     try:
         from mpc.codegen.modules import imported
@@ -91,7 +91,7 @@ def compiled_loop(text: str) -> Loop:
         made = imported(text + _COMPILED).govern_rows
         if made is not None:
             return Loop(made, True)
-    except (ImportError, OSError) as failure:  # no numba, or no place for what it compiles
+    except (ImportError, OSError) as failure:  # no numba, or no writable cache
         reason = str(failure)
-    notice(f"the governor is not compiled and takes some thousand times as long: {reason}", SlowStep)
+    notice(f"the governor is not compiled and takes about a thousand times as long: {reason}", SlowStep)
     return plain_loop(text)

@@ -3,8 +3,8 @@
 With the mass matrix M(q) the bodies' equations are M q'' = τ(q, P) - C - D q' - g(q) + d, where by Lagrange
 C = (∂(M ω)/∂q) ω - ½ ∂(ωᵀM ω)/∂q; d is the greatest load, which pushes away from the rest. Slack cables do not push.
 
-Muscles, damping and bodies may be known within bounds. The formulas take what is uncertain of them as a column, the
-*scene*, and have all other numbers in them.
+Muscles, damping and bodies may be uncertain. The uncertain numbers are an argument of the formulas, a column called
+*scene*; the formulas contain all other numbers.
 """
 
 from itertools import product
@@ -27,24 +27,24 @@ MatrixOrFunction: TypeAlias = ArrayLike | Posed
 
 
 class Dynamics(NamedTuple):
-    """A mechanism with bodies, each number with its least and its greatest value."""
+    """Mechanism with bodies, each number with its least and its greatest value."""
 
     mechanism: Mechanism
     inertia: tuple[MatrixOrFunction, MatrixOrFunction]  # M (n, n) [kg·m²] of the lightest and the heaviest bodies
     gravity: tuple[Posed | None, ...]  # g (n) [N·m] of both; None: no gravity
     damping: Array  # (2, n) [N·m·s/rad]
-    strength: Array  # (2, m) of the forces, in those of the model
+    strength: Array  # (2, m) of the forces, relative to the model
     load: Array  # (n) [N·m]
 
     @property
     def bounds(self) -> Array:
-        """Return the bounds (2, m + n + 1) of strengths, damping and the share of the heaviest bodies' masses."""
+        """Bounds (2, m + n + 1) of strengths, damping and the share of the heaviest bodies' masses."""
         heavier = float(self.inertia[0] is not self.inertia[1] or self.gravity[0] is not self.gravity[1])
         return np.column_stack([self.strength, self.damping, [0.0, heavier]])
 
     @property
     def uncertain(self) -> Array:
-        """Return which (m + n + 1) of these have bounds that differ."""
+        """Mask (m + n + 1) of the numbers with different bounds."""
         low, high = self.bounds
         return np.asarray(low < high)
 
@@ -54,7 +54,7 @@ class Dynamics(NamedTuple):
 
     @property
     def middle(self) -> Array:
-        """Return the scene (k) in the middle of all bounds."""
+        """Scene (k) in the middle of all bounds."""
         return np.asarray(self.scenes(self.bounds.mean(axis=0, keepdims=True))[0])
 
 
@@ -86,7 +86,7 @@ class _Formulas(NamedTuple):
         return cls(scene, strength, damping, *_muscles(dynamics.mechanism, q), M, g)
 
     def torque(self, pull: "SX") -> "SX":
-        """Return τ - g of muscles that by their model pull with `pull` (m) [N]."""
+        """Return τ - g of muscles with the model's forces `pull` (m) [N]."""
         return -self.slope.T @ (self.strength * pull) - self.g
 
 
@@ -110,7 +110,7 @@ def motion_function(dynamics: Dynamics, rest: Array) -> "Function":
     """Return the CasADi function (q, ω, P, scene) ↦ (ω', A, B, -l', (½ ωᵀM ω, -ω·g)).
 
     A and B are those of the model's forces A P + B. The load pushes every joint away from `rest` (n) [rad]. Raises
-    `InvalidInput` as `statics_function` does.
+    `InvalidInput` like `statics_function`.
     """
     import casadi as ca
 
@@ -132,7 +132,7 @@ def motion_function(dynamics: Dynamics, rest: Array) -> "Function":
 def potential_function(dynamics: Dynamics, rest: Array, P: Array) -> "Function":
     """Return the CasADi function (q, scene) ↦ the energy [J] of muscles at `P` (m) [Pa], gravity and load.
 
-    It is the work along the straight way from the posture `rest` (n) [rad], by Gauss's quadrature.
+    It is the work along the straight line from the posture `rest` (n) [rad], by Gauss's quadrature.
     """
     import casadi as ca
 
@@ -147,7 +147,7 @@ def potential_function(dynamics: Dynamics, rest: Array, P: Array) -> "Function":
 
 
 def _between(ends: list["SX"], share: "SX") -> "SX":
-    """Return the lightest's value and the `share` of what the heaviest's has beyond it."""
+    """Return the value at the `share` between those of the lightest and the heaviest bodies."""
     low, high = ends
     return low if share.is_constant() else low + share * (high - low)
 
@@ -184,14 +184,13 @@ class Corners(NamedTuple):
 
 
 def corners(dynamics: Dynamics, lag: Array, q: Array) -> Corners:
-    """Return the corners to be simulated, with `lag` (2, m) [s] its bounds and `q` (n) [rad] a posture in the range.
+    """Return the corners to simulate, with the bounds `lag` (2, m) [s] and a posture `q` (n) [rad] in the range.
 
-    Without intervals there is one. Else not all 2ᵏ corners are simulated. A muscle counts by what its strength adds to
-    the torques that drive the joints out of their range: for each combination of directions in which the n joints can
-    leave, the muscles that pull that way are at their strongest and the others at their weakest; besides, all are at
-    their strongest or all at their weakest. For a joint of two muscles that is every corner. Each is combined with the
-    least and the greatest damping, masses and lags, because less damping lets the arm swing farther but more damping
-    holds it longer where pressures push it outwards.
+    Without intervals there is one. Otherwise not all 2ᵏ corners are simulated. For each combination of directions in
+    which the n joints can leave their range, the muscles that pull in these directions are at their strongest and the
+    others at their weakest. In two more corners all are at their strongest or all at their weakest. For a joint of two
+    muscles these are all corners. Each is combined with the least and the greatest damping, masses and lags, because
+    less damping lets the arm swing farther, but more damping holds it longer where pressures push it outwards.
     """
     n, m = dynamics.mechanism.n, dynamics.mechanism.m
     bounds = dynamics.bounds

@@ -18,12 +18,12 @@ from mpc.governor.model import Corners, Dynamics, corners, motion_function, pote
 if TYPE_CHECKING:
     from casadi import Function
 
-_POSTURES = 4000  # that are looked at in the range, about
+_POSTURES = 4000  # approximate number in the range
 _FREE = 1e6  # [rad] of a joint without end stops
-_INNER = np.deg2rad(0.5)  # by which the integration may err
-_RESOLUTION = 0.25  # of a step in times of the fastest motion: an error of some 0.3 % of its frequency
-_DAMPING = 0.3  # ratio that the backup gives the least damped motion at the rest
-_MOST_SAMPLES = 1000  # of a rollout
+_INNER = np.deg2rad(0.5)  # allowed error of the integration
+_RESOLUTION = 0.25  # step times the rate of the fastest motion: an error of about 0.3 % of its frequency
+_DAMPING = 0.3  # damping ratio of the least damped motion at the rest, by the backup
+_MOST_SAMPLES = 1000  # per rollout
 _NO_REST = (
     "PressureGovernor: no pressures of the supply hold the joints in their range against gravity and load, for "
     "all that the intervals leave open"
@@ -31,7 +31,7 @@ _NO_REST = (
 
 
 class Limits(NamedTuple):
-    """Limits that a governor is asked to keep, besides the mechanism's own; SI units."""
+    """Limits of a governor beyond those of the mechanism; SI units."""
 
     dt: float
     slew: float
@@ -52,7 +52,7 @@ class Made(NamedTuple):
 def make(dynamics: Dynamics, limits: Limits) -> Made:
     """Compute the numbers and the formulas.
 
-    Raises `InvalidInput` for muscles that are not affine, routes without formulas, and where no pressures of the supply
+    Raises `InvalidInput` for muscles that are not affine, routes without formulas, and if no pressures of the supply
     keep the joints in their range against gravity and load.
     """
     mechanism = dynamics.mechanism
@@ -99,7 +99,7 @@ def memory_for(rules: kernel.Rules) -> kernel.Memory:
 
 
 class _Rest(NamedTuple):
-    """Posture and pressures that the backup goes to, and the barriers around it in all scenes."""
+    """Final posture and pressures of the backup, and the barriers around it in all scenes."""
 
     ends: Array  # (n, 2) [rad]
     q: Array  # (n) [rad]
@@ -111,7 +111,7 @@ class _Rest(NamedTuple):
 
     @classmethod
     def of(cls, dynamics: Dynamics, limits: Limits, most: Array, cases: Corners) -> "_Rest":
-        """Find it: in the middle of the range, with pressures in the middle of those that are taut in all of it."""
+        """Find the rest in the middle of the range, with pressures in the middle of those that are taut throughout."""
         mechanism, statics, middle = dynamics.mechanism, statics_function(dynamics), dynamics.middle
         ends = np.array(mechanism.angle_limits) + limits.margin * np.array([1.0, -1.0])
         grid = _grid(ends)
@@ -124,7 +124,7 @@ class _Rest(NamedTuple):
         squares, modes = eigh(K, mass)
         if not (found.success and squares[0] > 0):
             raise InvalidInput(_NO_REST)
-        lost = np.diag(modes.T @ -moved @ slope @ modes)  # of the energy of each motion, by pressures -s
+        lost = np.diag(modes.T @ -moved @ slope @ modes)  # energy that pressures -s take from each motion
         brake = 2 * _DAMPING * float(np.min(np.sqrt(squares) / lost))
         each = _barriers(dynamics, ends, grid, found.x, P, most, cases)
         rates = min(barrier.slowest for barrier in each), max(barrier.fastest for barrier in each)
@@ -133,7 +133,7 @@ class _Rest(NamedTuple):
 
     @classmethod
     def nowhere(cls, n: int, most: Array, cases: Corners) -> "_Rest":
-        """Return what stands for it where there is no range."""
+        """Return a placeholder for mechanisms without a range."""
         s = len(cases.lag)
         ends = np.tile([-_FREE, _FREE], (n, 1))
         return cls(ends, np.zeros(n), most, np.zeros((s, 2)), np.zeros((s, most.size)), 0.0, (1.0, 1.0))
@@ -152,7 +152,7 @@ class _Barrier(NamedTuple):
 def _barriers(
     dynamics: Dynamics, ends: Array, grid: Array, q: Array, P: Array, most: Array, cases: Corners
 ) -> list[_Barrier]:
-    """Return the barrier of every scene. Raises `InvalidInput` where one of them has none."""
+    """Return the barrier of every scene. Raises `InvalidInput` if a scene has none."""
     statics, potential = statics_function(dynamics), potential_function(dynamics, q, P)
     n, known, found = dynamics.mechanism.n, dict[tuple[float, ...], _Barrier](), []
     for values, scene in zip(cases.values, dynamics.scenes(cases.values), strict=True):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mpc.repetition.response import response as response
     from mpc.repetition.response import responses as responses
     from mpc.repetition.update import Update as Update
-    from mpc.trials.corrections import Correction as Correction
-    from mpc.trials.corrections import Owner as Owner
+    from mpc.trials.motions.corrections import Correction as Correction
+    from mpc.trials.motions.corrections import Owner as Owner
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -1,9 +1,9 @@
-"""What is known of a joint beyond the nominal model is taken account of by observer and controllers alike.
+"""Compensation of known effects of a joint beyond the nominal model, by observer and controllers.
 
-The disturbance torque d is what remains besides. Observer and controller have to be given the same `Compensation`.
-Its friction is anything with the interface of `mpc.model.friction.contact.Hysteresis`: its memory follows the
-estimated angle, and its torque along the intended motion is in the feed-forward and in the prediction. So the
-feed-forward goes through the inverse of a `PrandtlIshlinskii`, to first order, without an iteration.
+The disturbance torque d contains the other effects. Observer and controller need the same `Compensation`. Its friction
+is any model with the interface of `mpc.model.friction.contact.Hysteresis`: its memory follows the estimated angle, and
+its torque along the intended motion is in the feed-forward and in the prediction. Thus the feed-forward applies the
+inverse of a `PrandtlIshlinskii`, to first order, without an iteration.
 """
 
 from dataclasses import dataclass, field, replace
@@ -23,10 +23,10 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.storage import stored_regulators
 
-SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides: noise must not make it jump
+SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides, without jumps due to noise
 _LONGEST = 10.0  # [s] of a dead time and of an age
-_ALIKE = 0.05  # relative difference of two lags below which one is as good for both
-JITTER = 0.03 * DEG  # motions below are taken for noise of the angle
+_ALIKE = 0.05  # relative difference of two lags below which one lag represents both
+JITTER = 0.03 * DEG  # smaller motions count as noise of the angle
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Compensation:
     """Known friction and regulator effects of a joint; none by default.
 
     Observer and controllers take account of the friction, the dead time and the dead band, the observer of the reading
-    age. If angle and pressures are read equally late, that age is a dead time: add it to `dead_time`. The pressures are
-    predicted with the lag of the `Plant`; `lag_up`, `lag_down` and `flow` are those of simulated plants
-    (`RealPlant.of`) only.
+    age. If angle and pressures are read with the same delay, it is a dead time: add it to `dead_time`. The pressures
+    are predicted with the lag of the `Plant`; `lag_up`, `lag_down` and `flow` apply only to simulated plants
+    (`RealPlant.of`).
     """
 
     friction: Hysteresis = field(default_factory=Friction)  # a `PrandtlIshlinskii` becomes `MaxwellSlip.of` it
@@ -46,7 +46,7 @@ class Compensation:
     lag_up: float | None = None  # time constant of a rising pressure [s], see `RealPlant`; None: that of the plant
     lag_down: float | None = None  # of a falling one [s]
     flow: float = inf  # fastest change of a pressure [Pa/s]
-    frictions: tuple[Hysteresis, ...] = ()  # of an arm's joints, where they differ; else all have `friction`
+    frictions: tuple[Hysteresis, ...] = ()  # of an arm's joints, if they differ; else all have `friction`
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -67,17 +67,18 @@ class Compensation:
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> Self:
-        """Return what was found of a joint beyond its muscles' laws: the hysteresis of its angle, or else friction μ.
+        """Return the effects identified on a joint beyond its muscle models: the hysteresis of its angle, or else
+        friction μ.
 
-        The operator takes all of the hysteresis of the joint it was fitted to, so that its μ does not count besides.
+        The operator contains the whole hysteresis of the joint that it was fitted to, so that μ is then ignored.
         """
         return cls(Friction(mu=joint.friction) if joint.hysteresis is None else friction_of(joint.hysteresis))
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, scale_needed: bool = True) -> Self:
-        """Read what a plant's file tells beyond `Plant`: the joint's hysteresis or friction, and its regulators.
+        """Read the contents of a plant's file beyond `Plant`: the joint's hysteresis or friction, and its regulators.
 
-        Raises `InvalidFile`, also if the joint's forces are known in proportion only, unless `scale_needed` is false.
+        Raises `InvalidFile`, also if the scale of the joint's forces is unknown, unless `scale_needed` is false.
         """
         joint, told = load_joint(path, scale_needed=scale_needed), stored_regulators(path)
         try:
@@ -91,7 +92,7 @@ class Compensation:
 
     @property
     def summary(self) -> str:
-        """Return what is known in a line, which is empty if nothing is."""
+        """One line with the known effects; "" if there are none."""
         parts = list(dict.fromkeys(one.summary for one in self.frictions or (self.friction,) if not one.absent))
         parts += [f"dead time {self.dead_time:g} s"] * bool(self.dead_time)
         parts += [f"reading age {self.reading_age:g} s"] * bool(self.reading_age)
@@ -99,12 +100,12 @@ class Compensation:
 
     @property
     def told(self) -> dict[str, Any]:
-        """Return what is known by name, without what is as where nothing is known."""
+        """Known effects by name, without those at their defaults."""
         return {name: value for name, value in vars(self).items() if value != vars(Compensation())[name]}
 
     @property
     def untold(self) -> str:
-        """A line with the numbers of the regulators that no controller predicts with, or ""."""
+        """One line with the regulators' numbers that controllers do not use, or ""."""
         alike = self.lag_up and self.lag_down and abs(self.lag_up - self.lag_down) < _ALIKE * self.lag_up
         lags = {} if alike else {"rising": self.lag_up, "falling": self.lag_down}
         parts = [f"lag {lag:.3g} s of a {way} pressure" for way, lag in lags.items() if lag is not None]
@@ -135,7 +136,7 @@ class Compensation:
         return P + e - np.clip(e, -rest, rest)
 
     def inverse_dead_band(self, v: Array, P: Array) -> Array:
-        """Return what to command [Pa] for `v` to act: the inverse of `after_dead_band`, smooth where v passes P."""
+        """Return the command [Pa] for `v` to act: the inverse of `after_dead_band`, smooth where v passes P."""
         return np.asarray(v + self.dead_band / 2 * np.tanh((v - P) / SOFT))
 
 
@@ -153,7 +154,7 @@ def check_regulators(of: Any) -> None:
 
 
 class FrictionState:
-    """A friction state is what friction remembers of the way of the angle."""
+    """Memory of a friction model along the path of the angle."""
 
     def __init__(self, friction: Hysteresis) -> None:
         self.friction = friction
@@ -161,9 +162,7 @@ class FrictionState:
         self.theta: float | None = None
 
     def follow(self, theta: float, contact: Loads) -> Value:
-        """Return the memory at the angle `theta` [rad], to which the joint has turned from that of the last call, and
-        in `contact`.
-        """
+        """Return the memory after a motion from the last call's angle to `theta` [rad] in `contact`."""
         if self.theta is None:
             self.theta, self.memory = theta, self.friction.begun(theta)
         motion = theta - self.theta
@@ -175,5 +174,5 @@ class FrictionState:
         return self.memory
 
     def go_on(self, theta: float, memory: Array) -> None:
-        """Take note that it was followed elsewhere to a `memory` (size,) at the angle `theta` [rad]."""
+        """Set the `memory` (size,) computed by compiled code at the angle `theta` [rad]."""
         self.theta, self.memory = theta, float(memory[0]) if isinstance(self.memory, float) else memory.copy()

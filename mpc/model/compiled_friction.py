@@ -1,4 +1,4 @@
-"""Friction that is known is followed and foreseen, as `Friction` and `MaxwellSlip` do it: T_f = strength Σ k_i z_i."""
+"""Memory and prediction of known friction, as of `Friction` and `MaxwellSlip`: T_f = strength Σ k_i z_i."""
 
 from collections.abc import Callable
 from math import copysign, exp, isinf
@@ -19,7 +19,7 @@ _SPAN = 2 * WIDTH_AT  # [Pa]
 
 
 class Rubbing(NamedTuple):
-    """Numbers of a model of friction; those of other models are 0."""
+    """Numbers of a friction model; those of other models are 0."""
 
     kind: int
     mu: float  # of `Friction`, as the next two
@@ -36,12 +36,12 @@ NO_FRICTION = Rubbing(ABSENT, 0.0, 0.0, 0.0, 0.0, False, np.ones(1), np.zeros(1)
 
 
 def memory_of(numbers: Array) -> int:
-    """Return how many numbers friction remembers."""
+    """Return the size of the friction's memory."""
     return in_python(rubbing_in)(numbers).springs.size
 
 
 def friction_numbers(friction: Hysteresis) -> Array | None:
-    """Return the numbers of `friction`, see `Rubbing`; None for one that is not known here."""
+    """Return the numbers of `friction`, see `Rubbing`; None for an unsupported model."""
     if type(friction) is Friction:
         kind = ABSENT if friction.absent else DAHL
         dahls = NO_FRICTION._replace(kind=kind, mu=friction.mu, coulomb=friction.coulomb)
@@ -55,7 +55,7 @@ def friction_numbers(friction: Hysteresis) -> Array | None:
 
 @inlined_flat
 def strength(f: Rubbing, pressed: Pressed) -> float:
-    """Return what Σ k_i z_i is multiplied by, so that it is the friction torque [N·m]."""
+    """Return the factor of Σ k_i z_i in the friction torque [N·m]."""
     if f.kind != SLIP:
         return f.mu * pressed.pulled + f.coulomb
     return pressed.stiffness if f.elastic else 1.0
@@ -76,8 +76,8 @@ def width_of(f: Rubbing, i: int, filled: float) -> float:
 
 @inlined_flat
 def followed(f: Rubbing, theta: float, pressed: Pressed, last: float, memory: Array, now: Array) -> float:
-    """Set `now` (n,) to what friction remembers at `theta` [rad], having remembered `memory` (n,) at the angle `last`,
-    NaN for none; return the angle from which its motion counts on: see `FrictionState.follow`.
+    """Set `now` (n,) to the friction's memory at `theta` [rad], from `memory` (n,) at the angle `last`, NaN for none;
+    return the origin of its next motion: see `FrictionState.follow`.
     """
     begins = np.isnan(last)
     motion = 0.0 if begins or not abs(theta - last) > JITTER else theta - last
@@ -98,8 +98,8 @@ def followed(f: Rubbing, theta: float, pressed: Pressed, last: float, memory: Ar
 def less_friction(
     f: Rubbing, now: Array, back: float, theta: Array, pressed: Pressed, d: float, torques: Array
 ) -> None:
-    """Set `torques` (M,) [N·m] to `d` less the friction of the motion along `theta` (M,) [rad], `back` being the first
-    angle, where friction remembers `now` (n,); all of it is left out where some is not finite.
+    """Set `torques` (M,) [N·m] to `d` minus the friction of the motion along `theta` (M,) [rad] with the first angle
+    `back`, from the memory `now` (n,); friction is left out if any of it is not finite.
     """
     n, M, all_finite = now.size, theta.size, True
     for k in range(M):

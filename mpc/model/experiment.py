@@ -1,6 +1,6 @@
-"""Parts that all machines share: experiments for closed loops, and the values that they return.
+"""Experiments for closed loops, and other parts common to all machines.
 
-An experiment is a plant in some state, its sensors, and time going on.
+An experiment is a plant with its state, its sensors and the time.
 """
 
 from math import ceil
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 FINE = 0.02  # resolution of simulations, see `Plant.discrete`
 RESOLUTION = 0.5  # of a controller's model
-_SYMMETRIC = 1e-9  # of the greatest entry of a stiffness
+_SYMMETRIC = 1e-9  # [-] of the greatest entry of a stiffness
 
 
 def substeps(machine: str, dt: float, fastest: float, resolution: float, most: int, check: str) -> int:
-    """Return how many equal steps h over `dt` [s] it takes for h · `fastest` [1/s] ≤ `resolution`.
+    """Return the number of equal steps h over `dt` [s] with h · `fastest` [1/s] ≤ `resolution`.
 
-    Raises `InvalidInput` for a `machine` that takes more than `most`, naming the parameters to `check`.
+    Raises `InvalidInput` for a `machine` that needs more than `most`, with the parameters to `check`.
     """
     steps = dt * fastest / resolution
     if not steps <= most:
@@ -35,23 +35,23 @@ def substeps(machine: str, dt: float, fastest: float, resolution: float, most: i
 
 
 class Experiment(Protocol):
-    """An experiment is a plant under way."""
+    """Plant in operation."""
 
     @property
     def x(self) -> Array:
-        """Return the true state (2n + m,): angles [rad], velocities [rad/s], pressures [Pa]."""
+        """True state (2n + m,): angles [rad], velocities [rad/s], pressures [Pa]."""
 
     def measure(self) -> Array:
-        """Return what the sensors say of it (2n + m,); NaN for what is not measured. To be called once a sample."""
+        """Return the readings of the sensors (2n + m,); NaN for unmeasured entries. Call it once per sample."""
 
     def advance(self, u: Array, d: Value = 0.0) -> None:
-        """Advance by one sample with the commands `u` (m,) [Pa] and the torque `d` [N·m], (n,) of an arm, from outside
-        besides the plant's own.
+        """Advance by one sample with the commands `u` (m,) [Pa] and the torque `d` [N·m], (n,) for an arm, added to the
+        plant's own external torque.
         """
 
 
 class ExactExperiment:
-    """An exact experiment is a plant that is its model, (x, u, d) ↦ x, and whose whole state is measured."""
+    """Experiment on a plant that equals its model, (x, u, d) ↦ x, with a fully measured state."""
 
     def __init__(self, discrete: "Function", x0: Array) -> None:
         self._integrate = Buffered(discrete)
@@ -62,7 +62,7 @@ class ExactExperiment:
         return self.x.copy()
 
     def advance(self, u: Array, d: Value = 0.0) -> None:
-        """Advance by one sample with the commands `u` (m,) [Pa] and the torque `d` [N·m] from outside."""
+        """Advance by one sample with the commands `u` (m,) [Pa] and the external torque `d` [N·m]."""
         self.x = self._integrate(self.x, u, d)[0][0]
 
 
@@ -70,8 +70,8 @@ class Held(NamedTuple):
     """Pressures that hold postures, from `allocate`."""
 
     P: Array  # (M, m) [Pa]
-    K: Array  # (M, stiffnesses) svec of the stiffness that they give
-    K_error: Array  # from what was asked
+    K: Array  # (M, stiffnesses) svec of their stiffness
+    K_error: Array  # from the target
     T_error: Array  # [N·m]
 
 
@@ -86,7 +86,7 @@ class Labels(NamedTuple):
 
 
 def check_stiffness(name: str, K: Array, unit: str) -> None:
-    """Raise `InvalidInput` for stiffness matrices (M, k, k) that cannot be meant."""
+    """Raise `InvalidInput` for implausible stiffness matrices (M, k, k)."""
     if not np.isfinite(K).all():
         raise InvalidInput(f"{name} is not finite [{unit}]")
     if np.abs(K - K.swapaxes(-1, -2)).max() > _SYMMETRIC * np.abs(K).max():

@@ -1,8 +1,8 @@
 """Faults to inject into a `RealPlant` or a `MujocoPlant`, each from `begin` until just before `end`.
 
-A fault sees what passes by and changes it: the command that a regulator follows, what the sensors say, or which muscles
-still pull. What a fault does not touch goes through as it was. (A pay-load is no fault but a torque:
-`RealPlant.torque_profile`. `mpc.observer.health` names faults from what an observer sees.)
+A fault changes the command that a regulator follows, the readings of sensors, or the muscles that pull, and leaves
+everything else unchanged. (A payload is a torque, not a fault: `RealPlant.torque_profile`. `mpc.observer.health` names
+faults from the quantities of an observer.)
 """
 
 from dataclasses import dataclass, field
@@ -18,9 +18,9 @@ from mpc.model.plant import NU
 
 @dataclass(frozen=True)
 class Fault:
-    """The base of all faults, which does nothing; each member does one thing.
+    """Base of all faults, without an effect; each subclass has one effect.
 
-    Muscles count from 1, as in the report. Sensors are places in the state (2n + m,) of a machine with n `joints` and
+    Muscles count from 1, as in the report. Sensors are indices of the state (2n + m,) of a machine with n `joints` and
     m `muscles`: (θ, ω, P1, P2) of one joint.
     """
 
@@ -36,7 +36,7 @@ class Fault:
 
     @property
     def size(self) -> int:
-        """The number of sensors and states, 2n + m."""
+        """Number of sensors and states, 2n + m."""
         return 2 * self.joints + self.muscles
 
     @property
@@ -46,7 +46,7 @@ class Fault:
         return f"0 to {self.size - 1}: n = {self.joints} angles, as many speeds, m = {self.muscles} pressures"
 
     def active(self, t: float) -> bool:
-        """Return whether the fault is there at the time `t` [s]."""
+        """Return whether the fault is present at the time `t` [s]."""
         return self.begin - 1e-9 <= t < self.end - 1e-9
 
     def effective(self, u: Array, P: Array) -> Array:
@@ -54,16 +54,16 @@ class Fault:
         return u
 
     def read(self, y: Array, previous: Array) -> Array:
-        """Return what the sensors (2n + m,) say instead of `y`; `previous` is what they said a sample ago."""
+        """Return the readings (2n + m,) instead of `y`; `previous` are those of the previous sample."""
         return y
 
     def offset(self, t: float) -> Array:
-        """Return what the sensors (2n + m,) say too much at the time `t` [s], before `read`."""
+        """Return the offsets of the sensors (2n + m,) at the time `t` [s], before `read`."""
         return np.zeros(self.size)
 
     @property
     def pulling(self) -> tuple[float, ...]:
-        """The shares (m,) of the muscles' forces that reach the joints."""
+        """Shares (m,) of the muscles' forces that reach the joints."""
         return (1.0,) * self.muscles
 
     @property
@@ -77,7 +77,7 @@ class _MuscleFault(Fault):
     muscle: int = 1
 
     def __post_init__(self) -> None:
-        """Check the muscle too."""
+        """Check the window and the muscle."""
         Fault.__post_init__(self)
         if type(self.muscle) is not int or not 1 <= self.muscle <= self.muscles:
             known = "1 (agonist) or 2 (antagonist)" if self.muscles == NU else f"one of 1 to {self.muscles}"
@@ -85,7 +85,7 @@ class _MuscleFault(Fault):
 
     @property
     def _its(self) -> list[bool]:
-        """Which of the muscles (m,) it is."""
+        """Mask (m,) of its muscle."""
         return [own + 1 == self.muscle for own in range(self.muscles)]
 
     def _with(self, u: Array, value: float) -> Array:
@@ -94,43 +94,43 @@ class _MuscleFault(Fault):
 
 @dataclass(frozen=True)
 class Leak(_MuscleFault):
-    """A muscle that leaks has a pressure that cannot rise, and falls unless the rest of it can be kept."""
+    """Leak of a muscle: its pressure cannot rise, and falls unless the regulator can hold the `kept` share."""
 
-    kept: float = 0.9  # of the pressure that the regulator can at most aim for [-]
+    kept: float = 0.9  # greatest target of the regulator as a share of the pressure [-]
 
     def effective(self, u: Array, P: Array) -> Array:
-        """Return at most the `kept` share of the pressure that is there."""
+        """Return at most the `kept` share of the present pressure."""
         own = self.muscle - 1
         return self._with(u, min(float(u[own]), self.kept * float(P[own])))
 
 
 @dataclass(frozen=True)
 class StuckValve(_MuscleFault):
-    """A stuck valve stays shut: the pressure stays as it is, but for what the motion of trapped gas makes of it."""
+    """Valve that stays shut: the pressure changes only by the motion, which compresses the trapped gas."""
 
     def effective(self, u: Array, P: Array) -> Array:
-        """Return the pressure that is there."""
+        """Return the present pressure."""
         return self._with(u, float(P[self.muscle - 1]))
 
     @property
     def shut(self) -> tuple[bool, ...]:
-        """The valve of its muscle."""
+        """Mask of its muscle's valve."""
         return tuple(self._its)
 
 
 @dataclass(frozen=True)
 class BrokenCable(_MuscleFault):
-    """A cable is broken: its muscle fills and empties as before, but pulls no more."""
+    """Broken cable: its muscle fills and empties as before, but does not pull."""
 
     @property
     def pulling(self) -> tuple[float, ...]:
-        """The shares (m,), 0 of this muscle's force and 1 of the others'."""
+        """Shares (m,): 0 for this muscle's force and 1 for the others."""
         return tuple(float(not its) for its in self._its)
 
 
 @dataclass(frozen=True)
 class SupplyDrop(Fault):
-    """A supply that drops gives less than it should: no muscle gets more."""
+    """Drop of the supply's pressure, which limits all muscles."""
 
     supply: float = 3 * BAR  # [Pa]
 
@@ -144,7 +144,7 @@ class _SensorFault(Fault):
     sensors: tuple[int, ...] = (0, 2, 3)  # of (θ, ω, P1, P2)
 
     def __post_init__(self) -> None:
-        """Check the sensors too."""
+        """Check the window and the sensors."""
         Fault.__post_init__(self)
         if not set(self.sensors) <= set(range(self.size)):
             raise InvalidInput(f"sensors = {self.sensors!r} have to be among {self._places}")
@@ -155,7 +155,7 @@ class _SensorFault(Fault):
 
 @dataclass(frozen=True)
 class WrongReadings(_SensorFault):
-    """Wrong sensors say `value` [rad], [Pa], or the truth and `value`."""
+    """Sensors that read `value` [rad], [Pa], or the truth plus `value`."""
 
     value: float = 0.0
     added: bool = False
@@ -167,31 +167,31 @@ class WrongReadings(_SensorFault):
 
 @dataclass(frozen=True)
 class SilentSensors(_SensorFault):
-    """Silent sensors say nothing."""
+    """Sensors without readings."""
 
     def read(self, y: Array, previous: Array) -> Array:
-        """Return NaN from the silent ones."""
+        """Return the readings with NaN for the silent sensors."""
         return self._of_ours(np.full(self.size, np.nan), y)
 
 
 @dataclass(frozen=True)
 class FrozenSensors(_SensorFault):
-    """Frozen sensors repeat what they said last."""
+    """Sensors that repeat their last readings."""
 
     def read(self, y: Array, previous: Array) -> Array:
-        """Return the old readings from the frozen ones."""
-        return self._of_ours(np.where(np.isnan(previous), y, previous), y)  # the first reading is none to repeat
+        """Return the readings with the previous ones for the frozen sensors."""
+        return self._of_ours(np.where(np.isnan(previous), y, previous), y)  # there is no reading before the first one
 
 
 @dataclass(frozen=True)
 class DriftingSensor(Fault):
-    """A drifting sensor has readings that depart from the truth at a constant `rate`, from nothing at `begin` on."""
+    """Sensor whose error grows at a constant `rate`, from zero at `begin`."""
 
     sensor: int = 2  # of (θ, ω, P1, P2)
     rate: float = 0.1 * BAR  # [Pa/s], or [rad/s] of an angle
 
     def __post_init__(self) -> None:
-        """Check sensor and rate too."""
+        """Check the window, the sensor and the rate."""
         Fault.__post_init__(self)
         if self.sensor not in range(self.size):
             raise InvalidInput(f"sensor = {self.sensor!r} has to be one of {self._places}")

@@ -35,16 +35,16 @@ def free_run(
     P1, P2
         Pressures of agonist and antagonist [Pa, gauge]. Each holds until the next.
     begin
-        Angle [rad] at which the joint is at rest at first; by default the equilibrium at the first pressures, or 0
-        where there is none.
+        Initial angle [rad] of the joint at rest; by default the equilibrium at the first pressures, or 0 if there is
+        none.
     commanded
-        Whether the pressures are commands, which the regulators follow. If false the muscles have these pressures,
-        on a line between two rows.
+        Whether the pressures are commands for the regulators. If false, they are the pressures in the muscles,
+        interpolated linearly between rows.
 
     Raises
     ------
     InvalidInput
-        If the arrays are no rows of numbers of one length, or `t` does not increase.
+        If the arrays are not rows of numbers of one length, or `t` does not increase.
     """
     times, one, two = checks.real("t", t, "s"), checks.pressure("P1", P1), checks.pressure("P2", P2)
     if times.ndim != 1 or not times.shape == one.shape == two.shape or times.size < 2:
@@ -60,13 +60,13 @@ def free_run(
 
 
 def _without_regulators(process: RealPlant) -> RealPlant:
-    """Return `process` with pressures that stay as they are put."""
+    """Return `process` with imposed pressures, without regulators."""
     nominal = replace(process.nominal, lag=_HELD, gas=None, frequency=0.0)
     return replace(process.without("lag_up", "lag_down", "dead_time", "dead_band", "flow"), nominal=nominal)
 
 
 def _acting(t: Array, dead_time: float) -> tuple[Array, Array]:
-    """Return the times (m,) [s] between which one command acts, those of `t` among them, and which it is (m - 1,)."""
+    """Return the times (m,) [s] between which one command acts, including `t`, and the command's index (m - 1,)."""
     ends = np.unique(np.concatenate([t, (t + dead_time)[t + dead_time < t[-1]]]))
     middle = (ends[1:] + ends[:-1]) / 2
     return ends, np.maximum(np.searchsorted(t, middle - dead_time, side="right") - 1, 0)

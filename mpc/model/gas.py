@@ -1,16 +1,16 @@
-"""The gas in the muscles of a plant is what a motion makes of their pressures.
+"""Gas in the muscles of a plant: the change of their pressures by motion.
 
-A muscle that shortens swells by dV = g dθ, g = ∂T/∂P being its torque gain (`allocator.muscles.volume`). While the gas
-keeps (P + p_a) V^κ its pressure falls by κ (P + p_a) g/V^eff a radian: behind a shut valve that is all, else a
-regulator works against it,
+A muscle that shortens swells by dV = g dθ, g = ∂T/∂P being its torque gain (`allocator.muscles.volume`). With constant
+(P + p_a) V^κ its pressure falls by κ (P + p_a) g/V^eff per radian. That is the only change behind a shut valve;
+otherwise a regulator works against it,
 
     P_i' = (u_i - P_i)/τ_i - κ (P_i + p_a) g_i ω/V_i^eff                                                         (G3)
 
-What the torque gives, T ω, is then what gas and rubber give: no cycle of a shut joint makes work. So a muscle that
-pulls several times as hard as its law says swells as many times as much, too.
+The power of the torque, T ω, is then that of gas and rubber: no cycle of a shut joint does work. A muscle that pulls
+several times as hard as its model therefore swells by the same factor.
 
-A law that is not affine in the pressure may say that its volume falls as the pressure grows, so steeply that no gas
-could fill it. It is not meant for that; V^eff is taken as `STABLE` V there, the bound of what the allocation allows.
+In a model that is not affine in the pressure, the volume may fall with growing pressure so steeply that no gas could
+fill it. Such a model is outside its range; V^eff is `STABLE` V there, the bound of the allocation.
 """
 
 import numpy as np
@@ -23,9 +23,9 @@ from allocator.joint.one_muscle import STABLE, OneMuscle
 
 
 def fall(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
-    """Return by how much the pressure falls as the joint turns behind a shut valve, κ (P + p_a) g/V^eff [Pa/rad].
+    """Return the fall of the pressure per angle of the joint behind a shut valve, κ (P + p_a) g/V^eff [Pa/rad].
 
-    `strength` [-] is how many times as hard the muscle pulls as its law says.
+    `strength` [-] is the ratio of the muscle's force to that of its model.
     """
     V = side.effective_volume(P)
     if not side.affine:
@@ -38,12 +38,12 @@ def fall(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
 
 
 def trapped(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
-    """Return what the gas behind a shut valve adds to the stiffness, κ (P + p_a) g²/V^eff [N·m/rad]   (G2)"""
+    """Return the stiffness of the gas behind a shut valve, κ (P + p_a) g²/V^eff [N·m/rad]   (G2)"""
     return strength * side.torque_gain(P) * fall(side, P, strength)
 
 
 def gas_of(name: str, given: object, own: Gas) -> Gas | None:
-    """Return the gas that is meant: `own` by True, none by False or None. Raises `InvalidInput` for anything else."""
+    """Return the gas `given`: `own` for True, none for False or None. Raises `InvalidInput` for anything else."""
     if isinstance(given, Gas):
         return given
     if not (given is None or isinstance(given, bool)):

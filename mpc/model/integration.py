@@ -1,4 +1,4 @@
-"""The classical Runge–Kutta method, for formulas of numbers or CasADi symbols; compiled code takes its tableau."""
+"""Classical Runge–Kutta method for formulas of numbers or CasADi symbols; compiled code uses its tableau."""
 
 from collections.abc import Callable
 

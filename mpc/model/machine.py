@@ -1,4 +1,4 @@
-"""A machine of n joints and m muscles, as controllers and observers see it: `Plant` (n = 1, m = 2) or `Arm`.
+"""Machines of n joints and m muscles for controllers and observers: `Plant` (n = 1, m = 2) or `Arm`.
 
 The state is x = (q [rad], ω [rad/s], P [Pa]) ∈ R^(2n+m). Angles, torques and stiffness of a joint are numbers, those of
 an arm rows (n,) and matrices (k, k); along a motion they have one row or matrix per sample.

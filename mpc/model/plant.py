@@ -1,17 +1,17 @@
-"""The controller predicts with this plant, and is nominally tested on it: joint, link, two pressure lags.
+"""Plant of the controllers' predictions and of nominal tests: a joint with a link and two pressure lags.
 
     θ' = ω
     J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
     P_i' = (u_i - P_i)/τ_i  -  κ (P_i + p_a) V_i'/V_i^eff, the second term not with `gas=False`                   (G3)
 
-State x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures [Pa], disturbance torque d [N·m].
-The stiffness K(θ, P1, P2) is computed, never measured: the isobaric one, or that at a `frequency`. The command may
-change by at most `slew` [Pa/s]; holding to that is the controller's business. `Plant.rate` is the one place where this
-formula stands, for numbers and for CasADi symbols. The law of a slack muscle (F < 0) is kept as it is: the metrics say
-when it was used.
+State x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures [Pa], disturbance torque d [N·m]. The
+stiffness K(θ, P1, P2) is computed, never measured: the isobaric one, or that at a `frequency`. The controller has to
+limit changes of the command to `slew` [Pa/s]. `Plant.rate` is the only implementation of this formula, for numbers and
+for CasADi symbols. Slack muscles (F < 0) keep their model's force; the metrics report its use.
 """
 
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from itertools import product
 from math import inf, sqrt
 from os import PathLike
@@ -52,10 +52,10 @@ class Plant:
     lag: float | tuple[float, float] = 0.1  # τ, or (τ1, τ2) [s]
     gravity_torque: float = 0.0  # m g l [N·m]; the link hangs at θ = 0 (negative: stands)
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
-    gas: Gas | bool | None = True  # the joint's; False, None: regulators hold the pressures against every motion
-    frequency: float = 0.0  # at which K is meant [Hz]: 0 is isobaric, inf with all of the gas trapped   (G5)
+    gas: Gas | bool | None = True  # the joint's; False, None: regulators hold the pressures
+    frequency: float = 0.0  # of K [Hz]: 0 is isobaric, inf with all of the gas trapped   (G5)
 
-    n: ClassVar[int] = 1  # these, and what `mpc.model.machine` says of them, make it a machine of one joint
+    n: ClassVar[int] = 1  # these fields make it a machine of one joint, see `mpc.model.machine`
     m: ClassVar[int] = NU
     size: ClassVar[int] = NX
     stiffnesses: ClassVar[int] = 1
@@ -66,7 +66,7 @@ class Plant:
     labels: ClassVar[Labels] = Labels(("theta",), ("omega",), ("stiffness",), ("P1", "P2"), ("F1", "F2"))
 
     def __post_init__(self) -> None:
-        """Turn the parameters into plain floats (NumPy scalars upset CasADi) and check them."""
+        """Convert the parameters to plain floats (CasADi does not accept NumPy scalars) and check them."""
         for name, unit in (("inertia", "kg·m²"), ("damping", "N·m·s/rad"), ("gravity_torque", "N·m"), ("slew", "Pa/s")):
             object.__setattr__(self, name, _number(name, getattr(self, name), unit, positive=name in _POSITIVE))
         if self.damping < 0:
@@ -101,17 +101,17 @@ class Plant:
 
     @property
     def pressure_limits(self) -> tuple[float, float]:
-        """Return the least and the greatest command [Pa]."""
+        """Least and greatest command [Pa]."""
         return self.joint.pressure_limits
 
     @property
     def angle_limits(self) -> tuple[float, float]:
-        """Return the least and the greatest angle [rad]."""
+        """Least and greatest angle [rad]."""
         return self.joint.angle_range
 
     @property
     def lags(self) -> tuple[float, float]:
-        """Return the time constants (τ1, τ2) of the pressures [s]."""
+        """Time constants (τ1, τ2) of the pressures [s]."""
         assert isinstance(self.lag, tuple)  # __post_init__ made it one
         return self.lag
 
@@ -129,9 +129,9 @@ class Plant:
         return omega, moment / self.inertia, *rates
 
     def expansion(self, x: Value, strengths: tuple[float, float] = (1.0, 1.0)) -> tuple[Value, Value]:
-        """Return how fast the pressures fall in the state `x` [4, ...] as the muscles swell [Pa/s]; 0 without gas.
+        """Return the fall of the pressures [Pa/s] as the muscles swell, in the state `x` [4, ...]; 0 without gas.
 
-        κ (P_i + p_a) V_i'/V_i^eff   (G3), of muscles that pull `strengths` [-] times as hard as their laws say.
+        κ (P_i + p_a) V_i'/V_i^eff   (G3), of muscles with `strengths` [-] times the forces of their models.
         """
         if self.gas is None:
             return 0.0 * x[1], 0.0 * x[1]
@@ -145,7 +145,7 @@ class Plant:
         return agonist.torque(x[2]) + antagonist.torque(x[3])
 
     def pull(self, x: Value) -> Value:
-        """Return a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]: both torques against each other."""
+        """Return a1 F1 + a2 F2 [N·m], the sum of the opposing torques, in the state `x` [4, ...]."""
         agonist, antagonist = self.joint.sides(x[0])
         return agonist.torque(x[2]) - antagonist.torque(x[3])
 
@@ -157,7 +157,7 @@ class Plant:
     def dynamic_stiffness(self, x: Value, frequency: Value, amplitude: float | None = None) -> Value:
         """Return the complex stiffness [N·m/rad] at a `frequency` [Hz] in the state `x` [4, ...], damping included.
 
-        For pushes by ±`amplitude` [rad] with the joint's hysteresis, too.
+        For pushes by ±`amplitude` [rad], the joint's hysteresis is included.
         """
         at = x[0], x[2], x[3], frequency, 0.0 if self.gas is None else self.lags
         return self.joint.dynamic_stiffness(*at, amplitude=amplitude, damping=self.damping)
@@ -169,19 +169,19 @@ class Plant:
 
     @property
     def shares(self) -> Shares | None:
-        """Return the shares (s1, s2) of the trapped gas in the stiffness [-]; None: it is isobaric   (G5)"""
+        """Shares (s1, s2) of the trapped gas in the stiffness [-]; None: it is isobaric   (G5)"""
         return self.kind.fixed if self.frequency else None
 
     @property
     def kind(self) -> StiffnessKind:
-        """Return which stiffness its own is: isobaric, shut, or dynamic at its frequency."""
+        """Kind of its stiffness: isobaric, shut, or dynamic at its frequency."""
         if self.frequency == inf:
             return StiffnessKind.of("shut")
         kind = StiffnessKind.of(frequency=self.frequency, lag=self.lags) if self.frequency else HELD
         return kind.of_gas(self.joint.gas, self.joint.affine)
 
     def allocate(self, theta: Value, K: Value, T: Value, min_force: float = 0.0) -> PairAllocation:
-        """Return what gives its stiffness [N·m/rad] and the torque [N·m] at the angle [rad]: `allocator.allocate`."""
+        """Return the allocation (`allocator.allocate`) of stiffness [N·m/rad] and torque [N·m] at the angle [rad]."""
         stiffness = Stiffness(self.kind) if self.frequency else ISOBARIC
         return allocate(theta, K, T, joint=self.joint, limits=Limits(min_force), stiffness=stiffness)
 
@@ -195,14 +195,14 @@ class Plant:
         return self.inertia * alpha + self.damping * omega + self.gravity_torque * sin(theta) - d
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """Return the state (4,) in equilibrium at `theta` [rad], as stiff as `K` [N·m/rad] if the joint can be."""
+        """Return the state (4,) in equilibrium at `theta` [rad], with the feasible stiffness nearest `K` [N·m/rad]."""
         theta = float(checks.angle("theta", checks.number("theta", theta, "rad")))
         held = self.allocate(theta, K, self.torque_for(theta, 0.0, 0.0))
         return np.array([theta, 0.0, held.P1, held.P2], float)
 
     @property
     def nominal(self) -> "Plant":
-        """Return itself: what a controller may know of it."""
+        """Model of the plant for controllers: the plant itself."""
         return self
 
     def begin(self, dt: float, x0: Array, seed: int) -> ExactExperiment:
@@ -218,12 +218,12 @@ class Plant:
 
     @property
     def middle(self) -> float:
-        """The middle of the joint range [rad]."""
+        """Middle of the joint range [rad]."""
         return float(np.mean(self.joint.angle_range))
 
     @property
     def inertias(self) -> Array:
-        """The moment of inertia (1,) [kg·m²]."""
+        """Moment of inertia (1,) [kg·m²]."""
         return np.array([self.inertia])
 
     def angles(self, x: Array) -> Array:
@@ -240,7 +240,7 @@ class Plant:
 
     @property
     def stiffness_text(self) -> str:
-        """The kind of its stiffness, in words."""
+        """Kind of its stiffness, in words."""
         return self.kind.text
 
     def assumed(self, x: Array) -> str:
@@ -248,7 +248,7 @@ class Plant:
         return assumptions(self.joint, x[:, 0], x[:, 2], x[:, 3])
 
     def reachable(self, theta: Array, K: Array, T: Array) -> Array:
-        """Return where some pressures give the isobaric stiffness and torque at these angles (M,)."""
+        """Return whether any pressures give the isobaric stiffness and torque at these angles (M,)."""
         return np.asarray(allocate(theta, K, T, joint=self.joint).success)
 
     def symbolic_outputs(self, x: Value) -> Value:
@@ -258,7 +258,7 @@ class Plant:
         return ca.vertcat(self.stiffness(x), *self.forces(x))
 
     def matrix(self, svec: Array) -> Array:
-        """Return `svec` (M,): the stiffness of a joint is a number."""
+        """Return `svec` (M,), since the stiffness of a joint is a number."""
         return svec
 
     def torque_reach(self) -> tuple[Array, Array]:
@@ -270,7 +270,7 @@ class Plant:
         return torques[:, theta.size // 2].max(keepdims=True), torques.max().reshape(1)
 
     def balance(self, x: Array) -> float:
-        """Return 0: a joint is linearised as it is."""
+        """Return 0: a joint is linearised without an external torque."""
         return 0.0
 
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
@@ -284,11 +284,11 @@ class Plant:
         warm_up(joint=self.joint, min_force=min_force)
 
     def check_angles(self, name: str, theta: Array) -> None:
-        """Raise `InvalidInput` for angles that cannot be meant."""
+        """Raise `InvalidInput` for implausible angles."""
         checks.angle(name, theta)
 
     def check_stiffness(self, name: str, K: Array) -> None:
-        """Raise `InvalidInput` for stiffnesses that cannot be meant."""
+        """Raise `InvalidInput` for implausible stiffnesses."""
         checks.stiffness(name, K)
 
     def __repr__(self) -> str:
@@ -296,7 +296,7 @@ class Plant:
 
     @property
     def summary(self) -> str:
-        """Return its numbers in a line, the joint's left out."""
+        """One line with its numbers, without those of the joint."""
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
             f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s, gravity {self.gravity_torque:g} N·m, "
@@ -313,20 +313,20 @@ class Plant:
 
     @property
     def numbers(self) -> dict[str, object]:
-        """Return what files hold of it besides the joint, by the names of the fields."""
+        """Numbers of its file except the joint's, by the names of the fields."""
         return {name: getattr(self, name) for name in NUMBERS} | {"gas": self.gas is not None}  # the joint's
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the plant, joint and muscles included, as a TOML file. Raises `CannotWrite`."""
+        """Write the plant, including joint and muscles, as a TOML file. Raises `CannotWrite`."""
         save_plant(path, self.joint, self.numbers)
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, slew: float | None = None, scale_needed: bool = True) -> "Plant":
         """Read a plant from TOML; a joint's file gives one with the numbers of `Plant()`.
 
-        `slew` [Pa/s] is that of the regulators, which no fit finds; None takes the file's. Raises `InvalidFile`, also
-        if the joint's forces are known in proportion only, unless `scale_needed` is false, and `InvalidInput` for the
-        slew.
+        `slew` [Pa/s] is that of the regulators, which fits do not identify; None takes the file's. Raises
+        `InvalidFile`, also if the scale of the joint's forces is unknown, unless `scale_needed` is false, and
+        `InvalidInput` for the slew.
         """
         joint, numbers = load_plant(path, NUMBERS, scale_needed=scale_needed)
         try:
@@ -339,7 +339,7 @@ class Plant:
 
     @property
     def fastest_rate(self) -> float:
-        """Return an upper estimate of the fastest eigenvalue [1/s]; integration steps are chosen by it."""
+        """Upper estimate of the fastest eigenvalue [1/s], which determines integration steps."""
         P = self.joint.pressure_limits[1]
         angles = np.linspace(*self.joint.angle_range, 9)
         sides = self.joint.sides(angles)
@@ -351,9 +351,9 @@ class Plant:
         return max(swing, self.damping / self.inertia, *(1 / tau for tau in self.lags))
 
     def substeps(self, dt: float, resolution: float) -> int:
-        """Return how many equal steps h over `dt` [s] it takes for h · `fastest_rate` ≤ `resolution`.
+        """Return the number of equal steps h over `dt` [s] with h · `fastest_rate` ≤ `resolution`.
 
-        Raises `InvalidInput` where there are more than 10 000: nobody means such a plant.
+        Raises `InvalidInput` for more than 10 000, which suggests a mistake in the plant.
         """
         check = f", over {MOST_SUBSTEPS}; check {self.summary}"
         return substeps("this plant", dt, self.fastest_rate, resolution, MOST_SUBSTEPS, check)
@@ -361,14 +361,10 @@ class Plant:
     def discrete(self, dt: float, resolution: float = RESOLUTION) -> "Function":
         """Return the CasADi function (x, u, d) ↦ x after `dt` [s] of constant u and d: classical Runge–Kutta.
 
-        Taken in equal substeps h with h · `fastest_rate` ≤ `resolution`. The error is about resolution⁴/120 of the
+        The substeps h are equal, with h · `fastest_rate` ≤ `resolution`. The error is about resolution⁴/120 of the
         change: 5e-4 at 0.5, 1e-9 at 0.02.
         """
-        import casadi as ca
-
-        x0, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-        x = integrated(lambda x, t: ca.vertcat(*self.rate(x, u, d)), x0, dt, self.substeps(dt, resolution))
-        return ca.Function("discrete", [x0, u, d], [x], ["x", "u", "d"], ["x_next"])
+        return _discrete(self, dt, self.substeps(dt, resolution))
 
     def as_control_system(self) -> "NonlinearIOSystem":
         """Return the plant for python-control: inputs (P1_command, P2_command, d), outputs (the states, K)."""
@@ -387,7 +383,7 @@ class Plant:
 NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")
 _POSITIVE = ("inertia", "slew")
 _ALL = 1.0, 1.0  # shares of the gas that is trapped
-MOST_SUBSTEPS = 10_000  # in a sample
+MOST_SUBSTEPS = 10_000  # per sample
 
 
 def _number(name: str, value: object, unit: str, *, positive: bool) -> float:
@@ -395,3 +391,13 @@ def _number(name: str, value: object, unit: str, *, positive: bool) -> float:
     if positive and number <= 0:
         raise InvalidInput(f"{name} = {number:g} {unit} has to be positive and finite")
     return number
+
+
+@lru_cache(maxsize=16)
+def _discrete(plant: Plant, dt: float, substeps: int) -> "Function":
+    import casadi as ca
+
+    x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+    rate = ca.Function("rate", [x, u, d], [ca.vertcat(*plant.rate(x, u, d))])  # built once, not for every stage
+    later = integrated(lambda x, t: rate(x, u, d), x, dt, substeps)
+    return ca.Function("discrete", [x, u, d], [later], ["x", "u", "d"], ["x_next"])

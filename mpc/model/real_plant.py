@@ -1,18 +1,18 @@
-"""Simulated plant with effects of real joints that the prediction model does not know.
+"""Simulated plant with effects of real joints that the prediction model lacks.
 
     θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
-    P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e less the dead band, 0 within it,
+    P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e minus the dead band, 0 within it,
                                                                  τ_i that of a rising or of a falling pressure
     q_i = κ (P_i + p_a) V_i'/V_i^eff, or 0 if the nominal plant has no gas
     measured: θ(t - t_age) rounded to the encoder's step, P_i + o_i + noise; not ω
 
-with muscles that pull g_i times as hard as their law says and the friction T_f of `mpc.model.friction`. Within its dead
-band a regulator is a shut valve: the gas is trapped. A muscle that pulls g_i times as hard swells g_i times as much, or
-a turn there and back would make work of nothing. Every effect has a value at which it is off, the default of its field;
-with all of them off this is the nominal `Plant`.
+with muscles that pull g_i times as hard as their model and the friction T_f of `mpc.model.friction`. Within its dead
+band a regulator acts as a shut valve, which traps the gas. A muscle that pulls g_i times as hard swells g_i times as
+much; otherwise a closed cycle would create energy. The default of its field turns an effect off; with all of them off,
+this is the nominal `Plant`.
 
-T_f depends on where the joint turned round. Within a step of integration it is a function of the angle, exact while
-the joint turns in one direction, and each step begins with what is remembered of the one before.
+T_f depends on the angles of reversal. Within a step of integration it is a function of the angle, exact while the joint
+turns in one direction; each step begins with the memory of the previous one.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -49,20 +49,20 @@ class RealPlant:
     """Nominal plant with model errors, friction, delays and faults added. Immutable; SI units."""
 
     nominal: Plant = field(default_factory=Plant)  # joint, link, gravity, lags
-    force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]; 0 of a broken cable
+    force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]; 0 for a broken cable
     friction: Hysteresis = field(default_factory=Friction)
     dead_time: float = 0.0  # t_dead of the commands [s]
-    dead_band: float = 0.0  # [Pa], total: a regulator rests within half of it on either side
+    dead_band: float = 0.0  # [Pa], total: a regulator does not act within half of it on either side
     lag_up: float | None = None  # time constant of a rising pressure [s], the geometric mean of both muscles, whose
     lag_down: float | None = None  # ratio is that of the nominal lags; of a falling one. None: the nominal plant's
     flow: float = inf  # fastest change of a pressure [Pa/s]
-    encoder: float = 0.0  # [rad] a step
+    encoder: float = 0.0  # step [rad]
     reading_age: float = 0.0  # t_age of the angle's readings [s]
     pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
-    pressure_offset: tuple[float, float] = (0.0, 0.0)  # o_i by which the sensors read more [Pa]
+    pressure_offset: tuple[float, float] = (0.0, 0.0)  # o_i, added to the readings [Pa]
     torque_profile: tuple[tuple[float, float], ...] = ()  # (from time [s] on, external torque [N·m]), in order
-    shut: tuple[bool, bool] = (False, False)  # valves that stay shut, whatever is commanded
-    faults: tuple[Fault, ...] = ()  # each in its window of time, the first is nearest to the plant
+    shut: tuple[bool, bool] = (False, False)  # valves that stay shut for any command
+    faults: tuple[Fault, ...] = ()  # each in its time window, the first one nearest to the plant
 
     def __post_init__(self) -> None:
         """Check the effects."""
@@ -88,7 +88,7 @@ class RealPlant:
 
     @classmethod
     def of(cls, plant: Plant, known: Compensation, **effects: Any) -> Self:
-        """Return `plant` with what is `known` of its friction and regulators, and further `effects` by name."""
+        """Return `plant` with the `known` friction and regulators, and further `effects` by name."""
         of_joint = {name: value for name, value in vars(known).items() if name != "frictions"}
         return cls(plant, **(of_joint | effects))
 
@@ -126,11 +126,11 @@ class RealPlant:
         return replace(self, **{name: getattr(off, name) for name in effects})
 
     def known(self, share: float = 0.75) -> Compensation:
-        """Return what a controller is told of this plant: dead time, dead band, and a `share` [-] of the friction, as
+        """Return a controller's knowledge of this plant: dead time, dead band, and a `share` [-] of the friction, as
         Dahl's.
 
-        All of it would be best here and worst where it has vanished: the intended motion is then pushed by friction
-        that nobody sees. Too little is the safe side.
+        The whole friction would be best for this plant and worst if the friction vanished, because the compensation
+        would then push the intended motion. Less is safe.
         """
         return Compensation(self.friction.as_dahl(self.nominal).share(share), self.dead_time, self.dead_band)
 
@@ -142,7 +142,7 @@ class RealPlant:
         return self.force_gains[0] * agonist.torque(x[2]) + self.force_gains[1] * antagonist.torque(x[3])
 
     def stiffness(self, x: Value) -> Value:
-        """Return the stiffness [N·m/rad] of the muscles as they are, without friction, in the state `x` [4, ...].
+        """Return the true stiffness [N·m/rad] of the muscles, without friction, in the state `x` [4, ...].
 
         It is isobaric, or at the nominal plant's `frequency`.
         """
@@ -153,12 +153,12 @@ class RealPlant:
         )
 
     def isobaric(self, x: Value) -> Value:
-        """Return the isobaric stiffness [N·m/rad] of the muscles as they are, in the state `x` [4, ...]."""
+        """Return the true isobaric stiffness [N·m/rad] of the muscles in the state `x` [4, ...]."""
         agonist, antagonist = self.nominal.joint.sides(x[0])
         return self.force_gains[0] * agonist.stiffness(x[2]) + self.force_gains[1] * antagonist.stiffness(x[3])
 
     def trapped(self, x: Value) -> tuple[Value, Value]:
-        """Return what each muscle's gas adds to the stiffness behind a shut valve [N·m/rad]; 0 without gas   (G2)"""
+        """Return the stiffness of each muscle's gas behind a shut valve [N·m/rad]; 0 without gas   (G2)"""
         if self.nominal.gas is None:
             return 0.0 * x[0], 0.0 * x[0]
         sides = zip(self.nominal.joint.sides(x[0], (1.0, 1.0)), (x[2], x[3]), self.force_gains, strict=True)
@@ -166,9 +166,9 @@ class RealPlant:
         return one, two
 
     def dynamic_stiffness(self, x: Array, frequency: float) -> complex:
-        """Return the complex stiffness [N·m/rad] that small motions about `x` (4,) meet at a `frequency` [Hz]   (G4)
+        """Return the complex stiffness [N·m/rad] against small motions about `x` (4,) at a `frequency` [Hz]   (G4)
 
-        Valves that are shut have all of their gas in it; no dead band and no limit of the flow counts.
+        Shut valves contribute all of their gas; dead band and flow limit do not count.
         """
         shares = [
             1.0 if s else complex_share(frequency, lag) for s, lag in zip(self.shut, self.nominal.lags, strict=True)
@@ -176,18 +176,16 @@ class RealPlant:
         return complex(self.isobaric(x) + sum(s * K for s, K in zip(shares, self.trapped(x), strict=True)))
 
     def forces(self, x: Value) -> tuple[Value, Value]:
-        """Return the muscle forces (F1, F2) [N] as they are in the state `x` [4, ...]; negative means slack."""
+        """Return the true muscle forces (F1, F2) [N] in the state `x` [4, ...]; negative means slack."""
         F1, F2 = self.nominal.forces(x)
         return self.force_gains[0] * F1, self.force_gains[1] * F2
 
     def along(self, x: Array) -> tuple[Array, Array]:
-        """Return stiffness (M,) [N·m/rad] and muscle forces (M, 2) [N] as they are in the states `x` (M, 4)."""
+        """Return the true stiffness (M,) [N·m/rad] and muscle forces (M, 2) [N] in the states `x` (M, 4)."""
         return np.asarray(self.stiffness(x.T)), np.stack(self.forces(x.T), axis=1)
 
     def pull(self, x: Value) -> Value:
-        """Return a1 F1 + a2 F2 [N·m] of what presses on that which rubs in the state `x` [4, ...]; a slack cable rubs
-        no more.
-        """
+        """Return the load a1 F1 + a2 F2 [N·m] on the sliding surfaces in the state `x` [4, ...]; 0 for slack cables."""
         agonist, antagonist = self.nominal.joint.sides(x[0])
         pulls = self.force_gains[0] * agonist.torque(x[2]), -self.force_gains[1] * antagonist.torque(x[3])
         return sum((pull + abs(pull)) / 2 for pull in pulls)
@@ -195,7 +193,7 @@ class RealPlant:
     def rate(self, x: Value, u: Value, d: Value, T_f: Value) -> tuple[Value, ...]:
         """Return the derivative of (θ, ω, P1, P2), CasADi symbols.
 
-        `u` are the commands that act now, `d` is the torque [N·m] from outside.
+        `u` are the commands that act now, `d` is the external torque [N·m].
         """
         balance = self.torque(x) - self.nominal.torque_for(x[0], x[1], 0.0, d) - T_f
         return x[1], balance / self.nominal.inertia, *self._pressure_rates(x, u)
@@ -229,34 +227,34 @@ class RealPlant:
 
     @property
     def lags(self) -> tuple[tuple[float, float], ...]:
-        """The time constants [s] of the rising and the falling pressure of each muscle."""
+        """Time constants [s] of the rising and the falling pressure of each muscle."""
         nominal, own = self.nominal.lags, (self.lag_up, self.lag_down)
         mean = sqrt(prod(nominal))
         return tuple((_of(own[0], lag, mean), _of(own[1], lag, mean)) for lag in nominal)
 
     @staticmethod
     def _pull(e: Value, up: float, down: float) -> Value:
-        """Return the rate [Pa/s] of a pressure that is off by `e` [Pa], with its lags [s]."""
+        """Return the rate [Pa/s] of a pressure with the error `e` [Pa] and its lags [s]."""
         import casadi as ca
 
         return e / up if up == down else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
 
     def substeps(self, dt: float, resolution: float) -> int:
-        """Return how many equal steps over `dt` [s] the nominal plant takes, or more where its own lags are shorter.
+        """Return the number of equal steps over `dt` [s] of the nominal plant, or more if its own lags are shorter.
 
-        Raises `InvalidInput` as that of the nominal plant does.
+        Raises `InvalidInput` like that of the nominal plant.
         """
         least, shortest = self.nominal.substeps(dt, resolution), min(min(lags) for lags in self.lags)
         steps = dt / shortest / resolution
         if steps > MOST_SUBSTEPS:
             raise InvalidInput(
                 f"lag_up or lag_down = {shortest:.3g} s is so short that dt = {dt:g} s would take {steps:.3g} steps of "
-                f"integration, over {MOST_SUBSTEPS}; such a pressure has no lag: leave it out or say 1e-3 s"
+                f"integration, over {MOST_SUBSTEPS}; omit such a short lag or give 1e-3 s"
             )
         return max(least, ceil(steps))
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """Return the nominal plant's rest (4,), from which this plant drifts until it settles."""
+        """Return the nominal plant's state at rest (4,), from which this plant drifts until it settles."""
         return self.nominal.at_rest(theta, K)
 
     def begin(self, dt: float, x0: Array, seed: int) -> "RealExperiment":
@@ -265,14 +263,15 @@ class RealPlant:
 
 
 def _of(own: float | None, nominal: float, mean: float) -> float:
-    """Return the lag [s] of a muscle whose `nominal` one differs from their `mean`, `own` being that of both."""
+    """Return the lag [s] of a muscle from its `nominal` one, their `mean`, and the `own` one of both."""
     return nominal if own is None else own * (nominal / mean)
 
 
 def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
-    """Return the pieces [s] of a sample of `dt` [s] that commands act in, oldest first, and how many are on their way.
+    """Return the pieces [s] of a sample of `dt` [s] by acting command, oldest first, and the number of delayed
+    commands.
 
-    There are two pieces where the dead time is no whole number of samples: the older command acts in the first one.
+    There are two pieces if the dead time is not a whole number of samples: the older command acts in the first one.
     """
     whole = int(dead_time / dt * (1 + 1e-12))
     late = dead_time - whole * dt
@@ -281,7 +280,7 @@ def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
 
 
 def outside_torque(profile: tuple[tuple[float, float], ...], t: float) -> float:
-    """Return the torque [N·m] of a `torque_profile` at the time `t` [s]; 0 before it begins."""
+    """Return the torque [N·m] of a `torque_profile` at the time `t` [s]; 0 before its beginning."""
     return next((torque for start, torque in reversed(profile) if t >= start - 1e-9), 0.0)
 
 
@@ -291,23 +290,23 @@ class RealExperiment:
     def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
         self.real, self.dt = real, dt
         self._noise = np.random.default_rng(seed)
-        self._full = np.append(x0, real.friction.begun(float(x0[0])))  # with what friction remembers
+        self._full = np.append(x0, real.friction.begun(float(x0[0])))  # with the friction's memory
         self._sample = 0
-        self._said = np.full(NX, np.nan)  # by the sensors, a sample ago
+        self._said = np.full(NX, np.nan)  # readings of the previous sample
         self._pieces, waiting = delayed(real.dead_time, dt)
-        self._waiting = [np.array(x0[2:])] * waiting  # commands on their way, oldest first
+        self._waiting = [np.array(x0[2:])] * waiting  # delayed commands, oldest first
         remembered = int(real.reading_age / dt) + 2 if real.reading_age else 0
         self._angles = [float(x0[0])] * remembered  # of the last samples, oldest first
-        # by the shares of the forces that reach the joint, and the valves that are shut
+        # by the shares of the forces that reach the joint, and the shut valves
         self._integrators = {((1.0, 1.0), real.shut): Buffered(_integrator(real, dt))}
 
     @property
     def x(self) -> Array:
-        """Return the true state (4,)."""
+        """True state (4,)."""
         return self._full[:NX].copy()
 
     def measure(self) -> Array:
-        """Read the sensors (4,): θ, NaN for the velocity that nobody measures, P1, P2. Every call draws new noise."""
+        """Read the sensors (4,): θ, NaN for the unmeasured velocity, P1, P2. Every call draws new noise."""
         return self.read(self._noise.standard_normal(NU))
 
     def read(self, noise: Array) -> Array:
@@ -323,7 +322,7 @@ class RealExperiment:
 
     @property
     def _angle_then(self) -> float:
-        """The angle [rad] when the reading of now was taken, between samples on a straight line."""
+        """Angle [rad] at the time of the present reading, interpolated linearly between samples."""
         if not self._angles:
             return float(self._full[0])
         whole, part = divmod(self.real.reading_age / self.dt, 1.0)
@@ -337,20 +336,20 @@ class RealExperiment:
 
     @property
     def memory(self) -> Array:
-        """Return the state of the experiment apart from the time (n,): `x`, friction's memory, the commands on
-        their way, the angles that are still to be read.
+        """State of the experiment (n,) without the time: `x`, friction's memory, delayed commands, and angles to be
+        read.
         """
         return np.concatenate([self._full, *self._waiting, self._angles])
 
     def recall(self, memory: Array, sample: int) -> None:
-        """Go to a `memory` (n,), at the `sample` since the beginning."""
+        """Set the state to a `memory` (n,), at the `sample` since the beginning."""
         there, angles = self._full.size, memory.size - len(self._angles)
         self._full, self._sample = np.array(memory[:there]), sample
         self._waiting = list(np.reshape(memory[there:angles], (-1, NU)))
         self._angles = memory[angles:].tolist()
 
     def advance(self, u: Array, d: float = 0.0) -> None:
-        """Advance by one sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's
+        """Advance by one sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] added to the plant's
         own.
         """
         t = self._sample * self.dt
@@ -371,7 +370,7 @@ class RealExperiment:
             prod((fault.pulling[0] for fault in faults), start=1.0),
             prod((fault.pulling[1] for fault in faults), start=1.0),
         )
-        gas = self.real.nominal.gas is not None  # without it a stuck valve's command is its pressure, which stays
+        gas = self.real.nominal.gas is not None  # without it a stuck valve's command is its constant pressure
         one, two = (own or (gas and any(fault.shut[i] for fault in faults)) for i, own in enumerate(self.real.shut))
         shut = one, two
         if (pulling, shut) not in self._integrators:
@@ -382,16 +381,17 @@ class RealExperiment:
 
 @lru_cache(maxsize=16)
 def _integrator(real: RealPlant, dt: float) -> "Function":
-    """Return (x, u, d, duration) ↦ x, for at most one sample, in steps as fine as `simulate` takes for a `Plant`."""
+    """Return (x, u, d, duration) ↦ x, for at most one sample, in the fine steps of `simulate` for a `Plant`."""
     import casadi as ca
 
     n = NX + real.friction.size
     full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
-    substeps = real.substeps(dt, FINE)
-    x, memory = full[:NX], full[NX:]
+    given = full, u, d, duration
+    step = ca.Function("step", given, [ca.vertcat(*real.stepped(full[:NX], full[NX:], u, d, duration))])
+    substeps, later = real.substeps(dt, FINE), full
     for _ in range(substeps):
-        x, memory = real.stepped(x, memory, u, d, duration / substeps)
-    return ca.Function("real", [full, u, d, duration], [ca.vertcat(x, memory)])
+        later = step(later, u, d, duration / substeps)
+    return ca.Function("real", given, [later])
 
 
 _UNITS = (

@@ -1,23 +1,23 @@
-"""Plants are kept as TOML files: a machine's file (see `allocator.machine_file`) with one table more:
+"""TOML files of plants: a machine's file (see `allocator.machine_file`) with one more table:
 
-[plant]                        # SI units; what is left out is as in `Plant()`
+[plant]                        # SI units; defaults are those of `Plant()`
 inertia = 0.05                 # [kg·m²]
 damping = 0.1                  # [N·m·s/rad]
 lag = [0.1, 0.1]               # [s], or one number for both pressures
 gravity_torque = 0.0           # m g l [N·m]
 slew = 500000.0                # [Pa/s]
 gas = true                     # motion compresses the gas in the muscles, see [gas]; false: it does not
-frequency = 0.0                # with gas, at which the stiffness is meant [Hz]; 0 isobaric
+frequency = 0.0                # of the stiffness with gas [Hz]; 0 isobaric
 
-and another one of what the pressures do besides, which is read by `Compensation.load` and commands. The joint's own
-[hysteresis] counts, too.
+and tables of the regulators and sensors, which `Compensation.load` and commands read, like the joint's own
+[hysteresis].
 
 [regulators]
 dead_time = 0.0                # of the commands [s]
 dead_band = 0.0                # [Pa], total
 lag_up = 0.08                  # of a rising pressure [s], the geometric mean of both muscles (their ratio is that of
-lag_down = 0.12                # `lag`), and of a falling one; or without these lines (0 is read as unknown, too)
-flow = 500000.0                # fastest change of a pressure [Pa/s]; or without this line
+lag_down = 0.12                # `lag`), and of a falling one; optional lines (0 is read as unknown as well)
+flow = 500000.0                # fastest change of a pressure [Pa/s]; optional
 
 [sensors]
 reading_age = 0.0              # of the angle's readings [s]
@@ -42,7 +42,7 @@ _LAGS = ("lag_up", "lag_down")
 
 
 def save_plant(path: FilePath, joint: AntagonistJoint, numbers: Mapping[str, object]) -> None:
-    """Write a joint and the numbers of its plant to `path`, for every command's --machine and for `Plant.load`."""
+    """Write a joint and the numbers of its plant to `path`, for --machine of all commands and for `Plant.load`."""
     plant = section("plant", numbers, "SI units: kg·m², N·m·s/rad, s, N·m, Pa/s")
     write_text(path, dumps(joint) + "\n".join(plant) + "\n")
 
@@ -50,13 +50,13 @@ def save_plant(path: FilePath, joint: AntagonistJoint, numbers: Mapping[str, obj
 def load_plant(
     path: FilePath, names: Collection[str], *, scale_needed: bool = True
 ) -> tuple[AntagonistJoint, dict[str, Any]]:
-    """Read a joint, and those of the numbers called `names` that the file gives. Raises `InvalidFile`."""
+    """Read a joint, and those of the numbers `names` that the file contains. Raises `InvalidFile`."""
     file = Table.read(path)
     return joint_from(file, scale_needed=scale_needed), numbers_in(file, names)
 
 
 def numbers_in(file: Table, names: Collection[str], where: str = "plant") -> dict[str, Any]:
-    """Return those of the numbers called `names` that a file gives in its table `where`. Raises `InvalidFile`."""
+    """Return those of the numbers `names` that a file contains in its table `where`. Raises `InvalidFile`."""
     table = file.table(where)
     if table is None:
         return {}
@@ -65,7 +65,7 @@ def numbers_in(file: Table, names: Collection[str], where: str = "plant") -> dic
 
 
 def stored_regulators(path: FilePath) -> dict[str, Any]:
-    """Read the numbers of regulators and sensors that the file gives, whatever its joint. Raises `InvalidFile`."""
+    """Read the numbers of regulators and sensors in a file, for any joint. Raises `InvalidFile`."""
     file = Table.read(path)
     found = numbers_in(file, _REGULATORS, "regulators") | numbers_in(file, _SENSORS, "sensors")
     for where, names in (("regulators", _LAGS), ("sensors", _SENSORS)):

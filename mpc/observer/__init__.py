@@ -1,1 +1,1 @@
-"""What a joint is doing is estimated from its sensors: the state, the load, and what may be broken."""
+"""Estimation of the state, the load and the faults of a machine from its sensors."""

@@ -1,4 +1,4 @@
-"""Observers have one interface; the plainest of them takes the difference of angles for the velocity."""
+"""Interface of observers, and the simplest one, which differentiates the angles."""
 
 from typing import Protocol, runtime_checkable
 
@@ -9,30 +9,28 @@ from allocator.calculus import Array, Value
 
 @runtime_checkable
 class Observer(Protocol):
-    """An observer makes a state of what the sensors say, sample by sample."""
+    """Estimator of the state from the readings of the sensors, sample by sample."""
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, Value]:
         """Return the state (2n + m,) and disturbance torque [N·m], (n,) of an arm, from `y` (2n + m,), NaN where
         unmeasured.
 
-        `u` (m,) [Pa] was sent last.
+        `u` (m,) [Pa] is the last command sent.
         """
 
 
 class Differentiator:
-    """The differentiator is no observer at all: a velocity that is not measured is the difference of the last two
-    angles.
-    """
+    """Differentiation in place of an observer: an unmeasured velocity is the difference of the last two angles."""
 
     def __init__(self, dt: float, n: int = 1) -> None:
         self.dt, self.n = dt, n
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
         self._angles: Array | None = None  # (n,)
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:

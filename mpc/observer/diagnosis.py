@@ -1,14 +1,14 @@
-"""What an observer has anyway is turned into the `Health` of a machine of n joints and m muscles, sample by sample.
+"""Diagnosis of a machine of n joints and m muscles: its `Health` from the quantities of an observer, sample by sample.
 
-Four parts look for faults: `mpc.observer.pressure_diagnosis` at each muscle's pressure against its command,
-`mpc.observer.torque_diagnosis` at the disturbance torques, `mpc.observer.ringing` at each joint's velocity, and this
-file at the observer's own flags. One cause is assumed where one explains all: pressures that are all too low have
-a low supply, a torque that a broken cable or a drifting pressure sensor accounts for is no load, and of a loop that
-rings and a fault the one that began first explains the other.
+Four parts detect faults: `mpc.observer.pressure_diagnosis` compares each muscle's pressure with its command,
+`mpc.observer.torque_diagnosis` watches the disturbance torques, `mpc.observer.ringing` each joint's velocity, and this
+file the observer's own flags. A single cause is assumed if it explains everything: low pressures in all muscles mean a
+low supply, a torque due to a broken cable or a drifting pressure sensor is no load, and of a ringing loop and a fault,
+the one that began first explains the other.
 
 A muscle's pressure sensor is judged by the disturbance along the muscle's own torque: d̂ · g_j/|g_j|, g_j = ∂T_j/∂P_j.
 
-What is remembered as numbers is followed by functions that numba compiles, too (`mpc.observer.compiled`).
+Functions that numba can compile update the memory (`mpc.observer.compiled`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,9 +30,9 @@ from mpc.observer.pulling import Pulls
 from mpc.observer.ringing import RingingDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
 
-LARGE, LARGE_STILL = 0.1 * BAR, 0.08 * BAR  # [Pa] |offset| of a sensor to name, and no longer
-SHOWN = 0.01 * BAR  # [Pa] to which it is named
-_FORGETTING = 1.0  # [s]: readings lost longer ago hardly count
+LARGE, LARGE_STILL = 0.1 * BAR, 0.08 * BAR  # [Pa] |offset| of a sensor to report, and to stop reporting
+SHOWN = 0.01 * BAR  # [Pa] resolution of the reported offset
+_FORGETTING = 1.0  # [s]: readings lost earlier hardly count
 _FLAGS = {
     Verdict.SILENT: FaultKind.SILENT_SENSOR,
     Verdict.IMPOSSIBLE: FaultKind.REJECTED_SENSOR,
@@ -44,7 +44,7 @@ _LOW_SUPPLY = (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
 
 
 class Known(NamedTuple):
-    """What is known of n joints and m muscles."""
+    """Constants of n joints and m muscles."""
 
     muscles: tuple[Sound, ...]  # (m,)
     usual: Sequence[float]  # (n,) torque of a muscle [N·m]
@@ -52,10 +52,9 @@ class Known(NamedTuple):
 
 
 class Diagnosis:
-    """A diagnosis is fed once a sample by the observer of `plant`, whose sensors deviate by `sigma` [Pa] in the
-    pressures.
+    """Diagnosis, updated once per sample by the observer of `plant`; `sigma` [Pa] is the noise of the pressure sensors.
 
-    A sensor is suspected that has lost `tolerance` seconds of readings lately, or at once when it is frozen.
+    A sensor is suspected if it has lost `tolerance` seconds of readings recently, or at once if it is frozen.
     """
 
     def __init__(self, plant: Machine, dt: float, sigma: float, compensation: Compensation, tolerance: float) -> None:
@@ -75,8 +74,8 @@ class Diagnosis:
         self.reset()
 
     def _usual(self, plant: Machine) -> tuple[list[float], list[float]]:
-        """Return what is usual of torques in the middle of all ranges [N·m]: along each muscle (m,), and that of a
-        muscle at each joint (n,).
+        """Return usual torques [N·m] in the middle of all ranges: along each muscle (m,), and of a muscle at each joint
+        (n,).
         """
         middle = np.atleast_1d(np.mean(plant.angle_limits, axis=0))
         P = np.full(self.m, np.mean(plant.pressure_limits))
@@ -87,16 +86,16 @@ class Diagnosis:
         return (shares @ usual).tolist(), usual.tolist()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
         n, m = self.n, self.m
         self.health = WELL
         self.t = 0.0
         self.theta = [nan] * n  # last readings
-        self.lost = [0.0] * (n + m)  # of each sensor's readings lately [s]
-        self.said = [nan] * (n + m)  # by a sensor whose readings are being lost, a sample ago
+        self.lost = [0.0] * (n + m)  # recently lost readings of each sensor [s]
+        self.said = [nan] * (n + m)  # last reading of each sensor that is losing readings
         self.sensors: list[Finding | None] = [None] * (n + m)
-        self.offset = [0.0] * m  # of the pressures' sensors against the regulators [Pa]
-        self.large = [nan] * m  # since when they are [s]; NaN: they are not
+        self.offset = [0.0] * m  # of the pressure sensors against the regulators [Pa]
+        self.large = [nan] * m  # time at which they became large [s]; NaN: they are not
         self._known: tuple[object, ...] = ()
         self._low_supply = False
         for part in self.parts:
@@ -104,16 +103,17 @@ class Diagnosis:
 
     @property
     def parts(self) -> tuple[PressureDiagnosis | TorqueDiagnosis | RingingDiagnosis, ...]:
-        """The parts that remember numbers: pressures, torque and loops."""
+        """Parts with a memory: pressures, torque and loops."""
         return *self.pressures, self.torque, *self.loops
 
     def go_on(
         self, t: float, theta: float, lost: Array, said: Array, found: Array, offset: Array, large: Array,
         numbers: Sequence[Array],
     ) -> None:  # fmt: skip
-        """Go on where a joint was followed elsewhere: to the time `t` [s], the angle `theta` [rad], what sensors have
-        `lost` (3,) [s] and `said` (3,) then, whether one is `found` (3,) wrong, the `offset` (2,) [Pa] of pressures and
-        since when it is `large` (2,) [s], and the `numbers` of pressures, torque and loop.
+        """Continue from the state of compiled code at the time `t` [s] and the angle `theta` [rad].
+
+        Sensors have `lost` (3,) [s] of readings and last `said` (3,) them, some are `found` (3,) faulty; `offset` (2,)
+        [Pa] of pressures is `large` (2,) since [s]; `numbers` are those of pressures, torque and loop.
         """
         self.t, self.theta, self.lost, self.said = t, [theta], lost.tolist(), said.tolist()
         self.offset, self.large = offset.tolist(), large.tolist()
@@ -122,9 +122,9 @@ class Diagnosis:
             part.numbers = values.tolist()
 
     def follow(self, said: Array, verdicts: Sequence[Verdict], v: Array, xi: Array, offset: Array) -> None:
-        """Follow what the sensors have `said` (n + m,), which was checked.
+        """Update by the readings `said` (n + m,) and their verdicts.
 
-        The commands `v` (m,) [Pa] act, and `xi` (3n + m,) and the sensors' `offset` (m,) [Pa] are estimated.
+        The commands `v` (m,) [Pa] act; `xi` (3n + m,) and the sensors' `offset` (m,) [Pa] are estimates.
         """
         n, size = self.n, 2 * self.n + self.m
         self.offset, read_as = offset.tolist(), v + offset
@@ -132,9 +132,9 @@ class Diagnosis:
         believed = [self._sensor(i, *one) for i, one in enumerate(zip(said.tolist(), verdicts, strict=True))]
         d, pulls = xi[size:].tolist(), self._pulls(xi[:size]).tolist()
         if all(map(isfinite, (*d, *pulls))):
-            known = all(verdict.counts for verdict in verdicts)  # d̂ makes up for what is not
+            known = all(verdict.counts for verdict in verdicts)  # d̂ compensates for unknown readings
             if Verdict.ACCEPTED in verdicts[self.n :]:
-                self.torque.numbers[torque_diagnosis.COUNT] = 0.0  # d̂ jumps with the pressure: no cable did that
+                self.torque.numbers[torque_diagnosis.COUNT] = 0.0  # d̂ jumps with the pressure, not because of a cable
             if not known:
                 for loop in self.loops:
                     ringing.begin(loop.numbers)
@@ -153,7 +153,7 @@ class Diagnosis:
         if not lost and not self.lost[i]:
             return said
         if verdict is Verdict.REJECTED and i >= self.n and self.pressures[i - self.n].suspected:
-            return said  # the observer does not know of what would explain it
+            return said  # the observer does not know the explanation
         old, repeated = self.sensors[i], said == self.said[i]
         self.said[i] = said
         if not lost:
@@ -167,7 +167,7 @@ class Diagnosis:
         return nan
 
     def conclude(self) -> None:
-        """Say what is wrong, where that has changed."""
+        """Update the findings, if they have changed."""
         torque, offsets = self.torque, (steps(*one) for one in zip(self.large, self.offset, strict=True))
         suspected, rings = (own.suspected for own in self.pressures), (loop.since for loop in self.loops)
         known = *suspected, torque.broken, *torque.loaded, *rings, *self.sensors, *offsets
@@ -182,11 +182,11 @@ class Diagnosis:
         for finding in filter(None, self.sensors):
             fault, part, _ = finding.suspects[0]
             if not (fault in _DOUBTED and part in angles and self._first < finding.since):
-                yield finding  # else another fault threw the joint out of its range, or holds it where it should move
+                yield finding  # else another fault moved the joint out of its range, or holds it
 
     @property
     def _first(self) -> float:
-        """When the first fault of a pressure or a cable began [s]; inf without one."""
+        """Onset of the first fault of a pressure or a cable [s]; inf without one."""
         found = [own.since for own in self.pressures if own.suspected]
         found += [] if self.torque.broken is None else [self.torque.since]
         return min(found, default=inf)
@@ -218,8 +218,9 @@ class Diagnosis:
             yield from map(self._of_pressure, ill)
 
     def _moved(self, i: int) -> bool:
-        """Return whether a broken cable explains the pressure of muscle `i`: no motion moves the gas of its own muscle,
-        and the other ones' is wrong later, by a motion that no model says.
+        """Return whether a broken cable explains the pressure of muscle `i`.
+
+        No motion moves the gas of its own muscle; the pressures of the others err later, by an unmodelled motion.
         """
         return self.torque.broken == i or self.pressures[i].since >= self.torque.since
 
@@ -241,7 +242,7 @@ class Diagnosis:
         for own, large, offset, sensor in zip(
             self.pressures, self.large, self.offset, self.names.sensors[self.n :], strict=True
         ):
-            if isfinite(large) and not own.suspected:  # else a fault keeps the pressure off its command
+            if isfinite(large) and not own.suspected:  # else a fault keeps the pressure away from its command
                 yield Finding((Suspect(FaultKind.OFFSET, sensor, offset),), large)
 
     def _of_pressure(self, i: int) -> Finding:
@@ -255,11 +256,11 @@ def follow(
     muscles: Sequence[Numbers], torque: Numbers, loops: Sequence[Numbers], k: Known, t: float, read: Sequence[float],
     v: Sequence[float], omega: Sequence[float], d: Sequence[float], pulls: Sequence[float], moved: bool,
 ) -> None:  # fmt: skip
-    """Follow muscles, torque and loops at `t` [s] by what is remembered of each.
+    """Update the memories of muscles, torque and loops at `t` [s].
 
-    The pressures `read` (m,) [Pa] are NaN if not believed, the commands that act lead to readings of `v` (m,) [Pa],
-    `omega` (n,) [rad/s] and `d` (n,) [N·m] are estimated, and the muscles of the model do what `pulls` say, see
-    `mpc.observer.pulling`. The machine has `moved` if all readings are believed, and an angle's is a new one.
+    The pressures `read` (m,) [Pa] are NaN if not believed, the acting commands lead to readings of `v` (m,) [Pa],
+    `omega` (n,) [rad/s] and `d` (n,) [N·m] are estimates, and `pulls` are those of the model's muscles, see
+    `mpc.observer.pulling`. The machine has `moved` if all readings are believed and an angle has a new one.
     """
     n, m = len(loops), len(muscles)
     for j in range(m):
@@ -284,7 +285,7 @@ def seen_along(d: Sequence[float], pulls: Sequence[float], j: int, n: int, m: in
 
 
 def richest(muscles: Sequence[Numbers], j: int) -> int:
-    """Return which of the other muscles holds the highest pressure, of those that are not low if there are any."""
+    """Return the other muscle with the highest pressure, among those that are not low if there are any."""
     best = -1
     for i in range(len(muscles)):
         if i == j:
@@ -299,21 +300,19 @@ def richest(muscles: Sequence[Numbers], j: int) -> int:
 
 
 def less_lost(lost: float, dt: float, tolerance: float) -> tuple[float, bool]:
-    """Return how much of a sensor's readings counts as `lost` [s] after one that is believed, and whether that is
-    little.
-    """
+    """Return the `lost` time [s] of a sensor's readings, reduced after a believed one, and whether it is small."""
     lost -= dt / _FORGETTING * lost
     little = lost < tolerance / 2
-    return (lost if lost > dt / 10 or not little else 0.0), little  # else forgotten
+    return (lost if lost > dt / 10 or not little else 0.0), little  # small ones are forgotten
 
 
 def large_since(since: float, offset: float, t: float) -> float:
-    """Return since when [s] the `offset` [Pa] of a sensor is large at the time `t` [s], NaN if it is not."""
+    """Return the time [s] since which the `offset` [Pa] of a sensor is large, at the time `t` [s]; NaN if it is not."""
     if abs(offset) > LARGE:
         return t if since != since else since
     return since if abs(offset) > LARGE_STILL else nan
 
 
 def steps(since: float, offset: float) -> float:
-    """Return the `offset` [Pa] in the steps of its message, 0 if it is not large `since` any time [s]."""
+    """Return the `offset` [Pa] in the steps of its message; 0 if it has not been large `since` any time [s]."""
     return 0.0 if since != since else np.floor(offset / SHOWN + 0.5)

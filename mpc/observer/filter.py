@@ -1,25 +1,24 @@
-"""An extended Kalman filter for ξ = (q, ω, P, d) from measured y = (q, P), of n joints and m muscles.
+"""Extended Kalman filter for ξ = (q, ω, P, d) from measured y = (q, P), of n joints and m muscles.
 
     ξ_{k+1} = (f_d(x_k, v_k, d_k - T_f), d_k) + w_k,    y_k = (q, P)_k + n_k,    w ~ (0, Q),  n ~ (0, R)
 
-f_d is the plant over one sample, v the commands that act now (past their dead time, less the dead band), d a torque
-from outside at every joint and T_f the friction that `Compensation` knows. d is a random walk, so that in steady state
-nothing of a constant torque is left, nor of muscles that pull otherwise than their laws say. Of a joint (n = 1, m = 2)
-ξ = (θ, ω, P1, P2, d).
+f_d is the plant over one sample, v the commands that act now (after their dead time, minus the dead band), d an
+external torque at every joint and T_f the friction of the `Compensation`. d is a random walk, so that constant torques
+and errors of the muscle models leave no steady-state error. For a joint (n = 1, m = 2), ξ = (θ, ω, P1, P2, d).
 
-A regulator follows a sensor of its own: the measured pressure comes to rest off the command, by o. A sensor is taken to
-read P + o, so that the pressures of the estimate are those to which commands lead. With d and o there are as many
-integrators as outputs, and nothing constant is left of the angle's error (Pannocchia and Rawlings, AIChE J.
-49:426-437, 2003). o follows the filter's innovations,
+A regulator has its own sensor, so that the measured pressure settles at an offset o from the command. A sensor is
+assumed to read P + o; the estimated pressures are then those of the commands. With d and o there are as many
+integrators as outputs, and the angle has no steady-state error (Pannocchia and Rawlings, AIChE J. 49:426-437, 2003). o
+follows the filter's innovations,
 
     o_{k+1} = o_k + dt/T_o (y_P - o - P̂_{k|k-1})_k within ± `Noise.offset`,      T_o = `OFFSET_TIME`
 
-while the pressure is within `SETTLED` of its command: a leak is farther off, and lags do not look like offsets.
-All angles have to be believed, since the motion moves the gas. Within a dead band that is known P̂ stays and the
-innovations cancel, so that o does not wind up.
+while the pressure is within `SETTLED` of its command, so that leaks and lags do not count as offsets. All angles have
+to be believed, since the motion moves the gas. Within a known dead band P̂ is constant and the innovations cancel, so
+that o does not wind up.
 
-The plant is evaluated only within the joint range and the supply, for which its muscles' laws are made; beyond, its
-slope there is continued: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state within.
+The plant is evaluated only within the joint range and the supply, for which its muscle models are valid. Outside, it is
+extrapolated linearly: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state inside.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,14 +41,14 @@ from mpc.observer.gating import Gate
 
 OFFSET_TIME = 0.5  # T_o [s]
 SETTLED = 0.2 * BAR
-_UNSURE = 4.0  # times the stationary variance, where little is known
+_UNSURE = 4.0  # [-] variance over the stationary one, if little is known
 
 
 @dataclass(frozen=True)
 class Noise:
     """Standard deviations of the sensors per sample, and of the model's errors per root of a second.
 
-    Raises `InvalidInput` unless those of the sensors are above zero and the others not below.
+    Raises `InvalidInput` unless those of the sensors are positive and the others are not negative.
     """
 
     theta: float = 0.01 * DEG  # [rad]
@@ -60,7 +59,7 @@ class Noise:
     offset: float = 0.15 * BAR  # bound of the estimated sensor offsets [Pa]; 0: none
 
     def __post_init__(self) -> None:
-        """Check."""
+        """Check the values."""
         for name, unit in (("theta", "rad"), ("pressure", "Pa")):
             checks.positive(f"Noise: {name}", getattr(self, name), unit)
         walks = ("omega_walk", "rad/s/√s"), ("pressure_walk", "Pa/√s"), ("d_walk", "N·m/√s"), ("offset", "Pa")
@@ -77,14 +76,14 @@ class Noise:
 
 
 CALM_NOISE = Noise(theta=0.02 / 12**0.5 * DEG, d_walk=2.09, pressure_walk=0.00501 * BAR)
-"""What an observer of such an arm thinks of encoders with steps of 0.02° and of sensors with noise of 0.02 bar.
+"""Noise of an arm with encoder steps of 0.02° and pressure noise of 0.02 bar.
 
-It takes the regulators nearly at their word: most of the sensors' noise would else come back as commands.
+The regulators' pressures are trusted almost fully, because otherwise most of the sensors' noise returns as commands.
 """
 
 
 class Belief(NamedTuple):
-    """A belief is what is thought of ξ."""
+    """Estimate of ξ and its covariance."""
 
     xi: Array  # (3n + m,)
     covariance: Array  # (3n + m, 3n + m)
@@ -96,14 +95,14 @@ class Belief(NamedTuple):
 
     @property
     def sound(self) -> bool:
-        """Return whether all of it is finite, and no variance negative."""
+        """Whether it is finite, and no variance negative."""
         return bool(np.isfinite(self.xi).all() and np.isfinite(self.covariance).all()) and bool(
             (np.diag(self.covariance) > 0).all()
         )
 
 
 class Filter:
-    """The filter holds the equations; it remembers nothing."""
+    """Equations of the filter, without a memory."""
 
     def __init__(self, plant: Machine, dt: float, noise: Noise, compensation: Compensation, gate: Gate) -> None:
         self.plant: Any = plant
@@ -111,7 +110,7 @@ class Filter:
         n, m, size = plant.n, plant.m, plant.size
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
-        self.Q_rest = replace(noise, d_walk=0.0).Q(dt, n, m)  # a load that came would have moved a sensor that repeats
+        self.Q_rest = replace(noise, d_walk=0.0).Q(dt, n, m)  # a new load would have moved a repeating sensor
         angles: tuple[Value, Value] = plant.angle_limits
         fast, much = np.full(n, gate.max_speed), np.full(n, gate.max_torque)
         self.inner, self.outer = (
@@ -124,18 +123,18 @@ class Filter:
         self.outer = np.append(self.outer[0], -much), np.append(self.outer[1], much)
         self._model = self._discrete(dt)
         self.frictions, self._contacts = compensation.of_joints(n), Contacts(plant)
-        self.stationary = self._stationary()  # covariance before a measurement once it has run for long
-        self.unsure = np.diag(_UNSURE * np.diag(self.stationary))  # where nothing but the readings is known
+        self.stationary = self._stationary()  # steady-state covariance before a measurement
+        self.unsure = np.diag(_UNSURE * np.diag(self.stationary))  # if only the readings are known
         for places, most in ((slice(n, 2 * n), gate.max_speed / 3), (slice(size, None), gate.max_torque / 9)):
             self.unsure[places, places] = most**2 * np.eye(n)
 
     def contacts(self, belief: Belief) -> tuple[Loads, ...]:
-        """Return the loads at each joint, in the nearest state for which the muscles' laws are made."""
+        """Return the contact loads at each joint, in the nearest state for which the muscle models are valid."""
         x = self.within(belief.xi)[: self.plant.size]
         return self._contacts(np.minimum(np.maximum(x, self.inner[0]), self.inner[1]))
 
     def predicted(self, belief: Belief, v: Array, memories: Sequence[Value], Q: Array) -> Belief:
-        """Predict one sample on, the commands `v` (m,) [Pa] acting and the friction of each joint in `memories`."""
+        """Predict the next sample under the commands `v` (m,) [Pa], with the friction `memories` of the joints."""
         size, xi = self.plant.size, self.within(belief.xi)
         x, d = xi[:size], xi[size:]
         near = np.minimum(np.maximum(x, self.inner[0]), self.inner[1])
@@ -150,7 +149,7 @@ class Filter:
         return Belief(later, A @ belief.covariance @ A.T + Q)
 
     def ahead(self, belief: Belief, commands: Sequence[Array], memories: Sequence[Value]) -> Belief:
-        """Predict one sample for each of the `commands` (m,) [Pa], with the friction torques of the same memories."""
+        """Predict one sample for each of the `commands` (m,) [Pa], with the friction torques of these memories."""
         for v in commands:
             belief = self.predicted(belief, v, memories, self.Q)
         return belief
@@ -166,7 +165,7 @@ class Filter:
         return Belief(belief.xi + gain @ (read[there] - C @ belief.xi), covariance)
 
     def unsure_at(self, belief: Belief, read: Array, there: Mask) -> Belief:
-        """Believe the readings `there` (n + m,) of `read` and else `belief`, with little certainty."""
+        """Return the readings `there` (n + m,) of `read`, and `belief` elsewhere, with a large covariance."""
         xi = belief.xi.copy()
         xi[self.measured[there]] = read[there]
         return Belief(xi, self.unsure)
@@ -182,12 +181,12 @@ class Filter:
         return np.asarray(np.minimum(np.maximum(moved, -most), most))
 
     def can_be_sent(self, u: Array) -> Mask:
-        """Return whether commands `u` (m,) [Pa] are numbers that a regulator was given."""
+        """Return whether `u` (m,) [Pa] are valid commands."""
         P = slice(2 * self.plant.n, self.plant.size)
         return np.asarray((self.outer[0][P] <= u) & (u <= self.outer[1][P]))
 
     def within(self, xi: Array) -> Array:
-        """Return the nearest ξ that the gate calls possible."""
+        """Return the nearest ξ that is possible for the gate."""
         return np.asarray(np.minimum(np.maximum(xi, self.outer[0]), self.outer[1]))
 
     # --- what does not change ---------------------------------------------------------------------------------------

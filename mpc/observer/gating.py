@@ -1,23 +1,23 @@
-"""A gate decides which readings an observer believes: innovation gating within physical bounds.
+"""Gates of readings: innovation gating within physical bounds.
 
-A reading y of a sensor that should say ŷ, with the variance S of what lies between, is rejected where
+A reading y with the expected value ŷ and the variance S of their difference is rejected if
 
     |y - ŷ| > max(6 √S, floor)                              floor: 8 standard deviations of the noise
 
-which rejects one true reading in 5·10⁸ of a model that is right. Before that an angle that is off by whole turns is
-unwrapped, and what no sensor of this joint can say counts as silence. From the first rejection on the width is no
-longer that of S, which grows while a sensor is not believed and would soon swallow anything; it grows by itself once in
+which rejects one true reading in 5·10⁸ if the model is exact. Before this test, angles that are off by whole turns are
+unwrapped, and impossible readings count as silence. S grows while a sensor is not believed and would soon include any
+reading; after the first rejection the width is therefore no longer that of S, and grows by its first value per
 `widening`.
 
-Models are not right, and true motion is rejected too. But rejected readings that a motion of this joint explains are
-accepted (`mpc.observer.rivalry`), those that began near what was expected after `hesitation`: a blow, or a load as
-great as the muscles' torque T of which nobody tells, moves the joint no farther than 0.9 T dt²/J before the observer
-would have found it. What began with a greater jump, as an encoder does that has lost its zero, is accepted after
+No model is exact, so that true motion is sometimes rejected. But rejected readings that a motion of this joint explains
+are accepted (`mpc.observer.rivalry`). Those that began near the expected value are accepted after `hesitation`: a blow,
+or an unknown load as great as the muscles' torque T, moves the joint no farther than 0.9 T dt²/J before the observer
+would have detected it. Those that began with a greater jump, like an encoder that has lost its zero, are accepted after
 `patience`.
 
-A sensor that was taken for frozen and moves on by less than such a jump was at rest: a joint that sticks repeats its
-angle, while a model without friction expects motion. It is accepted at once. The belief that did without the sensor
-has gone astray meanwhile, and is no measure of it.
+If a sensor was taken for frozen and then moves by less than such a jump, it was at rest: a sticking joint repeats its
+angle, while a model without friction expects motion. It is accepted at once, because the belief without the sensor has
+drifted meanwhile.
 
 Y. Bar-Shalom, X. Li, T. Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 11.
 """
@@ -35,19 +35,19 @@ from mpc.model.machine import Machine
 
 PerSensor = tuple[float, ...]  # (n + m,) of the sensors of angles [rad] and pressures [Pa]
 
-SIGMAS = 6.0  # √S between reading and expectation beyond which a reading is not believed
-TURN, MOST_TURNS = 2 * pi, 1e6  # [rad] by which an encoder may be off once, and how often at most
-DOUBT = 5.0  # standard deviations between reading and expectation at which a repeated reading is no longer believed
-NEAR_A_TURN = 20 * DEG  # an angle is off by whole turns if it is that near to the expected one without them
+SIGMAS = 6.0  # [√S] from the expected value, beyond which a reading is not believed
+TURN, MOST_TURNS = 2 * pi, 1e6  # [rad] error of an encoder per turn, and most turns
+DOUBT = 5.0  # [standard deviations] from the expected value, beyond which a repeated reading is not believed
+NEAR_A_TURN = 20 * DEG  # distance from the expected angle up to which whole turns are removed
 _MARGIN, _NO_STOPS = 10 * DEG, 90 * DEG  # of the joint range, with end stops and without
-_BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # of the supply range: margins of pressures, and a jump of them
+_BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # [-] of the supply range: margins of pressures, and their jump
 _LEAST = 1 * DEG  # jump of the angle
-_NEAR = 0.04  # of the supply range: floor of pressures, which such a reading moves by a tenth of that
-ROUGH = 8.0  # standard deviations of the noise: floor, and more than two steps of an encoder
+_NEAR = 0.04  # [-] of the supply range: floor of pressures; such a reading moves P̂ by a tenth of that
+ROUGH = 8.0  # [standard deviations] of the noise: floor, more than two steps of an encoder
 
 
 class Verdict(IntEnum):
-    """A verdict is what became of a reading."""
+    """Verdict on a reading."""
 
     BELIEVED = 0
     ACCEPTED = 1
@@ -58,17 +58,17 @@ class Verdict(IntEnum):
 
     @property
     def text(self) -> str:
-        """Return what it says of the sensor."""
+        """Description of this verdict."""
         return _VERDICTS[self]
 
     @property
     def counts(self) -> bool:
-        """Return whether the reading was used."""
+        """Whether the reading was used."""
         return self <= Verdict.ACCEPTED
 
 
 _VERDICTS = {
-    Verdict.BELIEVED: "The reading is near what was expected.",
+    Verdict.BELIEVED: "The reading is near the expected one.",
     Verdict.ACCEPTED: "The readings had jumped and stayed there, or go on after a rest: the sensor is believed again.",
     Verdict.SILENT: "The sensor says nothing.",
     Verdict.IMPOSSIBLE: "The reading is beyond what the joint range or the supply allow.",
@@ -79,21 +79,21 @@ _VERDICTS = {
 
 @dataclass(frozen=True)
 class Gate:
-    """The gate's numbers follow from a plant and may be replaced; SI units."""
+    """Constants of the gates, derived from a plant; SI units."""
 
-    lower: PerSensor  # readings below or above say nothing
+    lower: PerSensor  # readings below or above are impossible
     upper: PerSensor
-    floor: PerSensor  # a reading this near to what is expected is believed
-    jump: PerSensor  # a reading farther than this from what is expected is believed only after `patience`
-    max_speed: float  # that an estimate may have [rad/s]
-    max_torque: float  # the greatest |d| that it may have [N·m]
-    hesitation: float = 0.03  # for which rejected readings have to be explained before they are accepted [s]
+    floor: PerSensor  # a reading this near to the expected value is believed
+    jump: PerSensor  # a reading farther than this from the expected value is believed only after `patience`
+    max_speed: float  # of an estimate [rad/s]
+    max_torque: float  # greatest |d| of an estimate [N·m]
+    hesitation: float = 0.03  # time of explained rejected readings before they are accepted [s]
     patience: float = 0.5  # the same after a jump [s]
-    widening: float = 0.2  # in which the width of a gate that rejects grows by itself once [s]
+    widening: float = 0.2  # in which the width of a rejecting gate grows by its first value [s]
 
     @classmethod
     def of(cls, plant: Machine, dt: float, noise: tuple[float, float] = (0.0, 0.0)) -> Self:
-        """Return what fits `plant`, sampled every `dt` [s] with the standard deviations `noise` of θ [rad] and P
+        """Return the gate for `plant`, sampled every `dt` [s] with the standard deviations `noise` of θ [rad] and P
         [Pa].
         """
         (left, right), (low, high) = map(np.atleast_1d, plant.angle_limits), plant.pressure_limits
@@ -115,18 +115,18 @@ class Gate:
         )
 
     def unwrapped(self, theta: float, expected: float, within: float = NEAR_A_TURN) -> float:
-        """Return `theta` [rad] less whole turns, if that is `within` [rad] of the `expected` angle."""
+        """Return `theta` [rad] without whole turns, if that is `within` [rad] of the `expected` angle."""
         turns = round((expected - theta) / TURN) if abs(theta) < MOST_TURNS * TURN else 0
         near = theta + TURN * turns
         return near if abs(near - expected) < within else theta
 
     def possible(self, sensor: int, read: float) -> bool:
-        """Return whether the `sensor` can say `read`."""
+        """Return whether the `sensor` can return `read`."""
         return self.lower[sensor] <= read <= self.upper[sensor]
 
 
 class SensorGate:
-    """A sensor's gate is its own: it remembers since when it rejects, and what it rejected last."""
+    """Gate of one sensor, with the time since its first rejection and the last rejected reading."""
 
     def __init__(self, gate: Gate, sensor: int, dt: float) -> None:
         self.sensor, self.gate, self.floor, self.jump = sensor, gate, gate.floor[sensor], gate.jump[sensor]
@@ -134,13 +134,13 @@ class SensorGate:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
-        self._width = 0.0  # at the first of the rejections that go on
-        self._since = 0  # samples since that one, itself included; 0: there are none
-        self._refused = nan  # the last reading that was rejected or frozen
+        """Forget the past samples."""
+        self._width = 0.0  # at the first of the present rejections
+        self._since = 0  # samples since the first one, inclusive; 0: there are none
+        self._refused = nan  # the last rejected or frozen reading
 
     def check(self, read: float, expected: float, variance: float) -> Verdict:
-        """Return the verdict on `read` where `expected` is, `variance` being that of their difference."""
+        """Return the verdict on `read` for the `expected` value; `variance` is that of their difference."""
         self._since += self._since > 0
         if not isfinite(read):
             return Verdict.SILENT
@@ -160,15 +160,15 @@ class SensorGate:
         return Verdict.REJECTED
 
     def width(self, variance: float) -> float:
-        """Return how far a reading may be from what is expected, `variance` being that of their difference."""
+        """Return the greatest accepted distance from the expected value; `variance` is that of the difference."""
         return max(SIGMAS * sqrt(variance), self.floor)
 
     @property
     def quiet(self) -> bool:
-        """Return whether it has nothing to remember."""
+        """Whether the gate has no memory of rejections."""
         return self._since == 0 and not isfinite(self._refused)
 
     def frozen(self, read: float) -> None:
-        """Take note that the sensor is frozen and says `read`."""
+        """Record that the sensor is frozen at `read`."""
         self.reset()
         self._refused = read

@@ -1,19 +1,18 @@
-"""Health is what may be broken in a joint or an arm, as `mpc.observer.diagnosis` reads it off what an observer sees,
-and what to do about it.
+"""Health of a joint or an arm: the faults that `mpc.observer.diagnosis` suspects, and the reactions to them.
 
-| fault | what is seen | reaction |
+| fault | observation | reaction |
 |---|---|---|
-| leak | pressure below what its command makes of it, and never rising | stiffen less |
+| leak | pressure below that of its command, and never rising | stiffen less |
 | stuck valve | pressure that does not move while its command does | hold |
 | supply drop | pressure that follows its command up to a ceiling common to several muscles | stiffen less |
-| offset of a pressure sensor | it comes to rest beside its command, which the observer makes up for | none |
-| drifting pressure sensor | departs slowly from its command, and d̂ takes back the torque of it | stiffen less |
+| offset of a pressure sensor | it settles at a distance from its command, which the observer compensates | none |
+| drifting pressure sensor | slow departure from its command, and d̂ cancels the torque of it | stiffen less |
 | broken cable | d̂ jumps to minus the muscle's torque, and follows it | vent |
 | silent, frozen or rejected sensor | the observer's own flags | none for a pressure, hold for the angle |
-| load or drift of the angle | d̂ larger than usual loads, whatever the pressures do | hold |
+| load or drift of the angle | d̂ larger than usual loads, for any pressures | hold |
 | loop that rings | the angle swings at a common period, does not come to rest, and d̂ with it | hold |
 
-Where several faults explain what is seen all of them are named: `docs/faults.md` says which, and until when.
+If several faults explain the observations, all of them are reported; `docs/faults.md` lists which, and until when.
 """
 
 from dataclasses import dataclass
@@ -24,20 +23,20 @@ from allocator.units import BAR
 
 
 class Reaction(IntEnum):
-    """A reaction says what to do, the more urgent the larger."""
+    """Reaction to a fault; larger values are more urgent."""
 
     NONE = 0
-    STIFFEN_LESS = 1  # ask for less stiffness, that is for lower pressures
-    HOLD = 2  # stop the motion; a loop on a bench holds for as long as it runs, and then stops safely
-    VENT = 3  # let all muscles empty
+    STIFFEN_LESS = 1  # command less stiffness, that is lower pressures
+    HOLD = 2  # stop the motion; a loop on a bench holds while it runs, and then stops safely
+    VENT = 3  # vent all muscles
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return it in words."""
         return self.name.lower().replace("_", " ")
 
 
 class FaultKind(StrEnum):
-    """These are the kinds of faults that are told apart."""
+    """Kind of fault."""
 
     LEAK = "leak"
     STUCK_VALVE = "stuck valve"
@@ -53,7 +52,7 @@ class FaultKind(StrEnum):
 
 
 class Part(StrEnum):
-    """A part is what a fault is in."""
+    """Part of a joint that may have a fault."""
 
     MUSCLE_1 = "muscle 1"
     MUSCLE_2 = "muscle 2"
@@ -70,7 +69,7 @@ SENSORS = Part.ANGLE, Part.P1, Part.P2
 
 
 class Parts(NamedTuple):
-    """The names of what may be broken in a machine of n joints and m muscles."""
+    """Names of the parts that may have a fault, in a machine of n joints and m muscles."""
 
     muscles: tuple[str, ...]  # (m,)
     sensors: tuple[str, ...]  # (n + m,), of angles and pressures
@@ -79,14 +78,14 @@ class Parts(NamedTuple):
 
     @classmethod
     def of(cls, joints: tuple[str, ...], muscles: tuple[str, ...]) -> "Parts":
-        """Return those of a machine whose `joints` and `muscles` have these names."""
+        """Return the parts of a machine with these names of `joints` and `muscles`."""
         angles = tuple(f"{Part.ANGLE} of {name}" for name in joints)
         pressures = tuple(f"pressure of {name}" for name in muscles)
         return cls(muscles, (*angles, *pressures), joints, tuple(f"{Part.LOOP} of {name}" for name in joints))
 
 
 PARTS = Parts(MUSCLES, SENSORS, (Part.JOINT,), (Part.LOOP,))
-"""Those of one joint with two muscles."""
+"""Parts of one joint with two muscles."""
 
 _REACTIONS = {
     FaultKind.LEAK: Reaction.STIFFEN_LESS,
@@ -104,7 +103,7 @@ _REACTIONS = {
 
 
 class Suspect(NamedTuple):
-    """A suspect is a fault, and what it is in."""
+    """Suspected fault and its part."""
 
     fault: FaultKind
     part: str  # a `Part` of a joint, one of the `Parts` of an arm
@@ -112,56 +111,56 @@ class Suspect(NamedTuple):
 
     @property
     def reaction(self) -> Reaction:
-        """Return what to do if it is this: without its angle a joint had better not move."""
+        """Reaction to this fault: a joint must not move without its angle."""
         return Reaction.HOLD if self.part.startswith(Part.ANGLE) else _REACTIONS[self.fault]
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return it in words."""
         size = f", {self.size / BAR:+.2f} bar" if self.fault is FaultKind.OFFSET else ""
         return f"{self.fault} ({self.part}{size})"
 
 
 class Finding(NamedTuple):
-    """A finding is something that is wrong: one of the `suspects`, which what was seen does not tell apart."""
+    """Detected fault: one of the `suspects`, which the observations do not distinguish."""
 
     suspects: tuple[Suspect, ...]
     since: float  # [s] since the observer's reset
-    advice: str = ""  # the usual cause, and which number to change
+    advice: str = ""  # the usual cause, and the number to change
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return it in words."""
         found = " or ".join(map(str, self.suspects)) + f" since {self.since:.2f} s"
         return f"{found} ({self.advice})" if self.advice else found
 
 
 @dataclass(frozen=True)
 class Health:
-    """Health says what is wrong with a joint at one moment."""
+    """Faults of a machine at one moment."""
 
-    findings: tuple[Finding, ...] = ()  # each with a cause of its own
+    findings: tuple[Finding, ...] = ()  # with independent causes
 
     @property
     def well(self) -> bool:
-        """Return whether nothing is suspected."""
+        """Whether nothing is suspected."""
         return not self.findings
 
     @property
     def suspects(self) -> tuple[Suspect, ...]:
-        """Return all that is suspected."""
+        """All suspected faults."""
         return tuple(suspect for finding in self.findings for suspect in finding.suspects)
 
     @property
     def ringing(self) -> Finding | None:
-        """Return the finding that the loop rings, if it does."""
+        """Finding of a ringing loop, if there is one."""
         return next((one for one in self.findings if one.suspects[0].fault is FaultKind.RINGING), None)
 
     @property
     def reaction(self) -> Reaction:
-        """Return the most urgent one that a suspect asks for: what is not told apart is taken for the worse."""
+        """Most urgent reaction of all suspects, since the worst of indistinguishable faults is assumed."""
         return max((suspect.reaction for suspect in self.suspects), default=Reaction.NONE)
 
     def __str__(self) -> str:
-        """Say it in one sentence."""
+        """Return one sentence."""
         if self.well:
             return "Nothing is suspected."
         return "; ".join(map(str, self.findings)) + f": {self.reaction}."

@@ -1,15 +1,15 @@
-"""Measurements are turned into what a controller needs: the state and the disturbance torque, whatever the sensors say.
+"""Observer of the state and the disturbance torque, for any readings of the sensors.
 
-`KalmanObserver` is the extended Kalman filter of `mpc.observer.filter` behind the gates of `mpc.observer.gating`: what
-the joint cannot have done is not believed. The covariance begins at the stationary one (Riccati equation at rest in the
-middle of the range).
+`KalmanObserver` is the extended Kalman filter of `mpc.observer.filter` behind the gates of `mpc.observer.gating`, which
+reject impossible motion. The covariance begins at the stationary one (Riccati equation at rest in the middle of the
+range).
 
-A sensor that repeats its reading exactly may be frozen, or at rest: an encoder's steps hide small motions. So from the
-first repetition on a second belief is kept that does not use the readings of that sensor, nor of others that repeat or
-are not believed. If it expects another reading, with five standard deviations between, and this lasts, the sensor is
-frozen: the second belief takes over, and the sensor counts as silent until it says something new.
+A sensor that repeats its reading exactly may be frozen, or at rest, since the steps of an encoder hide small motions.
+From the first repetition on, a second belief is kept without the readings of that sensor and of others that repeat or
+are not believed. If its expected reading differs by five standard deviations for some time, the sensor is frozen: the
+second belief takes over, and the sensor counts as silent until its reading changes.
 
-While readings are rejected there is a rival belief that uses them (`mpc.observer.rivalry`).
+While readings are rejected, a rival belief uses them (`mpc.observer.rivalry`).
 """
 
 from collections import deque
@@ -37,24 +37,24 @@ from mpc.observer.rivalry import Readings, Rivalry
 if TYPE_CHECKING:
     from mpc.observer.compiled.whole import CompiledEstimate  # which imports numba
 
-FIRST = 3  # samples up to which what is rejected may as well be right: nothing has confirmed the first reading
+FIRST = 3  # samples up to which rejected readings may be right, because nothing has confirmed the first reading
 COARSEST = 1 * DEG  # step of an encoder
 
 
 class KalmanObserver:
     """Extended Kalman filter with `plant`, a `Plant` or an `Arm`, as its model.
 
-    A sensor may be silent (NaN, or not believed by the `gate`) or frozen for `tolerance` seconds. After that the
-    quantity that it measures is answered as NaN until it speaks again, and `TrackingMPC` reports in the status of its
-    plans that it is blind. No number makes it raise. Before the first angle that can be believed the answer is NaN,
-    except for the pressures.
+    A sensor may be silent (NaN, or rejected by the `gate`) or frozen for `tolerance` seconds. After that, its quantity
+    is NaN in the estimate until the sensor returns, and `TrackingMPC` reports the missing measurement in the status of
+    its plans. No number makes the observer raise. Before the first plausible angle, the estimate is NaN except for the
+    pressures.
 
-    Angles are read `Compensation.reading_age` late. Readings of pressures are held back for as long, the filter
-    estimates the state of then, and the answer is predicted from it with the commands since.
+    Angles are read `Compensation.reading_age` late. Readings of pressures are delayed by the same time, the filter
+    estimates the state at that time, and the result is predicted from it with the commands since.
 
-    Ordinary samples, in which all readings are believed, are compiled (`implementation`): for some seconds when the
-    first observer of a kind of plant is made, unless it is told not to `wait`, when another process compiles for the
-    next. With `compiled` False nothing is: for an observer that is only exported.
+    Ordinary samples, in which all readings are believed, are compiled (`implementation`). This takes some seconds for
+    the first observer of a kind of plant. If `wait` is false, another process compiles for the next run. With
+    `compiled` False nothing is compiled, for an observer that is only exported.
     """
 
     def __init__(
@@ -85,24 +85,24 @@ class KalmanObserver:
         self._compile()
 
     def reset(self) -> None:
-        """Forget the past: the next measurement is the state, and no torque disturbs."""
+        """Forget the past samples: the next measurement is the state, and there is no disturbance torque."""
         self._catch_up()
         self._belief: Belief | None = None
         self._verdicts = [Verdict.SILENT] * self._measured.size  # on the last readings of angles and pressures
-        self.rebuilt = 0  # how often the state was not finite and had to be built anew
-        self._read = np.full(self._measured.size, np.nan)  # what the sensors said a sample ago
-        self._offset = np.zeros(self.plant.m)  # of the pressures' sensors against the regulators [Pa]
-        self._silent = np.zeros(self._measured.size)  # for how long [s]
-        self._repeating = np.zeros(self._measured.size)  # for how long [s]
+        self.rebuilt = 0  # number of times that the state was not finite and was rebuilt
+        self._read = np.full(self._measured.size, np.nan)  # readings of the previous sample
+        self._offset = np.zeros(self.plant.m)  # of the pressure sensors against the regulators [Pa]
+        self._silent = np.zeros(self._measured.size)  # duration of silence [s]
+        self._repeating = np.zeros(self._measured.size)  # duration of repetition [s]
         self._frozen = np.zeros(self._measured.size, bool)
-        self._without: dict[int, Belief] = {}  # by sensor that repeats: what is thought without it
+        self._without: dict[int, Belief] = {}  # by repeating sensor: belief without it
         self.rivalry.reset()
         self._samples = 0  # since the beginning, up to FIRST + 1
         self._step = np.full(self.plant.n, COARSEST)  # the least change of each angle's reading so far [rad]
         self._variances = np.diag(self.filter.R).copy()  # of the sensors
         self._frictions = tuple(map(FrictionState, self.filter.frictions))
         self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + self.age + 1)
-        self._held: deque[Array] = deque(maxlen=self.age + 1)  # readings of pressures until an angle as old comes
+        self._held: deque[Array] = deque(maxlen=self.age + 1)  # readings of pressures that wait for an angle
         for gate in self._gates:
             gate.reset()
         for gate, floor in zip(self._gates[self._angles], self.gate.floor, strict=False):
@@ -111,7 +111,7 @@ class KalmanObserver:
 
     @property
     def belief(self) -> Belief | None:
-        """The belief is what the filter thinks, None before the first angle that can be believed."""
+        """Belief of the filter, None before the first plausible angle."""
         self._catch_up()
         return self._belief
 
@@ -122,37 +122,37 @@ class KalmanObserver:
 
     @property
     def verdicts(self) -> list[Verdict]:
-        """The verdicts are those on the last readings of angles and pressures."""
+        """Verdicts on the last readings of angles and pressures."""
         ordinary = self.compiled is not None and self.compiled.ahead
         return [Verdict.BELIEVED] * self._measured.size if ordinary else self._verdicts
 
     @property
     def offset(self) -> Array:
-        """Return by how much each pressure sensor reads more than the pressure that commands lead to (m,) [Pa]."""
+        """Offset of each pressure sensor above the pressure that commands lead to (m,) [Pa]."""
         self._catch_up()
         return self._offset.copy()
 
     @property
     def encoder_step(self) -> float:
-        """Return the least change of an angle's reading so far [rad], `COARSEST` at most."""
+        """Least change of an angle's reading so far [rad], at most `COARSEST`."""
         self._catch_up()
         return float(self._step.min())
 
     @property
     def implementation(self) -> str:
-        """The implementation of an ordinary sample is "compiled", or "readable", about ten times as slowly."""
+        """Implementation of ordinary samples: "compiled", or "readable", which is about ten times slower."""
         return "readable" if self.compiled is None else "compiled"
 
     @property
     def health(self) -> Health:
-        """Return what may be broken, as of the last estimate."""
+        """Suspected faults, as of the last estimate."""
         return self.diagnosis.health
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, Value]:
         """Return the state (2n + m,) and disturbance torque [N·m], (n,) of an arm, from `y` (2n + m,), NaN where
         unmeasured.
 
-        `u` (m,) [Pa] was sent last. Raises `InvalidInput` for shapes.
+        `u` (m,) [Pa] is the last command sent. Raises `InvalidInput` for wrong shapes.
         """
         y, u, compiled = np.asarray(y, float), np.asarray(u, float), self.compiled
         if compiled is not None:
@@ -167,14 +167,14 @@ class KalmanObserver:
         return self._estimated(self._simultaneous(y[self._measured]), u)
 
     def _simultaneous(self, said: Array) -> Array:
-        """Return the new angles of readings `said` (n + m,) with the pressures of when these angles were read."""
+        """Return the new angles of the readings `said` (n + m,), with the pressures at the time of these angles."""
         angles, pressures = said[self._angles], said[self.plant.n :]
         self._held.extend([pressures] * (1 if self._held else self.age + 1))
         return np.append(angles, self._held[0])
 
-    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # numbers out of range: `_sound` looks for them
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # `Belief.sound` detects numbers out of range
     def _estimated(self, said: Array, u: Array) -> tuple[Array, Value]:
-        """Return what `estimate` does, whatever the sensors have `said` (n + m,)."""
+        """Return the result of `estimate` for any readings `said` (n + m,)."""
         if self._belief is None:
             self._begin(said, u)
         else:
@@ -190,13 +190,11 @@ class KalmanObserver:
 
     @property
     def _believed(self) -> Mask:
-        """Return which readings (n + m,) count."""
+        """Mask (n + m,) of the readings that count."""
         return np.array([verdict.counts for verdict in self._verdicts])
 
     def _learn_steps(self, changes: list[float]) -> None:
-        """Learn the steps of encoders, whose readings change by whole ones: the least of the `changes` [rad] so far, if
-        it has one.
-        """
+        """Update the steps of encoders, the least of the `changes` [rad] so far: readings change by whole steps."""
         for i, change in enumerate(changes):
             if 0 < change < self._step[i]:
                 self._step[i] = change
@@ -206,7 +204,7 @@ class KalmanObserver:
     # --- the compiled estimate --------------------------------------------------------------------------------------
 
     def _compile(self) -> None:
-        """Make or load the compiled estimate, where there can be one."""
+        """Create or load the compiled estimate, if possible."""
         if not (self._compiles and isinstance(self.plant, Plant)):
             return
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
@@ -217,13 +215,13 @@ class KalmanObserver:
         return Readable(self._remembered, self._go_on_from, self.diagnosis.conclude)
 
     def _catch_up(self) -> None:
-        """Take back what the compiled estimate has remembered."""
+        """Copy the state back from the compiled estimate."""
         if self.compiled is not None:
             self.compiled.give()
 
     def _remembered(self) -> dict[str, object] | None:
-        """Return what a compiled estimate goes on from, the fields of `State` and `Tail`; None if what is remembered is
-        not ordinary.
+        """Return the fields of `State` and `Tail` for a compiled estimate to continue from; None if they are not
+        ordinary.
         """
         belief, friction, diagnosis = self._belief, self._frictions[0], self.diagnosis
         quiet = not self.rivalry.going_on and not self._frozen.any() and all(gate.quiet for gate in self._gates)
@@ -245,7 +243,7 @@ class KalmanObserver:
         }  # fmt: skip
 
     def _go_on_from(self, state: State, tail: Tail) -> None:
-        """Go on from copies of what is in `state` and `tail`, after ordinary samples."""
+        """Continue from copies of the values in `state` and `tail`, after ordinary samples."""
         samples, sensors = int(state.samples), range(self._measured.size)
         self._belief, self._verdicts = Belief.of(state.belief), [Verdict.BELIEVED] * len(sensors)
         self._read, self._repeating, self._silent = state.read.copy(), state.repeating.copy(), np.zeros(len(sensors))
@@ -263,17 +261,17 @@ class KalmanObserver:
         self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what is compiled, which each process makes for itself."""
+        """Leave out the compiled code, which each process creates for itself."""
         self._catch_up()
         return self.__dict__ | {"compiled": None}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        """Go on where the copied one was."""
+        """Continue from the state of the copied observer."""
         self.__dict__.update(state)
         self._compile()
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
-        """Copy all but what is compiled, which both use."""
+        """Copy all but the compiled code, which both observers share."""
         other = object.__new__(type(self))
         memo[id(self)] = other
         other.__dict__.update(deepcopy(self.__getstate__(), memo))
@@ -283,7 +281,7 @@ class KalmanObserver:
     # --- a sample ---------------------------------------------------------------------------------------------------
 
     def _begin(self, said: Array, u: Array) -> None:
-        """Begin with the first angle that can be one; a pressure that is not measured is the one that was sent."""
+        """Begin with the first plausible angle; an unmeasured pressure is the one that was sent."""
         gate, read = self.gate, said.copy()
         middle = np.atleast_1d(np.mean(self.plant.angle_limits, axis=0))
         read[self._angles] = [gate.unwrapped(*angle, within=np.pi) for angle in self._turned(said, middle)]
@@ -302,7 +300,7 @@ class KalmanObserver:
         return Verdict.BELIEVED if self.gate.possible(sensor, read) else Verdict.IMPOSSIBLE
 
     def _go_on(self, previous: Belief, said: Array) -> None:
-        """Go on from what was estimated a sample ago to what is estimated now."""
+        """Return the present estimate from that of the previous sample."""
         followed = zip(self._frictions, previous.xi.tolist(), self.filter.contacts(previous), strict=False)
         memories = [friction.follow(theta, loads) for friction, theta, loads in followed]
         expected = self.filter.predicted(previous, self._commands[0], memories, self.filter.Q)
@@ -327,7 +325,7 @@ class KalmanObserver:
         self._belief = found if found.sound else self._rebuilt(previous, read, believed)
 
     def _turned(self, said: Array, expected: Array) -> Iterator[tuple[float, float]]:
-        """Return pairs of the angles that are `said` and `expected`."""
+        """Return pairs of the angles `said` and `expected`."""
         return zip(said[self._angles].tolist(), expected[self._angles].tolist(), strict=True)
 
     def _checked(self, read: Array, expected: Belief) -> list[Verdict]:
@@ -338,7 +336,7 @@ class KalmanObserver:
     def _without_frozen(
         self, previous: Belief, expected: Belief, repeated: Mask, read: Array, memories: list[Value]
     ) -> Belief:
-        """Return what is expected without the sensors that are frozen; note which are."""
+        """Return the belief without frozen sensors, and record which are frozen."""
         self._repeating = np.where(repeated, self._repeating + self.dt, 0.0)
         self._frozen &= repeated
         others = self._believed & ~repeated
@@ -361,7 +359,7 @@ class KalmanObserver:
         return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
 
     def _rival_or(self, expected: Belief, read: Array, memories: list[Value]) -> Belief:
-        """Return `expected`, or what a rival expects that takes over and whose readings are accepted."""
+        """Return `expected`, or the belief of a rival that takes over and whose readings are accepted."""
         rejected = np.array([verdict is Verdict.REJECTED for verdict in self._verdicts])
         readings = Readings(read, self._believed, rejected, self._repeating, self._variances)
 
@@ -378,7 +376,7 @@ class KalmanObserver:
         return rival
 
     def _rebuilt(self, previous: Belief, read: Array, believed: Mask) -> Belief:
-        """Return a state from the readings, where the filter has none that is finite."""
+        """Return a state from the readings, if the filter has no finite one."""
         self.rebuilt += 1
         self.rivalry.end()
         self._without = {}

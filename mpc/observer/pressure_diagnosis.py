@@ -1,28 +1,27 @@
-"""What may be wrong with a muscle's pressure is found here: its course strikes out explanations, until the right ones
-are left.
+"""Faults of a muscle's pressure, found by elimination of the explanations that its course contradicts.
 
-A sound regulator makes of the commands v that act a pressure between those of a quick and of a slow one,
+A sound regulator turns the acting commands v into a pressure between those of a quick and of a slow one,
 
-    m' = dz(v - m)/τ' - q,   τ' = τ/SPREAD and SPREAD τ,   dz(e) = e less the dead band, 0 within it,
+    m' = dz(v - m)/τ' - q,   τ' = τ/SPREAD and SPREAD τ,   dz(e) = e minus the dead band, 0 within it,
 
-q being what the motion takes from the pressure of a gas (`Plant.expansion`), and the residual r is how far the measured
-P lies outside. Sums of it beyond MARGIN and the uncertainty by SWELLING, one a sign, that end at zero (Page's CUSUM,
-1954), say that something is wrong when one passes LIMIT, and since when: since it last was zero. All explanations are
-possible then. One is struck out, until the pressure has been well for `HOLD` seconds, by
+q being the fall of a gas's pressure by the motion (`Plant.expansion`). The residual r is the distance of the measured P
+from that range. Its part beyond MARGIN and the uncertainty due to SWELLING is summed for each sign, and the sums are at
+least zero (Page's CUSUM, 1954). If a sum exceeds LIMIT, something has been wrong since it last was zero. All
+explanations are possible then. Until the pressure has been normal for `HOLD` seconds, an explanation is eliminated by
 
     stuck valve        P moves
     leak               P rises, or r > 0
     supply drop        P still falls after SETTLED, or r > 0, or the other muscle holds more than this one does
     drifting sensor    r moves quickly, or d̂ does not move by -(∂T/∂P) r
-    all but that       d̂ does: the torque that P would make is not there
-    broken cable       P lies outside of what regulators make without q, which has a sum of its own
+    all but that       d̂ does: the torque of P is missing
+    broken cable       P lies outside the range of regulators without q, with a sum of its own
 
-The last two are told by the regression coefficient of d̂ on -(∂T/∂P) r with a memory of MEMORY seconds, 1 for a drift
-and 0 for the others. What is more than noise is counted in standard deviations σ of the sensor. If nothing were left,
-as when a fault ends, the last explanations stay.
+The regression coefficient of d̂ on -(∂T/∂P) r, with a memory of MEMORY seconds, decides these: 1 for a drift and 0 for
+the others. Limits above the noise are in standard deviations σ of the sensor. If no explanation remained, as when a
+fault ends, the last ones stay.
 
-The functions work on what is remembered as numbers m, each in its place: a list in Python, a part of a flat array where
-numba compiles them (`mpc.observer.compiled`). Sets of explanations are sums of STUCK, LEAK, DROP, DRIFT and CABLE.
+The functions work on the memory m, whose numbers have fixed places: a list in Python, a part of a flat array in code
+compiled by numba (`mpc.observer.compiled`). Sets of explanations are sums of STUCK, LEAK, DROP, DRIFT and CABLE.
 """
 
 from math import exp, nan
@@ -33,16 +32,16 @@ from mpc.observer.health import FaultKind
 
 SPREAD = 1.3  # of the lag that counts as sound [-]
 MARGIN = 4.5  # [σ]
-SWELLING = 0.07  # share by which a muscle swells more or less than its law says [-]
+SWELLING = 0.07  # relative error of a muscle's change of volume in its model [-]
 LIMIT = 15.0  # [σ], summed over samples
-HOLD = 2.0  # [s] for which a suspicion outlives what gave rise to it
-SETTLED = 0.6  # [s] after which a muscle has fallen to what the supply gives
+HOLD = 2.0  # [s] by which a suspicion outlives its cause
+SETTLED = 0.6  # [s] after which a muscle has fallen to the supply's pressure
 MEMORY = 3.0  # [s] of the regression
 
 _MOVED, _QUICK, _FALLS, _HIGHER = 6.0, 10.0, 4.0, 7.5  # [σ] of a pressure: since the onset, within LATELY, than another
 _LATELY = 0.2  # [s]
-_SMOOTH = 0.3  # weight of a new reading in what is compared
-_SEEN = 0.12  # of the joint's usual torque: standard deviation of (∂T/∂P) r from which the regression counts
+_SMOOTH = 0.3  # weight of a new reading in smoothed values
+_SEEN = 0.12  # [-] of the joint's usual torque: standard deviation of (∂T/∂P) r from which the regression counts
 _NO_DRIFT, _DRIFT = 0.35, 0.65  # regression coefficients at most, and at least
 
 STUCK, LEAK, DROP, DRIFT, CABLE = 1, 2, 4, 8, 16
@@ -59,17 +58,17 @@ _KINDS = {
     LOW, HIGH,  # sums of r [Pa]
     QUICK, SLOW,  # m of the quick and of the slow regulator [Pa]
     QUICK_STILL, SLOW_STILL,  # the same without q
-    STILL,  # sum of the residuals outside of these [Pa]
-    UNSURE,  # of m, as q is known to SWELLING only [Pa]
+    STILL,  # sum of the residuals outside these two [Pa]
+    UNSURE,  # of m, because of the error SWELLING of q [Pa]
     MEAN_X, MEAN_Y, VARIANCE, COVARIANCE,  # of (∂T/∂P) r and d̂ [N·m]
-    SUSPECTED,  # explanations that are left; 0: nothing is suspected
-    SINCE,  # onset of what is suspected [s]
-    OPEN,  # whether explanations are being struck out, which may be POSSIBLE
+    SUSPECTED,  # remaining explanations; 0: nothing is suspected
+    SINCE,  # onset of the suspected fault [s]
+    OPEN,  # whether the elimination is under way, possibly with all explanations POSSIBLE
     POSSIBLE,
     ONSET, BEGUN, LEAST,  # P and the time [s] then, the least P since [Pa]
-    ABOVE,  # for how long the other muscle has held more [s]
-    ILL,  # when it last was [s]
-    COUNT,  # of what was put into PAST
+    ABOVE,  # time for which the other muscle has held more [s]
+    ILL,  # last time of a sum beyond LIMIT [s]
+    COUNT,  # of the samples put into PAST
     PAST,  # and following: (P, r) of the samples within LATELY
 ) = range(26)  # fmt: skip
 
@@ -77,9 +76,9 @@ Numbers: TypeAlias = list[float] | Array
 
 
 class Sound(NamedTuple):
-    """What is known of one muscle and its sensor."""
+    """Constants of one muscle and its sensor."""
 
-    quick: float  # share of a step that the quick regulator makes in a sample [-]
+    quick: float  # share of a step that the quick regulator follows in a sample [-]
     slow: float
     rest: float  # half of the dead band [Pa]
     dt: float  # [s]
@@ -88,60 +87,58 @@ class Sound(NamedTuple):
 
     @classmethod
     def of(cls, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float) -> "Sound":
-        """Return what follows from the time constant `lag` [s], `dead_band` and deviation `sigma` [Pa]."""
+        """Return the constants for the time constant `lag` [s], `dead_band` and deviation `sigma` [Pa]."""
         gains = 1 - exp(-dt * SPREAD / lag), 1 - exp(-dt / (SPREAD * lag))
         return cls(*gains, dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2)
 
 
 def places(dt: float) -> int:
-    """Return how many numbers are remembered at the sample time `dt` [s]."""
+    """Return the size of the memory at the sample time `dt` [s]."""
     return PAST + 2 * max(round(_LATELY / dt), 1)
 
 
 class PressureDiagnosis:
-    """The diagnosis is of one muscle with the time constant `lag` [s], the `dead_band` and the sensor's deviation
-    `sigma` [Pa].
-    """
+    """Diagnosis of a muscle with the time constant `lag` [s], `dead_band` and sensor deviation `sigma` [Pa]."""
 
     def __init__(self, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float) -> None:
         self.sound = Sound.of(lag, dt, dead_band, sigma, usual_torque)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
         self.numbers: list[float] = [0.0] * places(self.sound.dt)
         self.numbers[P] = nan
 
     @property
     def suspected(self) -> frozenset[FaultKind]:
-        """The suspected are the explanations that are left, if something is wrong."""
+        """Remaining explanations, if a fault is suspected."""
         left = int(self.numbers[SUSPECTED])
         return frozenset(kind for bit, kind in _KINDS.items() if left & bit)
 
     @property
     def since(self) -> float:
-        """Return the onset of what is suspected [s]."""
+        """Onset of the suspected fault [s]."""
         return self.numbers[SINCE]
 
     @property
     def low(self) -> float:
-        """Return the sum of residuals below [Pa]."""
+        """Sum of residuals below [Pa]."""
         return self.numbers[LOW]
 
     def follow(
         self, t: float, read: float, v: float, gain: float, d: float, other: "PressureDiagnosis", q: float = 0.0
     ) -> None:
-        """Follow the sensor, as the function does; `other` is the other muscle's diagnosis."""
+        """Update by a reading, like the function `follow`; `other` is the other muscle's diagnosis."""
         follow(self.numbers, other.numbers, self.sound, t, read, v, gain, d, q)
 
 
 def follow(
     m: Numbers, other: Numbers, k: Sound, t: float, read: float, v: float, gain: float, d: float, q: float
 ) -> None:
-    """Follow the sensor, which has `read` [Pa] at `t` [s], NaN if not believed, while the command `v` [Pa] acts.
+    """Update the memory by the reading `read` [Pa] at `t` [s], NaN if not believed, while the command `v` [Pa] acts.
 
-    `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], `q` the pressure's fall by the motion
-    [Pa/s], and `other` what is remembered of the other muscle. A repeated reading says nothing.
+    `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], `q` the fall of the pressure by the motion
+    [Pa/s], and `other` the memory of the other muscle. Repeated readings have no effect.
     """
     if m[P] != m[P]:  # NaN: the first one
         m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = read
@@ -165,21 +162,23 @@ def follow(
     size = (len(m) - PAST) // 2
     place = PAST + 2 * (int(m[COUNT]) % size)
     m[place], m[place + 1] = m[P], m[R]
-    m[COUNT] = m[COUNT] + 1 if m[COUNT] + 1 < 2 * size else float(size)  # it only matters where, and whether all are
+    m[COUNT] = (
+        m[COUNT] + 1 if m[COUNT] + 1 < 2 * size else float(size)
+    )  # only its place and whether PAST is full matter
 
 
 def beyond(e: float, rest: float) -> float:
-    """Return `e` less what a dead band of ±`rest` takes."""
+    """Return `e` minus a dead band of ±`rest`."""
     return e - min(max(e, -rest), rest)
 
 
 def outside(P: float, one: float, other: float) -> float:
-    """Return by how much `P` lies outside of what is between `one` and `other`."""
+    """Return the distance of `P` from the range between `one` and `other`."""
     return P - min(max(P, min(one, other)), max(one, other))
 
 
 def regress(m: Numbers, weight: float, x: float, y: float) -> None:
-    """Let `x` and `y` [N·m] count in means, variance and covariance."""
+    """Update means, variance and covariance by `x` and `y` [N·m]."""
     dx, dy = x - m[MEAN_X], y - m[MEAN_Y]
     m[MEAN_X] += weight * dx
     m[MEAN_Y] += weight * dy
@@ -188,7 +187,7 @@ def regress(m: Numbers, weight: float, x: float, y: float) -> None:
 
 
 def check(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> None:
-    """Begin to strike out explanations, go on with it, or end it."""
+    """Begin, continue or end the elimination of explanations."""
     wrong = m[LOW] > 0 or m[HIGH] > 0
     if wrong and m[OPEN] == 0:
         m[OPEN], m[POSSIBLE], m[ONSET], m[BEGUN] = 1.0, float(_ANY), m[P], t
@@ -210,7 +209,7 @@ def check(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> None:
 
 
 def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
-    """Return what explains nothing, as the module's text says."""
+    """Return the contradicted explanations, by the rules in the module's docstring."""
     sigma, size, count = k.sigma, (len(m) - PAST) // 2, int(m[COUNT])
     first = PAST + 2 * (count % size if count >= size else 0)  # the oldest of the past
     P_lately, r_lately = (m[first], m[first + 1]) if count > 0 else (m[P], m[R])

@@ -1,4 +1,4 @@
-"""What the muscles of a machine's model do in a state: torques, their slopes, and how motion moves the pressures."""
+"""Torques of a model's muscles in a state, their slopes, and the change of pressures by motion."""
 
 from typing import TYPE_CHECKING
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 class Pulls:
-    """The pulls (2 m n + m,) of `machine` in a state x (2n + m,), for n joints and m muscles.
+    """Pulls (2 m n + m,) of `machine` in a state x (2n + m,), for n joints and m muscles.
 
     They are the torques T_ji of each muscle at each joint [N·m], their slopes ∂T_ji/∂P_j [N·m/Pa], muscle by muscle,
-    and how fast the motion lowers the pressures [Pa/s].
+    and the fall of the pressures by the motion [Pa/s].
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -29,13 +29,13 @@ class Pulls:
         self._formulas = None if formulas is None else Buffered(formulas)
 
     def __call__(self, x: Array) -> Array:
-        """Return them in the state `x`."""
+        """Return the pulls in the state `x`."""
         pulled = self._numbers(x) if self._formulas is None else np.asarray(self._formulas(x)[0][0])
         return pulled if isinstance(self._machine, Plant) else np.append(pulled, self._machine.expansion(x))
 
     @staticmethod
     def _of_many(arm: Arm) -> "Function | None":
-        """Return x ↦ torques and slopes, without what the motion does; None of an arm without formulas."""
+        """Return x ↦ torques and slopes, without the effect of motion; None for an arm without formulas."""
         import casadi as ca
 
         if arm.unformulated:

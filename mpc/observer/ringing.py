@@ -1,18 +1,18 @@
-"""A loop that rings: the joint swings at a common period, does not come to rest, and the model does not explain it.
+"""Ringing loops: a joint swings with a common period, does not come to rest, and the model does not explain the motion.
 
-Readings or commands that are older than an observer is told take phase from the loop. At its stability limit the angle
-swings, and so do the innovations and the disturbance torque d̂ that sums them up. Turning points are those extrema of
-the estimated velocity ω from which it has come back by more than NOISE and by BACK of the swing before. The loop rings
-if of the last SWINGS swings between turning points, the present one included,
+Readings or commands that are older than the observer assumes reduce the phase margin of the loop. At the stability
+limit the angle swings, and so do the innovations and the disturbance torque d̂, which is their sum. Turning points are
+the extrema of the estimated velocity ω from which it has returned by more than NOISE and by BACK of the previous swing.
+The loop rings if of the last SWINGS swings between turning points, including the present one,
 
     each took τ between LEAST and MOST, and none SPREAD times as long as another one,
     each turned the joint by more than SIZE, which is τ |Δω|/π of a sine,
-    each moved d̂ by more than UNEXPLAINED of the torque J |Δω| π/τ that turns the link,
+    each moved d̂ by more than UNEXPLAINED of the torque J |Δω| π/τ that accelerates the link,
     each was KEPT of the one before, and the present one is GROWTH of the greatest.
 
-A reference that is slower than that does not count, nor does a faster one that the model explains. Where it leaves 5 %
-of the torque unexplained, a reference of 1.4 Hz or more looks the same. The response to a load decays. The functions
-work on numbers m as those of `mpc.observer.pressure_diagnosis` do.
+A slower reference does not count, nor does a faster one that the model explains. If the model leaves 5 % of the torque
+unexplained, a reference of 1.4 Hz or more looks like ringing. The response to a load decays. The functions work on a
+memory m as those of `mpc.observer.pressure_diagnosis` do.
 """
 
 from math import inf, nan, pi
@@ -30,40 +30,40 @@ UNEXPLAINED = 0.05  # [-]
 KEPT, GROWTH = 0.65, 0.8  # [-]
 
 (
-    SINCE,  # the loop rings [s]; NaN: it does not
+    SINCE,  # time since which the loop rings [s]; NaN: it does not
     FREQUENCY,  # [Hz]
-    ILL,  # when it last did [s]
+    ILL,  # last time of ringing [s]
     SIGN,  # of the present swing; 0 at first
     EXTREME, AT,  # ω at its extreme [rad/s], NaN at first, and the time [s]
     LOWEST, HIGHEST,  # d̂ in the present swing [N·m]
     COUNT,  # of the turning points below, up to SWINGS
-    TURNS,  # and following: (time [s], ω [rad/s], range of d̂ in the swing to it [N·m]), newest first
+    TURNS,  # and following: (time [s], ω [rad/s], range of d̂ in the swing before [N·m]), newest first
 ) = range(10)  # fmt: skip
 PLACES = TURNS + 3 * SWINGS
 _OLDEST = PLACES - 3
 
 
 class RingingDiagnosis:
-    """The diagnosis of the loop of one joint with the inertia `inertia` [kg·m²]."""
+    """Diagnosis of the loop of one joint with the inertia `inertia` [kg·m²]."""
 
     def __init__(self, inertia: float) -> None:
         self.inertia = inertia
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
         self.numbers: list[float] = [0.0] * PLACES
         self.numbers[SINCE] = nan
         begin(self.numbers)
 
     @property
     def since(self) -> float | None:
-        """Return since when the loop rings [s]."""
+        """Time since which the loop rings [s]."""
         return None if self.numbers[SINCE] != self.numbers[SINCE] else self.numbers[SINCE]
 
     @property
     def frequency(self) -> float:
-        """Return the frequency at which it began to ring [Hz]."""
+        """Frequency at the onset of ringing [Hz]."""
         return self.numbers[FREQUENCY]
 
 
@@ -74,7 +74,7 @@ def begin(m: Numbers) -> None:
 
 
 def follow(m: Numbers, inertia: float, t: float, omega: float, d: float) -> None:
-    """Follow the observer, which finds the velocity `omega` [rad/s] and the torque `d` [N·m] at `t` [s]."""
+    """Update by the observer's velocity `omega` [rad/s] and torque `d` [N·m] at `t` [s]."""
     if m[EXTREME] != m[EXTREME]:
         m[EXTREME], m[AT] = omega, t
     off = omega - m[EXTREME]
@@ -98,7 +98,7 @@ def follow(m: Numbers, inertia: float, t: float, omega: float, d: float) -> None
 
 
 def rings(m: Numbers, inertia: float, t: float) -> bool:
-    """Return whether the last swings are those of a loop that rings."""
+    """Return whether the last swings are those of a ringing loop."""
     if m[COUNT] < SWINGS:
         return False
     present = abs(m[EXTREME] - m[TURNS + 1])

@@ -1,8 +1,8 @@
-"""A rival belief uses the readings that the gates reject, and takes over once it has explained all for long enough.
+"""Rival belief, which uses the readings that the gates reject and takes over after it has explained them for a time.
 
-It begins anew whenever it cannot explain a reading. Enough are `Gate.hesitation` where it began near what was expected,
-and `Gate.patience` after a jump. So a joint that was hit, and an encoder that has lost its zero, are found again, in
-motion too.
+It restarts whenever it cannot explain a reading. The time is `Gate.hesitation` if it began near the expected reading,
+and `Gate.patience` after a jump. Thus the observer recovers from a blow, and from an encoder that has lost its zero,
+even in motion.
 """
 
 from collections.abc import Callable
@@ -15,21 +15,21 @@ from allocator.calculus import Array, Mask
 from mpc.observer.filter import Belief, Filter
 from mpc.observer.gating import Gate, SensorGate
 
-ONCE = 1.5  # samples; an angle may repeat once where the joint turns round
+ONCE = 1.5  # samples; an angle may repeat once when the joint reverses
 
 
 class Readings(NamedTuple):
-    """The readings of a sample, each of n angles and m pressures (n + m,)."""
+    """Readings of a sample, of n angles and m pressures (n + m,)."""
 
     read: Array  # [rad], [Pa]
     believed: Mask
     rejected: Mask
-    repeating: Array  # for how long [s]
+    repeating: Array  # duration of repetition [s]
     variances: Array  # of the sensors
 
 
 class Rivalry:
-    """The rivalry is between what an observer expects, and a belief that uses what the `gates` reject.
+    """Rivalry between an observer's belief and one that uses the readings rejected by the `gates`.
 
     It ends when nothing has been rejected for `tolerance` seconds.
     """
@@ -41,38 +41,38 @@ class Rivalry:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
-        self._contested = np.zeros(len(self._gates), bool)  # sensors that it is about
+        """Forget the past samples."""
+        self._contested = np.zeros(len(self._gates), bool)  # contested sensors
         self._doubted = 0  # samples for which the rival has to explain all readings
         self._unrivalled = self.crossing  # samples since anything was rejected
         self.end()
 
     def end(self) -> None:
-        """Let the rival go."""
+        """Discard the rival."""
         self._rival: Belief | None = None
         self._explained = 0  # samples for which it has explained all readings
         self._contested[:] = False
 
     @property
     def going_on(self) -> bool:
-        """Return whether there is a rival."""
+        """Whether there is a rival."""
         return self._rival is not None
 
     def rest(self, samples: int) -> None:
-        """Note that nothing was rejected in as many `samples`."""
+        """Record that nothing was rejected in so many `samples`."""
         self._unrivalled += samples
 
     def taken_over(
         self, expected: Belief, y: Readings, predicted: Callable[[Belief], Belief], confirmed: bool
     ) -> Belief | None:
-        """Return what the rival of the belief `expected` expects if it takes over at the readings `y`, else None.
+        """Return the rival's belief if it takes over from `expected` at the readings `y`, else None.
 
-        `predicted` maps a belief of a sample ago to that of now. What was begun with is not `confirmed` at first: then
-        whatever is rejected may as well be right.
+        `predicted` maps the belief of the previous sample to the present one. The initial belief is not `confirmed` at
+        first; then rejected readings may be right.
         """
         some = bool(y.rejected.any())
         self._unrivalled = 0 if some else self._unrivalled + 1
-        if self._unrivalled > self.crossing:  # not at once: it is near by chance when two motions cross
+        if self._unrivalled > self.crossing:  # not at once: it may be near by chance when two motions cross
             self.end()
         if self._rival is None and not some:
             return None
@@ -94,17 +94,17 @@ class Rivalry:
         return self._filter.unsure_at(expected, y.read, y.rejected)
 
     def _count(self, y: Readings, used: Mask) -> None:
-        """Count the sample for the rival, which has explained it."""
+        """Count a sample that the rival has explained."""
         self._contested |= y.rejected
         repeating = float(y.repeating[self._contested].max(initial=0.0))
-        if repeating > ONCE * self._dt:  # as a blow does not, but a sensor that sticks
+        if repeating > ONCE * self._dt:  # not after a blow, but for a sensor that sticks
             self._doubted = self.patience
         elif repeating > 0:
             self._explained = 0
         self._explained += bool((used & self._contested).any())
 
     def _explains(self, belief: Belief, y: Readings, used: Mask) -> bool:
-        """Return whether the readings `used` (n + m,) are as near to what `belief` expects as true ones are."""
+        """Return whether the readings `used` (n + m,) are as near to the `belief` as true ones."""
         i = self._filter.measured
         variance = (belief.covariance[i, i] + y.variances).tolist()
         width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]

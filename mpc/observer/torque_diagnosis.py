@@ -1,21 +1,20 @@
-"""What may be wrong with the torques of a machine: the disturbance d̂ of the observer as a broken cable or as a load.
+"""Torque faults of a machine: a broken cable or a load as the cause of the observer's disturbance d̂.
 
-Of n joints with m muscles torques are rows in Rⁿ, in units of what a muscle usually gives at each joint, T_usual,i.
-Without muscle j the torque -T_j(q, P_j) is missing: d̂ is at b - T_j, b being its mean over the last MEMORY seconds, and
-follows T_j; that of a load stays. The increments Δ over LATELY seconds tell the two apart, by the likelihood ratio
+For n joints with m muscles, torques are rows in Rⁿ, in units of a muscle's usual torque at each joint, T_usual,i.
+Without muscle j the torque T_j(q, P_j) is missing: d̂ is at b - T_j, b being its mean over the last MEMORY seconds, and
+follows T_j; that of a load is constant. The increments Δ over LATELY seconds distinguish the two, by the likelihood
+ratio
 
     Λ_j := max(0, Λ_j + (min(|Δd̂|²/s², Z²) - min(|Δd̂ + ΔT_j|²/s², Z²))/2),   s = SPREAD T_usual
 
-in which increments that neither explains do not count (beyond Z). A cable is suspected where Λ_j > LIMIT and d̂ has
-just been there while the muscle pulled: the machine is thrown aside, so that T_j changes at once. Of several the one
-counts to whose b - T_j the disturbance is nearest. It stays suspected until its muscle is seen to pull for `HOLD`
-seconds.
+in which increments that neither explains do not count (beyond Z). A cable is suspected if Λ_j > LIMIT and d̂ has just
+been there while the muscle pulled: the machine is displaced, so that T_j changes at once. If there are several, the one
+whose b - T_j is nearest to the disturbance is suspected, until its muscle is seen to pull for `HOLD` seconds.
 
-Whatever makes |d̂_i| more than LOAD T_usual,i + MISMATCH Σ_j |T_ji| for LASTING seconds is a load at joint i, or an
-angle that is read wrongly: at constant stiffness an error δ of the angle is the torque K δ, and no sensor tells the two
-apart.
+If |d̂_i| exceeds LOAD T_usual,i + MISMATCH Σ_j |T_ji| for LASTING seconds, there is a load at joint i or an error of
+its angle: at constant stiffness an angle error δ acts like the torque K δ, and no sensor distinguishes the two.
 
-The functions work on numbers m as those of `mpc.observer.pressure_diagnosis` do.
+The functions work on a memory like those of `mpc.observer.pressure_diagnosis`.
 """
 
 from collections.abc import Sequence
@@ -27,7 +26,7 @@ MEMORY = 2.0  # [s]
 SPREAD = 0.05  # of an increment of d̂ [T_usual]
 Z = 3.0
 LIMIT = 12.0  # of Λ: e^12 to 1
-LOAD = 1.5  # [T_usual] that nobody need be told of
+LOAD = 1.5  # [T_usual] of usual loads
 MISMATCH = 0.15  # of the muscles' strength [-]
 LATELY = 0.05  # [s]
 LASTING = 0.3  # [s], longer than a broken cable takes
@@ -36,12 +35,12 @@ _PULLS = 0.4  # [T_usual]
 
 BROKEN = 0  # muscle, NONE of them
 SINCE = 1  # its cable is suspected [s]
-ILL = 2  # when the cable last was to be suspected [s]
-COUNT = 3  # of what was put into the past
-LOADED = 4  # and following: since when there is more than a usual load at each joint [s]; NaN: there is not
+ILL = 2  # last time at which the cable was suspected [s]
+COUNT = 3  # of the samples put into the past
+LOADED = 4  # and following: time since which each joint has more than a usual load [s]; NaN: it has not
 NONE = -1.0
 # after LOADED of n joints: MEAN b [N·m], NaN at first, and FROM when |d̂| began to be large [s], of n joints each; the
-# RATIO Λ, and when d̂ last was where a broken cable of each would put it, MISSING [s], of m muscles each; the past, that
+# RATIO Λ, and MISSING, the last time [s] at which d̂ was that of a broken cable, of m muscles each; the past, that
 # is (d̂, T_1, …, T_m) of the samples within LATELY
 
 
@@ -51,14 +50,14 @@ def past_of(n: int, m: int) -> int:
 
 
 class TorqueDiagnosis:
-    """The diagnosis is of n joints with `m` muscles, which usually pull with `usual` (n,) [N·m] each."""
+    """Diagnosis of n joints with `m` muscles, which usually pull with `usual` (n,) [N·m] each."""
 
     def __init__(self, dt: float, usual: list[float], m: int = 2) -> None:
         self.dt, self.usual, self.m = dt, usual, m
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
         n, m = len(self.usual), self.m
         self.numbers: list[float] = [0.0] * (past_of(n, m) + n * (m + 1) * max(round(LATELY / self.dt), 1))
         self.numbers[BROKEN] = NONE
@@ -67,36 +66,36 @@ class TorqueDiagnosis:
 
     @property
     def broken(self) -> int | None:
-        """Return the muscle, from 0, whose cable is suspected."""
+        """Index of the muscle with the suspected cable."""
         return None if self.numbers[BROKEN] == NONE else int(self.numbers[BROKEN])
 
     @property
     def since(self) -> float:
-        """Return since when a cable is suspected [s]."""
+        """Time since which a cable is suspected [s]."""
         return self.numbers[SINCE]
 
     @property
     def loaded(self) -> list[float | None]:
-        """Return since when [s] there is more than a usual load at each joint (n,)."""
+        """Time since which each joint (n,) has more than a usual load [s]."""
         return [None if since != since else since for since in self.numbers[LOADED : LOADED + len(self.usual)]]
 
     def follow(self, t: float, d: list[float], pulls: list[float]) -> None:
-        """Follow the observer, as the function does."""
+        """Update by the observer's results, like the function `follow`."""
         follow(self.numbers, self.dt, self.usual, t, d, pulls, self.m)
 
 
 def follow(
     x: Numbers, dt: float, usual: Sequence[float], t: float, d: Sequence[float], pulls: Sequence[float], m: int
 ) -> None:
-    """Follow the observer, which finds `d` (n,) at `t` [s] while the `m` muscles of its model pull as `pulls` say.
+    """Update by the observer's `d` (n,) [N·m] at `t` [s] and the `pulls` of the `m` muscles of its model.
 
-    These are `mpc.observer.pulling.Pulls`: T (m, n) and ∂T/∂P (m, n) first.
+    The latter are `mpc.observer.pulling.Pulls`: T (m, n) and ∂T/∂P (m, n) first.
     """
     n = len(usual)
     mean, begun, past, count = LOADED + n, LOADED + 2 * n, past_of(n, m), int(x[COUNT])
     row = n * (m + 1)
     size = (len(x) - past) // row
-    place = past + row * (count % size)  # of the oldest of the past, which is forgotten
+    place = past + row * (count % size)  # of the oldest sample of the past, which is replaced
     if x[mean] != x[mean]:
         for i in range(n):
             x[mean + i] = d[i]
@@ -114,13 +113,13 @@ def follow(
         x[place + i] = d[i]
     for i in range(n * m):
         x[place + n + i] = pulls[i]
-    x[COUNT] = count + 1 if count + 1 < 2 * size else float(size)  # it only matters where, and whether all are
+    x[COUNT] = count + 1 if count + 1 < 2 * size else float(size)  # only its place and whether the past is full matter
 
 
 def compare(
     x: Numbers, past: int, usual: Sequence[float], t: float, d: Sequence[float], pulls: Sequence[float], m: int
 ) -> None:
-    """Compare what a load and what broken cables explain of the increments since what is at `past`."""
+    """Compare loads and broken cables as explanations of the increments since the sample at `past`."""
     n, nearest, found = len(usual), inf, NONE
     ratio, missing, as_load = LOADED + 3 * n, LOADED + 3 * n + m, 0.0
     for i in range(n):
@@ -129,7 +128,7 @@ def compare(
         as_broken, pull, off, away = explained(x, past, usual, d, pulls, j, m)
         gained = (min(as_load, Z**2) - min(as_broken, Z**2)) / 2
         x[ratio + j] = min(max(x[ratio + j] + gained, 0.0), 2 * LIMIT)
-        can_tell = pull > _PULLS  # else nothing can be told of its cable
+        can_tell = pull > _PULLS  # else its cable cannot be judged
         if can_tell and off < _NEAR * (pull + 1) and away > pull / 2:
             x[missing + j] = t
         if x[BROKEN] == j:
@@ -144,8 +143,8 @@ def compare(
 def explained(
     x: Numbers, past: int, usual: Sequence[float], d: Sequence[float], pulls: Sequence[float], j: int, m: int
 ) -> tuple[float, float, float, float]:
-    """Return what a broken cable of muscle `j` leaves of the increments [s²], its pull, and how far d̂ is from b - T_j
-    and from b [T_usual].
+    """Return the increments that a broken cable of muscle `j` leaves unexplained [s²], its pull, and the distances of
+    d̂ from b - T_j and from b [T_usual].
     """
     n = len(usual)
     left, pulled, sense, off, away = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -154,7 +153,7 @@ def explained(
         increment = d[i] - x[past + i] + T - x[past + n + j * n + i]
         left += (increment / (SPREAD * usual[i])) ** 2
         pulled += (T / usual[i]) ** 2
-        sense += T * pulls[(m + j) * n + i]  # ∂T/∂P is along the arms: < 0 where a law says that the muscle pushes
+        sense += T * pulls[(m + j) * n + i]  # ∂T/∂P is along the arms: < 0 if a model lets the muscle push
         off += ((d[i] + T - b) / usual[i]) ** 2
         away += ((d[i] - b) / usual[i]) ** 2
     return left, copysign(sqrt(pulled), sense), sqrt(off), sqrt(away)

@@ -12,8 +12,8 @@ from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.repetition.response import Response
 from mpc.repetition.update import Update, designed, passed, power_of, rested, returning, unforeseen
-from mpc.trials.reference import Reference
-from mpc.trials.trajectories import min_jerk
+from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.trajectories import min_jerk
 
 NOISE = 0.03  # relative change of an RMS error that counts as none
 PATIENCE = 3  # repetitions in a row without gain, after which learning ends

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from mpc.repetition.learner import Learner, Repetition
     from mpc.repetition.response import Response
-    from mpc.trials.corrections import Correction, Owner
-    from mpc.trials.reference import Reference
+    from mpc.trials.motions.corrections import Correction, Owner
+    from mpc.trials.motions.reference import Reference
 
 _ENDING = ".correction.toml"
 _UNNAMED = "motion"
@@ -85,7 +85,7 @@ class RepeatOptions:
 
     def reference(self, trajectory: str | None, called: "Callable[[], Reference]") -> "Reference":
         """Return the motion of the file --from if no `trajectory` is named, else the one that `called` returns."""
-        from mpc.trials.corrections import Correction
+        from mpc.trials.motions.corrections import Correction
 
         if self.learned is not None and trajectory is None:
             return Correction.load(self.learned).wanted
@@ -97,7 +97,7 @@ class RepeatOptions:
 
         Raises `InvalidInput` if it belongs to another joint, load, controller or motion.
         """
-        from mpc.trials.corrections import Correction
+        from mpc.trials.motions.corrections import Correction
 
         if self.learned is None:
             return None
@@ -144,7 +144,7 @@ def report(
     """
     from allocator.presentation.plotting import save_figure
     from mpc.repetition.picture import plot_learning
-    from mpc.trials.corrections import Correction
+    from mpc.trials.motions.corrections import Correction
 
     console.print(_table(learner))
     if learner.update is not None:

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from allocator.calculus import Array, Value
 from mpc.observer.base import Observer
 from mpc.repetition.learner import Learner, Repetition
-from mpc.trials.corrections import compared
-from mpc.trials.reference import Reference
+from mpc.trials.motions.corrections import compared
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller, Load, Process, Run, simulate
 
 

@@ -21,7 +21,7 @@ from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
 from mpc.trials.margins import linear
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller, Process, simulate
 from mpc.tuning.draws import Spreads, draws
 from mpc.tuning.robustness import sliding

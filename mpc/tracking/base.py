@@ -1,4 +1,4 @@
-"""Skeleton of a controller's step: the stages of `BaseController`, in that order, for any method of optimisation."""
+"""Base class of tracking controllers: the stages of a control step, independent of the method of optimisation."""
 
 import warnings
 from abc import ABC, abstractmethod
@@ -25,11 +25,11 @@ from mpc.tracking.preview import BadNumbers, Preview, Task
 from mpc.tracking.qp.step import PreviousSample
 from mpc.tracking.rest import RestMode
 
-_SHARE = 0.9  # of the time budget for optimising; the rest predicts what the commands will do
+_SHARE = 0.9  # [-] of the time budget, for optimising; the rest is for predicting the motion
 
 
 class Situation(NamedTuple):
-    """The starting point of the optimisation."""
+    """Starting point of the optimisation."""
 
     task: Task
     feed: FeedForward
@@ -38,16 +38,17 @@ class Situation(NamedTuple):
 
 
 class Optimised(NamedTuple):
-    """The result of the optimisation, or the reason why there is none."""
+    """Result of the optimisation, or the reason why there is none."""
 
     status: PlanStatus
-    best: tuple[Rung, Array] | None = None  # commands (N, m) and the rung that they are worth
-    motion: Motion | None = None  # under them, where it is known already
+    best: tuple[Rung, Array] | None = None  # commands (N, m) and their rung of the ladder
+    motion: Motion | None = None  # under these commands, if already known
     times: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of linearising, condensing, solving [s]
 
 
 class BaseController(ABC):
-    """Base of controllers that turn a measured state and references into a `Plan`, in stages with one result each:
+    """Base of controllers. A step computes a `Plan` from a measured state and references, in stages with one result
+    each:
 
         inputs checked    `Task`         valid references from the time a command acts     `mpc.tracking.preview`
         feed-forward      `FeedForward`  state, outputs and commands that follow them       `mpc.tracking.feedforward`
@@ -55,22 +56,22 @@ class BaseController(ABC):
         ladder            `Motion`       of the best commands with a finite prediction      `mpc.tracking.fallback`
         plan              `Plan`         commands, their status and predicted motion        `mpc.tracking.plan`
 
-    A subclass has the attributes below; `_build` makes the common ones.
+    Subclasses define the attributes below; `_build` sets the common ones.
     """
 
     plant: Any  # a `Machine`
     dt: float  # sample time [s]
     compensation: Compensation
-    patience: float  # for how long the angle may be missing [s]
-    budget: float | None = None  # time for a step [s]
-    rest: bool = False  # whether commands come to rest at a constant reference, if the compensation knows anything
-    machines: ClassVar[tuple[type, ...]] = (Plant,)  # that it can control
-    says_moved: ClassVar[bool] = True  # whether its plans say how far the references were moved
+    patience: float  # longest time without a measured angle [s]
+    budget: float | None = None  # greatest duration of a step [s]
+    rest: bool = False  # whether commands rest at a constant reference, if the compensation has effects
+    machines: ClassVar[tuple[type, ...]] = (Plant,)  # supported types of plants
+    says_moved: ClassVar[bool] = True  # whether plans report moves of the references
     _feed_forward: FeedForwardOf
     _first: bool = True  # whether there was no step since the last reset
 
     def _check_model(self) -> None:
-        """Raise `InvalidInput` unless there are a plant and a compensation."""
+        """Raise `InvalidInput` unless plant and compensation have the right types."""
         if not isinstance(self.plant, self.machines):
             known = " or ".join(f"{'an' if kind is Arm else 'a'} {kind.__name__}" for kind in self.machines)
             of_nominal = "; a RealPlant's model is its nominal" if isinstance(self.plant, RealPlant) else ""
@@ -113,7 +114,7 @@ class BaseController(ABC):
         return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
 
     def _point_out_bar(self, x: object) -> None:
-        """Warn of pressures that look like bar. This is no error, because those of a vented joint are as low."""
+        """Warn of pressures that look like bar. They are not refused, because those of a vented joint are as low."""
         self._first = False
         state = checks.floats("x", x, "rad, rad/s, Pa")
         if state.shape != (self.plant.size,):
@@ -124,7 +125,7 @@ class BaseController(ABC):
         except InvalidInput as wrong:
             warnings.warn(str(wrong), BadNumbers, stacklevel=3)
 
-    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder finds what is not finite
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder rejects non-finite plans
     def _staged(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike, began: float) -> Plan:
         """Return the plan after all stages."""
         task = self._preview.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
@@ -147,7 +148,7 @@ class BaseController(ABC):
         self.ladder.remember(rung, motion, None if task.refused else feed.u[0])
         return self._plan(situation, found.status, rung, motion, 0.0 if held is None else self.rest_mode.side, times)
 
-    # --- what a member may fill in ----------------------------------------------------------------------------------
+    # --- hooks for subclasses -------------------------------------------------------------------------------------
 
     @abstractmethod
     def _optimise(self, situation: Situation) -> Optimised:
@@ -156,7 +157,7 @@ class BaseController(ABC):
     def _whole_step(
         self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike, began: float
     ) -> Plan | None:
-        """Return the same plan by compiled code, or None with nothing changed if that is impossible."""
+        """Return the same plan by compiled code; None, with the controller unchanged, if that is impossible."""
         return None
 
     def _forget(self) -> None:
@@ -179,14 +180,14 @@ class BaseController(ABC):
         return inf if self.budget is None else began + _SHARE * self.budget
 
     def _approach(self, P: Array, situation: Situation) -> Optimised:
-        """Return the approach to the pressures `P` (m,) of a rest."""
+        """Return commands that approach the rest pressures `P` (m,)."""
         u = self.limits.limited(situation.previous.u, np.tile(P, (self._predictor.N, 1)))
         return Optimised(PlanStatus.RESTING, (Rung.ALLOCATION, u))
 
     def _plan(
         self, situation: Situation, status: PlanStatus, rung: Rung, motion: Motion, side: float, times: Times
     ) -> Plan:
-        """Return the plan of `motion`; `side` is the edge of the dead band to keep to."""
+        """Return the plan of `motion`; `side` is the edge of the dead band to stay on."""
         task, feed = situation.task, situation.feed
         return Plan(
             self._preview.sent(motion.u, motion.x, side),

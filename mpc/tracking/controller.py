@@ -1,4 +1,4 @@
-"""The tracking controller is a linear time-varying MPC. This is the problem it solves at every sample, of a joint:
+"""Linear time-varying MPC of angle and stiffness. At every sample it solves, for a joint:
 
     minimise  ½ Σ_{k=1…N-1} [|x_k - x*_k|² + |y_k - y*_k|²] + ½ Σ_{k=0…N-1} [|e_k|² + |e_k - e_{k-1}|²/dt²]
             + ½ |L ξ|²  +  ρ s + ½ ρ₂ s²  +  ρ_F s_F + ½ ρ_F₂ s_F²,       e_k = u_k - u*_k,  ξ = (x_N - x*_N, e_{N-1})
@@ -7,28 +7,28 @@
                 P_min ≤ u_k ≤ P_max,   |u_k - u_{k-1}| ≤ slew · dt                             (hard)
                 θ_min - s ≤ θ_k ≤ θ_max + s,   F_i(x_k) ≥ F_min - s_F,   k = 1…N, i = 1, 2     (soft)
 
-Of an arm with n joints and m muscles x is (q, ω, P), y = (svec K, F), and d a torque at every joint; one slack is for
-all angles and one for all forces. The decisions are then changes of the commands at the beginnings of blocks, which
-grow along the horizon.
+For an arm with n joints and m muscles, x is (q, ω, P), y is (svec K, F) and d is a torque at every joint; all angles
+share one slack and all forces another. The decisions are then changes of the commands at the beginnings of blocks,
+whose lengths grow along the horizon.
 
-The squares of the first line are weighted, entry by entry, as `mpc.tracking.cost` states; y = (K, F1, F2). θ* and K*
-are the references, brought to the nearest that the joint can reach, u* and the pressures in x* = (θ*, θ*', P1*, P2*)
-what follows them by the closed-form allocation (`mpc.tracking.feedforward`); L is the terminal cost
-(`mpc.tracking.terminal`), and ρ, ρ_F are so dear that a slack is used only where it has to be (`Weights`).
-f_d, K and F are linearised along the previous plan, shifted by one sample (`mpc.tracking.linearise`), which makes the
-problem a QP in the changes of the commands (`mpc.tracking.qp.condense`); one such QP is solved per sample, or
-`iterations` of them, which converge to the nonlinear problem's solution. With `blocks` the commands leave the previous
-plan only where a block begins.
+The squares of the first line are weighted entry by entry (`mpc.tracking.cost`); y = (K, F1, F2). θ* and K* are the
+references, moved to the nearest feasible ones. The closed-form allocation gives u* and the pressures in
+x* = (θ*, θ*', P1*, P2*) that follow them (`mpc.tracking.feedforward`). L is the terminal cost
+(`mpc.tracking.terminal`). The penalties ρ, ρ_F are large enough for slacks to be used only if necessary (`Weights`).
+f_d, K and F are linearised along the previous plan, shifted by one sample (`mpc.tracking.linearise`). The result is a
+QP in the changes of the commands (`mpc.tracking.qp.condense`). One QP is solved per sample, or `iterations` of them,
+which converge to the solution of the nonlinear problem. With `blocks`, the commands depart from the previous plan only
+where a block begins.
 
-What a `Compensation` knows of the real joint is taken account of: the problem begins where the commands under way will
-have brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion θ*, and
-the commands that are sent are the inverse of the regulators' dead band at u.
+A `Compensation` has the known effects of the real joint. The problem begins in the state to which the commands under
+way will have brought the joint at the end of the dead time, the torque d_k contains the friction of the intended motion
+θ*, and the commands sent are the inverse of the regulators' dead band at u.
 
-One QP about a plan is `mpc.tracking.qp.step`, in compiled code where that can be had (`mpc.tracking.compiled.qp_step`).
+`mpc.tracking.qp.step` builds and solves one QP about a plan, `mpc.tracking.compiled.qp_step` does so in compiled code.
 
-No step is without an answer. If the QP has none that passes the check of its optimality conditions
-(`mpc.tracking.qp.certified`) within the time budget, the fallback ladder leads down (`mpc.tracking.fallback`). Whatever
-is sent keeps the hard limits exactly.
+Every step returns a plan. If no solution of the QP passes the check of its optimality conditions
+(`mpc.tracking.qp.certified`) within the time budget, the fallback ladder chooses the commands
+(`mpc.tracking.fallback`). Commands always satisfy the hard limits exactly.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -77,13 +77,13 @@ class TrackingMPC(BaseController):
     (k, k) [N·m/rad], or previews (ahead + 1, …) of them; the arrays of its `Plan` are u (N, m) [Pa], x (N+1, 2n + m)
     and K (N+1, k, k).
 
-    Its step is that of `BaseController`: `Task` → `FeedForward` → `Optimised` → `Motion` → `Plan`. To optimise is to
-    solve `iterations` QPs (`mpc.tracking.qp.step`), or the softened one; where the reference is constant the commands
-    rest (`mpc.tracking.rest`). `qp` shows the QP of a step.
+    `BaseController` defines its step: `Task` → `FeedForward` → `Optimised` → `Motion` → `Plan`. The optimisation solves
+    `iterations` QPs (`mpc.tracking.qp.step`), or the softened one. At a constant reference the commands rest
+    (`mpc.tracking.rest`). `qp` shows the QP of a step.
 
-    A time `budget` is for work in real time, where dt or less of it is there; without one a step takes what it takes.
-    Without the angle it goes on from its own prediction for `patience` seconds, and then holds the pressures
-    (`Rung.HOLD`). Raises `InvalidInput` for settings that make no sense.
+    A time `budget` of dt or less is for real-time operation; without one, a step takes as long as it needs. If the
+    angle is missing, the controller uses its own prediction for `patience` seconds and then holds the pressures
+    (`Rung.HOLD`). Raises `InvalidInput` for invalid settings.
     """
 
     machines = Plant, Arm
@@ -93,24 +93,24 @@ class TrackingMPC(BaseController):
     weights: Weights = field(default_factory=Weights)
     solver: str | Mapping[str, object] | Solver = "riccati"  # or options, or `OSQP(…)`, or a function
     iterations: int = 1  # QPs per step
-    compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
+    compensation: Compensation = field(default_factory=Compensation)  # of the real joint
     min_force: float = 0.0  # F_min [N]
     blocks: Sequence[int] | None = None  # lengths of the blocks of samples, N in all; None: see `usual_blocks`
-    budget: float | None = None  # time for a step [s]
+    budget: float | None = None  # greatest duration of a step [s]
     patience: float = 0.2  # [s]
     rest: bool = True  # whether commands come to rest at a constant reference, see `rests`
-    wait: bool = True  # for what is not compiled yet; else another process compiles, and the readable step answers
-    compiled: bool = True  # else nothing is, and the readable step answers: for a controller that is only exported
+    wait: bool = True  # for compilation; else another process compiles, and the readable step is used
+    compiled: bool = True  # False: use the readable step, for a controller that is only exported
 
     def __post_init__(self) -> None:
-        """Check the settings and build what does not change."""
+        """Check the settings and build the constant parts."""
         self.blocks = self._check_settings()
         self._build(self.N, self.min_force)
         L, plant = terminal_factor(self.plant, self.dt, self.weights), self.plant
         sizes = plant.n, plant.m, plant.stiffnesses
         self.problem = TrackingProblem(self.weights, self.limits, L, self.blocks, self.dt, *sizes)
         self._work()
-        if self.compiled and (self.wait or self.implementation == "compiled"):  # `CompilingBeside` has warned else
+        if self.compiled and (self.wait or self.implementation == "compiled"):  # otherwise `CompilingBeside` has warned
             check_pace(self._rehearse, self.plant, self.dt, self.N)
         self.reset()
 
@@ -161,22 +161,22 @@ class TrackingMPC(BaseController):
 
     @property
     def implementation(self) -> str:
-        """The implementation of a step is "compiled", or "readable", about ten times as slowly (then `SlowStep` or
-        `CompilingBeside` has warned), from the first step to the last.
+        """Implementation of all steps: "compiled", or "readable", which is about ten times slower (after a `SlowStep`
+        or `CompilingBeside` warning).
         """
         return self._qp_step.implementation
 
     @property
     def rests(self) -> bool:
-        """It rests if its commands come to rest at a constant reference."""
+        """Whether the commands come to rest at a constant reference."""
         return self.rest and self.rest_mode.worthwhile
 
-    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite is refused below
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # non-finite results are refused below
     def qp(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike = 0.0) -> NamedQP:
         """Return the QP that `step` would solve for these arguments, the first one if it solves `iterations` of them.
 
-        It is not solved, and the controller does not change. A step that rests or cannot see the angle does not come to
-        solve it. Raises `InvalidInput` for arguments that cannot be meant, or that lead beyond the range of numbers.
+        The QP is not solved, and the controller does not change. A step that rests or has no angle solves no QP. Raises
+        `InvalidInput` for implausible arguments, or if the prediction overflows.
         """
         preview = deepcopy(self._preview)
         preview.strict = True
@@ -192,7 +192,7 @@ class TrackingMPC(BaseController):
     # --- copies -----------------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
-        """Make or load what does the work of a step: the solver, and compiled code."""
+        """Create or load the solver and the compiled code."""
         self._solve = solver_of(self.solver)
         feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
         self._qp_step, self._feed_forward = factory(
@@ -202,7 +202,7 @@ class TrackingMPC(BaseController):
         self._join()
 
     def _join(self) -> None:
-        """Join the compiled parts, where all of an ordinary step is compiled."""
+        """Join the compiled parts, if the whole ordinary step is compiled."""
         self._whole: WholeStep | None = None
         if isinstance(self._qp_step, CompiledQPStep) and isinstance(self._feed_forward, CompiledFeedForward):
             from mpc.model import compiled_friction
@@ -214,12 +214,12 @@ class TrackingMPC(BaseController):
                 self._whole = whole.WholeStep(self._qp_step, self._feed_forward, parts, numbers)
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what does the work, which each process makes for itself."""
+        """Leave out the solver and the compiled code, which each process creates for itself."""
         kept = {name: value for name, value in self.__dict__.items() if name not in _WORKERS}
         return kept | {"active_set": self._qp_step.active_set}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Go on where the copied one was."""
+        """Continue from the state of the copied controller."""
         active_set = state.pop("active_set")
         self.__dict__.update(state)
         self._work()
@@ -227,7 +227,7 @@ class TrackingMPC(BaseController):
         deepcopy(self)._rehearse()
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
-        """Copy all but what does the work, which both use in the same process."""
+        """Copy all but the solver and the compiled code, which both controllers share in one process."""
         other = object.__new__(type(self))
         kept = {name: value for name, value in self.__dict__.items() if name != "_whole"}
         other.__dict__.update({name: deepcopy(value, memo) for name, value in kept.items()})
@@ -237,7 +237,7 @@ class TrackingMPC(BaseController):
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
     def _optimise(self, situation: Situation) -> Optimised:
-        """Return the commands after `iterations` QPs, or up to one that failed: then the softened one's."""
+        """Return the commands after `iterations` QPs; if one fails, those of the softened QP."""
         task, feed, previous, deadline = situation
         x, d, u = task.x, task.d[:-1], self.ladder.shift(feed.u)
         best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
@@ -256,7 +256,7 @@ class TrackingMPC(BaseController):
         return Optimised(status, best, motion, spent)
 
     def _softened(self, answer: QPAnswer, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
-        """Return the next rung, if there is time for it and numbers to work with."""
+        """Return the solution of the softened QP, if there is time for it and the QP is finite."""
         if answer.qp is None or answer.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
             return None
         if (z := softened(answer.qp, deadline)) is None:
@@ -264,7 +264,7 @@ class TrackingMPC(BaseController):
         return Rung.SOFTENED, self.limits.limited(u_last, answer.u + self.problem.E @ z)
 
     def _rehearse(self) -> None:
-        """Step from the middle of all ranges away, so that slew binds; what the first use loads is loaded now."""
+        """Step away from the middle of all ranges, so that slew binds and all that is loaded on first use is loaded."""
         self.reset()
         budget, self.budget, plant = self.budget, None, self.plant
         (left, right), P = self.limits.theta, np.full(plant.m, np.mean(self.limits.pressure))
@@ -277,12 +277,12 @@ class TrackingMPC(BaseController):
 
 _BLOCKS = 1, 1, 2, 4, 6  # lengths of the first blocks of an arm; the others are as long as the last of these
 _TRIES = 5  # calls of a step that are timed
-_STIFF = 20  # steps of integration in a sample that ordinary plants do not need
+_STIFF = 20  # integration steps per sample beyond those of ordinary plants
 _WORKERS = ("_solve", "_qp_step", "_feed_forward", "_whole")
 
 
 def usual_blocks(plant: Machine, N: int) -> tuple[int, ...]:
-    """Return the lengths of blocks, `N` in all: one sample each, of an arm 1, 1, 2, 4, 6, 6, …, the last shortened."""
+    """Return the lengths of blocks, `N` in all: 1 for a joint, 1, 1, 2, 4, 6, 6, … for an arm, the last shortened."""
     if not isinstance(plant, Arm):
         return (1,) * N
     ends = accumulate(chain(_BLOCKS, repeat(_BLOCKS[-1])))
@@ -297,9 +297,9 @@ class LongStep(UserWarning):
 
 
 def check_pace(step: Callable[[], object], plant: Machine, dt: float, N: int) -> None:
-    """Warn with `LongStep` where even the quickest of some calls of `step` takes longer than `dt` [s].
+    """Warn with `LongStep` if even the quickest of several calls of `step` takes longer than `dt` [s].
 
-    What other programs take of the processor is not the step's: the thread's own time counts. One call, if quick.
+    The thread's own CPU time counts, so that other programs do not. If the first call is quick, it is the only one.
     """
     took = inf
     for _ in range(_TRIES):

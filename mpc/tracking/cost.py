@@ -1,4 +1,4 @@
-"""Tracking cost of a sample, written once: a table of residuals with one of the `Weights` each.
+"""Tracking cost of a sample: a table of residuals with one of the `Weights` each.
 
     ½ Σ_{k=1…N-1} [w_θ (θ_k - θ*_k)² + w_ω (ω_k - θ*'_k)² + w_K (K_k - K*_k)²]
   + ½ Σ_{k=0…N-1} [w_u |e_k|² + w_r |e_k - e_{k-1}|²/dt²]                              e_k = u_k - u*_k
@@ -30,7 +30,7 @@ NY = 1 + NU  # outputs: stiffness and both forces
 
 
 class Residual(NamedTuple):
-    """A quantity with one weight, which charges half its square, summed over entries and samples."""
+    """Quantity with one weight; its cost is half its square, summed over entries and samples."""
 
     weight: str  # field of `Weights`
     rows: str  # field of `Rows`

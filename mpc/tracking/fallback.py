@@ -2,7 +2,7 @@
 
     QP          the proved solution of the QP
     SOFTENED    the solution of `mpc.tracking.qp.softened`, if the QP has no proved one
-    PREVIOUS    the rest of the last such plan, at most to its end
+    PREVIOUS    the remainder of the last such plan, at most to its end
     ALLOCATION  the feed-forward, approached within the limits
     HOLD        constant commands; after a while both pressures are vented slowly
 
@@ -34,8 +34,8 @@ class Ladder(Deferred):
 
     limits: Limits
     predictor: Predictor
-    holding: float = 0.5  # how long pressures are held before they are let out [s]
-    venting: float = 0.5 * BAR  # how fast the higher of them then falls [Pa/s]
+    holding: float = 0.5  # duration of holding before venting [s]
+    venting: float = 0.5 * BAR  # rate at which the higher pressure then falls [Pa/s]
 
     def __post_init__(self) -> None:
         """Begin."""
@@ -52,7 +52,7 @@ class Ladder(Deferred):
     def previous(self, x: Array, u_star: Array) -> PreviousSample:
         """Return the previous sample; if there was none, the feed-forward `u_star` (2,) and the pressures in `x` (4,).
 
-        These are `Limits.commandable`.
+        The pressures are made `Limits.commandable`.
         """
         u_last = self.limits.commandable(x[-u_star.size :]) if self.motion is None else self.motion.u[0]
         return PreviousSample(u_last, u_star if self.u_star is None else self.u_star)
@@ -74,7 +74,7 @@ class Ladder(Deferred):
     ) -> tuple[Rung, Motion]:
         """Return the first valid rung and the motion of its commands from `x` (4,) under the torque `d` (N,) [N·m].
 
-        `best` is the result of the optimisation, if there is one; `blind` means to hold.
+        `best` is the result of the optimisation, if there is one; `blind` selects the rung `HOLD`.
         """
         if not blind:
             for rung, u in self.rungs(best, u_star, u_last):
@@ -119,5 +119,5 @@ class Ladder(Deferred):
             self.u_star = u_star
 
     def go_on(self, motion: Motion, u_star: Array) -> None:
-        """Remember an ordinary sample: its `motion` and its feed-forward `u_star` (2,)."""
+        """Remember the `motion` of an ordinary sample and its feed-forward `u_star` (2,)."""
         self.motion, self.u_star, self._left, self._held = motion, u_star, self.predictor.N, 0

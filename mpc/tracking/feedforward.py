@@ -1,13 +1,14 @@
-"""The feed-forward would follow a preview exactly, if the model were right and nothing limited: closed form.
+"""Closed-form feed-forward. It follows a preview exactly if the model is exact and no limit is active.
 
 The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d of a joint, or M(q) q'' + C(q, q') + D q' + g(q) - d of
-an arm, where d holds the friction of the intended motion too (`mpc.tracking.preview`); `allocate` turns (θ, K, T) at
-all N+1 samples into pressures in one call, bringing what cannot be reached to the nearest that can; and the lag over
-one sample of constant command,
+an arm, where d includes the friction of the intended motion (`mpc.tracking.preview`). One call of `allocate` turns
+(θ, K, T) at all N+1 samples into pressures, moving infeasible targets to the nearest feasible ones. The lag over one
+sample of constant command,
 
     P_{k+1} = α_i P_k + (1 - α_i) (u_k - τ_i q_k),    α_i = exp(-dt/τ_i)
 
-is inverted for the commands. q is what the swelling muscles take (`Plant.expansion`), the mean of both ends.
+is inverted for the commands. q is the fall of the pressures [Pa/s] as the muscles swell (`Plant.expansion`), averaged
+over both ends of the sample.
 """
 
 from dataclasses import dataclass
@@ -22,34 +23,34 @@ from mpc.tracking.plan import Moved
 
 @dataclass(frozen=True)
 class FeedForward:
-    """A feed-forward is a preview and what it asks of state, outputs and commands; time runs along the first axis.
+    """States, outputs and commands that follow a preview; time is the first axis.
 
-    Of n joints and m muscles x is (N+1, 2n + m), y (N+1, n(n+1)/2 + m) with svec K* for K*, and u (N, m).
+    For n joints and m muscles, x is (N+1, 2n + m), y (N+1, n(n+1)/2 + m) with svec K* for K*, and u (N, m).
     """
 
     x: Array  # (N+1, 4) x* = (θ*, θ*', P1*, P2*): angle within the joint range, its derivative, pressures
-    y: Array  # (N+1, 3) y* = (K*, 0, 0): the reachable stiffness nearest to the asked one [N·m/rad], no force
+    y: Array  # (N+1, 3) y* = (K*, 0, 0): the feasible stiffness nearest to the reference [N·m/rad], no force
     u: Array  # (N, 2) u*, commands [Pa], unlimited
-    moved: Moved  # from what was asked
+    moved: Moved  # distance from the references
 
     @property
     def theta(self) -> Array:
-        """The angle of a joint is θ* (N+1,) [rad]; the next three are of a joint, too."""
+        """Angle θ* (N+1,) [rad] of a joint; the next three properties are for a joint as well."""
         return self.x[:, 0]
 
     @property
     def omega(self) -> Array:
-        """The velocity is θ*' (N+1,) [rad/s]."""
+        """Velocity θ*' (N+1,) [rad/s]."""
         return self.x[:, 1]
 
     @property
     def P(self) -> Array:
-        """The pressures are P* (N+1, 2) [Pa]."""
+        """Pressures P* (N+1, 2) [Pa]."""
         return self.x[:, 2:]
 
     @property
     def K(self) -> Array:
-        """The stiffness is K* (N+1,) [N·m/rad]."""
+        """Stiffness K* (N+1,) [N·m/rad]."""
         return self.y[:, 0]
 
 
@@ -61,9 +62,9 @@ class FeedForwardOf(Protocol):
 
 
 class InverseDynamics:
-    """The inverse dynamics of `plant` are its feed-forward, for previews of N+1 samples, `dt` [s] apart.
+    """Feed-forward by inverse dynamics of `plant`, for previews of N+1 samples, `dt` [s] apart.
 
-    Its muscles pull `min_force` [N] at least.
+    Every muscle pulls at least `min_force` [N].
     """
 
     def __init__(self, plant: Machine, dt: float, N: int, min_force: float = 0.0) -> None:
@@ -78,23 +79,23 @@ class InverseDynamics:
         self.alpha = np.exp(-dt / self.lags)  # (m,)
 
     def ready(self) -> Self:
-        """Return itself, with everything compiled that else would be in the first control step."""
+        """Return the feed-forward, compiled now rather than in the first control step."""
         self.plant.warm_up(self.min_force)
         return self
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        """Compile again: in another process nothing may be compiled yet."""
+        """Compile again, because another process may not have compiled code."""
         self.__dict__.update(state)
         self.ready()
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
-        """Return itself: nothing in it changes."""
+        """Return the same object, because it does not change."""
         return self
 
     def __call__(self, theta: Array, K: Array, d: Array | float = 0.0) -> FeedForward:
         """Return the feed-forward for the previews `theta` [rad] and `K` [N·m/rad], and a torque `d` [N·m].
 
-        Of a joint they are (N+1,), of an arm (N+1, n), (N+1, k, k) and (N+1, n); `d` may be constant.
+        For a joint they are (N+1,), for an arm (N+1, n), (N+1, k, k) and (N+1, n); `d` may be constant.
         """
         asked, plant = theta, self.plant
         theta = np.clip(asked, *plant.angle_limits)

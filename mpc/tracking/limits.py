@@ -47,19 +47,19 @@ class Limits:
     def commandable(self, P: Array) -> Array:
         """Return the measured pressures `P` [Pa] as commands to start from.
 
-        A gauge may read less than no pressure, which cannot be commanded. Readings outside the supply stay, since
-        commands return from there at the slew limit.
+        A gauge may read less than zero, which cannot be commanded; such readings are moved to zero. Other readings
+        outside the supply stay, since commands return from there at the slew limit.
         """
         return np.maximum(P, min(self.pressure[0], 0.0))
 
     def excursion(self, theta: Array) -> float:
-        """Return how far the angles `theta` (N,) or (N, n) leave their ranges at worst [rad]."""
+        """Return the greatest excursion of the angles `theta` (N,) or (N, n) from their ranges [rad]."""
         left, right = self.theta
         if theta.ndim > 1:
             return float(max(0.0, (left - theta).max(), (theta - right).max()))
-        angles = theta.tolist()  # Python is faster than NumPy on so few
+        angles = theta.tolist()  # Python is faster than NumPy on so few numbers
         return float(max(0.0, left - min(angles), max(angles) - right))
 
     def slackening(self, F: Array) -> float:
-        """Return how far the forces `F` fall below the least one at worst [N]."""
+        """Return the greatest shortfall of the forces `F` below the least one [N]."""
         return max(0.0, self.min_force - min(F.ravel().tolist()))

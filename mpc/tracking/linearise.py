@@ -1,13 +1,13 @@
-"""Along a horizon the plant has a motion under a sequence of commands, and that motion has exact derivatives.
+"""Motion of the plant under a sequence of commands over a horizon, and its exact derivatives.
 
 From the measured x_0 and commands ū_0 … ū_{N-1} (the previous plan), with f_d the plant over one sample,
 
     x̄_0 = x_0,   x̄_{k+1} = f_d(x̄_k, ū_k, d_k),   A_k = ∂f_d/∂x,   B_k = ∂f_d/∂u,   c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k
     K̄_k = K(x̄_k),   C_k = ∂K/∂x,   F̄_k = F(x̄_k),   D_k = ∂F/∂x
 
-so that x_{k+1} = A_k x_k + B_k u_k + c_k, K_k = K̄_k + C_k (x_k - x̄_k) and the muscle forces F_k = F̄_k + D_k (x_k - x̄_k)
-to first order. Since x̄ is a motion of the plant the linear model is exact on it. Derivatives are CasADi's, evaluated
-for all k in one call; of an arm without formulas they are differences (`mpc.model.arm.differences`).
+to first order x_{k+1} = A_k x_k + B_k u_k + c_k, K_k = K̄_k + C_k (x_k - x̄_k), and the forces of the muscles are
+F_k = F̄_k + D_k (x_k - x̄_k). The linear model is exact on x̄, since x̄ is a motion of the plant. CasADi evaluates the
+derivatives for all k in one call; those of an arm without formulas are differences (`mpc.model.arm.differences`).
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion is what the plant does under given commands; time runs along the first axis."""
+    """Motion of the plant under given commands; time is the first axis."""
 
     u: Array  # (N, m) commanded pressures [Pa]
     x: Array  # (N+1, 2n + m) states
@@ -38,17 +38,17 @@ class Motion:
 
     @property
     def finite(self) -> bool:
-        """The motion is finite if the prediction stayed within the range of numbers."""
+        """Whether the prediction stayed within the range of numbers."""
         return all(bool(np.isfinite(array).all()) for array in (self.u, self.x, self.K, self.F))
 
     def stationary(self, u: Array) -> "Motion":
-        """Return no motion at all under the commands `u` (N, 2): all is as at the second sample of this one."""
+        """Return a standstill under the commands `u` (N, 2), in the state of the second sample of this motion."""
         return Motion(u, *(np.tile(a[1], (len(u) + 1,) + a[1].ndim * (1,)) for a in (self.x, self.K, self.F)))
 
 
 @dataclass(frozen=True)
 class Linearisation(Motion):
-    """A linearisation is a motion and the linear time-varying model about it."""
+    """Motion and the linear time-varying model about it."""
 
     A: Array  # (N, 4, 4)
     B: Array  # (N, 4, 2), per Pa
@@ -57,25 +57,25 @@ class Linearisation(Motion):
 
     @property
     def y(self) -> Array:
-        """The outputs are (K, F1, F2), (N+1, 3)."""
+        """Outputs (K, F1, F2), (N+1, 3)."""
         return np.column_stack([self.K, self.F])
 
     @property
     def slope(self) -> Array:
-        """The slope is the gradients of the outputs, (N+1, 3, 4)."""
+        """Gradients of the outputs, (N+1, 3, 4)."""
         C = self.C if self.C.ndim == 3 else self.C[:, None]  # an arm's K has several entries
         return np.concatenate([C, self.D], axis=1)
 
     @property
     def c(self) -> Array:
-        """The constants are c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
+        """Constants c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
         return np.asarray(
             self.x[1:] - np.einsum("kij,kj->ki", self.A, self.x[:-1]) - np.einsum("kij,kj->ki", self.B, self.u)
         )
 
 
 class Predictor:
-    """A predictor makes motions and linearisations of `plant` over `N` samples of `dt` [s]."""
+    """Motions and linearisations of `plant` over `N` samples of `dt` [s]."""
 
     def __init__(self, plant: Machine, dt: float, N: int) -> None:
         self.plant, self.dt, self.N = plant, dt, N
@@ -84,20 +84,20 @@ class Predictor:
     def motion(self, x0: Array, u: Array, d: Array | float = 0.0) -> Motion:
         """Return the motion from `x0` (2n + m,) under the commands `u` (N, m) and the torque `d` [N·m].
 
-        That is (N, n), (N,) of a joint, or constant.
+        The torque is (N, n), (N,) for a joint, or constant.
         """
         x, y = self._motion(x0, u, self._torques(d))
         return Motion(u, x, y[:, self._K], y[:, self.plant.stiffnesses :])
 
     def linearise(self, x0: Array, u: Array, d: Array | float = 0.0) -> Linearisation:
-        """Return the motion of `motion` with its derivatives."""
+        """Return the motion that `motion` returns, with its derivatives."""
         x, y, A, B, slope = self._linearise(x0, u, self._torques(d))
         N, k, size = self.N, self.plant.stiffnesses, self.plant.size
         A, B, slope = A.reshape(N, size, size), B.reshape(N, size, self.plant.m), slope.reshape(N + 1, -1, size)
         return Linearisation(u, x, y[:, self._K], y[:, k:], A, B, slope[:, self._K], slope[:, k:])
 
     def stationary(self, x: Array, u: Array) -> Motion:
-        """Return no motion at all from `x` (2n + m,) under the commands `u` (N, m), where the model has none."""
+        """Return a standstill at `x` (2n + m,) under `u` (N, m), with zero outputs, if there is no finite motion."""
         rows = len(u) + 1
         y = np.zeros((rows, self.plant.stiffnesses + self.plant.m))
         return Motion(u, np.tile(x, (rows, 1)), y[:, self._K], y[:, self.plant.stiffnesses :])
@@ -107,7 +107,7 @@ class Predictor:
 
     @cached_property
     def _differences(self) -> Differences | None:
-        """The differences of an arm without formulas."""
+        """Differences for an arm without formulas."""
         return Differences(self.plant, self.dt) if isinstance(self.plant, Arm) and self.plant.unformulated else None
 
     @cached_property

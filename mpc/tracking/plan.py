@@ -1,8 +1,8 @@
 """Plans: the controller's answer at every sample.
 
-Each status has one origin: `BAD_INPUT` and `BLIND` from the inputs (`mpc.tracking.preview.Task.halted`),
-`RESTING` from the rest mode (`mpc.tracking.rest`), `OPTIMAL`, `UNSOLVED` and `REFUSED` from the QP's proof
-(`mpc.tracking.qp.certified`), `LATE` from the clock; `status_of` has the last word.
+Each status has one origin: `BAD_INPUT` and `BLIND` from the inputs (`mpc.tracking.preview.Task.halted`), `RESTING` from
+the rest mode (`mpc.tracking.rest`), `OPTIMAL`, `UNSOLVED` and `REFUSED` from the QP's proof
+(`mpc.tracking.qp.certified`), `LATE` from the clock; `status_of` combines them.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ class Rung(IntEnum):
 
     @property
     def text(self) -> str:
-        """A description of this rung."""
+        """Description of this rung."""
         return _RUNGS[self]
 
 
@@ -60,7 +60,7 @@ class PlanStatus(IntEnum):
 
 
 _STATUSES = {
-    PlanStatus.BAD_INPUT: "A reference or the torque d is no number that could be meant; the pressures are held.",
+    PlanStatus.BAD_INPUT: "A reference or the torque d is not plausible; the pressures are held.",
     PlanStatus.OPTIMAL: "The problem was solved and its optimality conditions were checked.",
     PlanStatus.UNSOLVED: "The solver gave up; try another solver.",
     PlanStatus.REFUSED: "The solver's answer is not optimal and was refused; try another solver.",
@@ -78,7 +78,7 @@ class Moved(NamedTuple):
 
     theta: float  # [rad]
     K: float  # [N·m/rad]
-    T: float  # [N·m], torque that the motion takes and the muscles do not have
+    T: float  # [N·m], torque that the motion needs beyond that of the muscles
 
 
 class Times(NamedTuple):
@@ -96,15 +96,17 @@ class Plan(Deferred):
     """Commands for the horizon and the predicted motion; time is the first axis. Read-only."""
 
     u: Array  # (N, 2) commanded pressures [Pa], within the supply and the slew limit; u[0] is the one to send now
-    x: Array  # (N+1, 4) states that the plant model has from when u[0] acts
+    x: Array  # (N+1, 4) states of the plant model from the time at which u[0] acts
     K: Array  # (N+1,) stiffness along x [N·m/rad]
     status: PlanStatus
     rung: Rung
-    slack: float  # s: how far x leaves the joint range at worst [rad]
+    slack: float  # s: greatest excursion of x from the joint range [rad]
     times: Times
-    # defaults by factories leave nothing in the class that would be found before `__getattr__` is asked
-    slack_force: float = field(default_factory=float)  # s_F: how far a force falls below the least one along x [N]
-    moved: Moved | None = field(default_factory=lambda: None)  # None from a controller that does not say
+    # defaults by factories leave no class attribute that would hide `__getattr__`
+    slack_force: float = field(
+        default_factory=float
+    )  # s_F: greatest shortfall of a force below the least one along x [N]
+    moved: Moved | None = field(default_factory=lambda: None)  # None if the controller does not report it
 
     def __post_init__(self) -> None:
         """Make the arrays read-only, because the controller continues from them."""
@@ -133,5 +135,5 @@ def status_of(optimised: PlanStatus, rung: Rung, measured: bool) -> PlanStatus:
     if optimised is not PlanStatus.OPTIMAL:
         return optimised
     if rung is not Rung.QP:
-        return PlanStatus.NOT_FINITE  # what the QP's commands would do
+        return PlanStatus.NOT_FINITE  # the motion under the QP's commands
     return PlanStatus.OPTIMAL if measured else PlanStatus.NO_MEASUREMENT

@@ -1,13 +1,13 @@
-"""The preview is what a controller sees of the future: references checked, the dead time gone through.
+"""Checked references, and the prediction over the dead time.
 
 A command given now acts after the dead time. Until then the plant follows the commands under way; their motion gives
-the state in which the new command begins to act. The torque of a joint on the way and beyond contains the friction of
-the intended motion. The commands that are sent are the inverse of the dead band at those that should act, within the
+the state in which the new command begins to act. The torque of a joint during and after the dead time contains the
+friction of the intended motion. The commands sent are the inverse of the dead band at those that should act, within the
 limits of commands.
 
-Whatever numbers come, there is a task. What no plant can measure counts as not measured, and is what was predicted for
-it; before the angles have ever been measured the plant is taken to be at its reference, and whoever takes it for that
-is told that the angles are not known. References that cannot be meant are refused, with a warning once.
+Any numbers give a task. Measurements that no plant can produce count as missing and are replaced by the prediction.
+Before the angles have ever been measured, the plant is assumed to be at its reference, and the task reports that the
+angles are unknown. Implausible references are refused, with one warning.
 """
 
 import warnings
@@ -29,45 +29,45 @@ from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
 
-_TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] what `checks` lets pass
-CORRECTED = 0.1  # [-] of an error of the angle counts as motion that friction opposes
+_TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] range that `checks` accepts
+CORRECTED = 0.1  # [-] of an angle error counts as motion that friction opposes
 
 
 class Meaningless(Exception):
-    """The numbers cannot be meant."""
+    """Implausible numbers."""
 
 
 class BadNumbers(UserWarning):
-    """A reference or a torque cannot be meant: the controller holds the pressures."""
+    """Warning of implausible references, torques or pressures. For the first two the controller holds the pressures."""
 
 
 class Task(NamedTuple):
-    """A task is what a command given now has to deal with, from the moment on at which it acts; N+1 samples.
+    """State, references and torques over N+1 samples, from the time at which a command given now acts.
 
-    Of n joints rows θ (N+1, n) and d (N+1, n), and K (N+1, n, n).
+    For n joints, θ and d are (N+1, n) and K is (N+1, n, n).
     """
 
-    seen: Array  # (2n + m,) what is measured of the state now; NaN for what is not
-    x: Array  # (2n + m,) the state then
+    seen: Array  # (2n + m,) measured state now; NaN for missing entries
+    x: Array  # (2n + m,) state at the first sample
     theta: Array  # (N+1,) reference [rad]
     K: Array  # (N+1,) reference [N·m/rad]
-    d: Array  # (N+1,) torque from outside and of friction [N·m]
-    measured: bool  # whether all of the state was
-    blind: float  # for how long not all angles have been [s]; inf: never
-    refused: bool  # whether the references cannot be meant: those here are substitutes
-    expected: Array  # (n,) the angles as they were predicted for now [rad]; NaN at first
-    now: float  # its reference now [rad]
-    known: Value  # the torque from outside that is known to act [N·m], (n,) of arms
+    d: Array  # (N+1,) external and friction torque [N·m]
+    measured: bool  # whether the whole state was measured
+    blind: float  # time since all angles were measured [s]; inf: never
+    refused: bool  # whether the references are implausible and were replaced by substitutes
+    expected: Array  # (n,) angles predicted for now [rad]; NaN at first
+    now: float  # reference of the first angle now [rad]
+    known: Value  # known external torque [N·m], (n,) for arms
 
     def halted(self, patience: float) -> PlanStatus | None:
-        """Return why the pressures have to be held, if they have to; the angle may be predicted for `patience` [s]."""
+        """Return the reason for holding the pressures, or None; the angle may be predicted for `patience` [s]."""
         if self.refused:
             return PlanStatus.BAD_INPUT
         return PlanStatus.BLIND if self.blind > patience * (1 + 1e-9) else None
 
 
 class Preview(Deferred):
-    """A preview of N samples knows dead time, friction and dead band of `compensation` for a controller of `plant`."""
+    """Preview of N samples for a controller of `plant`, with dead time, friction and dead band of `compensation`."""
 
     _put_off = "waiting", "last_sent", "expected", "_blind", "frictions"
 
@@ -80,24 +80,24 @@ class Preview(Deferred):
         self.lower, self.upper = (np.concatenate([read[: self.n], speed, read[self.n :]]) for read, speed in ends)
         self.dt, self.delay, self.limits = dt, compensation.delay(dt), limits
         self._under_way = Predictor(plant, dt, self.delay)
-        self.ahead: int = N + self.delay  # samples of preview wanted
-        self.strict = False  # raises `InvalidInput` for references that cannot be meant, instead of warning
+        self.ahead: int = N + self.delay  # samples of preview after the present one
+        self.strict = False  # whether to raise `InvalidInput` for implausible references instead of warning
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
         self.catch_up()
         self.waiting: list[Array] = []  # commands as they will act, oldest first
         self.last_sent: Array | None = None  # (m,)
-        self.expected: Array | None = None  # the state that was predicted for the next sample (2n + m,)
+        self.expected: Array | None = None  # state predicted for the next sample (2n + m,)
         self._blind = inf  # samples since all angles were measured
         self._warned = False
         self.frictions = tuple(map(FrictionState, self._known_friction))  # of each joint
 
     def task(self, x: object, theta_ref: object, K_ref: object, d: object, ringing: bool = False) -> Task:
-        """Check what `step` of a controller was given and look ahead by the dead time.
+        """Check the arguments of a controller's `step` and predict over the dead time.
 
-        Of a joint that is `ringing` no correction of the angle is expected to meet friction.
+        For a `ringing` joint, no friction is expected to oppose corrections of the angle.
         """
         expected = np.full(self.n, np.nan) if self.expected is None else self.expected[: self.n]
         x, seen = self._state(x)
@@ -122,10 +122,9 @@ class Preview(Deferred):
         return Task(seen, then, theta[k:], K[k:], torques[k:], measured, blind, refused, expected, now, torque)
 
     def sent(self, u: Array, x: Array, side: float = 0.0) -> Array:
-        """Return the commands (N, m) to send for `u` (N, m) to act in the states `x` (N+1, 2n + m), as the limits
-        allow.
+        """Return the commands (N, m) to send for `u` (N, m) to act in the states `x` (N+1, 2n + m), within the limits.
 
-        A `side` of ±1 says on which edge of the dead band the regulators are to hold `u`, whatever the pressures are.
+        A `side` of ±1 selects the edge of the dead band on which the regulators hold `u`, whatever the pressures are.
         """
         self.waiting = [*self.waiting[1:], u[0]] if self.delay else []
         if not self.delay:
@@ -139,8 +138,8 @@ class Preview(Deferred):
         return u
 
     def go_on(self, sent: Array, expected: Array, waiting: list[Array], frictions: tuple[FrictionState, ...]) -> None:
-        """Take note of an ordinary sample: what was `sent` (m,), the state `expected` (2n + m,) next, what is
-        `waiting`, and the `frictions` of the joints followed.
+        """Record an ordinary sample: commands `sent` (m,), the state `expected` (2n + m,) next, commands `waiting`, and
+        the updated `frictions` of the joints.
         """
         self.last_sent, self.expected, self.waiting, self.frictions = sent, expected, waiting, frictions
         self._blind = 0
@@ -156,7 +155,7 @@ class Preview(Deferred):
         return self._reference("K_ref", given, self.plant.stiffness_shape, self.plant.check_stiffness, (_LEAST, inf))
 
     def _torque(self, d: object) -> Value:
-        """Return the torque from outside, (n,) of an arm."""
+        """Return the external torque, (n,) for an arm."""
         shape = self.plant.angle_shape
         if type(d) is float and isfinite(d) and shape == ():
             return d
@@ -176,9 +175,9 @@ class Preview(Deferred):
         check: Callable[[str, Value], None],
         usual: tuple[float, float],
     ) -> Array:
-        """Return a preview (ahead + 1, *shape) of its own, from one or from a value that is held.
+        """Return a new preview (ahead + 1, *shape) from a preview or from a value to hold.
 
-        `check` finds out what is wrong with one; numbers in the `usual` range pass at once.
+        `check` raises `InvalidInput` for implausible values; numbers in the `usual` range need no check.
         """
         whole = (self.ahead + 1, *shape)
         if shape == () and type(given) is np.ndarray and given.dtype == np.float64 and given.shape == whole:
@@ -196,23 +195,23 @@ class Preview(Deferred):
         return np.broadcast_to(reference, whole).copy()
 
     def _substitutes(self, x: Array) -> tuple[Array, Array, Value]:
-        """Return angles, stiffness and torque in the place of those that cannot be meant."""
+        """Return substitutes for implausible angles, stiffness and torque."""
         shape, square, rows = self.plant.angle_shape, self.plant.stiffness_shape, (self.ahead + 1,)
         K = np.eye(square[0]) if square else np.ones(())
         angles = np.broadcast_to(x[: self.n].reshape(shape), rows + shape).copy()
         return angles, np.broadcast_to(K, rows + square).copy(), np.zeros(shape) if shape else 0.0
 
     def _torques(self, x: Array, theta: Array, torque: Value, ringing: bool) -> Array:
-        """Return the torque (ahead + 1, …) from outside and of friction."""
+        """Return the external and friction torque (ahead + 1, …)."""
         outside = np.broadcast_to(torque, theta.shape)
         return outside - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
 
     def _friction_ahead(self, x: Array, theta: Array, corrected: float) -> Array:
         """Return the friction torque (ahead + 1, …) [N·m] if the joints move on from `x` as the preview `theta` does.
 
-        They have to come back to the preview first. At rest presliding friction makes a joint several times as stiff as
-        its muscles, and an error would hardly move a controller that does not count with it; one that counts with all
-        of it would shake a joint without friction.
+        The angles return to the preview first. At rest, presliding friction makes a joint several times as stiff as its
+        muscles. A controller that neglects it hardly corrects errors; one that assumes all of it shakes a joint without
+        friction.
         """
         if self._contacts is None:
             return np.zeros(theta.shape)
@@ -223,20 +222,20 @@ class Preview(Deferred):
             back = way[0] + corrected * (now - way[0])
             memories = friction.along(state.follow(now, loads), np.append(back, way[1:]), loads)
             torques[:, i] = friction.torque(memories, loads)
-        # the motion from a state without a finite torque will not be, either: the controller finds that out
+        # a torque that is not finite leads to a motion that is not: the controller rejects that one
         return torques.reshape(theta.shape) if np.isfinite(torques).all() else np.zeros(theta.shape)
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 
     def _state(self, x: object) -> tuple[Array, Array]:
-        """Return the state to start from, and what of it is measured."""
+        """Return the initial state, and its measured entries (others NaN)."""
         array = np.array(x, float)
         if array.shape != self.lower.shape:
             raise InvalidInput(
                 f"x has the shape {array.shape}, not {self.lower.shape}: n = {self.n} angles [rad], as many velocities "
                 f"[rad/s], m = {self.m} pressures [Pa]"
             )
-        known = (self.lower <= array) & (array <= self.upper)  # NaN is not
+        known = (self.lower <= array) & (array <= self.upper)  # False for NaN
         self._blind = 0 if known[: self.n].all() else self._blind + 1
         if known.all():
             return array, array
@@ -245,7 +244,7 @@ class Preview(Deferred):
 
     @property
     def _unmeasured(self) -> Array:
-        """An unmeasured state is without pressure in the middle of all ranges: nothing is known."""
+        """State before any measurement: no pressure, in the middle of all ranges."""
         (low, _), (left, right) = self.limits.pressure, self.limits.theta
         return np.concatenate([np.atleast_1d((left + right) / 2), np.zeros(self.n), np.full(self.m, low)])
 
@@ -253,7 +252,7 @@ class Preview(Deferred):
         if self.strict:
             raise InvalidInput(str(reason))
         if not self._warned:
-            # the caller of `step`, beyond np.errstate
+            # points to the caller of `step`, beyond np.errstate
             warnings.warn(f"{reason}; the pressures are held", BadNumbers, stacklevel=6)
             self._warned = True
 

@@ -1,12 +1,12 @@
-"""In rest mode, where the reference is constant, the commands come to rest, instead of hunting.
+"""Rest mode: at a constant reference the commands come to rest instead of hunting.
 
-A loop that knows friction, dead time and dead band makes valves chatter at rest out of nothing but sensor noise, and
-where the friction that it was told of is not there, it swings for ever. But with friction such as Dahl's or Maxwell
-slip, which has no peak at standstill, *any constant commands are a rest*, and a dead band is a play: commands
+A loop that compensates friction, dead time and dead band lets sensor noise alone make the valves chatter at rest, and
+it oscillates for ever if the modelled friction does not exist. But with friction such as Dahl's or Maxwell slip, which
+has no peak at standstill, *any constant commands are a rest*, and a dead band is a play: commands
 u = P + side · band/2, with both regulators on the same edge of it, hold the pressures P exactly, and raise (side +1) or
-lower them (-1) without crossing the band. So the pressures are held at the mean P̄ of the hunting, and an angle that is
-left over is corrected by a sampled integral with a dead zone. With e = θ - θ*, means over quarters of the joint's free
-period 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/∂P_i there,
+lower them (-1) without crossing the band. So the pressures are held at the mean P̄ of the hunting, and a remaining
+angle error is corrected by a sampled integral with a dead zone. With e = θ - θ*, means over quarters of the joint's
+free period 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/∂P_i there,
 
     enter    the preview has been constant and |e| ≤ FAR for `DWELL`, |mean e| ≤ START + GROWTH · (time beyond),
              swing ≤ SWING; P̄ is the mean over half a period. On their way to the edges the regulators may turn the
@@ -21,13 +21,13 @@ period 2π √(J/K*), and the model's stiffness K and torque slopes a_i = ∂T/�
              UNUSUAL times what was usual before the rest (a push, seen within a sample), e off its mean by more than
              PUSH + swing, or a pressure is off by LEAK
 
-A loop that swings about its reference by more than `RINGING` to both sides, again and again, counts with friction that
-is not there. Then the controller takes what friction there is as constant until the reference moves, rests as soon as
-the swing allows it at the mean over a whole period, and corrects only errors of more than two dead zones.
+A loop that swings about its reference by more than `RINGING` to both sides repeatedly compensates friction that does
+not exist. Then the controller takes the present friction as constant until the reference moves, rests at the mean over
+a whole period as soon as the swing allows it, and corrects only errors of more than two dead zones.
 
 An arm rests when all of its joints may, and stops resting when one is disturbed. The free period is that of the
-greatest J and the least K*. ΔT_i is the torque for joint i alone; the torques Σ_j K_ij ΔT_j/K_jj turn the joints by as
-much without turning others, and changes of pressures in the direction of `side` share them by least squares.
+greatest J and the least K*. ΔT_i is the torque for joint i alone; the torques Σ_j K_ij ΔT_j/K_jj turn each joint by its
+own amount without turning the others. Changes of pressures in the direction of `side` share them by least squares.
 """
 
 import numpy as np
@@ -44,7 +44,7 @@ from mpc.tracking.resting import DWELL, HELD, JOLT, QUARTER, QUARTER_LENGTH, RES
 
 
 class RestMode(Deferred):
-    """Rest mode decides when a controller of `plant` rests, and which pressures are held then."""
+    """Rest mode of a controller of `plant`: when the commands rest, and at which pressures."""
 
     _put_off = ("numbers",)
 
@@ -57,11 +57,11 @@ class RestMode(Deferred):
         times = settling, round(DWELL / dt), shortest, longest
         inertia = float(np.max(plant.inertias))
         self.rules = Rules(inertia, dt, *times, compensation.dead_band, limits.pressure[1], JOLT * plant.n)
-        self._unit = float(plant.entries[2][0]) if isinstance(plant, Arm) else 1.0  # of an endpoint's K as N·m/rad
+        self._unit = float(plant.entries[2][0]) if isinstance(plant, Arm) else 1.0  # [N·m/rad] per unit of K
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
         self.catch_up()
         self.numbers = np.zeros(resting.size(self.plant.n, self.plant.m))  # see `mpc.tracking.resting`
         memory = self._memory
@@ -70,7 +70,7 @@ class RestMode(Deferred):
         resting.begin(memory)
 
     def go_on(self, numbers: Array) -> None:
-        """Go on from the `numbers` of a sample that was made elsewhere."""
+        """Continue from the `numbers` of a sample computed by compiled code."""
         self.numbers = numbers.copy()
 
     @property
@@ -79,23 +79,21 @@ class RestMode(Deferred):
 
     @property
     def resting(self) -> bool:
-        """Return whether the commands rest."""
+        """Whether the commands rest."""
         return bool(self.numbers[RESTS] > 0)
 
     @property
     def ringing(self) -> bool:
-        """Return whether the loop counts with friction that is not there."""
+        """Whether the loop compensates friction that does not exist."""
         return bool(self.numbers[RINGS] > 0)
 
     @property
     def side(self) -> float:
-        """Return the edge of the dead band, ±1; 0 before the first rest."""
+        """Edge of the dead band, ±1; 0 before the first rest."""
         return float(self.numbers[SIDE])
 
     def pressures(self, task: Task) -> Array | None:
-        """Return the pressures (m,) [Pa] to hold in the situation of `task`, to be called at every sample; None: no
-        rest.
-        """
+        """Return the pressures (m,) [Pa] to hold, or None without a rest. Has to be called at every sample."""
         m, known = self._memory, task.measured and not task.refused
         if not (known and resting.constant(m, self.rules, task.theta.ravel(), self._unit * task.K.ravel())):
             resting.begin(m)

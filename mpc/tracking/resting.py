@@ -1,7 +1,6 @@
-"""Rest mode as functions of arrays, one text for Python (`mpc.tracking.rest`) and compiled steps, of n joints and m
-muscles.
+"""Rest mode of n joints and m muscles as functions of arrays, for both Python (`mpc.tracking.rest`) and compiled steps.
 
-Its numbers are remembered in one flat array, of which a `Memory` has views.
+One flat array holds its state; a `Memory` has views into it.
 """
 
 from math import ceil, inf, pi, sqrt
@@ -14,8 +13,8 @@ SAME = 1e-3 * DEG, 1e-3  # [rad], [N·m/rad]: a preview that varies less is cons
 DWELL = 1.5  # [s] of constant preview before a rest, and after a push
 START, GROWTH, MEAN = 0.05 * DEG, 0.2 * DEG, 0.3 * DEG  # [rad], [rad/s], [rad] |mean e| to rest at, MEAN if it rings
 SWING = 2.0 * DEG  # [rad] peak to peak, the most to rest at
-FAR = 1.0 * DEG  # [rad] of e, from where on the time counts anew
-RINGING = 0.5 * DEG  # [rad] to both sides within a period, again and again
+FAR = 1.0 * DEG  # [rad] of e, beyond which the time restarts
+RINGING = 0.5 * DEG  # [rad] to both sides within a period, repeatedly
 DEAD_ZONE = 0.045 * DEG  # [rad]
 STILL = 0.06 * DEG  # [rad] peak to peak over half a period
 FIRST, STIFFEST = 1.6, 3.0  # [-] of K: the gain before there is a secant, the greatest
@@ -31,7 +30,7 @@ NOISE = 0.005 * BAR  # [Pa] of a pressure's mean
 QUARTER = 0.1, 0.5  # [s] least and most of a quarter of a period
 
 QUARTERS, HALF = 4, 2
-SWINGS = QUARTERS + HALF  # a load that throws a joint off is in QUARTERS of them
+SWINGS = QUARTERS + HALF  # a load that displaces a joint is in QUARTERS of them
 
 (
     QUARTER_LENGTH,  # of the longest free period [samples]
@@ -39,21 +38,21 @@ SWINGS = QUARTERS + HALF  # a load that throws a joint off is in QUARTERS of the
     SIDE,  # edge of the dead band
     SINCE,  # quarters since the last correction
     SAMPLES,  # of constant preview
-    COUNTED, SWUNG,  # quarters, and over how many of them an e has swung to both sides
-    IN_SUM,  # samples in the quarter that runs
+    COUNTED, SWUNG,  # quarters, and the number of those over which e has swung to both sides
+    IN_SUM,  # samples in the current quarter
 ) = range(9)  # fmt: skip
 (
-    THETA,  # the reference while it stands still [rad]
-    ASKED, ERROR,  # torque of the last correction, of this joint alone [N·m], and the mean e that it was for [rad]
-    FREE,  # how far it would turn a joint without friction [rad]
-    USUAL,  # how far θ has been from its prediction in the last period or so, without a rest [rad]
-    SUM, LEAST, GREATEST,  # of e in the quarter that runs
-    TORQUE,  # room for what is left of a torque to be shared [N·m]
+    THETA,  # the constant reference [rad]
+    ASKED, ERROR,  # torque of the last correction, for this joint alone [N·m], and its mean e [rad]
+    FREE,  # the angle by which it would turn a joint without friction [rad]
+    USUAL,  # recent error of the prediction of θ outside a rest, over about a period [rad]
+    SUM, LEAST, GREATEST,  # of e in the current quarter
+    TORQUE,  # room for the remainder of a torque to be shared [N·m]
 ) = range(9)  # fmt: skip
 (
-    HELD,  # pressure that is held [Pa]
+    HELD,  # held pressure [Pa]
     BEGAN,  # pressure when the rest began, or as it was corrected [Pa]
-    FILLED,  # its sum in the quarter that runs
+    FILLED,  # its sum in the current quarter
     CHANGE,  # room for a correction [Pa]
 ) = range(4)
 E, LOW, HIGH = range(3)  # of a joint in a quarter: mean, least and greatest e
@@ -70,7 +69,7 @@ class Memory(NamedTuple):
     muscle: Array  # (m, 4)
     turned: Array  # (QUARTERS, n, 3)
     filled: Array  # (QUARTERS, m) mean pressures
-    stiffness: Array  # (n n,) entries of the reference K while it stands still [N·m/rad], of k x k the first
+    stiffness: Array  # (n n,) entries of the constant reference K [N·m/rad], the first k k in use
 
 
 class Rules(NamedTuple):
@@ -84,11 +83,11 @@ class Rules(NamedTuple):
     longest: float
     dead_band: float  # [Pa]
     highest: float  # pressure [Pa]
-    jolt: float  # [rad] from a prediction that counts as a push, at least
+    jolt: float  # [rad] least error of a prediction that counts as a push
 
 
 def size(n: int, m: int) -> int:
-    """Return how many numbers are remembered of `n` joints and `m` muscles."""
+    """Return the size of the memory of `n` joints and `m` muscles."""
     return 9 + 9 * n + 4 * m + QUARTERS * (3 * n + m) + n * n
 
 
@@ -124,7 +123,7 @@ def begin_quarter(m: Memory) -> None:
 
 
 def follow(m: Memory, k: Rules, theta: Array, stiffness: Array, entries: int) -> None:
-    """Follow a reference that has moved to the first `theta` [rad] and the first `entries` of K [N·m/rad]."""
+    """Store a moved reference: the first `theta` [rad] and the first `entries` of K [N·m/rad]."""
     softest = stiffness[0]
     for i in range(0, entries, int(sqrt(entries) + 0.5) + 1):  # along the diagonal
         softest = min(softest, stiffness[i])
@@ -138,7 +137,7 @@ def follow(m: Memory, k: Rules, theta: Array, stiffness: Array, entries: int) ->
 
 
 def constant(m: Memory, k: Rules, theta: Array, stiffness: Array) -> bool:
-    """Return whether the flat previews (M n,) and (M k k,) stand still where they stood; follow them if not."""
+    """Return whether the flat previews (M n,) and (M k k,) stay at the stored reference; store the new one if not."""
     n = len(m.joint)
     samples = len(theta) // n
     entries = len(stiffness) // samples
@@ -155,8 +154,8 @@ def constant(m: Memory, k: Rules, theta: Array, stiffness: Array) -> bool:
 
 
 def decided(m: Memory, k: Rules, seen: Array, expected: Array) -> bool:
-    """Look at the state `seen` (2n + m,) at a constant reference, where the angles `expected` (n, …) [rad] were
-    predicted; return whether a correction is due, of the mean errors that `due` says.
+    """Process the state `seen` (2n + m,) at a constant reference, with predicted angles `expected` (n, …) [rad]; return
+    whether a correction of the mean errors of `due` is needed.
     """
     if pushed(m, k, seen, expected):
         begin(m)
@@ -174,8 +173,8 @@ def decided(m: Memory, k: Rules, seen: Array, expected: Array) -> bool:
 
 
 def watch(m: Memory, theta: Array, expected: Array) -> None:
-    """Follow how far the angles `theta` [rad] usually are from those `expected` [rad]: steps of an encoder, errors of
-    the model.
+    """Update the usual error of the angles `theta` [rad] against those `expected` [rad], due to encoder steps and model
+    errors.
     """
     kept = 1 - 1 / (QUARTERS * m.shared[QUARTER_LENGTH])
     for i in range(len(m.joint)):
@@ -186,14 +185,14 @@ def watch(m: Memory, theta: Array, expected: Array) -> None:
 
 
 def pushed(m: Memory, k: Rules, theta: Array, expected: Array) -> bool:
-    """Return whether a rest is disturbed at the angles `theta` [rad] where others were `expected` [rad]."""
+    """Return whether the angles `theta` [rad] disturb a rest, given those `expected` [rad]."""
     if m.shared[RESTS] == 0:
         return False
     rings = m.shared[RINGS] > 0
     for i in range(len(m.joint)):
         mean, width = swing(m, i, QUARTERS)
         away = abs(theta[i] - m.joint[i, THETA] - mean)
-        least = k.jolt * (2 if rings else 1)  # a ringing joint lacks friction that is predicted
+        least = k.jolt * (2 if rings else 1)  # a ringing joint lacks the predicted friction
         jolt = max(least, UNUSUAL * m.joint[i, USUAL])
         if abs(theta[i] - expected[i]) > jolt or away > PUSH + width + m.joint[i, FREE]:
             return True
@@ -201,7 +200,7 @@ def pushed(m: Memory, k: Rules, theta: Array, expected: Array) -> bool:
 
 
 def quarter_ended(m: Memory, seen: Array) -> bool:
-    """Return whether a quarter of a period ends with the sample that has `seen` (2n + m,)."""
+    """Return whether a quarter of a period ends with the sample of the state `seen` (2n + m,)."""
     n, s, last = len(m.joint), m.shared, QUARTERS - 1
     s[IN_SUM] += 1
     for i in range(n):
@@ -236,7 +235,7 @@ def mean_pressure(m: Memory, i: int, quarters: int) -> float:
 
 
 def swing(m: Memory, i: int, quarters: int) -> tuple[float, float]:
-    """Return the mean of e of a joint, and how far it goes from peak to peak, over the last `quarters` [rad]."""
+    """Return the mean and the peak-to-peak swing of a joint's e over the last `quarters` [rad]."""
     total, least, most = 0.0, inf, -inf
     for q in range(QUARTERS - quarters, QUARTERS):
         total += m.turned[q, i, E]
@@ -245,7 +244,7 @@ def swing(m: Memory, i: int, quarters: int) -> tuple[float, float]:
 
 
 def check(m: Memory, k: Rules) -> None:
-    """Rest where the swings of all joints allow it."""
+    """Enter a rest if the swings of all joints allow it."""
     s, last, swung, far = m.shared, QUARTERS - 1, False, False
     for i in range(len(m.joint)):
         right, left = -inf, -inf
@@ -269,7 +268,7 @@ def check(m: Memory, k: Rules) -> None:
 
 
 def rest(m: Memory, k: Rules, quarters: int) -> None:
-    """Rest at the mean pressures of the last `quarters`."""
+    """Enter a rest at the mean pressures of the last `quarters`."""
     margin, highest = k.dead_band / 2 + LEAK, -inf
     for i in range(len(m.muscle)):
         m.muscle[i, HELD], m.muscle[i, BEGAN] = mean_pressure(m, i, quarters), m.filled[QUARTERS - 1, i]
@@ -283,7 +282,7 @@ def rest(m: Memory, k: Rules, quarters: int) -> None:
 
 
 def to_correct(m: Memory, k: Rules) -> bool:
-    """Return whether a correction of an error left over is due; end the rest if a pressure leaks."""
+    """Return whether a remaining error has to be corrected; end the rest if a pressure leaks."""
     margin, s = k.dead_band / 2 + LEAK, m.shared
     for i in range(len(m.muscle)):
         if abs(mean_pressure(m, i, HALF) - m.muscle[i, HELD]) > margin:
@@ -301,7 +300,7 @@ def to_correct(m: Memory, k: Rules) -> bool:
 
 
 def zone(m: Memory) -> float:
-    """Return the mean error up to which there is no correction [rad]: every one makes a joint ring again."""
+    """Return the mean error [rad] up to which there is no correction, since each makes a joint ring again."""
     return DEAD_ZONE * (2 if m.shared[RINGS] > 0 else 1)
 
 
@@ -333,7 +332,7 @@ def turn(m: Memory, stiffness: Row, slopes: Row) -> None:
 
 
 def share(m: Memory, slopes: Row) -> None:
-    """Share the torques among changes of pressures on the held side: least squares by one muscle after the other."""
+    """Share the torques among pressure changes on the held side, by least squares over one muscle after the other."""
     n, M, side = len(m.joint), len(m.muscle), m.shared[SIDE]
     for j in range(M):
         m.muscle[j, CHANGE] = 0.0
@@ -351,7 +350,7 @@ def share(m: Memory, slopes: Row) -> None:
 
 
 def raise_held(m: Memory) -> None:
-    """Move the held pressures by their changes, all by the same share where one would be too large."""
+    """Move the held pressures by their changes, all scaled by the same factor if one is too large."""
     side, largest = m.shared[SIDE], 0.0
     for j in range(len(m.muscle)):
         largest = max(largest, m.muscle[j, CHANGE])
@@ -363,7 +362,7 @@ def raise_held(m: Memory) -> None:
 
 
 def gain(m: Memory, i: int, mean: float, stiffness: float) -> float:
-    """Return g [N·m/rad] of a joint that does not move, with the mean error `mean` [rad]."""
+    """Return the gain g [N·m/rad] for a joint at standstill with the mean error `mean` [rad]."""
     g, asked = FIRST * stiffness, m.joint[i, ASKED]
     if asked != 0:
         moved = (mean - m.joint[i, ERROR]) * (1.0 if asked > 0 else -1.0)

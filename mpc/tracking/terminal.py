@@ -28,7 +28,7 @@ from mpc.tracking.weights import Weights
 
 
 class Middle(NamedTuple):
-    """A plant of s states and m muscles about rest in the middle of its ranges and of the supply."""
+    """Linear model of a plant with s states and m muscles, about rest in the middle of its ranges and of the supply."""
 
     A: Array  # (s, s)
     B: Array  # (s, m)
@@ -36,7 +36,7 @@ class Middle(NamedTuple):
 
     @property
     def units(self) -> Array:
-        """Return the units (s + m,) of ξ in the Riccati equation, for its conditioning: bar for Pa."""
+        """Units (s + m,) of ξ in the Riccati equation, for its conditioning: bar for Pa."""
         states, m = self.B.shape
         return np.concatenate([np.ones(states - m), np.full(2 * m, BAR)])
 
@@ -84,7 +84,7 @@ def middle(plant: Machine, dt: float) -> Middle:
     """Return A, B and C about rest in the middle, where an external torque balances an arm's gravity."""
     P = np.full(plant.m, np.mean(plant.pressure_limits))
     x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
-    n = plant.substeps(dt, RESOLUTION)  # one by one: the formula of all of them would have as many times the length
+    n = plant.substeps(dt, RESOLUTION)  # one by one: a formula of all of them would be n times as long
     d = np.broadcast_to(plant.balance(x), (n, plant.n))
     model = Predictor(plant, dt / n, n).linearise(x, np.tile(P, (n, 1)), d)
     A, B = model.A[0], model.B[0]

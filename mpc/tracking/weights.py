@@ -15,9 +15,9 @@ class Weights:
 
     Each is written as one over the square of an error that costs ½.
 
-    Those of the slacks are exact penalties: tens of times the largest sums of multipliers, 2e8/rad and 2e5/N, that the
-    hard limits have in 250 random states near them (`tests/mpc/tracking/hard_limits.py`). Much larger ones would cost
-    the QP solvers digits. If the other weights exceed these defaults, the slacks' have to grow in proportion.
+    The weights of the slacks are exact penalties: tens of times the largest sums of multipliers of the hard limits,
+    2e8/rad and 2e5/N, in 250 random states near them (`tests/mpc/tracking/hard_limits.py`). Much larger ones would cost
+    the QP solvers digits. If the other weights exceed these defaults, those of the slacks have to grow in proportion.
     """
 
     theta: float = 1 / (0.02 * DEG) ** 2  # w_θ [cost]/[rad]², angle
@@ -28,7 +28,7 @@ class Weights:
     terminal_rate: float = 1 / (0.05 * BAR) ** 2  # [cost]/[Pa/s]², beyond the horizon: see `mpc.tracking.terminal`
     slack: float = 1e10  # ρ [cost]/[rad], joint range left
     slack_square: float = 1e10  # ρ₂ [cost]/[rad]²
-    slack_force: float = 1e7  # ρ_F [cost]/[N], muscles less taut than they have to be
+    slack_force: float = 1e7  # ρ_F [cost]/[N], forces below the least one
     slack_force_square: float = 1e5  # ρ_F₂ [cost]/[N]²
 
     def __post_init__(self) -> None:

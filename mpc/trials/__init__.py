@@ -7,10 +7,6 @@ from allocator.faces import face
 if TYPE_CHECKING:
     from mpc.observer.filter import CALM_NOISE as CALM_NOISE
     from mpc.tracking.weights import CALM as CALM
-    from mpc.trials.arm_trajectories import circle as circle
-    from mpc.trials.arm_trajectories import draw as draw
-    from mpc.trials.arm_trajectories import hold as hold
-    from mpc.trials.arm_trajectories import reach as reach
     from mpc.trials.files import load_recording as load_recording
     from mpc.trials.files import save_recording as save_recording
     from mpc.trials.files import save_reference as save_reference
@@ -19,16 +15,20 @@ if TYPE_CHECKING:
     from mpc.trials.loops import loop as loop
     from mpc.trials.margins import Margins as Margins
     from mpc.trials.margins import linear as linear
-    from mpc.trials.motion_files import load_motion as load_motion
+    from mpc.trials.motions.arm_trajectories import circle as circle
+    from mpc.trials.motions.arm_trajectories import draw as draw
+    from mpc.trials.motions.arm_trajectories import hold as hold
+    from mpc.trials.motions.arm_trajectories import reach as reach
+    from mpc.trials.motions.motion_files import load_motion as load_motion
+    from mpc.trials.motions.trajectories import chirp as chirp
+    from mpc.trials.motions.trajectories import min_jerk as min_jerk
+    from mpc.trials.motions.trajectories import point_to_point as point_to_point
+    from mpc.trials.motions.trajectories import rested_sine as rested_sine
+    from mpc.trials.motions.trajectories import steps as steps
+    from mpc.trials.motions.trajectories import usual_stiffness as usual_stiffness
     from mpc.trials.other_plant import other_plant as other_plant
     from mpc.trials.pictures.plotting import save_tracking_figure as save_tracking_figure
     from mpc.trials.simulation import in_motion as in_motion
-    from mpc.trials.trajectories import chirp as chirp
-    from mpc.trials.trajectories import min_jerk as min_jerk
-    from mpc.trials.trajectories import point_to_point as point_to_point
-    from mpc.trials.trajectories import rested_sine as rested_sine
-    from mpc.trials.trajectories import steps as steps
-    from mpc.trials.trajectories import usual_stiffness as usual_stiffness
     from mpc.yardsticks.baselines import FeedForwardControl as FeedForwardControl
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -1,6 +1,7 @@
-"""Trajectories and runs as CSV (degrees, bar, N·m/rad), runs as NPZ (SI, plant included), and a command's trajectory.
+"""Trajectories and runs as CSV (degrees, bar, N·m/rad), runs as NPZ (SI, including the plant), and a command's
+trajectory.
 
-NPZ files are without pickle; NumPy alone opens them as well.
+NPZ files do not use pickle; NumPy alone can open them.
 """
 
 from collections.abc import Mapping
@@ -22,9 +23,9 @@ from allocator.files.atomic import replacing
 from allocator.files.csv_table import Table, read_table
 from allocator.units import DEG
 from mpc.model.plant import NU, NUMBERS, NX, Plant
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 from mpc.trials.simulation import Run
-from mpc.trials.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 
 COLUMNS = ("t", "theta_deg", "stiffness")  # [s], [°], [N·m/rad]
 
@@ -32,7 +33,7 @@ COLUMNS = ("t", "theta_deg", "stiffness")  # [s], [°], [N·m/rad]
 def load(path: str | Path) -> Reference:
     """Load the trajectory in a CSV file with the columns t [s], theta_deg [°] and stiffness [N·m/rad], in any order.
 
-    Raises `InvalidFile`, naming line and column, for whatever is not a trajectory.
+    Raises `InvalidFile` with line and column for a file that is not a trajectory.
     """
     table = read_table(path)
     t, theta, K = (table.numbers(place_of(table, column)) for column in COLUMNS)
@@ -51,7 +52,7 @@ def save_reference(reference: Reference, path: str | Path) -> None:
 
 
 def save_run(run: Run, path: str | Path) -> None:
-    """Write a run, one line a sample; the commands of a line hold until the next (the last line repeats them)."""
+    """Write a run, one line per sample; the commands of a line hold until the next (the last line repeats them)."""
     table = run.to_dict()
     _write(path, tuple(table), np.stack(list(table.values()), axis=1), "%.9g")
 
@@ -62,7 +63,7 @@ def _write(path: str | Path, names: tuple[str, ...], table: Array, form: str) ->
 
 
 def place_of(table: Table, column: str) -> int:
-    """Return which column has this name. Raises `InvalidFile`."""
+    """Return the index of the column with this name. Raises `InvalidFile`."""
     if column not in table.names:
         found = ",".join(table.names)
         raise InvalidFile(table.path, f"this column is missing; found: {found}", line=1, column=column)
@@ -72,7 +73,7 @@ def place_of(table: Table, column: str) -> int:
 
 
 def refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str) -> None:
-    """Raise `InvalidFile` at the first of the `values` that is marked `wrong`."""
+    """Raise `InvalidFile` at the first of the `values` marked `wrong`."""
     if wrong.any():
         i = int(np.argmax(wrong))
         raise InvalidFile(table.path, sentence.format(values[i]), line=table.lines[i], column=column)
@@ -94,7 +95,7 @@ def reference_called(name: str | None, K: float | None, plant: Plant) -> Referen
     raise InvalidInput(f"there is neither a standard trajectory nor a file {name}; there are {', '.join(TRAJECTORIES)}")
 
 
-_DAMAGE = (  # what zipfile and NumPy raise on files that are none of theirs
+_DAMAGE = (  # exceptions of zipfile and NumPy for other files
     ValueError, BadZipFile, Damaged, LZMAError, EOFError, AttributeError, TypeError, KeyError, IndexError, RuntimeError,
     OverflowError, MemoryError,
 )  # fmt: skip
@@ -102,23 +103,23 @@ _ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
 
 
 def save_recording(run: Run, path: str | Path, further: Mapping[str, ArrayLike] | None = None) -> None:
-    """Write `run`: its arrays by the names they have in `Run`, and the plant as `joint` (TOML) and `plant_…`.
+    """Write `run`: its arrays with their names in `Run`, and the plant as `joint` (TOML) and `plant_…`.
 
-    `further` arrays by other names are kept beside them.
+    `further` arrays with other names are stored as well.
     """
     if not isinstance(run.plant, Plant):
         raise InvalidInput("recordings are of joints: an arm's bodies have no file; `save_run` writes its columns")
     values: dict[str, Any] = dict(further or {}) | {name: getattr(run, name) for name in _ARRAYS}
     values |= {f"plant_{name}": value for name, value in run.plant.numbers.items()}
     values["joint"] = machine_file.dumps(run.plant.joint)
-    with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix
+    with replacing(path) as draft, draft.open("wb") as file:  # NumPy would add a suffix to a name
         np.savez_compressed(file, **values)
 
 
 def load_recording(path: str | Path) -> Run:
-    """Read what `save_recording` wrote. Raises `InvalidFile` if it is something else."""
+    """Read a file of `save_recording`. Raises `InvalidFile` for any other file."""
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:  # NumPy leaves a bad one open
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:  # NumPy does not close a bad file
             stored = dict(archive)
     except OSError as error:
         raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
@@ -136,7 +137,7 @@ def load_recording(path: str | Path) -> Run:
 
 
 def _check(arrays: dict[str, Array]) -> None:
-    """Insist that arrays have the shapes and kinds of a run's. Raises `InvalidInput`."""
+    """Raise `InvalidInput` unless arrays have the shapes and kinds of those of a run."""
     steps = arrays["step_time"].size
     for name, array in arrays.items():
         if array.shape != (expected := _shape(name, steps)):
@@ -164,5 +165,5 @@ def _plant(path: str | Path, stored: dict[str, Array]) -> Plant:
     try:
         joint = machine_file.joint_from(toml.Table.parsed(f"{path} [joint]", str(stored["joint"])))
         return Plant(joint, **(numbers | {"lag": tuple(numbers["lag"])}))
-    except (ValueError, TypeError) as error:  # of TOML or of ours
+    except (ValueError, TypeError) as error:  # of TOML or of this package
         raise InvalidFile(path, f"does not hold a plant ({error})") from None

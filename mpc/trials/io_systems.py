@@ -1,16 +1,16 @@
 """Plants and controllers as discrete-time I/O systems of python-control.
 
     loop = closed_loop(plant, controller, reference)
-    control.input_output_response(loop, T, U=0, X0=...)      is what `simulate` does, to rounding
+    control.input_output_response(loop, T, U=0, X0=...)      equals `simulate`, to rounding
 
-python-control does not connect continuous with discrete systems, so a plant is sampled: its command is held over a
-sample, and it is integrated in fine steps. Signals go by their names, so that `control.interconnect` needs no list.
+python-control cannot connect continuous with discrete systems. A plant is therefore sampled: its command is held over a
+sample, and it is integrated in fine steps. Signals connect by name, so that `control.interconnect` needs no list.
 
-A plant's memory is its state vector. A controller's is not: it sits in the controller, which python-control evaluates
-several times a sample, at first with inputs that are not there yet. Each evaluation begins with a copy of what was
-known before the sample, and the last one counts; so samples have to come one after the other, from t = 0 on, and
-linearising or looking for operating points is for plants only. The reference is the controller's own: a preview is not
-a signal.
+A plant's memory is its state vector. A controller's memory is not: it is in the controller, which python-control
+evaluates several times per sample, at first with undefined inputs. Each evaluation begins with a copy of the state
+before the sample, and the last one counts. Samples therefore have to be consecutive, from t = 0 on, and linearisation
+and operating points are available for plants only. The reference belongs to the controller, since a preview is not a
+signal.
 """
 
 from copy import deepcopy
@@ -25,7 +25,7 @@ from mpc.model.experiment import FINE
 from mpc.model.plant import INPUTS, NU, NX, STATES, Plant
 from mpc.model.real_plant import RealExperiment, RealPlant
 from mpc.observer.base import Differentiator, Observer
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller
 
 if TYPE_CHECKING:
@@ -54,9 +54,8 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> "InputOutpu
     """Return `real` every `dt` [s] as a system: inputs (P1_command, P2_command, d), outputs (θ, P1, P2 as measured; the
     true states, K).
 
-    Its states are the true ones, what friction remembers and the commands on their way, oldest first; `at_rest` makes
-    one.
-    The noise of a sample depends on `seed` and time alone. Faults remember more than that and are not for here.
+    Its states are the true ones, the friction's memory and the delayed commands, oldest first; `at_rest` returns one.
+    The noise of a sample depends only on `seed` and time. Faults have more memory and are not supported.
     """
     import control
 
@@ -91,7 +90,7 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> "InputOutpu
 
 
 def at_rest(plant: Plant | RealPlant, dt: float, reference: Reference) -> Array:
-    """Return the state of the sampled `plant` that `simulate` begins from: at rest on the reference's first point."""
+    """Return the initial state of the sampled `plant` in `simulate`: at rest on the reference's first point."""
     x = plant.at_rest(float(reference.theta[0]), float(reference.K[0]))
     return x if isinstance(plant, Plant) else RealExperiment(plant, dt, x, 0).memory
 
@@ -106,8 +105,8 @@ def sampled_controller(
 ) -> "InputOutputSystem":
     """Return `controller` (any of them) on `reference`: inputs (θ, [ω,] P1, P2), outputs (P1_command, P2_command).
 
-    Without `velocity` the input ω is left out and the `observer` has to find it. `u_before` (2,) [Pa] are the commands
-    before the first sample, by default the first pressures measured.
+    Without `velocity` there is no input ω, and the `observer` has to estimate it. `u_before` (2,) [Pa] are the commands
+    before the first sample, by default the first measured pressures.
     """
     import control
 
@@ -130,15 +129,15 @@ def closed_loop(
     observer: Observer | None = None,
     seed: int = 0,
 ) -> "InputOutputSystem":
-    """Connect plant and controller: input d [N·m], outputs those of the plant and the commands. `at_rest` is where it
-    begins.
+    """Connect plant and controller: input d [N·m], outputs those of the plant and the commands. `at_rest` has the
+    initial state.
     """
     import control
 
     dt = controller.dt
     process = sampled_plant(plant, dt) if isinstance(plant, Plant) else sampled_real_plant(plant, dt, seed)
     u_before = at_rest(plant, dt, reference)[2:NX]
-    velocity = isinstance(plant, Plant)  # only there it is measured
+    velocity = isinstance(plant, Plant)  # measured only there
     driver = sampled_controller(controller, reference, observer=observer, velocity=velocity, u_before=u_before)
     outputs = [*process.output_labels, *INPUTS]
     return control.interconnect([process, driver], inputs=["d"], outputs=outputs, name="closed_loop")
@@ -172,7 +171,7 @@ class _Rewindable:
     ) -> None:
         self._wanted = reference.resampled(controller.dt)
         self._start = self._before = self._now = _Moment(controller, observer, u_before)
-        self._k = -1  # sample answered last
+        self._k = -1  # last evaluated sample
         self._answers: dict[bytes, _Moment] = {}  # of this sample, by measurement
 
     def command(self, k: int, y: Array) -> Array:
@@ -182,7 +181,7 @@ class _Rewindable:
         if asked not in self._answers:
             self._answers[asked] = self._answer(k, y)
         self._now = self._answers[asked]
-        assert self._now.u is not None  # it is an answer
+        assert self._now.u is not None  # it has been evaluated
         return self._now.u
 
     def _go_to(self, k: int) -> None:

@@ -1,4 +1,4 @@
-"""Named control loops to compare: a controller and its observer each."""
+"""Named control loops for comparisons, each of a controller and its observer."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -15,7 +15,7 @@ from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
 from mpc.trials.margins import Margins, linear, margins
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
 from mpc.yardsticks.baselines import (
@@ -30,7 +30,7 @@ from mpc.yardsticks.nonlinear import NonlinearMPC
 
 
 class Settings(NamedTuple):
-    """Settings from which every loop is built."""
+    """Settings of all loops."""
 
     plant: Plant  # the model
     dt: float = 0.01  # [s]
@@ -65,7 +65,7 @@ def _predictive_pid(s: Settings) -> Controller:
 
 
 def _lqr(s: Settings) -> Controller:
-    # it does not look ahead to the slew limit, and at the MPC's own weight it would live on it
+    # it does not predict the slew limit, and with the MPC's own weight it would always be at it
     weights = replace(s.weights, rate=4 * s.weights.rate)
     return LQRControl(s.plant, s.dt, s.compensation, weights)
 
@@ -83,17 +83,17 @@ CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
     "lqr": (_lqr, True),
     "feedforward": (_feed_forward, False),
 }
-"""By name: how to build it, and whether it is used with an observer unless one says otherwise."""
+"""By name: function that builds the loop, and whether it has an observer by default."""
 
 GAINS = {"pid": PIDControl.GAINS, "pi": PIControl.GAINS, "predictive-pid": PredictivePIDControl.GAINS}
-"""The usual gains of those that have gains."""
+"""Usual gains of controllers with gains."""
 
 
 WEIGHED = "mpc", "nmpc", "lqr"  # controllers with `Weights`
 
 
 def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[Controller, Observer]:
-    """Return controller and observer called `name`; `observer` adds or omits it (None: the usual choice)."""
+    """Return the controller `name` and its observer; `observer` adds or omits the latter (None: the usual choice)."""
     if name not in CONTROLLERS:
         raise MissingBackend("controller", name, CONTROLLERS)
     if settings.solver is not None and name not in ("mpc", "nmpc"):
@@ -106,9 +106,9 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
 
 
 def robust(name: str, settings: Settings, reference: Reference | None = None) -> Settings:
-    """Return the settings with the weights of `robust_weights`, for a controller called `name` that has weights.
+    """Return the settings with the weights of `robust_weights`, for a controller `name` with weights.
 
-    They are those for the middle of a `reference`, None: of the joint.
+    The weights are those for the middle of a `reference`, or of the joint for None.
     """
     if name not in WEIGHED:
         return settings
@@ -120,16 +120,16 @@ def robust(name: str, settings: Settings, reference: Reference | None = None) ->
 def sliding_margins(
     name: str, settings: Settings, postures: Iterable[tuple[Value, Value]] | None = None
 ) -> tuple[Margins, ...]:
-    """Return the margins of the loop called `name` with these settings, without friction and dead band."""
+    """Return the margins of the loop `name` with these settings, without friction and dead band."""
     controller, observer = loop(name, settings._replace(compensation=linear(settings.compensation)))
     assert isinstance(controller, BaseController)
     return margins(controller, observer, postures)
 
 
 def margins_in_words(name: str, settings: Settings, reference: Reference, driver: Controller) -> list[str]:
-    """Return sentences on the margins of the loop called `name`, at the middle of a reference.
+    """Return sentences on the margins of the loop `name`, at the middle of a reference.
 
-    There are none if the `driver`, the loop's controller, is slow: an NLP, or a step that is not compiled yet.
+    There are none if the `driver`, the loop's controller, is slow: an NLP, or a step without compiled code.
     """
     if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
         return []

@@ -1,6 +1,6 @@
 """Robustness margins of a closed loop at rest, from its response to one disturbed reading.
 
-Where no limit binds, a loop of controller, observer and nominal plant is linear. One angle reading is disturbed by a
+If no limit is active, a loop of controller, observer and nominal plant is linear. One angle reading is disturbed by a
 small δ. The change of that and all later readings, divided by δ, is the impulse response of the sensitivity
 
     S(z) = 1/(1 + L(z)),      M_s = max |S(e^{jωdt})|,      L = 1/S - 1
@@ -10,9 +10,9 @@ from -1. At crossover, |L| = 1, the phase margin is π + arg L and the delay mar
 of the angle the loop is unstable. Names and signs are those of `control.stability_margins`; see Åström and
 Murray, Feedback Systems, 2nd ed., 2020, section 10.3.
 
-Of an arm the reading of each joint is disturbed in turn: S and L are matrices (n, n), |S| is the largest singular
-value, and the other margins are those of L's eigenvalues, for a factor or a delay that all joints have in common; see
-Skogestad and Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, sections 3.3 and 4.9.
+For an arm, the reading of each joint is disturbed in turn: S and L are matrices (n, n), |S| is the largest singular
+value, and the other margins are those of L's eigenvalues, for a factor or a delay common to all joints; see Skogestad
+and Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, sections 3.3 and 4.9.
 """
 
 import warnings
@@ -40,38 +40,37 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 
-ROBUST = 2.0  # M_s that textbooks ask for at most
+ROBUST = 2.0  # greatest M_s recommended by textbooks
 DELTA = 1e-5  # [rad], far below the observer's gates
-SETTLE, LISTEN = 0.2, 8.0  # [s] before the disturbed reading and after it
-_FINE = 8  # how much finer than 1/LISTEN the frequencies are
-_DECAYED = 1e-2  # of δ at the end; more is a loop that does not settle
+SETTLE, SHORT, LISTEN = 0.2, 2.0, 8.0  # [s] before the disturbed reading and after it
+_FINE = 8  # resolution of the frequencies relative to 1/LISTEN
+_DECAYED = 1e-2  # [-] of δ at the end; with more, the loop does not settle
+_SILENT = 1e-3  # [-] of δ at the end of the short response; with more, the long one is needed
 
 
 @dataclass(frozen=True)
 class Margins:
     """Margins of a loop at one posture and stiffness."""
 
-    theta: Value  # [rad], of an arm (n,)
-    K: Value  # [N·m/rad], of an arm (k, k) as it is tracked
+    theta: Value  # [rad], (n,) for an arm
+    K: Value  # [N·m/rad], tracked (k, k) for an arm
     frequency: Array  # (f,) [Hz]
-    S: NDArray[np.complex128]  # (f,) sensitivity [-], of an arm (f, n, n)
+    S: NDArray[np.complex128]  # (f,) sensitivity [-], (f, n, n) for an arm
     stable: bool  # whether the loop settles
 
     @classmethod
     def of(cls, theta: Value, K: Value, response: Array, dt: float) -> Self:
-        """Return the margins from the `response` of the readings to one that is disturbed by 1, every `dt` [s].
+        """Return the margins from the `response` of the readings to one disturbed by 1, every `dt` [s].
 
-        It is (samples,), of an arm (samples, n, n): the readings of each joint by the one that is disturbed.
+        It is (samples,), or (samples, n, n) for an arm: the readings of each joint by the disturbed one.
         """
-        samples = len(response)
-        points = _FINE * max(samples, round(LISTEN / dt))
+        points = _FINE * max(len(response), round(LISTEN / dt))
         frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
-        settled = bool(np.abs(response[-round(0.1 * samples) :]).max() < _DECAYED)
-        return cls(theta, K, frequency, np.fft.rfft(response, points, axis=0)[1:], settled)
+        return cls(theta, K, frequency, np.fft.rfft(response, points, axis=0)[1:], _left(response) < _DECAYED)
 
     @cached_property
     def magnitude(self) -> Array:
-        """The largest singular value of S (f,), |S| of a joint."""
+        """Largest singular value of S (f,), |S| for a joint."""
         return np.asarray(np.linalg.svd(self._matrices, compute_uv=False)[:, 0], float)
 
     @property
@@ -80,17 +79,17 @@ class Margins:
 
     @property
     def sensitivity_peak(self) -> float:
-        """Return M_s; infinite for a loop that does not settle."""
+        """M_s; infinite for a loop that does not settle."""
         return float(self.magnitude.max()) if self.stable else inf
 
     @property
     def peak_frequency(self) -> float:
-        """Return where |S| is greatest [Hz]."""
+        """Frequency of the greatest |S| [Hz]."""
         return float(self.frequency[np.argmax(self.magnitude)])
 
     @cached_property
     def L(self) -> NDArray[np.complex128]:
-        """The eigenvalues (n, f) of the loop transfer function L = S⁻¹ - 1, each followed along the frequency."""
+        """Eigenvalues (n, f) of the loop transfer function L = S⁻¹ - 1, each continuous along the frequency."""
         from scipy.optimize import linear_sum_assignment
 
         found = np.linalg.eigvals(np.linalg.inv(self._matrices) - np.eye(np.size(self.theta)))
@@ -109,18 +108,18 @@ class Margins:
 
     @property
     def gain_margin(self) -> float:
-        """Return the least factor above 1 of the loop's gain that makes it unstable; inf where none does."""
+        """Least factor above 1 of the loop's gain that makes it unstable; inf if none does."""
         factors = self._control[0]
         return float(factors[factors > 1].min(initial=inf)) if self.stable else 1.0
 
     @property
     def phase_margin(self) -> float:
-        """Return the least phase margin [rad]; inf where |L| crosses 1 nowhere."""
+        """Least phase margin [rad]; inf if |L| never crosses 1."""
         return float(np.abs(self._control[1]).min(initial=inf)) * DEG if self.stable else 0.0
 
     @property
     def delay_margin(self) -> float:
-        """Return the least age of the angle's readings that makes the loop unstable [s]; inf where none does."""
+        """Least age of the angle's readings that makes the loop unstable [s]; inf if none does."""
         _, phase, _, _, crossover, _ = self._control
         return float((phase % 360 * DEG / crossover).min(initial=inf)) if self.stable else 0.0
 
@@ -136,7 +135,7 @@ class Margins:
 
     @property
     def place(self) -> str:
-        """The posture and the stiffness in words; of a stiffness matrix the diagonal."""
+        """Posture and stiffness in words; the diagonal of a stiffness matrix."""
         angles, stiff = np.atleast_1d(self.theta) / DEG, np.diag(np.atleast_2d(self.K))
         unit = "N·m/rad" if angles.size == 1 else "tracked"
         return f"θ = {'/'.join(f'{a:.0f}' for a in angles)}°, K = {'/'.join(f'{k:.1f}' for k in stiff)} {unit}"
@@ -146,11 +145,11 @@ class Margins:
         """Advice in a sentence, or "" for a robust loop."""
         if self.sensitivity_peak <= ROBUST + 0.05:  # the accuracy of `robust_weights`
             return ""
-        return f"M_s is above {ROBUST:g}: take lower gains or slower weights (`antagonist tune`), or less dead time"
+        return f"M_s is above {ROBUST:g}: use lower gains or slower weights (`antagonist tune`), or less dead time"
 
     @property
     def sentences(self) -> list[str]:
-        """The margins and the advice, each in a sentence."""
+        """Margins and advice, each in a sentence."""
         return [f"margins on the model at {self}", *([self.advice] if self.advice else [])]
 
 
@@ -159,14 +158,15 @@ def margins(
     observer: Observer,
     postures: Iterable[tuple[Value, Value]] | None = None,
     *,
-    listen: float = LISTEN,
+    listen: float | None = None,
 ) -> tuple[Margins, ...]:
-    """Return the margins of the loop of `controller` and `observer` on its own model, dead time and gas included.
+    """Return the margins of the loop of `controller` and `observer` on its own model, including dead time and gas.
 
-    `postures` are pairs (θ [rad], K [N·m/rad]), of an arm (n,) and (k, k); by default those of `usual_postures`. The
-    response is computed for `listen` [s]. Both are used and reset; rest mode is off meanwhile. The joints slide and the
-    regulators move, so both need a compensation without friction and dead band, which are not linear. Raises
-    `InvalidInput` for a compensation with friction or a dead band.
+    `postures` are pairs (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; by default those of `usual_postures`. The
+    response is computed for `listen` [s], by default for 2 s, or 8 s if it has not decayed by then. Controller and
+    observer are used and reset; rest mode is off meanwhile. They need a compensation without friction and dead band,
+    which are nonlinear, as for sliding joints and moving regulators. Raises `InvalidInput` for a compensation with
+    friction or a dead band.
     """
     plant, told = controller.plant, controller.compensation
     if told != linear(told):
@@ -193,7 +193,7 @@ def linear(told: Compensation) -> Compensation:
 def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:
     """Return three postures with the middle of the stiffness of each, at 15, 50 and 85 % of the joint range.
 
-    Those of an arm are its middle and a quarter of the ranges to both sides, with the stiffness at half the supply.
+    For an arm they are its middle and a quarter of the ranges to both sides, with the stiffness at half the supply.
     """
     low, high = plant.angle_limits
     if isinstance(plant, Arm):
@@ -201,22 +201,35 @@ def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:
         P = np.full(plant.m, np.mean(plant.pressure_limits))
         return [(q, plant.tracked_stiffness(np.concatenate([q, 0 * q, P]))) for q in postures]
     angles = low + np.array([0.15, 0.5, 0.85]) * (high - low)
-    with warnings.catch_warnings():  # only places to look at are taken from it
+    with warnings.catch_warnings():  # only postures are taken from it
         for assumed in (AssumedSlack, Extrapolated):
             warnings.simplefilter("ignore", assumed)
         least, greatest = stiffness_interval(angles, plant.gravity_torque * np.sin(angles), joint=plant.joint)
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
 
 
-def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float) -> Margins:
+def _left(response: Array) -> float:
+    """Return the greatest value in the last tenth of a response."""
+    return float(np.abs(response[-round(0.1 * len(response)) :]).max())
+
+
+def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float | None) -> Margins:
     """Return the margins at one posture."""
+    response = _response(controller, observer, theta, K, listen or SHORT)
+    if listen is None and not _left(response) < _SILENT:
+        response = _response(controller, observer, theta, K, LISTEN)
+    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], controller.dt)
+
+
+def _response(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float) -> Array:
+    """Return the readings (samples, n, n) [-] of each joint by the one whose reading is disturbed by 1."""
     dt, n = controller.dt, controller.plant.n
     first, samples = round(SETTLE / dt), round((SETTLE + listen) / dt)
     at_rest = controller.plant.at_rest(theta, K)
     begin = _beginner(controller, at_rest)
 
     def readings(delta: Array) -> Array:
-        """Return the angles' readings (samples, n) from the one that `delta` (n,) [rad] is added to on."""
+        """Return the angles' readings (samples, n) from the one disturbed by `delta` (n,) [rad] on."""
         controller.reset()
         observer.reset()
         trial, u, angles = begin(), at_rest[2 * n :], []
@@ -230,12 +243,11 @@ def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, 
         return np.array(angles[first:])
 
     undisturbed = readings(np.zeros(n))
-    response = np.stack([readings(DELTA * unit) - undisturbed for unit in np.eye(n)], axis=2) / DELTA
-    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], dt)
+    return np.asarray(np.stack([readings(DELTA * unit) - undisturbed for unit in np.eye(n)], axis=2) / DELTA)
 
 
 def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:
-    """Return a function that begins the controller's model from `x`, with its known dead time and reading age."""
+    """Return a function that begins the controller's model at `x`, with its known dead time and reading age."""
     plant, told, dt, n = controller.plant, controller.compensation, controller.dt, controller.plant.n
     if isinstance(plant, Arm):
         exact = plant.begin(dt, x, 0)
@@ -256,7 +268,7 @@ def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:
 
 
 class _Late:
-    """An exact experiment whose commands and readings of angles come late: those on their way, oldest first."""
+    """Exact experiment with delayed commands and readings of angles, stored oldest first."""
 
     def __init__(self, exact: Experiment, n: int, commands: list[Array], angles: list[Array]) -> None:
         self._exact, self._n, self._commands, self._angles = exact, n, commands, angles

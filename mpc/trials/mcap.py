@@ -15,8 +15,8 @@ _NANO = 1_000_000_000
 def save_mcap(run: Run, path: str | Path, begin: int = 0) -> None:
     """Write a message per sample with the columns of `Run.to_dict`, which the schema names with their units.
 
-    The first sample is at `begin` [ns] since 1970. What is not a number is left out of its message, since JSON has no
-    word for it. Raises `CannotWrite`, and `MissingPackage` without the package mcap.
+    The first sample is at `begin` [ns] since 1970. NaN is left out of a message, since JSON cannot represent it. Raises
+    `CannotWrite`, and `MissingPackage` without the package mcap.
     """
     from mcap.writer import Writer
 

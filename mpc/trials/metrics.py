@@ -10,10 +10,10 @@ from allocator.units import BAR, DEG, PERCENT
 from mpc.tracking.plan import Moved, PlanStatus, Rung
 from mpc.trials.simulation import Run
 
-Figure: TypeAlias = Any  # a number of a joint, an array of an arm
+Figure: TypeAlias = Any  # a number for a joint, an array for an arm
 
-_ROUNDING = 1e-9  # of the limit, or of what is constant: less is arithmetic
-_AT_LIMIT = 1e-3  # of the slew limit: as near to it a command is at it, for a QP solver that stops inside
+_ROUNDING = 1e-9  # [-] of the limit, or of a constant value: less is rounding
+_AT_LIMIT = 1e-3  # [-] of the slew limit: commands this near count as at the limit, for QP solvers that stop inside
 
 
 class Errors(NamedTuple):
@@ -29,8 +29,8 @@ class Errors(NamedTuple):
 class Metrics:
     """Figures of a run over all samples, in degrees, percent and ms.
 
-    A reference that begins with a rest gives a controller time to find out how far its model is off; `after_rest` are
-    the errors from the last sample on at which angle and stiffness were still those of the first one. A reference that
+    A reference that begins with a rest gives a controller time to identify the error of its model; `after_rest` are the
+    errors from the last sample on at which angle and stiffness were still those of the first one. A reference that
     begins in motion, or never moves, has no first rest: then they are the errors over all samples.
     """
 
@@ -39,19 +39,19 @@ class Metrics:
     K_rms: Figure  # [`K_unit`], (k, k) of an arm
     K_worst: Figure  # [`K_unit`]
     K_unit: str  # "%" of a joint's reference; of an arm's entries, which may be 0, "N·m/rad" or "N/m"
-    rest: float  # [s], how long the first rest is
+    rest: float  # [s], duration of the first rest
     after_rest: Errors
-    violations: dict[str, tuple[float, str]]  # limit: greatest excess (0 where it was kept), unit
+    violations: dict[str, tuple[float, str]]  # limit: greatest excess (0 if it was kept), unit
     step_median: float  # [ms]
     step_p99: float  # [ms]
-    rungs: dict[str, int]  # steps answered by each rung; REST: by constant commands, the joint being where it should
-    out_of_reach: float  # [% of the samples] whose reference the joint cannot follow, whatever the controller does
-    at_slew_limit: float  # [% of the samples] at which a command changed as fast as it may
-    moved: dict[str, tuple[float, str]]  # what was asked: how far the controller moved it at worst (NaN: unsaid), unit
+    rungs: dict[str, int]  # steps by each rung; REST: by constant commands, with the joint at its reference
+    out_of_reach: float  # [% of the samples] whose reference no controller can follow
+    at_slew_limit: float  # [% of the samples] at which a command changed at the slew limit
+    moved: dict[str, tuple[float, str]]  # by reference: greatest move by the controller (NaN: unreported), unit
 
     @property
     def limits_kept(self) -> bool:
-        """Return whether no limit was broken."""
+        """Whether all limits were kept."""
         return not any(excess for excess, _ in self.violations.values())
 
 
@@ -83,7 +83,7 @@ def _errors(run: Run, begin: int) -> Errors:
 
 
 def _rested(run: Run) -> int:
-    """Return the last sample of the first rest of the reference; 0 where there is none."""
+    """Return the last sample of the first rest of the reference; 0 if there is none."""
     moved = np.zeros(run.t.size, bool)
     for wanted in (run.theta_ref, run.K_ref):
         away = np.abs(wanted - wanted[0]) > _ROUNDING * np.abs(wanted).max()
@@ -92,14 +92,14 @@ def _rested(run: Run) -> int:
 
 
 def _rungs(run: Run) -> dict[str, int]:
-    """Return how many steps each rung answered; a joint at rest stands on none for want of a better."""
+    """Return the number of steps by each rung, with an own entry for the rest mode."""
     resting = run.status == PlanStatus.RESTING
     counts = {rung.name: int(((run.rung == rung) & ~resting).sum()) for rung in Rung}
     return counts | ({"REST": int(resting.sum())} if resting.any() else {})
 
 
 def _reachable(run: Run) -> Mask:
-    """Return where some pressures give the reference's stiffness and the torque that its motion takes."""
+    """Return whether any pressures give the reference's stiffness and the torque of its motion."""
     omega = np.gradient(run.theta_ref, run.dt, axis=0)
     T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt, axis=0))
     return np.asarray(run.plant.reachable(run.theta_ref, run.K_ref, T))
@@ -123,14 +123,14 @@ def _violations(run: Run) -> dict[str, tuple[float, str]]:
 
 
 def _changes(run: Run) -> Array:
-    """Return by how much each command (M, m) differs from the one before [Pa]."""
+    """Return the change (M, m) [Pa] of each command from the previous one."""
     n, m = run.plant.n, run.plant.m
-    at_first = run.estimate[:1, 2 * n : 2 * n + m]  # the pressures that the controller could know of
+    at_first = run.estimate[:1, 2 * n : 2 * n + m]  # the pressures known to the controller
     return np.abs(np.diff(run.u, axis=0, prepend=at_first))
 
 
 def _excess(values: Array, low: float | Array, high: float | Array, scale: float | Array) -> float:
-    """Return how far `values` leave [low, high] at worst; 0 within rounding."""
+    """Return the greatest excess of `values` over [low, high]; 0 within rounding."""
     excess = float(max((low - values).max(), (values - high).max()))
     return excess if excess > _ROUNDING * np.max(scale) else 0.0
 

@@ -1,8 +1,8 @@
 """Closed-loop cost of a run by the controllers' own objective, to compare controllers.
 
-Of the cost in `mpc.tracking.cost` every stage is charged once, as it happened: at sample k the command against
-the feed-forward of the preview of that sample, at sample k + 1 the state against that preview's reference; the
-slacks by the worst of the whole run. There is no terminal cost: a run has an end.
+Every stage of the cost in `mpc.tracking.cost` counts once, with its true values: at sample k the command against the
+feed-forward of the preview of that sample, at sample k + 1 the state against that preview's reference. The slacks are
+the greatest of the whole run. There is no terminal cost, since a run ends.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from mpc.tracking.cost import Rows, charges
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.weights import Weights
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run
 
 
@@ -27,19 +27,19 @@ class Cost(NamedTuple):
     u: float  # commands away from the feed-forward
     rate: float  # their rate
     slack: float  # joint range left
-    slack_force: float  # muscles less taut than they have to be
+    slack_force: float  # forces below the least one
 
     @property
     def total(self) -> float:
-        """The total is all of it."""
+        """Total cost."""
         return sum(self)
 
 
 def closed_loop_cost(run: Run, weights: Weights, N: int = 20, min_force: float = 0.0) -> Cost:
-    """Return the cost of `run` for a controller that looks `N` samples ahead and has no `Compensation`."""
+    """Return the cost of `run` for a controller with a horizon of `N` samples and no `Compensation`."""
     references = _references(run, N, min_force)
     e = run.u - references.u
-    e_first = run.estimate[0, 2:4] - references.u[0]  # the command before the first is the pressure measured
+    e_first = run.estimate[0, 2:4] - references.u[0]  # the command before the first is the measured pressure
     x, y = run.x[1:] - references.x, np.column_stack([run.K, run.forces])[1:] - references.y
     rate = np.diff(e, axis=0, prepend=e_first[None]) / run.dt
     limits, w = Limits.of(run.plant, run.dt, min_force), weights
@@ -54,7 +54,7 @@ def closed_loop_cost(run: Run, weights: Weights, N: int = 20, min_force: float =
 class _References(NamedTuple):
     """References of the controller at each of M samples."""
 
-    x: Array  # (M, 4) of the sample after
+    x: Array  # (M, 4) of the next sample
     y: Array  # (M, 3)
     u: Array  # (M, 2) [Pa]
 

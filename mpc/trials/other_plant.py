@@ -1,10 +1,10 @@
-"""A simulated joint whose muscles follow another force law than the controller's model.
+"""Simulated joint with another force law of the muscles than the controller's model.
 
-A controller tracks its own model exactly, which is no evidence for a real joint. `other_plant` fits a
-force law of a different structure to the model's forces and adds the effects of `RealPlant.standard`: muscles 10 %
-stronger and weaker, hysteresis of 5°, dead time, dead band, a limited flow, an encoder and noise. Its pressures lag
-20 % longer. The controller keeps its model, and knows the dead time, the dead band and three quarters of the
-friction, as after an identification.
+A controller tracks its own model exactly, which is no evidence for a real joint. `other_plant` fits a force law of a
+different structure to the model's forces and adds the effects of `RealPlant.standard`: muscles 10 % stronger and
+weaker, hysteresis of 5°, dead time, dead band, a limited flow, an encoder and noise. Its pressures lag 20 % longer. The
+controller keeps its model, and has the dead time, the dead band and three quarters of the friction, as after an
+identification.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 
 STIFFNESS_BAND = 0.17
-"""Half a 95 % band of the stiffness that a model from a data sheet predicts [-].
+"""Half width of the 95 % band of the stiffness by a model from a data sheet [-].
 
 Each muscle's strength is known to 8 % (1 σ), and force laws that fit the same forces differ by 13 % at most
 (`benchmarks/results/model_stiffness.md`).
@@ -32,7 +32,7 @@ _GRID = 25
 
 
 class OtherPlant(NamedTuple):
-    """A plant of another structure than its controller's model, and a sentence that lists the differences."""
+    """Plant of another structure than its controller's model, and a sentence that lists the differences."""
 
     plant: RealPlant
     unknown: str
@@ -42,7 +42,7 @@ def other_plant(model: Plant, torque_profile: tuple[tuple[float, float], ...] = 
     """Return a plant like `model` with muscles of another force law, and the effects of a real joint.
 
     `torque_profile` has pairs of a time [s] and the external torque [N·m] from then on. The law is Wickramatunge2010,
-    or Sarosi2012 where the model has that one. Raises `InvalidInput` if it cannot be fitted to the model's forces.
+    or Sarosi2012 if the model has that one. Raises `InvalidInput` if it cannot be fitted to the model's forces.
     """
     joint = model.joint
     fitted = {muscle: _refitted(muscle, joint) for muscle in {joint.agonist, joint.antagonist}}
@@ -76,7 +76,7 @@ def _refitted(muscle: Muscle, joint: AntagonistJoint) -> _Refitted:
 
 
 def _forces(muscle: Muscle, joint: AntagonistJoint) -> tuple[Array, Array, Array]:
-    """Return contractions [-], pressures [Pa] and forces [N] (n,) over the joint's range where the muscle pulls."""
+    """Return contractions [-], pressures [Pa] and forces [N] (n,) of the pulling muscle over the joint's range."""
     assert joint.angle_limits is not None  # __post_init__ sets them
     theta = np.linspace(*joint.angle_limits, _GRID)
     routed = joint.geometry.agonist(theta), joint.geometry.antagonist(theta)
@@ -90,6 +90,6 @@ def _forces(muscle: Muscle, joint: AntagonistJoint) -> tuple[Array, Array, Array
 
 
 def _strengths(gains: tuple[float, float]) -> str:
-    """Say how much stronger or weaker the muscles are."""
+    """Return the differences of the muscles' strengths in words."""
     words = [f"{abs(g - 1) / PERCENT:.2g} % {'stronger' if g > 1 else 'weaker'}" for g in gains]
     return f"{words[0]} (agonist) and {words[1]} (antagonist)"

@@ -1,35 +1,35 @@
 """Simulated measurement of stiffness: settle the joint under control, freeze its pressures, push, and read the angle.
 
-From the moment of freezing on both regulators hold the pressures that were there, or are shut (`Cycle.shut`), which is
-another stiffness where the plant has gas. Then a slow sine of
-external torque T_e pushes both ways, while the encoder is read. Friction opposes the motion, s = ±1: T_e = -T(θ) + s
-T_f(θ), so that the half sum of the two branches of a cycle is the elastic torque, and half their distance the friction.
-Both are fitted together, where the joint has turned by more than its presliding since the last reversal:
+From the time of freezing on, both regulators hold their pressures, or are shut (`Cycle.shut`), which gives another
+stiffness if the plant has gas. Then a slow sine of external torque T_e pushes both ways, while the encoder is read.
+Friction opposes the motion, s = ±1: T_e = -T(θ) + s T_f(θ), so that half the sum of the two branches of a cycle is the
+elastic torque, and half their distance the friction. Both are fitted together to the samples at which the joint has
+turned by more than its presliding since the last reversal:
 
     T_e = c_0 + K ψ + c_2 ψ² + c_3 ψ³ + s (f_0 + f_1 ψ + f_2 ψ²),      ψ = θ - θ_0
 
-K is the slope at the angle θ_0 at which the joint rested before it was pushed. What lies between the stiffness that was
-asked for and the one that was measured is told apart by cause; each step changes one thing, and they add up:
+K is the slope at the angle θ_0 at which the joint rested before the push. The difference between wanted and measured
+stiffness is split by cause; each step changes one thing, and they add up:
 
-    saturation    K_feasible - K_asked       the nearest that the model's joint can have under the estimated torque
+    saturation    K_feasible - K_asked       the nearest feasible one of the model's joint under the estimated torque
     dynamics      K_modelled - K_feasible    the model at the frozen state: pressures and angle are not (yet) as planned
     mismatch      K_true - K_modelled        the joint's own law at the same state
-    gas           K_shut - K_true            where the valves were shut: what the trapped gas adds
+    gas           K_shut - K_true            with shut valves: the stiffness of the trapped gas
     measurement   K_measured - K_true, - K_shut  the experiment's own error
 
-`felt` finds the stiffness that is felt at a frequency: it freezes the commands and shakes the joint instead.
-Gas that is trapped stiffens a joint while its regulators cannot follow, so that K depends on the frequency, and on
-whether the motion leaves their dead band:
+`felt` finds the felt stiffness at a frequency: it freezes the commands and shakes the joint instead. Trapped gas
+stiffens a joint while its regulators cannot follow, so that K depends on the frequency, and on whether the motion
+leaves their dead band:
 
     K(s) = K + Σ_i κ (P_i + p_a) g_i²/V_i^eff · s τ_i/(1 + s τ_i),    s = 2πi f                                   (G4)
 
-A sine of external torque, swelled smoothly so that nothing else is shaken, is held for whole periods. With the first
-harmonics T̂ of the torque and θ̂ of the angle
+A sine of external torque, increased smoothly to avoid transients, is held for whole periods. With the first harmonics
+T̂ of the torque and θ̂ of the angle
 
     K_measured(f) = T̂/θ̂ + J (2πf)² - 2πi f b - m g l cos θ_0
 
-inertia, damping and gravity being those of the model. Friction is part of what is felt. The torque is constant over
-each sample h, so that T̂ is that of the sine times exp(-πi f h) sin(πfh)/(πfh).
+inertia, damping and gravity being those of the model. Friction is part of the felt stiffness. The torque is constant
+over each sample h, so that T̂ is that of the sine times exp(-πi f h) sin(πfh)/(πfh).
 """
 
 from dataclasses import dataclass, replace
@@ -48,32 +48,32 @@ from mpc.model.plant import NX, Plant
 from mpc.model.real_plant import RealExperiment, RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.plan import Plan
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.trajectories import min_jerk
 from mpc.trials.simulation import Controller, Run, simulate
-from mpc.trials.trajectories import min_jerk
 
 REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest
-_TURNED = 10 * DEG  # so far after a reversal friction has turned round, see `mpc.model.friction.maxwell_slip`
-_LEAST = 2.4  # times that, the joint has to swing
+_TURNED = 10 * DEG  # after a reversal, until friction has reversed, see `mpc.model.friction.maxwell_slip`
+_LEAST = 2.4  # times that: least swing of the joint
 
 
 @dataclass(frozen=True)
 class Push:
     """Result of a push; stiffness in N·m/rad."""
 
-    theta: float  # θ_0, where all of them are taken [rad]
+    theta: float  # θ_0, for all of them [rad]
     asked: float
     feasible: float
     modelled: float
-    estimated: float  # the model at the state that the observer saw
+    estimated: float  # the model at the observer's state
     true: float
     measured: float
     friction: float  # f_0 [N·m]
-    gas: float = 0.0  # what trapped gas adds where the valves were shut
+    gas: float = 0.0  # of trapped gas with shut valves
 
     @property
     def causes(self) -> dict[str, float]:
-        """Return the causes of the difference between measured and wanted stiffness [N·m/rad], which add up to it."""
+        """Causes of the difference between measured and wanted stiffness [N·m/rad], which add up to it."""
         return {
             "saturation": self.feasible - self.asked,
             "dynamics": self.modelled - self.feasible,
@@ -86,9 +86,9 @@ class Push:
 class Cycle(NamedTuple):
     """Settings of a slow push."""
 
-    torque: float = 2.0  # amplitude of T_e [N·m]: within the presliding of friction a joint seems stiffer than it is
-    period: float = 16.0  # [s]; inertia lets the joint seem softer by J (2π/period)²
-    shut: bool = False  # whether the valves are shut from the freezing on; else the regulators hold the pressures
+    torque: float = 2.0  # amplitude of T_e [N·m]: within the presliding of friction a joint seems stiffer
+    period: float = 16.0  # [s]; inertia makes the joint seem softer by J (2π/period)²
+    shut: bool = False  # whether the valves are shut after the freezing; else the regulators hold the pressures
 
 
 def push(
@@ -102,8 +102,8 @@ def push(
 ) -> Push:
     """Let `loop`, whose model is `model`, follow `reference` up to `at` [s] from its start; then freeze and push.
 
-    Raises InvalidInput where the joint turns too little, and for plants whose stiffness is not the isobaric one: that
-    at a frequency is for `mpc.trials.push`.
+    Raises InvalidInput if the joint turns too little, and for plants whose stiffness is not the isobaric one; `felt`
+    measures that at a frequency.
     """
     if real.nominal.shares or model.shares:
         raise InvalidInput(f"a slow push cannot find the {(model if model.shares else real.nominal).kind.text}")
@@ -133,7 +133,7 @@ def slope(psi: Array, T_e: Array) -> tuple[float, float]:
     """Return K [N·m/rad] and f_0 [N·m] from the angles ψ (n,) [rad] under the torque T_e (n,) [N·m] of a cycle and a
     quarter.
 
-    Raises InvalidInput where the joint moved too little for its friction to turn round.
+    Raises InvalidInput if the joint moved too little for its friction to reverse.
     """
     top = int(np.argmax(T_e[: T_e.size // 2]))
     bottom = top + int(np.argmin(T_e[top:]))
@@ -141,7 +141,7 @@ def slope(psi: Array, T_e: Array) -> tuple[float, float]:
     down = np.flatnonzero(psi[top] - psi[falling] > _TURNED) + top
     up = np.flatnonzero(psi[rising] - psi[bottom] > _TURNED) + bottom
     if (swing := psi[top] - psi[bottom]) < _LEAST * _TURNED:
-        needed = f"it takes {_LEAST * _TURNED / DEG:g}° to tell elasticity from friction: push harder"
+        needed = f"it takes {_LEAST * _TURNED / DEG:g}° to separate elasticity from friction: push harder"
         raise InvalidInput(f"pushed both ways the joint turned by {swing / DEG:.2g}° in all; {needed}")
     kept = np.concatenate([down, up])
     s, x = np.repeat([-1.0, 1.0], [down.size, up.size]), psi[kept]
@@ -184,18 +184,18 @@ def held(reference: Reference, steps: int) -> Reference:
 
 
 class Freezing:
-    """`controller` up to the sample `after`; from then on the pressures measured there are commanded."""
+    """Controller that is `controller` up to the sample `after` and then commands the pressures measured there."""
 
     def __init__(self, controller: Controller, after: int) -> None:
         self.controller, self.after, self.dt = controller, after, controller.dt
 
     @property
     def ahead(self) -> int:
-        """Return the samples of preview that the controller wants."""
+        """Samples of preview for the controller."""
         return self.controller.ahead
 
     def reset(self) -> None:
-        """Forget the past, and thaw."""
+        """Forget the past samples and the freezing."""
         self.controller.reset()
         self._sample = 0
         self._frozen: Plan | None = None
@@ -212,7 +212,7 @@ class Freezing:
 
 
 class _Reading:
-    """`observer` with a record of all encoder readings."""
+    """Observer `observer` with a record of all encoder readings."""
 
     def __init__(self, observer: Observer) -> None:
         self.observer = observer
@@ -226,9 +226,9 @@ class _Reading:
         return self.observer.estimate(y, u)
 
 
-_SAMPLES = 400  # of a period at least: the aliases of the held torque move the link less than 1e-7 as far
-_SWELL = 6.0  # [s] at least, in which the sine swells
-_PERIODS, _LONG = 1, 2.0  # that are evaluated: whole ones, for so long [s] at least
+_SAMPLES = 400  # per period, at least: the aliases of the held torque move the link by less than 1e-7 of the motion
+_SWELL = 6.0  # [s] least time in which the sine grows
+_PERIODS, _LONG = 1, 2.0  # evaluated whole periods, and their least duration [s]
 _FREQUENCIES = 1e-3, 1e3  # [Hz]
 
 
@@ -250,13 +250,13 @@ class Shake:
 
 @dataclass(frozen=True)
 class Felt:
-    """Felt complex stiffness [N·m/rad]: storage in phase with the angle, loss ahead of it."""
+    """Felt complex stiffness [N·m/rad]: storage in phase with the angle, loss 90° ahead."""
 
     frequency: float  # [Hz]
     theta: float  # θ_0, at which the joint was frozen [rad]
     P: tuple[float, float]  # pressures there [Pa]
     isobaric: float  # the plant's K there
-    expected: complex  # (G4) of the plant there; all of the gas where the valves were shut
+    expected: complex  # (G4) of the plant there; with all of the gas for shut valves
     measured: complex
     angle: float  # amplitude |θ̂| [rad]
 
@@ -272,7 +272,7 @@ def felt(
 ) -> Felt:
     """Let `loop`, whose model is `model`, follow `reference` up to `at` [s] from its start; then freeze and shake.
 
-    `model` says inertia, damping and gravity, and how hard to shake for the angle that is wanted.
+    `model` has inertia, damping and gravity, and determines the torque for the wanted angle.
     """
     (controller, observer), dt = loop, loop[0].dt
     freeze, end = round(at / dt), round((at + REST) / dt)
@@ -320,7 +320,7 @@ def _shaken(
 
 
 def _harmonic(read: Array, phase: Array) -> complex:
-    """Return the first harmonic of whole periods, beside a drift and a second harmonic."""
+    """Return the first harmonic of whole periods, fitted with a drift and a second harmonic."""
     t = np.linspace(-1, 1, phase.size)
     waves = [wave(n * phase) for n in (1, 2) for wave in (np.cos, np.sin)]
     found = np.linalg.lstsq(np.stack([*waves, np.ones_like(t), t], axis=1), read, rcond=None)[0]

@@ -1,8 +1,8 @@
-"""Weights of a tracking MPC that are as quick as a robust loop allows.
+"""Weights for the fastest robust loop of a tracking MPC.
 
-`Weights.calm` has one number that trades speed for robustness, its detuning s. The sensitivity peak M_s of the loop on
-its model falls with it: M_s - 1 is nearly a power of s, so that a secant in logarithms finds M_s = 2 in a few steps.
-On joints that the model does not match (`benchmarks.strangers`), errors under load are about least there.
+`Weights.calm` has one parameter that trades speed for robustness, its detuning s. The sensitivity peak M_s of the loop
+on its model falls with it: M_s - 1 is nearly a power of s, so that a secant in logarithms finds M_s = 2 in a few steps.
+On joints that differ from the model (`benchmarks.strangers`), errors under load are approximately least there.
 """
 
 import warnings
@@ -20,7 +20,7 @@ from mpc.tracking.qp.step import CompilingBeside, SlowStep
 from mpc.tracking.weights import Weights
 from mpc.trials.margins import ROBUST, linear, margins, usual_postures
 
-QUICKEST, SLOWEST = 0.75, 32.0  # detuning; a quicker loop has a delay margin below two samples
+QUICKEST, SLOWEST = 0.75, 32.0  # detuning; a faster loop has a delay margin below two samples
 _LISTEN = 1.5  # [s], enough for the peak
 _ACCURACY = 0.02  # of log(M_s - 1)
 _SLOPE = -0.7  # usual slope of log(M_s - 1) over log s
@@ -40,10 +40,10 @@ def robust_weights(
 ) -> Weights:
     """Return `Weights.calm(s)` with the s for which the loop's M_s is `sensitivity_peak` at a `posture`.
 
-    A posture is a pair (θ [rad], K [N·m/rad]), of an arm (n,) and (k, k); None is the middle of `usual_postures`.
-    The loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt)`, both with `compensation`,
-    `wait` and `compiled`; dt is in seconds. s stays within 0.75 and 32, so that a long dead time can leave a greater
-    peak. Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
+    A posture is a pair (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; None is the middle of `usual_postures`. The
+    loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt)`, both with `compensation`, `wait` and
+    `compiled`; dt is in seconds. s is limited to 0.75 to 32, so that a long dead time can lead to a greater peak.
+    Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
     """
     wanted = checks.number("sensitivity_peak", sensitivity_peak, "-")
     if not wanted > 1:
@@ -65,7 +65,7 @@ def robust_weights(
 
 
 def _root(excess: Callable[[float], float]) -> float:
-    """Return where `excess` is zero, or the end of the range that it is nearest to zero at."""
+    """Return the zero of `excess`, or the end of the range nearest to it."""
     at, value, slope = 0.0, excess(1.0), _SLOPE
     for _ in range(_TRIALS):
         step = -value / slope if isfinite(value) else log(2.0)
@@ -74,6 +74,6 @@ def _root(excess: Callable[[float], float]) -> float:
             break
         new = excess(exp(after))
         if isfinite(value) and isfinite(new):
-            slope = min((new - value) / (after - at), _SLOPE / 4)  # falls always
+            slope = min((new - value) / (after - at), _SLOPE / 4)  # always falling
         at, value = after, new
     return exp(at)

@@ -1,10 +1,10 @@
 """Closed-loop simulation of controller and plant, sample by sample, for a joint or an arm.
 
-The plant starts at rest, in equilibrium at the reference's first point with the stiffness asked there, unless another
-state is given: a reference that starts in motion has to be caught up with, and the errors of that count. Commands are
-held over each sample (zero-order hold) while the plant is integrated in fine steps. Between sensors and controller
-stands an observer, which makes a state and a disturbance torque of what is measured; the default one takes the
-difference of the angles where the velocity is not measured, and nothing else.
+By default the plant starts at rest, in equilibrium at the reference's first point with the stiffness there. If the
+reference starts in motion, the controller has to catch up, and these errors count. Commands are held over each sample
+(zero-order hold) while the plant is integrated in fine steps. An observer between sensors and controller estimates the
+state and a disturbance torque from the readings; the default one only differentiates the angles if the velocity is not
+measured.
 """
 
 import sys
@@ -27,11 +27,11 @@ from mpc.model.machine import Machine
 from mpc.model.plant import NX, Plant
 from mpc.observer.base import Differentiator, Observer
 from mpc.tracking.plan import Moved, Plan
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 
 T = TypeVar("T")
-_TELLS = 5.0  # [s] from line to line of progress
-Load: TypeAlias = Callable[[float], ArrayLike]  # the time [s] ↦ a torque from outside [N·m], (n,) of an arm
+_TELLS = 5.0  # [s] between lines of progress
+Load: TypeAlias = Callable[[float], ArrayLike]  # time [s] ↦ external torque [N·m], (n,) for an arm
 
 
 @runtime_checkable
@@ -42,10 +42,10 @@ class Controller(Protocol):
 
     @property
     def ahead(self) -> int:
-        """Return the samples of preview that it wants after the present one."""
+        """Samples of preview after the present one."""
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
 
     def step(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike = 0.0) -> Plan:
         """Return the plan from the state `x` for the previews (ahead + 1, …) under the disturbance torque `d` [N·m]."""
@@ -57,10 +57,10 @@ class Process(Protocol):
 
     @property
     def nominal(self) -> Machine:
-        """Return the plant without the effects that its model does not know."""
+        """Plant without unmodelled effects."""
 
     def at_rest(self, theta: Any, K: Any) -> Array:
-        """Return the state (2n + m,) to begin from."""
+        """Return the initial state (2n + m,)."""
 
     def begin(self, dt: float, x0: Array, seed: int) -> Experiment:
         """Begin an experiment from `x0` (2n + m,)."""
@@ -79,35 +79,36 @@ class Run:
     dt: float  # [s]
     t: Array  # (M+1,) [s]
     x: Array  # (M+1, 2n + m) true states
-    estimate: Array  # (M, 3n + m) what the controller was told: the state and the disturbance torque [N·m]
+    estimate: Array  # (M, 3n + m) inputs of the controller: the state and the disturbance torque [N·m]
     u: Array  # (M, m) commands, u[k] sent at t[k] [Pa]
-    theta_ref: Array  # (M+1,) [rad], of an arm (M+1, n)
-    K_ref: Array  # (M+1,) [N·m/rad], of an arm (M+1, k, k) as it is tracked: of the joints, or the endpoint's [N/m]
-    K: Array  # (M+1, …) stiffness of the plant as K_ref, isobaric unless the plant says another `frequency`
+    theta_ref: Array  # (M+1,) [rad], (M+1, n) for an arm
+    K_ref: Array  # (M+1,) [N·m/rad], tracked (M+1, k, k) for an arm: of the joints, or of the endpoint [N/m]
+    K: Array  # (M+1, …) stiffness of the plant like K_ref, isobaric unless the plant has another `frequency`
     forces: Array  # (M+1, m) muscle forces [N]; negative: slack
-    step_time: Array  # (M,) time that the controller took [s]; NaN where the whole loop was compiled
+    step_time: Array  # (M,) duration of the controller's step [s]; NaN if the whole loop was compiled
     rung: NDArray[np.int64]  # (M,) Rung
     status: NDArray[np.int64]  # (M,) PlanStatus
     slack: Array  # (M,) predicted excursion from the joint range [rad]
     slack_force: Array  # (M,) predicted lack of muscle force [N]
-    moved: Array  # (M, 3) how far what was asked was moved, a `Moved` per sample; NaN from a controller that is silent
-    implementation: str  # of the controller's step, "compiled" or "readable"; "" from a controller that has but one
+    moved: Array  # (M, 3) distances by which the references were moved, a `Moved` per sample; NaN if unreported
+    implementation: str  # of the controller's step, "compiled" or "readable"; "" for a controller with only one
 
     @property
     def theta(self) -> Array:
-        """Return the joint angle (M+1,) [rad], of an arm (M+1, n)."""
+        """Joint angle (M+1,) [rad], (M+1, n) for an arm."""
         return np.asarray(self.plant.angles(self.x))
 
     @property
     def P(self) -> Array:
-        """Return the pressures (M+1, m) [Pa]."""
+        """Pressures (M+1, m) [Pa]."""
         return self.x[:, 2 * self.plant.n :]
 
     def felt(self, amplitude: float, loop: Loop | None = None) -> Array:
-        """Return the stiffness (M+1,) [N·m/rad] that pushes by ±`amplitude` [rad] would have met   (S3)
+        """Return the stiffness (M+1,) [N·m/rad] against pushes by ±`amplitude` [rad]   (S3)
 
-        `K` and the secant of the hysteresis `loop`, by default that of the joint in the controller's model, whose
-        muscles load it. Raises `InvalidInput` for an arm, whose joints have no hysteresis, and for no amplitude.
+        It is `K` plus the secant of the hysteresis `loop`, by default that of the joint in the controller's model,
+        under the load of the muscles. Raises `InvalidInput` for an arm, whose joints have no hysteresis, and without an
+        amplitude.
         """
         if not isinstance(self.plant, Plant):
             raise InvalidInput("a felt stiffness is that of a single joint; an arm has no hysteresis of its own")
@@ -121,7 +122,7 @@ class Run:
         return str(self.plant.assumed(self.x))
 
     def to_dict(self) -> dict[str, Array | NDArray[np.int64]]:
-        """Return the run as columns (M+1,), those of the CSV that `track` writes, for `pandas.DataFrame`.
+        """Return the run as columns (M+1,), those of the CSV of `track`, for `pandas.DataFrame`.
 
         Time in s, stiffness in N·m/rad, of an endpoint in N/m, forces in N; the other names carry their units. The
         commands and rungs of a line hold until the next, the last line repeats them.
@@ -144,12 +145,12 @@ class Run:
         return {"t": self.t, **columns, "rung": np.append(self.rung, self.rung[-1:])}
 
     def __repr__(self) -> str:
-        """Say how well the reference was followed, whether the limits were kept, and how long the controller took."""
+        """Return a summary of the errors, the limits and the durations of steps."""
         errors, *others = (f"{name} {value}" for name, value in self._figures().items())
         return f"Run of {self._length()}: {errors}, {others[0]}\n  " + "; ".join(others[1:])
 
     def _repr_html_(self) -> str:
-        """Return how well the reference was followed as a table for notebooks."""
+        """Return a summary of the errors as a table for notebooks."""
         return html_table(f"Run of {self._length()}", self._figures().items())
 
     def _length(self) -> str:
@@ -178,7 +179,7 @@ class Run:
 
 
 def _worst(rms: ArrayLike, worst: ArrayLike, unit: str) -> str:
-    """Say the errors of a joint, or the greatest of an arm."""
+    """Return the errors of a joint, or the greatest of an arm, in words."""
     return f"{number(np.max(rms), 2)}{unit} RMS, {number(np.max(worst), 2)}{unit} at worst"
 
 
@@ -194,9 +195,10 @@ def simulate(
     load: Load | None = None,
     watch: Callable[[], None] | None = None,
 ) -> Run:
-    """Let `controller` drive `plant` along `reference` from its first sample to its last; see the module's text.
+    """Simulate `plant` under `controller` along `reference` from its first to its last sample, see the module's
+    docstring.
 
-    `load(t)` is a torque from outside [N·m], (n,) of an arm, that nobody is told; `watch` is called after every sample.
+    `load(t)` is an unmodelled external torque [N·m], (n,) for an arm; `watch` is called after every sample.
     """
     if not (watch is None or callable(watch)):
         raise InvalidInput(f"watch = {checks.brief(watch)} has to be a function or None")
@@ -209,7 +211,7 @@ def simulate(
 
 
 def in_motion(plant: Machine, reference: Reference) -> Array:
-    """Return the state (2n + m,) of `plant` in which `reference` begins, in motion if it begins so: an `x0`."""
+    """Return the state (2n + m,) of `plant` at the beginning of `reference`, including its motion, as an `x0`."""
     from scipy.interpolate import CubicSpline
 
     motion, begin = CubicSpline(reference.t, reference.theta), reference.t[:1]
@@ -248,7 +250,7 @@ class ClosedLoop:
         controller.reset()
 
     def sample(self, k: int) -> None:
-        """Go on by the sample `k`."""
+        """Simulate the sample `k`."""
         measured = self.experiment.measure()
         began = perf_counter()
         estimated, d = self.observer.estimate(measured, self.u[k - 1] if k else self.x[0, -self.u.shape[1] :])
@@ -275,7 +277,7 @@ class ClosedLoop:
         return torque
 
     def run(self) -> Run:
-        """Return the run, when all samples are done."""
+        """Return the run after all samples."""
         plant, x, wanted, all_of = self.plant, self.x, self.wanted, slice(self.steps + 1)
         K, forces = plant.along(x)
         t, theta, K_ref = wanted.t[all_of], wanted.theta[all_of], wanted.K[all_of]
@@ -305,7 +307,7 @@ def _check_parts(
 
 
 def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:
-    """Return `x0` as a state (size,) of `n` joints to begin from. Raises `InvalidInput`."""
+    """Return `x0` as an initial state (size,) of `n` joints. Raises `InvalidInput`."""
     x = checks.floats("x0", x0, "rad, rad/s, Pa")
     if x.shape != (size,) or not np.isfinite(x).all():
         parts = "theta [rad], omega [rad/s], P1 [Pa], P2 [Pa]" if size == NX else "angles, velocities, pressures"
@@ -318,7 +320,7 @@ def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:
 def tracked(items: Iterable[T], total: int, progress: bool) -> Iterator[T]:
     """Yield the items and, if `progress`, count them up to their `total` on stderr: a bar, or lines without a terminal.
 
-    The lines are for notebooks and pipes: the first after 5 s, with the time that is left.
+    The lines are for notebooks and pipes: the first after 5 s, with the remaining time.
     """
     if not progress:
         yield from items

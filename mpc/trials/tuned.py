@@ -1,11 +1,11 @@
-"""Tuned numbers of a control loop: their names, the settings made of them, and the table [tuning] of a plant's file.
+"""Tuned numbers of a control loop: their names, the resulting settings, and the table [tuning] of a plant's file.
 
-[tuning]                       # SI units; found by `antagonist tune`, taken by `track`, `run` and `export`
-controller = "mpc"             # the loop that the numbers belong to
+[tuning]                       # SI units; written by `antagonist tune`, used by `track`, `run` and `export`
+controller = "mpc"             # the loop of these numbers
 theta_error = 0.0028           # error that costs one half, 1/√weight [rad]; and so on
 …
 
-The loops are those of `mpc.trials.loops`, with these numbers in the place of defaults.
+The loops are those of `mpc.trials.loops`, with these numbers in place of the defaults.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,19 +25,19 @@ TABLE = "tuning"
 
 
 class Parameter(NamedTuple):
-    """A number that can be tuned, on a logarithmic scale."""
+    """Tunable number on a logarithmic scale."""
 
     start: Callable[[Settings], float]  # its default
     low: float
     high: float
     unit: str  # in SI
-    shown: float = 1.0  # unit in tables, in SI
-    symbol: str = ""  # of that
+    shown: float = 1.0  # the tables' unit, in SI
+    symbol: str = ""  # symbol of that unit
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """The tuned numbers of one kind of loop, SI units; immutable.
+    """Tuned numbers of one kind of loop, SI units; immutable.
 
     Raises `InvalidInput` for loops without such numbers, other names, and numbers that are not positive.
     """
@@ -95,7 +95,7 @@ class Tuning:
 
     @property
     def summary(self) -> str:
-        """The numbers in a line, in the units of tables."""
+        """One line with the numbers, in the units of tables."""
         parameters = parameters_of(self.controller)
         shown = (
             f"{name.replace('_', ' ')} {value / p.shown:.3g} {p.symbol}".strip()
@@ -112,11 +112,11 @@ def parameters_of(controller: str) -> Mapping[str, Parameter]:
 
 
 _GAIN_UNITS = {"proportional": "N·m/rad", "integral": "N·m/rad/s", "derivative": "N·m·s/rad", "filter_time": "s"}
-_RANGE = 20.0  # of gains, in the usual ones
+_RANGE = 20.0  # range of gains, relative to the usual ones
 
 
 def _gains(controller: str) -> dict[str, Parameter]:
-    """Return the gains of a PID that are not 0."""
+    """Return the nonzero gains of a PID."""
     usual = {name: float(getattr(GAINS[controller], name)) for name in _GAIN_UNITS}
     return {
         name: Parameter(lambda s, at=at: at, at / _RANGE, at * _RANGE, _GAIN_UNITS[name], 1.0, _GAIN_UNITS[name])  # type: ignore[misc]

@@ -17,7 +17,7 @@ from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
 from mpc.trials.many.loop import Compiled, Loop, outcomes
 from mpc.trials.margins import DELTA, Margins, linear
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.tuning.tour import Tour
 from mpc.yardsticks.baselines import Baseline
 

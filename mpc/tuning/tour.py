@@ -1,7 +1,7 @@
 """Tour: the reference on which loops are tuned, in legs that are judged one by one.
 
 A sine, a movement of least jerk there and back, and shaped steps, at rest and in motion, come before a payload and once
-more with it. One run so has every figure of `mpc.trials.trajectories` in a third of the time.
+more with it. One run so has every figure of `mpc.trials.motions.trajectories` in a third of the time.
 """
 
 from typing import NamedTuple
@@ -11,8 +11,8 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import DEG
-from mpc.trials.reference import Reference
-from mpc.trials.trajectories import min_jerk, usual_stiffness, usual_swing
+from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.trajectories import min_jerk, usual_stiffness, usual_swing
 
 MOTIONS = ("sine", "min-jerk", "steps")
 LEAD = 1.5  # [s] rest to begin with

@@ -1,1 +1,1 @@
-"""The yardsticks are what the tracking controller is measured against: nonlinear MPC, feed-forward, PID, LQR."""
+"""Yardsticks of the tracking controller: nonlinear MPC, feed-forward, PID, LQR."""

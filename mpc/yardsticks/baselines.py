@@ -1,4 +1,4 @@
-"""The baselines are what people do today: controllers without optimisation in the loop.
+"""Baselines of present practice: controllers without optimisation in the loop.
 
     FeedForwardControl   T = T*                                           the analytic inverse alone
     PIControl            T = T* + k_p e + k_i ∫e,  e = θ* - θ           feed-forward with PI
@@ -6,9 +6,9 @@
     PredictivePIDControl the same, with e and e' predicted by the model for the end of the dead time
     LQRControl           u = u* - G (x - x*, e_last)                    state feedback about the feed-forward
 
-T* is the torque of the intended motion, and (θ*, K*, T) becomes commands by the closed-form allocation and the inverse
-of the lag (`mpc.tracking.feedforward`). All of them get the same previews, the same `Compensation` and the same limits
-as the MPC. The PID's integral stands for the disturbance torque, so that it ignores an observer's; the others take it.
+T* is the torque of the intended motion. The closed-form allocation and the inverse of the lag turn (θ*, K*, T) into
+commands (`mpc.tracking.feedforward`). All baselines have the same previews, `Compensation` and limits as the MPC. The
+PID's integral replaces the observer's disturbance torque; the others use that torque.
 """
 
 from dataclasses import dataclass, fields
@@ -37,10 +37,10 @@ _PREVIEW = 10  # samples, enough for the derivatives of the reference
 
 
 class Baseline(BaseController):
-    """A baseline is a controller in closed form: a member says which commands should act."""
+    """Controller in closed form; subclasses define the commands that should act."""
 
     says_moved = False
-    patience = 0.2  # for which the angle is predicted where it is not measured; then the commands stay [s]
+    patience = 0.2  # time for which a missing angle is predicted; then the commands are held [s]
 
     def __init__(
         self, plant: Machine, dt: float = 0.01, compensation: Compensation | None = None, min_force: float = 0.0
@@ -50,13 +50,13 @@ class Baseline(BaseController):
         self._check_model()
         self._feed_forward: FeedForwardOf = InverseDynamics(plant, dt, _PREVIEW, min_force).ready()
         self._build(_PREVIEW, min_force)
-        self.ladder.holding = inf  # pressures are never let out
+        self.ladder.holding = inf  # pressures are never vented
         self.reset()
 
     def compile(self) -> Self:
-        """Return itself, with the feed-forward in compiled code: the same answers in a quarter of the time.
+        """Return the controller with its feed-forward in compiled code: the same results in a quarter of the time.
 
-        That takes some seconds where nothing is kept; nothing changes for a joint without a kernel.
+        That takes some seconds without cached code; nothing changes for a joint without a kernel.
         """
         from mpc.tracking.compiled.module import compiled_plant
         from mpc.tracking.compiled.qp_step import CompiledFeedForward
@@ -67,7 +67,7 @@ class Baseline(BaseController):
         return self
 
     def _optimise(self, situation: Situation) -> Optimised:
-        """Return what is wanted, as the limits allow; where that is no number the commands stay."""
+        """Return the wanted commands within the limits, and the last commands in place of those that are not finite."""
         task, u_last = situation.task, situation.previous.u
         wanted = self._wanted(task, situation.feed)
         wanted = np.where(np.isfinite(wanted), wanted, u_last)
@@ -81,14 +81,14 @@ class Baseline(BaseController):
         return feed.u
 
     def _given(self, u: Array, wanted: Array) -> None:
-        """Take note, after every step, of what the limits left of the first command that was `wanted` (2,)."""
+        """Record, after every step, the first limited command for the `wanted` one (2,)."""
         return None
 
 
 class FeedForwardControl(Baseline):
     """Feed-forward alone, of a joint or an arm: the inverse dynamics, and the direction of the friction.
 
-    Without feedback a machine is as stiff as its muscles: the hand meets a contact with the stiffness that is tracked.
+    Without feedback a machine is as stiff as its muscles: a contact with the hand meets the tracked stiffness.
     """
 
     machines = Plant, Arm
@@ -96,7 +96,7 @@ class FeedForwardControl(Baseline):
 
 @dataclass(frozen=True)
 class PIDGains:
-    """The gains are what `benchmarks/closed_loop/tuning.py` found; they were compared on two more seeds."""
+    """Gains, found by `benchmarks/closed_loop/tuning.py` and compared on two more seeds."""
 
     proportional: float = 2.26  # k_p [N·m/rad]
     integral: float = 37.4  # k_i [N·m/rad/s]
@@ -112,14 +112,14 @@ class PIDGains:
 
 
 class Errors(NamedTuple):
-    """The errors are what a PID feeds back."""
+    """Errors for a PID's feedback."""
 
     error: float  # e = θ* - θ [rad]
     slope: float  # e' [rad/s]
 
 
 class PIDControl(Baseline):
-    """The control is PID feedback of the encoder's angle, and feed-forward. The integral rests while a limit binds."""
+    """PID feedback of the encoder's angle, and feed-forward. The integral is frozen while a limit is active."""
 
     GAINS: ClassVar[PIDGains] = PIDGains()
 
@@ -136,11 +136,11 @@ class PIDControl(Baseline):
     def _forget(self) -> None:
         self._integral = 0.0  # [rad·s]
         self._slope = 0.0  # [rad/s] filtered derivative of the error
-        self._error: float | None = None  # [rad] of the last sample
+        self._error: float | None = None  # [rad] of the previous sample
         self._saturated = False
 
     def _torques(self, task: Task) -> Array:
-        """Return those of the intended motion and of the feedback, without the torque that is known to act."""
+        """Return the torques of the intended motion and of the feedback, without the known external torque."""
         error = task.now - float(task.seen[0]) if isfinite(task.seen[0]) else self._error or 0.0
         if not self._saturated:
             self._integral += self.dt * error
@@ -162,15 +162,15 @@ class PIDControl(Baseline):
 
 
 class PIControl(PIDControl):
-    """The control is PI feedback of the encoder's angle, and feed-forward. Without a derivative its gains stay low."""
+    """PI feedback of the encoder's angle, and feed-forward. Without a derivative its gains are low."""
 
     GAINS = PIDGains(0.2, 10.0, 0.0, 0.0)
 
 
 class PredictivePIDControl(PIDControl):
-    """The predictive PID works on angle and velocity predicted for when its command acts: it has an observer.
+    """PID on angle and velocity predicted for the time at which its command acts, with an observer.
 
-    The integral stays one of the measured error. What the gains allow grows with what the dead time no longer costs.
+    The integral is that of the measured error. The gains can be higher because the prediction removes the dead time.
     """
 
     GAINS = PIDGains(9.0, 45.0, 1.2, 0.0)
@@ -181,9 +181,7 @@ class PredictivePIDControl(PIDControl):
 
 
 class LQRControl(Baseline):
-    """The control is state feedback of the linear-quadratic regulator for the MPC's cost, about the middle of the
-    joint's range.
-    """
+    """State feedback of the linear-quadratic regulator for the MPC's cost, about the middle of the joint's range."""
 
     def __init__(
         self,
@@ -201,7 +199,7 @@ class LQRControl(Baseline):
         super().__init__(plant, dt, compensation)
 
     def _forget(self) -> None:
-        self._e = np.zeros(NU)  # the last command less its feed-forward, both as they should act [Pa]
+        self._e = np.zeros(NU)  # the last command minus its feed-forward, both as they should act [Pa]
 
     def _wanted(self, task: Task, feed: FeedForward) -> Array:
         e = -self._gain @ np.concatenate([task.x - feed.x[0], self._e])

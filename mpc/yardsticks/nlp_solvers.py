@@ -1,6 +1,6 @@
-"""Solvers of the nonlinear programme in `mpc.yardsticks.shooting` are values with their options.
+"""Solvers of the nonlinear programme in `mpc.yardsticks.shooting`, as values with their options.
 
-What they return is a proposal, to be certified.
+Their results are proposals to be certified.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,13 +19,13 @@ from mpc.yardsticks.shooting import Given, Shooting
 
 
 class NLPOptions(SolverOptions):
-    """The options of a solver of nonlinear programmes, and what CasADi is told for it besides."""
+    """Options of a solver of nonlinear programmes, and CasADi's own options for it."""
 
     fixed: ClassVar[dict[str, object]]
 
     @property
     def casadi(self) -> dict[str, object]:
-        """The options as CasADi takes them."""
+        """Options in the form of CasADi."""
         return self.fixed | {f"{self.name}.{option}": value for option, value in self.given.items()}
 
 
@@ -58,19 +58,19 @@ class Fatrop(NLPOptions):
 
 
 _SOLVERS: dict[str, type[NLPOptions]] = {kind.name: kind for kind in (IPOPT, Fatrop)}
-_WIDENING = 1e-8  # of a bound's size: so much fatrop widens it, without an option; hence bounds are narrowed before
+_WIDENING = 1e-8  # of a bound's size: fatrop widens bounds by this, without an option; they are narrowed before
 
 
-# What CasADi makes of Ctrl-C inside IPOPT: between iterations, and inside a function, which throws nothing else.
+# CasADi's messages for Ctrl-C inside IPOPT: between iterations, and inside a function, which throws nothing else.
 _INTERRUPTED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
 
 
 class Proposal(NamedTuple):
-    """A proposal is what a solver says."""
+    """Result of a solver."""
 
     z: Array
     multipliers: Array  # of g; positive at an upper, negative at a lower bound
-    success: bool  # in its own opinion
+    success: bool  # as reported by the solver
 
 
 def _chosen(solver: str | Mapping[str, object] | NLPOptions) -> NLPOptions:
@@ -82,7 +82,7 @@ def _chosen(solver: str | Mapping[str, object] | NLPOptions) -> NLPOptions:
 
 
 class NLPSolver:
-    """An NLP solver is IPOPT or fatrop, as CasADi's wheel brings them, for one `Shooting`."""
+    """IPOPT or fatrop, from CasADi's wheel, for one `Shooting`."""
 
     def __init__(self, solver: str | Mapping[str, object] | NLPOptions, shooting: Shooting) -> None:
         import casadi as ca
@@ -110,7 +110,7 @@ class NLPSolver:
         return Proposal(np.ravel(z), np.ravel(multipliers), bool(said["success"]))
 
     def __deepcopy__(self, memo: dict[int, object]) -> "NLPSolver":
-        """Return itself: it remembers nothing from call to call."""
+        """Return the same object, because it has no state."""
         return self
 
     def _widening(self, bound: Array) -> Array:
@@ -120,11 +120,11 @@ class NLPSolver:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise `KeyboardInterrupt` for whatever CasADi makes of it inside the block.
+    """Raise `KeyboardInterrupt` for CasADi's exceptions in its place inside the block.
 
-    It becomes a `RuntimeError` whose text names it, or CasADi returns to Python with it still set, which Python reports
-    as a `SystemError` caused by it. Anything else goes through. CasADi's conversions of arrays lose it without a trace:
-    functions are called through `mpc.codegen.buffered` where an interrupt may come.
+    CasADi raises a `RuntimeError` with its name in the text, or returns to Python with the interrupt still set, which
+    Python reports as a `SystemError` caused by it. Other exceptions pass through. CasADi's conversions of arrays lose
+    an interrupt silently: functions are called through `mpc.codegen.buffered` where an interrupt may occur.
     """
     try:
         yield

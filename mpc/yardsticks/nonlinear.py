@@ -1,11 +1,10 @@
-"""The nonlinear MPC solves the problem in `mpc.tracking.controller` without linearising it: the yardstick of
-`TrackingMPC`.
+"""Nonlinear MPC for the problem in `mpc.tracking.controller` without linearisation: the yardstick of `TrackingMPC`.
 
-At every sample the nonlinear programme of `mpc.yardsticks.shooting` is solved to the end by IPOPT or by fatrop, begun
-at the previous plan shifted by one sample. It has what `TrackingMPC` has besides: the same look ahead by the dead time,
-the same feed-forward, and the fallback ladder (`mpc.tracking.fallback`) without its second rung. A solution is one if
-it satisfies the conditions of Karush, Kuhn and Tucker, computed here; of a problem that is not convex these tell a
-local minimum from no minimum, not from a better one elsewhere. `Rung.QP` is the rung of such a solution.
+At every sample IPOPT or fatrop solves the nonlinear programme of `mpc.yardsticks.shooting` to convergence, from the
+previous plan shifted by one sample. The prediction over the dead time and the feed-forward are those of `TrackingMPC`,
+and so is the fallback ladder (`mpc.tracking.fallback`) without its second rung. A solution has to satisfy the
+conditions of Karush, Kuhn and Tucker, computed in this package. For a problem that is not convex they identify a local
+minimum, but there may be a better one elsewhere. `Rung.QP` is the rung of such a solution.
 """
 
 from collections.abc import Iterator, Mapping
@@ -35,8 +34,8 @@ _TOLERANCE = 1e-6  # of the conditions, in the units of `mpc.yardsticks.shooting
 class NonlinearMPC(BaseController):
     """Nonlinear MPC that tracks references of angle and stiffness with `plant` as its model.
 
-    Its step is that of `BaseController`, its words are those of `TrackingMPC`; to optimise is to solve the nonlinear
-    programme from one start after the other.
+    `BaseController` defines its step, and its settings are those of `TrackingMPC`. The optimisation solves the
+    nonlinear programme from one start after the other.
     """
 
     plant: Plant
@@ -44,12 +43,12 @@ class NonlinearMPC(BaseController):
     N: int = 20  # horizon [samples]
     weights: Weights = field(default_factory=Weights)
     solver: str | Mapping[str, object] | NLPOptions = "ipopt"  # or "fatrop", or options, or `IPOPT(…)`, `Fatrop(…)`
-    compensation: Compensation = field(default_factory=Compensation)  # what is known beyond the plant
+    compensation: Compensation = field(default_factory=Compensation)  # of the real joint
     min_force: float = 0.0  # F_min [N]
-    patience: float = 0.2  # for how long the angle may be missing [s]
+    patience: float = 0.2  # longest time without a measured angle [s]
 
     def __post_init__(self) -> None:
-        """Check the settings and build what does not change."""
+        """Check the settings and build the constant parts."""
         self._check_model()
         if not isinstance(self.weights, Weights):
             raise InvalidInput(f"weights = {checks.brief(self.weights)} have to be Weights")
@@ -65,7 +64,7 @@ class NonlinearMPC(BaseController):
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
     def _optimise(self, situation: Situation) -> Optimised:
-        """Return the commands of the first start that leads to a solution, or why none did."""
+        """Return the commands of the first start that leads to a solution, or the reason why there is none."""
         began, task, feed, previous = perf_counter(), situation.task, situation.feed, situation.previous
         given = self.problem.given(task.x, feed, task.d[:-1], previous.u, previous.u_star)
         best, status = None, PlanStatus.NOT_FINITE
@@ -79,7 +78,7 @@ class NonlinearMPC(BaseController):
         return Optimised(status, best, times=(0.0, 0.0, perf_counter() - began))
 
     def _starts(self, situation: Situation) -> Iterator[Array]:
-        """Yield where to begin: the previous plan shifted, the feed-forward, standing commands."""
+        """Yield initial motions: the previous plan shifted, the feed-forward, constant commands."""
         task, feed, u_last = situation.task, situation.feed, situation.previous.u
         for u in (
             self.limits.limited(u_last, self.ladder.shift(feed.u)),

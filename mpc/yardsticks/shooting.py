@@ -1,4 +1,4 @@
-"""Multiple shooting makes a nonlinear programme of the problem in `mpc.tracking.controller`, ordered for fatrop.
+"""Multiple shooting of the problem in `mpc.tracking.controller`: a nonlinear programme, ordered for fatrop.
 
 Stage k has the state χ_k = (x_k, u_{k-1}, s, s_F) and the control u_k. The last command is a state because the slew
 limit and the rate's cost couple two samples; the slacks are because all stages share them: χ_{k+1} repeats them.
@@ -7,10 +7,10 @@ limit and the rate's cost couple two samples; the slacks are because all stages 
     g = (χ_1 - f(χ_0, u_0), rows_0, χ_2 - f(χ_1, u_1), rows_1, …, rows_N),      lower ≤ g ≤ upper
 
     rows_0 = (x_0, u_{-1}, s, s_F, u_0, u_0 - u_{-1})                            the first two are given
-    rows_k = (u_k, u_k - u_{k-1}, θ_k - s, θ_k + s, F(x_k) + s_F)                of the last without the first two
+    rows_k = (u_k, u_k - u_{k-1}, θ_k - s, θ_k + s, F(x_k) + s_F)                rows_N without the first two
 
-A solver's word is not taken: `certify` computes from its multipliers what Karush, Kuhn and Tucker ask for. Units within
-z and g: pressures in bar, forces in 100 N, slacks in mrad and 0.1 N; the cost in 10 000.
+Solutions of solvers are checked: `certify` evaluates the conditions of Karush, Kuhn and Tucker with the solver's
+multipliers. Units within z and g: pressures in bar, forces in 100 N, slacks in mrad and 0.1 N; the cost in 10 000.
 """
 
 from functools import cached_property
@@ -40,19 +40,19 @@ _PREVIEW = 1 + NX + NY + 2 * NU  # numbers given to a stage: d_k, x*_k, y*_k, u*
 
 
 class Residuals(NamedTuple):
-    """The residuals say how far a point is from optimal, in units of z, g and the cost; NaN: not finite."""
+    """Distance of a point from optimality, in units of z, g and the cost; NaN: not finite."""
 
     primal: float  # greatest violation of a row
     stationarity: float  # greatest entry of the Lagrangian's gradient
-    gap: float  # sum of the multipliers times the distances from their bounds; of the cost where that is above 1
+    gap: float  # sum of the multipliers times the distances from their bounds; relative to a cost above 1
 
     def within(self, tolerance: float) -> bool:
-        """Return whether all of them are below `tolerance`; no NaN."""
+        """Return whether all residuals are below `tolerance`; False for NaN."""
         return all(value <= tolerance for value in self)
 
 
 class Given(NamedTuple):
-    """The given is what one step adds to the programme."""
+    """Data of one step."""
 
     p: Array  # the parameters
     lower: Array  # of g
@@ -60,7 +60,7 @@ class Given(NamedTuple):
 
 
 class Shooting:
-    """Shooting is the programme of `plant` for N samples of `dt` [s], to look at; `L` (6, 6) is the terminal factor."""
+    """Programme of `plant` for N samples of `dt` [s], open to inspection; `L` (6, 6) is the terminal factor."""
 
     def __init__(self, plant: Plant, dt: float, N: int, weights: Weights, limits: Limits, L: Array) -> None:
         self.plant, self.dt, self.N, self.weights, self.limits = plant, dt, N, weights, limits
@@ -68,18 +68,18 @@ class Shooting:
         self.equality = np.concatenate([[True] * self._gap(k) + list(self._fixed(k)) for k in range(N + 1)])
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out CasADi's symbols, which cannot leave their process."""
+        """Leave out CasADi's symbols, which cannot be pickled."""
         return {name: value for name, value in self.__dict__.items() if name != "problem"}
 
     def __deepcopy__(self, memo: dict[int, object]) -> "Shooting":
-        """Return itself: nothing in it changes."""
+        """Return the same object, because it does not change."""
         return self
 
     # --- the programme ----------------------------------------------------------------------------------------------
 
     @cached_property
     def problem(self) -> "dict[str, SX]":
-        """The problem is CasADi's dictionary x, p, f, g of the programme."""
+        """CasADi's dictionary x, p, f, g of the programme."""
         import casadi as ca
 
         N = self.N
@@ -95,7 +95,7 @@ class Shooting:
 
     @property
     def size(self) -> int:
-        """The size is how many numbers z has."""
+        """Number of entries of z."""
         return self.N * _STAGE + _CHI
 
     def _next(self, chi: "SX", u: "SX", d: "SX") -> "SX":
@@ -109,7 +109,7 @@ class Shooting:
         return step
 
     def _stage_cost(self, chi: "SX", u: "SX", preview: "SX", *, first: bool) -> "SX":
-        """Return the cost of `mpc.tracking.cost`, without the measured state's, which cannot be changed any more."""
+        """Return the cost of `mpc.tracking.cost`, without that of the measured state, which is fixed."""
         import casadi as ca
 
         _, x_star, y_star, u_star, u_star_last = _given_to_stage(preview)
@@ -150,7 +150,7 @@ class Shooting:
     # --- its numbers ------------------------------------------------------------------------------------------------
 
     def given(self, x: Array, feed: FeedForward, d: Array, u_last: Array, u_star_last: Array) -> Given:
-        """Return what a step adds: the state `x` (4,), torques `d` (N,), previous command and feed-forward (2,)."""
+        """Return the data of a step: the state `x` (4,), torques `d` (N,), previous command and feed-forward (2,)."""
         u_star = np.vstack([u_star_last, feed.u, feed.u[-1:]]) / BAR  # (N+2, 2)
         stages = np.hstack([np.append(d, 0.0)[:, None], feed.x, feed.y, u_star[1:], u_star[:-1]])
         bounds = [self._bounds(k, x, u_last / BAR) for k in range(self.N + 1)]
@@ -158,7 +158,7 @@ class Shooting:
         return Given(stages.ravel(), lower, upper)
 
     def _bounds(self, k: int, x: Array, u_last: Array) -> tuple[Array, Array]:
-        """Return the bounds of all rows of stage k. Commands from outside the supply come back as slew allows."""
+        """Return the bounds of all rows of stage k. Commands outside the supply return at the slew limit."""
         (P_lo, P_hi), (left, right), step = self.limits.pressure, self.limits.theta, self.limits.step / BAR
         never, least = np.inf, self.limits.min_force / _FORCE
         gap = np.zeros(self._gap(k))
@@ -177,7 +177,7 @@ class Shooting:
         return np.concatenate(lower), np.concatenate(upper)
 
     def point(self, motion: Motion, u_last: Array) -> Array:
-        """Return the z of a `motion`, with the slacks that it takes."""
+        """Return the z of a `motion`, with the necessary slacks."""
         slacks = self.limits.excursion(motion.x[1:, 0]) / _S, self.limits.slackening(motion.F[1:]) / _S_F
         u = np.vstack([u_last, motion.u]) / BAR
         chi = np.hstack([motion.x / _X, u, np.tile(slacks, (self.N + 1, 1))])
@@ -191,7 +191,7 @@ class Shooting:
 
     @cached_property
     def _conditions(self) -> Buffered:
-        """The conditions are (z, p, λ) ↦ (f, g, gradient of f + λᵀg)."""
+        """Function (z, p, λ) ↦ (f, g, gradient of f + λᵀg)."""
         import casadi as ca
 
         z, p, f, g = (self.problem[name] for name in "xpfg")
@@ -204,7 +204,7 @@ class Shooting:
         f, g, gradient = map(np.ravel, self._conditions(z, given.p, multipliers))
         primal = np.maximum(given.lower - g, g - given.upper).max()
         bound = np.where(multipliers > 0, given.upper, given.lower)
-        away = np.where(np.isfinite(bound), np.abs(bound - g), 1.0)  # there is nothing to push against at infinity
+        away = np.where(np.isfinite(bound), np.abs(bound - g), 1.0)  # a bound at infinity cannot push
         gap = np.abs(multipliers * away).sum() / max(1.0, abs(f.item()))
         return Residuals(float(primal), float(np.abs(gradient).max()), float(gap))
 

@@ -6,7 +6,7 @@ import pytest
 from allocator.units import DEG
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
-from mpc.trials.arm_trajectories import hold
+from mpc.trials.motions.arm_trajectories import hold
 from mpc.trials.simulation import simulate
 
 ARM = Arm.machine("arm26")

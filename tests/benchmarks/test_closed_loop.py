@@ -11,7 +11,7 @@ import pytest
 
 from allocator import BAR, DEG
 from mpc.trials.loops import loop
-from mpc.trials.trajectories import LEAD
+from mpc.trials.motions.trajectories import LEAD
 
 pytestmark = pytest.mark.slow
 

@@ -20,7 +20,7 @@ from allocator.muscles.catalogue import named_muscle
 from mpc import sine
 from mpc.cli import main
 from mpc.trials.files import save_reference
-from mpc.trials.trajectories import usual_stiffness
+from mpc.trials.motions.trajectories import usual_stiffness
 
 warnings.filterwarnings("ignore", "the force is extrapolated")  # the whole range of the joint is more than was measured
 

@@ -19,7 +19,7 @@ from mpc import Plant, sine
 from mpc.cli import app, main
 from mpc.model.arm.storage import load_arm
 from mpc.trials.files import load_recording, save_reference
-from mpc.trials.trajectories import TRAJECTORIES
+from mpc.trials.motions.trajectories import TRAJECTORIES
 
 pytestmark = pytest.mark.compiles
 

@@ -15,7 +15,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Process
 
 from .toolchain import Runner, run

@@ -1,1 +1,1 @@
-"""Learners find environments here in which arms with pneumatic muscles move, many at a time on a compiled plant."""
+"""Environments for reinforcement learning with pneumatic arms, many at a time on a compiled plant."""

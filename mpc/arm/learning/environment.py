@@ -1,4 +1,4 @@
-"""The environments of gymnasium have one arm that reaches, or many at a time.
+"""Environments of gymnasium with one reaching arm, or many at a time.
 
 >>> import gymnasium
 >>> from mpc.arm.learning.reaching import Reaching
@@ -29,10 +29,10 @@ NAME = "antagonist/Reach-v0"
 
 
 class ReachEnvironment(gymnasium.Env[Any, Any]):
-    """A `ReachEnvironment` is one arm that reaches; an episode is cut off after `task.samples`.
+    """One reaching arm; an episode is truncated after `task.samples`.
 
-    The reward of a sample is minus the squared error of the posture [rad²] and the effort; `info` tells the error
-    "error_rad", the pressures "P_Pa" and the commands "u_Pa" that the governor let through.
+    The reward of a sample is minus the squared error of the posture [rad²] and the effort; `info` has the error
+    "error_rad", the pressures "P_Pa" and the governor's commands "u_Pa".
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012  # gymnasium's
@@ -40,7 +40,7 @@ class ReachEnvironment(gymnasium.Env[Any, Any]):
     def __init__(
         self, task: Reaching | None = None, governor: Governor | None = None, render_mode: str | None = None
     ) -> None:
-        """Take the `task`, by default an arm26's with pressures as actions. Raises `InvalidInput`."""
+        """Set the `task`, by default an arm26's with pressures as actions. Raises `InvalidInput`."""
         task = Reaching() if task is None else task
         if render_mode not in (None, "rgb_array"):
             raise InvalidInput(f"render_mode = {render_mode!r} is unknown; there is 'rgb_array', or None")
@@ -51,13 +51,13 @@ class ReachEnvironment(gymnasium.Env[Any, Any]):
         self._all = np.ones(1, bool)
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Seen, Info]:
-        """Begin an episode; the same `seed` gives the same one."""
+        """Begin an episode; equal seeds give equal episodes."""
         super().reset(seed=seed)
         self.reachers.begin(self._all, self.np_random)
         return self.reachers.observe(self.np_random)[0], self._info(np.nan)
 
     def step(self, action: Array) -> tuple[Seen, float, bool, bool, Info]:
-        """Take a sample."""
+        """Advance by one sample."""
         reward, square = self.reachers.advance(np.asarray(action, float)[None])
         cut = bool(self.reachers.sample[0] >= self.reachers.task.samples)
         return (
@@ -73,7 +73,7 @@ class ReachEnvironment(gymnasium.Env[Any, Any]):
         return {"error_rad": error, "P_Pa": batch.P[0].copy(), "u_Pa": self.reachers.commands[0].copy()}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture (height, width, 3) by MuJoCo. Raises `MissingBackend` where nothing renders offscreen."""
+        """Return a picture (height, width, 3) by MuJoCo. Raises `MissingBackend` if nothing renders offscreen."""
         if self.render_mode is None:
             return None
         if self._camera is None:
@@ -86,22 +86,22 @@ class ReachEnvironment(gymnasium.Env[Any, Any]):
         return self._camera.render()
 
     def close(self) -> None:
-        """Give back what pictures took."""
+        """Release the resources of pictures."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None
 
 
 class ReachVectorEnvironment(VectorEnv[Any, Any, Any]):
-    """A `ReachVectorEnvironment` is `num_envs` arms that reach, in one compiled loop; all else is as with one.
+    """`num_envs` reaching arms in one compiled loop, otherwise like `ReachEnvironment`.
 
-    Where an episode was cut off the next step begins a new one (AutoresetMode.NEXT_STEP).
+    After a truncated episode the next step begins a new one (AutoresetMode.NEXT_STEP).
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 
     def __init__(self, num_envs: int, task: Reaching | None = None, governor: Governor | None = None) -> None:
-        """Take the `task` of all arms. Raises `InvalidInput`."""
+        """Set the `task` of all arms. Raises `InvalidInput`."""
         self.num_envs = num_envs
         self.reachers = Reachers(Reaching() if task is None else task, num_envs, governor)
         self.single_action_space, self.single_observation_space = _spaces(self.reachers)
@@ -110,14 +110,14 @@ class ReachVectorEnvironment(VectorEnv[Any, Any, Any]):
         self._cut = np.ones(num_envs, bool)
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Seen, Info]:
-        """Begin episodes of all arms; the same `seed` gives the same ones."""
+        """Begin episodes of all arms; equal seeds give equal episodes."""
         super().reset(seed=seed)
         self._cut[:] = False
         self.reachers.begin(np.ones(self.num_envs, bool), self.np_random)
         return self.reachers.observe(self.np_random), {}
 
     def step(self, actions: Array) -> tuple[Seen, Array, Mask, Mask, Info]:
-        """Take a sample of all arms; of those that were cut off the first of a new episode, without a reward."""
+        """Advance all arms by one sample; truncated ones begin a new episode, without a reward."""
         renewed = self._cut.copy()
         reward, square = self.reachers.advance(np.asarray(actions, float))
         if renewed.any():

@@ -1,4 +1,4 @@
-"""The same arms are moved on MuJoCo's bodies here, more slowly, and by an independent implementation."""
+"""Batch of arms on MuJoCo's bodies: slower than `ArmBatch`, but an independent implementation."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from mpc.arm.mujoco_plant import MujocoPlant
 
 
 class MujocoBatch:
-    """A `MujocoBatch` is N arms under way on MuJoCo, with the interface of `ArmBatch`."""
+    """N simulated arms on MuJoCo, with the interface of `ArmBatch`."""
 
     def __init__(self, varied: VariedArm, size: int, dt: float) -> None:
         """Prepare `size` nominal arms. Raises `MissingBackend` without MuJoCo."""
@@ -24,7 +24,7 @@ class MujocoBatch:
         self._nominal = model.body_mass.copy(), model.body_inertia.copy(), model.dof_damping.copy()
 
     def renew(self, which: Mask) -> None:
-        """Take over states and values of the arms `which` (N,)."""
+        """Apply changed states and values of the arms `which` (N,)."""
         import mujoco
 
         n, at, kinds = self.varied.arm.n, self.varied.places, self.varied.kinds
@@ -40,7 +40,7 @@ class MujocoBatch:
             plant.reset(self.x[i, :n], self.x[i, 2 * n :], omega=self.x[i, n : 2 * n])
 
     def advance(self, u: Array, d: Array) -> None:
-        """Move all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
+        """Advance all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
         for plant, x, command, load in zip(self.plants, self.x, u, d, strict=True):
             plant.step(command, self.dt, load)
             x[:] = np.concatenate([plant.q, plant.omega, plant.P])

@@ -1,11 +1,11 @@
-"""Many arms at a time are one compiled loop: every one of them may differ in strength, lag, mass and muscle law.
+"""Many simulated arms in one compiled loop; each may differ in strength, lag, mass and muscle parameters.
 
     q' = ω,   s M(q) ω' = τ(q, P) - s (C(q, ω) + g(q)) - b D ω + τ_stop + d,   τ = Σ_j r_j g_j max(F_j, 0)        (M1)
     P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff, the second term with `gas` only                        (G3)
 
-The factors s, b and g_j, the lags τ_j and the muscles' parameters are each arm's own: a row of values of a
-`VariedArm`. Beyond the angle limits stands an end stop, τ_stop = -I_i (Ω² e + 2Ω ω_i) of the excess e, about as stiff
-for its inertia as MuJoCo's.
+The factors s, b and g_j, the lags τ_j and the muscles' parameters differ between arms: each has a row of values of a
+`VariedArm`. Beyond the angle limits is an end stop, τ_stop = -I_i (Ω² e + 2Ω ω_i) with the excess e, about as stiff
+relative to the inertia as MuJoCo's.
 """
 
 from collections.abc import Callable
@@ -32,17 +32,17 @@ if TYPE_CHECKING:
     from casadi import SX
 
 Move: TypeAlias = Callable[[Array, Array, Array, Array, float, int], None]
-"""(x, u, v, d, h, substeps) ↦ None, which moves the states x."""
+"""Function (x, u, v, d, h, substeps) ↦ None, which advances the states x."""
 
-_STOP = 50.0  # Ω [1/s] of the end stops; MuJoCo's have the time constant 0.02 s, too
-_RESOLUTION = 0.25  # of a step in times of the fastest motion: an error of about 3e-5 of the change
+_STOP = 50.0  # Ω [1/s] of the end stops; MuJoCo's have the same time constant, 0.02 s
+_RESOLUTION = 0.25  # step times the rate of the fastest motion: an error of about 3e-5 of the change
 
 
 @dataclass(frozen=True)
 class VariedArm:
-    """A `VariedArm` is an arm of which some numbers may differ from one to the next.
+    """Arm with variable numbers.
 
-    Those are, in this order: the parameters of every different muscle, the muscles' gains g (m), lags (m) [s], the
+    These are, in this order: the parameters of every distinct muscle, the muscles' gains g (m), lags (m) [s], the
     factor s of all masses and b of the damping.
     """
 
@@ -50,19 +50,19 @@ class VariedArm:
     gas: Gas | None = None
 
     def __post_init__(self) -> None:
-        """Check. Raises `InvalidInput`."""
+        """Check the fields. Raises `InvalidInput`."""
         for name, value, kinds in (("arm", self.arm, Arm), ("gas", self.gas, Gas | None)):
             if not isinstance(value, kinds):
                 raise InvalidInput(f"{name} is a {type(value).__name__}; expected an {kinds}")
 
     @cached_property
     def kinds(self) -> tuple[Muscle, ...]:
-        """Return every different muscle, once."""
+        """Distinct muscles."""
         return tuple(dict.fromkeys(self.arm.mechanism.muscles))
 
     @cached_property
     def places(self) -> dict[str, slice]:
-        """Return where in a row of values what is: "kind 0", …, "gains", "lags", "mass", "damping"."""
+        """Places in a row of values by name: "kind 0", …, "gains", "lags", "mass", "damping"."""
         sizes = {f"kind {k}": len(kind.parameters) for k, kind in enumerate(self.kinds)}
         sizes |= {"gains": self.arm.m, "lags": self.arm.m, "mass": 1, "damping": 1}
         ends = np.cumsum([0, *sizes.values()]).tolist()
@@ -70,7 +70,7 @@ class VariedArm:
 
     @cached_property
     def nominal(self) -> Array:
-        """Return the row of values (p,) of the arm as it is described."""
+        """Row of values (p,) of the nominal arm."""
         own = [list(kind.parameters.values()) for kind in self.kinds]
         return np.concatenate([*own, np.ones(self.arm.m), self.arm.lags, [1.0, 1.0]])
 
@@ -84,7 +84,7 @@ class VariedArm:
         return [varied[muscle] for muscle in self.arm.mechanism.muscles]
 
     def forces(self, length: "SX", P: "SX", v: "SX") -> "SX":
-        """Return the forces (m, 1) [N] of muscles of the `length` (m, 1) [m]; of a slack cable 0. CasADi symbols."""
+        """Return the forces (m, 1) [N] of muscles of the `length` (m, 1) [m], 0 for slack cables. CasADi symbols."""
         import casadi as ca
 
         gains, L = v[self.places["gains"]], self.arm.mechanism.routes.rest_length
@@ -113,9 +113,9 @@ class VariedArm:
         return ca.vertcat(omega, alpha, filling)
 
     def _falls(self, length: "SX", speed: "SX", P: "SX", F: "SX", v: "SX") -> "SX":
-        """Return how fast the pressures fall as taut muscles swell (m, 1) [Pa/s].
+        """Return the fall of the pressures (m, 1) [Pa/s] as taut muscles swell.
 
-        They swell as hard as their varied laws pull, from the volumes of the laws as they are described.
+        The swelling follows the force of the varied models, from the volumes of the nominal models.
         """
         import casadi as ca
 
@@ -146,7 +146,7 @@ class VariedArm:
 
     @cached_property
     def inertia(self) -> Array:
-        """Return the inertias (n,) [kg·m²] that joints feel alone, all others free, at q = 0."""
+        """Inertias (n,) [kg·m²] of the joints at q = 0, each with all other joints free."""
         return np.asarray(1 / np.diag(np.linalg.inv(self.arm.bodies.mass_matrix(np.zeros(self.arm.n)))))
 
     def symbols(self) -> tuple["SX", "SX", "SX", "SX"]:
@@ -159,13 +159,13 @@ class VariedArm:
 
 
 class ArmBatch:
-    """An `ArmBatch` is N arms under way, each of a kind; its states and values are arrays to be read and written."""
+    """N simulated arms of one kind; states and values are arrays to be read and written."""
 
     def __init__(self, varied: VariedArm, size: int, dt: float, *, compiled: bool = True) -> None:
-        """Prepare `size` nominal arms at rest in the middle, without pressure, that are moved by samples of `dt` [s].
+        """Prepare `size` nominal arms at rest in the middle, without pressure, for samples of `dt` [s].
 
-        The first arm of a kind compiles for some seconds, once. With `compiled` False, and where nothing can be
-        compiled, which a `SlowStep` warning says, CasADi evaluates the formulas, some hundred times as slowly. Raises
+        The first arm of a kind compiles for some seconds, once. With `compiled` False, or after a `SlowStep` warning
+        that nothing can be compiled, CasADi evaluates the formulas, about a hundred times more slowly. Raises
         `InvalidInput`.
         """
         if not (isinstance(size, int) and size >= 1):
@@ -182,33 +182,31 @@ class ArmBatch:
         self._move = _moving(varied) if compiled else _evaluated(varied)
 
     def renew(self, which: Mask) -> None:
-        """Take over states and values of the arms `which` (N,), which are `x` and `v` themselves here."""
+        """Apply changed states and values of the arms `which` (N,); nothing to do, since `x` and `v` hold them."""
 
     def advance(self, u: Array, d: Array) -> None:
-        """Move all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
+        """Advance all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
         if u.shape != self.P.shape or d.shape != self.q.shape:  # compiled code would read beyond the ends
             raise InvalidInput(f"u {u.shape}, d {d.shape}: expected {self.P.shape} and {self.q.shape}")
         self._move(self.x, u, self.v, d, self.dt / self.substeps, self.substeps)
 
 
 def views(x: Array, n: int) -> tuple[Array, Array, Array]:
-    """Return the angles (N, n), velocities (N, n) and pressures (N, m) in states `x` (N, 2n + m), not copied."""
+    """Return views of the angles (N, n), velocities (N, n) and pressures (N, m) in states `x` (N, 2n + m)."""
     return x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
 
 
 def _moving(varied: VariedArm) -> Move:
-    """Return the compiled function, ready; the evaluated one, with a `SlowStep` warning, where compiling fails."""
+    """Return the compiled function; if compilation fails, warn with `SlowStep` and return the evaluated one."""
     try:
         move = _compiled(varied)
         arm = varied.arm
         x, u, v, d = (np.zeros((0, size)) for size in (arm.size, arm.m, varied.nominal.size, arm.n))
-        move(x, u, v, d, 0.1, 1)  # compiles now, and not in the first step
+        move(x, u, v, d, 0.1, 1)  # compiles now rather than in the first step
         return move
-    except (
-        Exception
-    ) as failure:  # no compiler, no place for its work, a formula too long, or a fault of the compiler's own
+    except Exception as failure:  # no compiler, cache not writable, formula too long, or a fault of the compiler
         reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
-    notice(f"the arms' motion is not compiled and takes some hundred times as long: {reason}", SlowStep)
+    notice(f"the arms' motion is not compiled and takes about a hundred times as long: {reason}", SlowStep)
     return _evaluated(varied)
 
 

@@ -1,8 +1,8 @@
-"""An arm that reaches is to hold a posture; it sees what a rig sees, and is pushed by torques that it does not know.
+"""Reaching task: an arm has to hold a posture under unknown torques, with the sensors of a test rig.
 
-What is seen are the encoders now and a sample ago, the pressure sensors, the commands given last and the posture asked
-for: (q, q before, P, u, q*) (4 blocks of n or m numbers), angles in rad, pressures in bar. Nobody sees velocities, or
-what the arm's numbers are.
+Observations are the encoders now and one sample before, the pressure sensors, the last commands and the target posture:
+(q, q before, P, u, q*) (blocks of n or m numbers), angles in rad, pressures in bar. Velocities and the parameters of
+the arm are not observed.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,29 +25,29 @@ from mpc.model.arm.model import Arm
 Seen = NDArray[np.float32]
 
 DYNAMICS = ("compiled", "mujoco")
-_BEYOND = 0.5  # of the span: what sensors show beyond their ranges
+_BEYOND = 0.5  # [-] of the span: observations beyond the ranges
 
 
 @dataclass(frozen=True)
 class Reaching:
-    """A `Reaching` is what is asked, of which arm, through which sensors; immutable. SI units."""
+    """Task, arm and sensors of reaching; immutable. SI units."""
 
     arm: Arm = field(default_factory=lambda: Arm.machine("arm26"))
     actions: str = "pressures"  # or "posture-stiffness"
-    dt: float = 0.01  # [s] a sample
-    samples: int = 200  # of an episode
+    dt: float = 0.01  # sample time [s]
+    samples: int = 200  # per episode
     variation: Variation = field(default_factory=Variation)
     gas: Gas | None = None
-    encoder: float = 0.02 * DEG  # [rad] a step
+    encoder: float = 0.02 * DEG  # step [rad]
     pressure_noise: float = 0.01 * BAR  # standard deviation [Pa]
     delay: int = 1  # [samples] from a command to the valve
     push: float = 0.5  # standard deviation of the unknown torque on every joint [N·m]
-    effort: float = 0.02  # what all pressures at their upper limit cost, in (rad)²
-    reach: float = 0.8  # of the angle range is asked for [-]
+    effort: float = 0.02  # cost of all pressures at their upper limit [rad²]
+    reach: float = 0.8  # share of the angle range for targets [-]
     dynamics: str = "compiled"  # or "mujoco"
 
     def __post_init__(self) -> None:
-        """Check. Raises `InvalidInput` and `MissingBackend`."""
+        """Check the fields. Raises `InvalidInput` and `MissingBackend`."""
         for name, value, known in (("actions", self.actions, KINDS), ("dynamics", self.dynamics, DYNAMICS)):
             if value not in known:
                 raise MissingBackend(name, value, known)
@@ -59,11 +59,11 @@ class Reaching:
         if not 0 < checks.number("reach", self.reach, "-") <= 1:
             raise InvalidInput(f"reach = {self.reach:g} has to be a share of the angle range, such as 0.8")
         if self.arm.mechanism.angle_limits is None:
-            raise InvalidInput("the mechanism has no angle_limits, which say where postures are asked for")
+            raise InvalidInput("the mechanism has no angle_limits, which define the target postures")
 
 
 class Batch(Protocol):
-    """N arms under way: states, values and their views."""
+    """N simulated arms: states, values and their views."""
 
     varied: VariedArm
     x: Array  # (N, 2n + m)
@@ -73,14 +73,14 @@ class Batch(Protocol):
     P: Array  # (N, m)
 
     def renew(self, which: Mask) -> None:
-        """Take over states and values of the arms `which` (N,)."""
+        """Apply changed states and values of the arms `which` (N,)."""
 
     def advance(self, u: Array, d: Array) -> None:
-        """Move all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
+        """Advance all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
 
 
 class Reachers:
-    """`Reachers` are N arms that reach, each for its own posture: what both environments are made of."""
+    """N reaching arms, each with its own target posture: the core of both environments."""
 
     def __init__(self, task: Reaching, size: int, governor: Governor | None = None) -> None:
         arm = task.arm
@@ -96,11 +96,11 @@ class Reachers:
         n, m = arm.n, arm.m
         self.goal, self.push, self.sample = np.zeros((size, n)), np.zeros((size, n)), np.zeros(size, np.int64)
         self._price = task.effort / (m * arm.mechanism.pressure_limits[1] ** 2)  # of the sum of P²
-        self._encoders = np.zeros((2, size, n))  # now and a sample ago
+        self._encoders = np.zeros((2, size, n))  # now and one sample before
         self._waiting = np.zeros((task.delay + 1, size, m))  # commands, the newest first
 
     def _seen_range(self, low: Array, high: Array) -> Array:
-        """Return the least and the greatest of what is seen (2, 3n + 2m)."""
+        """Return the least and the greatest observations (2, 3n + 2m)."""
         arm = self.task.arm
         pressures = np.array(arm.mechanism.pressure_limits) / BAR
         over, above = _BEYOND * (high - low), _BEYOND * float(np.ptp(pressures))
@@ -109,7 +109,7 @@ class Reachers:
         return np.concatenate([q, q, P, P, q], axis=1)
 
     def begin(self, which: Mask, rng: np.random.Generator) -> None:
-        """Begin new episodes of the arms `which` (N,): at rest in a drawn posture, with another one asked for."""
+        """Begin new episodes of the arms `which` (N,): at rest in a random posture, with another one as target."""
         task, batch, arm, count = self.task, self.batch, self.task.arm, int(which.sum())
         batch.v[which] = task.variation.draw(batch.varied, count, rng)
         start = rng.uniform(self.asked_range[0], self.asked_range[1], (count, arm.n))
@@ -126,16 +126,16 @@ class Reachers:
 
     @property
     def commands(self) -> Array:
-        """Return the commands given last (N, m) [Pa]."""
+        """Last commands (N, m) [Pa]."""
         return np.asarray(self._waiting[0])
 
     @property
     def _middle(self) -> float:
-        """Return the pressure [Pa] to begin with: between the supply's limits."""
+        """Initial pressure [Pa], in the middle of the supply's limits."""
         return sum(self.task.arm.mechanism.pressure_limits) / 2
 
     def advance(self, action: Array) -> tuple[Array, Array]:
-        """Take a sample with the actions (N, …); return the rewards (N,) and the squared errors (N,) [rad²]."""
+        """Advance by a sample with the actions (N, …); return the rewards (N,) and the squared errors (N,) [rad²]."""
         batch = self.batch
         meant = self.action.pressures(within(action, -1.0, 1.0))
         safe = self.governor(batch.q, batch.omega, batch.P, meant, self._waiting[0])
@@ -150,7 +150,7 @@ class Reachers:
         return -square - self._price * np.einsum("ij,ij->i", batch.P, batch.P), square
 
     def observe(self, rng: np.random.Generator) -> Seen:
-        """Return what is seen (N, 3n + 2m), noise drawn anew."""
+        """Return the observations (N, 3n + 2m) with new noise."""
         P = self.batch.P + self.task.pressure_noise * rng.standard_normal(self.batch.P.shape)
         seen = np.concatenate([*self._encoders, P / BAR, self._waiting[0] / BAR, self.goal], axis=1)
         return np.asarray(within(seen, *self.seen_range), np.float32)

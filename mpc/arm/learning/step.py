@@ -1,8 +1,8 @@
-"""The template moves many arms by a sample each.
+"""Template of a function that advances many arms by one sample.
 
-`mpc.arm.learning.plant` puts the formula of an arm in the place of the lines below that begin with `FORMULAS`:
+`mpc.arm.learning.plant` replaces the lines below that begin with `FORMULAS` by the formula of an arm:
 `rate(x, u, v, d, c, out)` fills in the derivative x' of the state x = (q, ω, P) (2n + m,) under the commands u (m,)
-[Pa] and the torques d (n,) [N·m] from outside, of an arm with the varied numbers v. The array c holds the formula's
+[Pa] and the external torques d (n,) [N·m], for an arm with the varied numbers v. The array c holds the formula's
 numbers.
 """
 
@@ -20,7 +20,7 @@ rate = FORMULAS
 
 @compiled
 def advance(c: Array, x: Array, u: Array, v: Array, d: Array, h: float, substeps: int) -> None:
-    """Move the states `x` (N, 2n + m) by `substeps` steps of `h` [s] under `u` (N, m), `d` (N, n), varied by `v`."""
+    """Advance the states `x` (N, 2n + m) by `substeps` steps of `h` [s] under `u` (N, m), `d` (N, n), varied by `v`."""
     size = x.shape[1]
     stage, slope, total = np.empty(size), np.zeros(size), np.empty(size)
     for i in range(x.shape[0]):

@@ -1,8 +1,7 @@
-"""Arms that differ from the one that is described teach what holds for all that it may be: domain randomisation.
+"""Domain randomisation: arms that differ from the nominal one within its uncertainty.
 
-What a fit leaves open is its covariance: the parameters of every fitted muscle are drawn from the normal distribution
-of it, all muscles of a kind alike, because they were fitted once. What no fit tells is drawn with the widths
-given here.
+The parameters of every fitted muscle are drawn from the normal distribution with the covariance of its fit, equal for
+all muscles of a kind, because they were fitted once. Parameters without a fit are drawn with the widths of `Variation`.
 """
 
 from dataclasses import dataclass, fields
@@ -16,12 +15,12 @@ from allocator.muscles import Muscle
 from allocator.muscles.uncertainty import covariance_root
 from mpc.arm.learning.plant import VariedArm
 
-_LOOKED_AT, _MOST_REFUSED = 1000, 0.05  # draws of a covariance, and the share of them that may be of no use
+_LOOKED_AT, _MOST_REFUSED = 1000, 0.05  # draws of a covariance, and the greatest share of useless ones
 
 
 @dataclass(frozen=True)
 class Variation:
-    """A `Variation` says how arms differ; by default they do not."""
+    """Variation between arms; by default there is none."""
 
     fit: bool = False  # whether the muscles' parameters are drawn from the covariances of their fits
     gains: float = 0.0  # standard deviation of each muscle's strength [-]
@@ -30,7 +29,7 @@ class Variation:
     damping: float = 0.0  # of the logarithm of the damping's factor [-]
 
     def __post_init__(self) -> None:
-        """Check. Raises `InvalidInput`."""
+        """Check the fields. Raises `InvalidInput`."""
         for field in fields(self)[1:]:
             width = checks.number(f"Variation: {field.name}", getattr(self, field.name), "-")
             if not 0 <= width <= 1:
@@ -38,7 +37,7 @@ class Variation:
             object.__setattr__(self, field.name, width)
 
     def check(self, varied: VariedArm) -> None:
-        """Insist that `fit` finds covariances, and ones that can be drawn from. Raises `InvalidInput`."""
+        """Raise `InvalidInput` unless `fit` has covariances that can be drawn from."""
         if self.fit and all(kind.covariance is None for kind in varied.kinds):
             raise InvalidInput("Variation: fit=True, but none of the muscles was fitted: none has a covariance")
         for k, kind in enumerate(varied.kinds):
@@ -51,7 +50,7 @@ class Variation:
                     )
 
     def draw(self, varied: VariedArm, size: int, rng: np.random.Generator) -> Array:
-        """Return rows of values (size, p) of as many arms, see `VariedArm`."""
+        """Return rows of values (size, p) for `size` arms, see `VariedArm`."""
         v, at, m = np.tile(varied.nominal, (size, 1)), varied.places, varied.arm.m
         for k, kind in enumerate(varied.kinds):
             if self.fit and kind.covariance is not None:
@@ -64,9 +63,9 @@ class Variation:
 
 
 def _parameters(varied: VariedArm, k: int, size: int, rng: np.random.Generator) -> Array:
-    """Draw the parameters (size, …) of a kind of muscle; those that do not pull at full pressure are drawn anew."""
+    """Draw the parameters (size, …) of a kind of muscle; those that do not pull at full pressure are drawn again."""
     drawn = _normal(varied.kinds[k], size, rng)
-    while (lame := ~_pulls(varied, k, drawn)).any():  # rare: `check` has seen to that
+    while (lame := ~_pulls(varied, k, drawn)).any():  # rare, as ensured by `check`
         drawn[lame] = _normal(varied.kinds[k], int(lame.sum()), rng)
     return drawn
 

@@ -15,16 +15,16 @@ class CallableDevice:
     Parameters
     ----------
     read
-        Returns the angle [rad], or (angle, P1, P2) [rad, Pa, Pa], or a `Reading`; NaN for what is not measured. It is
-        called once a sample and should return at once.
+        Returns the angle [rad], or (angle, P1, P2) [rad, Pa, Pa], or a `Reading`; NaN for unmeasured quantities. It is
+        called once per sample and should return at once.
     write
         Takes the gauge pressures P1, P2 [Pa].
     vent
-        Lets both muscles empty; by default `write(0, 0)`.
+        Vents both muscles; by default `write(0, 0)`.
     close
-        Is called at the end.
+        Called at the end.
     clock
-        Dates readings that have no time of their own; that of the loop.
+        Clock for readings without a time of their own; that of the loop.
 
     A function that raises `NoAnswer` misses a sample. `DeviceLost` ends a loop by a vent, any other exception by the
     safe stop, after which the loop raises it again.
@@ -49,7 +49,7 @@ class CallableDevice:
             self._close()
 
     def read(self) -> Reading:
-        """Return the result of the function. Raises `DeviceError` if that is no reading."""
+        """Return the result of the function. Raises `DeviceError` if that is not a reading."""
         said = self._read()
         if isinstance(said, Reading):
             return said
@@ -58,7 +58,7 @@ class CallableDevice:
             values = checks.floats("read()", said, "rad, Pa, Pa").ravel().tolist()
         except InvalidInput:
             raise DeviceError(
-                f"read() returned {checks.brief(said)}, no numbers: give theta [rad], P1, P2 [Pa]"
+                f"read() returned {checks.brief(said)}, not numbers: give theta [rad], P1, P2 [Pa]"
             ) from None
         if len(values) not in (1, 3):
             raise DeviceError(f"read() returned {len(values)} numbers: give theta [rad], or theta, P1 and P2 [Pa]")
@@ -69,7 +69,7 @@ class CallableDevice:
         self._write(P1, P2)
 
     def vent(self) -> None:
-        """Let both muscles empty."""
+        """Vent both muscles."""
         if self._vent is None:
             self._write(0.0, 0.0)
         else:

@@ -1,9 +1,8 @@
-"""Valve terminals that speak Modbus TCP or RTU, with a `RegisterMap` of their registers.
+"""Valve terminals with Modbus TCP or RTU, with a `RegisterMap` of their registers.
 
-It needs pymodbus (`pip install 'antagonist[modbus]'`). `NoAnswer` is an answer that comes late or not at all, an
-exception of the device, or an answer to another request (of another function, to another register). The connection is
-then made anew at the next call, so that a late answer is not taken for that of another request. A connection that
-cannot be made is a `DeviceLost`.
+The module needs pymodbus (`pip install 'antagonist[modbus]'`). `NoAnswer` is a late or missing answer, an exception of
+the device, or an answer to another request (of another function, to another register). The next call then opens a new
+connection, so that a late answer cannot be mistaken for that of another request. A failed connection is a `DeviceLost`.
 """
 
 import re
@@ -31,7 +30,7 @@ _WRITE = 16
 
 
 class ModbusDevice:
-    """Modbus device behind the connection object of pymodbus that `client()` makes (`tcp`, `rtu`)."""
+    """Modbus device with the connection object of pymodbus that `client()` returns (`tcp`, `rtu`)."""
 
     def __init__(self, client: Callable[[], "Client"], registers: RegisterMap, clock: Clock | None = None) -> None:
         self._make, self.registers = client, registers
@@ -61,7 +60,7 @@ class ModbusDevice:
         self._client.close()
 
     def read(self) -> Reading:
-        """Read all registers, in one request where they are neighbours of one kind."""
+        """Read all registers, in one request if they are neighbours of one kind."""
         values = {"theta": nan, "P1": nan, "P2": nan}
         for request in self._requests:
             for first, count, entries in request:
@@ -72,7 +71,7 @@ class ModbusDevice:
         return Reading(self._clock.now(), **values)
 
     def write(self, P1: float, P2: float) -> None:
-        """Command pressures [Pa], in one request where the registers are neighbours."""
+        """Command pressures [Pa], in one request if the registers are neighbours."""
         one, two = self.registers.write["P1"], self.registers.write["P2"]
         blocks = [(one.register, one.words(P1, self.registers.big)), (two.register, two.words(P2, self.registers.big))]
         blocks.sort()
@@ -83,7 +82,7 @@ class ModbusDevice:
             self._write(register, numbers)
 
     def vent(self) -> None:
-        """Write the registers that empty both muscles."""
+        """Write the registers that vent both muscles."""
         if not self.registers.vent:
             self.write(0.0, 0.0)
         for register, number in self.registers.vent:
@@ -113,7 +112,7 @@ class ModbusDevice:
         try:
             answer = ask()
         except (ModbusException, OSError) as error:
-            self._client.close()  # an answer that comes later must not be taken for the next one's
+            self._client.close()  # a late answer must not be taken for the next one
             raise NoAnswer(f"no answer ({error})") from None
         if answer.isError():
             raise NoAnswer(f"the device refused: {answer}")
@@ -140,7 +139,7 @@ class ModbusDevice:
 
 
 def _request(kind: str, registers: RegisterMap) -> list[tuple[int, int, list[Entry]]]:
-    """Return (first register, how many, entries) of the requests that read all registers of a kind."""
+    """Return (first register, number, entries) of the requests that read all registers of a kind."""
     requests: list[tuple[int, int, list[Entry]]] = []
     for entry in sorted((e for e in registers.read.values() if e.kind == kind), key=lambda e: e.register):
         if requests:

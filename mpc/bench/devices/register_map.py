@@ -1,10 +1,10 @@
 """Register maps of Modbus devices: TOML files with the quantity, unit and scale of each register.
 
     device_id = 1            # the Modbus unit
-    timeout = 0.02           # for an answer [s]; a sample that gets none goes without a reading
-    word_order = "big"       # of two registers that are one number
+    timeout = 0.02           # for an answer [s]; without one, the sample has no reading
+    word_order = "big"       # of two registers with one number
 
-    [read.theta]             # and [read.P1], [read.P2], where they are measured
+    [read.theta]             # and [read.P1], [read.P2], if measured
     register = 0             # address on the wire, counted from 0 (4xxxx or 3xxxx in a manual: counted from 1)
     kind = "input"           # function 4; or "holding", function 3
     type = "int16"           # or uint16, int32, uint32, float32
@@ -18,7 +18,7 @@
     unit = "bar"
     scale = 0.001
 
-    [[vent]]                 # what empties both muscles; without it both are commanded 0 Pa
+    [[vent]]                 # vents both muscles; without it both are commanded 0 Pa
     register = 2
     number = 0
 
@@ -78,7 +78,7 @@ class Entry:
 
     @property
     def size(self) -> int:
-        """Return of how many registers it is."""
+        """Number of its registers."""
         return struct.calcsize(f">{_FORMATS[self.type]}") // 2
 
     def value(self, words: Sequence[int], big: bool) -> float:
@@ -88,7 +88,7 @@ class Entry:
         return float((self.scale * number + self.offset) * self._unit)
 
     def words(self, value: float, big: bool) -> list[int]:
-        """Return the registers (size,) that hold the `value` [SI]. Raises `DeviceError` for one that they cannot."""
+        """Return the registers (size,) that hold the `value` [SI]. Raises `DeviceError` if they cannot hold it."""
         number = (value / self._unit - self.offset) / self.scale
         code = _FORMATS[self.type]
         try:
@@ -131,7 +131,7 @@ class RegisterMap:
 
     @property
     def big(self) -> bool:
-        """Return whether the first of two registers is the more significant."""
+        """Whether the first of two registers is the more significant one."""
         return self.word_order == "big"
 
     @classmethod

@@ -1,8 +1,8 @@
 """Registry of devices by name, of this project and of other packages.
 
-A package adds devices by an entry point of the group `antagonist.devices`, whose name is what stands before the first
-colon in `--device NAME:ADDRESS`, and whose object takes the rest, `(address: str) -> Device`; the first line of its
-docstring is what `antagonist devices` says of it:
+A package adds devices by an entry point of the group `antagonist.devices`. Its name is the part before the first colon
+of `--device NAME:ADDRESS`, and its object maps the rest to a device, `(address: str) -> Device`. `antagonist devices`
+shows the first line of its docstring:
 
     [project.entry-points."antagonist.devices"]
     acme = "acme_valves:open_for_antagonist"
@@ -33,7 +33,7 @@ class Kind(NamedTuple):
 
     @property
     def summary(self) -> str:
-        """Return its description in a line, or the reason why it cannot be used."""
+        """One line with its description, or the reason why it cannot be used."""
         try:
             return (self.load().__doc__ or "").strip().partition("\n")[0]
         except (ImportError, AttributeError) as error:
@@ -58,8 +58,8 @@ def kinds() -> Mapping[str, Kind]:
 def open_device(spec: str) -> Device:
     """Return the device that `spec` describes, NAME or NAME:ADDRESS; it connects when it is entered.
 
-    Raises `MissingBackend` for a name that there is not, `InvalidInput` for an address that cannot be one or a device
-    whose package cannot be loaded.
+    Raises `MissingBackend` for an unknown name, `InvalidInput` for an invalid address or a package that cannot be
+    loaded.
     """
     name, _, address = spec.partition(":")
     known = kinds()

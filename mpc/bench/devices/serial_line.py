@@ -3,9 +3,9 @@
     with SerialDevice("/dev/ttyUSB0", baud=921600) as device:
         reading = device.read()
 
-Every call asks once and waits for the answer with its own sequence number until `timeout`: late answers are passed
-over, noise costs the exchange that it hits and no other. What a call raises says what to do: `NoAnswer`, go on at the
-next sample; `DeviceLost`, stop, for the board has let the pressures fall or will do so by itself.
+Every call sends one request and waits until `timeout` for the answer with its sequence number: late answers are
+skipped, and noise affects only one exchange. After `NoAnswer`, continue with the next sample. After `DeviceLost`, stop,
+because the board has let the pressures fall or will do so by itself.
 """
 
 import time
@@ -22,20 +22,20 @@ from allocator.errors import InvalidInput
 from mpc.bench.device import Clock, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.devices import serial_protocol as protocol
 from mpc.bench.devices.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 
 if TYPE_CHECKING:
     from serial import Serial
 
 BAUD = 115200
 TIMEOUT = 0.02  # [s]
-_POLL = 0.002  # [s] that a read waits for a byte at most: how exactly a time-out is kept
-_GREETING = 0.1  # [s] after which a greeting is said again
-_VENT_TRIES, _VENT_WAIT = 5, 0.05  # a vent is asked for so often, each time for so long [s]
-_DRIFT = 2e-4  # of a board's clock against this computer's at most [-]
-_LASTING = (Refusal.SAFE, Refusal.SESSION, Refusal.VERSION)  # refusals that the next request meets again
+_POLL = 0.002  # [s] longest wait for a byte: resolution of a time-out
+_GREETING = 0.1  # [s] after which a greeting is repeated
+_VENT_TRIES, _VENT_WAIT = 5, 0.05  # tries of a vent, and duration of each [s]
+_DRIFT = 2e-4  # greatest drift of a board's clock against this computer's [-]
+_LASTING = (Refusal.SAFE, Refusal.SESSION, Refusal.VERSION)  # refusals that the next request would get as well
 
-_SYSTEM_ERRORS: tuple[type[Exception], ...] = (OSError,)  # what pyserial lets through when a port does not work
+_SYSTEM_ERRORS: tuple[type[Exception], ...] = (OSError,)  # exceptions of pyserial when a port does not work
 with suppress(ImportError):  # on Windows
     from termios import error
 
@@ -48,13 +48,13 @@ _READING_ERRORS: tuple[type[Exception], ...] = (*_SYSTEM_ERRORS, TypeError)  # c
 class BoardInfo(NamedTuple):
     """Description that a board sends in reply to HELLO."""
 
-    ahead: int  # samples of reference that its controller wants after the present one
+    ahead: int  # samples of reference that its controller needs after the present one
     room: int  # samples of reference that it can hold; 0: it has no controller
     dt: float  # sample time of its controller [s], or 0
     low: float  # least command [Pa]
     high: float  # greatest command [Pa]
     watchdog: float  # silence of the host after which the pressures fall [s]
-    fall: float  # how fast the higher one then falls [Pa/s]
+    fall: float  # rate at which the higher one then falls [Pa/s]
 
 
 class Tracking(NamedTuple):
@@ -62,8 +62,8 @@ class Tracking(NamedTuple):
 
     reading: Reading
     u: tuple[float, float]  # commanded now [Pa]
-    sample: int  # of reference that is followed now
-    next: int  # sample of reference that the board wants next
+    sample: int  # of the reference that is followed now
+    next: int  # sample of reference that the board needs next
     status: int  # `PlanStatus` of the last plan
     rung: int  # `Rung` of the last plan
     running: bool  # whether there were enough samples for the controller to begin
@@ -81,16 +81,16 @@ class SerialDevice:
         connect: float = 3.0,
         clock: Clock | None = None,
     ) -> None:
-        """Describe the line; entered, the device is connected.
+        """Describe the line; the context manager connects the device.
 
-        `timeout` [s] is how long an answer is waited for, `connect` [s] how long a board may take to begin, `clock`
-        what readings are timed by. Raises `InvalidInput`.
+        `timeout` [s] limits the wait for an answer, `connect` [s] the time of a board to begin; `clock` times the
+        readings. Raises `InvalidInput`.
         """
         self.port, self.baud = port, checks.count("baud", baud, least=1)
         self.timeout = checks.positive("timeout", timeout, "s")
         self.connect = checks.positive("connect", connect, "s")
         self.info = BoardInfo(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self.state = 0  # `State` of the board, as of its last answer
+        self.state = 0  # `State` of the board in its last answer
         self.unanswered = self.late = self.damaged_there = 0  # since connecting
         self.board_time = 0.0  # clock of the board at the last reading, since the first [s]
         self._receiver = Receiver()
@@ -102,7 +102,7 @@ class SerialDevice:
 
     @property
     def damaged(self) -> int:
-        """Return the number of received stretches without a frame since connecting."""
+        """Number of received stretches without a frame since connecting."""
         return self._receiver.damaged
 
     # --- a device ---------------------------------------------------------------------------------------------------
@@ -115,8 +115,8 @@ class SerialDevice:
     def write(self, P1: float, P2: float) -> None:
         """Send the gauge pressures [Pa] as a command.
 
-        Raises `InvalidInput` beyond the board's limits, `NoAnswer`, and `DeviceLost`: also where the board is in its
-        safe state, out of which only connecting again leads.
+        Raises `InvalidInput` beyond the board's limits, `NoAnswer`, and `DeviceLost`, also if the board is in its safe
+        state, which only a new connection ends.
         """
         for name, P in (("P1", P1), ("P2", P2)):
             if not self.info.low <= np.float32(P) <= self.info.high:
@@ -127,7 +127,7 @@ class SerialDevice:
         self._ask(Kind.WRITE, float(P1), float(P2))
 
     def vent(self) -> None:
-        """Let both muscles empty at once; the board takes no command afterwards. Raises `DeviceError`."""
+        """Vent both muscles at once; the board takes no command afterwards. Raises `DeviceError`."""
         for left in reversed(range(_VENT_TRIES)):
             try:
                 self._ask(Kind.VENT, timeout=_VENT_WAIT)
@@ -157,7 +157,7 @@ class SerialDevice:
         if line is not None:
             try:
                 line.close()
-            except _SYSTEM_ERRORS:  # of a port that is gone there is nothing to close
+            except _SYSTEM_ERRORS:  # a lost port cannot be closed
                 return
 
     # --- the controller on the board --------------------------------------------------------------------------------
@@ -181,8 +181,8 @@ class SerialDevice:
     def track(self, reference: Reference) -> Iterator[Tracking]:
         """Have the board follow `reference`, and yield its state about once per sample.
 
-        The clock is the board's. An exchange that fails is asked again as long as the board's watchdog allows.
-        Raises `InvalidInput`, `NoAnswer`, `DeviceLost`.
+        The clock is the board's. A failed exchange is repeated as long as the board's watchdog allows. Raises
+        `InvalidInput`, `NoAnswer`, `DeviceLost`.
         """
         if not self.info.room:
             raise InvalidInput(f"the board at {self.port} has no controller; export one with --variant controller")
@@ -203,7 +203,7 @@ class SerialDevice:
             yield now
             if now.sample >= last:
                 return
-            if now.running and len(samples) < BATCH:  # it has all that it has room for
+            if now.running and len(samples) < BATCH:  # its buffer is full
                 self._clock.sleep_until(began + self.info.dt)
 
     # --- exchanges --------------------------------------------------------------------------------------------------
@@ -258,9 +258,9 @@ class SerialDevice:
         return Reading(self._dated(asked, come), answer.value("theta"), answer.value("P1"), answer.value("P2"))
 
     def _dated(self, asked: float, come: float) -> float:
-        """Return when the board read its sensors [s], between the question and the answer.
+        """Return the time [s] at which the board read its sensors, between request and answer.
 
-        The swiftest exchange tells best how far the clocks are apart; what is known of it ages as clocks drift.
+        The fastest exchange determines the offset of the clocks best; this estimate ages as the clocks drift.
         """
         self._unsure += _DRIFT * (come - self._dated_at)
         self._dated_at = come

@@ -5,9 +5,9 @@
     on the line   0x00, COBS(payload), 0x00
     payload       kind u8, session u16, sequence u16, body, CRC-32 of all before it u32; little endian
 
-COBS (Cheshire and Baker 1999, IEEE/ACM Trans. Networking 7(2)) takes every zero out of a payload, so that a zero on
-the line is the end of a frame and nothing else: whatever was lost or added, the next zero is where both ends agree
-again. The CRC is that of IEEE 802.3, zlib's.
+COBS (Cheshire and Baker 1999, IEEE/ACM Trans. Networking 7(2)) removes every zero from a payload, so that a zero on the
+line always ends a frame: after any loss or addition of bytes, both ends agree again at the next zero. The CRC is that
+of IEEE 802.3, as in zlib.
 """
 
 import struct
@@ -87,7 +87,7 @@ class Field(NamedTuple):
     meaning: str
 
 
-TYPES: Mapping[str, str] = {"u8": "B", "i8": "b", "u16": "H", "u32": "I", "f32": "f"}  # what `struct` calls them
+TYPES: Mapping[str, str] = {"u8": "B", "i8": "b", "u16": "H", "u32": "I", "f32": "f"}  # names in `struct`
 
 _STATE = Field("state", "u8", "State")
 _VERSION = Field("version", "u8", "of the protocol")
@@ -146,7 +146,7 @@ CRC_BYTES = 4
 
 
 def packing(fields: tuple[Field, ...]) -> struct.Struct:
-    """Return how `fields` lie in bytes."""
+    """Return the `struct` format of `fields`."""
     return struct.Struct("<" + "".join(TYPES[field.type] for field in fields))
 
 
@@ -206,7 +206,7 @@ def stuffed(payload: bytes) -> bytes:
 
 
 def unstuffed(stretch: bytes) -> bytes | None:
-    """Return the payload of which `stuffed` made `stretch`; None if it did not."""
+    """Return the payload that `stuffed` turns into `stretch`; None if there is none."""
     parts = []
     at = 0
     while at < len(stretch):
@@ -222,7 +222,7 @@ class Receiver:
     """Receiver that finds frames in arriving bytes, and counts damaged stretches."""
 
     def __init__(self) -> None:
-        self.damaged = 0  # stretches that were no frame
+        self.damaged = 0  # stretches without a frame
         self._open = bytearray()  # since the last zero
         self._lost = False  # more than any frame can be
 

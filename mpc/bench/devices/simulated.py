@@ -1,7 +1,7 @@
 """Simulated device: a plant that moves with the clock, in real time or as fast as the computer can.
 
-It does what a joint on a bench does, effects of `RealPlant` included, on a time base of its own that is finer than a
-controller's: a command acts from the moment on at which it is written, not from the next sample of anybody.
+It behaves like a joint on a bench, including the effects of `RealPlant`. Its time base is finer than a controller's, so
+that a command acts from the time at which it is written.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from mpc.model.real_plant import RealExperiment, RealPlant
 
 STEP = 1e-3  # of its time base [s]
 _VENTED = 0.0  # [Pa]
-_MOST = 2.0  # [s] that are caught up with in one call: more would take as long again
+_MOST = 2.0  # [s] longest time that one call simulates: more would take as long again
 
 
 class SimulatedDevice:
@@ -27,16 +27,16 @@ class SimulatedDevice:
     Parameters
     ----------
     plant
-        What moves; by default the plant of the closed-loop benchmark, `RealPlant.standard()`.
+        Simulated plant; by default that of the closed-loop benchmark, `RealPlant.standard()`.
     clock
-        Whose time it moves in: by default this computer's, so that it is as fast as a real joint. Given a
-        `SimulatedClock`, to be given to the loop as well, it is as fast as the computer.
+        Clock of its motion: by default this computer's, for the speed of a real joint. With a `SimulatedClock`, which
+        the loop needs as well, it is as fast as the computer.
     theta, pressures
-        Where it begins: the angle [rad] and the pressures [Pa]; by default it hangs in the middle, vented.
+        Initial angle [rad] and pressures [Pa]; by default it hangs in the middle, vented.
     seed
-        Of the sensors' noise.
+        Seed of the sensors' noise.
     measures_pressure
-        Whether its regulators tell their pressures.
+        Whether its regulators measure their pressures.
     """
 
     def __init__(
@@ -57,27 +57,27 @@ class SimulatedDevice:
         self._x0 = np.array([at, 0.0, *checks.pressure("pressures", pressures)])
         self._seed, self._measures_pressure = seed, measures_pressure
         self._entered = 0
-        self.torque = 0.0  # of a weight that somebody has hung [N·m], positive where it pulls θ down
+        self.torque = 0.0  # of a weight on the joint [N·m], positive if it pulls θ down
         self._experiment: RealExperiment | None = None
 
     def __enter__(self) -> Self:
-        self._experiment = self.plant.begin(STEP, self._x0, self._seed + self._entered)  # noise does not come back
+        self._experiment = self.plant.begin(STEP, self._x0, self._seed + self._entered)  # noise does not repeat
         self._entered += 1
         self._u = self._x0[2:].copy()
         self._began, self._steps = self.clock.now(), 0
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Stop; `x` stays to be looked at."""
+        """Stop; `x` remains available."""
 
     @property
     def x(self) -> Array:
-        """Return the true state (4,) [rad, rad/s, Pa, Pa] of the last call. Raises `DeviceError` if never entered."""
+        """True state (4,) [rad, rad/s, Pa, Pa] of the last call. Raises `DeviceError` if never entered."""
         return self._running.x
 
     @property
     def command(self) -> Array:
-        """Return the pressures (2,) [Pa] that were commanded last."""
+        """Last commanded pressures (2,) [Pa]."""
         return self._u.copy()
 
     def read(self) -> Reading:
@@ -93,11 +93,11 @@ class SimulatedDevice:
         self._u = np.array([P1, P2])
 
     def vent(self) -> None:
-        """Command that both muscles empty."""
+        """Vent both muscles."""
         self.write(_VENTED, _VENTED)
 
     def hang(self, torque: float) -> bool:
-        """Hang a weight of this torque [N·m], positive where it pulls θ down; it hangs at once."""
+        """Hang a weight of this torque [N·m], positive if it pulls θ down; it acts at once."""
         self.torque = torque
         return True
 
@@ -108,7 +108,7 @@ class SimulatedDevice:
         return self._experiment
 
     def _now(self) -> RealExperiment:
-        """Return the experiment, moved on to the present."""
+        """Return the experiment, simulated up to the present."""
         experiment = self._running
         due = int((self.clock.now() - self._began) / STEP * (1 + 1e-12) + 1e-6) - self._steps
         for _ in range(min(due, int(_MOST / STEP))):
@@ -120,7 +120,7 @@ class SimulatedDevice:
 def simulated(plant: Plant, known: Compensation, **effects: Any) -> RealPlant:
     """Return `plant` as a joint on a bench, with its `known` friction and regulators, and sensors of a bench.
 
-    Where nothing is known of an effect it is that of `RealPlant.standard`; its muscles pull as the plant's do.
+    Unknown effects are those of `RealPlant.standard`; the muscles have the forces of the plant's.
     """
     standard = RealPlant.standard((1.0, 1.0), nominal=plant)
     return replace(standard, **(known.told | effects))

@@ -40,5 +40,5 @@ class Asking:
     def _read(self) -> None:
         try:
             self._line = sys.stdin.readline()
-        except (OSError, ValueError):  # closed, or no text
+        except (OSError, ValueError):  # closed, or not text
             self._line = ""

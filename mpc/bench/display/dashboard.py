@@ -1,7 +1,7 @@
 """Dashboard of a loop in the terminal, in a process of its own, so that drawing delays no sample.
 
-The loop hands over a line of JSON now and then, and none where the dashboard does not keep up. On a terminal it is
-drawn in place (rich); elsewhere there is a line of text a second.
+The loop sends a line of JSON from time to time, and none while the dashboard is behind. On a terminal it is drawn in
+place (rich); elsewhere there is a line of text per second.
 """
 
 import json
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from mpc.bench.record import Row
 
-State: TypeAlias = dict[str, Any]  # what a line of JSON says of a loop
+State: TypeAlias = dict[str, Any]  # content of a line of JSON
 
 _EVERY = 0.1  # [s] between two pictures
 _LINE_EVERY = 1.0  # [s] between two lines of text
@@ -76,11 +76,11 @@ class Dashboard:
         try:
             os.write(self._pipe, json.dumps(state).encode() + b"\n")
         except (BlockingIOError, BrokenPipeError):
-            return  # it does not keep up, or is gone: the loop goes on
+            return  # the dashboard is behind or gone: the loop goes on
 
 
 def main(lines: Iterable[str] | None = None) -> None:
-    """Show the states that come in, one a line."""
+    """Show the incoming states, one per line."""
     states: Iterable[State] = map(json.loads, sys.stdin if lines is None else lines)
     if _PLOT in sys.argv[1:]:
         from mpc.bench.display.live_plot import plotted
@@ -101,7 +101,7 @@ def _print(states: Iterable[State]) -> None:
 
 
 def text(state: State) -> str:
-    """Return a state in a line."""
+    """Return a state as a line of text."""
     P, u = (" ".join(f"{value / 1e5:.2f}" for value in state[name]) for name in ("P", "u"))
     wanted = "" if state["theta_ref"] != state["theta_ref"] else f" of {_degrees(state['theta_ref'])}°"
     health = f"  {state['health']}" if state["health"] else ""

@@ -18,7 +18,7 @@ _COLOURS = ("#0072B2", "#D55E00")
 
 
 def plotted(states: Iterable[State]) -> Iterator[State]:
-    """Yield the states, each when the window has it; without a screen, or once the window is closed, without more."""
+    """Yield the states after the window has drawn them; without a screen or an open window, yield them at once."""
     import matplotlib.pyplot as plt
 
     if plt.get_backend().lower() == "agg":

@@ -1,1 +1,1 @@
-"""Measured stiffness: tones on a device, what they say of the muscles, and files that keep it."""
+"""Measured stiffness: tones on a device, their evaluation, and updates of files."""

@@ -1,11 +1,11 @@
-"""Hint that the muscles' strengths want a check, from the rests of a run.
+"""Hint that the muscles' strengths need a check, from the rests of a run.
 
-At rest the disturbance torque d of an observer is what the model's torques T_1 > 0 > T_2 lack,
+At rest the disturbance torque d of an observer is the error of the model's torques T_1 > 0 > T_2,
 
     d = (g_1 - 1) T_1 + (g_2 - 1) T_2 + T_f + load ≈ (g_1 - g_2) (|T_1| + |T_2|)/2 + T_f + load
 
-so that the ratio of the strengths shows without any excitation, up to friction, which stops a joint anywhere within
-its loop. A common factor of both does not show: that takes `antagonist measure`.
+so that the ratio of the strengths shows without any excitation, up to friction, which stops a joint anywhere within its
+loop. A common factor of both does not show; only `antagonist measure` can determine it.
 """
 
 from itertools import pairwise
@@ -39,7 +39,7 @@ class Imbalance(NamedTuple):
 
 
 def imbalance(run: Run, loop: Loop | None = None) -> Imbalance | None:
-    """Return what the rests of a run of one joint show; None where it has none, or nobody estimated the torque.
+    """Return the imbalance at the rests of a joint's run; None without a rest or an estimated torque.
 
     `loop` is the hysteresis of the joint, by default that of the model.
     """
@@ -79,7 +79,7 @@ def _rests(run: Run) -> list[slice]:
 
 
 def _row(run: Run, part: slice) -> tuple[float, ...] | None:
-    """Return (d, size of a muscle's torque, K, pull, P1 + P2) of a rest; None where the joint moves."""
+    """Return (d, size of a muscle's torque, K, pull, P1 + P2) of a rest; None if the joint moves."""
     estimate: Array = run.estimate[part]
     if not np.isfinite(estimate).all() or np.ptp(estimate[:, 0]) > _STILL:
         return None

@@ -8,7 +8,7 @@
     with a weight, both muscles at the low frequency and A, without it and with it
 
 The amplitude of a command follows a_{k+1} = a_k (A/measured)^0.6, in steps of 1.4 at most, since friction jumps. A
-drive is cut as soon as the angle leaves 1.5 times the amplitude asked for.
+drive is cut as soon as the angle leaves 1.5 times the wanted amplitude.
 """
 
 from collections.abc import Generator, Iterator
@@ -30,22 +30,22 @@ from mpc.model.plant import Plant
 
 _EXPONENT, _STEP = 0.6, 1.4  # of the search for an amplitude
 _QUICK = 1.6  # [Hz]
-_CLOSE = 0.06  # of the amplitude: near enough
-_ENOUGH = 1.5  # times the amplitude asked for: the drive is cut
+_CLOSE = 0.06  # [-] of the amplitude: close enough
+_ENOUGH = 1.5  # times the wanted amplitude: the drive is cut
 _CUT = 0.5
-_BEGIN = 0.9  # of the drive that is expected
+_BEGIN = 0.9  # [-] of the expected drive
 _SUDDEN = 4.0  # of the steps across the dead band
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
 _LEAST_ABOVE, _ENOUGH_ABOVE, _LOWEST_ABOVE = 1.3, 1.5, 1.2
 _USED = 1.2  # of the slew: beyond it sines become triangles
-_SHORT = 0.93  # of the amplitude: less has not been reached
-_PLANNED = 1.0, 1.4, 0.75, 2.0, 0.5  # of the amplitude asked for, in the order in which they are tried
-_SAMPLES = 16  # a period, at least
+_SHORT = 0.93  # [-] of the amplitude: less counts as not reached
+_PLANNED = 1.0, 1.4, 0.75, 2.0, 0.5  # [-] of the wanted amplitude, in the order of the trials
+_SAMPLES = 16  # per period, at least
 _HIGHEST = 8.0  # [Hz]
 _FLOW_SHARE = 0.8  # of the regulators' flow that a tone takes
 _MARGIN = 0.15 * BAR  # from a pressure at which a cable is slack, and from the supply's ends
 ONE, TWO, BOTH = (1.0, 0.0), (0.0, 1.0), (0.5, 0.5)  # shares of the torque
-MORE, LESS = (0.6, 0.4), (0.4, 0.6)  # at the upper frequency, where a muscle alone may be too slow
+MORE, LESS = (0.6, 0.4), (0.4, 0.6)  # at the upper frequency, at which a muscle alone may be too slow
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Tones:
     amplitude: float = 1.5 * DEG  # A [rad] of the tones that are compared
     low: float = 1.2  # [Hz]
     series: tuple[float, ...] = (4 * DEG, 8 * DEG)  # of K_felt(A) [rad]; empty: not measured
-    slowest: float = 0.5  # at which a dependence on the rate shows [Hz]
+    slowest: float = 0.5  # to detect a dependence on the rate [Hz]
     slow: float = 1.0  # of the series [Hz]
     settle: float = 1.5  # at rest [s]
     rounds: int = 8  # of the search for an amplitude, at most
@@ -68,13 +68,13 @@ class Tones:
             raise InvalidInput(f"amplitudes = {self.amplitude}, {self.series} rad have to lie between 0 and 1 rad")
 
 
-class Refused(Exception):  # a finding, said in the result
-    """The joint cannot be measured about this rest; the message says why."""
+class Refused(Exception):  # a finding, reported in the result
+    """Refusal of a measurement about this rest; the message has the reason."""
 
 
 @dataclass
 class Findings:
-    """Everything that the experiment saw."""
+    """All findings of the experiment."""
 
     tones: list[Tone] = field(default_factory=list)
     curve: list[Tone] = field(default_factory=list)
@@ -82,7 +82,7 @@ class Findings:
     balance: tuple[Tone, Tone] | None = None  # without and with the weight
     refusal: str = ""
     duration: float = 0.0  # [s]
-    furthest: float = 0.0  # greatest |θ - rest| in the amplitude asked for [-]
+    furthest: float = 0.0  # greatest |θ - rest| over the wanted amplitude [-]
 
 
 class Experiment:
@@ -151,20 +151,23 @@ class Experiment:
             yield from self._weighed(self.weight, A, stiff)
 
     def _weighed(self, weight: Weight, A: float, stiff: complex) -> Iterator[Decision]:
-        """Swing slowly without the weight, ask for it with the pressures held, and swing with it."""
-        A = max(A, *self.tones.series)  # the widest, which erases most of what friction remembers
+        """Swing slowly without the weight, request it with the pressures held, and swing with it."""
+        A = max(A, *self.tones.series)  # the widest, which erases most of the friction's memory
         before = yield from self._brought(self.tones.slow, BOTH, A, stiff, close=0.15)
         while not weight.hang(weight.torque):
             yield Decision(self.first, Phase.RUN)
         room = self._room
         raised = [p + float(np.clip(weight.torque / 2 / g, -r / 2, r / 2))
                   for p, g, r in zip(self.first, self._gains, room, strict=True)]  # fmt: skip
-        self.first = raised[0], raised[1]  # which about carries it: where the joint was friction is as it was
+        self.first = (
+            raised[0],
+            raised[1],
+        )  # which about carries it: friction is unchanged
         yield from self._hold(2 * self.tones.settle)
         self.findings.balance = before, (yield from self._brought(self.tones.slow, BOTH, A, stiff, close=0.15))
 
     def _shaken(self, A: float, stiff: complex) -> Iterator[Decision]:
-        """Shake the joint a little, so that it comes to the middle of its hysteresis."""
+        """Shake the joint a little to bring it to the middle of its hysteresis."""
         f = self.tones.low
         drive, _ = self._drive(f, BOTH, A, stiff)
         for k in range(round(2 / f / self.dt)):
@@ -194,23 +197,23 @@ class Experiment:
         return (max(seen) + min(seen)) / 2
 
     def _stiffness(self, tone: Tone, expected: complex) -> complex:
-        """Return K_felt + i h [N·m/rad] by a tone, with strengths of 1, in proportion to what is `expected`."""
+        """Return K_felt + i h [N·m/rad] of a tone, with strengths of 1, as a ratio to the `expected` one."""
         loop = tone.loop(self.known.reading_age)
         found = complex(sum(loop.secants) + self.plant.inertia * loop.acceleration, sum(loop.losses))
         likely = (
             0.2 < abs(found) / abs(expected) < 10 and found.real > 0.2 * expected.real
-        )  # below an encoder's step: no
+        )  # not below an encoder's step
         return found if likely else expected
 
     def _expected(self, amplitude: float) -> complex:
-        """Return K_felt(A) [N·m/rad] by the model, before anything is measured, with the gas of held commands."""
+        """Return the model's K_felt(A) [N·m/rad] before any measurement, with the gas of held commands."""
         P1, P2 = self.first
         loop = self.known.friction.loop
         K = self.plant.joint.stiffness(self._rest, P1, P2, amplitude=amplitude, loop=loop)
         return complex(float(K) + self.plant.gravity_torque * float(np.cos(self._rest)))
 
     def _planned(self) -> float:
-        """Return the amplitude asked for, or one near to it at which the regulators can better follow."""
+        """Return the wanted amplitude, or one near it that the regulators can follow better."""
         margins = []
         for share in _PLANNED:
             self._amplitude = share * self.tones.amplitude
@@ -225,7 +228,7 @@ class Experiment:
         return sqrt(max(stiffness.real, 0.0) / self.plant.inertia) / 2 / pi
 
     def _upper(self, stiffness: complex) -> tuple[float, float]:
-        """Return the two upper frequencies [Hz]: well above the resonance, as far as valves and samples follow."""
+        """Return the two upper frequencies [Hz]: well above the resonance, as far as valves and samples permit."""
         resonance = self._resonance(stiffness)
         most = min(_HIGHEST, 1 / (_SAMPLES * self.dt))
         upper = min(max(_ABOVE[0] * resonance, 3 * self.tones.low), most / 1.2)
@@ -242,11 +245,11 @@ class Experiment:
         return upper, further
 
     def _follows(self, frequency: float, share: float, stiffness: complex) -> bool:
-        """Return whether the pressures of a tone keep to flow, slew, supply and taut cables."""
+        """Return whether the pressures of a tone respect flow, slew, supply and taut cables."""
         return self._margin(frequency, share, stiffness) >= 1
 
     def _margin(self, frequency: float, share: float, stiffness: complex) -> float:
-        """Return how many times as great the pressures of a tone might be."""
+        """Return the factor by which the pressures of a tone may grow."""
         omega = 2 * pi * frequency
         torque = self._amplitude * abs(stiffness - self.plant.inertia * omega**2) * share
         pressures = np.array([torque / abs(g) for g in self._gains])
@@ -257,7 +260,7 @@ class Experiment:
     def _reached(
         self, f: float, lowest: float, shares: tuple[float, float], A: float, stiff: complex
     ) -> Generator[Decision, None, tuple[Tone, float]]:
-        """Return a tone that swings by A, and its frequency [Hz]: lower than `f` where the regulators are too slow."""
+        """Return a tone that swings by A, and its frequency [Hz], lower than `f` if the regulators are too slow."""
         tone = yield from self._brought(f, shares, A, stiff)
         while tone.swing < _SHORT * A and f > lowest:
             f = max(0.9 * f, lowest)
@@ -296,15 +299,15 @@ class Experiment:
         return tone
 
     def _saturated(self, rows: Array, f: float, drive: Array) -> bool:
-        """Return whether slew or flow are used up, so that a greater drive gives no more."""
+        """Return whether slew or flow are exhausted, so that a greater drive has no effect."""
         omega = 2 * pi * f
         fastest = float(np.nanmax(np.ptp(rows[-round(1 / f / self.dt) :, 2:], axis=0))) / 2 * omega
         return float(np.abs(drive).max()) * omega > _USED * self.plant.slew or fastest > self.known.flow
 
     def _drive(self, f: float, shares: tuple[float, float], A: float, stiff: complex) -> tuple[Array, Array]:
-        """Return the amplitudes of both commands [Pa] for a swing A, and what the dead band takes besides.
+        """Return the amplitudes of both commands [Pa] for a swing A, and the additional ones for the dead band.
 
-        They are signed so that both torques turn the joint one way.
+        Their signs let both torques turn the joint in the same direction.
         """
         omega, lags = 2 * pi * f, self.plant.lags
         torque = A * abs(stiff - self.plant.inertia * omega**2)
@@ -317,7 +320,7 @@ class Experiment:
     ) -> Generator[Decision, None, tuple[Array, float, bool]]:
         """Play whole periods; return the rows (t, θ, P1, P2), the phase at the end, and whether the drive was cut.
 
-        The half dead band is added in the direction in which a pressure is to move, so that this moves as a sine.
+        Half of the dead band is added in the direction of a pressure's motion, so that the pressure moves as a sine.
         """
         drive = drive * min(1.0, *(np.array(self._room) / np.maximum(np.abs(drive + dead), 1e-9)))
         behind = [atan(2 * pi * f * tau) for tau in self.plant.lags]
@@ -338,7 +341,7 @@ class Experiment:
         return np.array(rows), phase, cut
 
     def _tone(self, rows: Array, f: float) -> Tone:
-        """Return the tone in the rows."""
+        """Return the tone of the rows."""
         rows = rows[np.isfinite(rows).all(axis=1)]
         if len(rows) < 8:
             raise Refused("the device gave too few readings of angle and pressures")
@@ -354,7 +357,7 @@ class Experiment:
 
     @property
     def _room(self) -> tuple[float, float]:
-        """Amplitudes of commands [Pa] that keep cables taut and to the supply."""
+        """Amplitudes of commands [Pa] that keep cables taut and pressures within the supply."""
         found = []
         for P, side in zip(self.first, self.plant.joint.sides(self._rest), strict=True):
             low, high = self.plant.pressure_limits

@@ -1,4 +1,4 @@
-"""Strengths and stiffness from a log that was not made for it: weak-form regression.
+"""Strengths and stiffness from any log by weak-form regression.
 
 With the torques T_i of the model at the measured angles and pressures, true strengths g_i, known inertia J, damping b,
 gravity m g l and stop operators s_j of the measured angle with half widths r_j on a grid,
@@ -9,14 +9,15 @@ Multiplied by bumps φ that vanish with their slopes at both ends, and integrate
 
     J ∫φ''θ = g_1 ∫φT_1 + g_2 ∫φT_2 - Σ w_j ∫φs_j + b ∫φ'θ - m g l ∫φ sin θ + c ∫φ                              (W2)
 
-no noise is differentiated. Least squares with nonnegative unknowns. The springs w_j are numbers, or shares of the
-model's K along the log: both are columns. No stop is wider than half the swing: what never slipped cannot be told from
-K. The gas acts through the measured pressures alone, so that the stiffness is the isobaric one.
+no noise is differentiated. The solution is by least squares with nonnegative unknowns. The springs w_j are numbers, or
+shares of the model's K along the log: both are columns. No stop is wider than half the swing, because a stop that never
+slips cannot be distinguished from K. The gas acts only through the measured pressures, so that the stiffness is the
+isobaric one.
 
-The inertia is the scale, hence a log is refused whose accelerations the torques do not explain: friction alone follows
-a slow sine as well as muscles do, with strengths that are wrong by half. The standard deviations are those of leaving
-out every twelfth of the log in turn, of the readings' age, and the unexplained share squared, since errors of the
-regressors attenuate.
+The inertia sets the scale. A log is therefore refused if the torques do not explain its accelerations: friction alone
+fits a slow sine as well as muscles do, with strengths that are wrong by half. The standard deviations are those of
+leaving out every twelfth of the log in turn, of the readings' age, and the square of the unexplained share, since
+errors of the regressors attenuate.
 """
 
 from collections.abc import Sequence
@@ -44,14 +45,14 @@ from mpc.model.plant import Plant
 _HALF = 0.15  # [s] of a bump
 _STEP = 0.01  # [s] between rows, at most, into which a log is interpolated
 _STOPS, _NARROWEST, _WIDEST = 8, 0.3 * DEG, 12 * DEG
-_SWING = 0.05, 0.95  # quantiles of the angle between which it swings
-_PARTS = 12  # of the log, which are left out in turn
-_SETTLED = 4  # bumps at the beginning, before stops know where they are
+_SWING = 0.05, 0.95  # quantiles of the angle that define the swing
+_PARTS = 12  # of the log, left out in turn
+_SETTLED = 4  # bumps at the beginning, until the state of the stops is known
 LEAST_ROWS = 400
 _UNEXPLAINED = 0.15  # of the inertia's torque (RMS), beyond which a log is refused
 _KNOWN = 0.05  # standard deviation of a strength, beyond which a log is refused
-_SPRINGS = 0.15  # of what hysteresis adds: neighbouring stops share it
-_MODEL = 0.0125  # of the strengths: what the equations leave out, by hidden joints (seeds >= 1000)
+_SPRINGS = 0.15  # [-] of the stiffness of hysteresis, which neighbouring stops share
+_MODEL = 0.0125  # [-] of the strengths: model error of the equations, by hidden joints (seeds >= 1000)
 _AGE = 0.002  # [s] standard deviation of the age of the angle's readings, which turns accelerations into damping
 _CURVE = 1 * DEG, 2 * DEG, 4 * DEG, 8 * DEG  # amplitudes of the felt stiffness
 
@@ -98,7 +99,7 @@ def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredSt
     """Return a joint's stiffness as measured from a log, or the reason for a refusal.
 
     `plant` is the model, `loop` its hysteresis, to which the felt stiffness is compared; `known.inertia` [kg·m²] is the
-    scale, and `known.age` [s] that of the angle's readings. Weights are not told: nothing may hang on the joint.
+    scale, and `known.age` [s] that of the angle's readings. There must not be a weight on the joint.
     """
     table = _Table.of(plant, log, known)
     duration = float(sum(np.ptp(log.t[part]) for part in stretches(log.t)))
@@ -118,7 +119,7 @@ def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredSt
 
 
 def _why_not(left: float, std: float, x: Array) -> str:
-    """Return why the log does not tell the strengths, or ""."""
+    """Return the reason why the log does not determine the strengths, or ""."""
     excite = "step both pressures at random, or shake the joint near its resonance, for a minute"
     if left > _UNEXPLAINED:
         return (
@@ -126,7 +127,7 @@ def _why_not(left: float, std: float, x: Array) -> str:
             f"{100 * _UNEXPLAINED:.0f}): too little excitation, commanded pressures, or another joint; {excite}"
         )
     if std > _KNOWN or min(x[:2]) <= 0:
-        return f"the log tells the strengths to ± {100 * min(std, 9.99):.0f} % only: too little excitation; {excite}"
+        return f"the strengths are known to ± {100 * min(std, 9.99):.0f} % only: too little excitation; {excite}"
     return ""
 
 
@@ -137,7 +138,7 @@ class _Table:
     X: Array
     y: Array
     widths: Array  # r_j (n,) [rad]
-    scale: float  # K of the model [N·m/rad], of which the shares are
+    scale: float  # K of the model [N·m/rad], for the shares
     swing: float  # [rad]
 
     @classmethod
@@ -160,7 +161,7 @@ class _Table:
 
 
 def _part(plant: Plant, log: Samples, part: slice, known: Known, r: Array, scale: float) -> tuple[Array, Array] | None:
-    """Return X and y of a stretch; None where it is too short."""
+    """Return X and y of a stretch; None if it is too short."""
     t = log.t[part]
     h = min(float(np.median(np.diff(t))), _STEP)
     even = t[0] + h * np.arange(int((t[-1] - t[0] - known.age) / h))
@@ -198,7 +199,7 @@ def _stop(theta: Array, r: float) -> Array:
 
 
 def _solved(X: Array, y: Array) -> Array:
-    """Return the nonnegative least squares, columns brought to one scale."""
+    """Return the nonnegative least-squares solution, with scaled columns."""
     from scipy.optimize import nnls
 
     size = np.maximum(np.sqrt((X**2).mean(axis=0)), 1e-30)
@@ -259,7 +260,7 @@ def _felt(A: float, K: float, K_std: float, w: Array, r: Array, model: float) ->
 
 
 def refused(middle: Sequence[float], duration: float, why: str) -> MeasuredStiffness:
-    """Return a measurement that has none, about the angle [rad] and pressures [Pa] `middle` (3,), and `why`."""
+    """Return a refused measurement about the angle [rad] and pressures [Pa] `middle` (3,), with the reason `why`."""
     nan = float("nan")
     return MeasuredStiffness(
         middle[0], (middle[1], middle[2]), (nan, nan), np.full((2, 2), nan), nan, nan, nan, (), nan, nan, nan, None,

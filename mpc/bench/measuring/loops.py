@@ -1,8 +1,8 @@
-"""Steady loops of sampled tones: secant and work, whatever the waveform.
+"""Steady loops of sampled tones: secant and work for any waveform.
 
 A signal y(t) ≈ c + d t + Re Σ_h Y_h e^{i h ω t} over whole periods is fitted by least squares. A rate-independent
-hysteresis that swings between ±A takes the same torque at the turns, and the same work per cycle, by whatever waveform
-it gets there. So a loop is described by what is exact for each waveform, with odd harmonics (even ones cancel between
+hysteresis that swings between ±A has the same torque at the turns, and the same work per cycle, for any waveform. A
+loop is therefore described by quantities that are exact for each waveform, with odd harmonics (even ones cancel between
 both turns):
 
     s_i = [T_i(θ_max) - T_i(θ_min)]/(2A)      secant of the torque of muscle i
@@ -10,7 +10,7 @@ both turns):
     w_i = ∮ T_i dθ/(π A²)                     work as a loss stiffness
     v   = ∮ θ' dθ/(π A²)                      of the velocity; ω of a sine
 
-Readings of the angle that are δ old are turned forward, θ_h e^{i h ω δ}.
+Readings of the angle with the age δ are advanced in phase, θ_h e^{i h ω δ}.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ import numpy as np
 
 from allocator.calculus import Array
 
-HARMONICS = 5  # that are fitted
-_ODD = 1, 3, 5  # that make a loop
-_QUICK = 2.5  # [Hz] above which inertia leaves a third harmonic at most
-_GRID = 720  # points of a period on which its turns are looked for
+HARMONICS = 5  # number of fitted harmonics
+_ODD = 1, 3, 5  # harmonics of a loop
+_QUICK = 2.5  # [Hz] above which the inertia leaves at most a third harmonic
+_GRID = 720  # points per period in the search for its turns
 
 
 class Loop(NamedTuple):
@@ -39,7 +39,7 @@ class Loop(NamedTuple):
 
 @dataclass(frozen=True)
 class Tone:
-    """Tone of one `frequency` [Hz]: harmonics of angle and model torques, and what they were measured by."""
+    """Tone of one `frequency` [Hz]: harmonics of angle and model torques, and the quality of their measurement."""
 
     frequency: float  # [Hz]
     harmonics: Array  # complex (HARMONICS, 3): θ [rad], T_1, T_2 [N·m] at measured pressures and the angle at rest
@@ -55,17 +55,17 @@ class Tone:
 
     @property
     def odd(self) -> list[int]:
-        """The harmonics that make its loop."""
+        """Harmonics of its loop."""
         return [h for h in _ODD if h == 1 or h * self.frequency < 3 * _QUICK]
 
     @property
     def swing(self) -> float:
-        """A [rad], half the way between the turns."""
+        """A [rad], half the distance between the turns."""
         return self.loop().swing
 
     @property
     def error(self) -> float:
-        """Standard deviation of a secant of both torques by noise [N·m/rad], strengths of 1 taken."""
+        """Standard deviation of a secant of both torques due to noise [N·m/rad], for strengths of 1."""
         angle, one, two = (n * sqrt(len(self.odd)) for n in self.noise)
         found = self.loop()
         size = abs(sum(found.secants)) + abs(sum(found.losses))

@@ -22,7 +22,7 @@ def plot_measured(
 ) -> "Figure":
     """Draw K_felt(A) of each rest with 95 % bands, and the model's; returns the Matplotlib figure.
 
-    `joint` and its `loop` of hysteresis are the model as it was.
+    `joint` and its `loop` of hysteresis are the model before the measurement.
     """
     figure = new_figure(7, 5) if figure is None else figure
     axes = figure.subplots()

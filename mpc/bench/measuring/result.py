@@ -1,4 +1,4 @@
-"""What a measurement says: strengths, backbone K, felt K by amplitude, loss and damping, or why it says nothing."""
+"""Result of a measurement: strengths, backbone K, felt K by amplitude, loss and damping, or the reason of a refusal."""
 
 from dataclasses import dataclass, replace
 from math import sqrt
@@ -17,10 +17,10 @@ from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
 
 _LEAST_STEPS = 4.0  # of the encoder in a swing
-_SCATTER = 0.015  # of K_felt: waveform of the turns, which no error of a phasor shows
-_BALANCED = 0.025  # of a muscle's torque: offsets of sensors, the law
+_SCATTER = 0.015  # [-] of K_felt: waveform of the turns, beyond the errors of phasors
+_BALANCED = 0.025  # [-] of a muscle's torque: offsets of sensors, muscle model
 _CENTRED = 0.25  # of the height of a loop: how well it is centred
-_SCALE_KNOWN = 0.25  # standard deviation of the scale by a weight, beyond which it says nothing
+_SCALE_KNOWN = 0.25  # greatest useful standard deviation of the scale by a weight
 _NORMAL = 1.96  # of 95 %
 
 
@@ -31,7 +31,7 @@ class Felt(NamedTuple):
     K: float  # secant [N·m/rad], at held pressures
     K_std: float
     loss: float  # loss factor η [-]
-    model: float  # K_felt(A) by the model as it was [N·m/rad]
+    model: float  # K_felt(A) by the previous model [N·m/rad]
 
 
 @dataclass(frozen=True)
@@ -40,20 +40,20 @@ class MeasuredStiffness:
 
     theta: float  # [rad]
     pressures: tuple[float, float]  # [Pa]
-    strengths: tuple[float, float]  # g_i [-], in the model's
+    strengths: tuple[float, float]  # g_i [-], relative to the model's
     covariance: Array  # of the strengths (2, 2) [-]
     K: float  # backbone [N·m/rad]: the model's with these strengths
     K_std: float
-    model_K: float  # backbone by the model as it was [N·m/rad]
+    model_K: float  # backbone by the previous model [N·m/rad]
     felt: tuple[Felt, ...]
     damping: float  # D [N·m·s/rad]
     damping_std: float
-    age: float  # of the angle's readings [s], as found
+    age: float  # of the angle's readings, as identified [s]
     solution: Solution | None
     duration: float  # [s]
-    furthest: float  # greatest excursion in the amplitude asked for [-]
-    scale: Scale | None = None  # inertia by a weight, in that told
-    refusal: str = ""  # why nothing was measured; then all of the above but posture and duration is NaN
+    furthest: float  # greatest excursion over the wanted amplitude [-]
+    scale: Scale | None = None  # inertia by a weight, relative to the given one
+    refusal: str = ""  # reason of a refusal; all of the above except posture and duration are NaN then
 
     @property
     def success(self) -> bool:
@@ -81,10 +81,10 @@ class MeasuredStiffness:
         step: float = 0.0,
         weight: float = 0.0,
     ) -> Self:
-        """Return what the findings say.
+        """Return the result of the findings.
 
-        `plant` is the model that commanded, `loop` its hysteresis, `step` the encoder's [rad], `weight` the torque
-        [N·m] of the weight that was hung.
+        `plant` is the model behind the commands, `loop` its hysteresis, `step` the encoder's [rad], `weight` the torque
+        [N·m] of the added weight.
         """
         if findings.refusal or not findings.tones:
             return cls._refused(findings, findings.refusal or "the experiment ended before it had measured")
@@ -155,7 +155,7 @@ class MeasuredStiffness:
 
     @property
     def sentence(self) -> str:
-        """The result in a sentence, or why there is none."""
+        """One sentence with the result or the reason of a refusal."""
         at = f"about {self.theta / DEG:.1f}°, {self.pressures[0] / BAR:.2f} and {self.pressures[1] / BAR:.2f} bar"
         if self.refusal:
             return f"not measured, because {self.refusal}"
@@ -197,7 +197,7 @@ class MeasuredStiffness:
 def _balance(plant: Plant, tones: list[Tone], A: float) -> Load:
     """Return the balance of the mean torques during slow tones, whose symmetric loops have no mean of their own.
 
-    It is trusted to a share of the torques, for sensors' offsets and the law, and to one of the loop's height.
+    Its error is a share of the torques, for sensors' offsets and the muscle model, and one of the loop's height.
     """
     one, two = np.mean([t.mean_torque for t in tones], axis=0).tolist()
     theta = float(np.mean([t.middle[0] for t in tones]))
@@ -218,7 +218,7 @@ def _felt(
     inertia: float,
     gravity: float,
 ) -> Felt:
-    """Return the felt stiffness that a slow tone shows: the secant of torque, inertia and gravity at its turns."""
+    """Return the felt stiffness of a slow tone: the secant of torque, inertia and gravity at its turns."""
     cycle = tone.loop(age)
     s = np.array(cycle.secants)
     K = float(g @ s) + inertia * cycle.acceleration - gravity

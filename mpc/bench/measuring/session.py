@@ -26,9 +26,9 @@ from mpc.tracking.limits import Limits
 
 @dataclass(frozen=True)
 class Told:
-    """What is told of a joint that is to be measured."""
+    """Known properties of a joint to be measured."""
 
-    plant: Plant  # its inertia is the known one
+    plant: Plant  # with the known inertia
     known: Compensation  # friction, dead time and dead band, flow, age of the readings
     inertia_error: float = 0.0  # relative standard deviation of the inertia [-]
 
@@ -53,9 +53,9 @@ def measure(
 ) -> tuple[MeasuredStiffness, Cycle]:
     """Measure the stiffness of a joint on a device about the angle `theta` [rad], as stiff as `K` [N·m/rad].
 
-    `K` is the isobaric stiffness by the model. A `weight` is asked for in the end, for the scale. Returns the
-    measurement, which says why where it has measured nothing, and the cycle, which knows how it ended. Arguments and
-    exceptions are those of `mpc.bench.loop.RealTimeLoop`.
+    `K` is the isobaric stiffness by the model. A `weight` is requested at the end, for the scale. Returns the
+    measurement, with the reason of a refusal, and the cycle with its ending. Arguments and exceptions are those of
+    `mpc.bench.loop.RealTimeLoop`.
     """
     tones = Tones() if tones is None else tones
     source = Experiment(told.plant, told.known, theta, K, dt, tones, weight)
@@ -80,7 +80,7 @@ def shake(
     clock: Clock | None = None,
     watch: Callable[[Row], None] | None = None,
 ) -> tuple[MeasuredStiffness, Cycle]:
-    """Measure the same by noise that moves the joint by ±`amplitude` [rad] for a `duration` [s], see `shaking`.
+    """Measure the stiffness by noise that moves the joint by ±`amplitude` [rad] for a `duration` [s], see `shaking`.
 
     Other arguments, results and exceptions are those of `measure`.
     """
@@ -100,7 +100,7 @@ def shake(
 
 
 def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray) -> MeasuredStiffness:
-    """Return what an experiment that has ended says, `theta` (n,) [rad] being all readings of the angle."""
+    """Return the result of a finished experiment; `theta` (n,) [rad] are all readings of the angle."""
     if ending.reason is not Reason.FINISHED:
         source.findings.refusal = f"the loop ended: {ending}"
     known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)
@@ -116,7 +116,7 @@ def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray)
 
 
 def encoder_step(theta: np.ndarray) -> float:
-    """Return the step [rad] of an encoder by its readings: the least difference of two; 0 where hardly any repeat."""
+    """Return the step [rad] of an encoder, the least difference of two readings; 0 if hardly any repeat."""
     values = np.unique(theta[np.isfinite(theta)])
     if values.size < 2 or values.size > 0.5 * theta.size:
         return 0.0

@@ -1,8 +1,8 @@
-"""Experiment that shakes a joint about a rest by noise in both pressures, for the weak form to look into.
+"""Experiment that shakes a joint about a rest by noise in both pressures, for the weak-form regression.
 
-Noise between 0.3 and 4 Hz, one for each muscle, of an amplitude that the angle's excursions set: it grows until the
-joint moves by the amplitude asked for, and is halved at once where it moves by more. Tones need an amplitude
-that comes together and regulators that follow above the resonance; noise needs neither.
+Each muscle has its own noise between 0.3 and 4 Hz. Its amplitude grows until the joint moves by the wanted amplitude,
+and is halved at once if the joint moves by more. Tones need a search for their amplitude and regulators that follow
+above the resonance; noise needs neither.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ _BAND = 0.3, 4.0  # [Hz]
 _MARGIN = 0.15 * BAR  # from a pressure at which a cable is slack, and from the supply's ends
 _BEGIN, _LEAST = 0.05 * BAR, 0.01 * BAR  # root mean square of the noise
 _WINDOW = 1.5  # [s] over which excursions are judged
-_AIM, _TOO_FAR = 0.8, 1.1  # of the amplitude asked for: wanted in each window, and where the noise is halved
+_AIM, _TOO_FAR = 0.8, 1.1  # [-] of the wanted amplitude: aim in each window, and limit beyond which the noise is halved
 _MIDDLE = 5.0  # [s] over which the middle of the motion is taken
 _GROWTH = 1.25  # of the noise from window to window, at most
 _SETTLE, _END = 1.5, 0.5  # [s] at rest
@@ -40,7 +40,7 @@ class Shaking:
         self.duration = checks.positive("duration", duration, "s")
         x = plant.at_rest(theta, K)
         self.first: Pressures = (float(x[2]), float(x[3]))
-        self.furthest = 0.0  # greatest excursion in the amplitude asked for [-]
+        self.furthest = 0.0  # greatest excursion over the wanted amplitude [-]
         self._room = _room(plant, theta, self.first)
         self._noise = noise(round(self.duration / dt), dt, seed)
         self._rows: list[tuple[float, float, float, float]] = []
@@ -55,7 +55,7 @@ class Shaking:
 
     @property
     def log(self) -> Samples | None:
-        """The rows in which everything was read; None where they are too few."""
+        """Rows with complete readings; None if there are too few."""
         rows = np.array(self._rows).reshape(-1, 4)
         rows = rows[np.isfinite(rows).all(axis=1)]
         return Samples.of(*rows.T) if len(rows) >= LEAST_ROWS else None
@@ -80,7 +80,7 @@ class Shaking:
         yield from self._hold(_END)
 
     def _excursion(self) -> float:
-        """Return how far the joint is from the middle of its motion, in the amplitude asked for."""
+        """Return the distance of the joint from the middle of its motion, over the wanted amplitude."""
         theta = self._rows[-1][1]
         if not isfinite(theta):
             return 0.0
@@ -106,7 +106,7 @@ def noise(n: int, dt: float, seed: int) -> Array:
 
 
 def _room(plant: Plant, theta: float, rest: Pressures) -> tuple[float, float]:
-    """Return the amplitudes [Pa] that keep cables taut and to the supply."""
+    """Return the amplitudes [Pa] that keep cables taut and pressures within the supply."""
     low, high = plant.pressure_limits
     found = []
     for P, side in zip(rest, plant.joint.sides(theta), strict=True):

@@ -14,16 +14,16 @@ from mpc.tracking.limits import Limits
 
 
 class Process(Protocol):
-    """A simulated joint."""
+    """Simulated joint."""
 
     def begin(self, dt: float, x0: Array, seed: int) -> Experiment:
         """Begin an experiment from the state `x0` (4,) with commands every `dt` [s]."""
 
 
 def driven(process: Process, source: CommandSource, limits: Limits, theta: float, seed: int = 0) -> Array:
-    """Let a source command a process from rest at its first pressures; return the rows (t, θ, P1, P2, u1, u2).
+    """Drive a process by a source from rest at its first pressures; return the rows (t, θ, P1, P2, u1, u2).
 
-    Commands keep to supply and slew; raises `Stopped` where a reading breaks a limit, as a loop on a device does.
+    Commands are limited to supply and slew; raises `Stopped` if a reading violates a limit, like a loop on a device.
     """
     dt, watchdog = source.dt, Watchdog()
     guard = Guard(limits, watchdog, watchdog.angle_margin)

@@ -9,10 +9,10 @@ inertia J, steady motions about a rest obey J θ'' + D θ' + K θ + T_f = Σ g_i
 with the secants s, a and works w, v of `mpc.bench.measuring.loops`. Secant K_felt and loss h of rate-independent
 hysteresis depend on the swing A alone. Tones of equal A in either muscle at a low frequency and in both at high ones,
 one of another amplitude and a slower one therefore determine g_1, g_2, K_felt and h at A_0, their slopes by A, and D:
-two equations a tone, by least squares. For sines, A = |Θ| and phasors this is (S5).
+two equations per tone, by least squares. For sines, A = |Θ| and phasors this is (S5).
 
-The age δ of the angle's readings is one unknown more, with what is told of it as a prior. A stiffness that rises with
-the logarithm of the frequency instead is looked for, and refuses the measurement.
+The age δ of the angle's readings is another unknown, with its known value as a prior. If the stiffness rises with the
+logarithm of the frequency, the measurement is refused.
 """
 
 from dataclasses import dataclass
@@ -26,13 +26,13 @@ from mpc.bench.measuring.loops import Loop, Tone
 
 NAMES = ("g1", "g2", "K", "h", "dK/dA", "dh/dA", "D", "age")
 WIDER = 2  # number of the tone of another amplitude
-_FLOOR = 0.006  # of the impedance K - Jω² + …: what no scatter of periods shows (waveform, dead band)
-_MODEL = 0.015  # of the strengths, common to both: what the equations leave out, by hidden joints (seeds >= 1000)
-_TINY, _STILL = 1e-4, 1e-7  # [s] of a difference, and of a step that is the last
+_FLOOR = 0.006  # [-] of the impedance K - Jω² + …: errors beyond the scatter of periods (waveform, dead band)
+_MODEL = 0.015  # [-] of the strengths, common to both: model error of the equations, by hidden joints (seeds >= 1000)
+_TINY, _STILL = 1e-4, 1e-7  # [s] of a difference, and of the last step
 _STEPS = 12  # of Gauss–Newton in the age
-_APART = 0.10  # of the amplitude: tones farther apart say nothing
-_RATE = 3.5  # standard errors of a rate dependence that is believed
-_RATE_LEAST = 0.06  # of K_felt a decade, below which a rate dependence is no matter
+_APART = 0.10  # [-] of the amplitude: tones farther apart are useless
+_RATE = 3.5  # standard errors of an accepted rate dependence
+_RATE_LEAST = 0.06  # [-] of K_felt per decade, below which a rate dependence is irrelevant
 
 
 class Load(NamedTuple):
@@ -45,7 +45,7 @@ class Load(NamedTuple):
 
 @dataclass(frozen=True)
 class Known:
-    """What is known besides the tones."""
+    """Prior knowledge."""
 
     inertia: float  # J [kg·m²]
     inertia_error: float = 0.0  # relative standard deviation [-]
@@ -62,7 +62,7 @@ class Solution:
     covariance: Array  # of g1, g2, inertia included (2, 2)
     errors: dict[str, float]  # standard deviations
     disagreement: float  # √(χ²/degrees of freedom)
-    rate: float  # K's growth a decade of frequency, as a share of K [-]
+    rate: float  # K's growth per decade of frequency, as a share of K [-]
     rate_error: float
 
     @property
@@ -87,9 +87,9 @@ def solve(tones: list[Tone], amplitude: float, known: Known) -> Solution:
 
 
 def _fitted(tones: list[Tone], A0: float, known: Known, *, rate: bool) -> tuple[Array, Array, float]:
-    """Return unknowns, their covariance and √(χ²/degrees of freedom): linear but for the age, by Gauss–Newton.
+    """Return unknowns, their covariance and √(χ²/degrees of freedom): linear except for the age, by Gauss–Newton.
 
-    With `rate` the last unknown is the growth of K a decade of frequency.
+    With `rate` the last unknown is the growth of K per decade of frequency.
     """
     n = len(NAMES) + rate
     x = np.zeros(n)
@@ -126,13 +126,13 @@ def _equations(tones: list[Tone], A0: float, known: Known, x: Array, rate: bool)
 
 
 def _left(loop: Loop, x: Array, inertia: float) -> tuple[float, float]:
-    """Return the sides of both equations that change with the age of the readings."""
+    """Return the terms of both equations that change with the age of the readings."""
     (s1, s2), (w1, w2) = loop.secants, loop.losses
     return x[0] * s1 + x[1] * s2 + inertia * loop.acceleration, x[0] * w1 + x[1] * w2
 
 
 def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_swing: float) -> str:
-    """Return why the tones do not measure the strengths, or ""."""
+    """Return the reason why the tones do not determine the strengths, or ""."""
     A = [t.swing for t in tones]
     if min(A) < least_swing:
         return f"the joint moved by only ±{np.degrees(min(A)):.2g}°, less than its encoder resolves for this"
@@ -147,7 +147,7 @@ def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_s
     if abs(found.rate) > _RATE * found.rate_error and abs(found.rate) > _RATE_LEAST:
         return (
             f"the stiffness depends on the rate: {100 * found.rate:+.0f} % a decade of frequency "
-            f"(± {100 * found.rate_error:.0f}); tones then do not tell the muscles' strengths"
+            f"(± {100 * found.rate_error:.0f}); tones then do not determine the muscles' strengths"
         )
     worst = max(found.errors["g1"] / abs(found.strengths[0]), found.errors["g2"] / abs(found.strengths[1]))
     if not worst < 0.15 or min(found.strengths) <= 0:

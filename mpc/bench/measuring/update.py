@@ -1,19 +1,19 @@
-"""Measured strengths, written into the file of a joint: everything else in it stays, and its history grows.
+"""Measured strengths, written into the file of a joint: everything else in it is kept, and its history grows.
 
 The muscles pull g_i times as hard afterwards. The covariance of the joint's parameters x, of which those that scale the
 force go with g^n (`allocator.muscles.strength`), becomes
 
     C' = D C D + G C_g Gᵀ,      D = diag(g^n),   G = ∂x/∂g
 
-with C of the file (zero without one) and C_g of the measurement. C may know of the scale itself, so that C' is rather
-too great. The file gets a table more a measurement:
+with C of the file (zero without one) and C_g of the measurement. C may already include the error of the scale, so that
+C' tends to be too large. Every measurement adds a table to the file:
 
 [[measured]]                   # ignored when loading
 date = "2026-11-24T12:00:00"
 theta = 0.1                    # [rad]
 pressures = [310000.0, …]      # [Pa]
-inertia = 0.05                 # [kg·m²] that was told
-strengths = [1.06, 0.93]       # in those of the file before
+inertia = 0.05                 # [kg·m²], as given
+strengths = [1.06, 0.93]       # relative to the file before
 strengths_std = [0.01, 0.01]
 stiffness_before = 5.9         # backbone K about theta, by the file before and after [N·m/rad]
 stiffness_after = 6.1
@@ -46,8 +46,8 @@ _REPLACED = ("muscle", "covariance")
 def combined(found: Sequence[MeasuredStiffness], inertia_error: float = 0.0) -> tuple[Array, Array]:
     """Return the strengths (2,) and their covariance (2, 2) of measurements about several rests.
 
-    The inertia's relative error is common to all of them. Where they scatter by more than their errors the covariance
-    grows. Raises `InvalidInput` if none has measured.
+    The inertia's relative error is common to all of them. If they scatter by more than their errors, the covariance
+    grows. Raises `InvalidInput` if none was successful.
     """
     there = [m for m in found if m.success]
     if not there:
@@ -62,9 +62,9 @@ def combined(found: Sequence[MeasuredStiffness], inertia_error: float = 0.0) -> 
 
 
 def strengthened(joint: AntagonistJoint, strengths: Array, covariance: Array) -> AntagonistJoint:
-    """Return the joint with muscles so many times as strong, and its covariance with that of the strengths.
+    """Return the joint with the forces of its muscles times `strengths`, and its covariance with theirs.
 
-    Raises `InvalidInput` for a law whose force does not scale by its parameters, and strengths that are not positive.
+    Raises `InvalidInput` for a model without a scale of force, and for strengths that are not positive.
     """
     muscles = [scaled(m, float(g)) for m, g in zip((joint.agonist, joint.antagonist), strengths, strict=True)]
     D, G = [], np.zeros((sum(len(m.parameters) for m in muscles), 2))
@@ -82,7 +82,7 @@ def strengthened(joint: AntagonistJoint, strengths: Array, covariance: Array) ->
 
 
 def _covariance(joint: AntagonistJoint) -> Array:
-    """Return the covariance of all parameters; zero where none is known."""
+    """Return the covariance of all parameters; zero for those without one."""
     if joint.covariance is not None:
         return np.array(joint.covariance)
     each = [
@@ -95,9 +95,9 @@ def _covariance(joint: AntagonistJoint) -> Array:
 def update(
     path: FilePath, found: Sequence[MeasuredStiffness], inertia: float, inertia_error: float = 0.0, now: str = ""
 ) -> AntagonistJoint:
-    """Write the strengths that were measured into the file of a joint, and return it as it is then.
+    """Write the measured strengths into the file of a joint, and return the updated joint.
 
-    Raises `InvalidInput` if nothing was measured, `InvalidFile` for what is no file of a joint, `CannotWrite`.
+    Raises `InvalidInput` if nothing was measured, `InvalidFile` if the file has no joint, and `CannotWrite`.
     """
     before = load_joint(path)
     strengths, covariance = combined(found, inertia_error)

@@ -1,4 +1,4 @@
-"""The bodies of an arm are the links of a chain in the plane, each with a hinge at its beginning.
+"""Bodies of an arm: the links of a planar chain, each with a hinge at its beginning.
 
 With the angles φ_i = σ_1 q_1 + … + σ_i q_i of the links against the x-axis (σ = ±1 are the senses of the joints), their
 lengths l_i, masses m_i, distances a_i of the centres of mass from the hinge and inertias I_i about these, the energies
@@ -8,12 +8,13 @@ are
 
     s_j = m_j a_j + l_j Σ_{k>j} m_k,    c_ij = l_i s_j (i < j),    c_ii = I_i + m_i a_i² + l_i² Σ_{k>i} m_k
 
-with γ the vector of gravity in the plane; and τ = M(q) q'' + C(q, q') + D q' + g(q), where what belongs to q_i is the
-sum over j ≥ i of what belongs to φ_j, times σ_i, because q_i turns all the links from its own on.
+with γ the vector of gravity in the plane; and τ = M(q) q'' + C(q, q') + D q' + g(q). The terms of q_i are the sums over
+j ≥ i of those of φ_j, times σ_i, because q_i turns all links from its own on.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
@@ -33,11 +34,11 @@ _MOST = {"length": 10.0, "mass": 1000.0, "centre": 10.0, "inertia": 1000.0, "dam
 
 @dataclass(frozen=True)
 class Bodies:
-    """The `Bodies` are the links of a planar serial chain with n hinges; immutable.
+    """Links of a planar serial chain with n hinges; immutable.
 
     At q = 0 all links lie along the x-axis; angles count in the joint's `sense`, each against the link before. A field
-    of links is n numbers, or one for all of them where another field says how many there are. Postures and velocities
-    are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1), of which formulas are made.
+    of links is n numbers, or one number for all links if another field determines n. Postures and velocities are (…, n)
+    [rad], [rad/s] as numbers, or CasADi columns (n, 1) for formulas.
     """
 
     length: tuple[float, ...]  # l (n,) [m]
@@ -49,7 +50,7 @@ class Bodies:
     sense: tuple[int, ...] = ()  # σ (n,) of the joints: 1 anticlockwise, -1 clockwise; by default all 1
 
     def __post_init__(self) -> None:
-        """Check and make plain floats. Raises `InvalidInput`."""
+        """Check the fields and convert them to floats. Raises `InvalidInput`."""
         arrays = {name: checks.real(f"Bodies: {name}", getattr(self, name), unit) for name, unit in _UNITS.items()}
         sizes = {name: array.shape for name, array in arrays.items() if array.ndim}
         n = next(iter(sizes.values()), (1,))
@@ -90,24 +91,24 @@ class Bodies:
 
     @property
     def n(self) -> int:
-        """Return the number of links, and of joints."""
+        """Number of links, and of joints."""
         return len(self.length)
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """Return the chain as links of a `Linkage`."""
+        """Chain as links of a `Linkage`."""
         ends = [0.0, *self.length]
         return tuple(Link(i - 1 if i else GROUND, (ends[i], 0.0), (0.0, 0.0, s)) for i, s in enumerate(self.sense))
 
     @property
     def endpoint(self) -> Endpoint:
-        """Return the end of the last link, with its coordinates in the plane; of a single link y alone."""
+        """End of the last link, with its coordinates in the plane; of a single link y alone."""
         axes = "xy" if self.n > 1 else "y"
         return Endpoint.on_link(self.links, self.n - 1, (self.length[-1], 0.0), axes=axes)
 
     @property
     def summary(self) -> str:
-        """Return what they are, in some words."""
+        """Short description."""
         lengths, masses = (", ".join(f"{value:g}" for value in row) for row in (self.length, self.mass))
         return f"links of {lengths} m and {masses} kg"
 
@@ -132,16 +133,18 @@ class Bodies:
         return _vector(self._carried(of_links), q)
 
     def gravity_torque(self, q: Value) -> Value:
-        """Return g(q) (…, n) [N·m], the slope of the potential: what the muscles have to hold."""
+        """Return g(q) (…, n) [N·m], the slope of the potential, which the muscles have to balance."""
         (x, y), s = self.gravity, self._moments.tolist()
+        if x == y == 0 and not is_symbol(q):  # a horizontal plane, where most studies are
+            return 0.0 * _vector(self._entries(q), q)
         of_links = [s[j] * (x * sin(angle) - y * cos(angle)) for j, angle in enumerate(self._angles(q))]
         return _vector(self._carried(of_links), q)
 
     def gravity_stiffness(self, q: Value) -> Value:
-        """Return ∂g/∂q (…, n, n) [N·m/rad], symmetric: what gravity adds to the muscles' stiffness."""
+        """Return ∂g/∂q (…, n, n) [N·m/rad], symmetric, the stiffness due to gravity."""
         (x, y), s, n = self.gravity, self._moments, self.n
         of_links = [s[j] * (x * cos(angle) + y * sin(angle)) for j, angle in enumerate(self._angles(q))]
-        carried, sense = self._carried(of_links), self.sense  # each with the sense of its own joint
+        carried, sense = self._carried(of_links), self.sense  # each with the sense of its joint
         return _matrix([[sense[min(i, j)] * carried[max(i, j)] for j in range(n)] for i in range(n)], q)
 
     def bias(self, q: Value, omega: Value) -> Value:
@@ -156,7 +159,7 @@ class Bodies:
         return pushed + self.bias(q, omega)
 
     def points(self, q: Value) -> Value:
-        """Return where the hinges and the endpoint are (…, n + 1, 2) [m]; the first hinge is the origin."""
+        """Return the positions of the hinges and the endpoint (…, n + 1, 2) [m]; the first hinge is the origin."""
         phi = self._angles(q)
         x, y = [0.0 * phi[0]], [0.0 * phi[0]]
         for length, angle in zip(self.length, phi, strict=True):
@@ -166,22 +169,22 @@ class Bodies:
 
     # --- the pieces -------------------------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def _moments(self) -> Array:
-        """Return s (n,) [kg·m]."""
+        """Moments s (n,) [kg·m]."""
         length, m, a = (np.array(field) for field in (self.length, self.mass, self.centre))
         return np.asarray(m * a + length * self._carried_mass)
 
-    @property
+    @cached_property
     def _coupling(self) -> Array:
-        """Return c (n, n) [kg·m²], symmetric."""
+        """Coefficients c (n, n) [kg·m²], symmetric."""
         length, m, a, inertia = (np.array(field) for field in (self.length, self.mass, self.centre, self.inertia))
         c = np.triu(np.outer(length, self._moments), 1)
         return np.asarray(c + c.T + np.diag(inertia + m * a**2 + length**2 * self._carried_mass))
 
     @property
     def _carried_mass(self) -> Array:
-        """Return the mass that hangs on the end of every link (n,) [kg]."""
+        """Mass that hangs on the end of every link (n,) [kg]."""
         return np.append(np.cumsum(self.mass[::-1])[-2::-1], 0.0)
 
     def _angles(self, q: Value) -> list[Value]:
@@ -190,7 +193,7 @@ class Bodies:
         return [_sum(own[: i + 1]) for i in range(self.n)]
 
     def _carried(self, of_links: list[Value]) -> list[Value]:
-        """Return what the joints feel of what acts on the links: each that of all links from its own on."""
+        """Return the sums at each joint of the terms of all links from its own on."""
         return [s * _sum(of_links[i:]) for i, s in enumerate(self.sense)]
 
     def _entries(self, q: Value) -> list[Value]:
@@ -219,8 +222,10 @@ def _vector(entries: list[Value], like: Value) -> Value:
         import casadi
 
         return casadi.vertcat(*entries)
-    shape = np.shape(np.asarray(like)[..., 0])
-    return np.stack([np.broadcast_to(entry, shape) for entry in entries], axis=-1)
+    made = np.empty((*np.shape(like)[:-1], len(entries)))
+    for i, entry in enumerate(entries):
+        made[..., i] = entry
+    return made
 
 
 def _matrix(rows: list[list[Value]], like: Value) -> Value:
@@ -234,11 +239,11 @@ def _matrix(rows: list[list[Value]], like: Value) -> Value:
 def arm26_bodies() -> Bodies:
     """Return the bodies of `allocator.mechanism.machines.arm26`: two rods in a horizontal plane.
 
-    Lengths are those of a human upper arm and forearm with the hand at the grip (0.31 m and 0.34 m: R. Shadmehr and
-    F. A. Mussa-Ivaldi, "Adaptive representation of dynamics during learning of a motor task", J. Neurosci. 14, 1994,
-    give 0.33 and 0.34), masses those of a light robot's links of aluminium and not of flesh (1.93 and 1.52 kg there),
-    the damping gives the posture q = 0 at K = diag(10, 10) N·m/rad a damping ratio of about 0.1 to 0.3. In a horizontal
-    plane, where such arms are studied, gravity has no moment.
+    Lengths are those of a human upper arm and forearm with the hand at the grip (0.31 m and 0.34 m: R. Shadmehr and F.
+    A. Mussa-Ivaldi, "Adaptive representation of dynamics during learning of a motor task", J. Neurosci. 14, 1994, give
+    0.33 and 0.34), masses those of a robot's light aluminium links (1.93 and 1.52 kg there). The damping gives the
+    posture q = 0 at K = diag(10, 10) N·m/rad a damping ratio of about 0.1 to 0.3. In a horizontal plane, where such
+    arms are studied, gravity has no moment.
     """
     return Bodies.rods((0.31, 0.34), (1.2, 0.8), 0.25)
 
@@ -246,9 +251,9 @@ def arm26_bodies() -> Bodies:
 def arm48_bodies() -> Bodies:
     """Return the bodies of `allocator.mechanism.machines.arm48`: four rods in a vertical plane that hang at q = 0.
 
-    Chosen by us: 0.85 m and 1.7 kg in all, somewhat as a lightweight arm moved by cables (D. Büchler, H. Ott and J.
-    Peters, ICRA 2016), but in one plane; each link is lighter than the one before. Held out at 90° gravity takes 6 N·m
-    of the 9 N·m that the muscles of the base can give there.
+    Our choice: 0.85 m and 1.7 kg in all, similar to a lightweight cable-driven arm (D. Büchler, H. Ott and J. Peters,
+    ICRA 2016), but in one plane; each link is lighter than the one before. At 90° gravity needs 6 N·m of the 9 N·m
+    available from the base's muscles.
     """
     return Bodies.rods((0.25, 0.25, 0.2, 0.15), (0.6, 0.5, 0.35, 0.25), (0.3, 0.2, 0.1, 0.03), (EARTH, 0.0))
 
@@ -257,8 +262,8 @@ def leg37_bodies() -> Bodies:
     """Return the bodies of `allocator.mechanism.machines.leg37`: three rods in a vertical plane that hang at q = 0.
 
     Lengths of thigh and shank are those of a person of 1.75 m (0.245 and 0.246 of the height: D. A. Winter,
-    "Biomechanics and Motor Control of Human Movement", 4th ed. 2009, Fig. 4.1); the masses, chosen by us, are a
-    robot's. The knee flexes against the sense of hip and ankle. At q = 0 the foot is in line with the shank.
+    "Biomechanics and Motor Control of Human Movement", 4th ed. 2009, Fig. 4.1); the masses are our choice for a robot.
+    The knee flexes against the sense of hip and ankle. At q = 0 the foot is in line with the shank.
     """
     return Bodies.rods((0.43, 0.43, 0.2), (3.0, 2.0, 0.6), 0.3, (EARTH, 0.0), (1, -1, 1))
 
@@ -268,22 +273,22 @@ BODIES = {"arm26": arm26_bodies, "arm48": arm48_bodies, "leg37": leg37_bodies}
 
 
 class MovingBodies(Protocol):
-    """`MovingBodies` are what an arm asks of its bodies, such as `Bodies`, `TreeBodies` or `MujocoBodies`.
+    """Interface of an arm's bodies, such as `Bodies`, `TreeBodies` or `MujocoBodies`.
 
-    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) where there are formulas.
+    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) for bodies with formulas.
     """
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
 
     @property
     def damping(self) -> ArrayLike:
-        """Return the damping of the hinges (n,) [N·m·s/rad]."""
+        """Damping of the hinges (n,) [N·m·s/rad]."""
 
     @property
     def summary(self) -> str:
-        """Return what they are, in some words."""
+        """Short description."""
 
     def mass_matrix(self, q: Value) -> Value:
         """Return M(q) (…, n, n) [kg·m²]."""

@@ -1,6 +1,6 @@
-"""The motion of an arm without formulas, sample by sample, and its derivatives by differences.
+"""Motion of an arm without formulas, sample by sample, and its derivatives by differences.
 
-The bodies are integrated by the classical Runge–Kutta method, as `Arm.discrete` says, and linearised once a sample, in
+The bodies are integrated by the classical Runge–Kutta method, as in `Arm.discrete`, and linearised once per sample, in
 the middle of it. With z' = F z + G (u, d) there,
 
     exp [F G; 0 0] dt = [A B; 0 1]
@@ -18,14 +18,14 @@ from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.integration import integrated
 
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
-_COARSE = 1.0  # steps of the integration, in times of the fastest eigenvalue
-_BEND = 1e-4  # [rad], of what is itself a difference
+_COARSE = 1.0  # step of the integration times the fastest eigenvalue
+_BEND = 1e-4  # [rad], of differences of differences
 
 
 class Differences:
-    """Differences take the place of the formulas of `arm` over samples of `dt` [s].
+    """Differences in place of the formulas of `arm` over samples of `dt` [s].
 
-    Steps of the integration are at most `resolution` times of its fastest eigenvalue, as of `Arm.discrete`.
+    A step of the integration times the fastest eigenvalue is at most `resolution`, as in `Arm.discrete`.
     """
 
     def __init__(self, arm: Arm, dt: float, resolution: float = _COARSE) -> None:
@@ -48,7 +48,7 @@ class Differences:
         return x, y, A, B, np.concatenate(self._output_slopes(x), axis=1)
 
     def sample(self, x: Array, u: Array, d: Array) -> tuple[Array, Array]:
-        """Return the state (2n + m,) a sample later and its derivative (2n + m, 3n + m) by (x, d)."""
+        """Return the next state (2n + m,) and its derivative (2n + m, 3n + m) by (x, d)."""
         later = self._later(x, u, d)
         A, _, D = self._slopes(((x + later) / 2)[None], d[None])
         return later, np.hstack([A[0], D[0]])

@@ -1,4 +1,4 @@
-"""The formulas of an arm in CasADi symbols: statics, outputs, acceleration, and its motion over a sample."""
+"""Formulas of an arm in CasADi symbols: statics, outputs, acceleration, and the motion over a sample."""
 
 from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Statics(NamedTuple):
-    """The statics are CasADi expressions at a posture: of symbols q (n, 1) and P (m, 1) [Pa]."""
+    """Statics as CasADi expressions of the symbols q (n, 1) [rad] and P (m, 1) [Pa]."""
 
     q: "SX"
     P: "SX"

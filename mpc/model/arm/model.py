@@ -1,13 +1,13 @@
-"""The model of an arm is a mechanism whose muscles move bodies, their pressures behind first-order lags.
+"""Model of an arm: a mechanism whose muscles move bodies, with first-order lags of the pressures.
 
     q' = ω,   M(q) ω' = τ(q, P) - C(q, ω) - D ω - g(q) + d,   τ_j P_j' = u_j - P_j
     K(q, P) = -∂τ/∂q at constant pressures                                                                        (M2)
 
 With `gas` the motion moves the pressures, P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff                      (G3)
 
-The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant commands the pressures are known
-without gas, P(t) = u + (P - u) exp(-t/τ), and the bodies are integrated by the classical Runge–Kutta method along
-them; with gas pressures are integrated, too.
+The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant commands and without gas, the pressures
+are known, P(t) = u + (P - u) exp(-t/τ), and the bodies are integrated along them by the classical Runge–Kutta method;
+with gas, the pressures are integrated as well.
 """
 
 from collections.abc import Sequence
@@ -39,23 +39,23 @@ from mpc.model.gas import gas_of
 if TYPE_CHECKING:
     from casadi import SX, Function
 
-_MOST_SUBSTEPS = 1000  # in a sample
-_MISSED = 1e-6  # of a stiffness, or [N·m]
+_MOST_SUBSTEPS = 1000  # per sample
+_MISSED = 1e-6  # [-] of a stiffness, or [N·m]
 
 
 @dataclass(frozen=True)
 class Arm:
-    """An `Arm` is a mechanism with bodies and regulators; immutable. SI units."""
+    """Mechanism with bodies and regulators; immutable. SI units."""
 
     mechanism: Mechanism
     bodies: Any  # `Bodies`, `TreeBodies` or `MujocoBodies`
     lag: float | tuple[float, ...] = 0.1  # τ of the regulators [s], one or m of them
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
-    endpoint: Endpoint | None = None  # whose stiffness K_x [N/m] is tracked; None: K of the joints
-    gas: Gas | bool | None = None  # in the muscles; True: the mechanism's; None: regulators hold against every motion
+    endpoint: Endpoint | None = None  # with the tracked stiffness K_x [N/m]; None: K of the joints
+    gas: Gas | bool | None = None  # in the muscles; True: the mechanism's; None: regulators hold the pressures
 
     def __post_init__(self) -> None:
-        """Check the parts against each other. Raises `InvalidInput`."""
+        """Check the consistency of the parts. Raises `InvalidInput`."""
         if not isinstance(self.mechanism, Mechanism) or not hasattr(self.bodies, "mass_matrix"):
             raise InvalidInput("Arm: expected a Mechanism and its Bodies, such as Arm.machine('arm26')")
         n, m = self.mechanism.n, self.mechanism.m
@@ -78,7 +78,7 @@ class Arm:
             )
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out the formulas, which CasADi does not write out: each process makes them for itself."""
+        """Leave out the formulas, which cannot be pickled; each process creates them for itself."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def _check_gas(self) -> None:
@@ -90,7 +90,7 @@ class Arm:
             raise InvalidInput(f"Arm: gas needs formulas, and {self.unformulated}")
         if self.mechanism.gas != gas:
             object.__setattr__(self, "mechanism", replace(self.mechanism, gas=gas))
-        Pneumatics(self.mechanism.muscles, self.mechanism.routes.rest_length, gas=gas)  # that volumes are known
+        Pneumatics(self.mechanism.muscles, self.mechanism.routes.rest_length, gas=gas)  # raises if volumes are unknown
 
     @classmethod
     def machine(cls, name: str) -> "Arm":
@@ -115,8 +115,8 @@ class Arm:
         """Return the arm of a MuJoCo model: a file, MJCF text or an `MjModel`, whose joints are hinges.
 
         `muscles`, `rest_length` and `cable` [m] are those of `Mechanism.from_mjcf`; `contraction` [-] of the muscles in
-        the model's own posture may replace `cable`. Parts without formulas are asked of MuJoCo, and the controller's
-        step is slow then. Contacts, stops, dry friction and actuators are left out. Raises `InvalidFile`, also for
+        the model's own posture may replace `cable`. MuJoCo evaluates parts without formulas, which makes the
+        controller's step slow. Contacts, stops, dry friction and actuators are left out. Raises `InvalidFile`, also for
         other joints and for equality constraints, `InvalidInput` and `MissingPackage`.
         """
         from mpc.model.arm.reading import read_arm
@@ -126,27 +126,27 @@ class Arm:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return self.mechanism.n
 
     @property
     def m(self) -> int:
-        """Return the number of muscles."""
+        """Number of muscles."""
         return self.mechanism.m
 
     @property
     def size(self) -> int:
-        """Return the number of states, 2n + m."""
+        """Number of states, 2n + m."""
         return 2 * self.n + self.m
 
     @property
     def angle_shape(self) -> tuple[int]:
-        """The shape (n,) of an angle reference."""
+        """Shape (n,) of an angle reference."""
         return (self.n,)
 
     @property
     def stiffness_shape(self) -> tuple[int, int]:
-        """The shape (k, k) of a stiffness reference."""
+        """Shape (k, k) of a stiffness reference."""
         return self.tracked, self.tracked
 
     @property
@@ -156,12 +156,12 @@ class Arm:
 
     @property
     def inertias(self) -> Array:
-        """The moments of inertia (n,) [kg·m²] that accelerate each joint alone, in the middle."""
+        """Moments of inertia (n,) [kg·m²] for the acceleration of each joint alone, in the middle of the ranges."""
         return np.asarray(np.diag(self.bodies.mass_matrix(self.middle)))
 
     @cached_property
     def labels(self) -> Labels:
-        """The names of its columns in tables."""
+        """Names of its columns in tables."""
         pairs = zip(*np.triu_indices(self.tracked), strict=True)
         joints, muscles = self.mechanism.joint_names, self.mechanism.muscle_names
         entries = tuple(f"{self.stiffness_name}{i + 1}{j + 1}" for i, j in pairs)
@@ -169,17 +169,17 @@ class Arm:
 
     @property
     def lags(self) -> Array:
-        """Return the time constants of the regulators (m,) [s]."""
+        """Time constants of the regulators (m,) [s]."""
         return np.array(self.lag)
 
     @property
     def pressure_limits(self) -> tuple[float, float]:
-        """Return the least and the greatest command [Pa]."""
+        """Least and greatest command [Pa]."""
         return self.mechanism.pressure_limits
 
     @cached_property
     def angle_limits(self) -> tuple[Array, Array]:
-        """Return the least and the greatest angles (n,) [rad]; without limits a turn to both sides."""
+        """Least and greatest angles (n,) [rad]; one turn to both sides if there are no limits."""
         limits = self.mechanism.angle_limits
         turn = np.full(self.n, 2 * np.pi)
         return (-turn, turn) if limits is None else (np.array(limits)[:, 0], np.array(limits)[:, 1])
@@ -191,13 +191,12 @@ class Arm:
     def tracked_stiffness(self, x: Array) -> Array:
         """Return K (…, k, k) in the states `x` (…, 2n + m): of the joints [N·m/rad], or of the endpoint [N/m].
 
-        It is what the muscles make; gravity adds to it what `bodies.gravity_stiffness` says. NaN where an endpoint
-        has none.
+        It is the muscles' stiffness, without `bodies.gravity_stiffness`. NaN where the endpoint is singular.
         """
         return self.seen(np.asarray(x[..., : self.n]), self.stiffness(x))
 
     def seen(self, q: Array, K: Array) -> Array:
-        """Return what is tracked (…, k, k) of a stiffness `K` (…, n, n) of the joints at the postures `q` (…, n)."""
+        """Return the tracked stiffness (…, k, k) for joint stiffness `K` (…, n, n) at the postures `q` (…, n)."""
         return K if self.endpoint is None else stiffness_of(self.endpoint.at(q), K)
 
     def forces(self, x: Array) -> Array:
@@ -208,9 +207,9 @@ class Arm:
         return x[..., : self.n], x[..., 2 * self.n :]
 
     def at_rest(self, q: ArrayLike, K: ArrayLike, min_force: float = 0.0) -> Array:
-        """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], as stiff as `K` if the arm can be.
+        """Return the state (2n + m,) in equilibrium at `q` (n,) [rad], with the feasible stiffness nearest to `K`.
 
-        `K` is a matrix (k, k), its diagonal (k,) or a number for all of that. Raises `InvalidInput`.
+        `K` is a matrix (k, k), its diagonal (k,) or a number for the whole diagonal. Raises `InvalidInput`.
         """
         posture, asked = self.mechanism.posture(q), checks.real("K", K, self.stiffness_unit)
         if posture.ndim > 1:
@@ -231,7 +230,7 @@ class Arm:
         return np.asarray(self.bodies.torque_for(theta, omega, alpha) - d)
 
     def balance(self, x: Array) -> Array:
-        """Return the torques from outside (n,) [N·m] that hold the state `x` (2n + m,) against gravity and muscles."""
+        """Return the external torques (n,) [N·m] that hold the state `x` (2n + m,) against gravity and muscles."""
         q, P = self._held(x)
         return np.asarray(self.bodies.gravity_torque(q) - self.mechanism.torque(q, P))
 
@@ -240,7 +239,7 @@ class Arm:
         return ranges.torque_reach(self)
 
     def expansion(self, x: Array) -> Array:
-        """Return how fast the pressures (m, …) fall in the states `x` [2n + m, …] as the muscles swell [Pa/s]."""
+        """Return the fall of the pressures (m, …) [Pa/s] as the muscles swell, in the states `x` [2n + m, …]."""
         q, omega, P = x[: self.n].T, x[self.n : 2 * self.n].T, x[2 * self.n :].T
         if self.gas is None:
             return np.asarray(0.0 * P.T)
@@ -256,7 +255,7 @@ class Arm:
     def along(self, x: Array, gains: ArrayLike = 1.0) -> tuple[Array, Array]:
         """Return the tracked stiffness (M, k, k) and the muscle forces (M, m) [N] in the states `x` (M, 2n + m).
 
-        The muscles pull `gains` [-], a number or (m,), times as hard as their laws say.
+        `gains` [-], a number or (m,), multiply the forces of the muscle models.
         """
         q, P = self._held(x)
         gains = np.broadcast_to(np.asarray(gains, float), (self.m,))
@@ -266,7 +265,7 @@ class Arm:
 
     @property
     def stiffness_text(self) -> str:
-        """The kind of stiffness that is tracked, in words."""
+        """Kind of the tracked stiffness, in words."""
         return "isobaric stiffness" if self.endpoint is None else "isobaric stiffness of the endpoint"
 
     def assumed(self, x: Array) -> str:
@@ -274,17 +273,17 @@ class Arm:
         return ""
 
     def reachable(self, theta: Array, K: Array, T: Array) -> Array:
-        """Return where (M,) some pressures give these stiffnesses and torques."""
+        """Return whether (M,) any pressures give these stiffnesses and torques."""
         found = self.held(theta, K, T, 0.0)
         missed = np.abs(found.K_error).max(axis=(-2, -1)) > _MISSED * np.abs(K).max(axis=(-2, -1))
         return np.asarray(~(missed | (np.abs(found.T_error).max(axis=-1) > _MISSED)))
 
     def warm_up(self, min_force: float) -> None:
-        """Compile what the allocation needs."""
+        """Compile the allocation."""
         pivoting.warm_up()
 
     def check_angles(self, name: str, theta: Array) -> None:
-        """Raise `InvalidInput` for angles (M, n) that cannot be meant, or where the endpoint is singular."""
+        """Raise `InvalidInput` for implausible angles (M, n), or where the endpoint is singular."""
         checks.angle(name, theta)
         if self.endpoint is not None:
             try:
@@ -293,12 +292,12 @@ class Arm:
                 raise InvalidInput(f"{name}: {singular}") from None
 
     def check_stiffness(self, name: str, K: Array) -> None:
-        """Raise `InvalidInput` for stiffness matrices (M, k, k) that cannot be meant."""
+        """Raise `InvalidInput` for implausible stiffness matrices (M, k, k)."""
         check_stiffness(name, K, self.stiffness_unit)
 
     @property
     def nominal(self) -> "Arm":
-        """The arm itself: what a controller may know of it."""
+        """Model of the arm for controllers: the arm itself."""
         return self
 
     def begin(self, dt: float, x0: Array, seed: int) -> ExactExperiment:
@@ -307,39 +306,39 @@ class Arm:
 
     @property
     def unformulated(self) -> str:
-        """Return what of it has no formulas, in some words; "" if all has."""
+        """Description of the parts without formulas; "" if there are none."""
         return formulas.missing(self.mechanism.routes, self.bodies)
 
     @property
     def tracked(self) -> int:
-        """Return the number of rows of the stiffness that is tracked: n joints, or the coordinates of the endpoint."""
+        """Number of rows of the tracked stiffness: n joints, or the coordinates of the endpoint."""
         return self.n if self.endpoint is None else self.endpoint.dim
 
     @property
     def stiffnesses(self) -> int:
-        """Return the number of entries of svec K."""
+        """Number of entries of svec K."""
         return self.tracked * (self.tracked + 1) // 2
 
     @property
     def stiffness_name(self) -> str:
-        """Return what the stiffness that is tracked is called."""
+        """Symbol of the tracked stiffness."""
         return "K" if self.endpoint is None else "Kx"
 
     @property
     def stiffness_unit(self) -> str:
-        """Return the unit of the stiffness that is tracked."""
+        """Unit of the tracked stiffness."""
         return "N·m/rad" if self.endpoint is None else "N/m"
 
     @cached_property
     def middle(self) -> Array:
-        """Return a posture (n,) [rad] in the middle of the ranges; about it, where that is singular for an endpoint."""
+        """Posture (n,) [rad] in the middle of the ranges, or near it if the endpoint is singular there."""
         return ranges.middle(self)
 
     @cached_property
     def entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Rows, columns and factors of svec K: K11, √2 K12, …, K22, …, whose square is that of all of K.
+        """Rows, columns and factors of svec K: K11, √2 K12, …, K22, …, with the same square as all entries of K.
 
-        The endpoint's are those of lever² K_x [N·m/rad], which is weighed as a joint's stiffness (`ranges.lever`).
+        The endpoint's are those of lever² K_x [N·m/rad], which has the weight of a joint's stiffness (`ranges.lever`).
         """
         rows, columns = np.triu_indices(self.tracked)
         return rows, columns, ranges.lever(self) ** 2 * np.where(rows == columns, 1.0, sqrt(2))
@@ -363,7 +362,7 @@ class Arm:
 
     @cached_property
     def outputs(self) -> "SX":
-        """The CasADi column (svec K, F) over `statics.q` and `statics.P`."""
+        """CasADi column (svec K, F) over `statics.q` and `statics.P`."""
         return formulas.outputs(self)
 
     def symbolic_outputs(self, x: Value) -> Value:
@@ -376,11 +375,11 @@ class Arm:
 
     @cached_property
     def fastest_rate(self) -> float:
-        """Return an estimate of the fastest eigenvalue [1/s] at full pressure; integration steps are chosen by it."""
+        """Estimate of the fastest eigenvalue [1/s] at full pressure, which determines integration steps."""
         return ranges.fastest_rate(self)
 
     def substeps(self, dt: float, resolution: float) -> int:
-        """Return how many equal steps over `dt` [s] resolve `fastest_rate`. Raises `InvalidInput` above 1000."""
+        """Return the number of equal steps over `dt` [s] for `fastest_rate`. Raises `InvalidInput` above 1000."""
         check = "; check masses, inertias and damping of its bodies"
         return substeps("this arm", dt, self.fastest_rate, resolution, _MOST_SUBSTEPS, check)
 
@@ -389,6 +388,6 @@ class Arm:
 
     @property
     def summary(self) -> str:
-        """Return its numbers in a line."""
+        """One line with the numbers."""
         lags = "/".join(f"{lag:g}" for lag in dict.fromkeys(self.lags.tolist()))
         return f"{self.n} joints, {self.m} muscles, lag {lags} s, slew {self.slew / BAR:g} bar/s, {self.bodies.summary}"

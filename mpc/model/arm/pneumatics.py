@@ -1,9 +1,9 @@
-"""The muscles and valves of a machine make forces and pressures from lengths and commands, whatever moves the links.
+"""Muscles and valves of a machine: forces and pressures from lengths and commands, for any mechanics of the links.
 
     F_j = g_j max(F(P_j, ε_j), 0),     ε_j = (L_j - l_j)/L_j
     P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff,     V_j' = -F_P l_j'                                    (G3)
 
-The second term is there with `gas` only, and for cables that pull: a slack one moves no muscle.
+The second term applies only with `gas` and to cables under tension: a slack one moves no muscle.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from mpc.model.gas import fall, gas_of
 
 @dataclass(frozen=True)
 class Pneumatics:
-    """`Pneumatics` are m muscles behind regulators; immutable. SI units.
+    """Muscles (m of them) with regulators; immutable. SI units.
 
     Every argument but `muscles` is a number for all muscles or a row (m,); `muscles` is one for all or m of them.
     """
@@ -34,10 +34,10 @@ class Pneumatics:
     rest_length: Value  # L [m]
     lag: Value = 0.1  # τ of the regulators [s]
     gas: Gas | bool | None = None  # True: air; None: regulators hold the pressures against every motion
-    force_gains: Value = 1.0  # g [-]: how many times as hard as their laws say the muscles pull
+    force_gains: Value = 1.0  # g [-]: factors on the forces of the muscle models
 
     def __post_init__(self) -> None:
-        """Check the parts and make rows of them."""
+        """Check the parts and convert them to rows."""
         m = len(self.muscles)
         object.__setattr__(self, "muscles", tuple(self.muscles))
         if not m or not all(isinstance(muscle, Muscle) for muscle in self.muscles):
@@ -53,16 +53,16 @@ class Pneumatics:
         gas = gas_of("gas", self.gas, AIR)
         object.__setattr__(self, "gas", gas)
         if gas is not None:
-            self.volumes(self.rest_length, np.zeros(m))  # that they are known
+            self.volumes(self.rest_length, np.zeros(m))  # raises if they are unknown
 
     @property
     def m(self) -> int:
-        """Return the number of muscles."""
+        """Number of muscles."""
         return len(self.muscles)
 
     @cached_property
     def _kinds(self) -> tuple[tuple[Muscle, Sequence[int] | NDArray[np.intp]], ...]:
-        """Return every different muscle and where it is, for one call of its law."""
+        """Distinct muscles and their places, for one call of each model."""
         kinds = list(dict.fromkeys(self.muscles))
         places = [np.array([j for j, muscle in enumerate(self.muscles) if muscle == kind]) for kind in kinds]
         return tuple(zip(kinds, places, strict=True))
@@ -72,7 +72,7 @@ class Pneumatics:
         return np.asarray(1 - length / self.rest_length)
 
     def laws(self, length: Array, P: Array) -> Array:
-        """Return what the laws say of the forces (…, m) [N]; negative where a cable is slack."""
+        """Return the forces (…, m) [N] of the muscle models; negative if a cable is slack."""
         eps = self.contraction(length)
         if len(self._kinds) == 1:
             return np.asarray(self.force_gains * self.muscles[0].law(P, eps))
@@ -86,7 +86,7 @@ class Pneumatics:
         return np.maximum(self.laws(length, P), 0.0)
 
     def force_slopes(self, length: Array, P: Array) -> Array:
-        """Return ∂F/∂P (…, m) [N/Pa] of muscles at `length` (…, m) [m] and `P` (…, m) [Pa], as their laws say."""
+        """Return ∂F/∂P (…, m) [N/Pa] of the muscle models at `length` (…, m) [m] and `P` (…, m) [Pa]."""
         eps, gains = self.contraction(length), np.empty(P.shape)
         for muscle, at in self._kinds:
             gains[..., at] = self.force_gains[at] * muscle.gain(P[..., at], eps[..., at])
@@ -100,7 +100,7 @@ class Pneumatics:
         return k
 
     def volumes(self, length: Array, P: Array) -> Array:
-        """Return the volumes of the gas (…, m) [m³]. Raises `InvalidInput` where a muscle has no radius."""
+        """Return the volumes of the gas (…, m) [m³]. Raises `InvalidInput` if a muscle has no radius."""
         eps = self.contraction(length)
         V = np.empty(np.broadcast_shapes(P.shape, length.shape))
         for muscle, at in self._kinds:
@@ -110,7 +110,7 @@ class Pneumatics:
     def rate(self, P: Array, u: Array, length: Array, speed: Array, forces: Array, shut: Mask | bool = False) -> Array:
         """Return P' (m,) [Pa/s] for the commands `u` (m,), of muscles whose lengths change by `speed` (m,) [m/s].
 
-        Where valves, all or (m,), are `shut` no regulator works.
+        Regulators do not act on muscles with `shut` valves, all or (m,).
         """
         held = np.where(shut, 0.0, (u - P) / self.lag)
         if self.gas is not None:
@@ -118,7 +118,7 @@ class Pneumatics:
         return np.asarray(held)
 
     def squeezed(self, P: Array, length: Array, speed: Array) -> Array:
-        """Return how fast the pressures (…, m) [Pa/s] rise as the muscles lengthen by `speed` (…, m) [m/s]   (G3)"""
+        """Return the rise of the pressures (…, m) [Pa/s] as the muscles lengthen by `speed` (…, m) [m/s]   (G3)"""
         eps = self.contraction(length)
         rise = np.empty(np.broadcast_shapes(P.shape, eps.shape))
         for muscle, at in self._kinds:
@@ -128,12 +128,12 @@ class Pneumatics:
 
     @property
     def _filled(self) -> Gas:
-        assert isinstance(self.gas, Gas)  # asked only where there is one
+        assert isinstance(self.gas, Gas)  # callers check this
         return self.gas
 
 
 def beyond(e: Array, rest: float) -> Array:
-    """Return what a dead band of ±`rest` leaves of the errors `e`."""
+    """Return the errors `e` minus a dead band of ±`rest`."""
     return np.asarray(e - np.clip(e, -rest, rest))
 
 

@@ -1,4 +1,4 @@
-"""The loads on the sliding surfaces of an arm's joints, which friction models scale their torque by."""
+"""Loads on the sliding surfaces of an arm's joints, which scale the torques of friction models."""
 
 import numpy as np
 
@@ -12,9 +12,9 @@ CROSSES = 1e-9  # [m] of an arm, above which its muscle crosses the joint
 
 
 class Pressing:
-    """The loads at every joint of `arm`: Σ_j |r_ji| F_j, twice the mean pressure that crosses it, and K_ii.
+    """Loads at every joint of `arm`: Σ_j |r_ji| F_j, twice the mean pressure of the muscles that cross it, and K_ii.
 
-    A slack muscle presses on nothing. Arms without formulas are asked for numbers, which takes longer.
+    A slack muscle has no load. Arms without formulas are evaluated as numbers, which takes longer.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -24,7 +24,7 @@ class Pressing:
         self._formulas = None if arm.unformulated else self._buffered()
 
     def __call__(self, x: Array) -> Array:
-        """Return (n, 3) [N·m], [Pa], [N·m/rad] in the state `x` (2n + m,)."""
+        """Return the loads (n, 3) [N·m], [Pa], [N·m/rad] in the state `x` (2n + m,)."""
         if self._formulas is not None:
             return self._formulas(x)[0]
         mechanism, q, P = self._arm.mechanism, x[: self._arm.n], x[2 * self._arm.n :]

@@ -1,4 +1,4 @@
-"""Numbers that an arm has over the ranges of its joints."""
+"""Properties of an arm over the ranges of its joints."""
 
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ def about_the_middle(arm: "Arm") -> Array:
 
 
 def middle(arm: "Arm") -> Array:
-    """Return a posture (n,) [rad] in the middle of the ranges; about it, where that is singular for an endpoint."""
+    """Return a posture (n,) [rad] in the middle of the ranges, or near it if the endpoint is singular there."""
     low, high = arm.angle_limits
     if arm.endpoint is None:
         return np.asarray((low + high) / 2)
@@ -50,7 +50,7 @@ def fastest_rate(arm: "Arm") -> float:
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
         q = low + share * (high - low) if arm.has_stops else np.zeros(arm.n)
         P = np.full(arm.m, arm.pressure_limits[1])
-        # how stiff fast motions find it
+        # stiffness at fast motions
         own = arm.mechanism.stiffness(q, P, "open" if arm.gas is None else "shut")
         stiff = own + arm.bodies.gravity_stiffness(q)
         below = -np.linalg.solve(arm.bodies.mass_matrix(q), np.hstack([stiff, np.diag(arm.bodies.damping)]))

@@ -1,7 +1,7 @@
-"""An arm is read from a MuJoCo model here: its tendons are the muscles, its bodies are moved by hinges.
+"""Arms read from MuJoCo models: tendons are the muscles, and hinges move the bodies.
 
-What has formulas gets them: straight tendons through sites or sums of angles, and bodies without anything but masses,
-armatures, springs and damping. Anything else is asked of MuJoCo itself (`mpc.model.arm.mechanics.mujoco_mechanics`).
+Straight tendons through sites, sums of angles, and bodies with only masses, armatures, springs and damping become
+formulas. MuJoCo itself evaluates everything else (`mpc.model.arm.mechanics.mujoco_mechanics`).
 """
 
 from collections.abc import Sequence
@@ -28,19 +28,19 @@ from mpc.model.arm.mechanics.tree import TreeBodies
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-_STILL = 1e-9  # [m/rad] or of the greatest: what moves a point less does not move it
+_STILL = 1e-9  # [m/rad] or of the greatest: a smaller motion of a point counts as none
 
 
 class Read(NamedTuple):
-    """A `Read` is what was read of a model."""
+    """Result of reading a model."""
 
     model: "MjModel"  # an `MjModel` for a `MujocoPlant`, whose actuators are switched off
     mechanism: Mechanism
     bodies: TreeBodies | MujocoBodies
     cable: Array  # (m,) [m] for a `MujocoPlant`
-    asked_of_mujoco: str  # what of it has no formulas; "" if all has
-    left_out: str  # what of the model the prediction does not know; "" if nothing
-    hand: Endpoint | None  # the site that was named, or the last site on the last body that has any
+    asked_of_mujoco: str  # parts without formulas; "" if there are none
+    left_out: str  # parts of the model missing in the prediction; "" if there are none
+    hand: Endpoint | None  # the named site, or the last site on the last body with sites
     hand_name: str
 
 
@@ -55,9 +55,9 @@ def read_arm(
 ) -> Read:
     """Read an arm from a file, MJCF text or an `MjModel`.
 
-    `rest_length` and `cable` [m] are numbers or rows (m,); instead of `cable` the `contraction` [-] may be given that
-    the muscles have in the model's own posture. `hand` is the name of a site or body, with ":xy" behind it where only
-    some of its coordinates count. Raises `InvalidFile`, `InvalidInput` and `MissingPackage`.
+    `rest_length` and `cable` [m] are numbers or rows (m,); the muscles' `contraction` [-] in the model's own posture
+    may replace `cable`. `hand` is the name of a site or body, followed by ":xy" for example if only some of its
+    coordinates count. Raises `InvalidFile`, `InvalidInput` and `MissingPackage`.
     """
     import mujoco
 
@@ -109,7 +109,7 @@ def _lengths(
         lengths, cables = tendon_lengths(model, source, rest_length, cable)
         return np.array(rest_lengths("muscles", lengths, m)), per_muscle("cable", cables, m, "m")
     if cable is not None:
-        raise InvalidInput("cable and contraction are both given; each of them says where the muscles begin")
+        raise InvalidInput("cable and contraction are both given; each of them determines where the muscles begin")
     lengths, eps = np.array(rest_lengths("muscles", rest_length, m)), per_muscle("contraction", contraction, m, "-")
     if (wrong := ~((eps >= -0.1) & (eps <= 0.5))).any():
         raise InvalidInput(f"contraction{checks.at(eps, wrong)} has to be a ratio of -0.1 to 0.5, not per cent")
@@ -124,14 +124,14 @@ def _lengths(
 
 
 def _drawn(model: "MjModel") -> Mask:
-    """Return which tendons (m,) run through space; the others are sums of angles, whose lengths are none."""
+    """Return which tendons (m,) run through space; the others are sums of angles, which have no lengths."""
     import mujoco
 
     return np.asarray(model.wrap_type[model.tendon_adr] != int(mujoco.mjtWrap.mjWRAP_JOINT))
 
 
 def _winding(model: "MjModel") -> str:
-    """Return which tendons are neither straight lines nor, all of them, sums of angles; "" if none is."""
+    """Return a list of tendons that are not straight lines, unless all are sums of angles; "" if there are none."""
     import mujoco
 
     kinds = np.asarray(model.wrap_type)
@@ -146,13 +146,13 @@ def _winding(model: "MjModel") -> str:
 
 
 def _last_site(model: "MjModel") -> str:
-    """Return the name of the last site that has one, on the last body that has such sites; "" without any."""
+    """Return the name of the last named site, on the last body with such sites; "" without any."""
     named = [(int(model.site_bodyid[i]), i) for i in range(model.nsite) if model.site(i).name]
     return str(model.site(max(named)[1]).name) if named else ""
 
 
 def _moved(point: Endpoint, mechanism: Mechanism) -> Endpoint | None:
-    """Return the point with as many coordinates as joints can move, those that they move most; None without any."""
+    """Return the point with at most as many coordinates as joints, those that they move most; None without any."""
     low, high = (-1.0, 1.0) if mechanism.angle_limits is None else np.transpose(mechanism.angle_limits)
     shares = np.random.default_rng(0).random((32, mechanism.n))
     J = point.jacobian(low + shares * (np.asarray(high) - low))
@@ -164,7 +164,7 @@ def _moved(point: Endpoint, mechanism: Mechanism) -> Endpoint | None:
 
 
 def _left_out(model: "MjModel") -> str:
-    """Return what of a model the prediction of its motion does not know, in some words."""
+    """Return a description of the parts of a model that are missing in the prediction of its motion."""
     found = {
         f"{model.nu} actuators (switched off)": bool(model.nu),
         "dry friction": bool(np.any(model.dof_frictionloss)) or bool(np.any(model.tendon_frictionloss)),

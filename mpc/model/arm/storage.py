@@ -1,13 +1,13 @@
-"""Arms are kept as TOML files: a machine's file (see `allocator.machine_file`) with two tables more:
+"""TOML files of arms: a machine's file (see `allocator.machine_file`) with two more tables:
 
 [bodies]                       # SI units, see `Bodies`
 length = [0.31, 0.34]
 …
 
-[plant]                        # or without this table; what is left out is as in `Arm`
-lag = 0.1                      # of the regulators [s], one or one a muscle
+[plant]                        # optional table; defaults are those of `Arm`
+lag = 0.1                      # of the regulators [s], one or one per muscle
 slew = 500000.0                # [Pa/s]
-gas = true                     # reckon with the machine's gas; or without this line
+gas = true                     # model the machine's gas; optional
 """
 
 from dataclasses import fields
@@ -26,7 +26,7 @@ _NUMBERS = ("lag", "slew", "gas")  # of [plant]
 
 
 def save_arm(arm: Arm, path: FilePath) -> None:
-    """Write an arm to `path`. Raises `InvalidInput` for one whose bodies or routes are no formulas, `CannotWrite`."""
+    """Write an arm to `path`. Raises `InvalidInput` for bodies or routes without formulas, and `CannotWrite`."""
     if not isinstance(arm.bodies, Bodies):
         raise InvalidInput(f"{type(arm.bodies).__name__} cannot be written to a file; keep the MuJoCo model")
     lags = tuple(arm.lags.tolist())
@@ -38,7 +38,7 @@ def save_arm(arm: Arm, path: FilePath) -> None:
 
 
 def load_arm(path: FilePath) -> Arm:
-    """Read an arm. Raises `InvalidFile` if the file holds none."""
+    """Read an arm. Raises `InvalidFile` if the file does not contain one."""
     file = Table.read(path)
     machine = machine_from(file)
     if not isinstance(machine, Mechanism):

@@ -1,8 +1,8 @@
-"""Pressures along a motion of an arm whose muscles are not affine in the pressure, by tangents of their laws.
+"""Pressures along a motion of an arm whose muscles are not affine in the pressure, by tangents of the muscle models.
 
-About pressures P̄ every muscle pulls with F ≈ F(P̄, ε) + F_P(P̄, ε) (P - P̄), which is affine, so that the kernel of affine
-muscles answers all samples in one call; its answer is the next P̄. This is Newton's method on the optimality conditions,
-which settles where `allocate` with the laws themselves does, without that search's proof.
+About pressures P̄ the force of every muscle is F ≈ F(P̄, ε) + F_P(P̄, ε) (P - P̄), which is affine. The kernel of
+affine muscles therefore solves all samples in one call; its solution is the next P̄. This is Newton's method on the
+optimality conditions, which settles at the solution of `allocate` for the models themselves, without a proof.
 """
 
 from dataclasses import dataclass, field
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
     from mpc.model.arm.model import Arm
 
 _MOST_PASSES = 10
-_SETTLED = 1e-3 * BAR  # by which a pass may still move a pressure: the next one moves it by about the square
+_SETTLED = 1e-3 * BAR  # [Pa] greatest change by the last pass: the next one moves a pressure by about the square
 
 
 @dataclass(frozen=True, eq=False)
 class TangentMuscle(AffineMuscle):
-    """Tangent in the pressure of the law `of` a muscle, about a pressure [Pa] at every posture."""
+    """Tangent in the pressure of the model `of` a muscle, about a pressure [Pa] at every posture."""
 
     of: Muscle = field(kw_only=True, metadata=NOT_A_NUMBER)
     about: Array = field(kw_only=True, metadata=NOT_A_NUMBER)
 
     @property
     def max_pressure(self) -> float:
-        """Return that of the muscle [Pa]."""
+        """Greatest pressure of the muscle [Pa]."""
         return self.of.max_pressure
 
     @property
     def min_contraction(self) -> float:
-        """Return that of the muscle [-]."""
+        """Least contraction of the muscle [-]."""
         return self.of.min_contraction
 
     def A(self, eps: Value) -> Value:

@@ -1,1 +1,1 @@
-"""Friction in a joint, and the hysteresis that it makes: its load, and its models."""
+"""Friction in a joint and its hysteresis: loads and models."""

@@ -1,8 +1,9 @@
 """Friction models share one interface, `Hysteresis`. `Loads` on the sliding surfaces scale their torque.
 
-A model remembers how the joint came to where it is, by the angle and not by time. `Friction` (Dahl) and `MaxwellSlip`
-have the same interface, so that each of them may be in the plant under test and be told to observer and controllers.
-`Contacts` gives the loads at every joint of a machine. At joint i they are, of m muscles with arms r_ji and forces F_j,
+The memory of a model depends on the path of the angle and not on time. `Friction` (Dahl) and `MaxwellSlip` have the
+same interface, so that each of them can be in the plant under test and in the `Compensation` of observer and
+controllers. `Contacts` has the loads at every joint of a machine. At joint i, with m muscles with arms r_ji and forces
+F_j, they are
 
     Σ_j |r_ji| F_j,    twice the mean pressure of the muscles that cross it,    K_ii
 
@@ -20,11 +21,11 @@ from mpc.model.plant import NX, Plant
 
 
 class Loads(Protocol):
-    """The loads on the sliding surfaces of a joint."""
+    """Loads on the sliding surfaces of a joint."""
 
     @property
     def pulled(self) -> Value:
-        """The muscles' torques against each other [N·m]."""
+        """Sum of the muscles' opposing torques [N·m]."""
 
     @property
     def filled(self) -> Value:
@@ -32,11 +33,11 @@ class Loads(Protocol):
 
     @property
     def stiffness(self) -> Value:
-        """The isobaric stiffness [N·m/rad]."""
+        """Isobaric stiffness [N·m/rad]."""
 
 
 class Pressed(NamedTuple):
-    """`Loads` as numbers."""
+    """Numeric `Loads`."""
 
     pulled: float  # [N·m]
     filled: float  # [Pa]
@@ -44,7 +45,7 @@ class Pressed(NamedTuple):
 
 
 class Pressing(Protocol):
-    """A plant presses on what rubs by the pulls of its muscles, their stiffness and their pressures."""
+    """Plant that supplies the loads on sliding surfaces: pull, stiffness and pressures of its muscles."""
 
     def pull(self, x: Value) -> Value:
         """Return a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]."""
@@ -54,7 +55,7 @@ class Pressing(Protocol):
 
 
 class BufferedPressing:
-    """What presses is a plant's, in one CasADi function: for numbers that takes a fifth of the plant's own time."""
+    """Loads of a plant in one CasADi function, which takes a fifth of the plant's own time for numbers."""
 
     def __init__(self, plant: Plant) -> None:
         import casadi as ca
@@ -73,29 +74,29 @@ class BufferedPressing:
 
 
 class Contact(NamedTuple):
-    """A contact is a plant in a state, of which a model of friction takes what presses on that which rubs."""
+    """Loads of a plant in a state, for a friction model."""
 
     plant: Pressing
     x: Value  # (4, ...)
 
     @property
     def pulled(self) -> Value:
-        """Return a1 F1 + a2 F2 [N·m]."""
+        """Sum a1 F1 + a2 F2 [N·m] of the muscles' opposing torques."""
         return self.plant.pull(self.x)
 
     @property
     def filled(self) -> Value:
-        """Return P1 + P2 [Pa]."""
+        """Sum P1 + P2 [Pa]."""
         return self.x[2] + self.x[3]
 
     @property
     def stiffness(self) -> Value:
-        """Return the isobaric stiffness [N·m/rad], whichever of the plant's is tracked."""
+        """Isobaric stiffness [N·m/rad], for any tracked stiffness of the plant."""
         return self.plant.isobaric(self.x)
 
 
 class Contacts:
-    """The loads at every joint of `machine`, as a function of its state."""
+    """Loads at every joint of `machine`, as a function of its state."""
 
     def __init__(self, machine: Machine) -> None:
         self._plant = BufferedPressing(machine) if isinstance(machine, Plant) else None
@@ -111,26 +112,26 @@ class Contacts:
 
 @runtime_checkable
 class Hysteresis(Protocol):
-    """A hysteresis is a torque T_f against the motion that depends on the way by which the joint came.
+    """Torque T_f against the motion that depends on the past path of the joint.
 
-    Its memory is a number, or some, for the observer and for controllers, and CasADi symbols (size,) in a plant under
+    Its memory is one or more numbers for the observer and controllers, and CasADi symbols (size,) in a plant under
     test.
     """
 
     @property
     def size(self) -> int:
-        """Return how many numbers it remembers."""
+        """Size of its memory."""
 
     @property
     def absent(self) -> bool:
-        """Return whether there is none."""
+        """Whether there is no friction."""
 
     @property
     def summary(self) -> str:
-        """Return what it is in some words."""
+        """Short description."""
 
     def begun(self, theta: float) -> Value:
-        """Return the memory of a joint that has not moved from `theta` [rad] yet."""
+        """Return the memory of a joint that has not moved from `theta` [rad]."""
 
     def moved(self, memory: Value, motion: Value, contact: Loads) -> Value:
         """Return the memory after turning by `motion` [rad] in one direction; numbers or CasADi symbols."""
@@ -145,11 +146,11 @@ class Hysteresis(Protocol):
         """Return the greatest T_f [N·m]."""
 
     def share(self, share: float) -> Self:
-        """Return the same with a `share` [-] of its torque."""
+        """Return the same model with a `share` [-] of its torque."""
 
     @property
     def loop(self) -> Loop:
-        """Its steady loops, see `allocator.joint.felt`."""
+        """Steady loops of the model, see `allocator.joint.felt`."""
 
     def as_dahl(self, plant: Plant) -> "Hysteresis":
-        """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar."""
+        """Return Dahl's friction with a loop of the same width at θ = 0, P1 + P2 = 5 bar."""

@@ -1,10 +1,10 @@
-"""Hysteresis of the joint is friction that grows with the muscle forces, regularised by Dahl's model.
+"""Hysteresis of a joint by friction that grows with the muscle forces, regularised by Dahl's model.
 
     T_f = T_max z,   T_max = μ (a1 F1 + a2 F2) + T_c,   z' = (ω - |ω| z)/δ
 
-z ∈ [-1, 1] follows the motion, not time: whatever the speed, it has turned round after a few δ. Over a motion in one
-direction s = ±1 it is z = s - (s - z_0) exp(-|Δθ|/δ), so that sampled motions need no integration. μ (a1 F1 + a2 F2) is
-what explains the difference between up and down sweeps of measured joints; T_c is Coulomb friction of the bearing.
+z ∈ [-1, 1] depends on the motion, not on time: it reverses within a few δ at any speed. Over a motion in one direction
+s = ±1 it is z = s - (s - z_0) exp(-|Δθ|/δ), so that sampled motions need no integration. μ (a1 F1 + a2 F2) explains the
+difference between up and down sweeps of measured joints; T_c is Coulomb friction of the bearing.
 
 P. Dahl, "A solid friction model", Aerospace Corp. TOR-0158(3107-18), 1968; it is the Bouc–Wen model with n = 1, β = γ.
 """
@@ -23,12 +23,12 @@ from mpc.model.friction.contact import Contacts, Loads
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 
-WIDTH_AT = 2.5 * BAR  # both pressures, at θ = 0, for which the width of the loop is given
+WIDTH_AT = 2.5 * BAR  # both pressures, at θ = 0, at which the width of the loop is defined
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction is described by the parameters of its torque."""
+    """Parameters of Dahl's friction."""
 
     mu: float = 0.0  # μ [-], share of the muscles' torques
     coulomb: float = 0.0  # T_c [N·m]
@@ -47,29 +47,29 @@ class Friction:
     def of_width(
         cls, plant: Machine, width: float, coulomb: float = 0.0, presliding: float = PRESLIDING, joint: int = 0
     ) -> "Friction":
-        """Make friction with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width.
+        """Return friction with a loop `width` [rad] in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width.
 
-        Of an arm the loop is that of a `joint`, counted from 0, in the middle of the ranges with 2.5 bar everywhere.
+        For an arm, the loop is that of a `joint`, counted from 0, in the middle of the ranges with 2.5 bar everywhere.
         """
         return cls(torque_of_width(plant, width, joint) / float(usual_loads(plant, joint).pulled), coulomb, presliding)
 
     @property
     def absent(self) -> bool:
-        """Return whether there is none."""
+        """Whether there is no friction."""
         return self.mu == 0 and self.coulomb == 0
 
     @property
     def size(self) -> int:
-        """Return how many numbers it remembers: z [-]."""
+        """Size of the memory: z [-]."""
         return 1
 
     @property
     def summary(self) -> str:
-        """Return what it is in some words."""
+        """Short description."""
         return f"Dahl's friction μ = {self.mu:.3g}" + f" and {self.coulomb:.3g} N·m" * bool(self.coulomb)
 
     def begun(self, theta: float) -> float:
-        """Return z = 0 [-] of a joint that has not moved yet."""
+        """Return z = 0 [-] for a joint that has not moved."""
         return 0.0
 
     def most(self, contact: Loads) -> Value:
@@ -97,25 +97,25 @@ class Friction:
         return self.most(contact) * memory
 
     def share(self, share: float) -> Self:
-        """Return the same with a `share` [-] of its torque."""
+        """Return the same model with a `share` [-] of its torque."""
         return replace(self, mu=share * self.mu, coulomb=share * self.coulomb)
 
     @property
     def loop(self) -> Loop:
-        """Its steady loops, see `allocator.joint.felt`."""
+        """Steady loops of the model, see `allocator.joint.felt`."""
         return Loop(None, self.mu, self.coulomb, self.presliding)
 
     def as_dahl(self, plant: Plant) -> "Friction":
-        """Return itself: it is Dahl's."""
+        """Return the same model, which is Dahl's."""
         return self
 
 
 def torque_of_width(plant: Machine, width: float, joint: int = 0) -> float:
-    """Return T_f [N·m] of which a loop is `width` [rad] wide at θ = 0, P1 + P2 = 5 bar: K width/2."""
+    """Return T_f [N·m] of a loop `width` [rad] at θ = 0, P1 + P2 = 5 bar: K width/2."""
     return float(usual_loads(plant, joint).stiffness * width / 2)
 
 
 def usual_loads(plant: Machine, joint: int = 0) -> Loads:
-    """Return the loads for which widths of loops are given."""
+    """Return the loads at which widths of loops are defined."""
     q = np.zeros(1) if isinstance(plant, Plant) else plant.middle
     return Contacts(plant)(np.concatenate([q, np.zeros(plant.n), np.full(plant.m, WIDTH_AT)]))[joint]

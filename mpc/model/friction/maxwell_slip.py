@@ -1,27 +1,27 @@
-"""Hysteresis of the joint is modelled by Maxwell slip: friction that remembers where the joint turned round.
+"""Hysteresis of a joint by Maxwell slip: friction with a memory of the angles at which the joint reversed.
 
     T_f = s Σ k_i e_i,   de_i = dθ while |e_i| < ρ_i, 0 while it slips,   ρ_i = r_i (s_0 + (1 - s_0) (P1 + P2)/5 bar)
 
 Each element is a spring k_i in series with a slider: a stop operator of the angle (θ - e_i is a play operator), so that
-Σ k_i e_i is a Prandtl–Ishlinskii operator. It depends on where the joint turned round, not on time, and remembers every
-turn that no greater one has wiped out; Dahl's single state remembers none. The widths are affine in the co-contraction
-P1 + P2, which presses on what rubs, also where a muscle is slack; they do not know the pull of the muscles.
+Σ k_i e_i is a Prandtl–Ishlinskii operator. It depends on the angles of reversal, not on time, and remembers every
+reversal that no greater one has erased; Dahl's single state remembers none. The widths are affine in the co-contraction
+P1 + P2, which loads the sliding surfaces even if a muscle is slack; they do not depend on the pull of the muscles.
 
 With springs of their own, s = 1, no change of pressure feeds energy into the joint: T_f is passive. With springs that
 are shares of the muscles' stiffness, s = K(θ, P1, P2), it is hysteresis of the *angle* to first order: a joint at rest
-at θ = H[θ_s], θ_s being where its muscles alone would hold it, has the torque T(θ) = T_f with
+at θ = H[θ_s], θ_s being the equilibrium of its muscles alone, has the torque T(θ) = T_f with
 
     T_f = T(θ) - T(H⁻¹[θ]) ≈ K (H⁻¹[θ] - θ),   H⁻¹[θ] = θ + Σ k_i e_i
 
-for the inverse of a Prandtl–Ishlinskii operator H is such a sum of stops, in closed form. An element of infinite width
-never slips; it is a gain, e = θ.
+because the inverse of a Prandtl–Ishlinskii operator H is such a sum of stops, in closed form. An element of infinite
+width never slips; it is a gain, e = θ.
 
-While θ turns in one direction, e_i = clip(e_i + Δθ, ±ρ_i) exactly, however long the way: no differential equation has
-to be integrated, and a simulation errs only by what the joint moves on in the fine step in which it turns round.
+While θ turns in one direction, e_i = clip(e_i + Δθ, ±ρ_i) exactly, for any distance: no differential equation has to be
+integrated, and the only error of a simulation is the motion within the fine step in which the joint reverses.
 
-P. Krejčí & K. Kuhnen, "Inverse control of systems with hysteresis and creep", IEE Proc. Control Theory Appl. 148
-(2001) 185–192; F. Al-Bender, V. Lampaert & J. Swevers, "The generalized Maxwell-slip model: a novel model for friction
-simulation and compensation", IEEE Trans. Autom. Control 50 (2005) 1883–1887, here without what depends on speed.
+P. Krejčí & K. Kuhnen, "Inverse control of systems with hysteresis and creep", IEE Proc. Control Theory Appl. 148 (2001)
+185–192; F. Al-Bender, V. Lampaert & J. Swevers, "The generalized Maxwell-slip model: a novel model for friction
+simulation and compensation", IEEE Trans. Autom. Control 50 (2005) 1883–1887, without terms that depend on speed.
 """
 
 from dataclasses import dataclass, replace
@@ -48,11 +48,11 @@ _BASE = 0.2  # s_0 [-]: as K is nearly proportional to P1 + P2, loops stay about
 
 @dataclass(frozen=True)
 class MaxwellSlip:
-    """Maxwell slip is described by the parameters of its elements."""
+    """Parameters of the elements of Maxwell slip."""
 
     springs: tuple[float, ...]  # k_i [N·m/rad]; `elastic`: [-] of the stiffness K
-    widths: tuple[float, ...]  # r_i, half widths of the plays where P1 + P2 = 5 bar [rad]; inf: it never slips
-    base: float = _BASE  # s_0 [-], share of the widths that is left without pressure
+    widths: tuple[float, ...]  # r_i, half widths of the plays at P1 + P2 = 5 bar [rad]; inf: never slips
+    base: float = _BASE  # s_0 [-], remaining share of the widths without pressure
     elastic: bool = False  # whether the springs are shares of the muscles' stiffness
 
     def __post_init__(self) -> None:
@@ -78,7 +78,7 @@ class MaxwellSlip:
         base: float = _BASE,
         joint: int = 0,
     ) -> Self:
-        """Make elements with a loop `width` [rad] wide in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width.
+        """Return elements with a loop `width` [rad] in slow sweeps at θ = 0, P1 + P2 = 5 bar: 2 T_f = K width.
 
         The elements of half widths `presliding` [rad] carry equal shares of the torque there. The `joint` of an arm is
         that of `Friction.of_width`.
@@ -88,19 +88,19 @@ class MaxwellSlip:
 
     @classmethod
     def of(cls, operator: PrandtlIshlinskii) -> Self:
-        """Make the elements of a joint whose hysteresis is `operator`, with springs in proportion to the stiffness.
+        """Return the elements for a joint with the hysteresis `operator`, with springs in proportion to the stiffness.
 
-        A gain of the operator other than 1 becomes an element that never slips. Raises `InvalidInput` where nothing is
-        left, or where a weight is negative.
+        A gain of the operator other than 1 becomes an element that never slips. Raises `InvalidInput` if there are no
+        elements, or if a weight is negative.
         """
         slip = operator.slip.with_gain
         if not slip.springs:
-            raise InvalidInput("this PrandtlIshlinskii has neither plays nor a gain: say `Friction()`, which is none")
+            raise InvalidInput("this PrandtlIshlinskii has neither plays nor a gain: use `Friction()` for no friction")
         return cls(slip.springs, slip.widths, slip.base, elastic=True)
 
     @property
     def size(self) -> int:
-        """Return how many numbers it remembers: e_i [rad] of each element."""
+        """Size of the memory: e_i [rad] of each element."""
         return len(self.widths)
 
     @property
@@ -109,17 +109,17 @@ class MaxwellSlip:
 
     @property
     def absent(self) -> bool:
-        """Return whether there is none, which `Friction()` says."""
+        """Whether there is no friction: never, `Friction()` stands for none."""
         return False
 
     @property
     def summary(self) -> str:
-        """Return what it is in some words."""
+        """Short description."""
         what = "hysteresis of the angle" if self.elastic else "Maxwell slip"
         return f"{what} with {self.size} element{'s' * (self.size > 1)}"
 
     def begun(self, theta: float) -> Array:
-        """Return the e_i (n,) [rad] of a joint that has not moved from `theta` [rad] yet."""
+        """Return the e_i (n,) [rad] of a joint that has not moved from `theta` [rad]."""
         return np.where(np.isinf(self.widths), theta, 0.0)
 
     def scale(self, filled: Value) -> Value:
@@ -127,7 +127,7 @@ class MaxwellSlip:
         return self.base + (1 - self.base) * filled / (2 * WIDTH_AT)
 
     def most(self, contact: Loads) -> Value:
-        """Return s Σ k_i ρ_i [N·m], the torque when all elements slip that can."""
+        """Return s Σ k_i ρ_i [N·m], the torque when all elements of finite width slip."""
         slips = sum(k * r for k, r in self._elements if r < inf)
         return self.strength(contact) * slips * self.scale(contact.filled)
 
@@ -143,7 +143,7 @@ class MaxwellSlip:
 
     def along(self, memory: Array, theta: Array, contact: Loads) -> Array:
         """Return the e_i (n, elements) [rad] at the angles `theta` (n,) [rad], from `memory` at the first."""
-        motions = np.diff(theta).tolist()  # plain numbers: a preview is too short for arrays to pay
+        motions = np.diff(theta).tolist()  # plain numbers are faster than arrays for a short preview
         states = []
         for e, width in zip(memory.tolist(), (self.scale(contact.filled) * r for r in self.widths), strict=True):
             way = [e]
@@ -162,26 +162,26 @@ class MaxwellSlip:
         return self.strength(contact) * (memory @ np.array(self.springs))
 
     def share(self, share: float) -> Self:
-        """Return the same with a `share` [-] of its torque."""
+        """Return the same model with a `share` [-] of its torque."""
         return replace(self, springs=tuple(share * k for k in self.springs))
 
     def strength(self, contact: Loads) -> Value:
-        """Return s [N·m/rad] or [-], by which Σ k_i e_i is multiplied."""
+        """Return s [N·m/rad] or [-], the factor of Σ k_i e_i."""
         return contact.stiffness if self.elastic else 1.0
 
     @property
     def loop(self) -> Loop:
-        """Its steady loops, see `allocator.joint.felt`."""
+        """Steady loops of the model, see `allocator.joint.felt`."""
         return Loop(Slip(self.springs, self.widths, self.base, elastic=self.elastic))
 
     def as_dahl(self, plant: Plant) -> Friction:
-        """Return Dahl's friction with a loop as wide at θ = 0, P1 + P2 = 5 bar: all that is found without this one."""
+        """Return Dahl's friction with the same loop width at θ = 0, P1 + P2 = 5 bar, as found without this model."""
         contact = Contact(plant, np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT]))
         return Friction.of_width(plant, float(2 * self.most(contact) / contact.stiffness))
 
 
 def friction_of(given: object) -> Hysteresis:
-    """Return the model of friction that is `given`; of a `PrandtlIshlinskii`, `MaxwellSlip.of` it, or none.
+    """Return the friction model `given`; for a `PrandtlIshlinskii`, `MaxwellSlip.of` it or no friction.
 
     Raises `InvalidInput` for anything else.
     """

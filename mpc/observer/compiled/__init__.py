@@ -1,1 +1,1 @@
-"""An ordinary sample of the observer is made in one compiled call here, from flat arrays to flat arrays."""
+"""Ordinary sample of the observer in one compiled call, from flat arrays to flat arrays."""

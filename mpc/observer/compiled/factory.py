@@ -1,4 +1,4 @@
-"""The factory makes the compiled estimate of an observer, where that can be had."""
+"""Factory of an observer's compiled estimate."""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -15,23 +15,23 @@ if TYPE_CHECKING:
 
 
 class Readable(NamedTuple):
-    """What is readable says what it remembers, and goes on from what it is told."""
+    """Access to the memory of the readable observer."""
 
     remembered: Callable[
         [], dict[str, object] | None
-    ]  # the fields of `State` and `Tail`, None where some have no place
-    go_on: Callable[[State, Tail], None]  # from copies of what is in these
-    conclude: Callable[[], None]  # anew what is wrong with the joint
+    ]  # return the fields of `State` and `Tail`, None if some have no place
+    go_on: Callable[[State, Tail], None]  # continue from copies of their values
+    conclude: Callable[[], None]  # update the findings
 
 
 def compiled_estimate(
     own: Filter, diagnosis: Diagnosis, readable: Readable, wait: bool, again: tuple[Any, ...]
 ) -> "CompiledEstimate | None":
-    """Return the compiled estimate of what is `readable`, ready; None where compiling fails.
+    """Return the compiled estimate for the `readable` observer; None if compilation fails.
 
-    Who does not `wait` gets None, too, where nothing is compiled yet and another process can do it, by a call of
-    again[0] with the other elements. Nobody is warned: the readable observer is quick enough for any loop, and what
-    keeps it from being compiled keeps the controller's step from it, which tells.
+    If `wait` is false and nothing is compiled yet, return None and compile in another process, by a call of again[0]
+    with the other elements. There is no warning: the readable observer is fast enough for any loop, and the
+    controller's step, which warns, fails to compile for the same reasons.
     """
     try:
         from mpc.observer.compiled.module import compiled_filter, made_of
@@ -45,7 +45,5 @@ def compiled_estimate(
         if beside.begin(module.__name__, Path(str(module.__file__)).parent, *again):
             return None
         return compiled_estimate(own, diagnosis, readable, True, again)
-    except (
-        Exception
-    ):  # no compiler, no place for its work, a formula too long or not symbolic, or a fault of the compiler's own
+    except Exception:  # no compiler, cache not writable, formula too long or not symbolic, or a fault of the compiler
         return None

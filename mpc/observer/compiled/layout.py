@@ -1,4 +1,4 @@
-"""Records of an observer's compiled sample: name and shape of all that it knows, remembers and reckons with.
+"""Records of an observer's compiled sample: names and shapes of its constants, its memory and its working arrays.
 
 Compiled code finds the whole record by its address, and its fields by their names (`mpc.codegen.records`).
 """
@@ -13,11 +13,11 @@ from allocator.calculus import Array
 from mpc.codegen.records import Piece, new_records, numbers_of, piece_of
 from mpc.model.plant import NU
 
-SIZE, MEASURED = 5, (0, 2, 3)  # of ξ, and of it the places of what is measured
+SIZE, MEASURED = 5, (0, 2, 3)  # of ξ, and the measured entries of ξ
 
 
 class Belief:
-    """The numbers of a `mpc.observer.filter.Belief`."""
+    """Numbers of a `mpc.observer.filter.Belief`."""
 
     xi: Annotated[Array, SIZE]
     covariance: Annotated[Array, SIZE, SIZE]
@@ -26,8 +26,8 @@ class Belief:
 class Known:
     """Constants of `mpc.observer.filter.Filter`, its gates and the diagnosis."""
 
-    inner: Annotated[Array, 2, 4]  # states for which the muscles' laws are made
-    outer: Annotated[Array, 2, SIZE]  # ξ that is possible
+    inner: Annotated[Array, 2, 4]  # range of states for which the muscle models are valid
+    outer: Annotated[Array, 2, SIZE]  # range of possible ξ
     Q: Annotated[Array, SIZE, SIZE]
     Q_rest: Annotated[Array, SIZE, SIZE]
     possible: Annotated[Array, 2, 3]  # readings
@@ -36,7 +36,7 @@ class Known:
     substeps: int
     tolerance: float  # [s]
     dead_band: float  # [Pa]
-    learning: float  # share of an innovation by which an offset moves in a sample
+    learning: float  # change of an offset per sample and innovation [-]
     most_offset: float  # [Pa]
     theta_noise: float  # [rad]
     theta_floor: float  # [rad]
@@ -49,10 +49,10 @@ class Known:
 
 
 class State:
-    """Numbers that `mpc.observer.kalman.KalmanObserver` remembers, but for its `Tail`."""
+    """Memory of `mpc.observer.kalman.KalmanObserver` except its `Tail`."""
 
     belief: Belief
-    without: Annotated[list[Belief], 3]  # of a sensor each that repeats itself
+    without: Annotated[list[Belief], 3]  # one for each sensor that repeats itself
     variances: Annotated[Array, 3]  # of the sensors
     floor: Annotated[Array, 3]  # of the gates
     read: Annotated[Array, 3]
@@ -60,34 +60,34 @@ class State:
     repeating: Annotated[Array, 3]  # [s]
     repeats: Annotated[Array, 3]  # whether there is a belief without the sensor
     step: float  # of the encoder [rad]
-    angle: float  # to which friction was followed [rad]
-    samples: float  # for which the state has not been given back
+    angle: float  # last angle of the friction's memory [rad]
+    samples: float  # since the state was last given back
     t: float  # of the diagnosis [s]
     last: float  # its last angle [rad]
     lost: Annotated[Array, 3]  # [s]
     said: Annotated[Array, 3]
     found: Annotated[Array, 3]  # whether a sensor is suspected
-    large: Annotated[Array, 2]  # since when an offset is [s]
+    large: Annotated[Array, 2]  # time since which an offset is large [s]
 
 
 class Work:
-    """Room to reckon in."""
+    """Working arrays."""
 
-    near: Annotated[Array, 4]  # the nearest state for which the muscles' laws are made
-    inside: Annotated[Array, SIZE]  # the nearest ξ that is possible
-    acting: Annotated[Array, 2]  # commands less the dead band [Pa]
+    near: Annotated[Array, 4]  # the nearest state for which the muscle models are valid
+    inside: Annotated[Array, SIZE]  # the nearest possible ξ
+    acting: Annotated[Array, 2]  # commands minus the dead band [Pa]
     taken: Annotated[Array, 3]  # readings without the offsets
     gain: Annotated[Array, SIZE]
     S: Annotated[Array, SIZE, SIZE + 1]  # Jacobian of a sample by ξ, and the state at its end
-    at: Annotated[Array, 4, SIZE + 1]  # the same on the way there, with its slope and the sum of slopes
+    at: Annotated[Array, 4, SIZE + 1]  # the same at intermediate stages, with its slope and the sum of slopes
     slope: Annotated[Array, 4, SIZE + 1]
     total: Annotated[Array, 4, SIZE + 1]
     product: Annotated[Array, SIZE, SIZE]
-    ahead: Belief  # of now; the state is that of when the angle was read
+    ahead: Belief  # present belief; that of the state belongs to the time of the angle's reading
 
 
 class Places:
-    """Places of all numbers of a `State`, of all of its `Tail`, and of the fields of that."""
+    """Places of all numbers of a `State`, of its whole `Tail`, and of the fields of the tail."""
 
     state: Piece
     tail: Piece
@@ -105,7 +105,7 @@ class Tail(NamedTuple):
 
     memory: Array  # of friction
     commands: Array  # (delay + age + 1, 2) [Pa]
-    held: Array  # (age + 1, 2) readings of pressures until an angle as old comes [Pa]
+    held: Array  # (age + 1, 2) readings of pressures, kept until the angle of the same time arrives [Pa]
     one: Array  # numbers of `mpc.observer.pressure_diagnosis`
     two: Array
     torque: Array  # numbers of `mpc.observer.torque_diagnosis`
@@ -113,27 +113,27 @@ class Tail(NamedTuple):
 
 
 class Sample:
-    """The whole record; the state is there once more as it was a sample ago."""
+    """Whole record, including a copy of the previous sample's state."""
 
     known: Known
     now: State
     past: State
     work: Work
-    places: Places  # of now
+    places: Places  # of the present state
     past_places: Places
     c: Piece  # numbers of the formulas
     friction: Piece  # numbers of `mpc.model.compiled_friction`
 
 
 class Made(NamedTuple):
-    """All that one observer's compiled samples work on."""
+    """Data of one observer's compiled samples."""
 
     records: Any  # (1,), one `Sample`
     tail: Tail
-    kept: tuple[Array, ...]  # alive, as long as the records have their addresses
+    kept: tuple[Array, ...]  # kept alive while the records have their addresses
 
     def take(self, other: "Made") -> None:
-        """Take the state of another one of the same sizes."""
+        """Copy the state of another one of the same sizes."""
         self.records["now"], self.kept[0][...] = other.records["now"], other.kept[0]
 
 

@@ -1,6 +1,6 @@
-"""What an observer estimates with becomes a module of compiled functions: the formulas of its plant in their template.
+"""Compiled module of an observer: the template with the formulas of its plant.
 
-Observers that differ in their numbers and their friction only share it.
+Observers that differ only in their numbers and their friction share it.
 """
 
 from functools import cache
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 _HERE = Path(__file__).parent
 _TEMPLATE = _HERE / "sample.py"
-_PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # whose functions of numbers the template calls
+_PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # modules with functions that the template calls
 
 
 class CompiledFilter(NamedTuple):
-    """A compiled filter is what is compiled for a family of observers, and the numbers of the formulas."""
+    """Compiled functions for a family of observers, and the numbers of the formulas."""
 
     module: ModuleType  # `mpc.observer.compiled.sample` with the formulas
     c: Array
@@ -42,10 +42,10 @@ class CompiledFilter(NamedTuple):
 
 
 def compiled_filter(own: Filter) -> CompiledFilter:
-    """Return the compiled functions of an observer's filter. Raises `Untranslatable` for what they cannot have."""
+    """Return the compiled functions of an observer's filter. Raises `Untranslatable` if they cannot be compiled."""
     friction = friction_numbers(own.compensation.friction)
     if friction is None:
-        raise Untranslatable(f"{own.compensation.friction!r} is none of the models of friction that are compiled")
+        raise Untranslatable(f"{own.compensation.friction!r} is not a friction model that can be compiled")
     text, c = "", np.zeros(0)
     for name, function in _formulas(own.plant).items():
         source = translated(name, function, c.size)
@@ -56,7 +56,7 @@ def compiled_filter(own: Filter) -> CompiledFilter:
 
 
 def _formulas(plant: Plant) -> dict[str, "Function"]:
-    """Return CasADi functions by the names that they have in the template."""
+    """Return CasADi functions by their names in the template."""
     import casadi as ca
 
     x, v, d = ca.SX.sym("x", NX), ca.SX.sym("v", NU), ca.SX.sym("d")
@@ -70,7 +70,7 @@ def _formulas(plant: Plant) -> dict[str, "Function"]:
 
 
 def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
-    """Return what samples of an observer's filter, which was `compiled`, and of its diagnosis work on."""
+    """Return the data for samples of an observer's `compiled` filter and of its diagnosis."""
     gate, dt, substeps = own.gate, own.dt, own.plant.substeps(own.dt, RESOLUTION)
     (one, two), (usual,), (inertia,) = judged.sound
     known = {
@@ -89,7 +89,7 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
 
 @cache
 def _register() -> None:
-    """Teach numba the functions that Python runs as they are."""
+    """Register functions with numba that Python runs unchanged."""
     for part in _PARTS:
         for name, function in vars(part).items():
             if not isinstance(function, FunctionType) or function.__module__ != part.__name__ or name.startswith("_"):
@@ -99,6 +99,6 @@ def _register() -> None:
 
 @cache
 def _parts() -> str:
-    """Return the hash of all that may be compiled into the template, so that a change of it is compiled, too."""
+    """Return the hash of all parts that may be compiled into the template, so that their changes are compiled."""
     files = sorted(_HERE.parent.rglob("*.py"))
     return sha256("".join(file.read_text(encoding="utf-8") for file in files).encode()).hexdigest()

@@ -1,11 +1,12 @@
-"""The template estimates a sample in which nothing is out of the ordinary.
+"""Template of the estimate of an ordinary sample.
 
-`mpc.observer.compiled.module` puts the formulas of a plant in the place of the lines below that begin with `FORMULAS`:
-`rate_slopes` (x, v, d) ↦ x' and its Jacobian by (x, d), columns first, and `muscles` x ↦ what `mpc.observer.diagnosis`
-asks of the muscles, and the isobaric stiffness: functions of scalars that return tuples. Their numbers are the piece c.
+`mpc.observer.compiled.module` replaces the lines below that begin with `FORMULAS` by the formulas of a plant:
+`rate_slopes` (x, v, d) ↦ x' and its Jacobian by (x, d), columns first, and `muscles` x ↦ the muscles' values for
+`mpc.observer.diagnosis` and the isobaric stiffness: functions of scalars that return tuples. Their numbers are the
+piece c.
 
-What is ordinary: every reading is believed at once, and so was the last one of each sensor; a sensor may repeat itself
-as long as that is no reason to doubt it. All else is for the readable observer.
+In an ordinary sample every reading is believed at once, as was the last one of each sensor; a sensor may repeat itself
+as long as it is not doubted for that. The readable observer estimates all other samples.
 """
 
 from typing import Any
@@ -32,10 +33,10 @@ sample_at = opener(Sample)
 
 @compiled
 def estimate(sample: int, theta: float, P1: float, P2: float, u1: float, u2: float) -> int:
-    """Estimate from readings and the command sent last, in the `Sample` at this address.
+    """Estimate from readings and the last command sent, in the `Sample` at this address.
 
-    Return 1, or 2 if the joint's health has to be looked at; 0 if the sample was not ordinary, and the state has not
-    changed.
+    Return 1, or 2 if the joint's health has to be updated; return 0 and leave the state unchanged if the sample is not
+    ordinary.
     """
     answer, o = 0, sample_at(sample)
     if filtered(o, theta, P1, P2, u1, u2):
@@ -62,9 +63,9 @@ def copy_state(one: Places, other: Places) -> None:
 
 @inlined
 def filtered(o: Sample, theta: float, P1: float, P2: float, u1: float, u2: float) -> bool:
-    """Estimate from the readings and the commands (u1, u2) sent last; return whether that was ordinary.
+    """Estimate from the readings and the last commands (u1, u2) sent; return whether the sample was ordinary.
 
-    If not, only the past state is as before.
+    If not, only the past state is unchanged.
     """
     copy_state(o.places, o.past_places)
     k, s, commands, held = o.known, o.now, floats(o.places.commands), floats(o.places.held)
@@ -99,7 +100,7 @@ def filtered(o: Sample, theta: float, P1: float, P2: float, u1: float, u2: float
 
 @inlined
 def brought_ahead(o: Sample) -> bool:
-    """Predict the belief of now from that of when the angle was read; return whether it is finite."""
+    """Predict the present belief from that at the time of the angle's reading; return whether it is finite."""
     w, s = o.work, o.now
     for i in range(SIZE):
         w.ahead.xi[i] = s.belief.xi[i]
@@ -112,7 +113,7 @@ def brought_ahead(o: Sample) -> bool:
 
 @inlined
 def believed(o: Sample) -> bool:
-    """Return whether all readings are near to what is expected, and no angle has to be unwrapped."""
+    """Return whether all readings are near the expected ones, and no angle has to be unwrapped."""
     k, s, belief, taken = o.known, o.now, o.now.belief, o.work.taken
     near = abs(belief.xi[0] - taken[0]) <= TURN / 2 - NEAR_A_TURN
     for i in range(3):
@@ -125,7 +126,7 @@ def believed(o: Sample) -> bool:
 
 @inlined
 def not_frozen(o: Sample) -> bool:
-    """Follow what is thought without sensors that repeat themselves; return whether none of them is frozen."""
+    """Update the beliefs without sensors that repeat themselves; return whether none of them is frozen."""
     k, s, past = o.known, o.now, o.past
     for i in range(3):
         if s.read[i] != past.read[i]:
@@ -146,7 +147,7 @@ def not_frozen(o: Sample) -> bool:
 
 @inlined
 def follow_friction(o: Sample) -> None:
-    """Let the friction that is known follow the angle: see `FrictionState.follow`."""
+    """Update the memory of the known friction by the angle: see `FrictionState.follow`."""
     s, before, now = o.now, floats(o.past_places.memory), floats(o.places.memory)
     nearest(o, s.belief)
     s.angle = followed(rubbing_in(floats(o.friction)), s.belief.xi[0], pressing(o), s.angle, before, now)
@@ -154,7 +155,7 @@ def follow_friction(o: Sample) -> None:
 
 @inlined
 def pressing(o: Sample) -> Pressed:
-    """Return what presses on that which rubs in the nearest state."""
+    """Return the loads on the sliding surfaces in the nearest state."""
     x = o.work.near
     found = muscles(x[0], x[1], x[2], x[3], floats(o.c))
     return Pressed(found[0] - found[1], x[2] + x[3], found[6])
@@ -173,7 +174,7 @@ def rubbing(o: Sample) -> float:
 
 @inlined
 def nearest(o: Sample, belief: Belief) -> None:
-    """Fill in the nearest ξ (5,) that is possible, and the nearest state (4,) for which the muscles' laws are made."""
+    """Fill in the nearest possible ξ (5,), and the nearest state (4,) for which the muscle models are valid."""
     k, w = o.known, o.work
     for i in range(SIZE):
         w.inside[i] = min(max(belief.xi[i], k.outer[0, i]), k.outer[1, i])
@@ -183,8 +184,8 @@ def nearest(o: Sample, belief: Belief) -> None:
 
 @inlined
 def predicted(o: Sample, belief: Belief, k: int, noise: Array, target: Belief) -> None:
-    """Set the `target` to what is expected of a `belief` a sample later, the k-th commands acting and with the
-    covariance `noise`: see `Filter`. Both may be the same.
+    """Set the `target` to the prediction of a `belief` for the next sample, with the k-th commands and the covariance
+    `noise`: see `Filter`. Target and belief may be the same.
     """
     w, commands, rest = o.work, floats(o.places.commands), o.known.dead_band / 2
     nearest(o, belief)
@@ -203,9 +204,9 @@ def predicted(o: Sample, belief: Belief, k: int, noise: Array, target: Belief) -
 
 @inlined
 def advance(o: Sample, d: float) -> None:
-    """Leave in S (5, 6) the Jacobian by ξ of a sample from what is nearest, and beside it the state at its end.
+    """Store in S (5, 6) the Jacobian by ξ of a sample from the nearest state, and next to it the state at its end.
 
-    From one of Runge and Kutta's slopes to the next, K (4, 6) at S + a K, which b times adds to the total.
+    The slope K (4, 6) of each Runge–Kutta stage is taken at S + a K, and b K is added to the total.
     """
     w, c, h = o.work, floats(o.c), o.known.h
     S, K, at, total = w.S, w.slope, w.at, w.total
@@ -259,7 +260,7 @@ def propagate(o: Sample, P: Array, noise: Array, target: Array) -> None:
 def correct(o: Sample, belief: Belief, sensor: int) -> None:
     """Correct a belief by one reading: (1 - K C) P (1 - K C)ᵀ + K R Kᵀ, K = P Cᵀ/(C P Cᵀ + R).
 
-    One after the other they correct it as all at once do, because their noise is not correlated.
+    Corrections one after the other are equal to a joint one, because the noise is not correlated.
     """
     P, place, R = belief.covariance, MEASURED[sensor], o.now.variances[sensor]
     gain, product = o.work.gain, o.work.product
@@ -281,7 +282,7 @@ def correct(o: Sample, belief: Belief, sensor: int) -> None:
 
 @inlined
 def sound(belief: Belief) -> bool:
-    """Return whether all of a belief is finite, and no variance negative."""
+    """Return whether a belief is finite, and no variance negative."""
     good = True
     for i in range(SIZE):
         good = good and np.isfinite(belief.xi[i]) and belief.covariance[i, i] > 0
@@ -295,9 +296,7 @@ def sound(belief: Belief) -> bool:
 
 @inlined
 def diagnosed(o: Sample) -> int:
-    """Follow what may be broken: 1, or 2 if something new is suspected, or no longer; 0 if the numbers are out of
-    range.
-    """
+    """Update the diagnosis; return 1, or 2 if a suspicion has begun or ended; 0 if numbers are out of range."""
     k, s, xi, v = o.known, o.now, o.now.belief.xi, floats(o.places.commands)
     found = muscles(xi[0], xi[1], xi[2], xi[3], floats(o.c))
     for i in range(6):
@@ -325,7 +324,7 @@ def diagnosed(o: Sample) -> int:
 
 @inlined
 def suspicious(o: Sample) -> bool:
-    """Return whether anything that the joint's health is made of is another one than a sample ago."""
+    """Return whether any input of the joint's health differs from that of the previous sample."""
     changed = False
     for i in range(3):
         changed = changed or o.now.found[i] != o.past.found[i]
@@ -343,5 +342,5 @@ def suspicious(o: Sample) -> bool:
 
 @inlined
 def another(now: float, before: float) -> bool:
-    """Return whether two times differ, which are NaN where there is none."""
+    """Return whether two times differ; NaN stands for no time."""
     return bool(now != before and (now == now or before == before))

@@ -1,7 +1,7 @@
-"""The compiled estimate has what an observer remembers in a record, as long as nothing is out of the ordinary.
+"""Compiled estimate, which keeps the memory of an observer in a record during ordinary samples.
 
-Either the record is up to date or the readable parts are. What is not ordinary these answer; the record is then taken
-from them anew.
+Either the record is up to date or the readable parts are. The readable parts estimate samples that are not ordinary;
+then the record is copied from them.
 """
 
 from collections.abc import Callable
@@ -13,12 +13,12 @@ from mpc.model.plant import NU, NX
 from mpc.observer.compiled.factory import Readable
 from mpc.observer.compiled.layout import Made
 
-_CHANGED = 2  # what the compiled function answers where the health has to be looked at
+_CHANGED = 2  # result of the compiled function if the health has to be updated
 _KINDS = "(int64, float64, float64, float64, float64, float64)"
 
 
 class CompiledEstimate:
-    """A compiled estimate works for one observer: its record must not be used by two threads at a time."""
+    """Compiled estimate of one observer; two threads must not use its record at the same time."""
 
     def __init__(self, module: ModuleType, new: Callable[[], Made], readable: Readable) -> None:
         self.module, self._new, self._readable, self._made = module, new, readable, new()
@@ -28,9 +28,7 @@ class CompiledEstimate:
         self.ahead = False  # whether the record is up to date
 
     def answer(self, y: Array, u: Array) -> tuple[Array, float] | None:
-        """Return what `KalmanObserver.estimate` answers in an ordinary sample; None, and nothing has changed, in
-        another one.
-        """
+        """Return the result of `KalmanObserver.estimate`; None, without any change, if the sample is not ordinary."""
         if y.shape != (NX,) or u.shape != (NU,) or not (self.ahead or self._take()):
             return None
         theta, _, P1, P2 = y.tolist()
@@ -48,7 +46,7 @@ class CompiledEstimate:
         return CompiledEstimate(self.module, self._new, readable)
 
     def copied(self) -> "CompiledEstimate | None":
-        """Return one with a copy of the state; None if the record cannot hold the memory."""
+        """Return a copy with its own state; None if the record cannot hold the memory."""
         if not (self.ahead or self._take()):
             return None
         other = self.of(self._readable)
@@ -56,7 +54,7 @@ class CompiledEstimate:
         return other
 
     def _take(self) -> bool:
-        """Take what the readable parts remember; return whether all of it has a place."""
+        """Copy the memory of the readable parts; return whether all of it has a place."""
         remembered = self._readable.remembered()
         if remembered is None:
             return False
@@ -67,7 +65,7 @@ class CompiledEstimate:
         return True
 
     def give(self) -> None:
-        """Give to the readable parts what they do not know yet."""
+        """Give the newest state to the readable parts."""
         if self.ahead:
             self.ahead = False
             self._readable.go_on(self._state, self._made.tail)

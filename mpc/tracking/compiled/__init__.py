@@ -1,8 +1,8 @@
-"""The controller's step is compiled here by numba; nothing of it is imported before it is needed, nor numba with it.
+"""Compiled step of the controller, by numba; nothing of it, nor numba, is imported before it is needed.
 
 The QP's solver is written once, in `structured_qp`: `stage`, `riccati`, `newton`, `certificate`, and in double
-precision `rows`, `interior`, `multipliers` and `solve`, are printed as C (`mpc.export.controller.recursions`), and so
-is what of `commands` they take. What has to be written in C, too, has the same names there (`mpc/export/c`):
+precision `rows`, `interior`, `multipliers` and `solve`, are printed as C (`mpc.export.controller.recursions`), with the
+functions of `commands` that they use. Other parts are written in C under the same names (`mpc/export/c`):
 
     step.feed_forward        mpc/feedforward.c, ant_feed_forward
     step.linearise           mpc/structured.c, ant_linearise

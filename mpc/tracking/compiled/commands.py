@@ -1,4 +1,4 @@
-"""Commands keep their limits, leave their reference and are moved by decisions: this is how."""
+"""Limits of commands, their deviations from the reference, and their changes by decisions."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
 def limit(low: float, high: float, step: float, before: Array, unit: float, commands: Array) -> None:
     """Move `commands` (N, m) as `mpc.tracking.limits.Limits.limited` does; the last one was `before` (m,) / `unit`.
 
-    The slew limit comes first: from outside the supply's range commands return as fast as it lets them.
+    The slew limit has priority: from outside the supply's range, commands return as fast as it permits.
     """
     for i in range(NU):
         last = before[i] / unit
@@ -25,8 +25,9 @@ def limit(low: float, high: float, step: float, before: Array, unit: float, comm
 
 @inlined
 def excess(left: float, right: float, least: float, states: Array, forces: Array, beyond: Array) -> None:
-    """Set `beyond` (2,) to how far a motion leaves the joint range [rad] and, after its first state, the least force
-    [N].
+    """Set `beyond` (2,) to the excursions of a motion from the joint range [rad] and below the least force [N].
+
+    The first state does not count for the force.
     """
     beyond[0] = beyond[1] = 0.0
     for k in range(states.shape[0]):
@@ -37,7 +38,7 @@ def excess(left: float, right: float, least: float, states: Array, forces: Array
 
 @inlined
 def slew_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> None:
-    """Set what slew leaves to the changes; v = 0 is allowed whatever rounding says."""
+    """Set the bounds of the changes by slew; v = 0 is feasible despite rounding."""
     starts, step = setting.starts, setting.bounds.step
     lower, upper, there = bounded
     lower[:], upper[:], there[:] = 0.0, 0.0, False
@@ -62,7 +63,7 @@ def cumulative(starts: Indices, z: Array, du: Array) -> None:
 
 @inlined
 def new_errors(N: int) -> Errors:
-    """Return errors that are not set yet."""
+    """Return uninitialised errors."""
     return Errors(np.empty((N + 1, NX)), np.empty((N + 1, NY)), np.empty((N, NU)), np.empty((N, NU)), np.empty(NXI))
 
 

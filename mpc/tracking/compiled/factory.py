@@ -1,4 +1,4 @@
-"""The factory makes what a controller works with: compiled where that can be had, and else readable."""
+"""Factory of a controller's parts: compiled if possible, otherwise readable."""
 
 import warnings
 from collections.abc import Callable
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Parts(NamedTuple):
-    """The parts are what a `TrackingMPC` works with."""
+    """Parts of a `TrackingMPC`."""
 
     qp_step: QPStep
     feed_forward: FeedForwardOf
@@ -48,11 +48,11 @@ def factory(
     wait: bool = True,
     compiled: bool = True,
 ) -> Parts:
-    """Return the compiled parts, ready; the readable ones, with a `SlowStep` warning, where compiling fails.
+    """Return the compiled parts; if compilation fails, warn with `SlowStep` and return the readable parts.
 
-    An arm's are compiled for the QP solver `solve`. If `wait` is false and nothing is compiled yet, return the readable
-    ones, warn with `CompilingBeside`, and compile in another process. A joint without a kernel always waits. If
-    `compiled` is false, return the readable ones without a warning.
+    Parts of an arm are compiled for the QP solver `solve`. If `wait` is false and nothing is compiled yet, return the
+    readable parts, warn with `CompilingBeside`, and compile in another process. A joint without a kernel always waits.
+    If `compiled` is false, return the readable parts without a warning.
     """
     structured, readable = None, ReadableQPStep(problem, predictor)
     given = dt, problem, feed_forward
@@ -78,7 +78,7 @@ def factory(
 
 
 class Compiling(NamedTuple):
-    """The compiled module of a machine, whether it is always waited for, and what loads or compiles the parts."""
+    """Compiled module of a machine, whether to always wait for it, and a function that loads or compiles the parts."""
 
     step: ModuleType
     patient: bool
@@ -105,7 +105,7 @@ def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: Inverse
     made = compiled_arm(arm, dt)
 
     def build() -> Parts:
-        """Compile now, and not when the arm is waiting for its first command; some QPs are left to DAQP."""
+        """Compile now rather than at the arm's first command; DAQP solves some of the QPs."""
         step, N = CompiledArmQPStep(arm, dt, made, problem), sum(problem.blocks)
         P = np.full(arm.m, np.mean(problem.limits.pressure))
         x = np.concatenate([arm.middle, np.zeros(arm.n), P])
@@ -116,7 +116,7 @@ def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: Inverse
             step(x, u, d[:-1], still, PreviousSample(P, P), solver, inf)
         step.whole_qp()
         ready = feed_forward.ready()
-        linear = arm.mechanism.affine and arm.tracked == arm.n  # torques and K, of a hand too, in the pressures
+        linear = arm.mechanism.affine and arm.tracked == arm.n  # torques and K, in the pressures
         feed = CompiledArmFeedForward(arm, made, ready) if linear else ready
         feed(states[:, : arm.n], np.tile(K, (N + 1, 1, 1)), d)
         return Parts(step, feed)
@@ -125,7 +125,7 @@ def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: Inverse
 
 
 def _tell(longer: str, failure: Exception) -> None:
-    """Warn of no compiler, no place for its work, a formula too long, or a fault of the compiler's own."""
+    """Warn of a missing compiler, a cache that is not writable, a formula too long, or a fault of the compiler."""
     reason = (str(failure).strip() or type(failure).__name__).splitlines()[0]
     notice(f"the controller's step is not compiled and {longer}: {reason}", SlowStep)
 
@@ -137,7 +137,7 @@ _BESIDE = (
 
 
 def compile_step(plant: Machine, dt: float) -> None:
-    """Compile what controllers of `plant` at the sample time `dt` [s] need, to be kept. Raises `SlowStep`."""
+    """Compile and cache the code for controllers of `plant` at the sample time `dt` [s]. Raises `SlowStep`."""
     from mpc.tracking.controller import TrackingMPC
 
     with warnings.catch_warnings():
@@ -146,7 +146,7 @@ def compile_step(plant: Machine, dt: float) -> None:
 
 
 def _structured(problem: TrackingProblem) -> "StructuredQP | None":
-    """Return the structured QP, None where nothing at all can be compiled: of that `SlowStep` has told."""
+    """Return the structured QP, or None if nothing can be compiled (`SlowStep` has warned)."""
     from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
     try:

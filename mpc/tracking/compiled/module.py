@@ -1,4 +1,4 @@
-"""Compiled functions of a plant: its formulas in the template `step`, and the solution of the QP, which has none."""
+"""Compiled functions of a plant: the template `step` with its formulas, and the solution of the QP without formulas."""
 
 from functools import cache
 from pathlib import Path
@@ -33,13 +33,13 @@ _SOLVE = Path(__file__).with_name("structured_qp") / "solve.py"
 
 
 class CompiledPlant(NamedTuple):
-    """A compiled plant is what is compiled for a family of plants, and the numbers of the plant."""
+    """Compiled functions for a family of plants, and the numbers of one plant."""
 
     step: ModuleType  # `mpc.tracking.compiled.step` with the formulas
     c: Array
-    p: Array  # those of the kernel; empty if there is none
+    p: Array  # numbers of the kernel; empty if there is none
     h: float  # step of the integration [s]
-    substeps: int  # a sample
+    substeps: int  # per sample
 
 
 def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
@@ -60,7 +60,7 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
 
 @cache
 def _register() -> None:
-    """Teach numba the functions of the rest mode, which Python runs as they are."""
+    """Register the functions of the rest mode with numba; Python runs them unchanged."""
     for function in vars(resting).values():
         if isinstance(function, FunctionType) and function.__module__ == resting.__name__:
             register_jitable(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)(function)
@@ -119,13 +119,13 @@ def _functions(plant: Plant) -> dict[str, "Function"]:
 
 
 def _kernel_of(plant: Plant) -> JointKernel:
-    """Return the kernel that allocates the plant's stiffness; if that is not isobaric only affine muscles have one."""
+    """Return the kernel for the plant's stiffness; if that is not isobaric, only affine muscles have one."""
     kernel = kernel_of(plant.joint)
     return kernel if plant.shares is None or kernel.name == "affine" else kernel._replace(name="", p=())
 
 
 def _coefficients(plant: Plant) -> dict[str, "Function"]:
-    """Return what the affine kernel takes of both muscles at an angle, a CasADi function, if it is the joint's."""
+    """Return the CasADi function of the angle for the affine kernel's coefficients of both muscles, if it is used."""
     import casadi as ca
 
     if _kernel_of(plant).name != "affine":
@@ -137,13 +137,13 @@ def _coefficients(plant: Plant) -> dict[str, "Function"]:
 
 
 # --- derivatives along the motion: S' = ∂f/∂x S + (0, ∂f/∂u), from S = (1, 0) ----------------------------------------
-# S = (A, B) has zeros that stay. The other entries alone are reckoned with, as scalars of one tuple
-# y = (x, entries of S, columns first), which never goes through the memory.
+# S = (A, B) has constant zeros. Only the other entries are computed, as scalars of one tuple
+# y = (x, entries of S, columns first), which stays in registers.
 
 
 def variational(x: "SX", u: "SX", d: "SX", rate: "SX") -> "Function":
-    """Return the CasADi function (x, S, u, d) ↦ (x', S') of x' = `rate`, an expression of `x`, `u` and `d`; of S and S'
-    the entries of the same places are there.
+    """Return the CasADi function (x, S, u, d) ↦ (x', S') of x' = `rate`, an expression of `x`, `u` and `d`; S and S'
+    have entries at the same places.
     """
     import casadi as ca
 
@@ -157,7 +157,7 @@ def variational(x: "SX", u: "SX", d: "SX", rate: "SX") -> "Function":
 
 
 def layout(variational: "Function") -> str:
-    """Return the text of functions of y: how it is `begun` at a state, `advanced` along a slope, and `ended`."""
+    """Return the text of functions that begin y at a state, advance it along a slope, and end it."""
     places = list(zip(*variational.sparsity_in(1).get_triplet(), strict=True))
     states, M = [f"x[{i}]" for i in range(NX)], NX + len(places)
     slots = {(i, j): f"A[{i}, {j}]" if j < NX else f"B[{i}, {j - NX}]" for i in range(NX) for j in range(NX + NU)}

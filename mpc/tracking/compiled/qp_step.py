@@ -1,9 +1,8 @@
-"""The compiled step is `mpc.tracking.qp.step` in compiled code: tens of microseconds where that takes hundreds.
+"""Compiled form of `mpc.tracking.qp.step`, which takes tens of microseconds instead of hundreds.
 
-The QP is solved as it is, sample by sample (`structured_qp.solve`): by a sweep of Riccati recursions from the
-guess that those bounds bind which bound in the last one, by exchanging what that held wrongly, or by an interior point.
-Other solvers are given the same
-dense QP as by the readable step, and so is DAQP where the structured one has no proof.
+The structured QP is solved sample by sample (`structured_qp.solve`): by a sweep of Riccati recursions from the guess
+that the bounds active in the last QP bind again, by an exchange of the wrong members of that set, or by an interior
+point. Other solvers get the same dense QP as in the readable step, and so does DAQP if the structured one has no proof.
 """
 
 from time import perf_counter
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class CompiledQPStep:
-    """A compiled step works for one controller: its buffers must not be used by two threads at a time."""
+    """Compiled step of one controller; two threads must not use its buffers at the same time."""
 
     implementation = "compiled"
 
@@ -36,17 +35,17 @@ class CompiledQPStep:
         self.plant, self._problem = plant, problem
         self.structured = StructuredQP(problem)
         self._arrays = StepArrays(plant, sum(problem.blocks), self.structured)
-        self.linearise()  # compiles now, and not when the joint is waiting for its first command
+        self.linearise()  # compiles now rather than at the joint's first command
 
     def __deepcopy__(self, memo: dict[int, object]) -> "CompiledQPStep":
-        """Return one with buffers of its own."""
+        """Return a copy with its own buffers."""
         other = CompiledQPStep(self.plant, self._problem)
         other.active_set = self.active_set
         return other
 
     @property
     def active_set(self) -> NDArray[np.int8] | None:
-        """The active set (n,) is the sign of the multipliers of the bounds that bound."""
+        """Active set (n,): the signs of the multipliers of the active bounds."""
         return self.structured.guess.copy()
 
     @active_set.setter
@@ -55,13 +54,13 @@ class CompiledQPStep:
             self.structured.guess[:] = guess
 
     def reset(self) -> None:
-        """Forget which bounds bound."""
+        """Forget which bounds were active."""
         self.structured.reset()
 
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample, solve: Solver, deadline: float
     ) -> QPAnswer:
-        """Answer as `mpc.tracking.qp.step.QPStep` says."""
+        """Solve the QP as `mpc.tracking.qp.step.QPStep` describes."""
         began = perf_counter()
         self.structured.take(x, u, d, feed, previous)
         self.linearise()
@@ -75,17 +74,17 @@ class CompiledQPStep:
         return QPAnswer(PlanStatus.OPTIMAL, motion.u, motion, None, (linearised - began, 0.0, now - linearised))
 
     def linearise(self) -> None:
-        """Linearise about what the structured QP was given."""
+        """Linearise about the commands given to the structured QP."""
         self._arrays.linearise()
 
     def _rolled_out(self) -> Motion | None:
-        """Return what the solution leads to, if that is finite."""
+        """Return the motion of the solution, if it is finite."""
         finite, made = self._arrays.rollout()
         return Motion(made.u, made.x, made.K, made.F) if finite else None
 
 
 class CompiledFeedForward:
-    """It is `mpc.tracking.feedforward.InverseDynamics`, which answers itself where the joint's kernel is not sure."""
+    """Compiled `mpc.tracking.feedforward.InverseDynamics`; the readable one is used if the kernel is not sure."""
 
     def __init__(self, plant: "CompiledPlant", readable: InverseDynamics) -> None:
         from mpc.tracking.compiled.sample.arrays import StepArrays
@@ -96,7 +95,7 @@ class CompiledFeedForward:
         self(rest, rest + 1.0, rest)  # compiles it
 
     def __deepcopy__(self, memo: dict[int, object]) -> "CompiledFeedForward":
-        """Return one with buffers of its own."""
+        """Return a copy with its own buffers."""
         return CompiledFeedForward(self._plant, self.readable)
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:

@@ -1,7 +1,7 @@
-"""Records of the compiled functions. Commands count in bar here, as decisions do.
+"""Records of the compiled functions. Commands count in bar, as decisions do.
 
-Those with lengths lie in flat arrays, which Python hands over in a fraction of the time: numba opens a record argument
-field by field, and at some dozens of arrays that takes longer than the step itself.
+Records with lengths lie in flat arrays, which Python passes in a fraction of the time: numba unpacks a record argument
+field by field, which for dozens of arrays takes longer than the step itself.
 """
 
 from collections.abc import Callable
@@ -14,11 +14,11 @@ from allocator.calculus import Array, Mask
 from mpc.codegen.views import length_of, viewer
 
 Indices: TypeAlias = NDArray[np.int64]
-Signs: TypeAlias = NDArray[np.int8]  # of multipliers: which bound a change is held at
+Signs: TypeAlias = NDArray[np.int8]  # of multipliers: the bound at which a change is held
 
 
 class Cost(NamedTuple):
-    """The cost is a weight for every entry of every kind of rows of `mpc.tracking.cost`, and the terminal cost."""
+    """Weights of all entries of the rows of `mpc.tracking.cost`, and the terminal cost."""
 
     x: Annotated[Array, 4]
     y: Annotated[Array, 3]
@@ -28,7 +28,7 @@ class Cost(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """The bounds are the limits of `mpc.tracking.limits.Limits`."""
+    """Limits of `mpc.tracking.limits.Limits`."""
 
     low: float  # supply [bar]
     high: float  # [bar]
@@ -39,19 +39,19 @@ class Bounds(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """A setting is what does not change from step to step."""
+    """Constants of all steps."""
 
     cost: Cost
     bounds: Bounds
-    curvature: float  # c [cost]/[bar]²: no eigenvalue of the Hessian is less
-    tolerance: float  # of rows left out [bar], [rad], [N]
+    curvature: float  # c [cost]/[bar]², lower bound of the Hessian's eigenvalues
+    tolerance: float  # of omitted rows [bar], [rad], [N]
     accuracy: float  # of an answer [bar]
     slack: Annotated[Array, 4]  # ρ, ρ₂, ρ_F, ρ_F₂
     starts: Indices  # samples at which the commands may leave ū
 
 
 class Path(NamedTuple):
-    """A path is a motion and the linear model about it."""
+    """Motion and the linear model about it."""
 
     x: Annotated[Array, "N + 1", 4]
     y: Annotated[Array, "N + 1", 3]  # K, F1, F2
@@ -61,7 +61,7 @@ class Path(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """The reference is what `mpc.tracking.feedforward.FeedForward` holds; time runs along the first axis."""
+    """Arrays of `mpc.tracking.feedforward.FeedForward`; time is the first axis."""
 
     x: Annotated[Array, "N + 1", 4]  # [Pa]
     y: Annotated[Array, "N + 1", 3]
@@ -69,7 +69,7 @@ class Reference(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """The errors are what the cost charges for: the rows along a path less their reference."""
+    """Errors with a cost: the rows along a path minus their reference."""
 
     x: Array  # (N+1, 4)
     y: Array  # (N+1, 3)
@@ -79,7 +79,7 @@ class Errors(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A point of the QP is where its decisions lead in the linear model."""
+    """Decisions of the QP and their states in the linear model."""
 
     xi: Array  # (N+1, 6) ξ = (δx, w): w_k is the deviation of the command k - 1 [bar]
     v: Array  # (N, 2) changes of that deviation [bar]
@@ -87,25 +87,25 @@ class Point(NamedTuple):
 
 
 class Bounded(NamedTuple):
-    """The changes are bounded by the slew."""
+    """Bounds of the changes by slew."""
 
     lower: Array  # (N, 2) [bar]
     upper: Array  # (N, 2) [bar]
-    there: Mask  # (N,) whether there is one, at the starts of blocks; else the bounds are 0
+    there: Mask  # (N,) whether there is a change, at the starts of blocks; else the bounds are 0
 
 
 class Given(NamedTuple):
-    """The given is what is new in a step."""
+    """New data of a step."""
 
     x: Annotated[Array, 4]
-    u: Annotated[Array, "N", 2]  # commands to begin from [Pa]
+    u: Annotated[Array, "N", 2]  # initial commands [Pa]
     d: Annotated[Array, "N"]  # [N·m]
     reference: Reference
     last: Annotated[Array, 2, 2]  # command and feed-forward of the previous sample [Pa]
 
 
 class Along(NamedTuple):
-    """A path and its commands."""
+    """Path and its commands."""
 
     path: Path
     u: Annotated[Array, "N", 2]  # [bar]

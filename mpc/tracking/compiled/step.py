@@ -1,15 +1,15 @@
-"""The template has what of a step depends on the joint: feed-forward, linearisation, and the rollout of an answer.
+"""Template of the parts of a step that depend on the joint: feed-forward, linearisation, and the rollout of an answer.
 
-`mpc.tracking.compiled.module` puts the formulas of the joint in the place of the lines below that
-begin with `FORMULAS`, as functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `variational` (x, S, u, d) ↦
-(x', S') with the `layout` of `mpc.tracking.compiled.module`, `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦
-(y, its Jacobian by columns), `expansion` x ↦ the pressures' fall as the muscles swell, `pressing` x ↦ the loads on
-the sliding surfaces (pull, isobaric stiffness) and ∂T/∂P.
-`allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of `allocator.allocation` for the joint, if there is one.
-The array c holds the numbers of all of them, p those of the kernel.
+`mpc.tracking.compiled.module` replaces the lines below that begin with `FORMULAS` by the formulas of the joint, as
+functions of scalars that return tuples: `rate` (x, u, d) ↦ x', `variational` (x, S, u, d) ↦ (x', S') with the `layout`
+of `mpc.tracking.compiled.module`, `outputs` x ↦ y = (K, F1, F2), `output_slopes` x ↦ (y, its Jacobian by columns),
+`expansion` x ↦ the pressures' fall as the muscles swell, `pressing` x ↦ the loads on the sliding surfaces
+(pull, isobaric stiffness) and ∂T/∂P. `allocated` (θ, K, T) ↦ (P1, P2, T, K, …, sure) is the kernel of
+`allocator.allocation` for the joint, if there is one. The array c holds the numbers of the formulas, p those of the
+kernel.
 
-The motion is that of `mpc.model.integration`, and its derivatives are those of the formula. A formula stands here once
-and is gone through four times: written out, its graph would be four times as long, and so would compiling it take.
+The motion is that of `mpc.model.integration`, and its derivatives are those of the formula. Each formula occurs once
+and is evaluated four times: writing it out would make the graph and the compilation four times as long.
 """
 
 from typing import Any
@@ -64,16 +64,19 @@ rate = variational = begun = advanced = ended = outputs = output_slopes = expans
 
 @compiled_flat
 def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array, K: Array, d: float) -> bool:
-    """Make the whole step or one part of it, and return whether that could be done; if not, the guess stays.
+    """Make the whole step or one part of it, and return whether that succeeded; if not, the guess is unchanged.
 
-    `table` is the address of one of `Inputs`, `last` what the previous step made, `out` what this one makes
-    (`mpc.tracking.compiled.sample.layout`). The parts are the feed-forward for what is `asked`, the linear model for
-    what is `given`, and the rollout of `z`; the whole step is for the state `x`, previews `theta` and `K`, torque `d`.
-    Where it rests, pressures that are held take the place of the QP's solution.
+    `table` is the address of `Inputs`, `last` the result of the previous step, `out` that of this one
+    (`mpc.tracking.compiled.sample.layout`). The parts are the feed-forward for `asked`, the linear model about `given`,
+    and the rollout of `z`. The whole step uses the state `x`, previews `theta` and `K`, and the torque `d`. In a rest,
+    held pressures replace the QP's solution.
     """
     i = inputs_at(table)
     began = seconds_at(i.clock, i.name)
-    last, out = floats_at(last.ctypes.data, last.size), floats_at(out.ctypes.data, out.size)  # not to be counted
+    last, out = (
+        floats_at(last.ctypes.data, last.size),
+        floats_at(out.ctypes.data, out.size),
+    )  # not reference-counted
     k, want, now, f = known_in(i.known), asked_in(i.asked), given_in(i.given), rubbing_in(i.friction)
     N, whole, done, rests, angle = now.u.shape[0], what == WHOLE, True, False, 0.0
     m, n, size = want.theta.size - N - 1, f.springs.size, plan_length(N)
@@ -121,8 +124,8 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
 def foreseen(
     c: Array, known: Known, friction: Rubbing, asked: Asked, state: State, felt: Array, waiting: Array, path: Array
 ) -> tuple[bool, float]:
-    """Fill in what `Preview.task` foresees: the torques, what friction has `felt` (n,), and the motion `path` (m+1, 4)
-    up to when a command acts; return whether the sample is an ordinary one, and friction's angle.
+    """Fill in the predictions of `Preview.task`: the torques, the friction's memory `felt` (n,), and the motion `path`
+    (m+1, 4) until a command acts; return whether the sample is an ordinary one, and the friction's angle.
     """
     x, d, angle = asked.x, asked.d[0], state.angle[0]
     if not plausible(known, asked):
@@ -145,7 +148,7 @@ def foreseen(
 
 @inlined_flat
 def resting(c: Array, known: Known, asked: Asked, state: State, rest: Array) -> bool:
-    """Fill in what the `rest` mode remembers of a sample, and return whether pressures are held: see `RestMode`."""
+    """Update the memory of the `rest` mode by a sample, and return whether pressures are held: see `RestMode`."""
     m, rules = asked.theta.size - state.u.shape[0] - 1, known.rules
     assign(rest, state.rest)
     if not known.rests:
@@ -164,10 +167,9 @@ def resting(c: Array, known: Known, asked: Asked, state: State, rest: Array) -> 
 def feed_forward(
     c: Array, p: Array, known: Known, slopes: Array, asked: Array, K: Array, d: Array, found: Reference, moved: Array
 ) -> bool:
-    """Find what `mpc.tracking.feedforward.InverseDynamics` does, and how far all was `moved` (3,); return whether the
-    kernel is sure.
+    """Fill in the feed-forward of `mpc.tracking.feedforward.InverseDynamics`, and the distances `moved` (3,).
 
-    `slopes` (2, N+1, N+1): the derivatives of a preview, transposed.
+    Return whether the kernel is sure. `slopes` (2, N+1, N+1): the derivatives of a preview, transposed.
     """
     inertia, damping, gravity, alpha1, alpha2 = known.inertia, known.damping, known.gravity, known.alpha1, known.alpha2
     left, right, half_lag1, half_lag2 = known.left, known.right, known.lag1 / 2, known.lag2 / 2
@@ -177,7 +179,7 @@ def feed_forward(
     for j in range(M):
         for k in range(M):
             x[k, 1] += slopes[0, j, k] * x[j, 0]
-            x[k, 2] += slopes[1, j, k] * x[j, 0]  # the acceleration, where the pressures will be
+            x[k, 2] += slopes[1, j, k] * x[j, 0]  # the acceleration, in the place of the pressures
     moved[0] = moved[1] = moved[2] = 0.0
     for k in range(M):
         theta, omega = x[k, 0], x[k, 1]
@@ -198,7 +200,7 @@ def feed_forward(
 
 @inlined_flat
 def linearise(c: Array, h: float, substeps: int, numbers: Array, starts: Indices, given: Array, buffer: Array) -> None:
-    """Leave in `buffer` the commands of `given`, moved to within the limits, and the linear model along them."""
+    """Store in `buffer` the commands of `given`, moved to within the limits, and the linear model along them."""
     setting, (path, u) = setting_in(numbers, starts), path_in(buffer)
     x0, asked, d, _, last = given_in(given)
     for k in range(u.shape[0]):
@@ -222,8 +224,8 @@ def planned(bounds: Bounds, starts: Indices, buffer: Array, given: Given, z: Arr
 
 @inlined_flat
 def rollout(c: Array, h: float, substeps: int, bounds: Bounds, x0: Array, d: Array, made: Made) -> bool:
-    """Fill in what follows from the commands [bar]: these in Pa, states, K and F, and how far the soft limits are left;
-    return whether all is finite.
+    """Fill in the commands in Pa, from bar, their states, K and F, and the violations of the soft limits; return
+    whether all are finite.
     """
     N, moved, x, K, F = made.u.shape[0], made.u, made.x, made.K, made.F
     motion(c, x0, moved, d, h, substeps, x)

@@ -1,1 +1,1 @@
-"""The QP of a step is condensed and solved here, and its solution is proved."""
+"""Condensing, solution and certificate of the QP of a step."""

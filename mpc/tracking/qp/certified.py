@@ -1,9 +1,9 @@
-"""The solution of a QP with many rows of which few bind is proved before it is believed.
+"""Proved solution of a QP with many rows of which few bind.
 
-Rows are left out until a solution breaks them, which is faster than to give a solver all of them and leads to the same
-point: what solves the problem with fewer rows and breaks none of the others solves the whole. The last word has the
-certificate of `mpc.tracking.qp.programme`, for the whole problem: gap ≤ ½ c ACCURACY², c the curvature that every
-change of a command has by itself, so that the changes are no farther than ACCURACY [bar] from the solution.
+Rows are left out until a solution violates them. This is faster than passing all rows to a solver and leads to the same
+point: a solution of the problem with fewer rows that violates none of the others solves the whole problem. A solution
+is accepted by the certificate of `mpc.tracking.qp.programme` for the whole problem: gap ≤ ½ c ACCURACY², c the
+curvature that every change of a command has by itself. The changes are then within ACCURACY [bar] of the solution.
 """
 
 from time import perf_counter
@@ -16,13 +16,13 @@ from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import Solver
 
-PRIMAL_TOLERANCE = 1e-4  # [bar], [rad], [N] by which an answer may break a limit; what is sent is clipped
-ACCURACY = 5e-3  # [bar] from an answer to the solution, at most; DAQP's are proved to 4e-4, Clarabel's to 5e-3
-LAZY_TOLERANCE = 1e-6  # [bar], [rad], [N] below which a row that was left out counts as kept
+PRIMAL_TOLERANCE = 1e-4  # [bar], [rad], [N] by which an answer may violate a limit; commands are clipped
+ACCURACY = 5e-3  # [bar] from an answer to the solution, at most; DAQP reaches 4e-4, Clarabel 5e-3
+LAZY_TOLERANCE = 1e-6  # [bar], [rad], [N] below which an omitted row counts as satisfied
 
 
 class Answer(NamedTuple):
-    """An answer is a point and what is known of it; it is worth something only if the status is OPTIMAL."""
+    """Point and its residuals; it is a solution only if the status is OPTIMAL."""
 
     z: Array  # (n,)
     multipliers: Array  # (n + m,)
@@ -30,9 +30,9 @@ class Answer(NamedTuple):
 
 
 def certified(solve: Solver, qp: QP, deadline: float, curvature: float) -> Answer:
-    """Return the proved solution of `qp`, or why there is none by `deadline` [s] on the clock of `perf_counter`.
+    """Return the proved solution of `qp`, or the reason for its absence by `deadline` [s] (clock: `perf_counter`).
 
-    `curvature` [cost]/[bar]²: no eigenvalue of H is less, slacks left out
+    `curvature` [cost]/[bar]² is a lower bound of the eigenvalues of H without slacks
     (`mpc.tracking.qp.condense.TrackingProblem.curvature`).
     """
     z, multipliers = np.zeros_like(qp.f), np.zeros(qp.f.size + len(qp.R))

@@ -1,9 +1,9 @@
-"""Condensing makes a dense QP of stage matrices: states are eliminated, only the changes of the commands remain.
+"""Condensing of stage matrices to a dense QP in the changes of the commands, with the states eliminated.
 
-The commands are u = ū + E z, where E (N, 2, n) says which decisions move which command; here z are the N changes
-Δu_k = u_k - u_{k-1} (less those of ū), so that every command carries the sum of the changes up to it, followed by the
-slacks s of the joint range and s_F of the muscle forces. With blocked moves there are fewer: one pair of changes for
-every block, at its beginning, after which the commands move as ū does. With δx_0 = 0 the linear model gives
+The commands are u = ū + E z, where E (N, 2, n) maps decisions to commands. The decisions z are the N changes
+Δu_k = u_k - u_{k-1}, minus those of ū, so that every command contains the sum of the changes up to it, followed by the
+slacks s of the joint range and s_F of the muscle forces. Blocked moves have fewer: one pair of changes at the beginning
+of every block, after which the commands move as ū does. With δx_0 = 0 the linear model gives
 
     δx_{k+1} = A_k δx_k + B_k E_k z      so      x_k = x̄_k + G_k z,    G_0 = 0,    G_{k+1} = A_k G_k + B_k E_k
 
@@ -31,7 +31,7 @@ SLACKS = 2  # s and s_F, the last decisions
 
 @dataclass(frozen=True)
 class TrackingProblem:
-    """A tracking problem is what does not change from step to step of the problem in `mpc.tracking.controller`."""
+    """Constant data of the problem in `mpc.tracking.controller`."""
 
     weights: Weights
     limits: Limits
@@ -44,22 +44,22 @@ class TrackingProblem:
 
     @cached_property
     def starts(self) -> Array:
-        """The starts are the samples at which the commands may leave ū, one for each block."""
+        """Samples at which the commands may leave ū, one for each block."""
         return np.cumsum([0, *self.blocks[:-1]])
 
     @cached_property
     def rows(self) -> Rows:
-        """The rows are the weights of the stage cost by kinds of rows."""
+        """Weights of the stage cost by kinds of rows."""
         return diagonal(self.weights, self.joints, self.muscles, self.stiffnesses)
 
     @cached_property
     def curvature(self) -> float:
-        """The curvature is c [cost]/[bar]²: no eigenvalue of H is less, because every change is charged so much."""
+        """Curvature c [cost]/[bar]², a lower bound of the eigenvalues of H, because every change has this cost."""
         return float(self.rows.rate.min()) * BAR**2 / self.dt**2
 
     @cached_property
     def E(self) -> Array:
-        """E (N, 2, n) [Pa] is by how much a unit of each decision moves the commands."""
+        """Change E (N, 2, n) [Pa] of the commands per unit of each decision."""
         return increments(self.blocks, self.muscles)
 
 
@@ -94,7 +94,7 @@ def condense(
 
     changes = np.diff(model.u, axis=0, prepend=u_last[None])[problem.starts].ravel() / BAR
     step = problem.limits.step / BAR
-    # z = 0 is allowed whatever rounding says
+    # z = 0 is feasible despite rounding
     lower, upper = np.minimum(-step - changes, 0.0), np.maximum(step - changes, 0.0)
     lower, upper = np.append(lower, SLACKS * [0.0]), np.append(upper, SLACKS * [np.inf])
     return QP(H, f, lower, upper, *_rows(problem, model, G))
@@ -111,7 +111,7 @@ def _residuals(
     E_rate = np.diff(E, axis=0, prepend=np.zeros((1, problem.muscles, n))) / problem.dt
     x, y = model.x - feed.x, model.y - feed.y
     xi = np.concatenate([x[-1], e[-1]])
-    inner = slice(1, N)  # the states before the last, which the terminal cost takes
+    inner = slice(1, N)  # the states before the last, which has the terminal cost
     terms = [  # weight, Jacobian, residual at z = 0
         *((w, G[inner, i], x[inner, i]) for i, w in charged(W.x)),
         *((w, (model.slope[inner, None, i] @ G[inner])[:, 0], y[inner, i]) for i, w in charged(W.y)),
@@ -127,8 +127,8 @@ def _rows(problem: TrackingProblem, model: Linearisation, G: Array) -> tuple[Arr
     """Return the rows: commands within the supply; θ - s at most its upper, θ + s at least its lower limit; F + s_F at
     least its own. An arm has as many angles as it has limits.
 
-    Pressures that start outside the supply come back no faster than the slew limit, as those of `model` do: up to
-    there z = 0 has to be allowed.
+    Pressures that start outside the supply return no faster than the slew limit, as those of `model` do; z = 0 has to
+    stay feasible.
     """
     E, limits = problem.E, problem.limits
     n = E.shape[-1]

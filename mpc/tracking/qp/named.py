@@ -1,4 +1,4 @@
-"""A step's QP to look at: its matrices, and the names of its decisions and rows."""
+"""Inspection of a step's QP: its matrices, and the names of its decisions and rows."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,12 +15,12 @@ _SHOWN = 3  # of a kind, from each end
 
 @dataclass(frozen=True, eq=False)
 class NamedQP:
-    """A named QP is the problem of one step of a `TrackingMPC`, not solved; its arrays are read-only.
+    """Unsolved problem of one step of a `TrackingMPC`; its arrays are read-only.
 
         minimise ½ zᵀ H z + fᵀ z   subject to   lower ≤ z ≤ upper,   rows_lower ≤ rows z ≤ rows_upper
 
-    z are changes of the commands, less those of the commands `u` that the QP is about, and the slacks. The horizon
-    begins when a command given now acts; [k] counts its samples.
+    The decisions z are the changes of the commands, less those of `u`, and the slacks. The horizon begins when a
+    command given now acts; [k] counts its samples.
     """
 
     H: Array  # (n, n)
@@ -38,12 +38,12 @@ class NamedQP:
     _limits: Limits = field(repr=False)
 
     def __post_init__(self) -> None:
-        """Let nobody write into the arrays."""
+        """Make the arrays read-only."""
         for array in (self.H, self.f, self.lower, self.upper, self.rows, self.rows_lower, self.rows_upper, self.u):
             array.setflags(write=False)
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        """Keep the arrays of a copy read-only, too."""
+        """Make the arrays of a copy read-only."""
         self.__dict__.update(state)
         self.__post_init__()
 

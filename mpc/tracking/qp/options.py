@@ -1,4 +1,4 @@
-"""Solvers are values that hold their options: `OSQP(eps_abs=1e-8)`; a name or a dict of options does as well."""
+"""Options of solvers, as values such as `OSQP(eps_abs=1e-8)`, names or dicts."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -12,27 +12,26 @@ import numpy as np
 
 from allocator.errors import InvalidInput, MissingBackend
 
-_MOST = 2**31 - 1  # what a C int holds
+_MOST = 2**31 - 1  # greatest C int
 
 
 class SolverOptions:
-    """The options of a solver are a frozen dataclass, its fields named as the solver names them.
+    """Options of a solver: a frozen dataclass with the solver's own names of fields.
 
-    None leaves the solver its own default. `InvalidInput` for an option that does not exist, or a value that it cannot
-    have.
+    None selects the solver's own default. Raises `InvalidInput` for unknown options and invalid values.
     """
 
     name: ClassVar[str]
 
     def __new__(cls, *values: object, **options: object) -> Self:
-        """Insist on names of options that there are."""
+        """Raise `InvalidInput` for unknown options."""
         names = [field.name for field in fields(cls)]  # type: ignore[arg-type]  # members are dataclasses
         if unknown := [name for name in options if name not in names]:
             raise InvalidInput(f"{cls.__name__} has no option {unknown[0]!r}; its options are {', '.join(names)}")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        """Insist on values of the kinds that the fields are declared with."""
+        """Raise `InvalidInput` for values that do not have the declared kind."""
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             kinds = get_args(field.type) if isinstance(field.type, UnionType) else (field.type,)
@@ -42,7 +41,7 @@ class SolverOptions:
 
     @cached_property
     def given(self) -> dict[str, object]:
-        """The options that are not left to the solver."""
+        """Options set by the caller."""
         pairs = ((field.name, getattr(self, field.name)) for field in fields(self))  # type: ignore[arg-type]
         return {name: value for name, value in pairs if value is not None}
 
@@ -55,7 +54,7 @@ def _is_count(value: object) -> bool:
     return not isinstance(value, bool) and isinstance(value, Integral) and 0 <= int(value) <= _MOST
 
 
-_KINDS = (  # kind of a field, what its values have to be
+_KINDS = (  # kind of a field, description of its values
     (float, "a number of at least 0", _is_number),
     (int, "a whole number of at least 0", _is_count),
     (bool, "True or False", lambda value: isinstance(value, bool | np.bool_)),
@@ -66,9 +65,9 @@ S = TypeVar("S", bound=SolverOptions)
 
 
 def with_options(kind: str, solver: str | Mapping[str, Any], members: Mapping[str, type[S]], default: str) -> S:
-    """Return the member that the name `solver` or a dict of its options, by default those of `default`, stands for.
+    """Return the member for the name `solver` or for a dict of options.
 
-    In a dict "name" says which solver it is about. `MissingBackend` lists the names there are of this `kind`.
+    In a dict, "name" selects the solver, by default `default`. `MissingBackend` lists the valid names of this `kind`.
     """
     options = {"name": solver} if isinstance(solver, str) else dict(solver)
     if odd := [key for key in options if not isinstance(key, str)]:

@@ -1,11 +1,11 @@
-"""The softened QP always has an answer, found in another way than the QP's.
+"""Softened QP, which always has a solution, found by a different method.
 
     minimise   ½ zᵀ H z + fᵀ z + ½ Σ_i w_i max(0, breach_i(z))²      over      lower ≤ z ≤ upper
 
-Of the limits only the bounds on z are hard, the slew; every other row is charged for the square of its breach, the
-slacks are left out. It is solved by bounded least squares (SciPy's BVLS), each charging the rows that the last one
-broke: a Newton method for a convex cost that is quadratic piece by piece, which has arrived when the rows repeat. What
-counts is the best point that it has met when its time is over: it is allowed, and better than to go on with z = 0.
+Only the bounds on z, the slew limits, are hard. Every other row costs the square of its violation; slacks are left out.
+The method is bounded least squares (SciPy's BVLS), repeated with the rows violated by the last solution: a Newton
+method for a convex, piecewise quadratic cost, which has converged when the rows repeat. The result is the best point
+found when the time is over. It is feasible and better than z = 0.
 """
 
 from dataclasses import replace
@@ -22,17 +22,17 @@ ROUNDS = 10
 
 
 def softened(qp: QP, deadline: float) -> Array | None:
-    """Return decisions z (n,), the slacks zero, found by `deadline` [s]; None if z = 0 is the best that was met."""
+    """Return decisions z (n,) with zero slacks, found by `deadline` [s]; None if z = 0 is the best point found."""
     hard, w = _without_slacks(qp), _charges(qp)
     best, least = None, cost(hard, w, np.zeros_like(hard.f))
     z, charged = np.zeros_like(hard.f), np.zeros(len(w), bool)
-    took = 0.0  # the last round [s]
+    took = 0.0  # duration of the last round [s]
     for _ in range(ROUNDS):
         if (began := perf_counter()) + took > deadline:
             break
         try:
             z = _bounded_least_squares(_charging(hard, w, charged, z))
-        except np.linalg.LinAlgError:  # H is not positive definite to rounding: what has been met is the answer
+        except np.linalg.LinAlgError:  # H is not positive definite to rounding: keep the best point
             break
         took = perf_counter() - began
         if (price := cost(hard, w, z)) < least:
@@ -45,7 +45,7 @@ def softened(qp: QP, deadline: float) -> Array | None:
 
 
 def cost(qp: QP, w: Array, z: Array) -> float:
-    """Return what is minimised, `qp` being without its slacks."""
+    """Return the cost to minimise; `qp` has no slacks."""
     return qp.cost(z) + 0.5 * float(w @ np.maximum(qp.breaches(z), 0.0) ** 2)
 
 
@@ -55,15 +55,13 @@ def _without_slacks(qp: QP) -> QP:
 
 
 def _charges(qp: QP) -> Array:
-    """Return w (m,): what the QP charges for the square of the row's slack; the commands have none."""
+    """Return w (m,), the QP's cost of the square of each row's slack, and COMMAND for the rows of commands."""
     w = np.square(qp.R[:, -SLACKS:]) @ np.diag(qp.H)[-SLACKS:]
     return np.where(w > 0, w, COMMAND)
 
 
 def _charging(qp: QP, w: Array, charged: Mask, z: Array) -> QP:
-    """Return `qp` without rows, ½ w (R z' - b)² in its cost for each of those `charged`; b is the bound that `z`
-    breaks.
-    """
+    """Return `qp` without rows, with a cost ½ w (R z' - b)² for each `charged` one; `z` violates the bounds b."""
     R, w = qp.R[charged], w[charged]
     b = np.clip(R @ z, qp.rows_lower[charged], qp.rows_upper[charged])
     H, f = qp.H + R.T @ (w[:, None] * R), qp.f - R.T @ (w * b)

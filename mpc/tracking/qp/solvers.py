@@ -1,9 +1,9 @@
-"""QP solvers are values with their options: Riccati (the default), DAQP, and whatever qpsolvers finds installed.
+"""QP solvers and their options: Riccati (the default), DAQP, and the solvers that qpsolvers finds installed.
 
-A solver is a function from a `QP` and the time it may take to a point and its multipliers, or None when it gives up.
-What it returns is only a proposal: `mpc.tracking.qp.certified` checks it, and looks at the clock. Of an exception
-`guarded` makes None, and of what is no pair of arrays of the right lengths, full of numbers: no solver's fault stops a
-joint. MemoryError is such an exception; KeyboardInterrupt and SystemExit, which are not the solver's, go through.
+A solver is a function from a `QP` and a time limit to a point and its multipliers, or None if it gives up. The result
+is only a proposal; `mpc.tracking.qp.certified` checks it and the clock. `guarded` returns None when a solver raises or
+returns anything but two finite arrays of the right lengths, so a solver bug cannot stop the control loop. MemoryError
+is such an exception; KeyboardInterrupt and SystemExit pass through.
 """
 
 import warnings
@@ -23,14 +23,14 @@ from mpc.tracking.qp.programme import QP
 
 
 class Solver(Protocol):
-    """A solver proposes a solution of a QP, or gives up with None."""
+    """Function that proposes a solution of a QP, or gives up with None."""
 
     def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
         """Propose point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
 
 
 class QPSolver(SolverOptions):
-    """A QP solver is a value with its options that can be called: see `Solver`."""
+    """Callable QP solver with its options: see `Solver`."""
 
     @abstractmethod
     def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
@@ -65,7 +65,7 @@ class DAQP(QPSolver):
 class Riccati(QPSolver):
     """Structured solver of a step's QP by Riccati recursions, O(N) in compiled code. It has no options.
 
-    What is dense already, because nothing compiles or the structured solution has no proof, it leaves to DAQP.
+    DAQP solves the dense QP if nothing compiles or the structured solution has no proof.
     """
 
     name: ClassVar[str] = "riccati"
@@ -76,9 +76,9 @@ class Riccati(QPSolver):
 
 
 class ThroughQpsolvers(QPSolver):
-    """A solver that qpsolvers brings."""
+    """Solver called through qpsolvers."""
 
-    time_limit: ClassVar[str] = ""  # the option that bounds its time [s], if it has one
+    time_limit: ClassVar[str] = ""  # name of the option that limits its time [s], if it has one
 
     def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
         """Propose point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""
@@ -125,14 +125,14 @@ class SCS(ThroughQpsolvers):
 
 @dataclass(frozen=True)
 class Installed(ThroughQpsolvers):
-    """Any other solver is known to qpsolvers by its name; its options are passed on as they are."""
+    """Any other solver of qpsolvers, by its name there; options are passed on unchanged."""
 
     name: str  # type: ignore[misc]  # a field here
     options: Mapping[str, object] = field(default_factory=dict, hash=False)
 
     @cached_property
     def given(self) -> dict[str, object]:
-        """The options that are not left to the solver."""
+        """Options set by the caller."""
         return dict(self.options)
 
 
@@ -141,10 +141,10 @@ _KNOWN: dict[str, type[QPSolver]] = {kind.name: kind for kind in (Riccati, DAQP,
 
 
 def solver(given: "str | Mapping[str, Any] | Solver") -> Solver:
-    """Return the solver that a name, a dict of options or a value stands for; what fails gives up.
+    """Return the solver for a name, a dict of options or a value, `guarded` against failures.
 
-    In a dict "name" says whose options they are, by default DAQP's. `MissingBackend` lists the names there are,
-    `InvalidInput` the options.
+    In a dict, "name" selects the solver, by default DAQP. `MissingBackend` lists the valid names, `InvalidInput` the
+    valid options.
     """
     if isinstance(given, type) or not (isinstance(given, str | Mapping) or callable(given)):
         raise InvalidInput(
@@ -171,7 +171,7 @@ def solver(given: "str | Mapping[str, Any] | Solver") -> Solver:
 
 
 def _check_installed(value: Solver) -> None:
-    """Insist that qpsolvers has the solver which `value` calls. Raises `MissingBackend`."""
+    """Raise `MissingBackend` unless qpsolvers has the solver of `value`."""
     if isinstance(value, ThroughQpsolvers):
         import qpsolvers
 
@@ -180,9 +180,10 @@ def _check_installed(value: Solver) -> None:
 
 
 def guarded(solve: Solver) -> Solver:
-    """Return `solve`, giving up where it would fail.
+    """Return a solver that gives up where `solve` fails.
 
-    `Riccati` and `DAQP`, which do not raise, stay themselves (`mpc.tracking.compiled.qp_step` looks for the former).
+    `Riccati` and `DAQP`, which do not raise, are returned unchanged (`mpc.tracking.compiled.qp_step` looks for the
+    former).
     """
     if isinstance(solve, Riccati | DAQP):
         return solve
@@ -208,7 +209,7 @@ def _through_qpsolvers(name: str, qp: QP, settings: dict[str, object]) -> tuple[
     used = np.isfinite(bounds)
     problem = qpsolvers.Problem(matrix(qp.H), qp.f, matrix(rows[used]), bounds[used], lb=qp.lower, ub=qp.upper)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a failure is seen from the answer, no need to be told twice
+        warnings.simplefilter("ignore")  # the answer shows a failure
         found = qpsolvers.solve_problem(problem, name, **settings)
     if found.x is None or found.z is None or found.z_box is None:
         return None

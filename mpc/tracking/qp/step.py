@@ -1,7 +1,7 @@
-"""A QP step builds and solves one QP about a sequence of commands: once a sample, or several times.
+"""QP step: one QP about a sequence of commands, built and solved once or several times per sample.
 
-This is the readable way, `mpc.tracking.linearise`, `mpc.tracking.qp.condense` and `mpc.tracking.qp.certified` one after
-the other; `mpc.tracking.compiled.qp_step` has the same in compiled code.
+The readable step calls `mpc.tracking.linearise`, `mpc.tracking.qp.condense` and `mpc.tracking.qp.certified` one after
+the other; `mpc.tracking.compiled.qp_step` does the same in compiled code.
 """
 
 from time import perf_counter
@@ -32,9 +32,9 @@ class CompilingBeside(UserWarning):
 
 
 class PreviousSample(NamedTuple):
-    """The previous sample is what its successor knows of it.
+    """Data of the previous sample.
 
-    All QPs of a sample are given the same object, another sample's another one.
+    All QPs of a sample get the same object, those of another sample get another one.
     """
 
     u: Array  # command (2,) [Pa]
@@ -42,39 +42,39 @@ class PreviousSample(NamedTuple):
 
 
 class QPAnswer(NamedTuple):
-    """The answer is what became of one QP."""
+    """Result of one QP."""
 
     status: PlanStatus
-    u: Array  # (N, 2) optimal commands within the limits if the status is OPTIMAL, else those that the QP is about [Pa]
-    motion: Motion | None  # under them, finite, where it is known already
+    u: Array  # (N, 2) optimal commands within the limits if the status is OPTIMAL, else those of the linearisation [Pa]
+    motion: Motion | None  # finite motion under these commands, if already known
     qp: QP | None  # None if there was no need to build it
     times: tuple[float, float, float]  # of linearising, condensing, solving with its proof [s]; 0.0: not needed
 
 
 class QPStep(Protocol):
-    """A QP step builds the QP about the commands `u` (N, 2) from `x` (4,) under the torques `d` (N,), and solves it.
+    """Step that builds the QP about the commands `u` (N, 2) from `x` (4,) under the torques `d` (N,), and solves it.
 
-    About those within the limits that are nearest to `u`, that is.
+    The linearisation is about the commands within the limits that are nearest to `u`.
     """
 
     @property
     def implementation(self) -> str:
-        """The implementation is "compiled" or "readable"."""
+        """Kind of implementation: "compiled" or "readable"."""
 
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample, solve: Solver, deadline: float
     ) -> QPAnswer:
-        """Answer the QP with `solve`, by `deadline` [s] on the clock of `perf_counter`."""
+        """Solve the QP with `solve`, by `deadline` [s] on the clock of `perf_counter`."""
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past samples."""
 
     active_set: NDArray[np.int8] | None
-    """The active set is what is remembered from sample to sample, for a copy in another process to go on with."""
+    """State remembered from sample to sample, for a copy in another process to continue with."""
 
 
 class ReadableQPStep:
-    """The readable step works by NumPy and CasADi; its QP is solved as it is, sample by sample, where that compiles."""
+    """QP step by NumPy and CasADi; its structured QP is solved sample by sample if the solver can be compiled."""
 
     implementation = "readable"
     active_set: NDArray[np.int8] | None = None
@@ -85,14 +85,14 @@ class ReadableQPStep:
         self.problem, self.predictor, self.structured = problem, predictor, structured
 
     def reset(self) -> None:
-        """Forget which bounds bound, where that is remembered."""
+        """Forget which bounds were active, if that is remembered."""
         if self.structured is not None:
             self.structured.reset()
 
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample, solve: Solver, deadline: float
     ) -> QPAnswer:
-        """Answer as `QPStep` says."""
+        """Solve the QP as `QPStep` describes."""
         began = perf_counter()
         u = self.problem.limits.limited(previous.u, u)
         model = self.predictor.linearise(x, u, d)
@@ -112,7 +112,7 @@ def dense_answer(
     problem: TrackingProblem, model: Linearisation, feed: FeedForward, previous: PreviousSample, solve: Solver,
     began: float, deadline: float
 ) -> QPAnswer:  # fmt: skip
-    """Answer with the dense QP about `model`, which `solve` is given; its times count from `began` [s]."""
+    """Return the solution by `solve` of the dense QP about `model`; times count from `began` [s]."""
     linearised = perf_counter()
     qp = condense(problem, model, feed, previous.u, previous.u_star)
     condensed = perf_counter()
@@ -125,5 +125,5 @@ def dense_answer(
 
 
 def commands(problem: TrackingProblem, u: Array, z: Array, previous: PreviousSample) -> Array:
-    """Return the commands (N, 2) [Pa] that the decisions `z` make of `u`."""
+    """Return `u` changed by the decisions `z`, within the limits (N, 2) [Pa]."""
     return problem.limits.limited(previous.u, u + problem.E @ z)

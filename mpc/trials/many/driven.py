@@ -1,7 +1,7 @@
-"""The template lets a controller drive a plant, sample by sample, as long as nothing out of the ordinary happens.
+"""Template of a loop in which a controller drives a plant while all samples are ordinary.
 
-`mpc.trials.many.driving` puts modules in the place of the lines below that begin with `FORMULAS`: `process` has the
-plant under test, `observer` the compiled sample of the observer, and `joint` the compiled step of the controller.
+`mpc.trials.many.driving` replaces the lines below that begin with `FORMULAS` by modules: `process` has the plant under
+test, `observer` the compiled sample of the observer, and `joint` the compiled step of the controller.
 
 A sample is ordinary if every reading is believed, all problems are solved and proved, and the state is measured. The
 loop returns the first sample that is not, and the run is left to `simulate`.
@@ -29,14 +29,14 @@ OPTIMAL, RESTING, QP, ALLOCATION = 0, 9, 0, 3  # of `PlanStatus` and `Rung`
 def driven(
     first: int, plant: Plant, observed: int, table: int, both: Array, theta: Array, K: Array, answers: Answers
 ) -> int:
-    """Go on from the sample `first` to the last, and return at which one something was out of the ordinary; M if none.
+    """Continue from the sample `first`, and return the first one that is not ordinary; M if there is none.
 
-    `observed` and `table` are the addresses of the observer's `Sample` and of the step's `Inputs`, `both` (2, …) is
-    what the last sample made and room for the next. `theta`, `K` (M + ahead,) are the reference.
+    `observed` and `table` are the addresses of the observer's `Sample` and of the step's `Inputs`, `both` (2, …) has
+    the result of the last sample and room for the next. `theta`, `K` (M + ahead,) are the reference.
     """
     i, M, x, y = inputs_at(table), len(answers.u), np.empty(4), np.empty(4)
     ahead, N = asked_in(i.asked).theta.size, given_in(i.given).u.shape[0]
-    sample, what = observer.sample_at(observed), np.int64(WHOLE)  # for a constant numba would compile the step anew
+    sample, what = observer.sample_at(observed), np.int64(WHOLE)  # numba would compile the step again for a constant
     xi, last, out = sample.work.ahead.xi, both[0], both[1]
     for k in range(first, M):
         process.read(plant.sensors, plant.full, plant.angles, plant.noise[k], y)

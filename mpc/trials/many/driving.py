@@ -1,8 +1,8 @@
-"""A controller and its observer that drive a compiled plant are compiled with it, where all three can be.
+"""Compiled loop of a controller, its observer and a compiled plant, if all three can be compiled.
 
-That is a `TrackingMPC` whose whole step is compiled, with the `KalmanObserver` of the same plant and `Compensation`.
-The first samples of a run are made by the readable parts, and the flat values are then taken from these; a run in which
-anything is out of the ordinary (`mpc.trials.many.driven`) is left to `simulate`.
+The controller has to be a `TrackingMPC` with a compiled step, with the `KalmanObserver` of the same plant and
+`Compensation`. The readable parts make the first samples of a run, and the flat values are then copied from them.
+`simulate` makes runs with samples that are not ordinary (`mpc.trials.many.driven`).
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ from mpc.trials.many.plant import CompiledExperiment
 from mpc.trials.many.records import Answers, Plant
 from mpc.trials.simulation import ClosedLoop, Controller
 
-READABLE = 2  # samples that the readable parts begin with: these then remember what later ones do
+READABLE = 2  # first samples, by the readable parts, which then have the complete state
 
 _TEMPLATE = Path(__file__).parent / "driven.py"
 
@@ -36,21 +36,21 @@ class Driving:
         self._controller, self._whole, self._estimate = controller, whole, estimate
         known, preview, qp_step = controller.compensation, controller._preview, whole.qp_step
         friction = friction_numbers(known.friction)
-        assert friction is not None  # there is a whole step
+        assert friction is not None  # since there is a whole step
         beyond = Beyond(friction, preview.delay, known.dead_band, controller.rests, controller.rest_mode.rules)
         gate, feed_forward = (preview.lower, preview.upper), whole.feed_forward.readable
         self._arrays = StepArrays(qp_step.plant, controller.N, qp_step.structured, feed_forward, gate, beyond)
         self._modules = {"observer": estimate.module, "joint": qp_step.plant.step}
 
     def _loop(self, process: ModuleType) -> ModuleType:
-        """Return the loop with plants under test of the kind `process`."""
+        """Return the loop for plants under test of the kind `process`."""
         modules = self._modules | {"process": process}
         loads = "".join(f"import {module.__name__} as {name}\n" for name, module in modules.items())
         return imported(with_formulas(_TEMPLATE, f"\n{loads}\n"))
 
     def drive(self, loop: ClosedLoop) -> bool:
-        """Let the compiled loop do the samples of `loop`, which has this plant, controller and observer; return whether
-        all of them were ordinary.
+        """Make the samples of `loop`, which has this plant, controller and observer, by the compiled loop; return
+        whether all of them were ordinary.
         """
         controller, experiment = self._controller, loop.experiment
         if loop.steps <= READABLE:
@@ -71,7 +71,7 @@ class Driving:
         answers = Answers(
             loop.x, loop.estimate, loop.u, loop.rung, loop.status, loop.slack, loop.slack_force, loop.moved
         )
-        previews = map(np.array, loop.wanted.preview(0, loop.steps + controller.ahead))  # that may be written
+        previews = map(np.array, loop.wanted.preview(0, loop.steps + controller.ahead))  # writable copies
         last = self._whole.remembered()
         known = observed.address, self._arrays.address, np.stack([last, last])
         done = self._loop(plant.module).driven(READABLE, under_way, *known, *previews, answers)
@@ -89,7 +89,7 @@ def driving(controller: Controller, observer: Observer | None) -> Driving | None
     able = (
         isinstance(controller._solve, Riccati)
         and controller.iterations == 1
-        and controller.budget is None  # nobody waits for a command here: what takes too long would depend on the day
+        and controller.budget is None  # results must not depend on the speed of the machine
         and (controller.plant, controller.compensation, controller.dt)
         == (observer.plant, observer.compensation, observer.dt)
     )

@@ -12,7 +12,7 @@ from mpc.observer.base import Observer
 from mpc.trials.many.loop import Loop, outcomes
 from mpc.trials.many.runs import Outcome, Runs
 from mpc.trials.many.workers import spread
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller, Process, state, tracked
 
 
@@ -28,7 +28,7 @@ def simulate_many(
     workers: int = 1,
     progress: bool = False,
 ) -> Runs:
-    """Run `simulate` many times, with answers that are equal to 1e-9, in a fraction of its time.
+    """Run many simulations in a fraction of the time of `simulate`, with results equal to 1e-9.
 
     Plants are compiled unless they have faults, or formulas too long to be compiled; that takes some seconds for the
     first of a kind, once.
@@ -36,23 +36,23 @@ def simulate_many(
     Parameters
     ----------
     plants, controllers, references, observers
-        Of `simulate`: one for all runs, or a list with one for each. What is listed twice may be one object.
+        Of `simulate`: one for all runs, or a list with one for each. An object may be listed more than once.
     x0
-        State (4,) to begin from, or states (n, 4); by default each plant's rest at its reference's first point.
+        Initial state (4,), or states (n, 4); by default each plant's rest at its reference's first point.
     seeds
         Of the sensors' noise: one, or one for each run, as `range(1000)`.
     keep
-        Whether to keep whole runs, `runs[i]`, a `Run` each; else only figures are.
+        Whether to keep whole runs, `runs[i]`, a `Run` each; otherwise only figures are kept.
     workers
-        Processes to share the work. Where these do not begin as copies of this one (Windows, macOS), the script
-        that calls this has to be importable: `if __name__ == "__main__":`.
+        Number of processes. If they do not begin as copies of this one (Windows, macOS), the calling script has to be
+        importable: `if __name__ == "__main__":`.
     progress
         Whether to show a bar.
 
     Raises
     ------
     InvalidInput
-        For lists of different lengths, and for objects that are no plant, controller or reference.
+        For lists of different lengths, and for objects that are not plants, controllers or references.
     """
     parts = {"plants": plants, "controllers": controllers, "references": references, "observers": observers}
     loops = _loops(x0, seeds, **parts)

@@ -1,4 +1,4 @@
-"""One run of many, by `simulate` or on a compiled plant."""
+"""Single run of many, by `simulate` or on a compiled plant."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
@@ -8,7 +8,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.observer.base import Observer
 from mpc.trials.many.runs import Outcome
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import ClosedLoop, Controller, Process, Run, simulate
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class Loop(NamedTuple):
     seed: int
 
     def checked(self) -> Self:
-        """Return itself, with a seed that is one. Raises `InvalidInput` for invalid parts of a loop."""
+        """Return the loop with a checked seed. Raises `InvalidInput` for invalid parts of a loop."""
         kinds: dict[str, type] = {"plant": Process, "controller": Controller, "reference": Reference}
         for name, kind in (kinds | ({} if self.observer is None else {"observer": Observer})).items():
             value = getattr(self, name)
@@ -64,7 +64,7 @@ class Compiled:
         return Compiled(self._plants)
 
     def plant(self, plant: Process, dt: float) -> Process:
-        """Return `plant` compiled, or itself where that cannot be done."""
+        """Return the compiled `plant`, or `plant` if that is impossible."""
         return self._found(self._plants, (id(plant), dt), plant, lambda: _compiled_plant(plant, dt)) or plant
 
     def driving(self, controller: Controller, observer: Observer | None) -> "Driving | None":
@@ -74,11 +74,11 @@ class Compiled:
         return made
 
     def _found(self, kept: Kept, key: tuple[float, ...], of: object, make: Callable[[], object]) -> Any:
-        """Return what is made for a `key`, in which the identities are `of` what is kept, too."""
+        """Return the part made for a `key`, whose identities are those of the objects `of`, which are kept alive."""
         if key not in kept:
             try:
                 made = make()
-            except (ImportError, OSError, InvalidInput):  # no compiler, no place for its work, too long a formula
+            except (ImportError, OSError, InvalidInput):  # no compiler, cache not writable, formula too long
                 made = None
             kept[key] = of, made
         return kept[key][1]

@@ -1,8 +1,8 @@
-"""Plants under test as compiled functions: the formula of a fine step, and the loop over a sample around it.
+"""Plants under test as compiled functions: the formula of a fine step, and the loop over a sample.
 
-The formula is the one that `mpc.model.real_plant` has for CasADi and for the exported C. Plants that differ in their
-numbers only share what is compiled. Faults, but for what is added to an angle's readings, and processes of other kinds
-are not compiled.
+The formula is that of `mpc.model.real_plant` for CasADi and for the exported C. Plants that differ only in their
+numbers share compiled code. Faults, except additions to an angle's readings, and processes of other kinds are not
+compiled.
 """
 
 from dataclasses import dataclass
@@ -40,19 +40,19 @@ class CompiledPlant:
     durations: Array  # of the pieces of a sample [s]
     substeps: int  # of each piece
     sensors: Array  # (6,), see `mpc.trials.many.process.read`
-    waiting: int  # commands on their way, the one given last included
+    waiting: int  # number of delayed commands, including the last one
 
     @property
     def nominal(self) -> Plant:
-        """Return the plant without the effects that its model does not know."""
+        """Plant without unmodelled effects."""
         return self.process.nominal
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """Return the state (4,) to begin from."""
+        """Return the initial state (4,)."""
         return self.process.at_rest(theta, K)
 
     def begin(self, dt: float, x0: Array, seed: int) -> "CompiledExperiment":
-        """Begin an experiment from `x0` (4,); `dt` [s] is the one that it was compiled for."""
+        """Begin an experiment from `x0` (4,); `dt` [s] has to be that of the compilation."""
         if dt != self.dt:
             raise ValueError(f"compiled for samples of {self.dt:g} s, not of {dt:g} s")
         return CompiledExperiment(self, x0, seed)
@@ -77,7 +77,7 @@ class CompiledExperiment:
 
     @property
     def x(self) -> Array:
-        """Return the true state (4,)."""
+        """True state (4,)."""
         return self.full[:NX].copy()
 
     def measure(self) -> Array:
@@ -87,7 +87,7 @@ class CompiledExperiment:
         return y
 
     def advance(self, u: Array, d: float = 0.0) -> None:
-        """Advance by one sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] besides the plant's
+        """Advance by one sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] added to the plant's
         own.
         """
         plant = self.plant
@@ -99,7 +99,7 @@ class CompiledExperiment:
 
     def noise(self, samples: int) -> Array:
         """Return errors of the readings (samples, 3) from now on: of the angle [rad] by faults, and the noise of the
-        pressure sensors in standard deviations, drawn as sample by sample.
+        pressure sensors in standard deviations, equal to that drawn sample by sample.
         """
         process, times = self.plant.process, self.plant.dt * (self._sample + np.arange(samples))
         faults = process.faults if isinstance(process, RealPlant) else ()
@@ -108,7 +108,7 @@ class CompiledExperiment:
         return np.column_stack([angle, self._noise.standard_normal((samples, NU))])
 
     def torques(self, samples: int) -> Array:
-        """Return the torques (samples,) [N·m] from outside, from now on."""
+        """Return the external torques (samples,) [N·m] from now on."""
         if isinstance(self.plant.process, Plant):
             return np.zeros(samples)
         profile, times = self.plant.process.torque_profile, range(self._sample, self._sample + samples)
@@ -116,7 +116,7 @@ class CompiledExperiment:
 
 
 def compiled_plant(process: Process, dt: float) -> CompiledPlant:
-    """Return `process` compiled, at the sample time `dt` [s].
+    """Return the compiled `process` at the sample time `dt` [s].
 
     Raises `Untranslatable` for plants that cannot be compiled, and `ImportError` or `OSError` without a compiler.
     """

@@ -1,9 +1,9 @@
-"""Template that moves a plant under test by a sample, and reads its sensors.
+"""Template of functions that advance a plant under test by one sample and read its sensors.
 
-`mpc.trials.many.plant` puts the formula of a plant in the place of the lines below that begin with `FORMULAS`:
+`mpc.trials.many.plant` replaces the lines below that begin with `FORMULAS` by the formula of a plant:
 `stepped(full, u, dh, c, out)` fills in the state after a fine step of h = dh[1] [s] under the commands u (2,) [Pa] and
-the torque dh[0] [N·m]. `full` (n,) is the state (θ, ω, P1, P2) with what friction remembers, c the formula's numbers.
-Nothing is contracted here: the answers are those of CasADi's interpreter, bit by bit.
+the torque dh[0] [N·m]. `full` (n,) is the state (θ, ω, P1, P2) with the friction's memory, c the formula's numbers.
+Operations are not contracted, so that the results are those of CasADi's interpreter, bit by bit.
 """
 
 from typing import Any
@@ -19,10 +19,10 @@ stepped = FORMULAS
 
 @exactly
 def advance(c: Array, durations: Array, substeps: int, full: Array, waiting: Array, angles: Array, d: float) -> None:
-    """Move `full` (n,) by a sample, the oldest of the commands `waiting` (w, 2) [Pa] first, and let these and the
-    `angles` (a,) [rad] that are still to be read move up.
+    """Advance `full` (n,) by a sample, with the oldest of the commands `waiting` (w, 2) [Pa] first, and shift these and
+    the `angles` (a,) [rad] that are still to be read.
 
-    `durations` [s] are the pieces of a sample, each in `substeps`; `d` [N·m] is the torque from outside.
+    `durations` [s] are the pieces of a sample, each in `substeps`; `d` [N·m] is the external torque.
     """
     dh, later = np.empty(2), np.empty(full.size)
     dh[0] = d
@@ -45,8 +45,8 @@ def read(sensors: Array, full: Array, angles: Array, noise: Array, y: Array) -> 
     standard deviations.
 
     `angles` (a,) [rad] are those of the last samples. `sensors` has the encoder's step [rad], the standard deviation
-    [Pa], 0 where the velocity is measured, else NaN, the offsets of the pressure sensors [Pa], and the age of the
-    angle's readings in samples.
+    [Pa], 0 if the velocity is measured, else NaN, the offsets of the pressure sensors [Pa], and the age of the angle's
+    readings in samples.
     """
     step, age = sensors[0], sensors[5]
     last, whole = angles.size - 1, int(age)

@@ -1,4 +1,4 @@
-"""Flat records of a compiled closed loop, beside those of the compiled step and observer."""
+"""Flat records of a compiled closed loop, in addition to those of the compiled step and observer."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from allocator.calculus import Array
 
 
 class Plant(NamedTuple):
-    """A `Plant` is the plant under test, see `mpc.trials.many.process`."""
+    """Plant under test, see `mpc.trials.many.process`."""
 
     c: Array
     durations: Array

@@ -14,7 +14,7 @@ from mpc.trials.metrics import Metrics, metrics
 from mpc.trials.simulation import Run
 
 STATUSES = tuple(PlanStatus)
-_SPREAD = 5, 95  # [%] of the runs that are shown to lie below
+_SPREAD = 5, 95  # [%] of the runs below the shown values
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Runs:
     statuses: NDArray[np.int64]  # (n, 10) samples with each status, in the order of `PlanStatus`
     rungs: NDArray[np.int64]  # (n, 5) samples answered by each rung, in the order of `Rung`
     implementation: tuple[str, ...]  # of each loop, "compiled" or "readable"
-    kept: tuple[Run, ...]  # the runs themselves; none unless asked for
+    kept: tuple[Run, ...]  # the runs themselves; empty unless requested
 
     @classmethod
     def of(cls, seeds: Sequence[int], found: Sequence["Outcome"]) -> "Runs":
@@ -45,24 +45,24 @@ class Runs:
 
     @property
     def theta_rms(self) -> Array:
-        """Return the RMS error of the angle (n,) [°]."""
+        """RMS error of the angle (n,) [°]."""
         return self.column("theta_rms")
 
     @property
     def K_rms(self) -> Array:
-        """Return the RMS error of the stiffness (n,) [% of the reference]."""
+        """RMS error of the stiffness (n,) [% of the reference]."""
         return self.column("K_rms")
 
     @property
     def limits_kept(self) -> Mask:
-        """Return whether no limit was broken (n,)."""
+        """Whether all limits were kept (n,)."""
         return np.array([one.limits_kept for one in self.metrics])
 
     def column(self, name: str) -> Array:
-        """Return a figure of all runs (n,): a number that `Metrics` has, by its name, or a limit's greatest excess.
+        """Return a figure of all runs (n,): a field of `Metrics` by its name, or a limit's greatest excess.
 
-        Limits are called as in `Metrics.violations`, in the units there; "after_rest.theta_rms" and its like are the
-        errors after the first rest. Raises `InvalidInput` for other names.
+        Names and units of limits are those of `Metrics.violations`; "after_rest.theta_rms" etc. are the errors after
+        the first rest. Raises `InvalidInput` for other names.
         """
         rows = [_numbers(one) for one in self.metrics]
         if name not in rows[0]:
@@ -79,17 +79,17 @@ class Runs:
         return len(self.metrics)
 
     def __getitem__(self, i: int) -> Run:
-        """Return a run. Raises `InvalidInput` where runs were not kept."""
+        """Return a run. Raises `InvalidInput` if runs were not kept."""
         if not self.kept:
             raise InvalidInput(f"runs[{i}]: only figures were kept of these {len(self)} runs; say keep=True")
         return self.kept[i]
 
     def __repr__(self) -> str:
-        """Say how well the references were followed, and whether the limits were kept."""
+        """Return a summary of the errors and of the limits."""
         return f"{self._title()}: " + "; ".join(f"{name} {value}" for name, value in self._figures().items())
 
     def _repr_html_(self) -> str:
-        """Return how well the references were followed as a table for notebooks."""
+        """Return a summary of the errors as a table for notebooks."""
         return html_table(self._title(), self._figures().items())
 
     def _title(self) -> str:
@@ -118,7 +118,7 @@ class Outcome:
 
     @classmethod
     def of(cls, run: Run, implementation: str, keep: bool) -> "Outcome":
-        """Return the outcome of `run`, with itself if it is to be kept."""
+        """Return the outcome of `run`, including the run if it is to be kept."""
         statuses = np.array([np.count_nonzero(run.status == status) for status in STATUSES])
         rungs = np.array([np.count_nonzero(run.rung == rung) for rung in Rung])
         return cls(metrics(run), statuses, rungs, implementation, run if keep else None)

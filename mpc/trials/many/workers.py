@@ -12,18 +12,18 @@ from allocator.errors import InvalidInput
 from mpc.trials.many.loop import Compiled, Loop, outcomes
 from mpc.trials.many.runs import Outcome
 
-_BATCHES = 8  # for each process: some take longer than others
+_BATCHES = 8  # per process, because some take longer than others
 
-_given: Any = None  # in processes that work for others: loops, whether to keep runs, an event that says stop, and what
-# was compiled in earlier batches
+_given: Any = None  # in worker processes: loops, whether to keep runs, an event for the stop, and parts
+# compiled in earlier batches
 
 
 def spread(
     loops: Sequence[Loop], keep: bool, workers: int, context: BaseContext | None = None
 ) -> Iterator[tuple[int, Outcome]]:
-    """Yield the number of each loop and its outcome as they come from so many processes.
+    """Yield the number of each loop and its outcome as they arrive from so many processes.
 
-    The first loop is this process's, which compiles what the others then have. Raises `InvalidInput` for loops that
+    This process runs the first loop, which compiles the code for the others. Raises `InvalidInput` for loops that
     cannot be sent to processes that do not begin as copies of this one.
     """
     yield from outcomes(loops[:1], keep)
@@ -46,7 +46,7 @@ def spread(
 def _check_sendable(loops: Sequence[Loop]) -> None:
     try:
         pickle.dumps(loops)
-    except Exception as failure:  # whatever is in them says why
+    except Exception as failure:  # the message gives the reason
         raise InvalidInput(f"these loops cannot be sent to other processes, say workers=1: {failure}") from None
 
 
@@ -58,7 +58,7 @@ def _begin(*given: object) -> None:
 
 
 def _batch(begin: int, end: int) -> list[tuple[int, Outcome]]:
-    """Return the outcomes of a batch; of those before the stop."""
+    """Return the outcomes of a batch, up to the stop."""
     loops, keep, stop, made = _given
     found = []
     for one in outcomes(loops[begin:end], keep, made):

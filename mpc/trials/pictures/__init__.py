@@ -1,1 +1,1 @@
-"""Pictures of a run: figures, films, and the report that the command line writes."""
+"""Pictures of a run: figures, films, and the report of the command line."""

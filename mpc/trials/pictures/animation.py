@@ -1,6 +1,6 @@
-"""Films: a GIF by Pillow, which matplotlib brings, or an MP4 by the program ffmpeg; and that of a joint's run.
+"""Films: a GIF by Pillow, a dependency of matplotlib, or an MP4 by the program ffmpeg; and the film of a joint's run.
 
-It shows the joint with its muscles beside angle, stiffness and pressures, in real time.
+The latter shows the joint with its muscles next to angle, stiffness and pressures, in real time.
 """
 
 import shutil
@@ -26,13 +26,13 @@ Picture = NDArray[np.uint8]  # (height, width, 3)
 
 
 def check_film(path: Path) -> None:
-    """Check that a film with the ending of `path` can be written. Raises `MissingBackend`."""
+    """Raise `MissingBackend` unless a film with the suffix of `path` can be written."""
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise MissingBackend("writer of .mp4, ffmpeg,", "which is not installed", [".gif"])
 
 
 def save_film(pictures: list[Picture], path: Path, per_second: int) -> None:
-    """Write the pictures as a GIF or an MP4, whole or not at all. Raises `CannotWrite`, and as `check_film`."""
+    """Write the pictures as a GIF or an MP4, whole or not at all. Raises `CannotWrite`, and like `check_film`."""
     check_film(path)
     with replacing(path) as draft:
         if path.suffix.lower() == ".mp4":
@@ -81,9 +81,9 @@ Progress: TypeAlias = Callable[[Iterable[int]], Iterable[int]]
 _PER_SECOND = 12  # frames
 _DPI = 72
 _BLUE, _ORANGE, _BLACK, _GREY = "#0072B2", "#D55E00", "#000000", "#8c8c8c"
-_APART = 0.16  # of the muscles from the middle, in rest lengths: arms are too short to be drawn to scale
+_APART = 0.16  # of the muscles from the middle, in rest lengths: arms are too short for a drawing to scale
 _THICK = 0.035  # half the width of a muscle at rest, in rest lengths
-_BULGE = 0.22  # of which it grows per contraction
+_BULGE = 0.22  # growth of that per contraction
 
 
 class _Muscle(NamedTuple):

@@ -20,11 +20,11 @@ from mpc.trials.simulation import Run
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe & Ito's colours, told apart by colour-blind eyes
+# Okabe & Ito's colours, distinguishable with colour blindness
 COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8c8c8c"
 _BLACK = "#000000"
 _SHOWN = 0.02  # [m] to all sides
-_GOLDEN = 0.5 * (5**0.5 - 1)  # whose multiples meet no period twice
+_GOLDEN = 0.5 * (5**0.5 - 1)  # its multiples meet no period twice
 
 
 class Way(NamedTuple):
@@ -37,9 +37,9 @@ class Way(NamedTuple):
 
 
 def way_of(run: Run, hand: Endpoint | None = None) -> Way | None:
-    """Return the way of `hand`, else of the endpoint that is tracked, or of the end of a chain in the plane.
+    """Return the path of `hand`, or else of the tracked endpoint, or of the end of a chain in the plane.
 
-    None for a joint, and where less than two coordinates are known.
+    None for a joint, and if fewer than two coordinates are known.
     """
     arm = run.plant
     if not isinstance(arm, Arm):
@@ -54,7 +54,7 @@ def way_of(run: Run, hand: Endpoint | None = None) -> Way | None:
 
 
 def draw_hand(axes: "Axes", run: Run, way: Way) -> None:
-    """Draw the way of the hand, its reference, and the arm in the plane where it ends."""
+    """Draw the path of the hand, its reference, and the arm in the plane at the end."""
     axes.plot(way.asked[:, 0], way.asked[:, 1], color=_BLACK, ls="--", lw=1, label="reference")
     axes.plot(way.x[:, 0], way.x[:, 1], color=COLOURS[0], lw=1.2, label="hand")
     if isinstance(run.plant.bodies, Bodies):
@@ -82,7 +82,7 @@ def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
 
 
 def _at_least(axes: "Axes", points: Array) -> None:
-    """Let `axes` show some centimetres about `points` (…, 2), also if the hand is held."""
+    """Let `axes` show some centimetres about `points` (…, 2), even if the hand does not move."""
     middle, half = points.mean(axis=0), np.maximum(np.ptp(points, axis=0) / 2, _SHOWN)
     axes.plot(*np.transpose([middle - half, middle + half]), alpha=0.0)
 
@@ -92,8 +92,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NOTHING = 1e-6  # [N·m/rad]
-_PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its command and what is forbidden
-_MANY = (3.0,)  # of those of more
+_PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its command and infeasible pressures
+_MANY = (3.0,)  # of those of more muscles
 
 
 def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None, model: Plant | None = None) -> "Figure":
@@ -133,7 +133,7 @@ def tracking_figure(run: Run, title: str = "", hand: Endpoint | None = None, mod
 
 
 def errors(run: Run) -> str:
-    """Return the errors of angle and stiffness in a line."""
+    """Return a line with the errors of angle and stiffness."""
     m = metrics(run)
     angle, K = np.max(m.theta_rms), np.max(m.K_rms)
     return f"RMS: angle {angle:.3g}°, {run.plant.stiffness_text} {K:.3g} {m.K_unit}"
@@ -155,7 +155,7 @@ def _angle(axes: "Axes", errors: "Axes", run: Run) -> None:
         axes.plot(run.t, asked[:, i], color=_BLACK, ls="--", lw=1, label="reference")
         errors.plot(run.t, theta[:, i] - asked[:, i], color=COLOURS[i % len(COLOURS)], lw=1)
     for limit in np.ravel(plant.angle_limits) / DEG:
-        if len(names) == 1 and abs(limit) < 1.6 * np.abs(theta).max():  # a far limit would only flatten the curve
+        if len(names) == 1 and abs(limit) < 1.6 * np.abs(theta).max():  # a distant limit would only flatten the curve
             axes.axhline(limit, color=GREY, ls="-.", lw=1, label="end of the joint range")
     axes.set_ylabel("joint angle θ [°]")
     _widen(axes, 2.0)
@@ -172,7 +172,7 @@ def _stiffness(axes: "Axes", run: Run, model: Plant | None) -> None:
         )  # fmt: skip
     table, names = run.to_dict(), run.plant.labels.stiffness
     for i, name in enumerate(names):
-        if np.abs(table[name]).max() < _NOTHING:  # of muscles that cross one joint only
+        if np.abs(table[name]).max() < _NOTHING:  # for muscles that cross only one joint
             continue
         reached = f"{name} reached" if run.plant.angle_shape == () else name
         axes.plot(run.t, table[name], color=COLOURS[i % len(COLOURS)], label=reached)
@@ -209,7 +209,7 @@ def _pressure(axes: "Axes", run: Run, muscle: int) -> None:
 
 
 def _taut_limit(run: Run) -> tuple[Array, Array]:
-    """Return the pressures (M+1,) below which agonist and antagonist go slack [Pa]."""
+    """Return the pressures (M+1,) below which agonist and antagonist are slack [Pa]."""
     box = run.plant.joint.pressure_box(run.theta, Limits(min_force=0.0))
     return box.agonist.lo, box.antagonist.lo
 

@@ -18,7 +18,7 @@ from mpc.trials.simulation import Run
 if TYPE_CHECKING:
     from rich.table import Table
 
-_NOTHING = 1e-6  # of an entry of the stiffness: no muscle crosses both joints
+_NOTHING = 1e-6  # [N·m/rad] of an entry of the stiffness: no muscle crosses both joints
 
 
 def write_run(
@@ -44,7 +44,7 @@ def write_run(
 
 
 def table_of(run: Run, m: Metrics) -> "Table":
-    """Return the errors of a run, the limits that it broke, and the times and rungs of its steps."""
+    """Return the errors of a run, the violated limits, and the times and rungs of its steps."""
     from rich.table import Table
     from rich.text import Text
 

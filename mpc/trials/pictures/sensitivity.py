@@ -1,4 +1,4 @@
-"""The picture of a loop's robustness: its sensitivity over the frequency, and its Nyquist plot."""
+"""Picture of a loop's robustness: its sensitivity over the frequency, and its Nyquist plot."""
 
 from collections.abc import Sequence
 from os import PathLike
@@ -21,7 +21,7 @@ _CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
 def plot_margins(found: Sequence[Margins], path: str | PathLike[str] | None = None, title: str = "") -> "Figure":
     """Return a figure of |S| and of L's eigenvalues in the plane, one colour per posture, and write it to a `path`.
 
-    The circle of radius 1/2 around -1, which L keeps out of while M_s ≤ 2, is grey.
+    The circle of radius 1/2 around -1, which L does not enter while M_s ≤ 2, is grey.
     """
     figure = new_figure(11, 4.2)
     plane, spectrum = figure.subplots(1, 2)

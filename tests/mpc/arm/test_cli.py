@@ -15,7 +15,7 @@ from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.tracking.qp.step import SlowStep
-from mpc.trials import arm_trajectories as references
+from mpc.trials.motions import arm_trajectories as references
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "hand_path.csv"
 

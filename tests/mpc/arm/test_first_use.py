@@ -12,7 +12,7 @@ from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import Rung
 from mpc.tracking.qp.step import CompilingBeside
 from mpc.trials import simulation
-from mpc.trials.arm_trajectories import hold
+from mpc.trials.motions.arm_trajectories import hold
 from mpc.trials.simulation import simulate, tracked
 
 ARM = Arm.machine("arm26")

@@ -17,7 +17,7 @@ from mpc.tracking import resting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.weights import CALM
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import simulate
 
 DT, LOADED, END = 0.01, 6.5, 9.0

@@ -14,9 +14,9 @@ from mpc.arm.film import Film
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.model.arm.model import Arm
-from mpc.trials.arm_trajectories import draw, reference
 from mpc.trials.files import save_run
 from mpc.trials.metrics import metrics
+from mpc.trials.motions.arm_trajectories import draw, reference
 from mpc.trials.pictures.animation import check_film
 from mpc.trials.pictures.plotting import tracking_figure
 from mpc.trials.simulation import Run

@@ -33,7 +33,7 @@ from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
 from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
-from mpc.trials.trajectories import point_to_point, shrunk, usual_stiffness
+from mpc.trials.motions.trajectories import point_to_point, shrunk, usual_stiffness
 from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 
 from ...rigs.needs import needs, posix

@@ -10,7 +10,7 @@ from mpc import RealPlant, simulate
 from mpc.bench.measuring.due import check_due, imbalance
 from mpc.tracking.weights import CALM
 from mpc.trials.loops import Settings, loop
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run
 
 NOMINAL = RealPlant.standard().nominal

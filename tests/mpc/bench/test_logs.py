@@ -18,7 +18,7 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator
 from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
-from mpc.trials.reference import sine
+from mpc.trials.motions.reference import sine
 from mpc.yardsticks.baselines import PIDControl
 
 DT = 0.01

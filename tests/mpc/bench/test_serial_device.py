@@ -20,7 +20,7 @@ from mpc.cli import app
 from mpc.export.serial.check import examine
 from mpc.export.serial.firmware import Safety
 from mpc.export.serial.simulated import SimulatedBoard
-from mpc.trials.corrections import Correction, Owner
+from mpc.trials.motions.corrections import Correction, Owner
 
 from ...rigs.fuzz import noise
 from ...rigs.needs import needs, posix

@@ -18,8 +18,8 @@ from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, Sup
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.repetition.update import Update
-from mpc.trials.corrections import Correction, Owner
-from mpc.trials.trajectories import point_to_point
+from mpc.trials.motions.corrections import Correction, Owner
+from mpc.trials.motions.trajectories import point_to_point
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs

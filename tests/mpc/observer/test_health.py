@@ -17,7 +17,7 @@ from mpc.observer.gating import Verdict
 from mpc.observer.health import MUSCLES, SENSORS, FaultKind, Finding, Health, Part, Reaction, Suspect
 from mpc.observer.pressure_diagnosis import PressureDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
-from mpc.trials.trajectories import usual_stiffness
+from mpc.trials.motions.trajectories import usual_stiffness
 
 DT, BEGIN = 0.01, 1.6  # [s]; there the joint moves
 THETA, P1, P2 = 0, 2, 3

@@ -10,7 +10,7 @@ from mpc import KalmanObserver, RealPlant, Reference, TrackingMPC, simulate
 from mpc.observer import ringing
 from mpc.observer.health import FaultKind, Part, Reaction, Suspect
 from mpc.tracking.weights import Weights
-from mpc.trials.trajectories import point_to_point, rested_sine, steps
+from mpc.trials.motions.trajectories import point_to_point, rested_sine, steps
 
 DT = 0.01
 REAL = RealPlant.standard()

@@ -8,8 +8,8 @@ import pytest
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.units import DEG
 from mpc import Compensation, Plant, Reference
-from mpc.trials.corrections import Correction, Owner
-from mpc.trials.trajectories import point_to_point, rested_sine
+from mpc.trials.motions.corrections import Correction, Owner
+from mpc.trials.motions.trajectories import point_to_point, rested_sine
 
 WANTED = replace(point_to_point(5.0), name="min-jerk")
 OWNER = Owner.of(Plant(), Compensation(), "mpc", "gripper")

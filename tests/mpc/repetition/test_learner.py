@@ -22,7 +22,7 @@ from mpc.repetition.update import (
     returning,
     unforeseen,
 )  # fmt: skip
-from mpc.trials.trajectories import point_to_point
+from mpc.trials.motions.trajectories import point_to_point
 
 DT, LAG = 0.01, 0.05
 FREQUENCY = np.arange(0.0, 16.0, 0.1)

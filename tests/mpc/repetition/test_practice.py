@@ -11,7 +11,7 @@ from mpc.repetition.learner import Learner
 from mpc.repetition.practice import on_time, practise
 from mpc.repetition.response import postures, response, responses
 from mpc.trials.loops import Settings, loop
-from mpc.trials.trajectories import point_to_point, usual_stiffness
+from mpc.trials.motions.trajectories import point_to_point, usual_stiffness
 from mpc.yardsticks.baselines import FeedForwardControl
 
 PLANT = Plant()

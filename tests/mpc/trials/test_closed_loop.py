@@ -14,7 +14,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
-from mpc.trials.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
+from mpc.trials.motions.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
 
 pytestmark = pytest.mark.slow
 

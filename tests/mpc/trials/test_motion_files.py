@@ -8,7 +8,7 @@ import pytest
 from allocator import InvalidFile
 from allocator.units import DEG, MM
 from mpc.model.arm.model import Arm
-from mpc.trials.motion_files import load_motion
+from mpc.trials.motions.motion_files import load_motion
 
 ARM = Arm.machine("arm26")
 HAND = ARM.bodies.endpoint

@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from allocator import BAR, DEG, InvalidInput, allocate
 from mpc import PlanStatus, Plant, Reference, Rung, TrackingMPC, simulate, sine
 from mpc.trials.metrics import metrics
+from mpc.trials.motions.trajectories import LEAD, TRAJECTORIES, jumps
 from mpc.trials.pictures.plotting import tracking_figure
-from mpc.trials.trajectories import LEAD, TRAJECTORIES, jumps
 
 pytestmark = pytest.mark.compiles
 

@@ -9,7 +9,15 @@ from allocator.joint.geometry import Pulley
 from allocator.muscles import Hogan1984
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
-from mpc.trials.trajectories import LEAD, TRAJECTORIES, jumps, shrunk, stiffness_ramps, together, usual_stiffness
+from mpc.trials.motions.trajectories import (
+    LEAD,
+    TRAJECTORIES,
+    jumps,
+    shrunk,
+    stiffness_ramps,
+    together,
+    usual_stiffness,
+)
 
 JOINTS = {"report": report_joint(), "Sarosi": report_joint(SAROSI_DMSP_20_400N)}
 

@@ -1,1 +1,1 @@
-"""Bodies and tendons beyond a chain in the plane are here: trees of hinges in space, and what only MuJoCo knows."""
+"""Bodies and tendons beyond a planar chain: trees of hinges in space, and mechanics that only MuJoCo computes."""

@@ -1,4 +1,4 @@
-"""The bodies of a MuJoCo model become `TreeBodies` here, as far as its physics are what the formulas say."""
+"""Conversion of a MuJoCo model's bodies to `TreeBodies`, as far as the formulas cover its physics."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -14,14 +14,13 @@ from mpc.model.arm.mechanics.tree import TreeBodies
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-_ROUNDING = 1e-14  # of the greatest entry
+_ROUNDING = 1e-14  # [-] of the greatest entry
 
 
 def check_hinges(model: "MjModel", source: Source) -> None:
-    """Insist that a model is moved by free hinges alone.
+    """Raise `InvalidFile` unless all joints of a model are free hinges.
 
-    Raises `InvalidFile` for joints of other kinds, and for equality constraints that are active: joints tied to each
-    other are fewer than they seem.
+    Active equality constraints are refused as well, because joints tied to each other have fewer degrees of freedom.
     """
     import mujoco
 
@@ -37,7 +36,7 @@ def check_hinges(model: "MjModel", source: Source) -> None:
 
 
 def without_formulas(model: "MjModel") -> str:
-    """Return what of a model's bodies is not in the formulas of `TreeBodies`, in some words; "" if nothing."""
+    """Return a description of the bodies' physics outside the formulas of `TreeBodies`; "" if there are none."""
     found = {
         "a fluid": bool(model.opt.density or model.opt.viscosity),
         "gravity compensation": bool(np.any(model.body_gravcomp)),
@@ -56,7 +55,7 @@ def tree_of(model: "MjModel", source: Source) -> TreeBodies:
     for body in range(1, model.nbody):
         link, R, p = frames[body]
         if link < 0:
-            continue  # it stands on the ground
+            continue  # fixed to the ground
         m, c = float(model.body_mass[body]), p + R @ model.body_ipos[body]
         turned = R @ rotation(model.body_iquat[body])
         mass[link] += m
@@ -73,12 +72,12 @@ def tree_of(model: "MjModel", source: Source) -> TreeBodies:
 
 
 def _clean(array: Array) -> Array:
-    """Return `array` with zeros for what is rounding: formulas become shorter by them."""
+    """Return `array` with zeros in place of rounding errors, which makes formulas shorter."""
     return np.where(np.abs(array) > _ROUNDING * np.abs(array).max(initial=0.0), array, 0.0)
 
 
 def _tidy(link: Link) -> Link:
-    """Return a link with zeros for what is rounding."""
+    """Return a link with zeros in place of rounding errors."""
     rows = tuple(map(tuple, _clean(np.array(link.orientation)).tolist()))
     place, axis = (tuple(_clean(np.array(row)).tolist()) for row in (link.origin, link.axis))
     return replace(link, origin=place, axis=axis, orientation=rows)

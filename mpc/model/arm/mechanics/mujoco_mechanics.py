@@ -1,7 +1,7 @@
-"""Tendons and bodies that only MuJoCo knows are asked of it, posture by posture: tendons round geoms, fluids, ….
+"""Tendons and bodies evaluated by MuJoCo, posture by posture: tendons round geoms, fluids, ….
 
-`MujocoTendons` are the routes and `MujocoBodies` the bodies of an `Arm` that has no formulas; its controller
-differentiates them by differences. What a model has of contacts, stops, dry friction and actuators is not in them.
+`MujocoTendons` are the routes and `MujocoBodies` the bodies of an `Arm` without formulas; its controller uses
+differences. Contacts, stops, dry friction and actuators of a model are not included.
 """
 
 from dataclasses import dataclass, field
@@ -16,14 +16,14 @@ from allocator.mechanism.routes.base import RoutedLengths, Routes, per_muscle, r
 if TYPE_CHECKING:
     from mujoco import MjData, MjModel
 
-_DIFFERENCE = 1e-5  # [rad] of central differences, whose error is of its square
+_DIFFERENCE = 1e-5  # [rad] of central differences; their error is of its square
 
 
 class Mechanics:
-    """`Mechanics` are a copy of a model to ask at stacks of postures; not to be used by two threads at a time."""
+    """Copy of a model to evaluate at stacks of postures; two threads must not use it at the same time."""
 
     def __init__(self, model: "MjModel") -> None:
-        """Take a copy without what is no smooth function of the posture."""
+        """Copy the model without parts that are not smooth functions of the posture."""
         from copy import copy
 
         import mujoco
@@ -63,7 +63,7 @@ class Mechanics:
         return np.array(found)
 
     def moving(self, q: Array, omega: Array) -> tuple[Array, Array, Array, Array]:
-        """Return what `tendons`, `masses` and `bias` do of one posture and velocity (n,), without the axis k."""
+        """Return `tendons`, `masses` and `bias` at one posture and velocity (n,), without the axis k."""
         self._pose(q)
         slope = self._jacobian()[:, self._speeds].copy()
         return self.data.ten_length.copy(), slope, self._mass(), self._rubbing(omega)
@@ -90,16 +90,16 @@ class Mechanics:
         mujoco.mj_fwdPosition(self.model, self.data)
 
     def __deepcopy__(self, memo: dict[int, object]) -> "Mechanics":
-        """Return one with data of its own."""
+        """Return a copy with its own data."""
         return Mechanics(self.model)
 
 
 @dataclass(frozen=True, eq=False)
 class MujocoTendons(Routes):
-    """`MujocoTendons` are muscles along a model's tendons, whatever these run round; SI units.
+    """Muscles along any tendons of a model; SI units.
 
-    Lengths and arms are MuJoCo's; bends are central differences of the arms, and infinite slopes of arms where a tendon
-    touches a geom or leaves it are as these differences have them.
+    Lengths and arms are MuJoCo's. Bends are central differences of the arms, also for the infinite slopes of arms where
+    a tendon touches or leaves a geom.
     """
 
     cable: tuple[float, ...]  # (m,) [m]
@@ -107,14 +107,14 @@ class MujocoTendons(Routes):
 
     @classmethod
     def of(cls, mechanics: Mechanics, rest_length: ArrayLike, cable: ArrayLike) -> "MujocoTendons":
-        """Return them with these rest lengths and cables [m], numbers or rows (m,). Raises `InvalidInput`."""
+        """Return the tendons with these rest lengths and cables [m], numbers or rows (m,). Raises `InvalidInput`."""
         m = int(mechanics.model.ntendon)
         lengths = rest_lengths("MujocoTendons", rest_length, m)
         return cls(lengths, tuple(per_muscle("MujocoTendons: cable", cable, m, "m").tolist()), mechanics)
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return int(self.mechanics.model.njnt)
 
     def ways(self, q: Array) -> tuple[Array, Array]:
@@ -134,23 +134,23 @@ class MujocoTendons(Routes):
 
 @dataclass(frozen=True, eq=False)
 class MujocoBodies:
-    """`MujocoBodies` are the bodies of a model on n hinges, as MuJoCo moves them; for numbers only."""
+    """Bodies of a model with n hinges, evaluated by MuJoCo; for numbers only."""
 
     mechanics: Mechanics = field(repr=False)
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return int(self.mechanics.model.njnt)
 
     @property
     def damping(self) -> Array:
-        """Return the damping of the hinges (n,) [N·m·s/rad]."""
+        """Damping of the hinges (n,) [N·m·s/rad]."""
         return np.array(self.mechanics.model.dof_damping[self.mechanics.model.jnt_dofadr])
 
     @property
     def summary(self) -> str:
-        """Return what they are, in some words."""
+        """Short description."""
         return f"{float(np.sum(self.mechanics.model.body_mass)):.3g} kg on {self.n} hinges, as MuJoCo has them"
 
     def mass_matrix(self, q: Array) -> Array:
@@ -163,7 +163,7 @@ class MujocoBodies:
         return self.mechanics.bias(q.reshape(-1, self.n), omega.reshape(-1, self.n)).reshape(q.shape)
 
     def gravity_torque(self, q: Array) -> Array:
-        """Return g(q) (…, n) [N·m]: what the muscles have to hold, against gravity and springs."""
+        """Return g(q) (…, n) [N·m], the torques that balance gravity and springs."""
         return self.bias(q, np.zeros_like(q))
 
     def gravity_stiffness(self, q: Array) -> Array:
@@ -179,7 +179,7 @@ class MujocoBodies:
 
 
 class TendonJacobian:
-    """A `TendonJacobian` reads ∂l/∂q (m, nv) [m] of all tendons, which newer versions of MuJoCo keep sparse."""
+    """Jacobian ∂l/∂q (m, nv) [m] of all tendons, which newer versions of MuJoCo store as a sparse matrix."""
 
     def __init__(self, model: "MjModel", data: "MjData") -> None:
         self._data, self._dense = data, np.zeros((model.ntendon, model.nv))
@@ -192,7 +192,7 @@ class TendonJacobian:
             self._layout = [getattr(holder, f"ten_J_{part}").ravel() for part in ("rownnz", "rowadr", "colind")]
 
     def __call__(self) -> Array:
-        """Return it as it is now; to be used before the next call."""
+        """Return the present Jacobian; valid until the next call."""
         if not self._sparse:
             return np.asarray(self._data.ten_J)
         self._to_dense(self._dense, self._data.ten_J.ravel(), *self._layout)

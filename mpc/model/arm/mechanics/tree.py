@@ -1,11 +1,11 @@
-"""Bodies that hang on each other by hinges, in space and as branched as they like, have formulas here.
+"""Formulas of trees of bodies connected by hinges, in space.
 
 They are those of J. Y. S. Luh, M. W. Walker and R. P. C. Paul, "On-Line Computational Scheme for Mechanical
 Manipulators", J. Dyn. Sys. Meas. Control 102 (1980), in the frames of the links, from the ground outwards
 
     w = Rᵀ w_p + s q',   w' = Rᵀ w_p' + (Rᵀ w_p) × s q' + s q'',   a = Rᵀ (a_p + w_p' × o + w_p × (w_p × o)),   a_0 = -γ
 
-with s the axis, o the place of the hinge and R(q) the rotation of a link in its parent p; and inwards the forces
+with s the axis, o the position of the hinge and R(q) the rotation of a link in its parent p; and inwards the forces
 
     f = m (a + w' × c + w × (w × c)) + Σ R f_i,      t = I w' + w × I w + c × (f of its own) + Σ (R t_i + o_i × R f_i)
     τ = s·t + J q'' + D q' + k (q - q_0)
@@ -32,30 +32,30 @@ _UNITS = {
     "mass": "kg", "centre": "m", "inertia": "kg·m²", "damping": "N·m·s/rad", "armature": "kg·m²",
     "spring": "N·m/rad", "spring_zero": "rad",
 }  # fmt: skip
-_TURNS = 1e-12  # of the greatest entry: inertia that a hinge has to have, in the posture where all are 0
+_TURNS = 1e-12  # [-] of the greatest entry: least inertia about a hinge, with all angles at 0
 _SYMMETRIC = 1e-9
 _VECTORS = "torque", "bias", "gravity_torque"  # of the formulas; the others are matrices
 
 
 @dataclass(frozen=True, eq=False)
 class TreeBodies:
-    """`TreeBodies` are rigid bodies, one on every one of n `links`, all of whose joints are hinges; immutable.
+    """Rigid bodies, one on each of n `links` with hinges; immutable.
 
-    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1), of which formulas are made.
+    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) for formulas.
     """
 
     links: tuple[Link, ...]
-    mass: Array  # m (n,) [kg]; 0 of a link between two hinges of one body
-    centre: Array  # c (n, 3) [m] of mass, in the link's frame, whose origin is on its hinge
+    mass: Array  # m (n,) [kg]; 0 for a link between two hinges of one body
+    centre: Array  # c (n, 3) [m] of mass, in the link's frame with the origin on its hinge
     inertia: Array  # I (n, 3, 3) [kg·m²] about the centre, in the link's frame
     damping: Array  # D (n,) [N·m·s/rad]
-    armature: Array  # J (n,) [kg·m²] that turns with a hinge, such as a pulley's or a motor's
+    armature: Array  # J (n,) [kg·m²] turning with a hinge, such as a pulley's or a motor's
     spring: Array  # k (n,) [N·m/rad]
     spring_zero: Array  # q_0 (n,) [rad]
     gravity: Value = (0.0, 0.0, 0.0)  # γ (3,) [m/s²]
 
     def __post_init__(self) -> None:
-        """Check and make arrays. Raises `InvalidInput`."""
+        """Check the fields and convert them to arrays. Raises `InvalidInput`."""
         links = Linkage(self.links).links
         object.__setattr__(self, "links", links)
         n = len(links)
@@ -82,12 +82,12 @@ class TreeBodies:
 
     @property
     def n(self) -> int:
-        """Return the number of joints."""
+        """Number of joints."""
         return len(self.links)
 
     @property
     def summary(self) -> str:
-        """Return what they are, in some words."""
+        """Short description."""
         return f"{float(self.mass.sum()):.3g} kg on {self.n} hinges"
 
     # --- formulas ---------------------------------------------------------------------------------------------------
@@ -105,11 +105,11 @@ class TreeBodies:
         return self._evaluated("bias", q, omega)
 
     def gravity_torque(self, q: Value) -> Value:
-        """Return g(q) (…, n) [N·m]: what the muscles have to hold, against gravity and springs."""
+        """Return g(q) (…, n) [N·m], the torques that balance gravity and springs."""
         return self._evaluated("gravity_torque", q)
 
     def gravity_stiffness(self, q: Value) -> Value:
-        """Return ∂g/∂q (…, n, n) [N·m/rad]: what gravity and springs add to the muscles' stiffness."""
+        """Return ∂g/∂q (…, n, n) [N·m/rad], the stiffness due to gravity and springs."""
         return self._evaluated("gravity_stiffness", q)
 
     # --- the pieces -------------------------------------------------------------------------------------------------
@@ -168,7 +168,7 @@ class TreeBodies:
         return torque
 
     def _outwards(self, q: "SX", omega: "SX", alpha: "SX") -> tuple[list["SX"], list[_Moved]]:
-        """Return of every link its rotation in the parent, and turning, its rate and the acceleration of its origin."""
+        """Return every link's rotation in its parent, angular rates, and the acceleration of its origin."""
         import casadi as ca
 
         still = ca.SX.zeros(3)

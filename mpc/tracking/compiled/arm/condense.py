@@ -1,7 +1,7 @@
-"""The dense QP of an arm's step: its cost without rows, the proof that an answer keeps them, and the rows.
+"""Dense QP of an arm's step: its cost without rows, the proof that an answer satisfies the rows, and the rows.
 
-The sizes are those of the arm in the text that `mpc.tracking.compiled.arm.module` makes of this file and `step`, which
-says what a path is. Decisions z count in bar, as in `mpc.tracking.qp.condense`.
+`mpc.tracking.compiled.arm.module` combines this file with `step`, which defines a path, for the sizes of the arm.
+Decisions z count in bar, as in `mpc.tracking.qp.condense`.
 """
 
 import numpy as np
@@ -25,8 +25,8 @@ def condense(
     """Fill in G (N+1, 2n, z) = ∂(q, ω)/∂z and the QP without rows and slacks.
 
     `weights` (2n + stiffnesses + 2m,) are those of angles, velocities, stiffnesses, commands and their rates; `risen`
-    (N+1, blocks, m) [Pa/bar] how far pressures have followed the change of a block, `constant` (z, z) what of H the
-    commands are charged, `L` the terminal factor.
+    (N+1, blocks, m) [Pa/bar] is the response of the pressures to the change of a block, `constant` (z, z) the part of H
+    due to commands, `L` the terminal factor.
     """
     N, size = u.shape[0], f.size
     rows = 2 * n + STIFFNESSES
@@ -63,7 +63,7 @@ def of_commands(
     weights: Array, starts: Indices, dt: float, bounds: Array, u: Array, u_ref: Array, u_last: Array, e_last: Array,
     f: Array, lower: Array, upper: Array,
 ) -> None:  # fmt: skip
-    """Fill in the gradient of what commands and their rate are charged, and how far changes may go."""
+    """Fill in the gradient of the cost of commands and their rate, and the bounds of the changes."""
     N, step, first_command = u.shape[0], bounds[2] / BAR, 2 * n + STIFFNESSES
     for b in range(starts.size):
         first = starts[b]
@@ -81,7 +81,7 @@ def of_commands(
 
 @inlined
 def move(S: Array, risen: Array, acting: int, G: Array, after: Array) -> None:
-    """Fill in the next G from this one, of the blocks that are `acting` so far."""
+    """Fill in the next G from this one, for the blocks that are `acting` so far."""
     for i in range(2 * n):
         for z in range(after.shape[1]):
             after[i, z] = 0.0
@@ -96,7 +96,7 @@ def move(S: Array, risen: Array, acting: int, G: Array, after: Array) -> None:
 
 @inlined
 def read(slope: Array, row: int, root: float, risen: Array, acting: int, G: Array, J: Array) -> None:
-    """Fill in `J` (z,), the gradient of an output by the decisions, times `root`."""
+    """Fill in `J` (z,), the gradient of an output with respect to the decisions, times `root`."""
     for b in range(acting):
         for j in range(m):
             J[b * m + j] = root * slope[n + j, row] * risen[b, j]
@@ -108,7 +108,7 @@ def read(slope: Array, row: int, root: float, risen: Array, acting: int, G: Arra
 
 @inlined
 def charge(J: Array, r: Array, acting: int, H: Array, f: Array) -> None:
-    """Add ½|r + J z|² to the cost, to the lower half of H, whose first `acting` columns J has."""
+    """Add ½|r + J z|² to the cost, to the lower half of H; J has its first `acting` columns."""
     for row in range(J.shape[0]):
         for i in range(acting):
             factor = J[row, i]
@@ -136,7 +136,7 @@ def end(L: Array, risen: Array, G: Array, x: Array, x_ref: Array, u: Array, u_re
 
 @inlined
 def proved(H: Array, f: Array, lower: Array, upper: Array, z: Array, allowed: float) -> bool:
-    """Return whether `z` is within its bounds and the gradient there, but for pushes at bounds, is next to nothing."""
+    """Return whether `z` is within its bounds and the gradient there, except for pushes at bounds, is almost zero."""
     square = 0.0
     for i in range(f.size):
         gradient = f[i]
@@ -153,7 +153,7 @@ def keeps_rows(
     bounds: Array, soft: Array, ranges: Array, starts: Indices, risen: Array, u: Array, x: Array, y: Array,
     slope: Array, G: Array, z: Array, moved: Array,
 ) -> bool:  # fmt: skip
-    """Return whether the linear model keeps supply, ranges and least forces under z; `moved` becomes E z [Pa]."""
+    """Return whether the linear model respects supply, ranges and least forces under z; `moved` becomes E z [Pa]."""
     N, tolerance, acting = u.shape[0], soft[0], 0
     dq, dP = np.empty(n), np.empty(m)
     for k in range(N):

@@ -1,13 +1,13 @@
-"""The template has the feed-forward of an arm: what the allocation is asked, and what its answer means.
+"""Template of an arm's feed-forward: the targets of the allocation, and the commands from its result.
 
-`mpc.tracking.compiled.arm.module` puts the sizes and the formula of the arm in the place of the lines below that begin
-with `FORMULAS`: n joints, m muscles, the number of entries of svec K, and a function that fills flat arrays, matrices
-by columns:
+`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by the sizes and the formula of
+the arm: n joints, m muscles, the number of entries of svec K, and a function that fills flat arrays, matrices by
+columns:
 
-    statics          (q, ω, ω') ↦ M ω' + C + Dω + g, and what y' = (τ, svec K) is at no pressure, its Jacobian by P, and
-                     the forces at no pressure and their slopes by P
+    statics          (q, ω, ω') ↦ M ω' + C + Dω + g, then at no pressure y' = (τ, svec K), its Jacobian by P, the forces
+                     and their slopes by P
 
-The array c holds the numbers of it. Pressures are in Pa.
+The array c holds its numbers. Pressures are in Pa.
 """
 
 from typing import Any
@@ -27,7 +27,7 @@ def targets(
     c: Array, slopes1: Array, slopes2: Array, limits: Array, supply: Array, asked: Array, K: Array, d: Array,
     x: Array, T: Array, A: Array, b: Array, lo: Array, hi: Array,
 ) -> bool:  # fmt: skip
-    """Fill in what the allocation is asked at every sample, and angles and velocities of `x`; False if it cannot be.
+    """Fill in the allocation's targets at every sample, and angles and velocities of `x`; return False if infeasible.
 
     `limits` (2, n) [rad], `supply` (m + 3,): greatest pressures, the least one, the unit of A's columns, least force.
     """
@@ -67,7 +67,7 @@ def targets(
 def follow(
     lags: Array, unit: float, asked: Array, A: Array, b: Array, found: Array, K: Array, x: Array, y: Array, u: Array
 ) -> tuple[float, float, float]:
-    """Fill in pressures of `x`, stiffness of `y` and commands `u` of what was `found`; return how far it is moved."""
+    """Fill in pressures of `x`, stiffness of `y` and commands `u` from `found`; return the distances moved."""
     samples, off, missed, short = asked.shape[0], 0.0, 0.0, 0.0
     for k in range(samples):
         for j in range(m):

@@ -1,8 +1,8 @@
-"""The compiled feed-forward of an arm, which answers as the readable one does.
+"""Compiled feed-forward of an arm, with the same results as the readable one.
 
-What is asked of a hand becomes what is asked of the joints, where it has as many coordinates as there are joints. With
-J(q) square, K_x = J⁻ᵀ K J⁻¹ is linear in the joints' stiffness, and so is E = S K Sᵀ, S = K_x*^(-1/2) J⁻ᵀ, which is 1
-where the stiffness is as asked: the error that `allocate` makes least with an `endpoint`.
+Targets of a hand become targets of the joints, if the hand has as many coordinates as there are joints. With J(q)
+square, K_x = J⁻ᵀ K J⁻¹ is linear in the joints' stiffness, and so is E = S K Sᵀ, S = K_x*^(-1/2) J⁻ᵀ, which is 1 at the
+target stiffness: the error that `allocate` minimises with an `endpoint`.
 """
 
 from copy import deepcopy
@@ -20,11 +20,11 @@ from mpc.tracking.compiled.arm.module import CompiledArm
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.plan import Moved
 
-_SURE = 1e-9  # residual of optimality up to which an allocation is believed
+_SURE = 1e-9  # residual of optimality up to which an allocation is accepted
 
 
 class HandTargets(NamedTuple):
-    """`HandTargets` are what is asked of a hand at N+1 samples; svecs are those of the joints' stiffness."""
+    """Targets of a hand at N+1 samples; svecs are those of the joints' stiffness."""
 
     to_hand: Array  # J⁻¹ (N+1, n, n)
     asked: Array  # K_x* (N+1, n, n) [N/m]
@@ -32,9 +32,9 @@ class HandTargets(NamedTuple):
 
     @classmethod
     def at(cls, arm: Arm, q: Array, K: Array) -> Self:
-        """Return the targets `K` (N+1, n, n) [N/m] at `q` (N+1, n), moved to within the ranges.
+        """Return the targets `K` (N+1, n, n) [N/m] at `q` (N+1, n), which is moved to within the ranges.
 
-        Raises `InvalidInput` where the hand is singular.
+        Raises `InvalidInput` at singular configurations of the hand.
         """
         assert arm.endpoint is not None
         q = np.clip(q, *arm.angle_limits)
@@ -50,7 +50,7 @@ class HandTargets(NamedTuple):
 
     @property
     def joint_stiffness(self) -> Array:
-        """Return Jᵀ K_x* J (N+1, n, n) [N·m/rad]."""
+        """Target stiffness Jᵀ K_x* J (N+1, n, n) [N·m/rad] of the joints."""
         J = np.linalg.inv(self.to_hand)
         return np.asarray(J.swapaxes(-1, -2) @ self.asked @ J)
 
@@ -72,7 +72,7 @@ class HandTargets(NamedTuple):
 
 
 class CompiledArmFeedForward:
-    """It is `mpc.tracking.feedforward.InverseDynamics`, which answers itself where the kernel is not sure."""
+    """Compiled `mpc.tracking.feedforward.InverseDynamics`; the readable one is used if the kernel is not sure."""
 
     def __init__(self, arm: Arm, made: CompiledArm, readable: InverseDynamics) -> None:
         rows, n, m = len(readable.slopes[0]), arm.n, arm.m
@@ -98,7 +98,7 @@ class CompiledArmFeedForward:
         self._alpha = readable.alpha
 
     def __deepcopy__(self, memo: dict[int, object]) -> "CompiledArmFeedForward":
-        """Return one with buffers of its own."""
+        """Return a copy with its own buffers."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         for name in ("_T", "_A", "_b", "_residual"):

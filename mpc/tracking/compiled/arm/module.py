@@ -1,7 +1,4 @@
-"""The module turns an arm into compiled functions: its formulas as a Python module, written once and found again.
-
-As `mpc.tracking.compiled.module` does it for a joint.
-"""
+"""Compiled functions of an arm: its formulas as a cached Python module, as in `mpc.tracking.compiled.module`."""
 
 import ast
 from collections.abc import Sequence
@@ -32,13 +29,13 @@ _SOLUTION = (
 
 
 class CompiledArm(NamedTuple):
-    """A compiled arm is what is compiled for a family of arms, and the numbers of one."""
+    """Compiled functions for a family of arms, and the numbers of one arm."""
 
     step: ModuleType  # `mpc.tracking.compiled.arm.step` with the formulas
     feed_forward: ModuleType  # `mpc.tracking.compiled.arm.feedforward`, likewise
     c: Array
     h: float  # step of the integration [s]
-    decay: Array  # (substeps, 3, m) what is left of a pressure's error at beginning, middle and end of each step
+    decay: Array  # (substeps, 3, m) remainder of a pressure's error at beginning, middle and end of each step
 
 
 def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
@@ -57,12 +54,12 @@ def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
 
 
 def solve_module(arm: Arm) -> ModuleType:
-    """Return the solution of the structured QP, which depends on the sizes of the arm alone."""
+    """Return the compiled solution of the structured QP, which depends only on the sizes of the arm."""
     return imported(_assembled(_SOLUTION, arm))
 
 
 def _assembled(names: Sequence[str], arm: Arm) -> str:
-    """Return the text of these files of `structured_qp` for the sizes of the arm, which stand in the first of them."""
+    """Return the text of these files of `structured_qp` for the sizes of the arm, which the first file contains."""
     first, sizes = "JOINTS, NU, STIFFNESSES = ", f"{arm.n}, {arm.m}, {arm.stiffnesses}"
     parts = [_without_own_imports(_QP / f"{name}.py") for name in names]
     lines = [f"{first}{sizes}\n" if line.startswith(first) else line for line in parts[0].splitlines(keepends=True)]
@@ -70,7 +67,7 @@ def _assembled(names: Sequence[str], arm: Arm) -> str:
 
 
 def _without_own_imports(file: Path) -> str:
-    """Return the text of a file without its docstring and what it imports from the others."""
+    """Return the text of a file without its docstring and its imports from the other files."""
     text = file.read_text(encoding="utf-8")
     lines, body = text.splitlines(keepends=True), ast.parse(text).body
     left_out = body[:1] + [n for n in body if isinstance(n, ast.ImportFrom) and (n.module or "").startswith(_OWN)]

@@ -1,10 +1,10 @@
-"""The compiled QP step of an arm, which answers as the readable one does.
+"""Compiled QP step of an arm, with the same results as the readable one.
 
-The QP is solved with its simple bounds only, by the solver. If the answer keeps all rows and is proved optimal it is
-the QP's, and the step is done; else the whole QP, the same that `mpc.tracking.qp.condense` gives, goes to
-`mpc.tracking.qp.certified`. `Riccati` solves the QP as a joint's is, sample by sample (`SizedQP`). Where that takes the
-interior point, because many limits bind, the dense QP is faster: the next `DENSE_FOR` ones are solved so. Both answers
-are proved optimal, and the QP is strictly convex, so that they are the same.
+The solver first solves the QP with its simple bounds only. If the answer satisfies all rows and is proved optimal, it
+solves the QP. Otherwise `mpc.tracking.qp.certified` solves the whole QP of `mpc.tracking.qp.condense`. `Riccati` solves
+the QP sample by sample, like a joint's (`SizedQP`). If that needs the interior point, because many limits bind, the
+dense QP is faster and is used for the next `DENSE_FOR` QPs. Both answers are proved optimal, and they are the same,
+since the QP is strictly convex.
 """
 
 from math import inf
@@ -34,9 +34,9 @@ DENSE_FOR = 12  # QPs
 
 
 def _charged(rows: Rows, n: int, stiffnesses: int) -> Array:
-    """Return the weights (2n + stiffnesses + 2m,) that the compiled step charges, from the table of residuals.
+    """Return the weights (2n + stiffnesses + 2m,) of the compiled step, from the table of residuals.
 
-    Raises `InvalidInput` for one of pressures or muscle forces, which the step does not know.
+    Raises `InvalidInput` for weights of pressures or muscle forces, which the step does not support.
     """
     if rows.x[2 * n :].any() or rows.y[stiffnesses:].any():
         raise InvalidInput(
@@ -47,7 +47,7 @@ def _charged(rows: Rows, n: int, stiffnesses: int) -> Array:
 
 
 class CompiledArmQPStep:
-    """A compiled step works for one controller: its buffers must not be used by two threads at a time."""
+    """Compiled step of one controller; two threads must not use its buffers at the same time."""
 
     implementation = "compiled"
 
@@ -69,7 +69,7 @@ class CompiledArmQPStep:
         constant += np.einsum("j,kji,kjl->il", rows.rate, rate, rate) / dt**2
         self._cost = charged, np.ascontiguousarray(problem.L), *self._shape, constant, dt, self._bounds
         self._u = np.zeros((N, m))
-        # copies of what comes: what is read-only, as plans are, would be compiled for once more
+        # copies of the arguments: read-only arrays, such as plans, would need a second compilation
         self._now = np.zeros(size), np.zeros((N, m)), np.zeros((N, n)), np.zeros(m), np.zeros(m)
         self._path = (
             np.zeros((N + 1, size)),
@@ -83,17 +83,17 @@ class CompiledArmQPStep:
         self._no_rows, self._no_bounds = np.zeros((0, z)), np.zeros(0)
         self._stiffnesses = outputs - m
         self.structured: SizedQP | None = None  # for `Riccati`
-        self._dense_for = 0  # QPs that are left to the dense one
+        self._dense_for = 0  # remaining QPs to solve as dense ones
 
     def __deepcopy__(self, memo: dict[int, object]) -> "CompiledArmQPStep":
-        """Return one with buffers of its own."""
+        """Return a copy with its own buffers."""
         other = CompiledArmQPStep(*self._given)
         other.active_set, other._dense_for = self.active_set, self._dense_for
         return other
 
     @property
     def active_set(self) -> NDArray[np.int8] | None:
-        """The active set (n,) is the sign of the multipliers of the bounds that bound, where that is remembered."""
+        """Active set (n,): the signs of the active bounds' multipliers, if remembered."""
         return None if self.structured is None else self.structured.guess.copy()
 
     @active_set.setter
@@ -102,14 +102,14 @@ class CompiledArmQPStep:
             self._structured_qp().guess[:] = guess
 
     def _structured_qp(self) -> "SizedQP":
-        """Return the structured QP, which is compiled when it is first wanted."""
+        """Return the structured QP, which is compiled on first use."""
         if self.structured is None:
             arm, dt, _, problem = self._given
             self.structured = SizedQP(arm, dt, problem)
         return self.structured
 
     def reset(self) -> None:
-        """Forget which bounds bound."""
+        """Forget which bounds were active."""
         self._dense_for = 0
         if self.structured is not None:
             self.structured.reset()
@@ -117,7 +117,7 @@ class CompiledArmQPStep:
     def __call__(
         self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample, solve: Solver, deadline: float
     ) -> QPAnswer:
-        """Answer as `mpc.tracking.qp.step.QPStep` says."""
+        """Solve the QP as `mpc.tracking.qp.step.QPStep` describes."""
         began = perf_counter()
         for kept, given in zip(self._now, (x, u, d, previous.u, previous.u - previous.u_star), strict=True):
             kept[:] = given
@@ -158,7 +158,7 @@ class CompiledArmQPStep:
         return Motion(u, after, outputs[:, : self._stiffnesses], outputs[:, self._stiffnesses :])
 
     def _finished(self, z: Array) -> Motion | None:
-        """Return what `z` leads to, if it is proved to solve the whole QP."""
+        """Return the commands and the motion of `z`, if `z` is proved to solve the whole QP."""
         (x, _, d, u_last, _), (states, _, y, slope) = self._now, self._path
         u, after, outputs = np.empty_like(self._u), np.empty_like(states), np.empty_like(y)
         path = x, d, u_last, self._u, states, y, slope, self._G
@@ -173,7 +173,7 @@ class CompiledArmQPStep:
     def _whole(
         self, previous: PreviousSample, solve: Solver, deadline: float, times: tuple[float, float, float]
     ) -> QPAnswer:
-        """Answer the QP with its slacks and rows."""
+        """Solve the QP with its slacks and rows."""
         began, problem = perf_counter(), self._problem
         qp = self.whole_qp()
         answer = certified(solve, qp, deadline, problem.curvature)
@@ -198,16 +198,16 @@ class CompiledArmQPStep:
 
 
 def _risen(starts: NDArray[np.int64], N: int, left: Array) -> Array:
-    """Return how far the pressures have followed the change of a block at every sample (N+1, blocks, m) [Pa/bar].
+    """Return the response of the pressures to the change of a block at every sample (N+1, blocks, m) [Pa/bar].
 
-    `left` (m,) is what is left of an error after a sample.
+    `left` (m,) is the remaining share of an error after a sample.
     """
     since = np.maximum(np.arange(N + 1)[:, None] - starts, 0)
     return np.asarray(BAR * (1 - left ** since[..., None]))
 
 
 class SizedQP:
-    """It works for one controller: its arrays must not be used by two threads at a time."""
+    """Structured QP of one controller of an arm; two threads must not use its arrays at the same time."""
 
     def __init__(self, arm: Arm, dt: float, problem: TrackingProblem) -> None:
         self._settle: Any = solve_module(arm).settle_path
@@ -222,14 +222,14 @@ class SizedQP:
             problem.starts.astype(np.int64), np.exp(-dt / arm.lags),
         )  # fmt: skip
         self.guess = np.zeros(arm.m * len(problem.blocks), np.int8)  # sign of the multipliers
-        self.z, self.iterations = np.zeros(self.guess.size), 0  # of the interior point for the last QP
+        self.z, self.iterations = np.zeros(self.guess.size), 0  # iterations of the interior point for the last QP
         self._last = np.zeros((2, arm.m))
-        self._previous: PreviousSample | None = None  # of the sample that the guess is about
+        self._previous: PreviousSample | None = None  # of the sample of the guess
         self._shifted = shifted(problem.starts, arm.m)
 
     def solved(self, path: tuple[Array, ...], u: Array, feed: FeedForward, previous: PreviousSample) -> bool:
-        """Return whether `z` is now the proved solution about a path as `step` linearises it, with the commands `u`."""
-        if previous is not self._previous:  # at a new sample the same commands bind, one sample earlier
+        """Solve the QP about a `path` of `step` with the commands `u`; return whether `z` is the proved solution."""
+        if previous is not self._previous:  # at a new sample the active set moves by one sample
             self._previous, self.guess[:] = previous, self.guess[self._shifted]
         self._last[0], self._last[1] = previous
         given = *path, u, feed.x, feed.y, feed.u, self._last
@@ -237,5 +237,5 @@ class SizedQP:
         return bool(done)
 
     def reset(self) -> None:
-        """Forget which bounds bound."""
+        """Forget which bounds were active."""
         self.guess[:] = 0

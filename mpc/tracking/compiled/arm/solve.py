@@ -1,6 +1,6 @@
-"""The entry to the structured QP of an arm, after the text of which `mpc.tracking.compiled.arm.module` puts it.
+"""Entry to the structured QP of an arm; `mpc.tracking.compiled.arm.module` appends it to the text of the QP.
 
-The states' pressures count in bar there, as commands do.
+The pressures of states count in bar, as commands do.
 """
 
 import numpy as np
@@ -20,10 +20,10 @@ def settle_path(
     slack: Array, starts: Indices, kept: Array, x: Array, S: Array, y: Array, slope: Array, u: Array,
     x_ref: Array, y_ref: Array, u_ref: Array, last: Array, guess: Signs, z: Array,
 ) -> tuple[bool, int]:  # fmt: skip
-    """Return whether `z` (n,) is the QP's proved solution, and how many iterations of the interior point that took.
+    """Return whether `z` (n,) is the QP's proved solution, and the number of iterations of the interior point.
 
     `bounds` (4,): least and greatest command, greatest change [bar], least force [N]; `ranges` (2, n) of the angles;
-    `rest` (3,) what a `Setting` has beyond; `kept` (m,) what is left of a pressure's error after a sample.
+    `rest` (3,) the other fields of a `Setting`; `kept` (m,) the remaining share of a pressure's error after a sample.
     """
     cost = Cost(cost_x, cost_y, cost_e, change, end)
     limits = Bounds(bounds[0], bounds[1], bounds[2], ranges[0], ranges[1], bounds[3])

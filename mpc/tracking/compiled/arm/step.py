@@ -1,16 +1,16 @@
-"""The template has the step of an arm: linearisation, and the rollout of an answer; `condense` has what lies between.
+"""Template of an arm's step: linearisation and the rollout of an answer, with the dense QP of `condense` between them.
 
-`mpc.tracking.compiled.arm.module` puts the sizes of the arm, `condense` and the formulas of the arm in the place of the
-lines below that begin with `FORMULAS`: n joints, m muscles, and functions that fill flat arrays, matrices by columns:
+`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by the sizes of the arm,
+`condense` and the arm's formulas: n joints, m muscles, and functions that fill flat arrays, matrices by columns:
 
     dynamics         (q, ω, P, d) ↦ M, τ - C - Dω - g + d
-    dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter less M ω', by q, ω and P
+    dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter minus M ω', by q, ω and P
     output_slopes    (q, P) ↦ y = (svec K, F), its Jacobian by q and P
 
-The array c holds the numbers of all of them. Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`.
-The motion is that of `mpc.model.arm.model`; ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') at fixed ω' differentiates it.
-A path is a motion and its derivatives: x (N+1, 2n + m), S (N, 2n, 2n + 2m) the Jacobian of the next (q, ω) by (q, ω),
-P and u, y (N+1, p) and slope (N+1, n + m, p) of y by (q, P). The pressures follow commands as they do on every path.
+The array c holds their numbers. Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`. The motion
+is that of `mpc.model.arm.model`; its derivative is ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') at fixed ω'. A path is a
+motion and its derivatives: x (N+1, 2n + m), S (N, 2n, 2n + 2m) the Jacobian of the next (q, ω) by (q, ω), P and u, y
+(N+1, p) and slope (N+1, n + m, p) of y by (q, P). The response of pressures to commands is always the same.
 """
 
 from typing import Any
@@ -39,10 +39,10 @@ def linearise(
     c: Array, h: float, decay: Array, bounds: Array, u_last: Array, x0: Array, asked: Array, d: Array,
     u: Array, x: Array, S: Array, y: Array, slope: Array,
 ) -> None:  # fmt: skip
-    """Fill in the commands `asked` (N, m) [Pa], moved to within the limits, as `u`, and the path of them.
+    """Fill in `u`, the commands `asked` (N, m) [Pa] moved to within the limits, and their path.
 
-    `decay` (substeps, 3, m) is what is left of a pressure's error at beginning, middle and end of each step `h` [s];
-    `bounds` (3,) the supply and the greatest change [Pa].
+    `decay` (substeps, 3, m) is the remaining share of a pressure's error at beginning, middle and end of each step `h`
+    [s]; `bounds` (3,) are the supply and the greatest change [Pa].
     """
     for k in range(u.shape[0]):
         for j in range(m):
@@ -58,10 +58,10 @@ def linearise(
 
 @inlined
 def advance(c: Array, h: float, decay: Array, x: Array, u: Array, d: Array, after: Array, S: Array | None) -> None:
-    """Fill in the state a sample later and the Jacobian `S` (2n, 2n + 2m) of its (q, ω), if there is one."""
+    """Fill in the next state and the Jacobian `S` (2n, 2n + 2m) of its (q, ω), if there is one."""
     s, K, total, now = np.empty(2 * n), np.empty(2 * n), np.empty(2 * n), np.empty(2 * n)
     P, M, a = np.empty(m), np.empty(n * n), np.empty(n)
-    if S is not None:  # numba leaves out what is not there
+    if S is not None:  # numba removes this branch for None
         SK, St = np.zeros((2 * n, 2 * n + 2 * m)), np.empty((2 * n, 2 * n + 2 * m))
         here, R = np.empty((2 * n, 2 * n + 2 * m)), np.empty((NX, n))
         for i in range(2 * n):
@@ -104,7 +104,7 @@ def vary(
     c: Array, reach: float, share: float, left: Array, now: Array, P: Array, M: Array, a: Array, R: Array,
     S: Array, here: Array, SK: Array, St: Array,
 ) -> None:  # fmt: skip
-    """Go on with the variational equations by a stage: SK is the slope of the Jacobian `here`, St their sum."""
+    """Advance the variational equations by a stage: SK is the slope of the Jacobian `here`, St their sum."""
     columns = 2 * n + 2 * m
     dynamics_slopes(now[:n], now[n:], P, a, c, R.reshape(-1))
     for j in range(NX):
@@ -142,7 +142,7 @@ def accelerate(c: Array, s: Array, P: Array, d: Array, M: Array, a: Array) -> No
 
 @inlined
 def solve(M: Array, v: Array) -> None:
-    """Put M⁻¹ v in the place of v (n,), by the factor in `M`."""
+    """Replace v (n,) by M⁻¹ v, with the factor in `M`."""
     for i in range(n):
         for l in range(i):  # noqa: E741
             v[i] -= M[l * n + i] * v[l]
@@ -160,7 +160,7 @@ def roll(c: Array, h: float, decay: Array, x0: Array, u: Array, d: Array, x: Arr
         x[0, i] = x0[i]
     for k in range(u.shape[0]):
         advance(c, h, decay, x[k], u[k], d[k], x[k + 1], None)
-    slope = np.empty((n + m) * y.shape[1])  # not needed, but a second formula would have to be compiled
+    slope = np.empty((n + m) * y.shape[1])  # unused, but avoids the compilation of a second formula
     for k in range(x.shape[0]):
         output_slopes(x[k, :n], x[k, 2 * n :], c, y[k], slope)
 
@@ -171,9 +171,9 @@ def finish(
     x0: Array, d: Array, u_last: Array, u: Array, x: Array, y: Array, slope: Array, G: Array,
     H: Array, f: Array, lower: Array, upper: Array, z: Array, moved: Array, x_next: Array, y_next: Array,
 ) -> int:  # fmt: skip
-    """Return SOLVED if `z` is proved to solve the whole QP, and fill in what it leads to; else why not.
+    """Return SOLVED and fill in commands and motion if `z` is proved to solve the whole QP; else return the reason.
 
-    `soft` (3,): what a row may be broken by, how far the gradient may be from 0, the least force; `ranges` (2, n).
+    `soft` (3,): tolerances of the rows and of the gradient, the least force; `ranges` (2, n).
     """
     if not proved(H, f, lower, upper, z, soft[1]):
         return REFUSED
@@ -192,9 +192,7 @@ def rollout(
     c: Array, h: float, decay: Array, bounds: Array, u_last: Array, x0: Array, d: Array, u: Array, starts: Indices,
     z: Array, moved: Array, x: Array, y: Array,
 ) -> bool:  # fmt: skip
-    """Fill in the commands that `z` makes of `u`, `moved` to within the limits, and their motion; return whether that
-    is finite.
-    """
+    """Fill in `u` changed by `z`, `moved` to within the limits, and its motion; return whether that is finite."""
     for j in range(m):
         change, block = 0.0, 0
         for k in range(u.shape[0]):

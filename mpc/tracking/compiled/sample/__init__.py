@@ -1,1 +1,1 @@
-"""A whole sample of a control loop is made in one compiled call here, from flat arrays to flat arrays."""
+"""Whole sample of a control loop in one compiled call, from flat arrays to flat arrays."""

@@ -1,4 +1,4 @@
-"""The arrays are what the compiled step works on, and the call of it."""
+"""Arrays of the compiled step, and its call."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -34,7 +34,7 @@ _KINDS = "(int64, int64, float64[::1], float64[::1], float64[:], float64[:], flo
 
 
 class Beyond(NamedTuple):
-    """What is known beyond the plant."""
+    """Constants of the compensation and the rest mode."""
 
     friction: Array  # numbers, see `mpc.model.compiled_friction`
     delay: int  # [samples]
@@ -44,7 +44,7 @@ class Beyond(NamedTuple):
 
     @property
     def memory(self) -> int:
-        """Return how many numbers friction remembers."""
+        """Number of entries of the friction's memory."""
         return memory_of(self.friction)
 
 
@@ -52,10 +52,10 @@ _NOTHING = Beyond(flat(NO_FRICTION), 0, 0.0, rests=False, rules=Rules(*9 * (0.0,
 
 
 class StepArrays:
-    """The arrays are those of one controller of N samples: they must not be used by two threads at a time.
+    """Arrays of one controller of N samples; two threads must not use them at the same time.
 
-    Without the `structured` QP they serve the feed-forward alone, without the `inverse` dynamics all but that. A whole
-    step wants both, and the `gate` of a measured state: the least and the greatest (4,).
+    Without the `structured` QP they serve only the feed-forward, without the `inverse` dynamics everything else. A
+    whole step needs both, and the `gate` of a measured state: least and greatest values (4,).
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class StepArrays:
         beyond: Beyond = _NOTHING,
     ) -> None:
         asked, self.size, length = lengths(N, beyond.delay, beyond.memory)
-        self.nothing = np.full(length, np.nan)  # made yet
+        self.nothing = np.full(length, np.nan)  # no result yet
         asks = np.zeros(asked)
         self.ask = asked_of(asks)
         slopes = np.zeros((2, N + 1, N + 1)) if inverse is None else np.stack([D.T for D in inverse.slopes])
@@ -84,19 +84,19 @@ class StepArrays:
         self._inputs = Inputs(*before, starts, counted, guess, np.zeros_like(guess), address, *_CLOCK)
         self._table = table_of(self._inputs)
         self.step = entry_of(plant.step.step, _KINDS)
-        self.address: int = self._table.ctypes.data  # for as long as these arrays live
+        self.address: int = self._table.ctypes.data  # valid during the lifetime of these arrays
 
     def feed_forward(self) -> tuple[bool, Array]:
-        """Return whether there is a feed-forward for what is asked, then in `given`, and how far all was moved (3,)."""
+        """Fill in `given` with the feed-forward of `asked`; return whether it exists, and the distances moved (3,)."""
         sure, made = self._part(FEED)
         return sure, made.moved
 
     def linearise(self) -> None:
-        """Leave the linear model for what is `given` in the structured QP."""
+        """Store the linear model about `given` in the structured QP."""
         self._part(LINEARISE)
 
     def rollout(self) -> tuple[bool, Made]:
-        """Return whether what follows from the structured QP's solution is finite, and that."""
+        """Return whether the motion of the structured QP's solution is finite, and the motion."""
         return self._part(ROLLOUT)
 
     def _part(self, what: int) -> tuple[bool, Made]:

@@ -1,7 +1,7 @@
-"""Calls of the QP's solution by its address.
+"""Call of the QP's solution by its address.
 
-A function that numba links is compiled into each of its callers anew, which for the solution of the QP takes longer
-than all the rest of a step. By its address it is called in a nanosecond, and stays where it was made and kept.
+numba compiles a linked function again into each of its callers, which for the solution of the QP takes longer than for
+the rest of a step. A call by address takes a nanosecond and uses the cached function.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,9 +20,9 @@ _SETTLED = types.Tuple((types.boolean, types.int64))  # type: ignore[attr-define
 
 
 def address_of(settle: "Dispatcher") -> int:
-    """Return the address of `structured_qp.solve.settle`, which has been called with one kind of arguments.
+    """Return the address of `structured_qp.solve.settle`, which has been called with one type of arguments.
 
-    Raises a `TypeError` if it does not return what `settle_at` takes.
+    Raises a `TypeError` if its return type is not that of `settle_at`.
     """
     [made] = settle.overloads.values()
     if made.signature.return_type != _SETTLED:
@@ -34,7 +34,7 @@ def address_of(settle: "Dispatcher") -> int:
 def settle_at(
     typing: object, address: Type, numbers: Type, starts: Type, given: Type, buffer: Type, guess: Type, z: Type
 ) -> "tuple[Signature, Callable[..., object]]":
-    """Call `structured_qp.solve.settle`, which stands at this address."""
+    """Call `structured_qp.solve.settle` at this address."""
     arrays = (numbers, starts, given, buffer, guess, z)
 
     def generate(context: "BaseContext", builder: Any, signature: "Signature", given: Sequence[object]) -> object:

@@ -1,8 +1,8 @@
-"""The layout says what lies where in the flat arrays of a sample, for Python and for compiled code.
+"""Layout of the flat arrays of a sample, for Python and for compiled code.
 
-asked  what a caller asks: the state, the torque from outside, previews over the dead time and the horizon
-out    what a sample makes: a plan, what is said of it, and what the controller remembers; NaN where nothing is yet
-known  what is known of the plant, and does not change
+asked  the caller's arguments: state, external torque, previews over the dead time and the horizon
+out    the results of a sample: a plan, its properties, and the controller's memory; NaN before the first sample
+known  constants of the plant
 """
 
 from collections.abc import Callable
@@ -20,24 +20,24 @@ from mpc.tracking.resting import Rules
 
 
 class Asked(NamedTuple):
-    """Asked is what `mpc.tracking.base.BaseController.step` is given."""
+    """Arguments of `mpc.tracking.base.BaseController.step`."""
 
     x: Annotated[Array, 4]  # measured
     d: Annotated[Array, 1]  # [N·m]
     theta: Annotated[Array, "ahead + 1"]  # [rad]
     K: Annotated[Array, "ahead + 1"]  # [N·m/rad]
-    torques: Annotated[Array, "ahead + 1"]  # from outside and of friction, to be filled in [N·m]
+    torques: Annotated[Array, "ahead + 1"]  # external and friction torques, to be filled in [N·m]
 
 
 class Inputs(NamedTuple):
-    """The inputs are all that the compiled step works on; most of it never changes."""
+    """All arrays of the compiled step; most of them are constant."""
 
     c: Array  # numbers of the formulas
     p: Array  # of the kernel
     known: Array
     slopes: Array  # (2, N+1, N+1) of the feed-forward
     friction: Array  # see `mpc.model.compiled_friction`
-    numbers: Array  # of the setting, as what follows: see `mpc.tracking.compiled.records`
+    numbers: Array  # of the setting, like the next two: see `mpc.tracking.compiled.records`
     asked: Array
     given: Array
     buffer: Array
@@ -46,30 +46,30 @@ class Inputs(NamedTuple):
     starts: NDArray[np.int64]  # (blocks,)
     counted: NDArray[np.int64]  # (1,) iterations of the interior point
     guess: NDArray[np.int8]  # (n,)
-    kept: NDArray[np.int8]  # (n,) room for it
+    kept: NDArray[np.int8]  # (n,) room for the guess
     settle: int  # addresses, see `mpc.tracking.compiled.sample.calls`
     clock: int
     name: int
 
 
 class State(NamedTuple):
-    """The state is what `Ladder`, `Preview`, `RestMode` and `FrictionState` remember."""
+    """State of `Ladder`, `Preview`, `RestMode` and `FrictionState`."""
 
-    u: Array  # (N, 2) the last plan's commands as they should act, which are in that plan [Pa]
+    u: Array  # (N, 2) the last plan's commands as they should act, a view into that plan [Pa]
     u_star: Annotated[Array, 2]  # the feed-forward of the previous sample [Pa]
     sent: Annotated[Array, 2]  # [Pa]
-    expected: Annotated[Array, 4]  # the state that was predicted for now
-    angle: Annotated[Array, 1]  # from which the motion counts that friction remembers [rad]
+    expected: Annotated[Array, 4]  # the state predicted for now
+    angle: Annotated[Array, 1]  # origin of the motion in the friction's memory [rad]
     rest: Annotated[Array, resting.size(1, NU)]  # numbers of `mpc.tracking.resting`
     memory: Annotated[Array, "n"]  # of friction
     waiting: Annotated[Array, "m", 2]  # commands as they will act, oldest first [Pa]
 
 
 class Made(NamedTuple):
-    """What is made is a plan."""
+    """Plan made by a sample."""
 
-    u: Annotated[Array, "N", 2]  # as it should act [Pa]
-    sent: Annotated[Array, "N", 2]  # what has to be sent for that [Pa]
+    u: Annotated[Array, "N", 2]  # commands as they should act [Pa]
+    sent: Annotated[Array, "N", 2]  # commands to send [Pa]
     x: Annotated[Array, "N + 1", 4]
     K: Annotated[Array, "N + 1"]
     F: Annotated[Array, "N + 1", 2]
@@ -80,7 +80,7 @@ class Made(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known is numbers of the plant, the sample time and the gate of a measured state."""
+    """Numbers of the plant, the sample time and the gate of a measured state."""
 
     inertia: float
     damping: float
@@ -99,7 +99,7 @@ class Known(NamedTuple):
     dead_band: float  # [Pa]
     rests: bool  # whether commands come to rest at a constant reference
     rules: Rules
-    corrected: float  # [-] of an error of the angle counts as motion that friction opposes
+    corrected: float  # [-] of an angle error counts as motion that friction opposes
 
 
 asked_in: Callable[[Array], Asked] = viewer(Asked)
@@ -119,5 +119,5 @@ def lengths(N: int, delay: int, memory: int) -> tuple[int, int, int]:
 
 
 def state_of(out: Array, plan: int, memory: int, delay: int) -> State:
-    """Return views into `out`, where a `plan` has so many numbers, friction `memory`, and `delay` commands wait."""
+    """Return views into `out`, for so many entries of `plan` and friction `memory`, and `delay` waiting commands."""
     return in_python(state_in)(out[plan:], made_of(out[:plan]).u, memory, delay)

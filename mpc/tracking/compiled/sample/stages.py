@@ -1,6 +1,6 @@
-"""The ordinary stages of a step are those of `Preview` and `Ladder` when nothing is amiss.
+"""Stages of an ordinary step: those of `Preview` and `Ladder` for valid inputs.
 
-Whatever is not ordinary these refuse, and the readable stages answer (`mpc.tracking.base`).
+They refuse any other step, which the readable stages then make (`mpc.tracking.base`).
 """
 
 from math import inf, pi
@@ -17,13 +17,13 @@ from mpc.tracking.compiled.records import Bounds, Given, Indices, Signs
 from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State, memory_in
 from mpc.tracking.resting import HELD
 
-WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # what of a step is made
+WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # the part of a step to make
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.preview`
 
 
 @inlined_flat
 def ask(x: Array, theta: Array, K: Array, d: float, asked: Asked) -> None:
-    """Ask for what was given, of which the shapes are those of `asked`."""
+    """Copy the arguments, whose shapes are those of `asked`."""
     for i in range(4):
         asked.x[i] = x[i]
     for k in range(asked.theta.size):
@@ -33,7 +33,7 @@ def ask(x: Array, theta: Array, K: Array, d: float, asked: Asked) -> None:
 
 @inlined_flat
 def plausible(known: Known, asked: Asked) -> bool:
-    """Return whether all of the state was measured, and the references and the torque can be meant."""
+    """Return whether the whole state was measured, and the references and the torque are plausible."""
     for i in range(4):
         if not known.lower[i] <= asked.x[i] <= known.upper[i]:
             return False
@@ -45,7 +45,7 @@ def plausible(known: Known, asked: Asked) -> bool:
 
 @inlined_flat
 def under_way(state: State, x: Array, waiting: Array) -> None:
-    """Fill in the commands (m, 2) [bar] that are under way; before the first one the pressures of `x` (4,) are."""
+    """Fill in the commands (m, 2) [bar] under way; before the first command, the pressures of `x` (4,)."""
     for k in range(waiting.shape[0]):
         for i in range(2):
             waiting[k, i] = (x[2 + i] if np.isnan(state.waiting[k, i]) else state.waiting[k, i]) / BAR
@@ -53,7 +53,7 @@ def under_way(state: State, x: Array, waiting: Array) -> None:
 
 @inlined_flat
 def take(x: Array, torques: Array, state: State, given: Given) -> None:
-    """Set what is new in a step that begins in `x` (4,): see `Ladder.previous` and `Ladder.shift`."""
+    """Set the new data of a step that begins in `x` (4,): see `Ladder.previous` and `Ladder.shift`."""
     u_star, N = given.reference.u, given.u.shape[0]
     for k in range(N):
         given.d[k] = torques[k]
@@ -73,7 +73,7 @@ def take(x: Array, torques: Array, state: State, given: Given) -> None:
 
 @inlined_flat
 def shift_set(starts: Indices, before: Signs, guess: Signs) -> None:
-    """Set the `guess` (n,) to what it was `before` (n,), one sample later: see `structured_qp.structured`."""
+    """Set the `guess` (n,) to that of `before` (n,), shifted by one sample: see `structured_qp.structured`."""
     later = 0
     for block in range(starts.size):
         while later + 1 < starts.size and starts[later + 1] <= starts[block] + 1:
@@ -118,7 +118,7 @@ def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, s
 
 @inlined_flat
 def remember(asked: Asked, given: Given, path: Array, angle: float, made: Made, before: State, after: State) -> None:
-    """Remember the plan, `path` (m+1, 4) being the motion up to when it acts, and the `angle` that friction knows."""
+    """Remember the plan, the motion `path` (m+1, 4) until it acts, and the `angle` of the friction's memory."""
     u_star, m = given.reference.u, path.shape[0] - 1
     known_star = np.isfinite(u_star[0, 0]) and np.isfinite(u_star[0, 1])
     for i in range(2):

@@ -1,7 +1,7 @@
-"""The whole step is one compiled call; it has the state of a controller's parts in a flat array besides.
+"""Whole step in one compiled call, which has its own flat copy of the state of a controller's parts.
 
-What it does not answer, because it is not ordinary, the stages of `mpc.tracking.base` do; the flat state is then taken
-from theirs anew. The parts are given it when somebody looks at them.
+The stages of `mpc.tracking.base` make steps that are not ordinary; the flat state is then copied from the parts. The
+parts get the flat state when one of their attributes is accessed.
 """
 
 from math import inf
@@ -29,7 +29,7 @@ _FLOAT, _STATE = np.dtype(float), (NX,)
 
 
 class Parts(NamedTuple):
-    """The parts are those of a controller that remember."""
+    """Parts of a controller that have a memory."""
 
     preview: Preview
     ladder: Ladder
@@ -38,24 +38,24 @@ class Parts(NamedTuple):
 
 
 class Newest:
-    """The newest is what the last whole step has made (`mpc.tracking.compiled.sample.layout`), and the state in it."""
+    """Result of the last whole step (`mpc.tracking.compiled.sample.layout`), including the state."""
 
     def __init__(self, nothing: Array, plan: int, memory: int, delay: int) -> None:
         self.out, self._counts = nothing, (plan, memory, delay)
-        self.known = False  # whether a part was looked at, which now remembers all this
+        self.known = False  # whether a part was accessed and has this state now
 
     @property
     def made(self) -> Made:
-        """Return views into the plan."""
+        """Views into the plan."""
         return made_of(self.out[: self._counts[0]])
 
     @property
     def state(self) -> State:
-        """Return views into the state."""
+        """Views into the state."""
         return state_of(self.out, *self._counts)
 
     def defer(self, parts: Parts) -> None:
-        """Let the parts remember the newest state there is when somebody looks at them."""
+        """Defer the update of the parts with the newest state until they are accessed."""
         preview, ladder, rest_mode, rest = parts
         preview.defer(_fill_preview, self, preview.frictions)
         ladder.defer(_fill_ladder, self)
@@ -65,7 +65,7 @@ class Newest:
 
 
 def _fill_preview(preview: Preview, newest: Newest, frictions: tuple[FrictionState, ...]) -> None:
-    """Let `preview` take note of the newest sample."""
+    """Update `preview` with the newest sample."""
     state, newest.known = newest.state, True
     if not preview.frictionless:
         frictions[0].go_on(float(state.angle[0]), state.memory)
@@ -73,19 +73,19 @@ def _fill_preview(preview: Preview, newest: Newest, frictions: tuple[FrictionSta
 
 
 def _fill_ladder(ladder: Ladder, newest: Newest) -> None:
-    """Let `ladder` take note of the newest sample."""
+    """Update `ladder` with the newest sample."""
     made, newest.known = newest.made, True
     ladder.go_on(Motion(made.u, made.x, made.K, made.F), newest.state.u_star.copy())
 
 
 def _fill_rest_mode(rest_mode: RestMode, newest: Newest) -> None:
-    """Let `rest_mode` take note of the newest sample."""
+    """Update `rest_mode` with the newest sample."""
     newest.known = True
     rest_mode.go_on(newest.state.rest)
 
 
 class WholeStep:
-    """The whole step works for one controller and its parts; of the friction it has the `numbers`."""
+    """Whole step of one controller and its parts, with the `numbers` of the friction."""
 
     def __init__(
         self, qp_step: CompiledQPStep, feed_forward: CompiledFeedForward, parts: Parts, numbers: Array
@@ -99,10 +99,10 @@ class WholeStep:
         self._step, self._table, self._size = arrays.step, arrays.address, arrays.nothing.size
         self._shape = arrays.ask.theta.shape
         self._newest = Newest(arrays.nothing, arrays.size, beyond.memory, beyond.delay)
-        self.behind = True  # whether the flat state is not that of the parts
+        self.behind = True  # whether the flat state is older than that of the parts
 
     def plan(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float, deadline: float) -> Plan | None:
-        """Return the plan of an ordinary step by the `deadline`; None, and nothing has changed, if there is none."""
+        """Return the plan of an ordinary step by the `deadline`; if there is none, change nothing and return None."""
         newest = self._newest
         if self.behind:
             self._take()
@@ -114,7 +114,7 @@ class WholeStep:
             try:
                 x, theta_ref, K_ref, d = self._numbers(x, theta_ref, K_ref, d)
             except (InvalidInput, ValueError, TypeError):
-                return None  # the readable stages say what is wrong
+                return None  # the readable stages report the error
         guess = None if deadline == inf else self.qp_step.active_set
         out = np.empty(self._size)
         if not self._step(WHOLE, self._table, newest.out, out, x, theta_ref, K_ref, d):
@@ -130,21 +130,22 @@ class WholeStep:
         return Plan.later(_fields, self._arrays.size, out, now - began)
 
     def remembered(self) -> Array:
-        """Return what the last step made and remembers, taken from the parts: see `layout`."""
+        """Return the result and the state of the last step, taken from the parts: see `layout`."""
         self.give()
         self._take()
         return self._newest.out
 
     def give(self) -> None:
-        """Give the state to the parts, which go on from it."""
+        """Give the state to the parts, which continue from it."""
         self.behind = True
         self._parts.preview.catch_up()
         self._parts.ladder.catch_up()
         self._parts.rest_mode.catch_up()
 
     def _numbers(self, *given: object) -> tuple[Array, Array, Array, float]:
-        """Return the state (4,), previews (ahead + 1,) and torque that were given in whatever kind of numbers; or raise
-        an `InvalidInput`, a `ValueError` or a `TypeError`.
+        """Return the state (4,), previews (ahead + 1,) and torque as arrays of floats, from any kind of numbers.
+
+        Raises `InvalidInput`, `ValueError` or `TypeError`.
         """
         ask, constant = self._arrays.ask, ()
         x, theta, K, d = (

@@ -1,1 +1,1 @@
-"""The QP of a step is solved here as it is, sample by sample: sweeps, interior point, and the proof."""
+"""Structured solution of a step's QP, sample by sample: sweeps, interior point, and the proof."""

@@ -1,12 +1,12 @@
-"""The QP is solved by a dual active-set method from a sweep's set, where that is wrong in a few of its members.
+"""Dual active-set method that starts from a sweep's set if only a few of its members are wrong.
 
-Noise moves the samples at which a command turns by one or two, and sweeps that guess all of the set anew then go in
-circles, since the Hessian's condition is 10⁶ and more; an interior point takes a dozen of factorisations. This takes
-one, a sweep's, and a Schur complement beside it (R. A. Bartlett and L. T. Biegler, Optimization and Engineering 7,
-2006): `exchange` has the method. It gives up after a number of steps or with ITEMS items, and then the interior point
+Noise moves the samples at which a command turns by one or two. Sweeps that guess the whole set anew then cycle, since
+the Hessian's condition number is 10⁶ and more, and an interior point needs about twelve factorisations. This method
+needs only that of a sweep, and a Schur complement (R. A. Bartlett and L. T. Biegler, Optimization and Engineering 7,
+2006); `exchange` has its steps. It gives up after a number of steps or with ITEMS items, and then the interior point
 solves the QP.
 
-Where nearly all that is held is pushed away from its bound, a joint was thrown aside, and the other bounds are the
+If nearly all held changes are pushed away from their bounds, the joint was displaced, and the opposite bounds are a
 better guess.
 """
 
@@ -32,7 +32,7 @@ from mpc.tracking.compiled.structured_qp.stage import advance
 
 @inlined
 def new_active(N: int) -> Active:
-    """Return an active set that is not set yet."""
+    """Return an uninitialised active set."""
     sides, numbers, rows = np.empty((2, N + 1, NU), np.int8), np.empty((7, N + 1, NU)), np.empty((2, N + 1, ALL))
     xi, first = np.empty((2, N + 1, NXI)), np.empty((2, N, NU))
     return Active(
@@ -45,8 +45,8 @@ def new_active(N: int) -> Active:
 def active_set(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, at: Point, sweep: Sweep, a: Active
 ) -> bool:  # fmt: skip
-    """Return whether `at` comes from a sweep's solution, where the cost's gradient by v is `r` of the sweep, to that of
-    the whole QP, proved; what is `held` of the sweep becomes what is held then.
+    """Move `at` from a sweep's solution, with the cost's gradient `sweep.r` by v, to that of the whole QP; return
+    whether it is proved. The set `sweep.held` becomes the active set.
     """
     begin(path, setting, u, bounded, sweep, at, a)
     size = exchanged(path, setting, sweep, let_go(path, setting, sweep, a), at, a)
@@ -60,7 +60,7 @@ def active_set(
 
 @merged
 def begin(path: Path, setting: Setting, u: Array, bounded: Bounded, sweep: Sweep, at: Point, a: Active) -> None:
-    """Begin where a sweep has come to."""
+    """Begin at the result of a sweep."""
     N, items = path.A.shape[0], a.items
     for k in range(N):
         for i in range(NU):
@@ -81,7 +81,7 @@ def begin(path: Path, setting: Setting, u: Array, bounded: Bounded, sweep: Sweep
 
 @merged
 def end(path: Path, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
-    """Set the point to where the active set has come to, within its bounds."""
+    """Set the point to the result of the active set, within its bounds."""
     N = path.A.shape[0]
     for k in range(N):
         for i in range(NU):
@@ -99,8 +99,8 @@ def end(path: Path, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> Non
 def proved_with_rows(
     path: Path, setting: Setting, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active
 ) -> bool:  # fmt: skip
-    """Return whether the point is the solution, by the multipliers of its rows: see `certificate`; the gradients `gx`
-    and `gv` of the sweep are the cost's, of which the first is lost.
+    """Return whether the point is the solution, by the multipliers of its rows: see `certificate`. The sweep's `gx` and
+    `gv` are the cost's gradients; the first is overwritten.
     """
     slack, items, p, total, square = setting.slack, a.items, a.items.p, 0.0, 0.0
     c0, c1 = slack[0] + slack[1] * at.sigma[0], slack[2] + slack[3] * at.sigma[1]
@@ -138,8 +138,8 @@ def proved_with_rows(
 def reversed_instead(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active
 ) -> bool:
-    """Reverse what is `held` of a sweep and pushed away from its bound, if most of it is and that costs less; return
-    whether that is so. The cost's gradient by v is `r` of the sweep at the point.
+    """Reverse the sweep's held changes that are pushed away from their bounds, if most are and that costs less; return
+    whether they were reversed. `sweep.r` is the cost's gradient by v at the point.
     """
     N, held, r, g, first, other = path.A.shape[0], sweep.held, sweep.r, sweep.g, a.first, a.other
     wrong, number, cost, turned = 0, 0, 0.0, 0.0

@@ -1,10 +1,10 @@
-"""The certificate proves that an answer to the QP without its rows solves the whole one, in one pass.
+"""Certificate that an answer to the QP without its rows solves the whole QP, in one pass.
 
-With λ the gradient's own pushes at the bounds that bind, exactly, all that is left of the gap is ½ rᵀH⁻¹r, r being the
-gradient by what is free. Every change of a command is charged for by itself, so that no eigenvalue of H is below that
-charge c, and c |z - z*|² ≤ rᵀH⁻¹r ≤ |r|²/c: an answer that passes, |r|/c ≤ ACCURACY, is no farther than that from the
-solution. Sweeps that settle come to 2e-9 bar at horizons of 80 samples: what is refused has gone wrong. Neither slack
-is used where no soft limit is broken without it.
+With λ exactly the gradient's pushes at the active bounds, the gap reduces to ½ rᵀH⁻¹r, r being the gradient by the free
+changes. Every change of a command has a cost c of its own, so that no eigenvalue of H is below c, and c
+|z - z*|² ≤ rᵀH⁻¹r ≤ |r|²/c. An answer with |r|/c ≤ ACCURACY is no farther than that from the solution. Sweeps that
+settle reach 2e-9 bar at horizons of 80 samples, so that a refused answer is wrong. The slacks are zero if no soft limit
+is violated without them.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ from mpc.tracking.compiled.structured_qp.stage import advance, changed, first_of
 def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> bool:
     """Return whether the changes `v` (N, 2) are near enough to the solution, from the cost's `gradient` (N, 2) there.
 
-    They are brought to within their bounds before, and those push at a bound that want to leave through it.
+    The changes are within their bounds; those that would leave through a bound push at it.
     """
     lower, upper, there = bounded
     square = 0.0
@@ -39,7 +39,7 @@ def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> boo
 def confirmed(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, gx: Array, gv: Array, r: Array
 ) -> bool:
-    """Return whether the point, within its bounds, is the solution but for the rows."""
+    """Return whether the point, within its bounds, is the solution except for the rows."""
     gradients(path, errors, setting.cost, at, gx, gv)
     adjoint(path, gx, gv, r)
     return proved(r, bounded, at.v, setting)
@@ -47,7 +47,7 @@ def confirmed(
 
 @inlined_flat
 def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
-    """Move the changes to within their bounds, and the rest of the point to where they lead."""
+    """Move the changes to within their bounds, and update the rest of the point."""
     for k in range(at.v.shape[0]):
         for i in range(NU):
             at.v[k, i] = min(max(at.v[k, i], bounded.lower[k, i]), bounded.upper[k, i])
@@ -57,13 +57,14 @@ def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
 
 @inlined_flat
 def needed(path: Path, setting: Setting, u: Array, at: Point, tolerance: float) -> int:
-    """Return how many rows of a sample the linear model needs to keep supply, joint range and least forces, by what it
-    breaks at a point by more than a `tolerance`: none but those of the changes where it breaks nothing; `u` (N, 2)
-    [bar].
+    """Return the number of rows of a sample that the QP needs for supply, joint range and least forces.
+
+    Those are the rows of the changes, and more if the linear model violates others by more than `tolerance` at the
+    point; `u` (N, 2) [bar].
     """
     bounds, xi, count = setting.bounds, at.xi, BOUNDS
     for k in range(u.shape[0]):
-        for i in range(NU):  # what is outside already need not come back at once
+        for i in range(NU):  # pressures outside the supply may return later
             w = xi[k + 1, NX + i]
             if not min(bounds.low - u[k, i], 0.0) - tolerance <= w <= max(bounds.high - u[k, i], 0.0) + tolerance:
                 count = SUPPLY

@@ -1,13 +1,13 @@
-"""What is held by a sweep is exchanged, one after the other, until it is what holds in the solution.
+"""Exchange of a sweep's held bounds, one after the other, until they are those of the solution.
 
-First what is pushed away from its bound is let go. Then the bounds and rows enter that are broken, each with as much of
-its multiplier t as
+First, changes that are pushed away from their bounds are released. Then violated bounds and rows enter, each with a
+multiplier t up to
 
-    full        it needs to hold:  t = violation / (-a·dz)
-    partial     another multiplier allows before it changes its sign: that one goes, and the same one enters again
+    full        that at which it holds:  t = violation / (-a·dz)
+    partial     that at which another multiplier changes its sign: the other one leaves, and this one enters again
 
-(D. Goldfarb and A. Idnani, Mathematical Programming 27, 1983.) Every step raises the dual cost. What answers to whom is
-in `responses`.
+(D. Goldfarb and A. Idnani, Mathematical Programming 27, 1983.) Every step raises the dual cost. `responses` has the
+responses to the items.
 """
 
 from typing import NamedTuple
@@ -32,19 +32,19 @@ from mpc.tracking.compiled.structured_qp.rows import WIDTH, values
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FORCE, FREE, LOWER, NU, NX, SUPPLY, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
 
-MORE = 16  # steps at most, beyond one for each sample
-PUSHES = 1e-5  # [-] of the gradient that is allowed to be left: less pushes nothing
-BREAKS = 1e-12  # [bar], [rad], [N]: less breaks no bound
-ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less breaks no row
-FLAT = 1e-10  # [-] of its terms: less is no slope
+MORE = 16  # steps beyond one per sample, at most
+PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
+BREAKS = 1e-12  # [bar], [rad], [N]: less violates no bound
+ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
+FLAT = 1e-10  # [-] of its terms: less counts as no slope
 HUGE = 1e30  # no bound, and no end of a step
 
 
 class Active(NamedTuple):
-    """The active set is what holds, and what is known of the point where it does; slacks are in the last lines."""
+    """Active set and the point at which it holds; the last lines are those of the slacks."""
 
-    base: Signs  # (N + 1, 2) what is held in the sweep's solution
-    held: Signs  # (N + 1, 2) what is held now
+    base: Signs  # (N + 1, 2) held in the sweep's solution
+    held: Signs  # (N + 1, 2) held now
     lower: Array  # (N + 1, 2)
     upper: Array  # (N + 1, 2)
     z: Array  # (N + 1, 2) changes and slacks
@@ -55,13 +55,13 @@ class Active(NamedTuple):
     value: Array  # (N + 1, 12) of the rows
     xi: Array  # (N + 1, 6)
     first: Array  # (N, 2) gradient of the cost at the origin
-    other: Point  # a point to be compared
+    other: Point  # a point for comparison
     items: Items
 
 
 @merged
 def let_go(path: Path, setting: Setting, sweep: Sweep, a: Active) -> int:
-    """Let go what its bound pushes in vain, and return with how many items that was done; -1: there are too many."""
+    """Release changes that are pushed away from their bounds, and return the number of items; -1: too many."""
     size, least, items = 0, PUSHES * setting.accuracy * setting.curvature, a.items
     while size >= 0:
         worst, sample, muscle = least, -1, 0
@@ -84,7 +84,7 @@ def let_go(path: Path, setting: Setting, sweep: Sweep, a: Active) -> int:
 
 @merged
 def pushes_in_vain(k: int, i: int, a: Active) -> float:
-    """Return by how much a change that is held is pushed away from its bound."""
+    """Return the push of a held change away from its bound."""
     if a.held[k, i] == FREE or not a.lower[k, i] < a.upper[k, i]:
         return 0.0
     return float(-a.r[k, i] if a.held[k, i] == LOWER else a.r[k, i])
@@ -92,7 +92,7 @@ def pushes_in_vain(k: int, i: int, a: Active) -> float:
 
 @inlined_flat
 def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> int:
-    """Let go a change of the base, add its item, and return how many there are; -1: too many."""
+    """Release a change of the base, add its item, and return the number of items; -1: too many."""
     items = a.items
     if size == LAST:
         return -1
@@ -106,8 +106,8 @@ def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, 
 
 @merged
 def exchanged(path: Path, setting: Setting, sweep: Sweep, begun: int, at: Point, a: Active) -> int:
-    """Let enter what is broken of bounds and rows until nothing is, and return with how many items, having `begun` with
-    so many; -1: it has given up.
+    """Let violated bounds and rows enter until there are none, and return the number of items, `begun` at first; -1: no
+    solution found.
     """
     size, steps, items, violation = begun, 0, a.items, 0.0
     while size >= 0 and steps < path.A.shape[0] + MORE:
@@ -136,8 +136,8 @@ def exchanged(path: Path, setting: Setting, sweep: Sweep, begun: int, at: Point,
 
 @merged
 def most_broken(path: Path, size: int, at: Point, a: Active) -> float:
-    """Set the item that enters to the bound that is broken most, or where none is to the row, and return by how much it
-    is; 0.0: nothing is.
+    """Set the entering item to the most violated bound, or row if there is none, and return the violation, 0.0 without
+    any.
     """
     N, worst, violation, items = path.A.shape[0], 0.0, 0.0, a.items
     for k in range(N + 1):
@@ -174,7 +174,7 @@ def is_item(k: int, j: int, size: int, items: Items) -> bool:
 
 @merged
 def lead_on(path: Path, at: Point, a: Active) -> None:
-    """Set the point to where the changes lead."""
+    """Set the point to that of the changes."""
     N = path.A.shape[0]
     for k in range(N):
         for i in range(NU):
@@ -186,7 +186,7 @@ def lead_on(path: Path, at: Point, a: Active) -> None:
 
 @merged
 def find_step(size: int, a: Active) -> float:
-    """Set the direction in which a multiplier of the item that enters leads, and return by how much it breaks less."""
+    """Set the direction for a multiplier of the entering item, and return the decrease of its violation per unit."""
     items, K = a.items, a.items.K
     for q in range(size):
         items.step[q] = -K[q, LAST]
@@ -201,7 +201,7 @@ def find_step(size: int, a: Active) -> float:
 
 @inlined_flat
 def direct(size: int, enters: bool, a: Active) -> None:
-    """Set the direction to what the items' steps make of their answers, and what answers to the one that enters."""
+    """Set the direction to the sum of the items' responses times their steps, plus that of the entering item."""
     items, dz, dr = a.items, a.dz, a.dr
     for k in range(dz.shape[0]):
         for i in range(NU):
@@ -217,8 +217,8 @@ def direct(size: int, enters: bool, a: Active) -> None:
 
 @merged
 def longest(size: int, a: Active) -> tuple[int, int, int]:
-    """Set the last `step` to how far the direction may be gone before a multiplier changes its sign; return whose: the
-    number of an item, or ITEMS and a change that is held.
+    """Set the last `step` to the length of the direction up to which no multiplier changes its sign; return the
+    blocking one: the number of an item, or ITEMS and a held change.
     """
     items, share, first, sample, muscle = a.items, HUGE, ITEMS, 0, 0
     for q in range(size):
@@ -238,7 +238,7 @@ def longest(size: int, a: Active) -> tuple[int, int, int]:
 
 @inlined_flat
 def walk(size: int, share: float, entering: float, a: Active) -> None:
-    """Go this share of the direction."""
+    """Move by this share of the direction."""
     for q in range(size):
         a.items.multiplier[q] += share * a.items.step[q]
     a.items.multiplier[LAST] += entering
@@ -250,7 +250,7 @@ def walk(size: int, share: float, entering: float, a: Active) -> None:
 
 @merged
 def enter(size: int, a: Active) -> int:
-    """Let the item that enters hold, and return how many there are then; -1: too many."""
+    """Let the entering item hold, and return the number of items then; -1: too many."""
     items = a.items
     k, i, side = items.sample[LAST], items.muscle[LAST], items.side[LAST]
     if items.kind[LAST] == BOUND:
@@ -269,7 +269,7 @@ def enter(size: int, a: Active) -> int:
 
 @merged
 def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: int, a: Active) -> int:
-    """Let go the item `q`, if that is ITEMS the change `i` of the sample k; return how many there are; -1: too many."""
+    """Release the item `q`, or for ITEMS the change `i` of the sample k; return the number of items; -1: too many."""
     items = a.items
     if q == ITEMS:
         return add_gone(path, slack, sweep, k, i, size, a)

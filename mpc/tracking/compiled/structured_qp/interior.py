@@ -1,15 +1,15 @@
-"""The QP is solved by an interior point on Riccati recursions where the sweeps do not settle, rows and slacks included.
+"""Interior-point method on Riccati recursions for QPs on which the sweeps do not settle, with rows and slacks.
 
 Mehrotra's predictor and corrector (S. Mehrotra, SIAM J. Optimization 2, 1992) on the recursion, as in HPIPM (G. Frison
-and M. Diehl, IFAC-PapersOnLine 53, 2020): O(N) an iteration, and MOST iterations at most. It does not finish by itself:
-once what binds begins to show, that is handed to the sweeps, or with rows to `multipliers`, which
-come to the solution to all digits, multipliers included, and to its proof. An interior point's own multipliers, λ up to
-1e10 beside distances of 1e-18, are spoilt by rounding: one in fifty of the worst QPs was left without a proof by them.
+and M. Diehl, IFAC-PapersOnLine 53, 2020): O(N) per iteration, and at most MOST iterations. It does not finish by
+itself: once the active set begins to show, the sweeps, or with rows `multipliers`, compute the solution to all digits,
+multipliers included, and its proof. An interior point's own multipliers, λ up to 1e10 next to distances of 1e-18,
+suffer from rounding: with them, one in fifty of the worst QPs had no proof.
 
-Rows that the solution keeps anyway take no part: they are added when an iterate breaks them, and the iteration goes on.
-To begin again with them took up to twice as many iterations. Tried, without a gain: multipliers that are improved from
-the solution without the rows, where the sets cycle; earlier and later looks at what binds (SHOWS, AGAIN), other
-products where rows are added (LIFT), and other shares of the way (SHORT): all within a tenth.
+Rows that the solution satisfies anyway are left out: they are added when an iterate violates them, and the iteration
+goes on. Restarting with them took up to twice as many iterations. The following changes gained at most a tenth:
+multipliers improved from the solution without the rows, where the sets cycle; earlier and later checks of the active
+set (SHOWS, AGAIN), other products for added rows (LIFT), and other shares of the step (SHORT).
 """
 
 from typing import NamedTuple
@@ -46,43 +46,43 @@ from mpc.tracking.compiled.structured_qp.rows import (
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FREE, LOWER, NU, NXI, UPPER
 
 MOST = 60  # iterations
-SWEEPS = 2  # from a set that is guessed
-SHORT = 0.995  # of the way to the boundary
-BINDS = 1e3  # λ/t of bounds that bind [cost]/[bar]²
-SHOWS = 1e4  # [-] of the gap that may be: sum of the products t λ below which what binds begins to show
-AGAIN = 0.1  # [-] of the products at which it did not: below, it is looked for again
-LEAST = 1e-4  # [-] of the gap that may be: products below are rounding
+SWEEPS = 2  # from a guessed set
+SHORT = 0.995  # [-] of the way to the boundary
+BINDS = 1e3  # λ/t of active bounds [cost]/[bar]²
+SHOWS = 1e4  # [-] of the allowed gap: sum of the products t λ below which the active set begins to show
+AGAIN = 0.1  # [-] of the products at which it did not: below, it is checked again
+LEAST = 1e-4  # [-] of the allowed gap: products below are rounding
 FEW = 0.01  # [-] of the greatest gradient [cost]/[bar]: products t λ of the changes' rows at first; with all rows, 1
-EARLY = 0.1  # [-] of the products at first: below, rows that an iterate breaks are added
-LIFT = 1e-3  # [-] of the greatest gradient at first: products where rows are added, at least
-BEGUN = 1e-3  # [bar], [rad], [N] by which an iterate may be off there
+EARLY = 0.1  # [-] of the initial products: below, rows that an iterate violates are added
+LIFT = 1e-3  # [-] of the greatest gradient at first: least products of added rows
+BEGUN = 1e-3  # [bar], [rad], [N] allowed residual of an iterate there
 
 
 class Work(NamedTuple):
-    """What an iteration works with."""
+    """Arrays of an iteration."""
 
     rows: Rows
     factors: Factors
     by: Point
     sweep: Sweep
-    gx: Array  # this and the two below are those of the sweep
+    gx: Array  # this and the next two are those of the sweep
     gv: Array
     r: Array  # (N, 2)
     first: Array  # (N, 2) gradient of the cost at the origin
-    origin_x: Array  # that by ξ and v, as `gradients` sets them
+    origin_x: Array  # gradients by ξ and v at the origin, as `gradients` sets them
     origin_v: Array
-    trial: Point  # what may be the solution; in the place of the three above, which are not needed at the same time
+    trial: Point  # candidate for the solution; in the memory of the three above, which are not needed at the same time
 
 
 @inlined
 def new_point(N: int) -> Point:
-    """Return a point that is not set yet."""
+    """Return an uninitialised point."""
     return Point(np.empty((N + 1, NXI)), np.empty((N, NU)), np.zeros(2))
 
 
 @inlined
 def new_work(N: int, sweep: Sweep) -> Work:
-    """Return the arrays of an iteration, some of which are those of a sweep."""
+    """Return the arrays of an iteration, some of them those of a sweep."""
     lines = np.empty((8, N + 1, ALL))
     span = np.empty((N + 1, 2), np.int64)
     rows = Rows(span, lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], lines[7])
@@ -97,9 +97,9 @@ def interior(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Signs,
     at: Point, work: Work, limit: int
 ) -> int:  # fmt: skip
-    """Return after how many iterations `at` is a solution, proved; -1: after `limit` none.
+    """Return the number of iterations after which `at` is a proved solution; -1: none after `limit`.
 
-    It begins at the origin with the first `count` rows of every sample; `guess` becomes the bounds that bind.
+    The method begins at the origin with the first `count` rows of every sample; `guess` becomes the active bounds.
     """
     rows, slack, there = work.rows, setting.slack, bounded.there
     most = 0.5 * setting.curvature * setting.accuracy**2
@@ -141,7 +141,7 @@ def interior(
 def improve(
     path: Path, setting: Setting, there: Mask, total: float, count: int, number: int, at: Point, work: Work
 ) -> None:
-    """Take a step from a point that is measured, its products being `total` in sum and `number` in number."""
+    """Take a step from a measured point whose `number` products have the sum `total`."""
     rows, f, by, slack = work.rows, work.factors, work.by, setting.slack
     least = LEAST * 0.5 * setting.curvature * setting.accuracy**2
     factorise(path, setting.cost, slack, rows.W, there, count, f)
@@ -155,7 +155,7 @@ def improve(
 
 @inlined
 def steepest_at_origin(path: Path, errors: Errors, setting: Setting, there: Mask, at: Point, work: Work) -> float:
-    """Begin at the origin without a row, and return the greatest entry of the gradient there, 1 at least."""
+    """Begin at the origin without rows, and return the greatest entry of the gradient there, at least 1."""
     none(work.rows, at)
     gradients(path, errors, setting.cost, at, work.origin_x, work.origin_v)
     adjoint(path, work.origin_x, work.origin_v, work.first)
@@ -170,8 +170,8 @@ def steepest_at_origin(path: Path, errors: Errors, setting: Setting, there: Mask
 def finished(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, count: int, guess: Signs, at: Point, work: Work
 ) -> bool:
-    """Return whether the point `by` of `work` is the solution with the first `count` rows, proved, which is found
-    from what seems to bind at an iterate; W and residuals of the rows are lost.
+    """Return whether the point `by` of `work`, found from the apparent active set of an iterate, is the proved solution
+    with the first `count` rows; W and residuals of the rows are overwritten.
     """
     rows, trial, by, gx, gv, r = work.rows, work.trial, work.by, work.gx, work.gv, work.r
     binding(rows, setting.starts, guess)
@@ -199,8 +199,8 @@ def own_proof(
     path: Path, setting: Setting, u: Array, bounded: Bounded, total: float, worst: float, count: int, guess: Signs,
     at: Point, work: Work
 ) -> bool:  # fmt: skip
-    """Return whether the iteration's own multipliers prove that an iterate is the solution, and keep the rest of the
-    rows; ½ rᵀH⁻¹r is taken as the greater ½|r|²/c.
+    """Return whether the iteration's own multipliers prove that an iterate is the solution and satisfies the other
+    rows; ½ rᵀH⁻¹r is replaced by its upper bound ½|r|²/c.
     """
     square, slack, most = 0.0, setting.slack, 0.5 * setting.curvature * setting.accuracy**2
     if worst > PRIMAL or needed(path, setting, u, at, setting.tolerance) > count:
@@ -217,7 +217,7 @@ def own_proof(
 
 @inlined_flat
 def binding(rows: Rows, starts: Indices, guess: Signs) -> None:
-    """Set `guess` (n,) to the bounds of the changes that bind."""
+    """Set `guess` (n,) to the active bounds of the changes."""
     for block in range(starts.size):
         k = starts[block]
         for i in range(NU):

@@ -1,15 +1,15 @@
-"""The QP is solved by a method of multipliers from a point that shows which of its rows bind, or nearly.
+"""Method of multipliers for the QP, from a point that shows the active rows, or nearly.
 
-The quadratic part of a step has a weight W for each row that binds that stays as it is, where
-`interior` has λ/t, which rounding spoils as soon as λ is great and t small. With r = a·y - b,
+The quadratic part of a step has a constant weight W for each active row, in place of the λ/t of `interior`, which
+suffers from rounding as soon as λ is large and t small. With r = a·y - b,
 
     binds:  λ + W r > 0,        λ ← max(λ + W (r + a Δy), 0)
 
-(M. R. Hestenes, J. Optimization Theory and Applications 4, 1969). If the set that binds is right, every round divides
-what is left by a number far above 1. A change of a command that is held at its bound has the weight HELD, so that it is
-there after one round; its multiplier is what the gradient leaves there, and has no rounding of its own.
+(M. R. Hestenes, J. Optimization Theory and Applications 4, 1969). If the active set is right, every round divides the
+error by a number far above 1. A change of a command that is held at its bound has the weight HELD, so that it reaches
+the bound in one round; its multiplier is the remaining gradient, and has no rounding of its own.
 
-The changes' rows have no other multipliers; those of the rest are in `change` of `rows.Rows`.
+The changes' rows have no other multipliers; those of the other rows are in `change` of `rows.Rows`.
 """
 
 import numpy as np
@@ -22,14 +22,14 @@ from mpc.tracking.compiled.structured_qp.rows import Rows, values
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, JOINTS, LOWER, NU, NX, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
 
-TURNS = 12  # at most
-GIVES_UP = 2  # rounds after which what binds must not change any more
+TURNS = 12  # rounds, at most
+GIVES_UP = 2  # rounds after which the active set must not change any more
 SOON = 6  # rounds after which rounding hides more of the gap
-PRIMAL = 1e-7  # by which a row may be broken at the end [bar], [rad], [N]
-GAP = 1e-3  # [-] of the gap that may be: the aim
+PRIMAL = 1e-7  # allowed violation of a row at the end [bar], [rad], [N]
+GAP = 1e-3  # [-] of the allowed gap: aim
 HELD = 1e30  # [cost]/[bar]²
-WEIGHT = BOUNDS * (0.0,) + BOUNDS * (1e12,) + 2 * JOINTS * (2.5e13,) + NU * (6e8,)  # [cost] a square of the row's unit
-SLACK_WEIGHT = 100.0  # [-] weight of σ ≥ 0 in what the square of a slack costs
+WEIGHT = BOUNDS * (0.0,) + BOUNDS * (1e12,) + 2 * JOINTS * (2.5e13,) + NU * (6e8,)  # [cost]/(the row's unit)²
+SLACK_WEIGHT = 100.0  # [-] weight of σ ≥ 0, relative to the cost of a slack's square
 
 
 @inlined_flat
@@ -46,7 +46,7 @@ def hold_guessed(rows: Rows, starts: Indices, guess: Signs) -> None:
 
 @inlined_flat
 def guess_held(rows: Rows, starts: Indices, guess: Signs) -> None:
-    """Set a `guess` (n,) to the changes that are held."""
+    """Set a `guess` (n,) to the held changes."""
     for block in range(starts.size):
         k = starts[block]
         for i in range(NU):
@@ -55,8 +55,8 @@ def guess_held(rows: Rows, starts: Indices, guess: Signs) -> None:
 
 @inlined_flat
 def hold(rows: Rows, bounded: Bounded, at: Point, r: Array) -> bool:
-    """Hold the changes that break their bounds, let go those that `r` (N, 2) pushes inwards; set W and `push` of their
-    rows, and return whether others are held than before.
+    """Hold changes that violate their bounds, release those that `r` (N, 2) pushes inwards; set W and `push` of their
+    rows, and return whether the held ones have changed.
     """
     new = False
     for k in range(bounded.there.size):
@@ -81,8 +81,8 @@ def hold(rows: Rows, bounded: Bounded, at: Point, r: Array) -> bool:
 
 @inlined_flat
 def weigh(rows: Rows, slack: Array) -> tuple[float, float, bool]:
-    """Set W and `push` of all rows but the changes', `residual` being a·y; return the sum of |λ r|, the greatest
-    violation, and whether other rows bind than before.
+    """Set W and `push` of all rows except the changes', `residual` being a·y; return the sum of |λ r|, the greatest
+    violation, and whether the active rows have changed.
     """
     total, worst, new, last = 0.0, 0.0, False, rows.b.shape[0] - 1
     for k in range(last + 1):
@@ -99,7 +99,7 @@ def weigh(rows: Rows, slack: Array) -> tuple[float, float, bool]:
 
 @inlined_flat
 def estimate(path: Path, rows: Rows, count: int, by: Point) -> None:
-    """Set the multipliers to what a step makes of them."""
+    """Set the multipliers to those after a step."""
     values(path, by, count, rows.dt)
     last = rows.b.shape[0] - 1
     for k in range(last + 1):
@@ -109,7 +109,7 @@ def estimate(path: Path, rows: Rows, count: int, by: Point) -> None:
 
 @inlined_flat
 def step_on(path: Path, rows: Rows, bounded: Bounded, at: Point, by: Point) -> None:
-    """Take a step; what is held comes to its bound, and the states to where the changes lead."""
+    """Take a step; held changes reach their bounds, and the states follow the changes."""
     for k in range(at.v.shape[0]):
         for i in range(NU):
             at.v[k, i] += by.v[k, i]
@@ -125,7 +125,7 @@ def step_on(path: Path, rows: Rows, bounded: Bounded, at: Point, by: Point) -> N
 
 @inlined_flat
 def cost_of(there: Mask, rows: Rows, setting: Setting, r: Array, c0: float, c1: float, count: int) -> float:
-    """Return what the gradient of the Lagrangian costs at most, by what is not held."""
+    """Return the greatest cost of the Lagrangian's gradient by the changes that are not held."""
     square, slack = 0.0, setting.slack
     for k in range(there.size):
         for i in range(NU):
@@ -140,9 +140,9 @@ def multiplied(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, count: int, rows: Rows, factors: Factors,
     at: Point, by: Point, gx: Array, gv: Array, r: Array
 ) -> bool:  # fmt: skip
-    """Return whether `at` comes to the solution with the first `count` rows within TURNS rounds, proved.
+    """Return whether `at` reaches a proved solution with the first `count` rows within TURNS rounds.
 
-    The multipliers are in the `change` of `rows`, the weights of the changes' rows say which of these are held.
+    The multipliers are in the `change` of `rows`; the weights of the changes' rows show which of them are held.
     """
     most = 0.5 * setting.curvature * setting.accuracy**2
     rows.change[: bounded.there.size, :BOUNDS] = 0.0

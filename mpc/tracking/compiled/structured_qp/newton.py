@@ -1,7 +1,7 @@
-"""A Newton step of `interior` is a problem without rows: its matrices, and its solution.
+"""Newton step of `interior`, a problem without rows: its matrices and its solution.
 
-With W = λ/t of the rows, σ = (s, s_F) carried beside S as a border, P = ∂²V/∂ξ∂σ and Σ = ∂²V/∂σ², which is equal to two
-constant states more and takes less. All is in differences from the iterate, which keeps digits.
+With W = λ/t of the rows, σ = (s, s_F) is a border of S, P = ∂²V/∂ξ∂σ and Σ = ∂²V/∂σ². This is equivalent to two more
+constant states and takes less time. All quantities are differences from the iterate, which preserves digits.
 """
 
 from typing import NamedTuple
@@ -30,10 +30,10 @@ from mpc.tracking.compiled.structured_qp.stage import (
 
 
 class Factors(NamedTuple):
-    """The factors are what the quadratic part of a step leaves to its linear part."""
+    """Results of the quadratic part of a step for its linear part."""
 
     R: Array  # (N, 2, 6)
-    feedback: Array  # (N, 2, 7) of v by ξ, and one that it does not need
+    feedback: Array  # (N, 2, 7) of v by ξ; the last column is unused
     border: Array  # (N, 2, 2) of v by σ
     inverse: Array  # (N, 3) of D: entries 00, 01, 11
     sigma: Array  # (3,) Σ: entries 00, 01, 11
@@ -64,7 +64,7 @@ def gradients(path: Path, errors: Errors, cost: Cost, at: Point, gx: Array, gv: 
 
 @inlined
 def adjoint(path: Path, gx: Array, gv: Array, r: Array) -> None:
-    """Set `r` (N, 2) to the gradient by v alone, ξ following from it."""
+    """Set `r` (N, 2) to the gradient by v alone, with ξ as a function of v."""
     N = gv.shape[0]
     p = gx[N].copy()
     for k in range(N - 1, -1, -1):
@@ -78,7 +78,7 @@ def adjoint(path: Path, gx: Array, gv: Array, r: Array) -> None:
 
 @merged
 def pressed(p: Array, slope: Array, k: int, push: Array) -> None:
-    """Add to `p` (6,), a gradient by ξ[k + 1], what the multipliers `push`[k] (12,) of the soft rows do to it."""
+    """Add to `p` (6,), a gradient by ξ[k + 1], the part of the multipliers `push`[k] (12,) of the soft rows."""
     for i in range(JOINTS):
         p[i] += push[k, SUPPLY + i] - push[k, SUPPLY + JOINTS + i]
     for i in range(NU):
@@ -158,7 +158,7 @@ def press(S: Array, P: Array, sigma: Array, slope: Array, k: int, W: Array) -> N
 def direction(
     path: Path, f: Factors, slack: Array, at: Point, gx: Array, gv: Array, push: Array, count: int, by: Point
 ) -> None:
-    """Set the step `by` from the point `at`, its gradients being `gx` and `gv`, for the multipliers `push`."""
+    """Set the step `by` from the point `at` with the gradients `gx` and `gv`, for the multipliers `push`."""
     N = gv.shape[0]
     p = gx[N].copy()
     c0, c1 = slack[0] + slack[1] * at.sigma[0] - push[N, 0], slack[2] + slack[3] * at.sigma[1] - push[N, 1]
@@ -192,7 +192,7 @@ def direction(
 
 @inlined_flat
 def follow(path: Path, f: Factors, count: int, by: Point) -> None:
-    """Add the feedback to the changes of the step `by`, and set where they lead."""
+    """Add the feedback to the changes of the step `by`, and set the states that follow."""
     xi, v = by.xi, by.v
     for i in range(NXI):
         xi[0, i] = 0.0

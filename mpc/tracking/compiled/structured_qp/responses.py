@@ -1,15 +1,15 @@
-"""A sweep's solution answers to what is asked of it besides, in one pass backward and forward: O(N), without factors.
+"""Responses of a sweep's solution to further conditions, by one pass backward and forward: O(N), without factorisation.
 
-A sweep has solved the QP with a set of changes held, the base. What is asked besides are *items*:
+A sweep has solved the QP with a set of changes held, the base. The further conditions are *items*:
 
-    a change of the base is let go      z = d with d_j = 1, by which the free ones of the base move for the least cost
+    a change of the base is released    z = d with d_j = 1, the free ones of the base move for the least cost
     a free change is held at its bound  z = -H⁻¹ a, a = ± e_j, as if its multiplier had grown by 1
     a row holds                         the same, a the row's gradient
 
-H⁻¹ being that of what is free in the base; r = H z + a is what the gradient of the Lagrangian answers, 0 there. The
-slacks s and s_F are two changes more, of the line N, held at 0 in the base; nothing answers to them but their rows.
-With K, what the items say to each other's answers, all else about them is a small symmetric matrix: positive where
-changes are let go, negative where something holds (R. J. Vanderbei's quasi-definite).
+H⁻¹ belongs to the free changes of the base; r = H z + a is the response of the Lagrangian's gradient, 0 for free
+changes. The slacks s and s_F are two more changes, in the line N, held at 0 in the base; only their rows respond to
+them. K, the items' values in each other's responses, reduces the rest to a small symmetric matrix: positive for
+released changes, negative for holding items (R. J. Vanderbei's quasi-definite).
 """
 
 from typing import NamedTuple
@@ -32,13 +32,13 @@ from mpc.tracking.compiled.structured_qp.stage import (
     turned,
 )
 
-ITEMS = 96  # items, the one that enters included
-LAST = ITEMS - 1  # the one that enters
-GONE, BOUND = -1, 0  # kinds: let go, held at a bound; or a row, as in `rows`
+ITEMS = 96  # items, including the entering one
+LAST = ITEMS - 1  # the entering one
+GONE, BOUND = -1, 0  # kinds: released, held at a bound; or a row, as in `rows`
 
 
 class Items(NamedTuple):
-    """The items are lines of arrays."""
+    """Items, as lines of arrays."""
 
     z: Array  # (ITEMS, N + 1, 2)
     r: Array  # (ITEMS, N + 1, 2)
@@ -48,16 +48,16 @@ class Items(NamedTuple):
     muscle: Indices  # (ITEMS,) of a change
     side: Indices  # (ITEMS,) of a bound
     multiplier: Array  # (ITEMS,)
-    step: Array  # (ITEMS,) by which the multipliers, or the changes that were let go, move
+    step: Array  # (ITEMS,) of the multipliers, or of the released changes
     L: Array  # (ITEMS, ITEMS) factor of K
-    order: Indices  # (ITEMS,) in which it is factorised
-    known: Indices  # (1,) lines of the factor that are right
+    order: Indices  # (ITEMS,) of factorisation
+    known: Indices  # (1,) number of valid lines of the factor
     p: Array  # (6,) a gradient by ξ
 
 
 @inlined
 def new_items(N: int) -> Items:
-    """Return items that are not set yet."""
+    """Return uninitialised items."""
     lines, few, counts = np.empty((2, ITEMS, N + 1, NU)), np.empty((2, ITEMS, ITEMS)), np.empty((5, ITEMS), np.int64)
     numbers, p = np.empty((2, ITEMS)), np.empty(NXI)
     return Items(
@@ -68,11 +68,11 @@ def new_items(N: int) -> Items:
 
 @inlined_flat
 def respond(path: Path, sweep: Sweep, base: Signs, slack: Array, c: int, items: Items, xi: Array) -> None:
-    """Set what answers to the item `c`, and `xi` (N + 1, 6) to where its changes lead."""
+    """Set the response to the item `c`, and `xi` (N + 1, 6) to the states of its changes."""
     N, kind, last, muscle = path.A.shape[0], items.kind[c], items.sample[c], items.muscle[c]
     for k in range(N + 1):
         clear(items.z, items.r, c, k)
-    if kind == BOUND and (last == N or base[last, muscle] != FREE):  # what was let go before
+    if kind == BOUND and (last == N or base[last, muscle] != FREE):  # released before
         xi[:] = 0.0
         items.r[c, last, muscle] = 1.0 * items.side[c]
     elif last == N:
@@ -87,7 +87,7 @@ def respond(path: Path, sweep: Sweep, base: Signs, slack: Array, c: int, items: 
 
 @inlined_flat
 def respond_at_rest(path: Path, sweep: Sweep, base: Signs, c: int, items: Items) -> None:
-    """Set z of the item `c` to what the changes are where ξ is 0, and r to the gradient there: a pass backward."""
+    """Set z of the item `c` to the changes at ξ = 0, and r to the gradient there: a pass backward."""
     kind, last, muscle, side, p = items.kind[c], items.sample[c], items.muscle[c], items.side[c], items.p
     R, D, inverse, z, r = sweep.R, sweep.D, sweep.inverse, items.z, items.r
     for i in range(NXI):
@@ -112,7 +112,7 @@ def respond_at_rest(path: Path, sweep: Sweep, base: Signs, c: int, items: Items)
 
 @inlined_flat
 def respond_along(path: Path, sweep: Sweep, base: Signs, c: int, items: Items, xi: Array) -> None:
-    """Add to z and r of the item `c` what is due to where they lead: a pass forward."""
+    """Add to z and r of the item `c` the response to their states: a pass forward."""
     R, D, feedback, z, r = sweep.R, sweep.D, sweep.feedback, items.z, items.r
     for i in range(NXI):
         xi[0, i] = 0.0
@@ -123,7 +123,7 @@ def respond_along(path: Path, sweep: Sweep, base: Signs, c: int, items: Items, x
 
 @inlined_flat
 def compare(path: Path, size: int, c: int, items: Items, xi: Array) -> None:
-    """Set K of the item `c`, whose answer leads to `xi`, with itself, the first `size`, and the one that enters."""
+    """Set K of the item `c`, whose response has the states `xi`, with itself, the first `size` and the entering one."""
     N = path.A.shape[0]
     for q in range(ITEMS):
         wanted = q < size or q == LAST
@@ -172,9 +172,9 @@ def row_value(slope: Array, k: int, kind: int, xi: Array) -> float:
 
 @inlined_flat
 def solve_items(size: int, items: Items) -> None:
-    """Replace `step` (size,) by the solution x of K x = step; K is factorised as L D Lᵀ, what was let go first.
+    """Replace `step` (size,) by the solution x of K x = step; K is factorised as L D Lᵀ, released changes first.
 
-    Lines of L are kept up to the first that a change of the items has touched.
+    Lines of L are kept up to the first that changed items affect.
     """
     L, order, x, number, known = items.L, items.order, items.step, 0, 0
     for turn in range(2):
@@ -203,7 +203,7 @@ def solve_items(size: int, items: Items) -> None:
 
 @inlined_flat
 def remove(size: int, c: int, items: Items) -> int:
-    """Remove the item `c` of the first `size`, and return how many are left: the last one takes its place."""
+    """Remove the item `c` of the first `size`, and return how many remain; the last one takes its place."""
     for m in range(items.known[0]):
         if items.order[m] == c:
             items.known[0] = m
@@ -215,7 +215,7 @@ def remove(size: int, c: int, items: Items) -> int:
 
 @inlined_flat
 def copy_item(source: int, target: int, size: int, items: Items) -> None:
-    """Copy an item over another one, and what it says to the first `size` and to the one that enters."""
+    """Copy an item over another one, with its K for the first `size` items and the entering one."""
     for k in range(items.z.shape[1]):
         for i in range(NU):
             items.z[target, k, i], items.r[target, k, i] = items.z[source, k, i], items.r[source, k, i]

@@ -1,16 +1,16 @@
-"""The QP of a step without its rows is solved by Riccati recursions: O(N) instead of O(N³), in one compiled call.
+"""Solution of a step's QP without its rows by Riccati recursions: O(N) instead of O(N³), in one compiled call.
 
-The same problem as `mpc.tracking.qp.condense` states, with the state ξ_k = (δx_k, w_k), w_k the deviation of u_{k-1}
-from ū_{k-1}, and the change v_k of that deviation as input: w_{k+1} = w_k + v_k, δx_{k+1} = A_k δx_k + B_k w_{k+1}.
-What every stage costs from v_k on is ½ ρ|v|² + ρ Δeᵀv + W_k(δx, w + v), W_k the cost-to-go after the command; hence
-with D = W_ww + ρ I
+The problem is that of `mpc.tracking.qp.condense`, with the state ξ_k = (δx_k, w_k), w_k the deviation of u_{k-1} from
+ū_{k-1}, and the change v_k of that deviation as input: w_{k+1} = w_k + v_k, δx_{k+1} = A_k δx_k + B_k w_{k+1}. The cost
+of a stage from v_k on is ½ ρ|v|² + ρ Δeᵀv + W_k(δx, w + v), W_k the cost-to-go after the command; hence with
+D = W_ww + ρ I
 
-    D v + W_wx δx + W_ww w + g = -λ,        λ = 0 for what is free, v at its bound for what is not
+    D v + W_wx δx + W_ww w + g = -λ,        λ = 0 for free changes, v at its bound for the others
 
-An active-set method of the primal–dual kind: sweep backward and forward with the bounds held that are guessed to bind,
-then guess anew: what breaks a bound is held, what is held with λ of the wrong sign is let go. A guess that repeats
-itself is the solution; that takes a sweep or two from the last sample's set, and sometimes does not come about: then
-`interior` solves the QP. It is the caller's business to prove the answer.
+A primal–dual active-set method: sweep backward and forward with the bounds held that are guessed to be active, then
+guess anew: hold changes that violate a bound, release those held with λ of the wrong sign. A guess that repeats itself
+is the solution. That takes a sweep or two from the last sample's set; if no guess repeats itself, `interior` solves the
+QP. The caller has to prove the answer.
 """
 
 from typing import NamedTuple
@@ -35,17 +35,17 @@ from mpc.tracking.compiled.structured_qp.stage import (
 
 
 class Sweep(NamedTuple):
-    """A sweep works with these arrays."""
+    """Arrays of a sweep."""
 
     R: Array  # (N, 2, 6) [W_wx W_ww]
     D: Array  # (N, 3): entries 00, 01, 11
     g: Array  # (N, 2)
     feedback: Array  # (N, 2, 7) v by (ξ, 1)
-    held: Signs  # (N, 2) which bound each change is held at
+    held: Signs  # (N, 2) the bound at which each change is held
     gx: Array  # (N+1, 6) gradient of the cost by ξ
     gv: Array  # (N, 2) and by v
-    r: Array  # (N, 2) and by v alone, ξ following from it
-    inverse: Array  # (N, 3) of D, of what is free: entries 00, 01, 11
+    r: Array  # (N, 2) by v alone, with ξ as a function of v
+    inverse: Array  # (N, 3) of D for the free changes: entries 00, 01, 11
 
 
 @inlined
@@ -64,14 +64,14 @@ def settled(
     """Return whether a guess repeated itself within so many sweeps; then `at` is the solution, within its bounds.
 
     `gx` and `gv` are the cost's gradients at the origin; `guess` (n,) becomes the set found. Between the starts of the
-    blocks nothing may change: all is held there, at 0.
+    blocks, all changes are held at 0.
     """
     starts, N, lower, upper, held = setting.starts, path.A.shape[0], bounded.lower, bounded.upper, sweep.held
     take_set(starts, guess, held)
     for _ in range(sweeps):
         for k in range(N):
             for i in range(NU):
-                at.v[k, i] = lower[k, i] if held[k, i] == LOWER else upper[k, i]  # of those held
+                at.v[k, i] = lower[k, i] if held[k, i] == LOWER else upper[k, i]  # of the held changes
         backward(path, setting.cost, gx, gv, at.v, sweep)
         if not forward(path, lower, upper, sweep, at):
             give_set(starts, held, guess)
@@ -81,7 +81,7 @@ def settled(
 
 @inlined_flat
 def take_set(starts: Indices, guess: Signs, held: Signs) -> None:
-    """Set what is `held` (N, 2) to a `guess` (n,), and all else to be."""
+    """Set `held` (N, 2) to a `guess` (n,), and hold all other changes."""
     held[:] = LOWER
     for block in range(starts.size):
         for i in range(NU):
@@ -90,7 +90,7 @@ def take_set(starts: Indices, guess: Signs, held: Signs) -> None:
 
 @inlined_flat
 def give_set(starts: Indices, held: Signs, guess: Signs) -> None:
-    """Set the `guess` (n,) to what is `held` (N, 2)."""
+    """Set the `guess` (n,) to the changes `held` (N, 2)."""
     for block in range(starts.size):
         for i in range(NU):
             guess[NU * block + i] = held[starts[block], i]

@@ -1,6 +1,6 @@
-"""The rows of the QP, of which `interior` keeps the distance: a·y ≤ b with t > 0 left, and λ > 0.
+"""Rows of the QP, a·y ≤ b, with the distances t > 0 and multipliers λ > 0 of `interior`.
 
-In this order, those of a sample k (w and δx of k + 1), and in a last line those of both slacks:
+The rows of a sample k (w and δx of k + 1), in this order, and in a last line those of both slacks:
 
     0…3    v_i ≤ upper,  -v_i ≤ -lower            changes: the slew
     4…7    w_i ≤ …,  -w_i ≤ …                     commands: the supply
@@ -17,13 +17,13 @@ from mpc.tracking.compiled.records import Bounded, Bounds, Indices, Path, Point
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FORCE, JOINTS, NU, NX, NXI, STIFFNESSES, SUPPLY
 from mpc.tracking.compiled.structured_qp.stage import changed, first_of
 
-RESOLVED = 1e-10  # [bar], [rad], [N] below which a residual is none
-NEAR = 0.03  # products t λ are no less than this share of their mean
+RESOLVED = 1e-10  # [bar], [rad], [N] below which a residual counts as 0
+NEAR = 0.03  # least product t λ, as a share of their mean
 WIDTH = BOUNDS * (0.04,) + BOUNDS * (0.1,) + 2 * JOINTS * (0.02,) + NU * (4.0,)  # least t at first [bar], [rad], [N]
 
 
 class Rows(NamedTuple):
-    """The rows are numbers (N + 1, 12) each; `span` says which of a line there are."""
+    """Arrays (N + 1, 12) of the rows; `span` has the range of rows in each line."""
 
     span: Indices  # (N + 1, 2) first, and one past the last
     b: Array
@@ -63,7 +63,7 @@ def sides(path: Path, u: Array, bounds: Bounds, bounded: Bounded, b: Array) -> N
     for k in range(N):
         for i in range(NU):
             b[k, i], b[k, NU + i] = bounded.upper[k, i], -bounded.lower[k, i]
-            # what is outside already need not come back at once
+            # pressures outside the supply may return later
             b[k, BOUNDS + i] = max(bounds.high - u[k, i], 0.0)
             b[k, BOUNDS + NU + i] = -min(bounds.low - u[k, i], 0.0)
             b[k, FORCE + i] = path.y[k + 1, STIFFNESSES + i] - bounds.min_force
@@ -75,15 +75,15 @@ def sides(path: Path, u: Array, bounds: Bounds, bounded: Bounded, b: Array) -> N
 
 @inlined_flat
 def none(rows: Rows, at: Point) -> None:
-    """Begin at the origin without any row."""
+    """Begin at the origin without rows."""
     at.xi[:], at.v[:], at.sigma[:] = 0.0, 0.0, 0.0
     rows.multiplier[:], rows.t[:], rows.W[:], rows.push[:], rows.span[:] = 0.0, 1.0, 0.0, 0.0, 0
 
 
 @inlined_flat
 def add(path: Path, rows: Rows, slack: Array, there: Mask, count: int, product: float, at: Point) -> int:
-    """Add what is missing of the first `count` rows of a sample, with products t λ of `product`; return how many rows
-    there are now.
+    """Add the missing ones of the first `count` rows of a sample, with products t λ of `product`; return the number of
+    rows.
     """
     N, number, first = at.v.shape[0], 0, rows.span[0, 1]
     values(path, at, count, rows.residual)
@@ -118,7 +118,7 @@ def measure(path: Path, at: Point, rows: Rows, count: int) -> tuple[float, float
         for j in range(rows.span[k, 0], rows.span[k, 1]):
             t, multiplier = rows.t[k, j], rows.multiplier[k, j]
             r, w = rows.residual[k, j] - rows.b[k, j] + t, multiplier / t
-            r = r if abs(r) > RESOLVED else 0.0  # rounding, which W would make a great push of
+            r = r if abs(r) > RESOLVED else 0.0  # rounding, which W would turn into a large push
             rows.residual[k, j], rows.W[k, j], rows.push[k, j] = r, w, w * r
             total += t * multiplier
             worst = max(worst, abs(r))
@@ -127,7 +127,7 @@ def measure(path: Path, at: Point, rows: Rows, count: int) -> tuple[float, float
 
 @inlined_flat
 def row_steps(path: Path, rows: Rows, count: int, by: Point) -> float:
-    """Set the rows' part of the step `by`; return how much of it may be gone before a t or a λ is 0, at most 1."""
+    """Set the rows' part of the step `by`; return the share of it at which a t or a λ is 0, at most 1."""
     share = 1.0
     values(path, by, count, rows.dt)
     for k in range(rows.b.shape[0]):
@@ -163,7 +163,7 @@ def aim_at(rows: Rows, product: float) -> None:
 
 @inlined_flat
 def go(rows: Rows, share: float, at: Point, by: Point) -> float:
-    """Go this share of the step; return the sum of the products t λ."""
+    """Move by this share of the step; return the sum of the products t λ."""
     total = 0.0
     for k in range(at.v.shape[0]):
         for i in range(NXI):
@@ -182,7 +182,7 @@ def go(rows: Rows, share: float, at: Point, by: Point) -> float:
 
 @inlined_flat
 def bring_near(rows: Rows, slack: Array, mean: float) -> None:
-    """Bring products t λ that are far below their `mean` up to NEAR of it; without that one in a hundred stalls."""
+    """Raise products t λ far below their `mean` to NEAR of it; without this, one QP in a hundred stalls."""
     least, last = NEAR * mean, rows.b.shape[0] - 1
     for k in range(last + 1):
         for j in range(rows.span[k, 0], rows.span[k, 1]):

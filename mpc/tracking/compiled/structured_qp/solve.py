@@ -1,8 +1,8 @@
-"""A path leads to the best decisions, proved: by a sweep, where that does not settle by an
-exchange of what it holds, and where that takes too long by an interior point.
+"""Proved solution of the QP about a path: by a sweep; if that does not settle, by an exchange of its set; if that takes
+too long, by an interior point.
 
-`buffer` holds the path, `given` what is new in the step (`mpc.tracking.compiled.records`). This file is used by
-way of a copy, `mpc.codegen.modules` says why.
+`buffer` holds the path, `given` the new data of the step (`mpc.tracking.compiled.records`). A copy of this file is
+used, for the reason in `mpc.codegen.modules`.
 """
 
 import numpy as np
@@ -34,9 +34,9 @@ from mpc.tracking.compiled.structured_qp.sizes import BOUNDS, NU
 
 @compiled
 def settle(numbers: Array, starts: Indices, given: Array, buffer: Array, guess: Signs, z: Array) -> tuple[bool, int]:
-    """Return whether `z` (n,) is the QP's proved solution, and how many iterations of the interior point that took.
+    """Return whether `z` (n,) is the QP's proved solution, and the number of iterations of the interior point.
 
-    `guess` (n,) of the bounds that bind becomes the set found.
+    `guess` (n,) of the active bounds becomes the set found.
     """
     setting, (path, u) = setting_in(numbers, starts), path_in(buffer)
     _, _, _, reference, last = given_in(given)
@@ -47,7 +47,7 @@ def settle(numbers: Array, starts: Indices, given: Array, buffer: Array, guess: 
 def decide(
     path: Path, u: Array, setting: Setting, reference: Reference, last: Array, guess: Signs, z: Array
 ) -> tuple[bool, int]:
-    """Answer as `settle` does about a path with the commands `u` [bar]."""
+    """Return the results of `settle` for a path with the commands `u` [bar]."""
     N, starts = u.shape[0], setting.starts
     errors, at, sweep = new_errors(N), new_point(N), new_sweep(N)
     deviations(path, u, reference, last, errors)
@@ -69,8 +69,8 @@ def swept(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, guess: Signs, at: Point, sweep: Sweep,
     a: Active
 ) -> int:  # fmt: skip
-    """Set the point to what a sweep comes to, or an exchange of what it holds; return 0 if that is the proved solution,
-    or how many rows of every sample the interior point is to begin with.
+    """Set the point to the result of a sweep or an exchange of its set; return 0 if that is the proved solution, or the
+    number of rows of every sample with which the interior point has to begin.
     """
     if begun(path, errors, setting, bounded, guess, at, sweep, a):
         brought_within(path, bounded, at)
@@ -93,7 +93,7 @@ def swept(
 def begun(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, guess: Signs, at: Point, sweep: Sweep, a: Active
 ) -> bool:  # fmt: skip
-    """Return whether the sweep of a guess settles the QP without its rows, to which the point is set."""
+    """Set the point to the result of a sweep; return whether that settles the QP without its rows."""
     at.xi[:], at.v[:], at.sigma[:] = 0.0, 0.0, 0.0
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
     adjoint(path, sweep.gx, sweep.gv, a.first)
@@ -102,7 +102,7 @@ def begun(
 
 @inlined
 def held_gradient(path: Path, errors: Errors, setting: Setting, guess: Signs, at: Point, sweep: Sweep) -> None:
-    """Set what is held to the guess again, and the gradient by v at the point."""
+    """Hold the changes of the guess again, and set the gradient by v at the point."""
     take_set(setting.starts, guess, sweep.held)
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
     adjoint(path, sweep.gx, sweep.gv, sweep.r)
@@ -113,10 +113,9 @@ def persistent(
     path: Path, errors: Errors, setting: Setting, u: Array, bounded: Bounded, count: int, guess: Signs, at: Point,
     work: Work, limit: int
 ) -> tuple[bool, int]:  # fmt: skip
-    """Return whether the interior point comes to a solution `at`, and after how many iterations.
+    """Return whether the interior point finds a solution `at`, and the number of iterations.
 
-    It begins with the first `count` rows of every sample, adds others that are broken, and takes `limit` iterations at
-    most.
+    It begins with the first `count` rows of every sample, adds violated ones, and takes at most `limit` iterations.
     """
     iterations = interior(path, errors, setting, u, bounded, count, guess, at, work, limit)
     brought_within(path, bounded, at)

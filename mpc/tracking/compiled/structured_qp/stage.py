@@ -1,8 +1,8 @@
-"""The algebra of one sample for a joint: 4 states and 2 commands, written out.
+"""Algebra of one sample for a joint: 4 states and 2 commands, written out.
 
-With ξ = (δx, w) and 𝔸 = [A B; 0 I], where x_{k+1} = A x_k + B w_{k+1} and w_{k+1} = w_k + v_k: how matrices and
-vectors go back over the command and its consequences. D (N, 3) and its inverse have the entries 00, 01, 11. Products
-are written out, arrays are indexed by k and not cut, and all is compiled into its callers: three times as fast.
+The functions carry matrices and vectors back over a command and its consequences, with ξ = (δx, w) and 𝔸 = [A B; 0 I],
+x_{k+1} = A x_k + B w_{k+1} and w_{k+1} = w_k + v_k. D (N, 3) and its inverse have the entries 00, 01, 11. Products are
+written out, arrays are indexed by k instead of sliced, and all functions are inlined: three times as fast.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
 
 @merged
 def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array) -> None:
-    """Set S to M + R[k]ᵀ F[k], what the cost-to-go is once v is chosen by the feedback F[k] (2, …)."""
+    """Set S to M + R[k]ᵀ F[k], the cost-to-go after v is chosen by the feedback F[k] (2, …)."""
     for i in range(6):
         r0, r1 = R[k, 0, i], R[k, 1, i]
         if i < 4:
@@ -46,7 +46,7 @@ def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array)
             for j in range(i, 6):
                 S[i, j] = R[k, i - 4, j] + r0 * F[k, 0, j] + r1 * F[k, 1, j]
     for i in range(6):
-        for j in range(i):  # rounding that is not symmetric would grow from sample to sample
+        for j in range(i):  # asymmetric rounding would grow from sample to sample
             S[i, j] = S[j, i]
 
 
@@ -65,7 +65,7 @@ def linear_before(s: Array, A: Array, B: Array, k: int) -> None:
 
 @merged
 def advance(A: Array, B: Array, k: int, xi: Array) -> None:
-    """Go on with ξ[k] (6,), the lines of `xi` (N + 1, 6): set the state of ξ[k + 1], in which w is already known."""
+    """Set the state of ξ[k + 1] from ξ[k] (6,), lines of `xi` (N + 1, 6); w of ξ[k + 1] is already known."""
     x0, x1, x2, x3, w0, w1 = xi[k, 0], xi[k, 1], xi[k, 2], xi[k, 3], xi[k + 1, 4], xi[k + 1, 5]
     for i in range(4):
         xi[k + 1, i] = (
@@ -84,7 +84,7 @@ def charge_square(S: Array, slope: Array, k: int, m: int, w: float) -> None:
 
 @merged
 def charge_state(S: Array, slope: Array, k: int, cost: Cost) -> None:
-    """Add to S (6, 6) what the square of the errors of a state costs."""
+    """Add the cost of a state's squared errors to S (6, 6)."""
     for i in range(4):
         S[i, i] += cost.x[i]
     for m in range(3):
@@ -94,20 +94,20 @@ def charge_state(S: Array, slope: Array, k: int, cost: Cost) -> None:
 
 @merged
 def changed(slope: Array, k: int, m: int, xi: Array) -> float:
-    """Return by how much ξ[k] changes the output m."""
+    """Return the change of the output m due to ξ[k]."""
     x0, x1, x2, x3 = xi[k, 0], xi[k, 1], xi[k, 2], xi[k, 3]
     return float(slope[k, m, 0] * x0 + slope[k, m, 1] * x1 + slope[k, m, 2] * x2 + slope[k, m, 3] * x3)
 
 
 @merged
 def first_of(limit: float, i: int) -> float:
-    """Return the limit of the joint `i`: there is one only."""
+    """Return the limit of the joint `i`, the only one."""
     return limit
 
 
 @inlined
 def new_squares(N: int) -> Array:
-    """Return N symmetric matrices of commands that are not set yet."""
+    """Return N uninitialised symmetric matrices of commands."""
     return np.empty((N, 3))
 
 
@@ -144,7 +144,7 @@ def clear(z: Array, pushes: Array, c: int, k: int) -> None:
 
 @merged
 def gone_back(inverse: Array, R: Array, k: int, c: int, p: Array, z: Array, pushes: Array) -> None:
-    """Set pushes[c, k] to the gradient by the changes, z[c, k] to what answers it, add to `p` (6,) what it does."""
+    """Set pushes[c, k] to the gradient by the changes, z[c, k] to the response, and add its effect to `p` (6,)."""
     g0, g1 = p[4], p[5]
     v0, v1 = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
     z[c, k, 0], z[c, k, 1], pushes[c, k, 0], pushes[c, k, 1] = v0, v1, g0, g1
@@ -171,7 +171,7 @@ def gone_along(
 
 @merged
 def answered(inverse: Array, feedback: Array, k: int, v: Array, p: Array) -> None:
-    """Turn v[k], a gradient, into -D⁻¹ v[k], and add to `p` (6,) what that does to it."""
+    """Turn v[k], a gradient, into -D⁻¹ v[k], and add the effect of that to `p` (6,)."""
     g0, g1 = v[k, 0], v[k, 1]
     v[k, 0], v[k, 1] = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
     for i in range(6):
@@ -180,7 +180,7 @@ def answered(inverse: Array, feedback: Array, k: int, v: Array, p: Array) -> Non
 
 @merged
 def led_back(R: Array, feedback: Array, k: int, s: Array) -> None:
-    """Add to `s` (6,) what the changes do that the feedback makes at ξ = 0."""
+    """Add to `s` (6,) the effect of the feedback's changes at ξ = 0."""
     f0, f1 = feedback[k, 0, 6], feedback[k, 1, 6]
     for i in range(6):
         s[i] += R[k, 0, i] * f0 + R[k, 1, i] * f1
@@ -200,7 +200,7 @@ def choose(
     R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
 ) -> None:
     """Set D, its inverse and the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those held;
-    `charge` (2,) of the changes.
+    `charge` (2,) is the cost of the changes.
     """
     D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + charge[0], R[k, 0, 5], R[k, 1, 5] + charge[1]
     a, b, c = 0.0, 0.0, 0.0  # of the inverse of D, negative
@@ -235,8 +235,8 @@ def border_before(P: Array, A: Array, B: Array, k: int) -> None:
 
 @merged
 def invert(R: Array, k: int, charge: Array, W: Array, allowed: bool, inverse: Array) -> None:
-    """Set `inverse`[k] (3,) of D, with W of the changes' rows, by LDLᵀ, the larger pivot first; the second is no less
-    than its own charge. Where nothing may change it is 0.
+    """Set `inverse`[k] (3,) of D, with W of the changes' rows, by LDLᵀ, the larger pivot first; the second is at least
+    its own charge. Without a change the inverse is 0.
     """
     least0, least1 = charge[0] + W[k, 0] + W[k, 2], charge[1] + W[k, 1] + W[k, 3]
     d0, d1, off = R[k, 0, 4] + least0, R[k, 1, 5] + least1, R[k, 0, 5]
@@ -254,7 +254,7 @@ def invert(R: Array, k: int, charge: Array, W: Array, allowed: bool, inverse: Ar
 
 @merged
 def decided_border(P: Array, G: Array, k: int, inverse: Array, R: Array, border: Array, sigma: Array) -> None:
-    """Set the border of stage `k`, and P and Σ to what is left of them once v is chosen."""
+    """Set the border of stage `k`, and P and Σ to their values after v is chosen."""
     a, b, c = -inverse[k, 0], -inverse[k, 1], -inverse[k, 2]
     for j in range(2):
         G[0, j], G[1, j] = P[4, j], P[5, j]

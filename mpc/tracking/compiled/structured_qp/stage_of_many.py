@@ -1,7 +1,7 @@
-"""The algebra of one sample for more muscles than a joint's: `stage` in loops over the sizes.
+"""Algebra of one sample for any number of muscles: `stage` in loops over the sizes.
 
-The pressures follow their commands alone, and by the same share B (m,) of their error in every sample; A (N, 2n, NXI)
-is the Jacobian of the next (q, ω) by (q, ω), P and the command. D and its inverse are (N, m, m).
+A pressure depends only on its own command, and approaches it by the share B (m,) of the error in every sample; A
+(N, 2n, NXI) is the Jacobian of the next (q, ω) by (q, ω), P and the command. D and its inverse are (N, m, m).
 """
 
 import numpy as np
@@ -58,7 +58,7 @@ def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array)
             for j in range(NXI):
                 S[i, j] += r * F[k, c, j]
     for i in range(NXI):
-        for j in range(i):  # rounding that is not symmetric would grow from sample to sample
+        for j in range(i):  # asymmetric rounding would grow from sample to sample
             S[i, j] = S[j, i]
 
 
@@ -80,7 +80,7 @@ def linear_before(s: Array, A: Array, B: Array, k: int) -> None:
 
 @inlined_flat
 def advance(A: Array, B: Array, k: int, xi: Array) -> None:
-    """Go on with ξ[k] (NXI,), the lines of `xi` (N + 1, NXI): set the state of ξ[k + 1], in which w is known."""
+    """Set the state of ξ[k + 1] from ξ[k] (NXI,), lines of `xi` (N + 1, NXI); w of ξ[k + 1] is already known."""
     for i in range(MOVING):
         x = 0.0
         for j in range(NX):
@@ -113,7 +113,7 @@ def charge_state(S: Array, slope: Array, k: int, cost: Cost) -> None:
 
 @inlined_flat
 def changed(slope: Array, k: int, m: int, xi: Array) -> float:
-    """Return by how much ξ[k] changes the output m."""
+    """Return the change of the output m due to ξ[k]."""
     change = 0.0
     for i in range(NX):
         change += slope[k, m, i] * xi[k, i]
@@ -128,7 +128,7 @@ def first_of(limits: Array, i: int) -> float:
 
 @inlined
 def new_squares(N: int) -> Array:
-    """Return N symmetric matrices of commands that are not set yet."""
+    """Return N uninitialised symmetric matrices of commands."""
     return np.empty((N, NU, NU))
 
 
@@ -176,7 +176,7 @@ def clear(z: Array, pushes: Array, c: int, k: int) -> None:
 
 @inlined_flat
 def gone_back(inverse: Array, R: Array, k: int, c: int, p: Array, z: Array, pushes: Array) -> None:
-    """Set pushes[c, k] to the gradient by the changes, z[c, k] to what answers it, add to `p` (NXI,) what it does."""
+    """Set pushes[c, k] to the gradient by the changes, z[c, k] to the response, and add its effect to `p` (NXI,)."""
     for i in range(NU):
         pushes[c, k, i] = p[NX + i]
     for i in range(NU):
@@ -211,7 +211,7 @@ def gone_along(
 
 @inlined
 def answered(inverse: Array, feedback: Array, k: int, v: Array, p: Array) -> None:
-    """Turn v[k], a gradient, into -D⁻¹ v[k], and add to `p` (NXI,) what that does to it."""
+    """Turn v[k], a gradient, into -D⁻¹ v[k], and add the effect of that to `p` (NXI,)."""
     answer = np.zeros(NU)
     for i in range(NU):
         g = v[k, i]
@@ -225,7 +225,7 @@ def answered(inverse: Array, feedback: Array, k: int, v: Array, p: Array) -> Non
 
 @inlined_flat
 def led_back(R: Array, feedback: Array, k: int, s: Array) -> None:
-    """Add to `s` (NXI,) what the changes do that the feedback makes at ξ = 0."""
+    """Add to `s` (NXI,) the effect of the feedback's changes at ξ = 0."""
     for i in range(NU):
         f = feedback[k, i, NXI]
         for j in range(NXI):
@@ -249,7 +249,7 @@ def choose(
     R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
 ) -> None:
     """Set D, its inverse and the feedback (m, NXI + 1) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those
-    held; `charge` (m,) of the changes.
+    held; `charge` (m,) is the cost of the changes.
     """
     free, wanted = np.empty(NU, np.bool_), np.empty((NU, NXI + 1))
     for i in range(NU):
@@ -281,7 +281,7 @@ def choose(
 
 @inlined
 def invert(R: Array, k: int, charge: Array, W: Array, allowed: bool, inverse: Array) -> None:
-    """Set `inverse`[k] of D, with W of the changes' rows. Where nothing may change it is 0."""
+    """Set `inverse`[k] of D, with W of the changes' rows. Without a change the inverse is 0."""
     free, least = np.empty(NU, np.bool_), np.empty(NU)
     for i in range(NU):
         free[i], least[i] = allowed, charge[i] + W[k, i] + W[k, NU + i]
@@ -293,7 +293,7 @@ def invert(R: Array, k: int, charge: Array, W: Array, allowed: bool, inverse: Ar
 
 @inlined_flat
 def turn_inside_out(a: Array, k: int, free: Mask, least: Array) -> None:
-    """Turn a[k] (m, m) into the inverse of what is `free` of it, 0 else: the greatest pivot first, none less than its
+    """Turn a[k] (m, m) into the inverse of its `free` part, 0 elsewhere: the greatest pivot first, none less than its
     own charge (J. H. Goodnight's sweep, The American Statistician 33, 1979).
     """
     left = 0
@@ -336,7 +336,7 @@ def border_before(P: Array, A: Array, B: Array, k: int) -> None:
 
 @inlined_flat
 def decided_border(P: Array, G: Array, k: int, inverse: Array, R: Array, border: Array, sigma: Array) -> None:
-    """Set the border of stage `k`, and P and Σ to what is left of them once v is chosen."""
+    """Set the border of stage `k`, and P and Σ to their values after v is chosen."""
     for j in range(2):
         for i in range(NU):
             G[i, j] = P[NX + i, j]

@@ -1,6 +1,6 @@
-"""The structured QP is that of one step, its stages as they are: the flat arrays in which it lies, and its solution.
+"""Structured QP of one step: its flat arrays by stages, and its solution.
 
-What compiles it does not depend on the joint, so that a step whose joint's formulas cannot be compiled has it, too.
+The compiled code does not depend on the joint, so that a joint whose formulas cannot be compiled can use it as well.
 """
 
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class StructuredQP:
-    """A structured QP works for one controller: its arrays must not be used by two threads at a time."""
+    """Structured QP of one controller; two threads must not use its arrays at the same time."""
 
     def __init__(self, problem: TrackingProblem) -> None:
         from mpc.codegen.views import flat, in_python
@@ -34,58 +34,58 @@ class StructuredQP:
         self.given = in_python(given_in)(given)  # to be filled
         self.path, self.u = in_python(path_in)(buffer)  # the path and its commands [bar]
         made = setting(problem)
-        self.arrays = flat(made), made.starts, given, buffer  # what compiled functions take
+        self.arrays = flat(made), made.starts, given, buffer  # arguments of the compiled functions
         self.guess = np.zeros(NU * len(problem.blocks), np.int8)  # sign of the multipliers
         self.z = np.zeros(self.guess.size)
         self.counted = np.zeros(1, np.int64)
-        self._previous: PreviousSample | None = None  # of the sample that the guess is about
+        self._previous: PreviousSample | None = None  # of the sample of the guess
         self._shifted = shifted(problem.starts)
         self._settle(*self.arrays, self.guess, self.z)  # compiles it
 
     def take(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
-        """Take what is new in a step: see `mpc.tracking.qp.step.QPStep`."""
-        if previous is not self._previous:  # at a new sample the same commands bind, one sample earlier
+        """Store the new data of a step: see `mpc.tracking.qp.step.QPStep`."""
+        if previous is not self._previous:  # at a new sample the active set moves by one sample
             self._previous, self.guess[:] = previous, self.guess[self._shifted]
         given, reference = self.given, self.given.reference
         given.x[:], given.u[:], given.d[:], given.last[0], given.last[1] = x, u, d, previous.u, previous.u_star
         reference.x[:], reference.y[:], reference.u[:] = feed.x, feed.y, feed.u
 
     def take_model(self, model: Linearisation) -> None:
-        """Take the path from the readable linearisation."""
+        """Store the path of the readable linearisation."""
         path: Path = self.path
         path.x[:], path.y[:], path.slope[:] = model.x, model.y, model.slope
         path.A[:], path.B[:], self.u[:] = model.A, BAR * model.B, model.u / BAR
 
     @property
     def model(self) -> Linearisation:
-        """The model is the path as the readable step has it; copies."""
+        """Path in the form of the readable step; copies."""
         path, K, F = self.path, self.path.y[:, 0].copy(), self.path.y[:, 1:].copy()
         C, D = path.slope[:, 0].copy(), path.slope[:, 1:].copy()
         return Linearisation(BAR * self.u, path.x.copy(), K, F, path.A.copy(), path.B / BAR, C, D)
 
     def solved(self) -> bool:
-        """Return whether `z` is now the proved solution."""
+        """Solve the QP; return whether `z` is the proved solution."""
         done, self.counted[0] = self._settle(*self.arrays, self.guess, self.z)
         return bool(done)
 
     @property
     def iterations(self) -> int:
-        """The iterations are those of the interior point for the last QP; 0: the sweeps settled."""
+        """Iterations of the interior point for the last QP; 0: the sweeps settled."""
         return int(self.counted[0])
 
     @property
     def address(self) -> int:
-        """The address is that of the compiled function which settles the QP, for compiled code to call."""
+        """Address of the compiled function that solves the QP, for calls from compiled code."""
         from mpc.tracking.compiled.sample.calls import address_of
 
         return address_of(self._settle)
 
     def reset(self) -> None:
-        """Forget which bounds bound."""
+        """Forget which bounds were active."""
         self.guess[:] = 0
 
 
 def shifted(starts: Array, m: int = NU) -> NDArray[np.intp]:
-    """Return for each decision that of the block in which its sample was when it was one later."""
+    """Return, for each decision, that of the block that contained its sample one sample later."""
     blocks = np.searchsorted(starts, starts + 1, side="right") - 1
     return (m * blocks[:, None] + np.arange(m)).ravel()

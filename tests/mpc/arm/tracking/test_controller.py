@@ -15,7 +15,7 @@ from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import BadNumbers
 from mpc.tracking.weights import Weights
-from mpc.trials.arm_trajectories import circle, hold, reach, reference
+from mpc.trials.motions.arm_trajectories import circle, hold, reach, reference
 from mpc.trials.simulation import in_motion, simulate
 
 pytestmark = pytest.mark.compiles

@@ -13,8 +13,8 @@ from mpc.model.arm.model import Arm
 from mpc.model.arm.tangents import TangentMuscle, allocated
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import Rung
-from mpc.trials.arm_trajectories import reference
-from mpc.trials.reference import Reference
+from mpc.trials.motions.arm_trajectories import reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import in_motion, simulate
 
 AFFINE = Arm.machine("arm26")

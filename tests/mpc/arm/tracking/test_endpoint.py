@@ -13,7 +13,7 @@ from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
-from mpc.trials.arm_trajectories import draw, hold
+from mpc.trials.motions.arm_trajectories import draw, hold
 from mpc.trials.simulation import in_motion, simulate
 
 JOINTS = Arm.machine("arm26")

@@ -14,8 +14,8 @@ from mpc.model.friction.dahl import Friction
 from mpc.observer.gating import Verdict
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import DAQP
-from mpc.trials.arm_trajectories import hold
 from mpc.trials.metrics import metrics
+from mpc.trials.motions.arm_trajectories import hold
 from mpc.trials.simulation import simulate
 
 pytestmark = pytest.mark.compiles

@@ -14,7 +14,7 @@ from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.step import SlowStep
-from mpc.trials.arm_trajectories import circle
+from mpc.trials.motions.arm_trajectories import circle
 from mpc.trials.simulation import in_motion, simulate
 
 PLAIN = Arm.machine("arm26")

@@ -1,4 +1,4 @@
-"""Files of corrections, which are learned by repeating a motion and played again.
+"""Files of corrections, which are learned by repetition of a motion and can be replayed.
 
 [correction]                   # written by `track --repeat` and `run --repeat`
 name = "sine"
@@ -9,10 +9,10 @@ load = ""                      # name of the load
 errors = [1.7, 0.4, …]         # RMS by repetition [rad]
 tail = 0.0                     # [s] at the end, for preview only
 
-[correction.motion]            # SI units, one number or row a sample
+[correction.motion]            # SI units, one number or row per sample
 t, theta, K, shift             # theta: desired angle; theta + shift: reference
 
-A correction belongs to a motion, a joint, a load and a controller. It is refused for others.
+A correction belongs to a motion, a joint, a load and a controller, and is refused for others.
 """
 
 from dataclasses import dataclass, replace
@@ -31,12 +31,12 @@ from allocator.machine_file import dumps
 from allocator.units import DEG
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
-from mpc.trials.reference import Reference
+from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run
 
 SPEEDS = 0.8, 1.25  # range of speeds, relative to the learned one, to which a correction is scaled
-_SAME = 0.005  # of the range of angle and stiffness: less is the same path
-_STILL = 1e-6  # of the ranges
+_SAME = 0.005  # [-] of the range of angle and stiffness: less counts as the same path
+_STILL = 1e-6  # [-] of the ranges
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Correction:
 
     @property
     def reference(self) -> Reference:
-        """The corrected reference, which is a trajectory like any other."""
+        """Corrected reference, a trajectory like any other."""
         return replace(self.wanted, theta=self.wanted.theta + self.shift)
 
     @property
@@ -86,7 +86,7 @@ class Correction:
         return f"correction of {self.wanted.name or 'a motion'} with {self.owner.controller}{load}{gained}"
 
     def check(self, owner: Owner, path: FilePath = "the correction") -> None:
-        """Check that it belongs to `owner`. Raises `InvalidInput`."""
+        """Raise `InvalidInput` unless the correction belongs to `owner`."""
         mine = self.owner
         if mine.digest != owner.digest:
             raise InvalidInput(

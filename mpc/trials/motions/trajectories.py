@@ -1,7 +1,7 @@
-"""Standard trajectories of the closed-loop benchmark begin and end with a rest, in which a loop settles.
+"""Standard trajectories of the closed-loop benchmark, with rests at both ends, in which a loop settles.
 
-Angles in rad, stiffness in N·m/rad, times in s. The first rest is `LEAD` seconds long: a controller has to find out
-there how far its model is off.
+Angles in rad, stiffness in N·m/rad, times in s. The first rest of `LEAD` seconds lets a controller identify the error
+of its model.
 """
 
 from collections.abc import Callable
@@ -13,15 +13,15 @@ from allocator import allocate
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import DEG
-from mpc.trials.reference import Reference, sine
+from mpc.trials.motions.reference import Reference, sine
 
 LEAD = 4.0  # [s] first rest
 _DT = 0.01  # [s] between samples
-_SAFE = 10.0  # [N·m/rad] about which every trajectory is positive
+_SAFE = 10.0  # [N·m/rad] at which every trajectory is positive
 
 
 def min_jerk(s: Array) -> Array:
-    """Return the shape of a movement of least jerk: from 0 to 1 as `s` goes from 0 to 1 (Flash & Hogan 1985)."""
+    """Return the shape of a minimum-jerk movement: from 0 to 1 as `s` goes from 0 to 1 (Flash & Hogan 1985)."""
     s = np.clip(np.asarray(s, float), 0, 1)
     return s**3 * (10 - 15 * s + 6 * s**2)
 
@@ -43,7 +43,7 @@ def rested_sine(K: float = 5.5, duration: float = 10.0) -> Reference:
 
 
 def point_to_point(K: float = 5.5, angle: float = 60 * DEG, time: float = 1.0, rest: float = 2.0) -> Reference:
-    """Return a path from -angle/2 to angle/2 and back, each in `time`, of least jerk, with a `rest` after each."""
+    """Return a path from -angle/2 to angle/2 and back, each with minimum jerk in `time`, and a `rest` after each."""
     t = _times(LEAD + 2 * (time + rest))
     there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
     return Reference(t, angle * (there - back - 0.5), np.full_like(t, K))
@@ -65,7 +65,7 @@ def chirp(
 
 
 def steps(K: float = 5.5, angle: float = 20 * DEG, time: float = 0.4, rest: float = 2.5) -> Reference:
-    """Return steps to 20°, 40° and 20°, each shaped to least jerk over `time` so that every controller can follow."""
+    """Return steps to 20°, 40° and 20°, each with minimum jerk over `time` so that every controller can follow."""
     t = _times(LEAD + 3 * (time + rest))
     edges = LEAD + (rest + time) * np.arange(3)
     levels = sum(sign * min_jerk((t - edge) / time) for edge, sign in zip(edges, (1, 1, -1), strict=True))
@@ -75,7 +75,7 @@ def steps(K: float = 5.5, angle: float = 20 * DEG, time: float = 0.4, rest: floa
 def stiffness_step(
     K: tuple[float, float] = (5.0, 6.0), theta: float = 20 * DEG, time: float = 0.3, rest: float = 2.5
 ) -> Reference:
-    """Return a stiffness step from K[0] to K[1] and back at constant angle, each shaped to least jerk over `time`."""
+    """Return a stiffness step from K[0] to K[1] and back at constant angle, each with minimum jerk over `time`."""
     t = _times(LEAD + 2 * (time + rest))
     there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
     return Reference(t, np.full_like(t, theta), K[0] + (K[1] - K[0]) * (there - back))
@@ -90,8 +90,8 @@ def stiffness_ramps(K: float = 5.5, height: float = 0.5, theta: float = 20 * DEG
 
 
 def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time: float = 1.0) -> Reference:
-    """Return angle and stiffness that move at once: to `angle` and K + `height` in `time`, to -`angle` and K -
-    `height`, and back.
+    """Return simultaneous motions of angle and stiffness: to `angle` and K + `height` in `time`, to -`angle` and
+    K - `height`, and back.
     """
     rest = 1.5
     t = _times(LEAD + 3 * (time + rest))
@@ -102,9 +102,9 @@ def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time:
 
 
 def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Reference:
-    """Return steps that no joint can follow, to `angle`, to -`angle` and back to 0: commands live on the slew limit."""
+    """Return steps that no joint can follow, to `angle`, to -`angle` and back to 0: commands stay at the slew limit."""
     t = _times(LEAD + 3 * rest)
-    sample = np.round((t - LEAD) / _DT)  # whole numbers do not slip over the edge
+    sample = np.round((t - LEAD) / _DT)  # whole numbers avoid rounding at the edges
     per = round(rest / _DT)
     levels = np.select([sample < 0, sample < per, sample < 2 * per], [0.0, 1.0, -1.0], 0.0)
     return Reference(t, angle * levels, np.full_like(t, K))
@@ -113,7 +113,7 @@ def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Referen
 def usual_swing(joint: AntagonistJoint) -> float:
     """Return 40° or nine tenths of the range of `joint` to both sides of 0, the smaller one [rad].
 
-    It is 40° where the joint never is at 0.
+    It is 40° if 0 is outside the joint's range.
     """
     left, right = joint.angle_range
     return min(40 * DEG, 0.9 * min(-left, right)) if left < 0 < right else 40 * DEG
@@ -129,15 +129,15 @@ def usual_stiffnesses(joint: AntagonistJoint) -> tuple[float, float]:
 
 
 def usual_stiffness(joint: AntagonistJoint) -> float:
-    """Return the middle [N·m/rad] of the usual stiffnesses of the joint."""
+    """Return the middle [N·m/rad] of the joint's usual stiffnesses."""
     return sum(usual_stiffnesses(joint)) / 2
 
 
 def shrunk(about: Callable[[float], Reference], K: float, joint: AntagonistJoint) -> Reference:
     """Return the trajectory `about` K [N·m/rad], with swings of angle and stiffness that `joint` can follow.
 
-    Angles stay within its usual swing, stiffness within half of what is left to the nearer end of its usual ones, as
-    motion takes some (half of a `K` that is beyond them); what is less stays as it is.
+    Angles are limited to its usual swing, and stiffness to half of the distance from the nearer end of its usual ones
+    (half of `K` beyond them), since motion needs some. Smaller swings are unchanged.
     """
     shape = about(_SAFE)
     low, high = usual_stiffnesses(joint)
@@ -147,13 +147,13 @@ def shrunk(about: Callable[[float], Reference], K: float, joint: AntagonistJoint
 
 
 def _limited(values: Array, most: float) -> Array:
-    """Return `values`, in proportion smaller if their greatest magnitude is more than `most`."""
+    """Return `values`, scaled down if their greatest magnitude is more than `most`."""
     greatest = float(np.abs(values).max())
     return values * (most / greatest) if greatest > most else values
 
 
 class Standard(NamedTuple):
-    """Standard trajectory, called by a name."""
+    """Named standard trajectory."""
 
     about: Callable[[float], Reference]  # the stiffness K [N·m/rad]
     summary: str
@@ -171,4 +171,4 @@ TRAJECTORIES = {
     "together": Standard(together, "±40° and K ± 0.3 at once"),
     "jumps": Standard(jumps, "±25° at once, more than a joint can"),
 }
-"""The standard trajectories by name."""
+"""Standard trajectories by name."""

@@ -5,9 +5,9 @@
 | `t` | time [s] |
 | `joint_1_deg`, … | the angles [°], named as the machine names its joints, blanks as `_`; or |
 | `x_mm`, `y_mm`, … | the path of the hand [mm] |
-| `K11`, `K12`, `K22`, … | stiffness of the joints [N·m/rad]; of the hand `Kx11`, … [N/m] where that is tracked |
+| `K11`, `K12`, `K22`, … | stiffness of the joints [N·m/rad]; `Kx11`, … [N/m] if that of the hand is tracked |
 
-Entries off the diagonal are 0 without a column. Without any stiffness it is the one usual for the machine.
+Entries off the diagonal are 0 without a column. Without any stiffness, it is the usual one of the machine.
 
 The angles of a path follow from Gauss–Newton steps in q on |x(q) - x|². Each sample starts from the one before, so that
 the arm does not change sides.
@@ -25,19 +25,19 @@ from allocator.mechanism.endpoint import Endpoint
 from allocator.units import DEG, MM
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
-from mpc.trials.arm_trajectories import tracked_stiffness, usual_stiffness
 from mpc.trials.files import place_of, refuse
-from mpc.trials.reference import Reference
+from mpc.trials.motions.arm_trajectories import tracked_stiffness, usual_stiffness
+from mpc.trials.motions.reference import Reference
 
 _NEAR = 0.1 * MM  # of the path
 _STEPS = 60  # of Gauss and Newton
-_LONGEST = 0.3  # [rad] of one
+_LONGEST = 0.3  # [rad] greatest step
 
 
 def load_motion(path: str | Path, arm: Arm, hand: Endpoint | None = None) -> Reference:
-    """Load the motion in a CSV file for `arm`, whose `hand` moves along a path.
+    """Load the motion in a CSV file for `arm`; `hand` moves along a path.
 
-    Raises `InvalidFile`, naming line and column, for whatever is not a motion of this arm.
+    Raises `InvalidFile` with line and column for a file that is not a motion of this arm.
     """
     table = read_table(path)
     t = table.numbers(place_of(table, "t"))
@@ -67,7 +67,7 @@ def _angles(table: Table, arm: Arm, hand: Endpoint | None) -> Array:
 
 
 def _followed(table: Table, arm: Arm, hand: Endpoint, path: Array) -> Array:
-    """Return postures (M, n) whose hand is on the `path` (M, dim) [m]. Raises `InvalidFile` where there are none."""
+    """Return postures (M, n) with the hand on the `path` (M, dim) [m]. Raises `InvalidFile` if there are none."""
     starts = np.vstack([arm.middle, about_the_middle(arm)])
     found: list[Array] = []
     for k, x in enumerate(path):
@@ -85,7 +85,7 @@ def _followed(table: Table, arm: Arm, hand: Endpoint, path: Array) -> Array:
 
 
 def _posture(arm: Arm, hand: Endpoint, x: Array, q: Array) -> tuple[float, Array]:
-    """Return how far the hand stays from `x` (dim,) [m], and the posture (n,), which is sought from `q` on."""
+    """Return the remaining distance of the hand from `x` (dim,) [m], and the posture (n,), sought from `q` on."""
     for _ in range(_STEPS):
         place = hand.at(q)
         off = x - place.position
@@ -98,7 +98,7 @@ def _posture(arm: Arm, hand: Endpoint, x: Array, q: Array) -> tuple[float, Array
 
 
 def _nearest(arm: Arm, hand: Endpoint, x: Array, q: Array) -> tuple[float, Array]:
-    """Return as `_posture` does, by a slower method that goes along the ends of the ranges."""
+    """Return the results of `_posture`, by a slower method that can move along the ends of the ranges."""
     from scipy.optimize import least_squares
 
     q = np.clip(q, *arm.angle_limits)
@@ -107,13 +107,13 @@ def _nearest(arm: Arm, hand: Endpoint, x: Array, q: Array) -> tuple[float, Array
 
 
 def _stiffness(table: Table, arm: Arm, q: Array) -> Array:
-    """Return the stiffness (M, k, k) that is tracked, at the postures `q` (M, n)."""
+    """Return the tracked stiffness (M, k, k) at the postures `q` (M, n)."""
     names, k = arm.labels.stiffness, arm.tracked
     other = "Kx11" if arm.endpoint is None else "K11"
     if other in table.names:
         whose = ("hand", "joints") if arm.endpoint is None else ("joints", "hand")
         raise InvalidFile(
-            table.path, f"this is the stiffness of the {whose[0]}, and that of the {whose[1]} is tracked: say "
+            table.path, f"this is the stiffness of the {whose[0]}, and that of the {whose[1]} is tracked: use "
             f"--stiffness-of {whose[0]}, or give {', '.join(names)} [{arm.stiffness_unit}]", line=1, column=other,
         )  # fmt: skip
     if not any(name in table.names for name in names):
@@ -129,7 +129,7 @@ def _stiffness(table: Table, arm: Arm, q: Array) -> Array:
 
 
 def _entries(table: Table, arm: Arm) -> Iterator[tuple[str, int, int]]:
-    """Yield name, row and column of every entry that the file has to have, or has."""
+    """Yield name, row and column of every entry that the file needs or contains."""
     for name, i, j in zip(arm.labels.stiffness, *np.triu_indices(arm.tracked), strict=True):
         if i == j or name in table.names:
             yield name, int(i), int(j)

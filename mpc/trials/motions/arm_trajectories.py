@@ -11,24 +11,24 @@ from allocator.mechanism import Pulleys
 from allocator.units import DEG
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
-from mpc.trials.reference import Reference
-from mpc.trials.trajectories import min_jerk
+from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.trajectories import min_jerk
 
 _STIFFNESS = {2: [[12.0, 4.6], [4.6, 9.5]]}
 _EACH = 6.0  # [N·m/rad] of every joint of other arms
 _SWING = 23.0, 17.0, 15.0, 12.0  # [°]
 _K_SWING = 1.5  # [N·m/rad] of K11
-_MOST = 0.6  # of a joint's range is swung through
-_SHARES = 1.0, 0.7, 0.5, 0.35, 0.25  # of a swing, of which the first is taken that the arm holds
-_HELD = 0.1  # of the least stiffness in the middle that has to be left elsewhere
+_MOST = 0.6  # [-] of a joint's range, greatest swing
+_SHARES = 1.0, 0.7, 0.5, 0.35, 0.25  # [-] of a swing; the first one that the arm can hold is used
+_HELD = 0.1  # [-] of the least stiffness in the middle, required elsewhere
 
 
 def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1.0) -> Reference:
-    """Return joints that swing a quarter of a period after each other, ±23°, ±17°, … times `size`, while K11 swings.
+    """Return swings of all joints, each a quarter of a period later, by ±23°, ±17°, … times `size`, while K11 swings.
 
-    They swing about the middles of their ranges, and less where the arm would not hold itself. K = [[12 ± 1.5, 4.6],
-    [4.6, 9.5]] of two joints on pulleys, which a biarticular pair can give; diag(6 ± 1.5, 6, …) of others on pulleys;
-    else what the muscles make of middle pressures, ± 10 %. Raises `InvalidInput`.
+    The joints swing about the middles of their ranges, and less if the arm would not hold itself. K is
+    [[12 ± 1.5, 4.6], [4.6, 9.5]] for two joints on pulleys, which a biarticular pair can provide; diag(6 ± 1.5, 6, …)
+    for others on pulleys; otherwise the stiffness at middle pressures, ± 10 %. Raises `InvalidInput`.
     """
     frequency = checks.positive("frequency", frequency, "Hz")
     swings, w = _swings(arm, size * np.resize(_SWING, arm.n) * DEG), 2 * np.pi * frequency
@@ -68,22 +68,21 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
 
 
 def hold(arm: Arm, seconds: float = 4.0) -> Reference:
-    """Return a posture that is held. Raises `InvalidInput`."""
+    """Return a constant posture. Raises `InvalidInput`."""
     posture = _middle(arm) + _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG)
     K = tracked_stiffness(arm, posture[None], usual_stiffness(arm)(posture[None]))[0]
     return Reference.of("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
 
 
 def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
-    """Return the hand of an arm with two links drawing an eight, 12 cm high, while the stiffness of its hand turns.
+    """Return a figure of eight, 12 cm high, drawn by the hand of an arm with two links while its stiffness turns.
 
-    The joints' K = [[12 + 2 sin φ, 4.6 + 0.8 cos φ], [4.6 + 0.8 cos φ, 9.5 - 1.5 sin φ]] goes round once with every
-    eight; what the hand shows of it is K_x with K = JᵀK_x J (M4). Raises `InvalidInput` for an arm with other than
-    two joints.
+    The joints' K = [[12 + 2 sin φ, 4.6 + 0.8 cos φ], [4.6 + 0.8 cos φ, 9.5 - 1.5 sin φ]] turns once per figure; that of
+    the hand is K_x with K = JᵀK_x J (M4). Raises `InvalidInput` for an arm with other than two joints.
     """
     if arm.n != 2 or not isinstance(arm.bodies, Bodies) or not _on_pulleys(arm):
         raise InvalidInput(
-            f"draw is for arm26, with n = 2 joints in the plane, whose hand's position says the angles; n = {arm.n}"
+            f"draw is for arm26, with n = 2 joints in the plane, whose hand determines the angles; n = {arm.n}"
         )
     seconds = checks.positive("seconds", seconds, "s")
     first, second = arm.bodies.length
@@ -108,7 +107,7 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
 def tracked_stiffness(arm: Arm, q: Array, K: Array) -> Array:
     """Return the tracked stiffness for the joints' stiffness `K` (k, n, n) at the postures `q` (k, n).
 
-    Raises `InvalidInput` where the hand's stiffness is tracked and is infinite.
+    Raises `InvalidInput` if the hand's stiffness is tracked and infinite.
     """
     if arm.endpoint is not None:
         try:
@@ -142,7 +141,7 @@ def _middle(arm: Arm) -> Array:
 
 
 def _swings(arm: Arm, wanted: Array) -> Array:
-    """Return how far the joints (n,) [rad] may swing to both sides of the middle, at most as `wanted`.
+    """Return the feasible swings (n,) [rad] of the joints to both sides of the middle, at most `wanted`.
 
     Raises `InvalidInput` for an arm that does not hold itself in the middle of its ranges.
     """
@@ -164,7 +163,7 @@ def _swings(arm: Arm, wanted: Array) -> Array:
 
 
 REFERENCES: Mapping[str, Callable[[Arm], Reference]] = {"circle": circle, "reach": reach, "hold": hold, "draw": draw}
-"""Every reference that the command line knows, by its name."""
+"""References of the command line, by name."""
 
 
 def reference(name: str, arm: Arm) -> Reference:

@@ -12,21 +12,21 @@ from allocator.errors import InvalidInput
 from allocator.units import DEG
 
 LONGEST = 1_000_000  # samples, nearly three hours at 10 ms
-_SWING = 0.05  # of the range of all samples
+_SWING = 0.05  # [-] of the range of all samples
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
     """Trajectory given by samples: a smooth curve between them, constant after the last. Read-only.
 
-    Of an arm with n joints there are rows of angles and matrices of stiffness.
+    For an arm with n joints, there are rows of angles and matrices of stiffness.
     """
 
     t: Array  # (M,) increasing [s]
     theta: Array  # (M,) or (M, n) [rad]
     K: Array  # (M,) positive [N·m/rad], or (M, k, k) of the joints [N·m/rad], of an endpoint [N/m]
     name: str = ""
-    tail: float = 0.0  # at the end, which is only looked ahead to [s]
+    tail: float = 0.0  # at the end, for preview only [s]
 
     def __post_init__(self) -> None:
         t, theta = checks.real("t", self.t, "s"), checks.angle("theta", self.theta)
@@ -49,7 +49,7 @@ class Reference:
         cls, name: str, duration: float, at: Callable[[Array], tuple[Array, Array]], tail: float = 1.0, dt: float = 0.01
     ) -> Self:
         """Return samples every `dt` [s] of the formula `at(t)`, angles and stiffness at times (M,), for `duration` [s]
-        and a `tail` [s] in which the motion goes on.
+        and a `tail` [s] in which the motion continues.
         """
         if not 0 < checks.number("duration", duration, "s") <= 3600:
             raise InvalidInput(f"duration = {duration:g} s has to be above 0 and at most an hour")
@@ -58,11 +58,11 @@ class Reference:
 
     @property
     def duration(self) -> float:
-        """The time [s] from the first sample to the last, without the tail."""
+        """Time [s] from the first sample to the last, without the tail."""
         return float(self.t[-1] - self.t[0]) - self.tail
 
     def samples(self, dt: float) -> int:
-        """Return how many samples of `dt` [s] come after the first one. Raises `InvalidInput` for over a million."""
+        """Return the number of samples of `dt` [s] after the first one. Raises `InvalidInput` for over a million."""
         if not checks.number("dt", dt, "s") > 0:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time above 0 s")
         span = self.duration
@@ -85,13 +85,13 @@ class Reference:
 
     @property
     def middle(self) -> tuple[Value, Value]:
-        """The middle of the ranges of angles [rad] and stiffness [N·m/rad], entry by entry."""
+        """Middle of the ranges of angles [rad] and stiffness [N·m/rad], entry by entry."""
         theta, K = ((values.min(axis=0) + values.max(axis=0)) / 2 for values in (self.theta, self.K))
         return theta, K
 
     @property
     def summary(self) -> str:
-        """Return the ranges of angle and stiffness and the duration, in a line."""
+        """One line with the ranges of angle and stiffness and the duration."""
         angles, stiffnesses = (f"{a.min():.3g} … {a.max():.3g}" for a in (self.theta / DEG, self.K))
         return f"angle {angles}°, stiffness {stiffnesses} N·m/rad, {self.duration:.3g} s"
 
@@ -104,7 +104,7 @@ class Reference:
 def _smooth(t: Array, y: Array, at: Array) -> Array:
     """Return a cubic spline through the samples; a monotone one if that swings far beyond the samples next to it.
 
-    The second is for steps in coarse samples, through which a cubic spline overshoots without bound.
+    The second is for steps in coarse samples, at which the overshoot of a cubic spline is unbounded.
     """
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
@@ -131,8 +131,8 @@ def sine(
 ) -> Reference:
     """Return sines of angle [rad] and stiffness [N·m/rad] about 0 and `K`, frequencies in Hz, times in s.
 
-    Both amplitudes rise smoothly (twice differentiable) during the first `ramp` seconds and fall during the last,
-    so that the joint begins and ends at rest, as a real one has to. `ramp=0` starts and stops in full motion.
+    Both amplitudes rise smoothly (twice differentiable) during the first `ramp` seconds and fall during the last, so
+    that the joint begins and ends at rest, like a real one. `ramp=0` starts and stops in full motion.
     """
     if not (duration > 0 and 0 <= 2 * ramp <= duration and 0 < dt <= duration):
         raise InvalidInput(f"duration = {duration:g} s has to cover two ramps of {ramp:g} s and a dt of {dt:g} s")
