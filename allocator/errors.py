@@ -1,14 +1,14 @@
 """Exceptions of this project, warnings given once, and names of libraries that are not installed.
 
 AntagonistError
-├── InvalidInput (also a ValueError)   an argument that makes no sense, with its value and the unit expected
+├── InvalidInput (also a ValueError)   an invalid argument, with its value and the expected unit
 │   └── InvalidFile                    a file that cannot be read, with its line and column
-├── MissingBackend (also a ValueError) a method or solver that does not exist here, with the ones that do
-│   └── MissingPackage (also a ModuleNotFoundError)  a library that is not installed, with the line that does
+├── MissingBackend (also a ValueError) an unknown method or solver, with the available ones
+│   └── MissingPackage (also a ModuleNotFoundError)  a library that is not installed, with the pip command
 └── CannotWrite (also an OSError)      a file that cannot be written, and why
 
-Each library is imported only in the file that uses it and when it is used, so that `allocate` runs on NumPy alone. A
-finder behind all others turns failed imports by our own files into a `MissingPackage`, which says how to install it.
+Libraries are imported on use, so `allocate` needs only NumPy. A finder at the end of `sys.meta_path` turns failed
+imports in these packages into `MissingPackage`, which gives the pip command.
 """
 
 import sys
@@ -18,44 +18,44 @@ from types import FrameType
 
 
 class AntagonistError(Exception):
-    """All errors of this project derive from this one."""
+    """Base class of all errors of this project."""
 
 
 class InvalidInput(AntagonistError, ValueError):
-    """An argument that makes no sense; the message names it, its value and what was expected."""
+    """Invalid argument; the message gives its name, its value and the expected values."""
 
 
 class InvalidFile(InvalidInput):
-    """A file that cannot be read as what it should be; the message names the line and the column."""
+    """File with invalid content; the message gives the line and the column."""
 
     def __init__(self, path: object, what: str, *, line: int | None = None, column: str | None = None) -> None:
-        """Locate `what` in the file `path` at `line` (counted from 1) and `column` (its name)."""
+        """Report the fault `what` in the file `path` at `line` (counted from 1) and `column` (its name)."""
         place = "".join([f", line {line}" if line else "", f", column {column!r}" if column else ""])
         super().__init__(f"{path}{place}: {what}")
 
 
 class MissingBackend(AntagonistError, ValueError):
-    """A method or solver that does not exist or is not installed; the message lists the ones that are."""
+    """Unknown or uninstalled method or solver; the message lists the available ones."""
 
     def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
-        """Say that the `kind` called `name` does not exist, and which are `available`."""
+        """Report that the `kind` called `name` does not exist, and list those `available`."""
         super().__init__(f"unknown {kind} {name!r}; available: {', '.join(sorted(available))}")
 
 
 class MissingPackage(MissingBackend, ModuleNotFoundError):
-    """Required library that is not installed; the message has the command that installs it."""
+    """Missing library; the message gives the command that installs it."""
 
     def __init__(self, name: str, install: str) -> None:
-        """Say how to install the library called `name`."""
+        """Report how to install the library called `name`."""
         Exception.__init__(self, f"this needs {name}, which is not installed: pip install {install}")
         self.name = name
 
 
 class CannotWrite(AntagonistError, OSError):
-    """A file that cannot be written; the message names it and says why."""
+    """File that cannot be written; the message gives its name and the reason."""
 
     def __init__(self, path: object, why: str | BaseException) -> None:
-        """Say `why` the file `path` cannot be written; of an `OSError` what the system said."""
+        """Report `why` the file `path` cannot be written; for an `OSError`, the system's text."""
         said = (why.strerror if isinstance(why, OSError) else None) or str(why)
         super().__init__(f"{path} cannot be written ({said})")
 
@@ -69,7 +69,7 @@ class CacheFault(UserWarning):
 
 
 def notice(message: str, category: type[Warning]) -> None:
-    """Warn of `message` at the line outside of this project that led here."""
+    """Warn with `message` at the calling line outside of this project."""
     depth, frame = 1, sys._getframe(1)
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in _OURS:
         depth, frame = depth + 1, frame.f_back
@@ -77,7 +77,7 @@ def notice(message: str, category: type[Warning]) -> None:
 
 
 def notice_once(message: str, category: type[Warning]) -> None:
-    """Warn as `notice` does, unless it has been said in this process: whatever filters there are, once is enough."""
+    """Warn as `notice` does, but once per process and message, regardless of warning filters."""
     if message not in _said:
         _said.add(message)
         notice(message, category)
@@ -115,7 +115,7 @@ class _NameMissing:
 
 
 def _imported_by_us(frame: FrameType | None) -> bool:
-    """Return whether a file of these packages runs an `import`; looking for a module is none."""
+    """Return whether a file of these packages runs an `import` (`importlib.util.find_spec` is none)."""
     while frame is not None and frame.f_code.co_filename.startswith("<frozen importlib._"):
         frame = frame.f_back
     name = "" if frame is None else str(frame.f_globals.get("__name__", ""))
@@ -123,6 +123,6 @@ def _imported_by_us(frame: FrameType | None) -> bool:
 
 
 def name_what_is_missing() -> None:
-    """Append the finder to `sys.meta_path`, once."""
+    """Append the finder of `MissingPackage` to `sys.meta_path`, once."""
     if not any(isinstance(finder, _NameMissing) for finder in sys.meta_path):
         sys.meta_path.append(_NameMissing())

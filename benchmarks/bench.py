@@ -1,11 +1,11 @@
-"""How late a loop's samples are on this computer, alone and beside a process that loads a core.
+"""Lateness of a loop's samples on this computer, alone and next to a process that loads a core.
 
     python -m benchmarks.bench [--seconds 60] [--out benchmarks/results/bench.md]
 
-MPC and observer on a simulated joint in real time, 100 Hz for 60 s and 500 Hz for 30 s, each alone and beside a process
-that computes all the time; then one sample of 100 Hz that takes 50 ms longer. A simulated joint costs time that a real
-one does not: 13 µs for each of its milliseconds. The process has no real-time priority and no core of its own, unless
-it was started so (`chrt -f 50 python -m benchmarks.bench`).
+MPC and observer on a simulated joint in real time, 100 Hz for 60 s and 500 Hz for 30 s, each alone and next to a busy
+process; then one sample of 100 Hz that takes 50 ms longer. Unlike a real joint the simulated one costs time: 13 µs per
+simulated millisecond. The process has no real-time priority and no separate core, unless started with them (`chrt -f 50
+python -m benchmarks.bench`).
 """
 
 import argparse
@@ -47,7 +47,7 @@ while True: pass
 
 @contextmanager
 def loaded(busy: bool) -> Iterator[None]:
-    """A process that computes all the time, if `busy`."""
+    """Run a busy process meanwhile, if `busy`."""
     if not busy:
         yield
         return
@@ -60,7 +60,7 @@ def loaded(busy: bool) -> Iterator[None]:
 
 
 def run(rate: int, seconds: float, late: float = 0.0) -> Record:
-    """A sine of ±30° at 0.5 Hz; in its middle one step of the controller takes `late` [s] longer."""
+    """Run a sine of ±30° at 0.5 Hz; in its middle one step of the controller takes `late` [s] longer."""
     real = RealPlant.standard()
     known, dt = real.known(), 1 / rate
     controller = TrackingMPC(real.nominal, dt, 20, Weights.calm(), compensation=known)
@@ -85,7 +85,7 @@ def run(rate: int, seconds: float, late: float = 0.0) -> Record:
 
 
 def row(rate: int, busy: bool, record: Record) -> str:
-    """A line of the table."""
+    """Return a line of the table."""
     late, (took,) = record.lateness, record.where("took", phases=(Phase.RUN,))
     if str(record.ending) != "finished":
         return f"| {rate} Hz | {'a busy process' if busy else ''} | ended: {record.ending} |"
@@ -100,7 +100,7 @@ def row(rate: int, busy: bool, record: Record) -> str:
 
 
 def after_late(record: Record) -> str:
-    """What the loop did about the late sample."""
+    """Return a sentence on the loop's reaction to the late sample."""
     columns = record.columns
     i = int(np.argmax(columns["missed"]))
     error = np.abs(columns["theta"] - columns["theta_ref"])

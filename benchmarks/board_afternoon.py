@@ -2,8 +2,8 @@
 
     python -m benchmarks.board_afternoon [--motion 40] [--timeout 0.02]
 
-The board is the exported C, compiled for this machine; the joint under it has muscles, lags and inertia that nobody is
-told, and the effects of a bench. About five minutes.
+The board is the exported C, compiled for this machine; its joint has unknown muscles, lags and inertia, and the effects
+of a bench. It takes about five minutes.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""How far are the FMUs of a plant and of a controller from Python, step by step?
+"""Deviation of the FMUs of a plant and of a controller from Python, step by step.
 
     python -m benchmarks.fmus [--steps 10000]
 
-The plant gets commands and torques that jump, the controller what Python's read and answered in a closed loop on the
+The plant gets commands and torques with jumps, the controller the inputs of Python's controller in a closed loop on the
 real plant of the closed-loop benchmark, without faults. Both FMUs are validated and stepped by FMPy.
 """
 
@@ -42,7 +42,7 @@ def plant(directory: Path, steps: int) -> float:
 
 
 def controller(directory: Path, steps: int) -> tuple[np.ndarray, int]:
-    """Return the differences of the commands, as shares of 5 bar, and how many steps had another status or rung."""
+    """Return the differences of the commands, as shares of 5 bar, and the number of steps with another status."""
     real = RealPlant.standard()
     told = {"compensation": real.known()}
     made = TrackingMPC(real.nominal, N=10, weights=Weights.calm(), **told)

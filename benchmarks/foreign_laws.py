@@ -1,6 +1,6 @@
 """Force laws of braided muscles that are not in the catalogue, as truths for benchmarks of identification.
 
-Each is built from a published effect that the laws of `allocator.muscles` do not have in this form:
+Each is built from a published effect that is absent from the laws of `allocator.muscles` in this form:
 
 | law | F(P, ε) |
 |---|---|
@@ -61,7 +61,7 @@ class ThresholdMuscle(ForeignMuscle):
 
 @dataclass(frozen=True)
 class PowerMuscle(ForeignMuscle):
-    """Muscle whose force falls to zero as a power of the contraction left."""
+    """Muscle with a force that falls to zero as a power of the remaining contraction."""
 
     longest: float  # ε_m at high pressure [-]
     power: float  # n [-]
@@ -106,7 +106,7 @@ class EndCapMuscle(ForeignMuscle):
 
 @dataclass(frozen=True)
 class SaturatingMuscle(ForeignMuscle):
-    """Muscle whose braid stretches under pressure, with cubic rubber."""
+    """Muscle with a braid that stretches under pressure, and cubic rubber."""
 
     saturation: float  # P_s [Pa]
     offset: float  # B0 [N]

@@ -1,20 +1,21 @@
-"""How often the stated 95 % interval of a fitted joint's stiffness holds, under hysteresis and a wrong law.
+"""Coverage of the stated 95 % interval of a fitted joint's stiffness, under hysteresis and a wrong law.
 
     python -m benchmarks.joint_coverage [--joints 56] [--first 1000] [--catalogue]
 
-Each joint has muscles of a law that is in no catalogue (`benchmarks.foreign_laws`), scaled, of unequal strength, on a
+Each joint has muscles of a law outside the catalogue (`benchmarks.foreign_laws`), scaled, of unequal strength, on a
 pulley or a lever, an encoder zero, noise, and hysteresis that is constant in the angle or in proportion to the forces.
-With --catalogue the true law is one of the catalogue, or fitted to the measured map of the package, and another law
-than the true one is fitted. A laboratory sweeps both pressures both ways and hangs a weight on either side: 100 to 250
-equilibria, all taut. K is compared at the unloaded equilibria, in fixed θ, P1 and P2.
+With --catalogue the true law is one of the catalogue, or fitted to the measured map of the package, and a different law
+is fitted. A laboratory sweeps both pressures both ways and hangs a weight on either side: 100 to 250 equilibria, all
+taut. K is compared at the unloaded equilibria, at fixed θ, P1 and P2.
 
-Besides the coverage the report has the interval score of Gneiting and Raftery (2007), eq. 43, at 95 %, relative to K,
+In addition to the coverage the report has the interval score of Gneiting and Raftery (2007), eq. 43, at 95 %, relative
+to K,
 
     S = (u - l) + (2/α) (l - K)₊ + (2/α) (K - u)₊,   α = 0.05
 
-Less is better: narrow intervals that hold. Seeds below 1000 were used to choose settings; reports use others. One run
-on 56 joints from seed 2000, which were not looked at before: 95.4 % inside (91.4 % under constant hysteresis, 99.4 %
-under friction), median stated standard deviation 1.9 %, RMS error 6.5 %, interval score 0.211.
+Lower is better: narrow intervals that hold. Seeds below 1000 were used to choose settings; reports use others. One run
+on 56 unseen joints from seed 2000: 95.4 % inside (91.4 % under constant hysteresis, 99.4 % under friction), median
+stated standard deviation 1.9 %, RMS error 6.5 %, interval score 0.211.
 """
 
 import argparse
@@ -39,17 +40,17 @@ MAP = "dmsp-20-300-map"
 FITTED = ("Sarosi2012", "MartensBoblan2017", "Hildebrandt2005", "AffinePolynomial")
 TAUT = 20.0  # [N]
 STOPS = (-60 * DEG, 60 * DEG)
-_POINTS = 12  # of a joint at which K is compared
+_POINTS = 12  # of a joint in the comparison of K
 
 
 class Made(NamedTuple):
-    """A joint is made with what a laboratory measures on it."""
+    """Joint with a laboratory's measurements."""
 
     joint: AntagonistJoint
     truth: str
     hysteresis: str
     model: str  # to be fitted
-    theta: Array  # as the encoder shows it [rad]
+    theta: Array  # encoder reading [rad]
     P1: Array
     P2: Array
     torque: Array
@@ -58,19 +59,19 @@ class Made(NamedTuple):
 
 
 class Covered(NamedTuple):
-    """A joint is covered at some points."""
+    """Coverage of a joint at some points."""
 
     made: Made
     fitted: JointFit
     error: Array  # K fitted minus true [N·m/rad]
     std: Array  # stated [N·m/rad]
-    formal: Array  # what σ² (JᵀJ)⁻¹ would have stated [N·m/rad]
+    formal: Array  # by σ² (JᵀJ)⁻¹ [N·m/rad]
     true: Array  # K [N·m/rad]
     others: dict[str, tuple[float, float]]  # error and stated standard deviation of ratio [-] and zero [rad]
 
     @property
     def inside(self) -> Array:
-        """Return where the stated 95 % interval holds."""
+        """Return whether the stated 95 % interval holds."""
         return np.asarray(np.abs(self.error) <= 1.96 * self.std)
 
     @property
@@ -82,7 +83,7 @@ class Covered(NamedTuple):
 
 @cache
 def muscles() -> dict[str, tuple[Muscle, float]]:
-    """Return the true muscles and the rest lengths [m] that belong to them."""
+    """Return the true muscles and their rest lengths [m]."""
     s = load_dataset(MAP)
     measured = fit(Hildebrandt2005, s.contraction, s.pressure, s.force, folds=0).muscle
     return {
@@ -93,7 +94,7 @@ def muscles() -> dict[str, tuple[Muscle, float]]:
 
 
 def made(seed: int, foreign: bool = False) -> Made:
-    """Return joint number `seed` with its measurements; if `foreign`, its muscles have a law of no catalogue."""
+    """Return joint number `seed` with its measurements; if `foreign`, its muscles have a law outside the catalogue."""
     rng = np.random.default_rng([17, seed, *([1] if foreign else [])])
     if foreign:
         muscle, length = drawn(rng), 0.30
@@ -123,7 +124,7 @@ def made(seed: int, foreign: bool = False) -> Made:
 
 
 def _programme(rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
-    """Return P1, P2 [Pa], the weight's torque [N·m] and the direction of what the laboratory visits."""
+    """Return P1, P2 [Pa], the weight's torque [N·m] and the direction of the laboratory's visits."""
     step = rng.choice([0.35, 0.5])
     held, swept = (a.ravel() * BAR for a in np.meshgrid(np.arange(1.0, 5.1, 0.5), np.arange(1.0, 5.1, step)))
     weight = rng.uniform(0.8, 2.0)
@@ -146,7 +147,7 @@ def equilibria(joint: AntagonistJoint, P1: Array, P2: Array, torque: Array, s: A
 
 
 def covered(m: Made) -> Covered:
-    """Return how the stiffness of the fit compares with the truth at unloaded equilibria."""
+    """Return the comparison of the fit's stiffness with the truth at unloaded equilibria."""
     fitted = fit_joint(
         m.theta,
         m.P1,
@@ -174,7 +175,7 @@ def covered(m: Made) -> Covered:
 
 
 def campaign(seeds: range, foreign: bool = False) -> Iterator[Covered | str]:
-    """Yield the coverage of each joint, or why there is no fit."""
+    """Yield the coverage of each joint, or the reason for a missing fit."""
     for seed in seeds:
         joint = made(seed, foreign)
         try:
@@ -184,7 +185,7 @@ def campaign(seeds: range, foreign: bool = False) -> Iterator[Covered | str]:
 
 
 def _told(found: list[Covered]) -> str:
-    """Return how often the intervals hold, and how wide they are."""
+    """Return the coverage and the widths of the intervals."""
 
     def share(part: list[Covered]) -> str:
         inside = np.concatenate([c.inside for c in part])
@@ -208,7 +209,7 @@ def _told(found: list[Covered]) -> str:
 
 
 def main() -> None:
-    """Run the campaign and print how often the stated intervals hold."""
+    """Run the campaign and print the coverage of the stated intervals."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--joints", type=int, default=56)
     parser.add_argument("--first", type=int, default=1000)

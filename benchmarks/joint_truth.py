@@ -1,10 +1,10 @@
-"""Joints of known truth are fitted from their angles: is the truth inside what is stated?
+"""Fits of joints with known truth from their angles, and the validity of the stated intervals.
 
     python -m benchmarks.joint_truth
 
-Each line is a synthetic laboratory. K and both forces are asked for at θ = 0 and the same 2.5 bar in both muscles; a
-force is right if its interval holds the truth, and it is said whether the force common to both muscles was seen.
-With `ANTAGONIST_SHARED` the equilibria in its folder `data/stranger` are fitted too, which were made elsewhere.
+Each line is a synthetic laboratory. K and both forces are compared at θ = 0 and 2.5 bar in both muscles; a force is
+correct if its interval contains the truth, and the table states whether the force common to both muscles was
+determined. With `ANTAGONIST_SHARED` the equilibria in its folder `data/stranger`, made elsewhere, are also fitted.
 """
 
 import os
@@ -34,7 +34,7 @@ P = 2.5 * BAR
 
 @dataclass(frozen=True)
 class Laboratory:
-    """A laboratory has a joint and habits."""
+    """Laboratory with a joint and its procedure."""
 
     name: str
     joint: AntagonistJoint
@@ -70,7 +70,7 @@ LABORATORIES = (
 
 
 class Result(NamedTuple):
-    """A result is one line of the table."""
+    """One line of the table."""
 
     name: str
     fit: JointFit
@@ -80,13 +80,13 @@ class Result(NamedTuple):
 
     @property
     def right(self) -> tuple[bool, bool]:
-        """Return whether the truth of K and of both forces is inside the intervals."""
+        """Return whether the intervals contain the true K and forces."""
         true, found, half = self.stiffness
         return abs(found - true) <= half, all(low <= F <= high for F, _, low, high in self.forces)
 
 
 def measured(laboratory: Laboratory, seed: int = 0) -> dict[str, Any]:
-    """Return the arguments of `fit_joint`: both sweeps, two weights on either side, and maybe a sag test."""
+    """Return the arguments of `fit_joint`: both sweeps, two weights on either side, and optionally a sag test."""
     joint, rng = laboratory.joint, np.random.default_rng([17, seed])
     held, swept = (a.ravel() * BAR for a in np.meshgrid(np.arange(1.0, 4.6, 0.5), np.arange(1.0, 4.6, 0.5)))
     hung = np.array([(p, W, s) for p in (1.5, 2.5, 3.5) for W in (-2, -1, 1, 2) for s in (-1, 1)])
@@ -122,7 +122,7 @@ def _sag(laboratory: Laboratory, rng: Any) -> list[Any]:
 
 
 def judged(name: str, joint: AntagonistJoint, **given: Any) -> Result:
-    """Return the fit of one laboratory beside its truth."""
+    """Return the fit of one laboratory with its truth."""
     begun = time.perf_counter()
     fit = fit_joint(**given, geometry=joint.geometry, leave_one_out=False, choices=False)
     seconds = time.perf_counter() - begun
@@ -140,7 +140,7 @@ def judged(name: str, joint: AntagonistJoint, **given: Any) -> Result:
 
 
 def strangers() -> Iterator[Result]:
-    """Yield the results on equilibria that were made elsewhere, of two Sarosi2012 on the pulley."""
+    """Yield the results on equilibria made elsewhere, of two Sarosi2012 on the pulley."""
     if "ANTAGONIST_SHARED" not in os.environ:
         return
     for path in sorted((Path(os.environ["ANTAGONIST_SHARED"]) / "data" / "stranger").glob("equilibria_*.csv")):

@@ -1,16 +1,16 @@
-"""How much faster are many closed loops in compiled code than `simulate`, and do they come out the same?
+"""Speed of many closed loops in compiled code against `simulate`, and equality of the results.
 
     python -m benchmarks.many [--runs 1000] [--pairs 20] [--out benchmarks/results]
 
-Loops of 14 s on the standard real plant: MPC of N = 20 with its observer and all that it is told, a sine with a load
-that comes at 9 s. Either all runs have one plant and differ in the noise, or every run has a plant of its own besides:
-gains of the muscles, inertia, lags, share of the friction.
+Loops of 14 s on the standard real plant: MPC of N = 20 with its observer and compensation, a sine with a load that
+comes at 9 s. Either all runs have one plant and differ in the noise, or every run also has its own plant: gains of the
+muscles, inertia, lags, share of the friction.
 
-All runs are made on one process, in as many batches as there are pairs. Before each batch its first run is made by
-`simulate`, too: whatever it comes to has to be equal, or nothing is written. That gives the ratio of the processor's
-time of a run, batch by batch. Then all runs are made once more by two processes, which gives the ratio of the wall's,
-in one call and with all that it takes to begin. Two columns say what there was to gain: the work of both processes as a
-multiple of that of one, and how much faster hashing was by two threads, which on a busy machine is not 2.
+All runs are made by one process, in as many batches as there are pairs. Before each batch its first run is also made by
+`simulate`: the results must be equal, or nothing is written. This gives the ratio of processor times per run, batch by
+batch. Then all runs are made again by two processes, which gives the ratio of wall times, in one call including the
+start. Two columns show the possible gain: the work of both processes as a multiple of that of one, and the speed-up of
+hashing by two threads, which on a busy machine is below 2.
 """
 
 import argparse
@@ -34,20 +34,20 @@ from mpc.trials.simulation import tracked
 
 LOAD = ((9.0, 1.0),)  # from [s] on, [N·m]
 RESULTS = Path(__file__).parent / "results"
-WANTED, WANTED_OF_TWO = 6.0, 2.0  # times as fast as `simulate` on one core, and two processes as one
+WANTED, WANTED_OF_TWO = 6.0, 2.0  # required speed-ups: over `simulate` on one core, and of two processes over one
 SAME = 1e-9  # of the differences
 STATE = np.array([1.0, 10.0, 1e5, 1e5])  # [rad], [rad/s], [Pa]: scales of differences
 
 
 class Setting(NamedTuple):
-    """What all runs have."""
+    """Common setting of all runs."""
 
     controller: TrackingMPC
     observer: KalmanObserver
 
 
 def setting() -> Setting:
-    """The controller of the closed-loop benchmark, and its observer."""
+    """Return the controller of the closed-loop benchmark, and its observer."""
     real = RealPlant.standard()
     told = real.known()
     controller = TrackingMPC(real.nominal, weights=Weights.calm(), compensation=told)
@@ -55,12 +55,12 @@ def setting() -> Setting:
 
 
 def one_plant(runs: int) -> list[RealPlant]:
-    """The standard plant, as often."""
+    """Return the standard plant, so many times."""
     return [RealPlant.standard(torque_profile=LOAD)] * runs
 
 
 def many_plants(runs: int) -> list[RealPlant]:
-    """Plants that differ from the standard one by some per cent in all that a fit may have wrong."""
+    """Return plants that differ from the standard one by a few per cent in all fitted quantities."""
     rng, standard = np.random.default_rng(1), RealPlant.standard(torque_profile=LOAD)
     found = []
     for _ in range(runs):
@@ -73,7 +73,7 @@ def many_plants(runs: int) -> list[RealPlant]:
 
 
 def difference(one: Run, other: Run) -> float:
-    """The greatest difference of states [1 rad, 10 rad/s, 1 bar] and commands [bar]; inf if a status differs."""
+    """Return the greatest difference of states [1 rad, 10 rad/s, 1 bar] and commands [bar]; inf if a status differs."""
     if (one.status != other.status).any() or (one.rung != other.rung).any():
         return np.inf
     x = np.abs((one.x - other.x) / STATE).max()
@@ -81,7 +81,7 @@ def difference(one: Run, other: Run) -> float:
 
 
 class Pair(NamedTuple):
-    """A run by `simulate`, and the batch that begins with the same."""
+    """Run by `simulate`, and the batch that begins with it."""
 
     alone: float  # [s] of the processor
     share: float  # [s] of the processor, of one run of the batch
@@ -92,7 +92,7 @@ class Pair(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What is written of one kind of plants."""
+    """Row of the table for one kind of plants."""
 
     plants: str
     runs: int
@@ -107,8 +107,8 @@ class Row(NamedTuple):
     one: float  # [s] of all runs on one process
     two: float  # [s] on two
     of_two: float  # ratio of both
-    work: float  # processors' time of two processes, of that of one
-    machine: float  # what hashing gains by a second thread
+    work: float  # processor time of two processes over that of one
+    machine: float  # gain of hashing by a second thread
 
 
 def pairs_of(s: Setting, plants: Sequence[RealPlant], number: int) -> Iterator[Pair]:
@@ -127,7 +127,7 @@ def pairs_of(s: Setting, plants: Sequence[RealPlant], number: int) -> Iterator[P
 
 
 def by_two(s: Setting, plants: Sequence[RealPlant]) -> tuple[float, float]:
-    """Make all runs by two processes; return how long that takes [s], and the processors' time [s]."""
+    """Make all runs by two processes; return the wall time and the processors' time [s]."""
     begun, worked = time.perf_counter(), sum(os.times()[:4])
     shared = {"observers": s.observer, "seeds": range(len(plants)), "workers": 2, "progress": True}
     simulate_many(plants, s.controller, rested_sine(), **shared)
@@ -135,7 +135,7 @@ def by_two(s: Setting, plants: Sequence[RealPlant]) -> tuple[float, float]:
 
 
 def measured(name: str, s: Setting, plants: Sequence[RealPlant], pairs: int) -> Row:
-    """Make all runs of one kind of plants. Raises `BenchmarkFailure` where both ways do not come to the same."""
+    """Make all runs of one kind of plants. Raises `BenchmarkFailure` if the results differ."""
     simulate_many(plants[:1], s.controller, rested_sine(), observers=s.observer)  # compiles
     found = [*tracked(pairs_of(s, plants, pairs), min(pairs, len(plants)), progress=True)]
     alone, share, batches, walls, differences, compiled = map(np.array, zip(*found, strict=True))
@@ -156,7 +156,7 @@ HEADER = (
 
 
 def line(row: Row) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     ratio, of_two = (f"{x:.2f}{'' if x >= wanted else ', missed'}" for x, wanted in asked(row))
     return (
         f"| {row.plants} | {row.runs}, {row.pairs} | {1e3 * row.simulate:.0f} | {1e3 * row.simulate_many:.1f} | "
@@ -167,12 +167,12 @@ def line(row: Row) -> str:
 
 
 def asked(row: Row) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Both ratios with what was asked for."""
+    """Return both ratios with their requirements."""
     return (row.ratio, WANTED), (row.of_two, WANTED_OF_TWO)
 
 
 def write(rows: Sequence[Row], folder: Path) -> None:
-    """`many.md` and `many.csv`."""
+    """Write `many.md` and `many.csv`."""
     assert __doc__ is not None
     question, _, text = __doc__.partition("\n")
     table = "\n".join([HEADER, "|---" + "|--:" * HEADER.count(" | ") + "|", *map(line, rows)])
@@ -184,7 +184,7 @@ def write(rows: Sequence[Row], folder: Path) -> None:
 
 
 def main() -> int:
-    """Measure, print and write; 1 where both ways do not come to the same."""
+    """Measure, print and write; return 1 if the results differ."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.many", description="Time many closed loops.")
     parser.add_argument("--runs", type=int, default=1000, help="of each kind")
     parser.add_argument("--pairs", type=int, default=20, help="of these, by `simulate` too")

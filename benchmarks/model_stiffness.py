@@ -1,19 +1,19 @@
-"""What the choice of muscle model does to the stiffness of a joint.
+"""Effect of the muscle model on the stiffness of a joint.
 
     python -m benchmarks.model_stiffness [--out benchmarks/results]
 
 Every model is fitted to every measured table of the package, and two of the fitted muscles are put on the report's
-pulley (R = 2 cm, l0 = 40 cm, ε0 = 0.1375), agonist and antagonist at the same pressure, so T(0) = 0. Written are
-`model_stiffness.csv` (all angles) and `model_stiffness.md` (θ = 0, and how K varies over θ), with
+pulley (R = 2 cm, l0 = 40 cm, ε0 = 0.1375), agonist and antagonist at the same pressure, so T(0) = 0. The output is
+`model_stiffness.csv` (all angles) and `model_stiffness.md` (θ = 0, and the range of K over θ), with
 
-* the RMS error over the taut samples and, of samples kept from the fit, the cross-validated one;
-* K(θ = 0) at 1…5 bar ± one standard deviation from the covariance of the parameters (delta method). It tells what the
-  samples leave open within a model, not the model's own error: for that look at the spread between models;
-* the band: least and greatest K over the models that are good to 2 % of full scale and keep [M];
+* the RMS error over the taut samples and the cross-validated one of left-out samples;
+* K(θ = 0) at 1…5 bar ± one standard deviation from the covariance of the parameters (delta method). It is the
+  uncertainty within a model, not the model's own error, which the spread between models shows;
+* the band: least and greatest K over the models with errors below 2 % of full scale that satisfy [M];
 * the spread of K between good models over several sets of data (`benchmarks.stiffness_spread`).
 
 Stretched samples and, of the data sheet, those below 1 bar, are left out. A K in brackets belongs to a pair of muscles
-that the model has slack at that pressure: no joint can show it.
+that are slack in the model at that pressure: no joint can have it.
 """
 
 import argparse
@@ -46,7 +46,7 @@ class Stiffness(NamedTuple):
 
 
 def stiffness(fit: Fit) -> Stiffness:
-    """K = -(R²/l0) Σ F_ε(P, ε_i) and its standard deviation; both muscles share their parameters."""
+    """Return K = -(R²/l0) Σ F_ε(P, ε_i) and its standard deviation; both muscles share their parameters."""
     joint = AntagonistJoint(PULLEY, fit.muscle, fit.muscle)
     P, theta = PRESSURES[:, None], ANGLES
     gradient = sum(
@@ -101,7 +101,7 @@ def cell(joint: Stiffness, i: int, j: int) -> str:
 
 
 def over_angle(joint: Stiffness) -> str:
-    """Range of K over the angles at which both muscles are taut at 3 bar."""
+    """Return the range of K over the angles at which both muscles are taut at 3 bar."""
     K = joint.K[2][joint.taut[2]]
     return f"{K.min():.2f}–{K.max():.2f}" if K.size else "slack"
 

@@ -1,15 +1,15 @@
-"""Moving joints of known truth are fitted from their logs: how often is the truth inside what is stated?
+"""Fits of moving joints with known truth from their logs, and the coverage of the stated intervals.
 
     python -m benchmarks.motion_truth [--plants 24] [--first 0] [--strangers] [--gas]
 
-Each plant has another inertia, damping, lag, dead time, dead band, flow limit and hysteresis: Maxwell slip with springs
-of its own, an operator of the angle, or Dahl's friction in proportion to the pulls; none has the structure of what is
-fitted. Its log is 90 s of random steps of both pressures at 50 Hz, as commanded; every fourth has them as measured. The
-joint that the fit is given is right. A loop's true width is the mean over the log, at P1 + P2 = 5 bar. The model error
+Each plant has another inertia, damping, lag, dead time, dead band, flow limit and hysteresis: Maxwell slip with
+separate springs, an operator of the angle, or Dahl's friction in proportion to the pulls; none has the structure of the
+fitted model. Its log is 90 s of random steps of both commanded pressures at 50 Hz; every fourth has measured ones. The
+joint given to the fit is correct. A loop's true width is the mean over the log, at P1 + P2 = 5 bar. The model error
 that `fit_motion` adds to its intervals was set by these plants.
 
-With `--strangers` the joints are those of `benchmarks.motion_truth_strangers`: another law than that of the joint that
-the fit is given, Bouc–Wen hysteresis, unequal regulators; `--gas` adds the gas.
+With `--strangers` the joints are those of `benchmarks.motion_truth_strangers`: a law other than that of the joint given
+to the fit, Bouc–Wen hysteresis, unequal regulators; `--gas` adds the gas.
 """
 
 import argparse
@@ -43,10 +43,10 @@ class Recorded(NamedTuple):
     """Log of a joint with its truth."""
 
     kind: str
-    joint: AntagonistJoint  # that the fit is given
+    joint: AntagonistJoint  # given to the fit
     truths: Truths
     t: Array  # [s]
-    x: Array  # (n, 4), as the sensors say, the commands in the place of the pressures where these were not measured
+    x: Array  # (n, 4), sensor readings, with commands instead of pressures if these were not measured
 
 
 def made(seed: int) -> Recorded:
@@ -89,7 +89,7 @@ def _friction(kind: str, plant: Plant, width: float) -> object:
 
 
 def strangers(seeds: range, gas: bool) -> Iterator[Recorded]:
-    """Yield the logs of joints that are their own differential equation."""
+    """Yield the logs of joints with their own differential equations."""
     joints = other.drawn(seeds)
     u = np.stack([other.commands(seed, round(other.SECONDS / other.STEP)) for seed in seeds], axis=-1)
     theta, P = other.simulated(joints, u, gas)
@@ -110,7 +110,7 @@ def truths(real: RealPlant, x: Array) -> Truths:
     contact = Contact(real, np.array([x[:, 0], 0 * x[:, 0], *at_five.T]))
     known = {"inertia": plant.inertia / K, "damping": plant.damping / K, "gain": 1.0}
     known["loop_width"] = float(np.mean(2 * real.friction.most(contact) / contact.stiffness))
-    if x[1, 2] == x[2, 2]:  # commands: what regulators make of them is in the angle
+    if x[1, 2] == x[2, 2]:  # commands: the angle contains the regulators' effect
         known |= {"lag_up": plant.lags[0], "lag_down": plant.lags[1], "lag_ratio": 1.0, "dead_time": real.dead_time}
         known |= {"dead_band": real.dead_band, "filling": 1 / real.flow}
     return known

@@ -1,12 +1,12 @@
-"""Joints written as their own differential equation: nothing of them is the library's, and nothing is what it fits.
+"""Joints with their own differential equations, independent of the library and its fitted models.
 
     J ω' = R (F1 - F2) - b ω - T_h,   F = A(ε) P - B(ε),   ε = ε0 ± R θ/l0
     T_h = T_m z,   z' = ω/δ (1 - |z|ⁿ (β sgn(ω z) + γ)),   T_m = K_m w/2 (s0 + (1 - s0)(P1 + P2)/5 bar)
 
-A braid's law with rubber, muscles of unequal strength, Bouc–Wen hysteresis, regulators whose lags differ by a quarter
-from each other and between rising and falling, a dead band, a limit of the flow and a dead time; with `gas`, the gas
-that the motion compresses, whose work is the muscle's. The joint that a fit is given has the braid alone, so that its
-stiffness is some tenth off.
+A braid's law with rubber, muscles of unequal strength, Bouc–Wen hysteresis, regulators with lags that differ by a
+quarter from each other and between rising and falling, a dead band, a limit of the flow and a dead time; with `gas`,
+the gas that the motion compresses, whose work is the muscle's. The joint given to a fit has only the braid, so its
+stiffness is off by about a tenth.
 """
 
 from typing import Any, NamedTuple
@@ -116,7 +116,7 @@ def commands(seed: int, rows: int) -> Array:
 
 
 def given_joint() -> AntagonistJoint:
-    """Return the joint that a fit is given: the braid's law alone, as from a data sheet."""
+    """Return the joint given to a fit: only the braid's law, as from a data sheet."""
     muscle = TonduLopez1995(BRAID, ANGLE)
     return AntagonistJoint(Pulley(LENGTH, RADIUS, MIDDLE), muscle, muscle)
 

@@ -1,18 +1,18 @@
-"""The MPC on the plant that is its own model: how much is lost by one QP a sample?
+"""The MPC on a plant equal to its model: the loss by one QP per sample.
 
     python -m benchmarks.nominal [--out benchmarks/results]
 
-The yardstick is the nonlinear MPC, solved by IPOPT to the end at every sample: the same objective, limits, horizon (N =
-20, dt = 10 ms), previews and plant (the report's joint). Both are charged by what happened (`mpc.trials.objective`).
-Trajectories in capitals saturate: "JUMPS" lives on the slew limit, "SUPPLY" asks for more stiffness than the supply
-gives, "SLACK" for less than taut muscles have. Written are `nominal.csv` (every run) and `nominal.md` (against what was
-asked for).
+The reference is the nonlinear MPC, solved by IPOPT to convergence at every sample: the same objective, limits, horizon
+(N = 20, dt = 10 ms), previews and plant (the report's joint). Both are judged by the cost of the actual motion
+(`mpc.trials.objective`). Trajectories in capitals saturate: "JUMPS" stays on the slew limit, "SUPPLY" requires more
+stiffness than the supply allows, "SLACK" less than taut muscles have. The output is `nominal.csv` (every run) and
+`nominal.md` (against requirements).
 
-A cost of a few units is next to nothing: 1 is the angle off by 0.02° in two samples. At a cost of nothing the barrier
-of an interior-point method shows, and one QP, whose solution is exact, can come out below IPOPT. Where it is far from
-the reference ("JUMPS") one linearisation a sample is seen, and a second QP removes the excess. On "SLACK" the two
-solvers of the nonlinear problem differ too, though every one of their answers keeps the conditions of optimality: so
-near slack muscles the yardstick is no sharper than that.
+A cost of a few units is negligible: 1 is an error of 0.02° in two samples. At negligible costs the barrier of an
+interior-point method is visible, and one QP, with an exact solution, can be below IPOPT. Far from the reference
+("JUMPS") the single linearisation per sample is visible, and a second QP removes the excess. On "SLACK" the two solvers
+of the nonlinear problem also differ, although all of their answers satisfy the conditions of optimality: near slack
+muscles the reference is no more accurate than that.
 """
 
 import argparse
@@ -35,7 +35,7 @@ MUST, STRETCH = 0.5, 0.05  # [%]
 
 
 def held(times: list[float], theta_deg: list[float], stiffness: list[float]) -> Reference:
-    """Values that hold until the next time [s], sampled every 10 ms; the last time is the end."""
+    """Return values that hold until the next time [s], sampled every 10 ms; the last time is the end."""
     t = 0.01 * np.arange(round(times[-1] / 0.01) + 1)
     now = np.searchsorted(times[1:-1], t + 1e-6)
     return Reference(t, np.array(theta_deg)[now] * DEG, np.array(stiffness)[now])
@@ -64,7 +64,7 @@ class Row(NamedTuple):
     cost: float
     theta_rms: float  # [°]
     K_rms: float  # [%]
-    slack: float  # [N] by which a muscle was slack at worst
+    slack: float  # [N] greatest slack of a muscle
     step_median: float  # [ms]
     not_optimal: int  # steps answered by a lower rung
 
@@ -78,12 +78,12 @@ def row(case: str, name: str, controller: Controller) -> Row:
 
 
 def deviation(run: Run) -> float:
-    """Greatest error of the angle after the first rest [°]."""
+    """Return the greatest error of the angle after the first rest [°]."""
     return float(np.abs(run.theta - run.theta_ref)[round(LEAD / run.dt) :].max()) / DEG
 
 
 def stiffness_steps() -> Iterator[tuple[str, float]]:
-    """How far the angle moves while the stiffness goes from 7 to 8 and back, under a load that is known [°]."""
+    """Yield the motions of the angle while the stiffness steps from 7 to 8 and back, under a known load [°]."""
     shaped = stiffness_step((7.0, 8.0))
     at_once = Reference(shaped.t, shaped.theta, np.where((shaped.t >= LEAD) & (shaped.t < LEAD + 2), 8.0, 7.0))
     hanging = Plant(gravity_torque=3.0)  # 1.0 N·m at 20°

@@ -1,4 +1,4 @@
-"""Both ends of the serial protocol hear a million bytes that no line should carry: does one crash, or believe them?
+"""Robustness of both ends of the serial protocol to a million corrupted bytes.
 
     python -m benchmarks.serial_fuzz [--bytes 1000000] [--seed 0]
 
@@ -28,7 +28,7 @@ def terminal(directory: Path, n: int, rng: np.random.Generator) -> None:
     missed = len(set(stream.whole) - {places.get(row) for row in rows})
     print(
         f"board, damaged frames: {len(stream.line)} bytes, {len(stream.meant)} commands sent, {len(rows)} obeyed, "
-        f"of these {strange} that nobody sent and {(order < 0).sum()} out of order; "
+        f"of these {strange} never sent and {(order < 0).sum()} out of order; "
         f"of {len(stream.whole)} whole ones {missed} missed"
     )
     line = fuzz.forged(rng, n)
@@ -45,7 +45,7 @@ def controller(directory: Path, n: int, rng: np.random.Generator) -> None:
     strange = len(set(rows) - set(stream.meant))
     print(
         f"board with controller, damaged frames: {len(stream.line)} bytes, {len(rows)} references taken of "
-        f"{len(stream.meant)}, {strange} that nobody sent"
+        f"{len(stream.meant)}, {strange} never sent"
     )
     line = fuzz.forged(rng, n)
     rows = fuzz.accepted(board, line)

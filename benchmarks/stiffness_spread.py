@@ -1,7 +1,7 @@
 """Spread of stiffness between models that fit the same forces equally well, over several sets of data.
 
 A joint of two equal muscles at equal pressures has K(θ = 0) ∝ -F_ε(P, ε0), so the spread of K is that of the slope. It
-is taken where the muscle was measured and all models have it taut: at a quarter, half and three quarters of the
+is evaluated where the muscle was measured and is taut in all models: at a quarter, half and three quarters of the
 measured contractions and at 3, 4 and 5 bar.
 """
 
@@ -18,7 +18,7 @@ from allocator.identification.muscle.samples import Samples
 from allocator.units import BAR
 
 GOOD = 2.0  # [% of full scale] RMS error of the models compared
-NEAR = 1.5  # times the least RMS error: those compared where no model is that good
+NEAR = 1.5  # times the least RMS error: those compared if no model is that good
 PRESSURES = np.array([3.0, 4.0, 5.0]) * BAR
 SHARES = np.array([0.25, 0.5, 0.75])  # of the measured contractions
 FEW = 5  # muscle lengths of the thinned table
@@ -39,7 +39,7 @@ class Spread(NamedTuple):
 
 
 def sets() -> Iterator[tuple[str, Samples]]:
-    """The tables of the package, one of them with few lengths, and the isometric ones of $ANTAGONIST_SHARED."""
+    """Yield the tables of the package, one of them with few lengths, and the isometric ones of $ANTAGONIST_SHARED."""
     table = load_dataset("dmsp-20-300-map")
     inside = table.where((table.contraction >= 0) & (table.contraction <= 0.3))
     yield "DMSP-20-300, measured", inside
@@ -54,7 +54,7 @@ def sets() -> Iterator[tuple[str, Samples]]:
 
 
 def isometric(path: Path) -> Iterator[tuple[str, Samples]]:
-    """Inflated and deflated 10 mm muscles held at four lengths, one set for each muscle."""
+    """Yield inflated and deflated 10 mm muscles at four constant lengths, one set for each muscle."""
     with path.open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if float(row["n"]) >= _LEAST_BIN]
     for cut in ("20", "30"):
@@ -77,7 +77,7 @@ def spread(name: str, samples: Samples) -> Spread:
 
 
 def _ratio(fits: list[Fit], P: float, eps: float) -> float:
-    """Greatest slope over the least at one place; 0 if a model has the muscle slack there."""
+    """Return the greatest slope over the least at one place; 0 if the muscle is slack there in a model."""
     if min(float(fit.muscle.force(P, eps)) for fit in fits) <= 0:
         return 0.0
     slopes = [-float(fit.muscle.slope(P, eps)) for fit in fits]
@@ -85,7 +85,7 @@ def _ratio(fits: list[Fit], P: float, eps: float) -> float:
 
 
 def markdown() -> Iterator[str]:
-    """Lines of the table."""
+    """Yield the lines of the table."""
     yield "## Spread between models that fit the same forces equally well\n"
     yield (
         f"Models that keep [M] with an RMS error of at most {GOOD:g} % of full scale (or {NEAR:g} times the least "

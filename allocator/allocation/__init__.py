@@ -1,6 +1,6 @@
 """Allocation of pressures for torque and stiffness targets: the problem, its solvers, and the answer.
 
-`allocate` (`entry.py`) answers for a joint by `two_muscles/`, for a mechanism by `box/` or, if its muscles are not
+`allocate` (`entry.py`) solves for a joint by `two_muscles/`, for a mechanism by `box/` or, if its muscles are not
 affine in the pressure, by `relaxation/`.
 """
 

@@ -1,6 +1,6 @@
-"""Arguments of `allocate`, and the checks that turn those about two muscles into a `Problem`.
+"""Arguments of `allocate`, and the checks that turn those of a joint into a `Problem`.
 
-Those about a mechanism are checked in `allocator.allocation.box.arguments`, with the checks in common from here.
+`allocator.allocation.box.arguments` checks those of a mechanism and shares checks with this module.
 """
 
 from typing import Any, Literal, NamedTuple, Self
@@ -33,14 +33,14 @@ class Method(NamedTuple):
 
     name: Name = "exact"
     solver: str | None = None  # "qp": "daqp", "osqp", …; "nlp": "ipopt", "sqpmethod"; "convex": "clarabel", "osqp"
-    warm_start: bool = True  # False starts the optimisers in the middle of the box, to measure what it gains
+    warm_start: bool = True  # False starts the optimisers in the middle of the box, to measure its benefit
     gap: float = 1e-3  # of mechanisms that are not affine: the search ends at gap·(1 + cost) above the proved least
     uncertainty: object = None  # "convex": covariance of the muscles' parameters, a pair of them, or True for their own
     risk: float = 0.05  # α, the probability with which a force limit may be broken, see `uncertain.problem`
 
     @classmethod
     def of(cls, method: object) -> Self:
-        """Return the method that a name or a `Method` means. Raises InvalidInput, also for options that cannot be."""
+        """Return the `Method` of a name or a `Method`. Raises InvalidInput, also for invalid options."""
         if isinstance(method, cls):
             if not 0 < checks.number("gap", method.gap, "of 1 + cost") < 1:
                 raise InvalidInput(f"gap = {method.gap:g} has to lie between 0 and 1, a share of 1 + cost")
@@ -48,12 +48,12 @@ class Method(NamedTuple):
             checks.flag("warm_start", method.warm_start)
             return method
         if isinstance(method, str):
-            return cls(method)  # type: ignore[arg-type]  # whoever solves knows the names
+            return cls(method)  # type: ignore[arg-type]  # the solver checks the names
         raise InvalidInput(f"method = {method!r} has to be a name, such as 'exact', or a Method")
 
 
 class Asked(NamedTuple):
-    """Arguments of `allocate` about a machine, unchecked but for the method."""
+    """Arguments of `allocate` for a machine; only the method is checked."""
 
     theta: object
     K: object
@@ -82,7 +82,7 @@ def problem_from(
     shares: Shares | None = None,
     felt: Secant | None = None,
 ) -> tuple[Problem, Array]:
-    """Return the checked, flat problem, and the angles asked for in the common shape of all arguments.
+    """Return the checked, flat problem, and the requested angles in the common shape of all arguments.
 
     Arguments are those of `allocate`, the limits as their value, `shares` those of the trapped gas in the stiffness,
     `felt` the hysteresis in it; angles are moved into the joint range. Raises InvalidInput, as `allocate` says.
@@ -126,7 +126,7 @@ def two(name: str, value: Any, expected: str) -> tuple[Any, Any]:
 
 
 def pulled(pull: object) -> tuple[float, Any]:
-    """Return the weight ρ > 0 [cost]/[Pa]² of a pull = (ρ, P_ref), and what is given for P_ref."""
+    """Return the weight ρ > 0 [cost]/[Pa]² of a pull = (ρ, P_ref), and P_ref as given."""
     weight, reference = two("pull", pull, "has to be (ρ, P_ref), [cost]/[Pa]² and pressures")
     rho = checks.not_negative("pull[0]", weight, "cost/Pa²")
     if rho == 0:
@@ -137,7 +137,7 @@ def pulled(pull: object) -> tuple[float, Any]:
 
 
 def checked_direction(direction: object) -> Array:
-    """Return directions of motion, between -1 and +1; what lies between is a share, for smooth changes."""
+    """Return directions of motion from -1 to +1; fractions allow smooth changes."""
     s = checks.real("direction", direction, "-1 to +1")
     if (wrong := np.abs(s) > 1).any():
         raise InvalidInput(
@@ -147,7 +147,7 @@ def checked_direction(direction: object) -> Array:
 
 
 def _slew(limits: Limits) -> dict[str, Array]:
-    """Return the checked arrays of the slew limit, none where there is no such limit."""
+    """Return the checked arrays of the slew limit, or none without such a limit."""
     given = limits.previous is not None, limits.max_step is not None
     now = checks.pressure_pair("previous", limits.previous, ("P1_now", "P2_now")) if given[0] else {}
     if given[0] is not given[1]:
@@ -156,12 +156,12 @@ def _slew(limits: Limits) -> dict[str, Array]:
 
 
 def _pair(flat: dict[str, Array], first: str, second: str) -> Pair | None:
-    """Return two of the arrays, None where they are not there."""
+    """Return two of the arrays, or None if they are missing."""
     return (flat[first], flat[second]) if first in flat else None
 
 
 def checked_priority(priority: object) -> Priority:
-    """Return the priority. Raises InvalidInput for one that there is not."""
+    """Return the priority. Raises InvalidInput for an unknown one."""
     return checks.one_of("priority", priority, PRIORITIES)  # type: ignore[return-value]  # one of these words
 
 

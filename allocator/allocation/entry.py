@@ -83,25 +83,26 @@ def allocate(
     Parameters
     ----------
     theta, K, T
-        Joint angle [rad], stiffness [N·m/rad] and torque [N·m]; scalars or arrays. Beyond the angle limits the nearest
-        posture within is answered, and named. Of a mechanism postures and torques are (…, n), or one torque for all
-        joints; stiffnesses are matrices (…, n, n), symmetric and positive definite, or only what their diagonals shall
-        be (…, n), or all of one diagonal, a number: the other entries are then free.
+        Joint angle [rad], stiffness [N·m/rad] and torque [N·m]; scalars or arrays. An angle beyond the limits is moved
+        to the nearest limit, which the answer names. Of a mechanism postures and torques are (…, n), or one torque for
+        all joints; stiffnesses are symmetric positive definite matrices (…, n, n), or only their diagonals (…, n), or
+        one number for the whole diagonal: the other entries are then free.
     joint
         An `AntagonistJoint` or a `Mechanism`; by default the report's joint (two Tondu2021 DMSP-20-400N on a 2 cm
         pulley, 0–5 bar, ±125°).
     limits
         Limits on forces and pressures beyond supply and joint range. By default cables are kept taut. Of a mechanism
-        `previous` without `max_step` says to which of equally good pressures the answer is nearest, instead of to 0.
+        `previous` without `max_step` is the reference: among equally good pressures the nearest to it are returned,
+        instead of the nearest to 0.
     stiffness
-        Which stiffness `K` is: by default isobaric; `Stiffness("shut")` with gas trapped, `Stiffness(frequency=2.0,
-        lag=0.1)` what motions meet, `Stiffness(amplitude=2*DEG)` what pushes by ±2° meet with the hysteresis of a joint
-        with affine muscles, `Stiffness(tolerance=0.5)` any so near; of free valves see `Allocation.valves`.
-        Of an endpoint K is K_x [N/m], matrices (…, dim, dim), diagonals or a number, and T what is asked for besides
-        Jᵀ·force; nearest is the least ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F. With n > dim the joints that the hand
-        does not see are free: the answer is a local optimum, found by linearising K_x again and again.
+        Kind of the stiffness `K`: by default isobaric; `Stiffness("shut")` with trapped gas, `Stiffness(frequency=2.0,
+        lag=0.1)` against motion at a frequency, `Stiffness(amplitude=2*DEG)` against pushes by ±2° with the hysteresis
+        of a joint with affine muscles, `Stiffness(tolerance=0.5)` within a tolerance; for free valves see
+        `Allocation.valves`. Of an endpoint K is K_x [N/m], matrices (…, dim, dim), diagonals or a number, and T is
+        added to Jᵀ·force; the nearest K_x has the least ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F. With n > dim the
+        joints in the null space of the hand are free: the answer is a local optimum, found by relinearising K_x.
     priority
-        What is met first where not both can be: "torque", "stiffness", or "weighted" by `weights`.
+        Target that is met first if both cannot be: "torque", "stiffness", or "weighted" by `weights`.
     weights
         (w_T, w_K) in [cost]/[N·m]² and [cost]/[N·m/rad]², for priority "weighted". Of a mechanism also w_T (n,) and
         w_K (n, n) for each entry, 0 for free ones; the sum over K has all n² entries.
@@ -110,11 +111,12 @@ def allocate(
         mechanism for priority "weighted".
     along
         The axis of the targets along which time runs, for "exact". Of a joint: where several pairs of pressures give
-        the same torque and stiffness (on some levers), those of the whole trajectory are chosen together, with the
-        least sum of squared steps. Of a mechanism each target is begun with the limits that bind in the one before.
+        the same torque and stiffness (on some levers), the pairs of the whole trajectory are chosen together, with the
+        least sum of squared steps. Of a mechanism each solution starts from the limits that bind at the previous
+        target.
     direction
-        Where a joint is to move: +1 θ rises, -1 θ falls, 0 it rests (default). The muscles of a joint with `friction`
-        then add what friction takes, so that `T` is left for the link; the answer's torques are the muscles'.
+        Direction of motion: +1 θ rises, -1 θ falls, 0 it rests (default). The muscles of a joint with `friction` then
+        also overcome the friction, so that the link receives `T`; the answer's torques are the muscles'.
     method
         A name, or a `Method` with the options of a solver. Of a mechanism "exact" is block principal pivoting, or for
         curved muscles a search within `Method.gap`; "qp" one QP a level through qpsolvers, slow and readable.
@@ -122,12 +124,12 @@ def allocate(
     Raises
     ------
     InvalidInput
-        For an argument that makes no sense: NaN, K ≤ 0 or not positive definite, degrees for radians, bar for Pa,
-        shapes that do not fit, contradictory limits; for a pull where "exact" has no closed form; for valves, a
-        frequency or a lag that cannot be, and for gas in a muscle whose volume is not known (`Muscle.rest_volume`); for
-        mechanisms of muscles whose force does not rise with the pressure, and where an endpoint's Jacobian is singular.
+        For an invalid argument: NaN, K ≤ 0 or not positive definite, degrees for radians, bar for Pa, shapes that do
+        not fit, contradictory limits; for a pull without a closed form of "exact"; for invalid valves, frequencies or
+        lags, and for gas in a muscle of unknown volume (`Muscle.rest_volume`); for mechanisms of muscles with a force
+        that does not rise with the pressure, and if an endpoint's Jacobian is singular.
     MissingBackend
-        For an unknown method or solver; the message lists the ones there are.
+        For an unknown method or solver; the message lists the available ones.
     """
     joint = report_joint() if joint is None else joint
     if (
@@ -155,7 +157,7 @@ def allocate(
 
 
 def _ordinary(joint: object, direction: object, stiffness: Stiffness) -> bool:
-    """Return whether friction takes nothing, and neither a tolerance, a hand nor a force is given."""
+    """Return whether there is no friction, and neither a tolerance, an endpoint nor a force is given."""
     if stiffness is not ISOBARIC and not (
         type(stiffness) is Stiffness
         and float_or_nan(stiffness.tolerance) == float_or_nan(stiffness.force) == 0
@@ -185,7 +187,7 @@ def warm_up(
     ----------
     joint
         An `AntagonistJoint`, by default the report's, or a `Mechanism`, for which the other options do not matter.
-        Single targets of this very object are then answered in compiled code if its routes have formulas (not tables).
+        Single targets of this object are then solved in compiled code if its routes have formulas (not tables).
         Compiling takes some seconds the first time after installation (half a minute for muscles that are not affine
         and for mechanisms), and half a second in a new process, most of it the import of numba.
     priority, min_force, max_force
@@ -199,12 +201,12 @@ def warm_up(
     -------
     bool
         False if nothing can be compiled: there is no kernel for weighted targets of affine muscles, or numba is missing
-        or finds no directory to keep what it compiles. `allocate` works then too, more slowly.
+        or finds no cache directory. `allocate` then works more slowly.
 
     Raises
     ------
     InvalidInput
-        For a priority that does not exist or a limit that is none.
+        For an unknown priority or an invalid limit.
     """
     joint = joint_or_report(joint) if not isinstance(joint, Mechanism) else joint
     if isinstance(joint, Mechanism):

@@ -1,6 +1,6 @@
-"""Answer of `allocate`: pressures, what they achieve, and which limits bind.
+"""Answer of `allocate`: pressures, the torques and stiffnesses that they give, and the binding limits.
 
-Everything here is computed from the pressures themselves; nothing is taken from a back-end's word.
+All of it is computed from the pressures; no back-end's report is trusted.
 """
 
 from abc import ABC, abstractmethod
@@ -25,8 +25,9 @@ class Allocation(ABC):
     Of a joint it is a `PairAllocation`: `theta`, `T`, `K` are numbers, or arrays of the targets' broadcast shape. Of a
     mechanism it is a `BoxAllocation`: postures and torques are (…, n), stiffnesses (…, n, n). Both have
 
-    * `theta` asked for and `q` answered; `P`, of a pair `P1` and `P2`; what these give: `T`, `K`, `isobaric_stiffness`,
-      `forces`; `T_target`, `K_target` and the errors, `torque_met`, `stiffness_met`, `holds`, `least_stiffness`;
+    * `theta` requested and `q` solved for; `P`, of a pair `P1` and `P2`; the values achieved: `T`, `K`,
+      `isobaric_stiffness`, `forces`; `T_target`, `K_target` and the errors, `torque_met`, `stiffness_met`, `holds`,
+      `least_stiffness`;
     * `status`, `success`, `message`, `assumed`; the limits by name: `active`, `broken`, and as pressures: `box`;
     * standard deviations by the covariance of fitted muscles: `K_std`, `forces_std`;
     * the proof: `gap`, `kkt_residual`; `kind` (which stiffness), `method`, `jacobian()`, `to_dict()`.
@@ -40,11 +41,11 @@ class Allocation(ABC):
 
         @property
         def T_target(self) -> Value:
-            """Torque asked for [N·m]."""
+            """Requested torque [N·m]."""
 
         @property
         def K_target(self) -> Value:
-            """Stiffness asked for [N·m/rad]; NaN for entries that are free."""
+            """Requested stiffness [N·m/rad]; NaN for free entries."""
 
         @property
         def T(self) -> Value:
@@ -72,7 +73,7 @@ class Allocation(ABC):
 
     @property
     def success(self) -> Any:
-        """Whether torques and stiffness are met and nothing is wrong."""
+        """Whether torques and stiffness are met without a fault."""
         return self.status == Status.EXACT
 
     @property
@@ -87,12 +88,12 @@ class Allocation(ABC):
 
     @cached_property
     def forces(self) -> Array:
-        """Muscles' forces (…, m) [N] at these pressures; negative where one would be slack."""
+        """Muscle forces (…, m) [N] at these pressures; negative for a slack muscle."""
         return self._array(np.stack([side.force(P) for side, P in self._pulling], axis=-1))
 
     @cached_property
     def isobaric_stiffness(self) -> Value:
-        """K = -∂T/∂θ at held pressures [N·m/rad] that these pressures give, whichever stiffness was asked."""
+        """Stiffness -∂T/∂θ at constant pressures [N·m/rad], whichever kind was requested."""
         return self._formed(np.asarray(sum(side.isobaric.stiffness(P) for side, P in self._pulling)))
 
     @cached_property
@@ -107,7 +108,7 @@ class Allocation(ABC):
     def forces_std(self) -> Array | None:
         """Standard deviations of the forces (…, m) [N] from the covariance of fitted muscles; None without one.
 
-        A joint whose fit has not seen the force common to both muscles has a wide one.
+        They are wide if the joint's fit could not identify the force common to both muscles.
         """
         return None if self._spread is None else self._array(self._spread.forces_std)
 
@@ -121,7 +122,7 @@ class Allocation(ABC):
 
     @property
     def message(self) -> str:
-        """Sentence that says what was reached, what is in the way and what is assumed."""
+        """Sentence on the achieved values, the limits in the way and the assumptions."""
         return "; ".join(filter(None, (self._outcome, self.assumed)))
 
     @property
@@ -161,7 +162,7 @@ class Allocation(ABC):
     @property
     @abstractmethod
     def _spread(self) -> Spread | None:
-        """Lᵀ∂/∂p of the answers, None where nothing has a covariance."""
+        """Lᵀ∂/∂p of the answers, None without a covariance."""
 
     @property
     @abstractmethod
@@ -179,7 +180,7 @@ class Allocation(ABC):
         return formed
 
     def _formed(self, array: NDArray[Any]) -> Any:
-        """Return a flat array (N or 1, …) in the shape of the targets; a Python scalar where it is one number."""
+        """Return a flat array (N or 1, …) in the shape of the targets; a Python scalar if it is one number."""
         return shaped(array, self._shape)
 
     def _listed(self, names: Iterable[tuple[str, ...]]) -> Any:
@@ -197,7 +198,7 @@ def from_fields(of: type[Any], fields: Mapping[str, object]) -> Any:
 
 
 def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Any:
-    """Return a flat array (N or 1, …) in the shape of N targets, read-only; a Python scalar where it is one number."""
+    """Return a flat array (N or 1, …) in the shape of N targets, read-only; a Python scalar if it is one number."""
     own = array.shape[1:]
     if not shape and not own:
         return array.item()

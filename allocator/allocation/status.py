@@ -1,6 +1,6 @@
-"""Priorities, status of an allocation with its advice, and the one rule by which it is decided.
+"""Priorities, statuses of an allocation with advice, and the rule that decides the status.
 
-The kernels of two muscles decide in the same way (`verdict` in `allocator.allocation.two_muscles.kernels.source`).
+The kernels of two muscles use the same rule (`verdict` in `allocator.allocation.two_muscles.kernels.source`).
 """
 
 from collections.abc import Iterable, Mapping
@@ -20,7 +20,7 @@ PRIORITIES: tuple[Priority, ...] = get_args(Priority)
 class Status(IntEnum):
     """Outcome of an allocation. If several apply, the last one is given. `.advice` explains it in a sentence.
 
-    UNSTABLE is said of mechanisms; NO_INVERSE, TOO_RISKY and HEDGED of one joint and two muscles.
+    UNSTABLE occurs for mechanisms only; NO_INVERSE, TOO_RISKY and HEDGED for one joint with two muscles only.
     """
 
     EXACT = 0
@@ -40,7 +40,7 @@ class Status(IntEnum):
 
     @property
     def advice(self) -> str:
-        """Sentence on what it means and what to do."""
+        """Sentence with the meaning and the remedy."""
         return _ADVICE[self]
 
 
@@ -77,9 +77,9 @@ def decided(
     outside: Mask,
     others: Mapping[Status, Mask] | None = None,
 ) -> NDArray[np.int8]:
-    """Return the statuses (N,) of targets by what is missed, of answers in the box of intervals `sides`.
+    """Return the statuses (N,) from the targets missed, for answers in the box of intervals `sides`.
 
-    `outside` marks postures beyond the range. Of `others` and of what the box says the last that holds counts.
+    `outside` marks postures beyond the range. Of `others` and the statuses of the box the last that applies counts.
     """
     sides = list(sides)
     status = T_missed * Status.TORQUE_LIMITED + K_missed * Status.STIFFNESS_LIMITED
@@ -98,7 +98,7 @@ def decided(
 
 
 class Tolerance(NamedTuple):
-    """A `Tolerance` is what counts as met and as binding."""
+    """Tolerances below which a target counts as met and a limit as binding."""
 
     met: float  # of the torque or stiffness scale: a target missed by less is met
     binds: float  # of the supply range: a pressure nearer to a bound lies on it

@@ -1,1 +1,1 @@
-"""Compiling with numba, and the cache of what was compiled."""
+"""Compilation with numba, and the cache of compiled code."""

@@ -1,8 +1,8 @@
-"""Compiling in a background process, so that no call waits; the next call finds the result in the cache.
+"""Compilation in a background process, so that no call waits; the next call finds the result in the cache.
 
-It is a process and no thread, because numba compiles under a lock and Python under another. It outlives the one that
-has started it, works at a low priority, and holds a lock on a file as long as it is at it: a file without one tells of
-a process that was ended or has failed.
+A thread would not do, because numba compiles under a global lock and Python holds the GIL. The process outlives its
+parent, runs at a low priority, and locks a file until it is done: an unlocked file means that the process was killed or
+failed.
 """
 
 import gc
@@ -21,12 +21,12 @@ _ONLY_KEPT: ContextVar[bool] = ContextVar("_ONLY_KEPT", default=False)
 
 
 class NotKept(Exception):
-    """Code was called that is not compiled yet, where none may be."""
+    """Uncompiled code was called inside `only_kept`."""
 
 
 @contextmanager
 def only_kept() -> Iterator[None]:
-    """Compile nothing that would be kept: a first call loads compiled code, or raises `NotKept`."""
+    """Forbid compilation: a first call loads cached code, or raises `NotKept`."""
     token = _ONLY_KEPT.set(True)
     try:
         yield
@@ -35,28 +35,28 @@ def only_kept() -> Iterator[None]:
 
 
 def check_may_compile(what: str) -> None:
-    """Insist that `what` may be compiled now. Raises `NotKept`."""
+    """Raise `NotKept` if compilation is forbidden; `what` names the function in the message."""
     if _ONLY_KEPT.get():
         raise NotKept(f"{what} is not compiled yet")
 
 
 def begin(name: str, directory: Path, work: Callable[..., object], *arguments: object) -> bool:
-    """Return whether a process is at `work(*arguments)`, started now if none is yet.
+    """Return whether a process runs `work(*arguments)`; start one if none does.
 
-    False where an earlier one called `name` came to nothing, or none can be started: the work is the caller's then.
+    If an earlier process called `name` failed, or none can be started, return False: the caller must do the work.
     """
     lock = directory / f"{name}.lock"
     try:
         if lock.exists():
             return _held(lock)
         _start(pickle.dumps((lock, work, arguments)), directory)
-    except (OSError, pickle.PicklingError, AttributeError, TypeError):  # the last three: of what cannot be pickled
+    except (OSError, pickle.PicklingError, AttributeError, TypeError):  # the last three: raised by pickle
         return False
     return True
 
 
 def _start(payload: bytes, directory: Path) -> None:
-    """Start a process that finds modules where this one does, and outlives it."""
+    """Start a process that has this one's module search path and outlives it."""
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "allocator.compilation.beside"],
@@ -70,23 +70,23 @@ def _start(payload: bytes, directory: Path) -> None:
         pipe.write(payload)
 
 
-_STARTED: list["subprocess.Popen[bytes]"] = []  # Python warns of processes that are forgotten
+_STARTED: list["subprocess.Popen[bytes]"] = []  # keeps a reference: Python warns when a running Popen is collected
 
 
 def _flags() -> int:
-    """Return what on Windows makes a process that has no console, outlives ours, and leaves it the processor."""
+    """Return the Windows flags of a low-priority process without a console that outlives ours; 0 elsewhere."""
     names = "DETACHED_PROCESS", "CREATE_NEW_PROCESS_GROUP", "BELOW_NORMAL_PRIORITY_CLASS"
     return sum(int(getattr(subprocess, name, 0)) for name in names)
 
 
 def _held(lock: Path) -> bool:
-    """Return whether a process holds this file."""
+    """Return whether a process has locked this file."""
     with lock.open("ab") as file:
         return not _locked(file)
 
 
 def _locked(file: IO[bytes]) -> bool:
-    """Return whether `file` is now locked, until it is closed; False if another process has done so."""
+    """Lock `file` until it is closed; return False if another process holds the lock."""
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -96,20 +96,20 @@ def _locked(file: IO[bytes]) -> bool:
             import fcntl
 
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):  # the latter is Windows's
+    except (BlockingIOError, PermissionError):  # the latter on Windows
         return False
     return True
 
 
 def main() -> None:
-    """Do the work that standard input tells of, unless another process is at it."""
+    """Do the work pickled on standard input, unless another process is doing it."""
     lock, work, arguments = pickle.load(sys.stdin.buffer)
     with lock.open("ab") as file:
         if not _locked(file):
             return
         if hasattr(os, "nice"):
             os.nice(_NICE)
-        gc.disable()  # a compiler makes little garbage and many objects to look through: a tenth of its time
+        gc.disable()  # compilation makes many objects and little garbage: saves a tenth of its time
         work(*arguments)
     lock.unlink(missing_ok=True)
 

@@ -1,10 +1,10 @@
 """Cache of compiled code whose files are verified before they are used.
 
-numba's own cache believes its files. One that a power failure has cut short makes every call of the function fail, in
-every process, and a flipped bit is executed. Here each file, one for every kind of arguments, begins with the hash of
-the rest. What does not agree is compiled anew, what cannot be written is used without being kept; both are said once.
-Files appear whole or not at all, and there is no index: two processes that write at the same time do not disturb each
-other. A directory in which others may write is refused, because what lies there is executed.
+numba's own cache trusts its files. A file truncated by a power failure makes every call of the function fail, in every
+process, and a flipped bit is executed. This cache has one file per argument signature, and each file begins with the
+hash of the rest. Code whose hash does not match is compiled again; code that cannot be written is used without being
+cached; each warns once. Files are written atomically and there is no index, so concurrent writers do not disturb each
+other. A directory that other users may write to is refused, because its files are executed.
 """
 
 import os
@@ -29,7 +29,7 @@ from allocator.files.atomic import replacing
 F = TypeVar("F")
 _HASH = 32  # bytes of SHA-256
 _DAY = 86400.0  # [s]
-_UNUSED = 7 * _DAY  # [s] without use, after which what another version has kept is cleared
+_UNUSED = 7 * _DAY  # [s] without use, after which files of other versions are removed
 
 
 class Refused(OSError):
@@ -37,27 +37,27 @@ class Refused(OSError):
 
 
 def clear_stale(directory: Path, ours: str, current: str) -> None:
-    """Remove from `directory` what other versions have kept, and nobody has used for a week.
+    """Remove the files of other versions from `directory` that have not been used for a week.
 
-    All names begin with `ours`, those of this version with `current`. A week, because two environments may take turns.
+    All names begin with `ours`, those of this version with `current`. A week allows for two environments in turns.
     """
     families: dict[str, list[Path]] = {}
     for folder in (directory, directory / "__pycache__"):
-        for file in [*folder.glob(f"{ours}*"), *folder.glob(f".{ours}*")]:  # the latter: drafts of who was interrupted
+        for file in [*folder.glob(f"{ours}*"), *folder.glob(f".{ours}*")]:  # the latter: interrupted drafts
             stem = file.name if file.name.startswith(".") else file.name.partition(".")[0]
             families.setdefault(stem, []).append(file)
     for stem, files in families.items():
-        with suppress(OSError):  # somebody else has removed it, or it is not ours to remove
+        with suppress(OSError):  # already removed, or no permission
             if not stem.startswith(current) and max(f.stat().st_mtime for f in files) < time() - _UNUSED:
                 for file in files:
                     file.unlink()
 
 
 def keep(dispatcher: F, callees: Iterable[Callable[..., object]] = ()) -> F:
-    """Return `dispatcher`, which numba has made and which now keeps what it compiles.
+    """Return the numba `dispatcher`, which now caches the code that it compiles.
 
-    What is kept belongs to its file, to those of the `callees` that are compiled into it, and to the numbers that they
-    read from their modules, as they are now. Raises an `OSError` where there is no place.
+    Cached code is valid only for the present contents of its file, of the files of the `callees` that are compiled into
+    it, and of the module-level numbers that they read. Raises `OSError` if there is no cache directory.
     """
     made: Any = dispatcher
     functions = made.py_func, *callees
@@ -72,40 +72,40 @@ def keep(dispatcher: F, callees: Iterable[Callable[..., object]] = ()) -> F:
 
 
 def check_own(directory: Path) -> None:
-    """Insist that nobody else can put files into `directory`. Raises `Refused`.
+    """Raise `Refused` if another user can write to `directory`.
 
-    A group whose number is the owner's is taken for his own, as distributions make them.
+    A group with the owner's number counts as private, as Linux distributions create them.
     """
     if not hasattr(os, "geteuid"):
-        return  # Windows: the user's directories are his own
+        return  # Windows: user directories are private
     found = directory.stat()
     if found.st_uid not in (os.geteuid(), 0):
         raise Refused(
-            f"{directory} belongs to another user, and what is kept there is executed: "
+            f"{directory} belongs to another user, and cached code is executed: "
             "set XDG_CACHE_HOME, and NUMBA_CACHE_DIR if there is one, to a directory of your own"
         )
     others = found.st_mode & stat.S_IWOTH or (found.st_mode & stat.S_IWGRP and found.st_gid != found.st_uid)
     if others:
         raise Refused(
-            f"others may write to {directory}, and what is kept there is executed: "
-            f"look what is in it, then chmod go-w {directory}"
+            f"others may write to {directory}, and cached code is executed: "
+            f"check its contents, then chmod go-w {directory}"
         )
 
 
 def _numbers(functions: Iterable[Callable[..., object]]) -> list[tuple[str, str]]:
-    """Return by name the numbers that functions read from their modules, which may have them from others."""
+    """Return by name the global numbers that functions read, imported ones included."""
     named = ((name, f.__globals__.get(name)) for f in functions for name in f.__code__.co_names)
     return sorted({(name, repr(value)) for name, value in named if isinstance(value, int | float)})
 
 
 class _Files:
-    """These files are in the place of `numba.core.caching.IndexDataCacheFile`."""
+    """Files of one function's cache, in place of `numba.core.caching.IndexDataCacheFile`."""
 
     def __init__(self, directory: str, name: str, stamp: object) -> None:
         self._directory, self._name, self._made_from = Path(directory), name, repr((numba.__version__, stamp))
 
     def load(self, key: object) -> object:
-        """Return what is kept for `key`; None if nothing is."""
+        """Return the cached object of `key`, or None."""
         file = self._file(key)
         try:
             content, used = file.read_bytes(), file.stat().st_mtime
@@ -114,12 +114,12 @@ class _Files:
         if content[:_HASH] != sha256(content[_HASH:]).digest():
             raise ValueError("not what was written")
         if used < time() - _DAY:
-            with suppress(OSError):  # a directory that is not ours to write to
-                os.utime(file)  # it is in use: `clear_stale`
+            with suppress(OSError):  # a read-only directory
+                os.utime(file)  # mark as used, for `clear_stale`
         return pickle.loads(content[_HASH:])
 
     def save(self, key: object, data: object) -> None:
-        """Keep `data`."""
+        """Cache `data`."""
         content = dumps(data)
         with replacing(self._file(key)) as draft:
             draft.write_bytes(sha256(content).digest() + content)
@@ -130,7 +130,7 @@ class _Files:
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
-    """The cache is numba's, over such files."""
+    """numba's cache on verified files."""
 
     def __init__(self, function: FunctionType, others: tuple[str, ...], numbers: list[tuple[str, str]]) -> None:
         super().__init__(function)
@@ -141,13 +141,13 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
         self._cache_file = _Files(self.cache_path, self._impl.filename_base, stamps)
 
     def load_overload(self, sig: object, target_context: object) -> object:
-        """Return what is kept for arguments of the types `sig`; None if nothing is, or nothing that could be used.
+        """Return the cached code for arguments of the types `sig`, or None if there is none or it is damaged.
 
-        Raises `beside.NotKept` then if only what is kept may be used.
+        Raises `beside.NotKept` instead of returning None if compilation is forbidden.
         """
         try:
             found = super().load_overload(sig, target_context)
-        except Exception:  # whatever may come of reading what was not written like this
+        except Exception:  # a damaged file can raise anything
             notice_once(f"compiled code in {self.cache_path} is damaged and is made anew", CacheFault)
             found = None
         if found is None:
@@ -155,7 +155,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
         return found
 
     def save_overload(self, sig: object, data: object) -> None:
-        """Keep it, if that is possible."""
+        """Cache `data` if possible; warn otherwise."""
         try:
             super().save_overload(sig, data)
         except OSError as error:

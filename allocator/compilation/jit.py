@@ -1,8 +1,7 @@
-"""Compiling of functions by numba, once, kept on disk next to their file or where NUMBA_CACHE_DIR says.
+"""Compilation of functions by numba, cached on disk next to their file or in NUMBA_CACHE_DIR.
 
-numba is not imported before. Where it is missing, is told not to compile (NUMBA_DISABLE_JIT), or finds no directory of
-the user's own to keep what it compiles (`allocator.compilation.cache`), `compiled` answers None and plain Python does
-the work.
+numba is imported on first use. If it is missing, disabled (NUMBA_DISABLE_JIT), or has no private cache directory
+(`allocator.compilation.cache`), `compiled` returns None and plain Python does the work.
 """
 
 from collections.abc import Callable, Iterable
@@ -16,10 +15,10 @@ _OPTIONS = {"error_model": "numpy"}  # a division by zero is an infinity, not an
 
 
 def compiled(function: Function, callees: Iterable[Function], *, inline: bool, unaliased: bool) -> Function | None:
-    """Return `function`, compiled for each kind of arguments at its first call, or None if it cannot be.
+    """Return `function`, compiled at the first call with each argument signature, or None if it cannot be.
 
-    The `callees` it may call by their plain names, inlined or not; `unaliased` promises that no two of its arrays
-    overlap and that it makes none, so that references need not be counted, which costs as much as a small loop.
+    It may call the `callees` by their plain names, inlined or not. `unaliased` promises that no two of its arrays
+    overlap and that it creates none, which saves reference counting (as costly as a small loop).
     """
     try:
         import numba
@@ -43,7 +42,7 @@ def compiled(function: Function, callees: Iterable[Function], *, inline: bool, u
 
 
 def register(callees: Iterable[Function], *, inline: bool, unaliased: bool = False) -> None:
-    """Teach numba functions, so that compiled ones can call them by their plain names; arguments as in `compiled`."""
+    """Register functions that compiled ones may call by their plain names; arguments as in `compiled`."""
     from numba.extending import register_jitable
 
     for function in callees:
@@ -51,9 +50,9 @@ def register(callees: Iterable[Function], *, inline: bool, unaliased: bool = Fal
 
 
 def _unaliased() -> type:
-    """Return a compiler that may assume that no two arrays overlap, and counts no references.
+    """Return a compiler that assumes that no two arrays overlap and does not count references.
 
-    Without the first loops over ten arrays do not vectorise.
+    Loops over ten arrays do not vectorise without the first assumption.
     """
     from numba.core.compiler import Compiler
 

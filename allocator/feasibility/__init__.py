@@ -1,4 +1,4 @@
-"""Feasible angles, torques and stiffnesses of joints and mechanisms, the limits that end them, and design sweeps."""
+"""Feasible angles, torques and stiffnesses of joints and mechanisms, their limits, and design sweeps."""
 
 from allocator.feasibility.edges import Edge
 from allocator.feasibility.intervals import (

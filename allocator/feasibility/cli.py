@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from allocator.joint.antagonist import AntagonistJoint
     from allocator.joint.gas import Stiffness
 
-_LONG = 8  # chunks from which on a progress bar is shown
+_LONG = 8  # least number of chunks for a progress bar
 _ENDINGS = (*IMAGES, ".csv", ".npz")
 _DEFAULT_STEPS = 200
 _OWN_NAME = "map.png"
@@ -68,8 +68,8 @@ def map_command(
 
     Two or three of angle, stiffness and torque are ranges, the others numbers. The ending of --out selects the format.
     Repeat --muscle to compare muscles in one picture. For several joints at a --posture: the polygon of two --targets,
-    with the binding muscles named on its edges. With --links and no posture: the stiffness ellipses that the hand can
-    have over its workspace.
+    with the binding muscles named on its edges. With --links and no posture: the feasible stiffness ellipses of the
+    hand over its workspace.
     """
     from rich.console import Console
 
@@ -149,7 +149,7 @@ def _axis(option: str, text: str, unit: str) -> "Array":
 
 
 def _torque(torque: str | None, *others: str | None) -> "Array | float | None":
-    """Return the torque asked for; else 0, or None for all torques where the angle or the stiffness is a number."""
+    """Return the requested torque; else 0, or None for all torques if the angle or the stiffness is a number."""
     if torque is not None:
         return _axis("--torque", torque, "N·m")
     return None if any(other is not None and ":" not in other for other in others) else 0.0
@@ -180,7 +180,7 @@ def _ended_by(found: "FeasibilityMap") -> list[str]:
 
 
 def _sentence(name: str, found: "FeasibilityMap") -> str:
-    """Return one line on what exists, one on what ends it."""
+    """Return one line on the feasible set and one on the limits that bound it."""
     return (
         f"{name}: {100 * found.share:.1f} % of {found.status.size} combinations exist, {found.kind.text}\n"
         f"  ended by: {', '.join(_ended_by(found)) or 'nothing exists'}" + (found.assumed and f"\n  {found.assumed}")
@@ -226,16 +226,16 @@ if TYPE_CHECKING:
 
 _PLACES = 6, 5  # of the workspace, over shoulder and elbow
 _SWING = 60 * DEG  # of joints without limits
-_BENT = 5 * DEG  # from the stretched arm, at which the Jacobian is singular
+_BENT = 5 * DEG  # from the stretched arm, where the Jacobian is singular
 
 
 def draw(
     mechanism: "Mechanism", options: HandOptions, targets: str | None, torque: str | None, *, min_force: float
 ) -> tuple["Figure", str, dict[str, object]]:
-    """Return the figure of what a mechanism can do, a sentence on it, and what `--json` prints.
+    """Return the figure of a mechanism's feasible targets, a sentence on it, and the output of `--json`.
 
     At a posture the polygon of two `targets`, such as "K11,K22"; of a hand without a posture its stiffness ellipses
-    over the workspace. `torque` is what is held: numbers [N·m], 0 by default, or "free". Raises `InvalidInput`.
+    over the workspace. `torque` is the constant torque: numbers [N·m], 0 by default, or "free". Raises `InvalidInput`.
     """
     hand = options.hand(mechanism)
     if options.posture is None and hand is not None and targets is None:
@@ -270,7 +270,7 @@ def _polygon(
 
 
 def _pair(targets: str | None, n: int, hand: Hand | None) -> tuple[str, str]:
-    """Return the names of two targets; by default those of the first two joints, of the hand, or of a single joint."""
+    """Return the names of two targets, by default of the first two joints, of the hand, or of a single joint."""
     if targets is None:
         targets = "Kx11,Kx22" if hand is not None else "K11,K22" if n > 1 else "T1,K11"
     names = targets.split(",")
@@ -299,7 +299,7 @@ def _workspace(
 
 
 def _postures(mechanism: "Mechanism", hand: Hand) -> "Array":
-    """Return postures (k, 2) [rad] over the range of both joints, without those at which the arm is stretched out."""
+    """Return postures (k, 2) [rad] over the range of both joints, except those with the arm stretched out."""
     if mechanism.n != 2:
         raise InvalidInput(f"the workspace is drawn of n = 2 joints, not {mechanism.n}; give a --posture")
     limits = mechanism.angle_limits or ((-_SWING, _SWING),) * 2

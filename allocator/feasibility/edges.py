@@ -1,7 +1,7 @@
 """Edges of the feasible set: curves in (θ, K, T), each labelled by the limit that binds along it.
 
-Three ways to cut the set, by what is held: a torque (edges over θ are the ends of the stiffness interval), a stiffness
-(the ends of the torque interval at it) and an angle (edges over T are the ends of the stiffness interval).
+The set is cut at a constant torque (edges over θ are the ends of the stiffness interval), a constant stiffness (the
+ends of its torque interval) or a constant angle (edges over T are the ends of the stiffness interval).
 """
 
 from collections.abc import Callable
@@ -20,9 +20,9 @@ from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import BINDS, names
 from allocator.joint.torque_levels import Pair, torque, torque_interval
 
-_POINTS = 201  # of an edge over the joint range; more where limits hand over
+_POINTS = 201  # of an edge over the joint range; more where the binding limit changes
 _COLUMNS = ("theta", "K", "T", "P1", "P2")
-_HALVINGS = 40  # to find where they do
+_HALVINGS = 40  # to locate such changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Edge:
     T: Array = field(repr=False)  # [N·m] (n,)
     P1: Array = field(repr=False)  # [Pa] (n,)
     P2: Array = field(repr=False)  # [Pa] (n,)
-    part: int = 0  # which of the connected parts of the set it bounds, counted from the left
+    part: int = 0  # number of the connected part of the set that it bounds, from the left
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -49,7 +49,7 @@ Ends = Callable[[Array], tuple[End, End]]
 
 
 def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tuple[Edge, ...]:
-    """Return the edges over the angles from left to right [rad] of the stiffnesses that exist at the torque T [N·m]."""
+    """Return the edges of the feasible stiffnesses at the torque T [N·m] over the angles from left to right [rad]."""
 
     def ends(theta: Array) -> tuple[End, End]:
         return _column_ends(setting.columns(theta, T))
@@ -63,7 +63,7 @@ def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tu
 
 
 def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) -> tuple[Edge, ...]:
-    """Return the edges over the angles from left to right [rad] of the torques that exist at the stiffness K.
+    """Return the edges of the feasible torques at the stiffness K over the angles from left to right [rad].
 
     On a lever the torques may fall into several intervals (`torque_intervals`); the outermost ends are drawn.
     """
@@ -84,10 +84,10 @@ def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) ->
 
 
 def edges_at_angle(setting: Setting, theta: float) -> tuple[Edge, ...]:
-    """Return the edges over the torques of the stiffnesses that exist at the angle theta [rad].
+    """Return the edges of the feasible stiffnesses at the angle theta [rad] over the torques.
 
-    Where the determinant keeps its sign these are the image of the border of the box. On a lever an edge may also be a
-    fold, along which no limit binds: the stiffness turns there.
+    If the determinant keeps its sign, these are the image of the border of the box. On a lever an edge may also be a
+    fold, where the stiffness turns and no limit binds.
     """
     problem, _ = setting.problem(np.array([theta]))
     if problem.box.empty[0]:
@@ -106,14 +106,14 @@ def _column_ends(found: Columns) -> tuple[End, End]:
 
 
 def _stiffness_margin(problem: Problem) -> Array:
-    """Return how far the stiffnesses of `problem` are inside what exists at any torque, in fractions of the scale."""
+    """Return the margin of the stiffness of `problem` within the range over all torques, in fractions of the scale."""
     K_min, K_max = (problem.stiffness(*pair) for pair in reach.stiffness_range(problem))
     inside = np.minimum(K_max - problem.K, problem.K - K_min)
     return np.asarray(np.where(problem.box.empty, -1.0, inside / problem.scales[1]))
 
 
 def _outermost(problems: list[Problem], found: list[tuple[Pair, Pair]], margins: Array) -> tuple[End, End]:
-    """Return the least and the greatest torques of several states of the valves, of those that have the stiffness."""
+    """Return the least and the greatest torques over the states of the valves that have the stiffness."""
     reached = margins >= np.minimum(margins.max(axis=0), -CLOSED_FORM.met)
     chosen = []
     for end, sign in ((0, 1.0), (1, -1.0)):
@@ -129,7 +129,7 @@ def _outermost(problems: list[Problem], found: list[tuple[Pair, Pair]], margins:
 
 
 def _edges(setting: Setting, ends: Ends, intervals: tuple[Array, Array]) -> tuple[Edge, ...]:
-    """Return the edges over the intervals of angles (m, 1) in which there is anything."""
+    """Return the edges over the nonempty intervals of angles (m, 1)."""
     found: list[Edge] = []
     for part, (a, b) in enumerate(zip(*intervals, strict=True)):
         left, right = float(a[0]), float(b[0])
@@ -141,7 +141,7 @@ def _edges(setting: Setting, ends: Ends, intervals: tuple[Array, Array]) -> tupl
 
 
 def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
-    """Return one end of the interval over the angles or torques x, cut where another limit takes over."""
+    """Return one end of the interval over the angles or torques x, cut where the binding limit changes."""
 
     def flags(x: Array) -> NDArray[np.int32]:
         problem, pair = ends(x)[end]
@@ -156,14 +156,14 @@ def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
     for a, b in pairwise(stops):
         part = x[(x >= a) & (x <= b)]
         if len(part) > 1:
-            widest = int(np.argmax(np.diff(part)))  # a hand-over is within rounding of both limits
+            widest = int(np.argmax(np.diff(part)))  # a change is within rounding of both limits
             limits = int(flags(part[widest : widest + 2].mean(keepdims=True))[0])
             edges.append(_edge(limits, ends(part)[end]))
     return edges
 
 
 def _handovers(flags: Callable[[Array], NDArray[np.int32]], left: Array, right: Array) -> Array:
-    """Return where between left and right (n,) the flags change, by bisection."""
+    """Return the points between left and right (n,) where the flags change, by bisection."""
     before = flags(left)
     for _ in range(_HALVINGS):
         middle = (left + right) / 2

@@ -1,17 +1,17 @@
-"""Intervals of the torques, stiffnesses and angles that exist.
+"""Intervals of feasible torques, stiffnesses and angles.
 
 At an angle the torques are an interval, [T(lo1, hi2), T(hi1, lo2)]; at an angle and a torque the stiffnesses are one,
 whose ends lie where the torque level leaves the box of pressures (`allocator.joint.torque_levels`) unless the stiffness
-turns on the way. At an angle and a stiffness the torques may be several intervals. The angles at which a stiffness can
-be had are found between the zeros of how far it is inside its interval.
+turns on the way. At an angle and a stiffness the torques may be several intervals. The feasible angles of a stiffness
+lie between the zeros of its margin within the interval.
 
 `limits` and `stiffness` are those of `allocate`, without a slew limit and a tolerance: a stiffness is inside its
-interval if and only if `allocate` gives it. With free valves an interval of stiffnesses reaches from the least to the
-greatest of all states of the valves, and there may be gaps in it.
+interval if and only if `allocate` reaches it. With free valves an interval of stiffnesses extends from the least to the
+greatest over all states of the valves, and may have gaps.
 
-Where the fit of a joint has not seen at which pressures its cables go slack (`AntagonistJoint.slack_assumed`) an end
-that a slack limit sets is as assumed as that limit. `AssumedSlack` warns of it once. If a muscle was fitted to forces
-and the pressures at an angle leave the region in which it was measured, `Extrapolated` warns once.
+If the fit of a joint could not identify the pressures at which its cables go slack (`AntagonistJoint.slack_assumed`),
+ends set by a slack limit are assumptions, and `AssumedSlack` warns once. If a muscle was fitted to forces and the
+pressures at an angle leave the region in which it was measured, `Extrapolated` warns once.
 """
 
 import numpy as np
@@ -40,11 +40,11 @@ def torque_interval(
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
-    """Return (T_min, T_max) [N·m] that the joint can give at the angles `theta` [rad].
+    """Return the feasible torques (T_min, T_max) [N·m] at the angles `theta` [rad].
 
     Two arrays of the shape of `theta`; NaN beyond the joint range and where the limits contradict each other (no
-    pressure keeps a cable taut). Closed form, or one root finding a muscle without one. The limits are those of
-    `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
+    pressure keeps a cable taut). Closed form, or one root search per muscle without one. The limits are those of
+    `allocator.allocate`. Raises InvalidInput for invalid arguments.
     """
     setting = _setting(joint, limits, stiffness)
     problem, asked = setting.problem(theta)
@@ -61,11 +61,11 @@ def stiffness_interval(
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
-    """Return (K_min, K_max) [N·m/rad] that exist at the angles `theta` [rad] and the torques `T` [N·m].
+    """Return the feasible stiffnesses (K_min, K_max) [N·m/rad] at the angles `theta` [rad] and the torques `T` [N·m].
 
-    Broadcasts; every stiffness in between exists too. NaN where the torque is out of reach, beyond the joint range and
-    where the limits contradict each other. Closed form, or root finding for muscles without one. The limits are those
-    of `allocator.allocate`. Raises InvalidInput for arguments that make no sense.
+    Broadcasts; every stiffness in between is feasible as well. NaN where the torque is out of reach, beyond the joint
+    range and where the limits contradict each other. Closed form, or root search for muscles without one. The limits
+    are those of `allocator.allocate`. Raises InvalidInput for invalid arguments.
     """
     setting = _setting(joint, limits, stiffness)
     asked, T = checks.broadcast(theta=checks.angle("theta", theta), T=checks.real("T", T, "N·m"))
@@ -83,7 +83,7 @@ def torque_intervals(
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
-    """Return all intervals of torques [N·m] that exist at the angles `theta` [rad] while the joint is as stiff as `K`.
+    """Return all intervals of feasible torques [N·m] at the angles `theta` [rad] with the stiffness `K`.
 
     Returns
     -------
@@ -136,10 +136,10 @@ def angle_interval(
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
-    """Return the widest interval of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
+    """Return the widest interval of angles [rad] throughout which `K` [N·m/rad] and `T` [N·m] are feasible.
 
-    Broadcasts; NaN where there is no such angle. On a pulley with two equal muscles it is the only one; a mechanism
-    may have several, see `angle_intervals`, where the limits of accuracy are.
+    Broadcasts; NaN if there is no such angle. On a pulley with two equal muscles it is the only one; otherwise there
+    may be several, see `angle_intervals`, also for the limits of accuracy.
     """
     left, right = angle_intervals(K, T, joint=joint, limits=limits, stiffness=stiffness)
     if not len(left):
@@ -156,7 +156,7 @@ def angle_intervals(
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
 ) -> Pair:
-    """Return all intervals of angles [rad] throughout which `K` [N·m/rad] exists while the joint gives `T` [N·m].
+    """Return all intervals of angles [rad] throughout which `K` [N·m/rad] and `T` [N·m] are feasible.
 
     Returns
     -------
@@ -176,9 +176,9 @@ def angle_intervals(
 
 
 def margin(setting: Setting, theta: Array, K: Array, T: Array) -> Array:
-    """Return how far (K, T) is inside what exists at θ, in fractions of the scales; negative outside, continuous.
+    """Return the margin of (K, T) within the feasible set at θ, in fractions of the scales; continuous, < 0 outside.
 
-    Of free valves in the state in which it is farthest inside.
+    With free valves, in the state with the greatest margin.
     """
     return np.asarray(np.max([_margin_of_state(state, theta, K, T) for state in setting.states], axis=0))
 
@@ -193,7 +193,7 @@ def _margin_of_state(setting: Setting, theta: Array, K: Array, T: Array) -> Arra
 
 
 def _setting(joint: AntagonistJoint | None, limits: Limits, stiffness: Stiffness) -> Setting:
-    """Return the setting; warn once of slack limits that are assumed."""
+    """Return the setting; warn once of assumed slack limits."""
     setting = Setting.of(joint, limits, stiffness)
     if limits.min_force is not None and (assumed := assumption(setting.joint)):
         notice_once(f"{assumed}; so are the ends of intervals that a slack limit sets", AssumedSlack)
@@ -207,14 +207,14 @@ def _corners(problem: Problem) -> tuple[Pair, Pair]:
 
 
 def _tell_extrapolation(problem: Problem, *pairs: Pair) -> None:
-    """Warn, once, if these pairs of pressures (n,) lie beyond what was measured of a muscle."""
+    """Warn once if these pairs of pressures (n,) lie beyond a muscle's measured region."""
     at = [visits(problem.joint, problem.theta, P1, P2) for P1, P2 in pairs]
     if said := next(filter(None, (extrapolation(pair, counted=False) for pair in at)), ""):
         notice_once(f"{said}; intervals reach pressures or angles where it is", Extrapolated)
 
 
 def _shaped(shape: tuple[int, ...], none: Mask | bool, *ends: Array | float) -> Pair:
-    """Return the ends in the shape of the arguments, NaN where there is `none`; floats for a scalar call."""
+    """Return the ends in the shape of the arguments, NaN where `none` is set; floats for a scalar call."""
     size = int(np.prod(shape))
     low, high = (np.broadcast_to(np.where(none, np.nan, end).ravel(), size).reshape(shape)[()] for end in ends)
     return low, high

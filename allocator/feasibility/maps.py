@@ -1,8 +1,8 @@
 """Feasibility maps: the answers of `allocate`, cell by cell, over any two or three of (θ, K, T).
 
-A map is made of columns (θ, T): the ends of the stiffness interval say for every K of the column whether it exists and
-which limits bind if it does not. Only where it exists are the pressures to be found, by the inverse: along the level of
-affine muscles they are linear in K, two equal Tondu2021 on a pulley have a closed form, others take root finding.
+A map consists of columns (θ, T): the ends of the stiffness interval decide for every K of the column whether it is
+feasible, and which limits bind if it is not. Only feasible cells need the inverse: along the level of affine muscles
+the pressures are linear in K, two equal Tondu2021 on a pulley have a closed form, others require root finding.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -28,11 +28,11 @@ from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import Pair, torque_interval
 
 _CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
-_WORK_BYTES = 400  # a cell takes while its chunk is computed
-_CHUNK_CELLS = 200_000  # fits caches, and a progress bar moves
+_WORK_BYTES = 400  # per cell while its chunk is computed
+_CHUNK_CELLS = 200_000  # fits caches, and updates a progress bar often enough
 _SLOW_CHUNK_CELLS = 10_000  # without a closed form
 _POINTS = 201
-_PADDING = 0.1  # of the range of stiffnesses that exist, shown beyond them
+_PADDING = 0.1  # of the range of feasible stiffnesses, shown beyond them
 _MOST_STEPS = 10_000_000
 _NARROWEST = 1e-6  # range of an axis, in the unit of its user
 
@@ -56,13 +56,13 @@ def feasibility_map(
     ----------
     theta, K, T
         Joint angles [rad], stiffnesses [N·m/rad] and torques [N·m]: two or three of them increasing arrays (n,), the
-        third a number. None: 201 angles over the joint range, 201 torques or stiffnesses around those that exist.
+        third a number. None: 201 angles over the joint range, 201 torques or stiffnesses around the feasible ones.
     joint, limits, stiffness
         As in `allocator.allocate`, without a slew limit and a tolerance.
     max_bytes
         A map that would need more memory [bytes] than this is refused.
     progress
-        What to wrap the iteration over the chunks in, e.g. `tqdm.tqdm` or `rich.progress.track`.
+        Wrapper of the iteration over the chunks, e.g. `tqdm.tqdm` or `rich.progress.track`.
 
     Returns
     -------
@@ -115,11 +115,11 @@ class Cells(NamedTuple):
     limits: NDArray[np.int32]
     P1: Array  # [Pa]
     P2: Array  # [Pa]
-    state: NDArray[np.int8] | None = None  # of the valves where they are free: 1 antagonist shut, 2 agonist, 3 both
+    state: NDArray[np.int8] | None = None  # of free valves: 1 antagonist shut, 2 agonist, 3 both
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """Status, limits, P1, P2 and, where they are free, the state of the valves."""
+        """Status, limits, P1, P2 and the state of free valves."""
         return tuple(array for array in self if array is not None)
 
     def formed(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "Cells":
@@ -134,7 +134,7 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
     closed = setting.joint.affine or (setting.joint.tondu_pulley is not None and setting.kind.isobaric)
     step = max(1, (_CHUNK_CELLS if closed else _SLOW_CHUNK_CELLS) // (K.size * T.size))
     for start in progress(range(0, theta.size, step)):
-        if start == 0 and not closed:  # where one sees that it takes a while
+        if start == 0 and not closed:  # so that progress is visible
             search.prepare(theta.size * K.size * T.size * len(setting.states))
         part = slice(start, start + step)
         for target, array in zip(out.arrays, _chunk(setting, theta[part], K, T).arrays, strict=True):
@@ -159,7 +159,7 @@ def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
 
 
 def _nothing(shape: tuple[int, ...], setting: Setting) -> Cells:
-    """Return cells to be filled."""
+    """Return empty cells."""
     empty = np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape)
     return Cells(*empty, np.empty(shape, np.int8) if len(setting.states) > 1 else None)
 
@@ -172,7 +172,7 @@ def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
     K_min, K_max = found.K_min[:, None], found.K_max[:, None]
     below, above = K <= K_min + tolerance, K >= K_max - tolerance
     missed = (K < K_min - tolerance) | (K > K_max + tolerance)
-    overruled = low.status > Status.BOTH_LIMITED  # the joint range or the box leave nothing to choose
+    overruled = low.status > Status.BOTH_LIMITED  # the joint range or the box leaves no choice
     status = np.where(overruled, low.status, low.status & Status.TORQUE_LIMITED)[:, None] + np.where(
         overruled[:, None], 0, missed * np.int8(Status.STIFFNESS_LIMITED)
     )
@@ -198,7 +198,7 @@ def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np
 
 
 def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Array, K: Array) -> None:
-    """Answer columns in which several pairs may give the same by `allocate` itself."""
+    """Solve columns that may have several pairs per cell by `allocate` itself."""
     asked: dict[str, Any] = {"joint": setting.joint, "limits": setting.limits, "stiffness": Stiffness(setting.kind)}
     a = allocate(theta[where, None], K, T[where, None], **asked)
     found = a.status, a.limits, a.P1, a.P2, *((2 * a.valves[0] + a.valves[1],) if len(setting.states) > 1 else ())
@@ -207,7 +207,7 @@ def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Arra
 
 
 def map_axis(name: str, asked: object, values: Array) -> Array:
-    """Return `values` as an axis: one number, or two or more that increase. `asked` is what the user passed."""
+    """Return `values` as an axis: one number, or two or more that increase. `asked` is the user's argument."""
     if values.ndim > 1:
         raise InvalidInput(f"{name} has the shape {values.shape}; an axis of a map is one number or an array (n,)")
     if values.ndim and values.size < 2:
@@ -221,14 +221,14 @@ def map_axis(name: str, asked: object, values: Array) -> Array:
 
 
 def default_torques(setting: Setting, theta: Array) -> Array:
-    """Return torques [N·m] from a little below to a little above those that exist at these angles."""
+    """Return torques [N·m] from slightly below to slightly above the feasible ones at these angles."""
     problem, _ = setting.problem(_few(theta))
     T_min, T_max = torque_interval(problem.sides, problem.box)
     return _around(T_min[~problem.box.empty], T_max[~problem.box.empty])
 
 
 def default_stiffnesses(setting: Setting, theta: Array, T: Array) -> Array:
-    """Return stiffnesses [N·m/rad] from a little below to a little above those that exist at angles and torques."""
+    """Return stiffnesses [N·m/rad] from slightly below to slightly above the feasible ones at angles and torques."""
     found = setting.columns(_few(theta)[..., None], _few(T))
     axis = _around(found.K_min[found.exists], found.K_max[found.exists])
     return axis[axis > 0]
@@ -247,7 +247,7 @@ def _around(low: Array, high: Array) -> Array:
 
 
 def steps(name: str, low: float, high: float, step: float, unit: str) -> Array:
-    """Return low, low + step, … up to high, or one clear sentence; the three are in `unit`."""
+    """Return low, low + step, … up to high, all in `unit`. Raises `InvalidInput`."""
     if not np.isfinite([low, high, step]).all():
         raise InvalidInput(f"{name} from {low:g} to {high:g} in steps of {step:g} {unit}: these have to be finite")
     if step <= 0:

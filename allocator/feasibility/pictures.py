@@ -25,24 +25,24 @@ if TYPE_CHECKING:
     from allocator.feasibility.polygon import Edge, Polygon
     from allocator.feasibility.targets import EndpointEllipses
 
-_MARKS = {"upper": "↑", "slack": "↓", "lower": "↓"}  # of the limits that have one
+_MARKS = {"upper": "↑", "slack": "↓", "lower": "↓"}  # of limits with a mark
 _OUTSIDE = 11  # points between an edge and its text
 _LETTER = 5.0  # points
 _MOST_NUMBERS = 60
 _TURN = np.linspace(0, 2 * np.pi, 73)
 _FAN, _STIFF, _SOFT = "#dbe7f1", "#1f4e79", "#d08770"
 _BONE, _ELLIPSE = "#c9c9c9", "#1f4e79"
-_BEFORE, _BEHIND = 0.65, 0.25  # of a link: how far from the joint a muscle round pulleys is fixed
-_APART = 0.8  # of its arms: how much farther out a muscle lies for every further joint that it crosses
-_SMALLEST = 1e-6  # [m] an arm below it is none
+_BEFORE, _BEHIND = 0.65, 0.25  # of a link: distance from the joint to the ends of a muscle round pulleys
+_APART = 0.8  # of its arms: added distance of a muscle per further joint that it crosses
+_SMALLEST = 1e-6  # [m] a smaller arm counts as none
 
 # --- a polygon of two targets -----------------------------------------------------------------------------------------
 
 
 def plot_polygon(polygon: "Polygon", axes: Any = None) -> Any:
-    """Draw a polygon; on its edges stand the muscles that bind, ↑ at the greatest pressure, ↓ where they go slack.
+    """Draw a polygon; its edges name the binding muscles, ↑ at the greatest pressure, ↓ where they go slack.
 
-    The muscles' letters are explained beside the picture. Returns the Matplotlib axes.
+    A legend explains the muscles' letters. Returns the Matplotlib axes.
     """
     axes = new_axes(7.8) if axes is None else axes
     x, y = polygon.axes
@@ -54,7 +54,7 @@ def plot_polygon(polygon: "Polygon", axes: Any = None) -> Any:
     axes.fill(*polygon.vertices.T, facecolor=FILL, edgecolor="black", linewidth=1.5)
     axes.margins(0.35, 0.22)
     axes.autoscale_view()
-    axes.figure.draw_without_rendering()  # texts are placed by what the layout makes of the axes
+    axes.figure.draw_without_rendering()  # texts are placed in the final layout of the axes
     letters = _letters({_split(limit)[0] for edge in polygon.edges for limit in edge.active})
     texts: list[Annotation] = []
     for edge in polygon.edges:
@@ -75,7 +75,7 @@ def _split(limit: str) -> tuple[str, str]:
 
 
 def _letters(names: set[str]) -> dict[str, str]:
-    """Return the initials and numbers of every name, numbered where several have the same."""
+    """Return the initials and numbers of every name, numbered if several are equal."""
     short = {name: "".join(w if w.isdigit() else w[0].upper() for w in name.split()) for name in sorted(names)}
     alike = Counter(short.values())
     count: Counter[str] = Counter()
@@ -86,7 +86,7 @@ def _letters(names: set[str]) -> dict[str, str]:
 
 
 def _name(axes: Any, edge: "Edge", centre: Array, letters: dict[str, str], others: list["Annotation"]) -> None:
-    """Write what binds beside the middle of an edge, outside, clear of other texts; of a short edge upright."""
+    """Write the binding limits outside the middle of an edge, clear of other texts; upright at a short edge."""
     to_points = 72 / axes.figure.dpi
     start, end, inside = (axes.transData.transform(point) * to_points for point in (edge.start, edge.end, centre))
     along, middle = end - start, (start + end) / 2
@@ -121,15 +121,14 @@ def _explain(axes: "Axes", letters: dict[str, str]) -> None:
 
 
 def ellipse(K: Array) -> Array:
-    """Return the curve (2, 73) of the forces K·u [N/m] that unit displacements u meet: long where the hand is stiff."""
+    """Return the curve (2, 73) of the forces K·u [N/m] against unit displacements u, long in stiff directions."""
     return np.asarray(K @ np.stack([np.cos(_TURN), np.sin(_TURN)]))
 
 
 def plot_workspace(found: "EndpointEllipses", axes: "Axes | None" = None) -> "Axes":
-    """Draw the softest and the stiffest ellipse at every place, over the fan of tilts that its long axis can have.
+    """Draw the softest and the stiffest ellipse at every place, over the sector of feasible tilts of the long axis.
 
-    Every place has a scale of its own; the number beside it is the longest half axis [N/m]. Returns the Matplotlib
-    axes.
+    Every place has its own scale; the number beside it is the longest half axis [N/m]. Returns the Matplotlib axes.
     """
     axes = new_axes(8.2, 5.6) if axes is None else axes
     axes.set_aspect("equal")
@@ -188,10 +187,10 @@ def plot_arm(
 ) -> "Axes":
     """Draw an arm in the plane at the posture `q` (n,) [rad] with pressures `P` (m,) [Pa], and its hand's stiffness.
 
-    Muscles are lines, the darker the lower their pressure: those between sites where they run; those round pulleys
-    beside the links, on the side of their arms, and farther out the more joints they cross. The ellipse is K_x u of
-    unit displacements u, at `scale` [m per N/m], by default a third of the arm long. `endpoint` has to
-    be `Endpoint.planar`, or another point on links in the plane. Returns the Matplotlib axes. Raises `InvalidInput`.
+    Muscles are lines, darker at lower pressures. Those between sites are drawn along their paths; those round pulleys
+    beside the links, on the side of their arms, farther out the more joints they cross. The ellipse is K_x u of unit
+    displacements u, at `scale` [m per N/m], by default a third of the arm long. `endpoint` has to be `Endpoint.planar`,
+    or another point on links in the plane. Returns the Matplotlib axes. Raises `InvalidInput`.
     """
     linkage, posture, pressures = _checked(mechanism, endpoint, q, P)
     axes = new_axes(5.6, 4.8) if axes is None else axes
@@ -249,7 +248,7 @@ def _round_pulleys(points: Array, arms: Array) -> Array:
     arms = arms * (1 + _APART * (np.count_nonzero(np.abs(arms) > _SMALLEST) - 1))
     along = np.diff(points, axis=0)
     along /= np.hypot(*along.T)[:, None]
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)  # to the left, where a pull raises the angle
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)  # to the left: there a pull raises the angle
     crossed = np.flatnonzero(np.abs(arms) > _SMALLEST)
     first, last = crossed[0], crossed[-1]
     line = [points[first + 1] + _BEFORE * (points[first] - points[first + 1]) + arms[first] * normal[first]]

@@ -63,11 +63,11 @@ def plot_map(feasible: "FeasibilityMap", axes: "Axes | None" = None) -> Any:
 
 
 def plot_maps(maps: Mapping[str, "FeasibilityMap"], axes: "Axes | None" = None, *, title: str | None = None) -> Any:
-    """Draw several feasible sets on one picture, by their names: torques, angles, muscles, models.
+    """Draw several feasible sets in one picture, by their names: torques, angles, muscles, models.
 
-    The colour tells the set, the dashes the limit: solid where the supply or the model's validity binds, dashed where a
-    cable goes slack, dotted at the ends of the joint range. `title` is the quantity of which the names are values: then
-    the colours are in order, and the sets are filled.
+    The colour shows the set, the dashes the limit: solid where the supply or the model's validity binds, dashed where a
+    cable goes slack, dotted at the ends of the joint range. With a `title`, the quantity of which the names are values,
+    the colours are ordered and the sets filled.
     """
     if len({m.varied for m in maps.values()}) != 1:
         raise InvalidInput("maps on one picture have to vary the same two quantities")
@@ -75,7 +75,7 @@ def plot_maps(maps: Mapping[str, "FeasibilityMap"], axes: "Axes | None" = None, 
     colours = categories(len(maps)) if title is None else shades(len(maps))
     for (name, feasible), colour in zip(maps.items(), colours, strict=True):
         x, y = _drawn(feasible)
-        for loop in outlines(feasible).values() if title else ():  # overlaps of what has no order are but murky
+        for loop in outlines(feasible).values() if title else ():  # fills of unordered sets would only overlap
             axes.fill(*loop, color=colour, alpha=0.10, linewidth=0)
         for edge in feasible.edges:
             axes.plot(*_curve(edge, x, y), color=colour, linestyle=_dash(edge.limits), linewidth=1.6)
@@ -118,12 +118,12 @@ def plot_pressures(feasible: "FeasibilityMap", figure: "Figure | None" = None) -
 
 
 def _title(axes: "Axes", shown: str, assumed: str) -> None:
-    """Say over the picture what it shows, and which slack limits are assumed."""
+    """Write the title: the constant quantities, and assumed slack limits."""
     axes.set_title("\n".join(filter(None, (shown, assumed))), fontsize="medium", loc="left")
 
 
 def _assumed(maps: Mapping[str, "FeasibilityMap"]) -> str:
-    """Return which of the maps rest on assumed slack limits, if any."""
+    """Return a note on the maps with assumed slack limits, if any."""
     assumed = {name: m.assumed for name, m in maps.items() if m.assumed}
     which = "" if len(assumed) == len(maps) else f"{', '.join(assumed)}: "
     return which + next(iter(assumed.values())) if assumed else ""
@@ -158,7 +158,7 @@ def _curve(edge: Edge, x: str, y: str) -> tuple[Array, Array]:
 
 
 def _drawn(feasible: "FeasibilityMap") -> tuple[str, str]:
-    """Return the names of what goes to the right and of what goes up."""
+    """Return the names of the quantities along the x and y axes."""
     if len(feasible.varied) != 2:
         raise InvalidInput("a picture shows two quantities; take one of the map's slices")
     x, y = feasible.varied
@@ -170,7 +170,7 @@ def _shown(feasible: "FeasibilityMap", name: str) -> Array:
 
 
 def _named(quantity: str, maps: Iterable["FeasibilityMap"]) -> str:
-    """Return what stands on an axis: of a stiffness which it is, if it is the same in all maps."""
+    """Return the label of an axis, with the kind of stiffness if it is the same in all maps."""
     kinds = {m.kind.text for m in maps}
     if quantity != "K" or len(kinds) > 1:
         return quantity
@@ -178,7 +178,7 @@ def _named(quantity: str, maps: Iterable["FeasibilityMap"]) -> str:
 
 
 def _show_range(axes: "Axes", maps: Iterable["FeasibilityMap"]) -> None:
-    """Show the whole grid that was asked for, with a margin for lines on its border."""
+    """Show the whole requested grid, with a margin for lines on its border."""
     maps = list(maps)
     for name, axis in zip(_drawn(maps[0]), "xy", strict=True):
         shown = np.concatenate([_shown(m, name) for m in maps])
@@ -190,7 +190,7 @@ def _show_range(axes: "Axes", maps: Iterable["FeasibilityMap"]) -> None:
 
 
 def limit_text(limits: int) -> str:
-    """Return what binds, in two or three words: "P1 upper", "both slack", …"""
+    """Return the binding limits in two or three words: "P1 upper", "both slack", …"""
     kinds = {
         Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK: "both slack",
         Limit.P1_UPPER | Limit.P2_UPPER: "supply pressure",
@@ -201,7 +201,7 @@ def limit_text(limits: int) -> str:
 
 
 def _held(feasible: "FeasibilityMap") -> str:
-    """Return what is the same all over the map."""
+    """Return the constant quantities of the map."""
     (name,) = {"theta", "K", "T"} - set(feasible.varied)
     symbol, unit = {"theta": ("θ", "°"), "K": ("K", " N·m/rad"), "T": ("T", " N·m")}[name]
     return f"at {symbol} = {float(_shown(feasible, name)):.4g}{unit}"
@@ -219,13 +219,13 @@ def _dashes_used(edges: Iterable[Edge]) -> list[tuple[str, Dash]]:
 
 
 def _label_edges(axes: "Axes", feasible: "FeasibilityMap", x: str, y: str) -> None:
-    """Write what binds along the middle of every edge: outside the set, at the ends of the joint range inside."""
+    """Write the binding limits along the middle of every edge: outside the set, inside at ends of the joint range."""
     to_pixels = axes.transData.transform
     loops = outlines(feasible)
     for edge in feasible.edges:
         curve = to_pixels(np.stack(_curve(edge, x, y), axis=1))
         if np.hypot(*np.ptp(curve, axis=0)) < _LETTER * len(limit_text(edge.limits)):
-            continue  # no space; the dashes tell it
+            continue  # no space; the dashes identify it
         middle, tangent = _halfway(curve)
         centre = to_pixels(np.mean(loops[edge.part], axis=1))
         normal = np.array([-tangent[1], tangent[0]])

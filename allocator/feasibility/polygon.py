@@ -1,8 +1,8 @@
-"""Convex polygons of what two targets can be together, found corner by corner with linear programmes.
+"""Convex polygons of the feasible pairs of two targets, found corner by corner with linear programmes.
 
-The farthest point in the direction outward from an edge between two known corners either is a new corner, or proves the
-edge: no pressures are beyond it. The prices of that proof say which muscles' limits are in the way, all along the edge:
-those that would move it if they were relieved.
+The farthest point outward from an edge between two known corners either is a new corner, or proves that no pressures
+are beyond the edge. The dual prices of that proof identify the muscles' limits that bind all along the edge: those that
+would move it if they were relaxed.
 """
 
 import re
@@ -97,13 +97,13 @@ def _unknown(name: object, n: int, hand: Hand | None) -> InvalidInput:
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_NEAR = 1e-9  # of the size: what is farther out by less is on the edge
-_FREE = 1e-7  # of the size: a limit that moves an edge by less over all of its range does not bind
+_NEAR = 1e-9  # of the size: a point farther out by less is on the edge
+_FREE = 1e-7  # of the size: a limit that moves an edge by less over its whole range does not bind
 _MOST_CORNERS = 2000
 
 
 class Farthest(NamedTuple):
-    """A `Farthest` is where a linear function of the pressures has its greatest value."""
+    """Maximum of a linear function of the pressures."""
 
     P: Array  # (m,) [Pa]
     price: Array  # (m,) of the limits, per Pa; positive at the greatest pressure, negative at the least
@@ -119,7 +119,7 @@ class Programme(NamedTuple):
     exists: bool  # whether there is a box
 
     def farthest(self, slope: Array) -> Farthest | None:
-        """Return where slope·P is greatest; None where no pressures keep the targets."""
+        """Return the maximum of slope·P; None if no pressures keep the targets."""
         if not self.exists:
             return None
         if not len(self.rows):
@@ -152,22 +152,22 @@ class Programme(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """An `Edge` of a polygon leads from one corner to the next, anticlockwise."""
+    """Edge of a polygon from one corner to the next, anticlockwise."""
 
     start: Array  # (2,)
     end: Array
-    active: tuple[str, ...]  # the limits that would move the edge if they were relieved: "muscle 1 upper", …
+    active: tuple[str, ...]  # the limits that would move the edge if they were relaxed: "muscle 1 upper", …
 
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
-    """All values that two targets can have together; without corners there are none."""
+    """All feasible values of two targets; no corners if there are none."""
 
     axes: tuple[Coordinate, Coordinate]
     vertices: Array  # (k, 2), anticlockwise, in the targets' units
-    P: Array  # pressures that give them (k, m) [Pa]
+    P: Array  # their pressures (k, m) [Pa]
     edges: tuple[Edge, ...]  # edge i leads from vertex i to the next
-    held: str  # which others are kept, in words
+    held: str  # the constant targets, in words
 
     @property
     def area(self) -> float:
@@ -176,7 +176,7 @@ class Polygon:
         return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
     def contains(self, x: object, y: object, tolerance: float = 1e-9) -> Any:
-        """Return whether the points (…) lie inside, up to `tolerance` in shares of the polygon's size."""
+        """Return whether the points (…) lie inside, up to `tolerance` in fractions of the polygon's size."""
         points = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1)
         if not len(self.vertices):
             return np.zeros(points.shape[:-1], bool)
@@ -187,12 +187,12 @@ class Polygon:
             length = np.hypot(*along)
             outward = np.array([along[1], -along[0]]) / length
             inside &= (points - edge.start) @ outward <= tolerance * size
-            if len(self.edges) == 2:  # both sides of a line: between its ends, too
+            if len(self.edges) == 2:  # both sides of a line: also check its ends
                 inside &= ((points - edge.start) @ along / length) <= length + tolerance * size
         return inside
 
     def plot(self, axes: "Axes | None" = None) -> Any:
-        """Draw the polygon with what binds named on its edges; returns the Matplotlib axes."""
+        """Draw the polygon with the binding limits named on its edges; return the Matplotlib axes."""
         from allocator.feasibility.pictures import plot_polygon
 
         return plot_polygon(self, axes)
@@ -228,7 +228,7 @@ def outline(programme: Programme, offset: Array, slope: Array) -> tuple[list[Cor
 
 
 def _refined(ring: list[tuple[Array, Array]], corner: Any) -> tuple[list[tuple[Array, Array]], list[Array]]:
-    """Return all corners and the prices of the sides, by going outward from every side until none gives way."""
+    """Return all corners and the prices of the sides, by searching outward from every side until none moves."""
     i, sides = 0, []
     while i < len(ring):
         if len(ring) > _MOST_CORNERS:
@@ -247,7 +247,7 @@ def _refined(ring: list[tuple[Array, Array]], corner: Any) -> tuple[list[tuple[A
 
 
 def _without_flat(ring: list[tuple[Array, Array]], sides: list[Array]) -> tuple[list[tuple[Array, Array]], list[Array]]:
-    """Leave out the corners at which the outline does not turn: linear programmes may end in the middle of a side."""
+    """Remove the corners at which the outline does not turn: a linear programme may end in the middle of a side."""
     points = np.array([point for point, _ in ring])
     middle = points.mean(axis=0)
     _, _, (axis, across) = np.linalg.svd(points - middle, full_matrices=False)

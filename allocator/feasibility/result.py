@@ -34,11 +34,11 @@ class FeasibilityMap:
 
     setting: Setting = field(repr=False)
     theta: Array = field(repr=False)  # joint angles [rad], (n,) if varied, else ()
-    K: Array = field(repr=False)  # stiffnesses asked for [N·m/rad], likewise
-    T: Array = field(repr=False)  # torques asked for [N·m], likewise
+    K: Array = field(repr=False)  # requested stiffnesses [N·m/rad], likewise
+    T: Array = field(repr=False)  # requested torques [N·m], likewise
     status: NDArray[np.int8] = field(repr=False)  # Status of every cell
     limits: NDArray[np.int32] = field(repr=False)  # combination of Limit flags that bind at its answer
-    P1: Array = field(repr=False)  # agonist pressure of its answer [Pa]; the nearest where it is not feasible
+    P1: Array = field(repr=False)  # agonist pressure of its answer [Pa]; the nearest one if infeasible
     P2: Array = field(repr=False)  # antagonist pressure [Pa]
     state: NDArray[np.int8] | None = field(default=None, repr=False)  # of free valves: 1 antagonist shut, 2 agonist, 3
 
@@ -49,12 +49,12 @@ class FeasibilityMap:
 
     @property
     def _state(self) -> NDArray[np.int8]:
-        """States of the valves, all open where they are not free."""
+        """States of the valves, all open unless they are free."""
         return np.zeros(self.status.shape, np.int8) if self.state is None else self.state
 
     @property
     def kind(self) -> StiffnessKind:
-        """Which stiffness is mapped: isobaric, shut, …"""
+        """Kind of the mapped stiffness: isobaric, shut, …"""
         return self.setting.kind
 
     @property
@@ -70,7 +70,7 @@ class FeasibilityMap:
 
     @property
     def _feasible_points(self) -> tuple[Array, Array, Array]:
-        """Angles [rad] and pressures [Pa] of all cells, with NaN pressures where nothing is feasible."""
+        """Angles [rad] and pressures [Pa] of all cells, with NaN pressures in infeasible ones."""
         theta = self.theta.reshape(-1, *[1] * (len(self.varied) - 1)) if self.theta.ndim else self.theta
         P1, P2 = (np.where(self.feasible, P, np.nan) for P in (self.P1, self.P2))
         return np.broadcast_to(theta, P1.shape), P1, P2
@@ -82,7 +82,7 @@ class FeasibilityMap:
 
     @property
     def feasible(self) -> Mask:
-        """Where angle, stiffness and torque can be had together."""
+        """Whether angle, stiffness and torque of a cell are feasible together."""
         return np.asarray(self.status == Status.EXACT)
 
     @property
@@ -133,10 +133,9 @@ class FeasibilityMap:
     # --- on disk ----------------------------------------------------------------------------------------------------
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """Write one row a cell: degrees, N·m/rad, N·m, the status and the limits by name, bar.
+        """Write one row per cell: degrees, N·m/rad, N·m, the status and the limits by name, bar.
 
-        A last column tells where slack limits are assumed, and one which feasible cells are extrapolated beyond what
-        was measured of a muscle.
+        Further columns mark assumed slack limits, and feasible cells extrapolated beyond a muscle's measured region.
         """
         outside = extrapolates(self.joint, *self._feasible_points)
         with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
@@ -150,7 +149,7 @@ class FeasibilityMap:
 
     @property
     def _header(self) -> str:
-        """Names of the columns: also which stiffness it is if not isobaric, and the state of free valves."""
+        """Names of the columns, with the kind of stiffness unless isobaric, and the state of free valves."""
         if self.kind.isobaric:
             return _HEADER
         name = self.kind.text.replace(" stiffness", "").replace(" at ", "_").replace(" ", "").replace("-", "_")
@@ -196,10 +195,10 @@ class FeasibilityMap:
                 assumed=np.array(self.assumed),
             )
 
-    # --- to look at -------------------------------------------------------------------------------------------------
+    # --- pictures ---------------------------------------------------------------------------------------------------
 
     def plot(self, axes: "Axes | None" = None) -> Any:
-        """Draw the feasible set with its edges, labelled by the limit that binds; returns the Matplotlib axes."""
+        """Draw the feasible set with its edges, labelled by the binding limit; return the Matplotlib axes."""
         from allocator.feasibility.plotting import plot_map
 
         return plot_map(self, axes)

@@ -1,8 +1,8 @@
-"""Joint with its limits, held at angles and torques, and the spans between which targets are feasible.
+"""Joint with its limits at given angles and torques, and the intervals of feasible targets.
 
-At one angle and one torque the pairs of pressures that exist form a piece of a torque level
-(`allocator.joint.torque_levels`), and their stiffnesses an interval. This is a *column* of the feasible set; everything
-in this package is made of columns.
+At one angle and one torque the feasible pairs of pressures form a piece of a torque level
+(`allocator.joint.torque_levels`), and their stiffnesses an interval: a *column* of the feasible set. All results of
+this package consist of columns.
 """
 
 from collections.abc import Callable, Iterable
@@ -24,7 +24,7 @@ from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind, of_a_j
 from allocator.joint.limits import TAUT, Limits, checked_limits
 from allocator.joint.torque_levels import Pair, torque_interval
 
-_NO_TARGET = 1.0  # [N·m/rad] stands for the stiffness where none is asked for
+_NO_TARGET = 1.0  # [N·m/rad] placeholder if no stiffness is requested
 
 
 class Columns(NamedTuple):
@@ -35,34 +35,34 @@ class Columns(NamedTuple):
     high: Pair  # and of the greatest
     K_min: Array  # [N·m/rad]
     K_max: Array
-    reach: Array  # how far the torque is inside its interval, as a fraction of the torque scale; negative outside
-    signs: Array  # of the determinant, see `exact.determinant_signs`: where not 0 one pair gives each stiffness
-    problem_high: Problem  # of the greatest stiffness, where it is had with other valves than the least
+    reach: Array  # margin of the torque within its interval, as a fraction of the torque scale; negative outside
+    signs: Array  # of the determinant, see `exact.determinant_signs`: unless 0, one pair gives each stiffness
+    problem_high: Problem  # of the greatest stiffness, if its valves differ from those of the least
 
     @property
     def empty(self) -> Mask:
-        """Where the limits contradict each other."""
+        """Whether the limits contradict each other."""
         return self.problem.box.empty
 
     @property
     def exists(self) -> Mask:
-        """Where there are allowed pressures that give the torque."""
+        """Whether there are allowed pressures that give the torque."""
         return np.asarray((self.reach >= -CLOSED_FORM.met) & ~self.empty)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Joint and the limits asked for beyond its supply and its angles, without a slew limit."""
+    """Joint and the requested limits beyond its supply and its angles, without a slew limit."""
 
     joint: AntagonistJoint
     limits: Limits = TAUT
-    kind: StiffnessKind = HELD  # which stiffness is meant
+    kind: StiffnessKind = HELD  # kind of stiffness
 
     @classmethod
     def of(cls, joint: AntagonistJoint | None, limits: Limits = TAUT, stiffness: Stiffness = ISOBARIC) -> Self:
-        """Take the arguments of `allocate` of these names, and the report's joint where none is given.
+        """Return the setting of these arguments of `allocate`, by default with the report's joint.
 
-        Raises `InvalidInput` for a slew limit, a tolerance and an endpoint, which no map has.
+        Raises `InvalidInput` for a slew limit, a tolerance or an endpoint, which maps do not support.
         """
         joint = joint_or_report(joint)
         kind = of_a_joint(stiffness, joint.gas, joint.affine)
@@ -74,29 +74,29 @@ class Setting:
 
     @property
     def states(self) -> "tuple[Setting, ...]":
-        """Settings that may be chosen from: four where the valves are free, else this one."""
+        """Settings to choose from: four if the valves are free, else this one."""
         return tuple(replace(self, kind=kind) for kind in self.kind.states)
 
     def problem(self, theta: Value, T: Value = 0.0, K: Value = _NO_TARGET) -> tuple[Problem, Array]:
-        """Return the checked, flat problems (angles moved into the joint range), and the angles asked for.
+        """Return the checked, flat problems (angles moved into the joint range), and the requested angles.
 
-        Where the valves are free they are open, which leaves the widest choice of pressures and torques.
+        Free valves are open, which leaves the widest choice of pressures and torques.
         """
         kind = self.states[0].kind
         felt = kind.secant(self.joint.loop) if kind.amplitude is not None else None
         return problem_from(self.joint, theta, K, T, limits=self.limits, shares=kind.fixed, felt=felt)
 
     def columns(self, theta: Value, T: Value) -> Columns:
-        """Return the columns at angles in the joint range, and at torques brought within reach.
+        """Return the columns at angles in the joint range, and at torques clipped to their range.
 
-        Where the valves are free they reach from the least to the greatest stiffness of all states: there may be gaps.
+        With free valves they extend from the least to the greatest stiffness of all states, and may have gaps.
         """
         found = [columns(state.problem(theta, T)[0]) for state in self.states]
         return found[0] if len(found) == 1 else _united(found)
 
 
 def columns(problem: Problem, signs: Array | None = None) -> Columns:
-    """Return the ends of the stiffnesses with what they mean, by the determinant's `signs` if these are known."""
+    """Return the columns of the problems, by the determinant's `signs` if these are known."""
     T_min, T_max = torque_interval(problem.sides, problem.box)
     scale = problem.scales[0]
     T = np.clip(problem.T, T_min, T_max)
@@ -136,7 +136,7 @@ def _united(found: list[Columns]) -> Columns:
 
 
 def _with_states(found: list[Columns], which: NDArray[np.intp]) -> Problem:
-    """Return the problems with the valves of these states."""
+    """Return the problems with the valves in these states."""
     one, two = np.array(StiffnessKind.free)[which].T
     return replace(found[0].problem, shares=(one, two))
 
@@ -147,7 +147,7 @@ PIECES = 128
 def lowest(f: Callable[..., Array], start: Array, end: Array, *args: Array, pieces: int) -> Array:
     """Return the x (n,) in [start, end] with the least f(x, *args), found among `pieces` and then refined.
 
-    A fall and its way back within one piece are missed.
+    A minimum within one piece is missed.
     """
     from scipy.optimize import elementwise
 
@@ -169,8 +169,8 @@ def spans(
 ) -> tuple[Array, Array]:
     """Return starts and ends (m, n) of the intervals in [left, right] with margin(x, *args (n,)) ≥ 0, NaN where fewer.
 
-    Exact where the intervals and the gaps between them are wider than one of the `pieces`. A single interval is found
-    however narrow, if the margin rises towards it over more than a piece.
+    Exact if the intervals and the gaps between them are wider than one of the `pieces`. A single interval of any width
+    is found if the margin rises towards it over more than a piece.
     """
     x = np.repeat(np.linspace(left, right, pieces + 1)[:, None], args[0].size, axis=1)
     inside = _refined(margin, x, args) >= 0
@@ -184,7 +184,7 @@ def spans(
 
 
 def _refined(margin: Callable[..., Array], x: Array, args: tuple[Array, ...]) -> Array:
-    """Return the margin at the nodes x (pieces+1, n); where all are negative the best is moved to the margin's top."""
+    """Return the margin at nodes x (pieces+1, n); if all are negative, move the best node to the margin's maximum."""
     values = margin(x, *args)
     missed = np.nonzero((values < 0).all(axis=0))[0]
     if missed.size:
@@ -197,9 +197,9 @@ def _refined(margin: Callable[..., Array], x: Array, args: tuple[Array, ...]) ->
 
 
 def _crossings(margin: Callable[..., Array], x: Array, flags: Mask, step: int, args: tuple[Array, ...]) -> Array:
-    """Return where the margin is zero between the flagged nodes of x (pieces+1, n) and their neighbours, else NaN.
+    """Return the zeros of the margin between the flagged nodes of x (pieces+1, n) and their neighbours, else NaN.
 
-    At the border of x, where there is no neighbour, the node itself.
+    At the border of x, without a neighbour, the node itself.
     """
     found = np.full(x.shape, np.nan)
     i, column = np.nonzero(flags)

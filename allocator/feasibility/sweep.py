@@ -1,4 +1,4 @@
-"""Designs and their performance; `design_sweep` runs many, on an executor or a cluster, and continues after breaks."""
+"""Designs and their performance; `design_sweep` runs many, on an executor or a cluster, and can resume."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -23,7 +23,7 @@ from allocator.joint.torque_levels import torque_interval
 from allocator.muscles import Muscle
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 
-_PIECES = 64  # of the joint range in which extremes are looked for
+_PIECES = 64  # of the joint range in the search for extremes
 
 
 class Design(NamedTuple):
@@ -44,13 +44,13 @@ _REPORT = Design()
 
 
 class Performance(NamedTuple):
-    """A `Performance` is what a design can do at no load, stiffnesses isobaric; NaN where there is nothing."""
+    """Performance of a design without load, with isobaric stiffnesses; NaN if infeasible."""
 
-    left: float  # joint range [rad]: the widest interval of angles that can be held without load
+    left: float  # joint range [rad]: the widest interval of feasible angles without load
     right: float
-    K_low: float  # the stiffnesses from K_low to K_high [N·m/rad] can be held over the whole range …
+    K_low: float  # stiffnesses from K_low to K_high [N·m/rad] are feasible over the whole range …
     K_high: float  # … none if K_low > K_high
-    torque_reserve: float  # torque [N·m] that can be given at least, in both directions, at every angle of the range
+    torque_reserve: float  # least feasible torque [N·m] in both directions over the range
 
     @property
     def range(self) -> float:
@@ -59,7 +59,7 @@ class Performance(NamedTuple):
 
     @property
     def band(self) -> float:
-        """Width of the band of stiffnesses that hold over the whole range [N·m/rad]; 0 if there is none."""
+        """Width of the band of stiffnesses feasible over the whole range [N·m/rad]; 0 if there is none."""
         return max(self.K_high - self.K_low, 0.0)
 
 
@@ -88,10 +88,10 @@ def performance(
     stops: tuple[float, float] | None = None,
     min_force: float = 0.0,
 ) -> Performance:
-    """Return joint range, stiffness band and torque reserve of a design; all NaN if no angle can be held without load.
+    """Return joint range, stiffness band and torque reserve of a design; all NaN if no angle is feasible without load.
 
     Extremes over the range are found among 65 angles and refined. An initial contraction below the threshold leaves no
-    angle at all and is answered so; other numbers that make no joint raise InvalidInput.
+    angle and gives NaN; other invalid numbers raise InvalidInput.
     """
     if design.initial_contraction <= AntagonistJoint.min_contraction:
         return _NOTHING
@@ -129,7 +129,7 @@ def _extremes(setting: Setting, left: float, right: float) -> Iterator[float]:
 
 
 def checked(designs: Iterable[Design]) -> tuple[Design, ...]:
-    """Return the designs, of which there has to be one at least."""
+    """Return the designs. Raises `InvalidInput` if there are none."""
     found = tuple(designs)
     if not found:
         raise InvalidInput("design_sweep got no designs")
@@ -138,8 +138,8 @@ def checked(designs: Iterable[Design]) -> tuple[Design, ...]:
     return found
 
 
-_BATCH = 16  # designs a task: some 50 ms, against a few for sending it
-_AHEAD = 64  # tasks that are submitted before the first is back
+_BATCH = 16  # designs per task: about 50 ms, against a few for sending it
+_AHEAD = 64  # tasks submitted before the first returns
 _COLUMNS = (*Design._fields, *Performance._fields)
 
 Answer: TypeAlias = tuple[Design, Performance]
@@ -148,7 +148,7 @@ Progress: TypeAlias = Callable[..., Iterable[Answer]]
 
 @dataclass(frozen=True)
 class Sweep:
-    """Designs and what each of them can do, in the order in which they were asked for."""
+    """Designs and their performance, in the requested order."""
 
     designs: tuple[Design, ...]
     performances: tuple[Performance, ...]
@@ -179,17 +179,17 @@ def design_sweep(
     Parameters
     ----------
     designs
-        The designs to try.
+        The designs to evaluate.
     muscle, stops, min_force
         Of all designs: both muscles, the mechanical end stops [rad] and the force [N] that keeps the cables taut.
     executor
         Any `concurrent.futures.Executor` to run on, e.g. a `ProcessPoolExecutor`, or `distributed.Client(...)
         .get_executor()` for a Dask cluster (extra `antagonist[dask]`). None: in this thread.
     out
-        CSV file to which every design is appended as soon as it is done. Designs that stand in it are not computed
-        again, so that an interrupted sweep goes on. A file of another muscle or other limits is refused.
+        CSV file to which every design is appended when done. Designs found in it are not computed again, so that an
+        interrupted sweep resumes. A file of another muscle or other limits is refused.
     progress
-        What to wrap the iteration over finished designs in, called with `total=`: `tqdm.tqdm`, `rich.progress.track`.
+        Wrapper of the iteration over finished designs, called with `total=`: `tqdm.tqdm`, `rich.progress.track`.
     """
     designs = checked(designs)
     rules = f"# muscle = {muscle!r}, stops = {stops!r} rad, min_force = {float(min_force)!r} N"
@@ -231,7 +231,7 @@ def _batch(designs: list[Design], rules: tuple[Any, ...]) -> list[Answer]:
 
 
 def _read(path: Path, rules: str) -> dict[Design, Performance]:
-    """Return what the file holds; begin it if it does not exist. A last line without its end is dropped."""
+    """Return the contents of the file; create it if it does not exist. An incomplete last line is dropped."""
     head = f"{rules}\n{','.join(_COLUMNS)}\n"
     if not path.exists() or not path.stat().st_size:
         write_text(path, head)

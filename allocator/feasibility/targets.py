@@ -1,10 +1,10 @@
-"""At a posture everything that affine muscles can do is a zonotope: {y0 + M P} over the box of the pressures.
+"""Feasible targets of affine muscles at a posture: a zonotope {y0 + M P} over the box of the pressures.
 
 y holds torques and stiffness. The zonotope is known by its support function
 
     h(d) = max d·y = d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j),
 
-which is the proof of what is beyond reach (d·y* > h(d)), and the way to its corners: the pressures that attain it.
+which proves that targets are out of reach (d·y* > h(d)) and gives the corners: the pressures that attain it.
 """
 
 from collections.abc import Mapping
@@ -36,18 +36,17 @@ def feasible_targets(
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
 ) -> "FeasibleTargets":
-    """Return all torques and stiffnesses that a mechanism with affine muscles can have at a posture `q` (n,) [rad].
+    """Return the feasible torques and stiffnesses of a mechanism with affine muscles at a posture `q` (n,) [rad].
 
-    Of an `Endpoint` with as many coordinates as there are joints, its `stiffness` is a target as well. Limits are those
-    of `allocate`. Raises `InvalidInput`, also for a posture beyond the range
-    of the joints.
+    The `stiffness` of an `Endpoint` with as many coordinates as joints is a target as well. Limits are those of
+    `allocate`. Raises `InvalidInput`, also for a posture beyond the range of the joints.
     """
     if not isinstance(mechanism, Mechanism):
         raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
-    mechanism.check_affine("what is feasible")
+    mechanism.check_affine("feasibility")
     problem, shape = problem_from(mechanism, q, 1.0, 0.0, limits=limits, stiffness=stiffness)
     if shape:
-        raise InvalidInput(f"q has the shape {np.shape(q)}; what is feasible is asked for one posture ({mechanism.n},)")
+        raise InvalidInput(f"q has the shape {np.shape(q)}; expected one posture ({mechanism.n},)")
     if problem.outside.any():
         raise InvalidInput(f"q = {np.array(q)} rad is beyond the range of {_outside(problem)}")
     endpoint = stiffness.endpoint
@@ -62,7 +61,7 @@ def _outside(problem: BoxProblem) -> str:
 
 @dataclass(frozen=True, eq=False)
 class FeasibleTargets:
-    """All torques and stiffnesses that a mechanism can have at one posture."""
+    """Feasible torques and stiffnesses of a mechanism at one posture."""
 
     _problem: BoxProblem = field(repr=False)
 
@@ -90,7 +89,7 @@ class FeasibleTargets:
 
     @cached_property
     def exists(self) -> bool:
-        """Whether the limits leave every muscle a pressure, at which it is taut."""
+        """Whether the limits leave every muscle a pressure that keeps it taut."""
         return not any((side.empty | side.unreachable | side.slack).any() for side in self._problem.box)
 
     def support(self, d: ArrayLike) -> Array:
@@ -126,11 +125,11 @@ class FeasibleTargets:
         return np.asarray(self._problem.endpoint.stiffness(self._problem.joint_stiffness(P[None]))[0])
 
     def polygon(self, x: object, y: object, held: Mapping[str, float] | None = None) -> Polygon:
-        """Return all values that two targets can have together: a convex polygon, with what binds along each edge.
+        """Return all feasible values of two targets: a convex polygon, with the binding limits of each edge.
 
         Targets are "T1" …, "K11", "K12" … and of an endpoint "Kx11" …, or mappings of such names to weights (`{"Kx11":
-        0.5, "Kx22": -0.5}`). `held` gives others that are kept, by name [N·m], [N·m/rad], [N/m]: `{"T1": 9.0, "T2":
-        4.0}`; what is not held is free. Raises `InvalidInput`.
+        0.5, "Kx22": -0.5}`). `held` gives constant targets by name [N·m], [N·m/rad], [N/m]: `{"T1": 9.0, "T2": 4.0}`;
+        the rest is free. Raises `InvalidInput`.
         """
         axes = self.coordinate(x), self.coordinate(y)
         rows = np.stack([axis.direction for axis in axes])
@@ -165,7 +164,7 @@ class FeasibleTargets:
         return Programme(rows, right, *self.box, self.exists)
 
     def _binding(self, price: Array) -> tuple[str, ...]:
-        """Return the names of the limits that a price (m,) is paid for: positive at the greatest pressure."""
+        """Return the names of the limits with a price (m,), positive at the greatest pressure."""
         pairs = zip(self.mechanism.muscle_names, self._problem.box, price, strict=True)
         return tuple(
             limit
@@ -193,10 +192,10 @@ _ACROSS = {"Kx11": 0.5, "Kx22": -0.5}
 
 @dataclass(frozen=True, eq=False)
 class EndpointEllipses:
-    """`EndpointEllipses` are what a hand in the plane can have at postures (…), NaN where the torques do not exist."""
+    """Extreme stiffness ellipses of a hand in the plane at postures (…), NaN where the torques are infeasible."""
 
     q: Array  # (…, 2) [rad]
-    x: Array  # where the hand is (…, 2) [m]
+    x: Array  # position of the hand (…, 2) [m]
     softest: Array  # K_x of the least trace (…, 2, 2) [N/m]
     stiffest: Array  # and of the greatest
     tilt: Array  # of the long axis from x anticlockwise, least and greatest (…, 2) [rad]; π apart where all exist
@@ -207,7 +206,7 @@ class EndpointEllipses:
         return np.isfinite(self.softest[..., 0, 0])
 
     def plot(self, axes: "Axes | None" = None) -> Any:
-        """Draw the ellipses where the hand is; returns the Matplotlib axes."""
+        """Draw the ellipses at the hand's positions; return the Matplotlib axes."""
         from allocator.feasibility.pictures import plot_workspace
 
         return plot_workspace(self, axes)
@@ -224,8 +223,8 @@ def endpoint_ellipses(
 ) -> EndpointEllipses:
     """Return the softest and the stiffest ellipse of a hand in the plane at postures `q` (…, 2) [rad], and its tilts.
 
-    The torques are held: `T` (…, 2) [N·m] or a number, and those of the `force` (2,) [N] that the hand exerts. Raises
-    `InvalidInput`, also for other than two joints and two coordinates, and where the Jacobian is singular.
+    The torques are constant: `T` (…, 2) [N·m] or a number, plus those of the `force` (2,) [N] that the hand exerts.
+    Raises `InvalidInput`, also unless there are two joints and two coordinates, and if the Jacobian is singular.
     """
     if not isinstance(endpoint, Endpoint) or (endpoint.n, endpoint.dim) != (2, 2):
         what = endpoint.text if isinstance(endpoint, Endpoint) else f"a {type(endpoint).__name__}"

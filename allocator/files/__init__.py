@@ -1,1 +1,1 @@
-"""Reading of CSV tables and bags, and writing of files that appear whole or not at all."""
+"""Reading of CSV tables and bags, and atomic writing of files."""

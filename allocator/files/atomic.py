@@ -1,6 +1,6 @@
-"""Atomic writing of files: a reader sees the old one until the new one is complete.
+"""Atomic writing of files: readers see the old file until the new one is complete.
 
-What is written goes to a temporary file beside the target, which then takes the target's place.
+The content goes to a temporary file next to the target, which then replaces the target.
 """
 
 import os
@@ -14,10 +14,10 @@ from allocator.errors import CannotWrite
 
 @contextmanager
 def replacing(path: str | PathLike[str]) -> Iterator[Path]:
-    """Give the path to write to, with the ending of `path`; what is there at the end becomes `path`.
+    """Yield a temporary path with the suffix of `path`; on exit its file replaces `path`.
 
-    Missing directories are made. A link is followed, and what is no file (a device, a pipe) is written to directly.
-    Raises `CannotWrite`; a failure leaves an older `path` as it was.
+    Missing directories are created. Links are followed; devices and pipes are written to directly. Raises
+    `CannotWrite`; a failure leaves an older `path` unchanged.
     """
     try:
         target = Path(os.path.realpath(path))
@@ -41,7 +41,7 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
 
 
 def check_writable(path: str | PathLike[str]) -> None:
-    """Insist that `path` is no directory, not below a file, and not write-protected. Raises `CannotWrite`."""
+    """Raise `CannotWrite` if `path` is a directory, below a file, or write-protected."""
     target = Path(path)
     try:
         directory = target.is_dir()
@@ -57,6 +57,6 @@ def check_writable(path: str | PathLike[str]) -> None:
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write `text` to `path` in UTF-8, whole or not at all. Raises `CannotWrite`."""
+    """Write `text` to `path` in UTF-8, atomically. Raises `CannotWrite`."""
     with replacing(path) as draft:
         draft.write_text(text, encoding="utf-8", newline="")

@@ -1,11 +1,11 @@
 """Topics of recordings of robots: ROS 1 bags, ROS 2 bags and MCAP files, as columns of a table.
 
-A quantity is a number in the messages of one topic, `theta=/joint_states.position[0]`, with a unit where it is not SI,
-`pressure1=/valves.data[2]:bar`. Messages are read one after the other, and only the numbers are kept. Times are those
-at which a message was recorded.
+A quantity is a number in the messages of one topic, `theta=/joint_states.position[0]`, with a unit unless it is SI,
+`pressure1=/valves.data[2]:bar`. Messages are read in order, and only the numbers are kept. Times are those at which a
+message was recorded.
 
-Topics come at times of their own. The table has a row for every message of the first quantity's topic; the others are
-as in their last message before it, and a row is left out where that is older than `_STALE`.
+Topics have different times. The table has a row for every message of the first quantity's topic, with the others' last
+earlier values; a row is left out if one of these is older than `_STALE`.
 """
 
 import json
@@ -61,7 +61,7 @@ class Quantity(NamedTuple):
         return tuple(found)
 
     def of(self, message: object) -> float:
-        """Return the number. Raises `LookupError` or `AttributeError` where there is none."""
+        """Return the number. Raises `LookupError` or `AttributeError` if there is none."""
         value: Any = message
         for step in self.path:
             if isinstance(step, int):
@@ -171,7 +171,7 @@ class _Decoder:
 def read_topics(path: Path, quantities: Sequence[Quantity]) -> dict[str, tuple[Array, Array]]:
     """Return times (n,) [s] and numbers (n,) of each quantity by its name.
 
-    Raises `InvalidFile`, naming the topics that exist, for a topic that does not, and for a message without the number.
+    Raises `InvalidFile` for an unknown topic, with the existing ones, and for a message without the number.
     """
     series = {q.name: (array("q"), array("d")) for q in quantities}
     with opened(path) as bag:
@@ -222,8 +222,9 @@ def to_csv(path: Path, quantities: Sequence[Quantity], out: Path) -> tuple[int, 
 
 
 def sampled(path: Path, quantities: Sequence[Quantity]) -> tuple[list[str], Array, int]:
-    """Return names with units and the values (n, 1 + quantities) of a table, times first, and how many rows were left
-    out. Raises `InvalidFile` as `read_topics` does.
+    """Return (names with units, values (n, 1 + quantities), times first, number of rows left out).
+
+    Raises `InvalidFile` as `read_topics` does.
     """
     series = read_topics(path, quantities)
     t, _ = series[quantities[0].name]

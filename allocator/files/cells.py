@@ -1,4 +1,4 @@
-"""Numbers in the cells of a table, and the sentence for a cell that holds none."""
+"""Numbers in the cells of a table, and the message about a cell without a number."""
 
 import re
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ import numpy as np
 
 from allocator.calculus import Array
 
-_MISSING_WORDS = (  # spellings of a value that is not there
+_MISSING_WORDS = (  # spellings of a missing value
     "nan -nan na n/a #n/a #nv #n/v n.a. null none nil missing - -- --- ? . 1.#qnan -1.#qnan 1.#ind -1.#ind "
     "-nan(ind) nan(ind) #wert! #value! #div/0!"
 )
@@ -17,7 +17,7 @@ _WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d+)?\s*[^\W\d_°%]*[°%]?(/\w+)?")
 
 
 def floats(cells: Sequence[str], decimal_comma: bool) -> Array:
-    """Return the numbers (n,) in the cells, NaN where there is none."""
+    """Return the numbers (n,) in the cells, NaN for cells without one."""
     if decimal_comma:
         cells = [cell.replace(",", ".") for cell in cells]
     try:
@@ -42,7 +42,7 @@ def is_misspelled(cell: str) -> bool:
 
 
 def complaint(cell: str) -> str:
-    """Return the sentence about a cell that is no finite number."""
+    """Return the message about a cell that is not a finite number."""
     text = cell.strip()
     if not text:
         return "a value is missing"
@@ -61,9 +61,9 @@ def complaint(cell: str) -> str:
 
 
 def thousands(cells: Sequence[str]) -> int | None:
-    """Return the index of a comma that separates thousands and not decimals; None if there is no sign of one.
+    """Return the index of a comma that separates thousands, not decimals; None if nothing indicates one.
 
-    The sign: every comma stands before three digits, and a number without a comma has three digits itself.
+    The indication: every comma precedes three digits, and a number without a comma has three digits.
     """
     commas = [i for i, cell in enumerate(cells) if "," in cell]
     if not commas or not all(_THOUSANDS.fullmatch(cells[i].strip()) for i in commas):

@@ -14,7 +14,7 @@ _PATTERN = re.compile(
     r"(?:(?P<h>\d{1,2}):)?(?P<m>\d{1,2}):(?P<s>\d{2}(?:[.,:]\d+)?)"
     r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|z|[+-]\d{2}:?\d{2})?"
 )
-_BACK = 12 * 3600.0  # [s] by which a clock without dates goes back at midnight at least
+_BACK = 12 * 3600.0  # [s] least backward step of a clock without dates at midnight
 _EPOCH = date(1970, 1, 1)
 
 
@@ -24,7 +24,7 @@ def is_clock(cell: str) -> bool:
 
 
 def clock_seconds(cells: Sequence[str]) -> Array:
-    """Return the times (n,) in seconds since midnight, or since 1970 where dates are given; NaN for other cells.
+    """Return the times (n,) in seconds since midnight, or since 1970 if dates are given; NaN for other cells.
 
     Without dates a clock that goes back by more than 12 hours has passed midnight. Of `05/06/2024` the first number is
     the month, unless any cell begins with a number above 12; with points it is the day.

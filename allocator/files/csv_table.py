@@ -1,4 +1,4 @@
-"""Tables of CSV files: one line of column names, one sample a line.
+"""Tables of CSV files: one line of column names, then one sample per line.
 
 Separators are a comma, a semicolon, a tab or spaces; with all but the comma numbers may have decimal commas. `#` begins
 a comment. Lines above the names, a row of units below them, and the headers of LabVIEW files are recognised
@@ -21,7 +21,7 @@ from allocator.files.text import FilePath, read_text
 
 
 class Table(NamedTuple):
-    """Cells of a file, not yet numbers."""
+    """Cells of a file, as text."""
 
     path: FilePath
     names: list[str]  # of the columns, as written
@@ -34,8 +34,8 @@ class Table(NamedTuple):
     def numbers(self, index: int, *, gaps: bool = False, hint: str = "") -> Array:
         """Return the column (n,) as floats; with `gaps` a cell without a number is NaN, unless half of them are.
 
-        `hint` is added to the message about such cells. Raises `InvalidFile` with the lines of all cells that are no
-        finite numbers, or whose commas are ambiguous.
+        `hint` is added to the message about such cells. Raises `InvalidFile` with the lines of all cells that are not
+        finite numbers, or have ambiguous commas.
         """
         cells = [row[index] for row in self.rows]
         if self.decimal_comma:
@@ -50,7 +50,7 @@ class Table(NamedTuple):
         return self._known(index, clock_seconds(cells), gaps, "")
 
     def is_clock(self, index: int) -> bool:
-        """Return whether the first cell of the column in which a value is not missing is a clock time."""
+        """Return whether the first cell of the column that is not missing is a clock time."""
         return is_clock(
             next((row[index] for row in self.rows if row[index].strip() and not is_missing(row[index])), "")
         )
@@ -85,7 +85,7 @@ class Table(NamedTuple):
         raise InvalidFile(self.path, said, line=self.lines[i], column=self.names[index])
 
     def _refuse_two_marks(self, index: int, cells: list[str]) -> None:
-        """Refuse a column in which a comma or a point may separate thousands."""
+        """Raise `InvalidFile` for a column in which a comma or a point may separate thousands."""
         comma = next((i for i, cell in enumerate(cells) if "," in cell), None)
         point = next((i for i, cell in enumerate(cells) if "." in cell and is_number(cell)), None)
         like = "write all decimals alike, and thousands without a separator"
@@ -106,7 +106,7 @@ class Table(NamedTuple):
             raise InvalidFile(self.path, f"{what}; {like}", line=self.lines[point], column=self.names[index])
 
     def _decimal_comma_elsewhere(self) -> tuple[int, str] | None:
-        """Return the line and text of a cell with a decimal comma, None if there is none."""
+        """Return the line and text of a cell with a decimal comma, or None."""
         for line, row in zip(self.lines, self.rows, strict=True):
             for cell in row:
                 if re.fullmatch(r"[+-]?\d+,\d+", cell):
@@ -115,11 +115,11 @@ class Table(NamedTuple):
 
 
 def read_table(path: FilePath, *, skip_rows: int = 0, is_unit: Callable[[str], bool] = lambda text: False) -> Table:
-    """Read a table, by whatever separator it uses.
+    """Read a table with any supported separator.
 
-    `skip_rows` lines are left out at the beginning of the file; `is_unit` tells a row of units by its cells.
+    `skip_rows` lines are skipped at the beginning of the file; `is_unit` recognises the cells of a row of units.
 
-    Raises `InvalidFile` for a file that is no table, and `InvalidInput` for more `skip_rows` than there are lines.
+    Raises `InvalidFile` for a file that is not a table, and `InvalidInput` for more `skip_rows` than lines.
     """
     text = read_text(path)
     lines = list(enumerate(re.split("\r\n|\r|\n", text), 1))
@@ -149,7 +149,7 @@ def read_table(path: FilePath, *, skip_rows: int = 0, is_unit: Callable[[str], b
 def _samples(
     path: FilePath, names: list[str], found: Layout, whole: bool
 ) -> tuple[list[int], list[list[str]], list[int], int | None]:
-    """Return lines and cells of the samples, the lines that repeat the names, and a last line that is cut off."""
+    """Return lines and cells of the samples, the lines that repeat the names, and a truncated last line."""
     lines: list[int] = []
     rows: list[list[str]] = []
     repeated: list[int] = []

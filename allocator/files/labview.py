@@ -15,7 +15,7 @@ class LabView(NamedTuple):
     """Lines without the headers, and the entries of the headers that belong to columns."""
 
     lines: list[Line]
-    units: list[str]  # of the columns besides X_Value; empty if none are given
+    units: list[str]  # of the columns except X_Value; empty if none are given
     step: float | None  # [s] between rows, None if not given
 
 

@@ -1,8 +1,8 @@
-"""Where the column names and the samples of a table are, and which character separates the columns.
+"""Positions of the column names and samples of a table, and the character that separates the columns.
 
-The samples begin at the first row that is mostly numbers, as are those below it. The row above holds the names; where
-that is a row of units, the names are above it. A row of names may also be the last comment (`# t p1 p2`, as
-`numpy.savetxt` writes it).
+The samples begin at the first row that is mostly numbers, as are those below it. The row above holds the names; if that
+is a row of units, the names are above it. A row of names may also be the last comment (`# t p1 p2`, as `numpy.savetxt`
+writes it).
 """
 
 import csv
@@ -21,7 +21,7 @@ Row = tuple[int, list[str]]
 
 _LOOKED_AT = 200  # lines
 _SEPARATORS = ";\t,|"  # and spaces
-_IN_A_ROW = 3  # rows of numbers that begin the samples
+_IN_A_ROW = 3  # consecutive rows of numbers that begin the samples
 _SPREADSHEET = r"N/A|NV|N/V|WERT|VALUE|DIV|ZAHL|NUM|REF|BEZUG|NAME|NULL|QNAN|INF|IND"
 _HASH = re.compile(rf"(?<!\.)#(?!{_SPREADSHEET}|[,;\t])", re.IGNORECASE)
 _SPACED = re.compile(r"\S+(?:\s+[\[(][^\])]*[\])])?")  # a name, and its unit in brackets after a space
@@ -34,12 +34,12 @@ class Layout(NamedTuple):
     line: int  # of the names
     units: list[str]  # as written in the row of units; empty if there is none
     rows: list[Row]
-    before: list[int]  # lines above the names that are no comments
+    before: list[int]  # lines above the names that are not comments
     separator: str
 
 
 def lay_out(path: FilePath, lines: list[Line], is_unit: Callable[[str], bool]) -> Layout:
-    """Find names and rows among the lines. Raises `InvalidFile` where there are none."""
+    """Find names and rows among the lines. Raises `InvalidFile` if there are none."""
     separator = ""
     if lines and (said := re.fullmatch(r'"?sep=(.)"?\s*', lines[0][1], re.IGNORECASE)):
         separator, lines = said[1], lines[1:]
@@ -79,7 +79,7 @@ def _plain(rows: list[Row], separator: str) -> Layout:
 
 
 def _parted(row: Row, count: int) -> Row:
-    """Return a row of one cell by another separator if that makes `count` of it, as in names with tabs over commas."""
+    """Split a row of one cell by another separator if that gives `count` cells, as in names with tabs over commas."""
     line, cells = row
     for separator in _SEPARATORS if len(cells) == 1 < count else "":
         parts = [part.strip() for part in cells[0].split(separator)]
@@ -94,7 +94,7 @@ def _with_unit(name: str, unit: str) -> str:
 
 
 def _uncommented(line: str) -> str:
-    """Return the line up to a `#` that begins a comment: not in quotes, and not of a spreadsheet's error (#N/A)."""
+    """Return the line up to a `#` that begins a comment: not in quotes, and not in a spreadsheet's error (#N/A)."""
     for mark in _HASH.finditer(line) if "#" in line else ():
         before = line[: mark.start()]
         if before.count('"') % 2 == 0:
@@ -103,7 +103,7 @@ def _uncommented(line: str) -> str:
 
 
 def _separator(lines: list[str]) -> str:
-    """Return the character that most lines have in the same number, and a line of names as well."""
+    """Return the character that most lines contain equally often, as does a line of names."""
     looked_at = lines[:_LOOKED_AT]
     found = []
     for separator in _SEPARATORS:
@@ -130,7 +130,7 @@ def _numeric(cells: list[str]) -> bool:
 
 
 def _first_sample(rows: list[Row]) -> int | None:
-    """Return the index of the row that the samples begin with, None if there are none."""
+    """Return the index of the first row of samples, or None."""
     numeric = [_numeric(row) for _, row in rows[:_LOOKED_AT]]
     counts = Counter(len(row) for (_, row), is_sample in zip(rows, numeric, strict=False) if is_sample)
     usual = counts.most_common(1)[0][0] if counts else 0
@@ -142,7 +142,7 @@ def _first_sample(rows: list[Row]) -> int | None:
 
 
 def _alike(above: list[str], below: list[str]) -> bool:
-    """Return whether two rows have the same number of cells, whatever empty ones are at their ends."""
+    """Return whether two rows have the same number of cells, except for empty ones at their ends."""
     return len(above) == len(below) or _filled(above) == _filled(below)
 
 
@@ -167,7 +167,7 @@ def _split(text: str, separator: str, count: int) -> list[str]:
 
 
 def _cells(path: FilePath, content: list[Line], separator: str) -> Iterator[Row]:
-    """Return the line and cells of every row; a quoted cell may go over several lines, of which the last is counted."""
+    """Return the line and cells of every row; a quoted cell may span several lines, of which the last counts."""
     if separator == " ":
         count = Counter(len(line.split()) for _, line in content[1:]).most_common(1)
         yield from ((i, _split(line, " ", count[0][0] if count else 0)) for i, line in content)

@@ -9,9 +9,9 @@ from allocator.errors import InvalidFile
 
 FilePath: TypeAlias = str | PathLike[str]
 
-_LOOKED_AT = 4096  # bytes, in which UTF-16 is recognised
-_PACKED = (b"PK\x03\x04", b"\x1f\x8b")  # how zip archives (.xlsx) and gzip files begin
-_LEAST = 4  # characters that tell it
+_LOOKED_AT = 4096  # bytes inspected to recognise UTF-16
+_PACKED = (b"PK\x03\x04", b"\x1f\x8b")  # first bytes of zip archives (.xlsx) and gzip files
+_LEAST = 4  # least number of characters to recognise it
 _HALF = 0.4  # share of zeros among every second byte, above which it is UTF-16 without a mark
 
 
@@ -25,7 +25,7 @@ def read_text(path: FilePath) -> str:
         raise InvalidFile(path, f"cannot be read ({error.strerror})") from None
     for encoding in () if data.startswith(_PACKED) else _encodings(data):
         try:
-            text = data.decode(encoding).rstrip("\0")  # which a loss of power leaves at the end
+            text = data.decode(encoding).rstrip("\0")  # left at the end by a loss of power
         except UnicodeDecodeError:
             continue
         if "\0" in text:

@@ -1,4 +1,4 @@
-"""TOML files: tables whose faults are named by file, table and entry, and the text of what is written."""
+"""TOML files: tables that report faults by file, table and entry, and the text of written values."""
 
 import json
 import tomllib
@@ -28,7 +28,7 @@ class Table:
     def read(cls, path: FilePath) -> Self:
         """Read a file. Raises `InvalidFile`."""
         try:
-            text = Path(path).read_text(encoding="utf-8-sig")  # some editors begin a file with a mark
+            text = Path(path).read_text(encoding="utf-8-sig")  # some editors write a byte order mark
         except FileNotFoundError:
             raise InvalidFile(path, "does not exist") from None
         except OSError as error:
@@ -39,16 +39,16 @@ class Table:
 
     @classmethod
     def parsed(cls, path: FilePath, text: str) -> Self:
-        """Return the file whose content is `text`; `path` is for the messages. Raises `InvalidFile`."""
+        """Return the file with the content `text`; `path` is used in messages. Raises `InvalidFile`."""
         try:
             return cls(path, tomllib.loads(text))
-        except ValueError as error:  # also of a whole number with thousands of digits
+        except ValueError as error:  # also raised by an integer with thousands of digits
             raise InvalidFile(path, f"is not TOML: {error}") from None
         except RecursionError:
-            raise InvalidFile(path, "is not TOML that can be read: its brackets are nested too deeply") from None
+            raise InvalidFile(path, "cannot be read as TOML: its brackets are nested too deeply") from None
 
     def fault(self, what: object) -> InvalidFile:
-        """Return the error that says `what` is wrong in this table."""
+        """Return the error for the fault `what` in this table."""
         return InvalidFile(self.path, f"[{self.name}]: {what}" if self.name else str(what))
 
     def table(self, name: str) -> "Table | None":
@@ -59,7 +59,7 @@ class Table:
         return None if given is None else Table(self.path, given, inside)
 
     def needed(self, name: str, what: str) -> "Table":
-        """Return the table called `name`, without which the file is not `what`. Raises `InvalidFile`."""
+        """Return the required table called `name`; `what` names the kind of file. Raises `InvalidFile`."""
         found = self.table(name)
         if found is None:
             raise InvalidFile(self.path, f"is not {what}: the table [{self._inside(name)}] is missing")
@@ -73,13 +73,13 @@ class Table:
         return [Table(self.path, entries, self._inside(f"{name} {i + 1}")) for i, entries in enumerate(given)]
 
     def only(self, names: Iterable[str], whose: str = "") -> None:
-        """Insist that all entries are among `names`. Raises `InvalidFile`."""
+        """Raise `InvalidFile` unless all entries are among `names`."""
         if surplus := self.entries.keys() - set(known := list(names)):
             who = ": ".join(filter(None, (f"[{self.name}]" if self.name else "", whose))) or "it"
             raise InvalidFile(self.path, f"{who} has no {', '.join(sorted(surplus))}; it has {', '.join(known)}")
 
     def made(self, kind: Callable[..., T], whose: str = "", **more: Any) -> T:
-        """Return what `kind` makes of the entries and of `more`. Raises `InvalidFile`."""
+        """Return the object that `kind` makes of the entries and of `more`. Raises `InvalidFile`."""
         arguments = {name: p for name, p in signature(kind).parameters.items() if name not in more}
         self.only(arguments, whose)
         if missing := [n for n, p in arguments.items() if p.default is Parameter.empty and n not in self.entries]:
@@ -94,12 +94,12 @@ class Table:
 
 
 def section(name: str, values: Mapping[str, object], note: str = "") -> list[str]:
-    """Return the lines of the table called `name`, or "[name]" of several such; `note` says their units."""
+    """Return the lines of the table called `name`, or "[name]" for an array of tables; `note` gives the units."""
     return ["", f"[{name}]  # {note}" if note else f"[{name}]", *entries(values)]
 
 
 def entries(values: Mapping[str, object]) -> list[str]:
-    """Return the lines of entries; of a matrix every row has its own."""
+    """Return the lines of entries, with one line per row of a matrix."""
     lines = []
     for name, value in values.items():
         plain = tuple(value.tolist()) if isinstance(value, np.ndarray) else value
@@ -124,7 +124,7 @@ def written(value: object) -> str:
 
 
 def key(name: str) -> str:
-    """Return the name of an entry in TOML, in quotation marks where it needs them."""
+    """Return the name of an entry in TOML, quoted if necessary."""
     return name if name.replace("_", "").isalnum() and name.isascii() else _text(name)
 
 

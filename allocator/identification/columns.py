@@ -1,10 +1,10 @@
 """Columns of a file by quantity, with their numbers in SI units.
 
 The quantities follow from the names (see `headers`), or from the caller: `columns={"pressure": "p:bar", "force":
-"F:-N"}`, quantity, name of the column and unit, is on the command line `--columns pressure=p:bar,force=F:-N`. A minus
-sign before the unit turns the sign round; `bar(abs)` takes the standard atmosphere off; `ignore=a;b` leaves columns
-unread. The caller is believed; the unit of a name is doubted where the greatest number cannot be in it. All columns
-that are not read are listed in `Measured.notes`.
+"F:-N"}` (quantity, name of the column and unit) is `--columns pressure=p:bar,force=F:-N` on the command line. A minus
+sign before the unit reverses the sign; `bar(abs)` subtracts the standard atmosphere; `ignore=a;b` skips columns. Units
+by the caller are trusted; a unit in a name is refused if the greatest number is implausible in it. `Measured.notes`
+lists all columns that are not read.
 """
 
 import re
@@ -24,8 +24,8 @@ from allocator.identification.headers import UNITS, Meaning, is_unit, meaning_of
 from allocator.units import BAR, DEG
 
 ATMOSPHERE = 1.01325 * BAR
-_PLAUSIBLE = {  # between which the greatest magnitude of a quantity lies, in SI units
-    "contraction": (0.006, np.inf),  # more than any muscle contracts is found by `find_mistake`
+_PLAUSIBLE = {  # range of the greatest magnitude of a quantity, in SI units
+    "contraction": (0.006, np.inf),  # `find_mistake` finds contractions beyond any muscle's
     "length": (0.02, 3.0),
     "pressure": (1 * BAR, 20 * BAR),
     "force": (8.0, 1e5),
@@ -34,8 +34,8 @@ _PLAUSIBLE = {  # between which the greatest magnitude of a quantity lies, in SI
 
 
 _WEIGHTS = {"kgf", "gf", "lbf", "N", "kN", "mN"}
-_IGNORE = "ignore"  # the word for columns that are not to be read
-_STAMPS = 1e6  # [s] from which on times are counted from the first row
+_IGNORE = "ignore"  # keyword for columns to skip
+_STAMPS = 1e6  # [s] greater times are counted from the first row
 _RISING = "up rising rise inflating inflation loading increasing auf steigend aufwärts montant + ↑"
 _FALLING = "down falling fall deflating deflation unloading decreasing ab fallend abwärts descendant - ↓"
 _DIRECTIONS = dict.fromkeys(_RISING.split(), 1.0) | dict.fromkeys(_FALLING.split(), -1.0)
@@ -48,8 +48,8 @@ class Column(NamedTuple):
     name: str
     quantity: str
     unit: str
-    scale: float  # to SI, negative if the sign is turned round
-    offset: float  # [SI] taken off
+    scale: float  # to SI, negative if the sign is reversed
+    offset: float  # [SI] subtracted
     certain: bool  # whether the caller gave the unit
 
 
@@ -59,7 +59,7 @@ class Measured(NamedTuple):
     table: Table
     columns: Mapping[str, Column]
     values: Mapping[str, Array]
-    notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
+    notes: tuple[str, ...] = ()  # sentences about data not read or left out
 
     def mistake(self, quantity: str, sentence: str, row: int | None = None) -> InvalidFile:
         """Return the error for a quantity, located in `row` if given."""
@@ -85,14 +85,14 @@ def read_columns(
     skip_rows: int = 0,
     topics: str | None = None,
 ) -> Measured:
-    """Read the quantities `wanted`, one of each tuple of alternatives, and those of the `optional` that are there.
+    """Read the quantities `wanted`, one of each tuple of alternatives, and the `optional` ones present.
 
-    `skip_rows` lines are left out at the beginning of the file. `topics` maps quantities to numbers of a recording
-    (see `allocator.files.bags`); its lines are then the messages of the first topic. With a column of times, rows
-    without a number in one of the columns are left out, unless they are half of all.
+    `skip_rows` lines are skipped at the beginning of the file. `topics` maps quantities to numbers of a recording (see
+    `allocator.files.bags`); its lines are then the messages of the first topic. With a column of times, rows with a
+    missing number are left out, unless they are half of all.
 
-    Raises `InvalidFile`, with line and column, for a column that is missing, given twice, or cannot be in its unit, and
-    for an unread column whose unit is a torque if one is wanted.
+    Raises `InvalidFile`, with line and column, for a column that is missing, given twice, or implausible in its unit,
+    and for an unread column with a unit of torque if a torque is wanted.
     """
     table = _table(path, skip_rows, topics)
     mapping = dict(columns or {})
@@ -137,7 +137,7 @@ def _table(path: FilePath, skip_rows: int, topics: str | None) -> Table:
 
 
 def parse_columns(text: str | None) -> dict[str, str]:
-    """Read the mapping in `pressure=p:bar,force=F:N`, as the command line takes it."""
+    """Read the mapping `pressure=p:bar,force=F:N` of the command line."""
     if not text:
         return {}
     parts = [part.partition("=") for part in re.split(r",(?=[^,=]+=)", text)]
@@ -175,7 +175,7 @@ def _fault(table: Table, sentence: str, column: str | None = None) -> InvalidFil
 def _refuse_torque(
     table: Table, unused: Sequence[int], groups: Sequence[tuple[str, ...]], chosen: Mapping[str, Column]
 ) -> None:
-    """Refuse an unread column with a unit of torque where a torque could be read and none is."""
+    """Refuse an unread column with a unit of torque if a torque could be read and none is."""
     if ("torque",) not in groups or "torque" in chosen:
         return
     for i in unused:
@@ -193,14 +193,14 @@ def _refuse_torque(
 def _choose(
     table: Table, groups: Sequence[tuple[str, ...]], n_wanted: int, mapping: Mapping[str, str], ignored: set[int]
 ) -> dict[str, Column]:
-    """Choose the column of every group, the first `n_wanted` of which have to be there."""
+    """Choose the column of every group; the first `n_wanted` groups are required."""
     if not mapping and all(_is_number(name) for name in table.names):
         examples = ", ".join(f"{quantity} [{_usual(quantity)}]" for quantity, *_ in groups[:n_wanted])
         raise _fault(table, f"has no column names: name them, such as {examples}; or leave lines out by --skip-rows")
     chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
     if strange := [quantity for quantity in chosen if not any(quantity in group for group in groups)]:
         known = ", ".join(q for group in groups for q in group)
-        raise InvalidInput(f"columns: there is no {strange[0]} to be read here, only {known}")
+        raise InvalidInput(f"columns: there is no {strange[0]} to be read, only {known}")
     taken = {column.place for column in chosen.values()} | ignored
     named = [(i, name, meaning_of(name)) for i, name in enumerate(table.names) if i not in taken]
     unclear: list[tuple[str, str]] = []  # names without a unit, and their quantities
@@ -221,7 +221,7 @@ def _choose(
 
 
 def _found(table: Table, named: list[tuple[int, str, Meaning]]) -> Column | tuple[str, str] | None:
-    """Return the one column among these; its name and quantity if it has no unit; None if there is none."""
+    """Return the only column among these; its name and quantity if it has no unit; None if there is none."""
     known = [each for each in named if each[2].unit in UNITS[each[2].quantity]]
     bare = [each for each in named if not each[2].unit]
     several = known or bare
@@ -249,7 +249,7 @@ def _found(table: Table, named: list[tuple[int, str, Meaning]]) -> Column | tupl
 
 
 def _mapped(table: Table, word: str, text: str) -> tuple[str, Column]:
-    """Return the quantity and the column that the caller gives it, as NAME:UNIT or NAME."""
+    """Return the quantity and its column by the caller, as NAME:UNIT or NAME."""
     quantity = quantity_named(word)
     if quantity is None:
         raise InvalidInput(f"columns: {word!r} is no quantity; known are {', '.join(UNITS)}")
@@ -269,7 +269,7 @@ def _mapped(table: Table, word: str, text: str) -> tuple[str, Column]:
 
 
 def _place(table: Table, name: str) -> int:
-    """Return the place of the column with this name, whatever its case, with or without its unit."""
+    """Return the index of the column with this name, ignoring case, with or without its unit."""
     same = [i for i, other in enumerate(table.names) if other == name]
     same = same or [i for i, other in enumerate(table.names) if other.casefold() == name.casefold()]
     same = same or [i for i, other in enumerate(table.names) if _without_brackets(other) == name.casefold()]
@@ -281,7 +281,7 @@ def _place(table: Table, name: str) -> int:
 
 
 def _without_brackets(name: str) -> str:
-    """Return the name `Load [gf]` as people say it, without its unit: `load`."""
+    """Return the name `Load [gf]` in lower case without its unit: `load`."""
     return re.sub(r"\s*(\[[^]]*\]|\([^)]*\))$", "", name).casefold()
 
 
@@ -337,15 +337,15 @@ def _is_number(name: str) -> bool:
     return True
 
 
-# --- whether it can be in its unit ----------------------------------------------------------------------------------
+# --- plausibility of units -------- ----------------------------------------------------------------------------------
 
 
 def _check_unit(measured: Measured, kind: str) -> None:
-    """Refuse a column whose greatest number is out of all proportion in its unit, and in proportion in another."""
+    """Refuse a column whose greatest number is implausible in its unit, and plausible in another."""
     values = {q: v for q, v in measured.values.items() if q in (kind, f"{kind}1", f"{kind}2")}
     if not values:
         return
-    if "time" in measured.values:  # what less than four rows of a log show may be a spike
+    if "time" in measured.values:  # fewer than four rows of a log may be a spike
         from scipy.ndimage import median_filter
 
         values = {q: median_filter(v, 7, mode="nearest") for q, v in values.items()}

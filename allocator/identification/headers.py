@@ -1,8 +1,8 @@
 """Meaning of column names: quantity and unit, in several languages.
 
 `eps [%]`, `Pressure (kPa)`, `Kraft in N`, `P1_bar` and `p/bar` are all read: the last words are the unit, in brackets
-or not, and the words before it are the quantity; case, spaces and underscores do not count. A name that has further
-words (`theta_ref_deg`) means something else. `T` and `M` are torques where their unit is one.
+or not, and the words before it are the quantity; case, spaces and underscores are ignored. A name with further words
+(`theta_ref_deg`) means something else. `T` and `M` are torques if their unit is one.
 """
 
 import re
@@ -15,7 +15,7 @@ _PRESSURE = {"bar": BAR, "kPa": KPA, "MPa": MPA, "psi": PSI, "Pa": 1.0, "mbar": 
 _LBF, _KGF = 4.4482216152605, 9.80665  # [N]
 _LENGTH = {"mm": MM, "m": 1.0, "cm": 1e-2, "in": 0.0254}
 
-UNITS: dict[str, dict[str, float]] = {  # by quantity, the usual unit first; "" where a name needs none
+UNITS: dict[str, dict[str, float]] = {  # by quantity, the usual unit first; "" if a name needs none
     "contraction": {"%": PERCENT, "ratio": 1.0, "": 1.0},
     "length": _LENGTH,
     "shortening": _LENGTH,
@@ -93,7 +93,7 @@ _SPELLED |= {  # lbf in, in lbf, kgf·cm, oz-in
     for words in (f"{f} {a}", f"{a} {f}", f"{f}{a}", f"{a}{f}")
 }
 _WORDS_OF_A_UNIT = max(unit.count(" ") for unit in _SPELLED) + 1
-_LETTERS = {"t": "torque", "m": "torque"}  # that are this quantity where the unit is one of it
+_LETTERS = {"t": "torque", "m": "torque"}  # which mean this quantity if the unit fits
 _TEMPERATURES = {"c", "°c", "degc", "celsius", "k", "kelvin", "f", "°f"}
 _CLOCK = re.compile(r"\bh{1,2}:m{1,2}(:s{1,2})?([.,:](f+|s+|m?s|0+|x+))?")
 
@@ -107,7 +107,7 @@ class Meaning(NamedTuple):
 
     quantity: str
     unit: str  # "" if the name gives none
-    absolute: bool  # said of a pressure
+    absolute: bool  # of a pressure
 
 
 def meaning_of(name: str) -> Meaning | None:
@@ -127,9 +127,7 @@ def meaning_of(name: str) -> Meaning | None:
 
 
 def unit_of(text: str) -> tuple[str, bool]:
-    """Return the unit in its usual spelling (unchanged if unknown), and whether it is marked absolute: `bar(abs)`,
-    `psia`.
-    """
+    """Return the unit in its usual spelling (or unchanged), and whether it is marked absolute: `bar(abs)`, `psia`."""
     words, absolute = _words(text)
     before, unit, marked = _split_unit(words) if words else ([], text, False)
     return (text if before else unit), absolute or marked
@@ -141,14 +139,14 @@ def is_unit(text: str) -> bool:
 
 
 def unit_said(name: str) -> str:
-    """Return the unit at the end of a name whatever its quantity, in its usual spelling; "" if there is none."""
+    """Return the unit at the end of a name of any quantity, in its usual spelling; "" if there is none."""
     words, _ = _words(name)
     unit = _split_unit(words)[1] if words else ""
     return unit if unit in _ALL_UNITS else ""
 
 
 def quantity_named(text: str) -> str | None:
-    """Return the quantity that a word stands for, None if it is not known."""
+    """Return the quantity of a word, None if it is unknown."""
     return _QUANTITIES.get("".join(_words(text)[0]))
 
 

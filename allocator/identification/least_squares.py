@@ -30,7 +30,7 @@ def solve(A: Array, b: Array, rcond: float) -> Array:
 
 
 def rms(error: ArrayLike) -> float:
-    """Return the root of the mean square, NaN of nothing."""
+    """Return the root mean square, NaN if empty."""
     error = np.asarray(error)
     return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
 

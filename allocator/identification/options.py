@@ -64,7 +64,7 @@ def assigned(option: str, settings: Sequence[str], expected: str) -> dict[str, f
 
 
 def each(models: Iterable[T], console: "Console") -> Iterable[T]:
-    """Return the models to go through; a bar shows how many of several are fitted."""
+    """Return the models to iterate over; a bar shows the progress of several."""
     from rich.progress import track
 
     models = tuple(models)
@@ -72,7 +72,7 @@ def each(models: Iterable[T], console: "Console") -> Iterable[T]:
 
 
 def clock(console: "Console") -> "Progress":
-    """Return a line with the time that has gone by, for work of unknown length."""
+    """Return a line with the elapsed time, for work of unknown length."""
     from rich.progress import Progress, TimeElapsedColumn
 
     return Progress(*Progress.get_default_columns()[:2], TimeElapsedColumn(), console=console, transient=True)

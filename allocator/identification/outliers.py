@@ -1,17 +1,17 @@
 """Outliers among neighbouring samples, such as drop-outs of a sensor and readings in a wrong row.
 
-Measurements over the plane of the set quantities lie on a smooth surface. A polynomial of low degree takes most of that
-away, and the median over the nearest neighbours takes the rest, so no law is needed and its errors make no outlier. A
-sample is left out where it differs from its neighbours by both
+Measurements over the plane of the set quantities lie on a smooth surface. A polynomial of low degree removes most of
+it, and the median over the nearest neighbours the rest, so no law is needed, and errors of a law cause no outliers. A
+sample is left out if it differs from its neighbours by both
 
     8 times the usual difference (1.4826 · its median magnitude: the standard deviation if errors are normal),
-    10 % of the range of what was measured,
+    10 % of the range of the measured quantity,
 
-and where a plane through the neighbours that do not stand apart misses it by that and by three times what it misses
-these by: at a corner of the table a median is no prediction.
+and if a plane through its inlying neighbours misses it by that and by three times their residuals: at a corner of the
+table a median does not predict.
 
-That is a trimmed fit with one round: no sample of a normal distribution is that far off, so the covariance of a fit to
-the others needs no correction.
+That is a trimmed fit with one round: normal samples are never that far off, so the covariance of a fit to the others
+needs no correction.
 """
 
 from collections.abc import Sequence
@@ -22,22 +22,22 @@ from numpy.polynomial import chebyshev
 from allocator.calculus import Array, Mask
 
 _DEGREES = (4, 3, 2)  # of the polynomial along both axes
-_SAMPLES_PER_TERM = 8  # with fewer it bends to a single sample
-_NEAR = 9  # neighbours, the sample itself among them
+_SAMPLES_PER_TERM = 8  # with fewer it follows a single sample
+_NEAR = 9  # neighbours, including the sample itself
 _AROUND = 3.0  # times the greatest error of a plane through the neighbours
 _FAR = 8.0  # usual differences
 _LEAST = 0.1  # of the range
-_RARE = 0.05  # share of the samples that outliers are less than
+_RARE = 0.05  # greatest share of outliers
 _PASSES = 3
 _SHOWN = 8
 _KIND = 10.0  # distance of two kinds, in ranges of the plane
 
 
 def outlying(places: Array, values: Array, kinds: Array | None = None) -> Mask:
-    """Return which values (n,) stand apart from those at neighbouring `places` (n, 2).
+    """Return the mask (n,) of values that are outliers among those at neighbouring `places` (n, 2).
 
-    Samples are neighbours within their row of `kinds` (n, k), such as direction, torque and group. Where few samples
-    are there, or many would stand apart, none does.
+    Samples are neighbours within their row of `kinds` (n, k), such as direction, torque and group. With too few
+    samples, or too many outliers, none is marked.
     """
     found = np.zeros(values.size, bool)
     plane = (places - places.min(axis=0)) / np.maximum(np.ptp(places, axis=0), 1e-300)
@@ -58,7 +58,7 @@ def outlying(places: Array, values: Array, kinds: Array | None = None) -> Mask:
 
 
 def some(shown: Sequence[str]) -> str:
-    """Return the first of these words, and how many there are more."""
+    """Return the first of these words, and the number of the others."""
     more = f" and {len(shown) - _SHOWN} more" if len(shown) > _SHOWN else ""
     return ", ".join(shown[:_SHOWN]) + more
 
@@ -73,7 +73,7 @@ def _terms(plane: Array, kinds: Array) -> Array | None:
 
 
 def _apart(at: Array, values: Array, terms: Array, kept: Mask) -> Array:
-    """Return the magnitude (n,) of the difference from the median of the neighbours that are `kept`."""
+    """Return the magnitude (n,) of the difference from the median of the `kept` neighbours."""
     from scipy.spatial import cKDTree
 
     left = values - terms @ _surface(values, terms, kept)

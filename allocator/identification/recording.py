@@ -1,8 +1,8 @@
 """Rows of a log in time: order, unit of the time stamps, gaps, and spikes.
 
-A reading is a spike if no more than three rows lie on one side of the rows before and after them, by far more than rows
-usually do, and the rows around lie on a parabola in comparison. A commanded pressure may go there and back; it is a
-spike only if it leaves the range of the others, or reads zero for less than 60 ms, which is rare.
+A spike is a run of at most three rows that lies on one side of the rows before and after, by far more than usual
+differences, while the rows around lie nearly on a parabola. A commanded pressure may jump and return; it is a spike
+only if it leaves the range of the others, or reads zero for less than 60 ms, which is rare.
 """
 
 from collections.abc import Mapping
@@ -16,27 +16,27 @@ from allocator.identification.columns import Measured
 from allocator.identification.headers import UNITS
 from allocator.units import BAR, DEG, MM
 
-GAP = 1.0  # [s] without a row, over which a log is not continued
+GAP = 1.0  # [s] without a row, which ends a stretch of a log
 _PLAUSIBLE_STEP = (1e-4, 0.5)  # [s] between rows
 _LEAST_DURATION = 1.0  # [s]
 _PRESSURES = ("pressure1", "pressure2", "measured1", "measured2", "pressure")
 _LEAST = {"theta": 2 * DEG, "force": 20.0, "contraction": 0.02, "length": 6 * MM, "shortening": 6 * MM}  # of a spike
 _LONGEST = 3  # rows of a spike
-_USUAL = 5.0  # times the jump there and back that 97 % of the rows keep to
-_NEAR = 5  # rows, in which three have to be without a jump
-_AROUND = 3.0  # times the range of the rows around, about their parabola
+_USUAL = 5.0  # times the jump and return exceeded by 3 % of the rows
+_NEAR = 5  # rows, of which three must be without a jump
+_AROUND = 3.0  # times the scatter of the rows around about their parabola
 _LEAST_PRESSURE = 1 * BAR
-_LEAST_DROP = 0.3 * BAR  # from which a pressure drops out,
-_EMPTY = 0.05 * BAR  # and to which
-_RARE = 0.05  # share of the rows that drop-outs are less than
+_LEAST_DROP = 0.3 * BAR  # least pressure before a drop-out,
+_EMPTY = 0.05 * BAR  # and greatest during it
+_RARE = 0.05  # greatest share of drop-outs
 _LONGEST_DROP = 1.0  # [s] of a measured pressure, and
-_LONGEST_DROP_COMMANDED = 0.06  # [s] of one that is commanded
+_LONGEST_DROP_COMMANDED = 0.06  # [s] of a commanded one
 
 
 def in_time(measured: Measured) -> Measured:
-    """Return the log without rows that are there twice.
+    """Return the log without repeated rows.
 
-    Raises `InvalidFile`, with lines, for times that go back or stand still, or cannot be in their unit.
+    Raises `InvalidFile`, with lines, for times that decrease or stand still, or are implausible in their unit.
     """
     measured = _once(measured)
     t = measured.values["time"]
@@ -57,7 +57,7 @@ def in_time(measured: Measured) -> Measured:
 
 
 def is_raw(measured: Measured) -> bool:
-    """Return whether the rows are a log in the order of time, with steps in which a motion can be seen."""
+    """Return whether the rows are a log in the order of time, with steps short enough to show motion."""
     steps = np.diff(measured.values.get("time", np.zeros(0)))
     return bool(steps.size and (steps > 0).all() and np.median(steps) <= _PLAUSIBLE_STEP[1])
 
@@ -74,7 +74,7 @@ def without_spikes(measured: Measured) -> Measured:
 
 
 def refuse_turns(measured: Measured) -> None:
-    """Raise `InvalidFile` with the lines of angles that are more than half a turn from the row before."""
+    """Raise `InvalidFile` with the lines of angles that differ by more than half a turn from the previous row."""
     t = measured.values["time"]
     steps = np.abs(np.diff(measured.values["theta"], prepend=measured.values["theta"][:1]))
     turned = np.flatnonzero((steps > np.pi) & (np.diff(t, prepend=t[:1]) <= GAP))
@@ -104,7 +104,7 @@ def stretches(t: Array) -> list[slice]:
 def long_stretches(measured: Measured, least: float) -> Measured:
     """Return the parts of a log without a gap of more than 1 s that last `least` [s] or more.
 
-    A note lists the gaps and the rows that were left out; the longest part stays in any case.
+    A note lists the gaps and the rows left out; the longest part is always kept.
     """
     t, lines = measured.values["time"], measured.table.lines
     parts = stretches(t)
@@ -123,7 +123,7 @@ def long_stretches(measured: Measured, least: float) -> Measured:
 
 
 def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, list[int]]:
-    """Return the rows of spikes by column, if it has any; pressures [Pa] may drop out, too."""
+    """Return the rows of spikes by column with any; those of pressures [Pa] include drop-outs."""
     masks = {q: pressure_spikes(t, a) if q in _PRESSURES else _jumps(t, a, _LEAST[q]) for q, a in columns.items()}
     return {quantity: np.flatnonzero(mask).tolist() for quantity, mask in masks.items() if mask.any()}
 
@@ -134,7 +134,7 @@ def _spikes(measured: Measured) -> dict[str, list[int]]:
 
 
 def _once(measured: Measured) -> Measured:
-    """Leave out rows that repeat the row before in every quantity, the time included."""
+    """Leave out rows that repeat the previous row in every quantity, including the time."""
     table = np.stack(list(measured.values.values()))
     twice = np.concatenate([[False], (np.diff(table) == 0).all(axis=0)])
     if not twice.any():
@@ -143,7 +143,7 @@ def _once(measured: Measured) -> Measured:
 
 
 def _check_unit(measured: Measured, step: float, duration: float) -> None:
-    """Refuse stamps whose steps are plausible in another unit only."""
+    """Refuse stamps whose steps are plausible only in another unit."""
     low, high = _PLAUSIBLE_STEP
     column = measured.columns["time"]
     if column.certain or measured.table.is_clock(column.place):
@@ -168,7 +168,7 @@ def _at(measured: Measured, rows: NDArray[np.intp]) -> str:
 
 
 def pressure_spikes(t: Array, P: Array) -> Mask:
-    """Return which rows (n,) of a pressure [Pa] at times t [s] are spikes, or have dropped out."""
+    """Return the mask (n,) of spikes and drop-outs of a pressure [Pa] at times t [s]."""
     if P.size <= _NEAR:
         return np.zeros(P.size, bool)
     commanded = not np.median(np.abs(np.diff(P, 2))) > 0
@@ -201,16 +201,16 @@ def _jumps(t: Array, a: Array, least: float) -> Mask:
 
 
 def _there_and_back(a: Array, count: int) -> Array:
-    """Return the smaller of the jumps into and out of every `count` rows from the second on, 0 if not on one side."""
+    """Return the smaller of the jumps into and out of every `count` rows from the second on, 0 unless on one side."""
     into, out = a[1:-count] - a[: -count - 1], a[count:-1] - a[count + 1 :]
     return np.where(into * out > 0, np.minimum(np.abs(into), np.abs(out)), 0.0)
 
 
 def _dropouts(t: Array, P: Array, longest: float) -> Mask:
-    """Return the rows of pressures that fall to zero within a row, and within a row are back.
+    """Return the rows of pressures that fall to zero and return, each within a row.
 
-    They are no drop-outs if the pressure is at zero often; those above 60 ms have to come back to the level before, and
-    are none if the pressure is at zero at other times.
+    They are not drop-outs if the pressure is often zero; those above 60 ms must return to the previous level, and are
+    none if the pressure is zero at other times.
     """
     found = np.zeros(P.size, bool)
     empty = np.asarray(np.abs(P) <= _EMPTY)
@@ -235,7 +235,7 @@ def _runs(mask: Mask) -> list[tuple[int, int]]:
 
 
 def _around(mask: Mask, first: int, last: int) -> NDArray[np.intp] | None:
-    """Return the three rows before and after a run that are not marked themselves; None if they are not near it."""
+    """Return the three unmarked rows before and after a run; None if they are not near it."""
     before = [i for i in range(max(first - _NEAR, 0), first) if not mask[i]][-3:]
     after = [i for i in range(last, min(last + _NEAR, mask.size)) if not mask[i]][:3]
     return np.array(before + after) if len(before) == len(after) == 3 else None

@@ -1,7 +1,7 @@
-"""Identification of a joint's gas from a log in which it is turned with shut valves.
+"""Identification of a joint's gas from a log of motion with shut valves.
 
-Valves are shut where they are told to be, or where the commands rest within the regulators' dead band (`at_rest`). Then
-(P + p_a) V^κ of each muscle stays what it is, V = V_0 + ΔV(P, θ) with ΔV = L ∫ F_P dε from the muscle's law, so that
+Valves are shut by command, or if the commands rest within the regulators' dead band (`at_rest`). Then (P + p_a) V^κ of
+each muscle is constant, V = V_0 + ΔV(P, θ) with ΔV = L ∫ F_P dε from the muscle's law, so that
 
     ln(P + p_a) + κ ln V = a constant of each rest, and a drift of the time (a valve that leaks a little)
 
@@ -9,11 +9,12 @@ With V̄ and ΔV̄ at the middle of the log, ρ = κ/V̄, w = 1/V̄ and δ = ΔV
 
     ln(P + p_a) + ρ ln(1 + w δ)/w,        to first order ln(P + p_a) + ρ δ - ρ w δ²/2
 
-ρ is the slope, which any motion tells: κ/V^eff = ρ/(1 + ρ (P + p_a) ∂V/∂P). w is its curvature, which a large angle
-tells, or two co-contractions of muscles whose volume depends on the pressure. Without it κ and V_0 are not told apart.
+ρ is the slope, identified by any motion: κ/V^eff = ρ/(1 + ρ (P + p_a) ∂V/∂P). w is its curvature, identified by a large
+angle, or by two co-contractions of muscles whose volume depends on the pressure. Without it κ and V_0 cannot be
+separated.
 
-The ± are those of white noise, or of the sandwich estimator over blocks of the log where these are clearly larger: what
-is left over of a joint that does not quite obey its law is not white.
+The ± are those of white noise, or of the sandwich estimator over blocks of the log if these are clearly larger: the
+residuals of a joint that deviates from its law are not white.
 """
 
 from collections.abc import Callable
@@ -33,9 +34,9 @@ from allocator.units import BAR
 
 _BLOCKS = 24  # of the sandwich estimator
 _LEAST = 4 * _BLOCKS  # samples
-_COLOURED = 1.7  # times the variance of white noise: what that of the blocks passes by chance once in a hundred logs
-_APART = 4.0  # standard deviations of w from 0 at which κ and V_0 are told apart
-_SMALL = 1e-5  # w δ below which the logarithm is its series
+_COLOURED = 1.7  # times the variance of white noise: exceeded by that of the blocks by chance in 1 % of logs
+_APART = 4.0  # standard deviations of w from 0 at which κ and V_0 can be separated
+_SMALL = 1e-5  # w δ below which the series of the logarithm is used
 
 
 class Uncertain(NamedTuple):
@@ -45,7 +46,7 @@ class Uncertain(NamedTuple):
     std: float
 
     def __str__(self) -> str:
-        """Say both."""
+        """Return both numbers."""
         return f"{self.value:.4g} ± {self.std:.2g}"
 
 
@@ -53,17 +54,17 @@ class Uncertain(NamedTuple):
 class TrappedGas:
     """Gas of one muscle; `kappa` and `rest_volume` are None if the log determines only their relation."""
 
-    theta: float  # middle of the log, where `stiffening` is taken [rad]
+    theta: float  # middle of the log, the angle of `stiffening` [rad]
     P: float  # [Pa]
     stiffening: Uncertain  # κ/V^eff [1/m³]
     ratio: Uncertain  # κ/V [1/m³]
     swell: float  # ΔV = V - V_0 there [m³]
     kappa: Uncertain | None  # κ [-]
     rest_volume: Uncertain | None  # V_0, tubing included [m³]
-    residual: float  # standard deviation of what is left of the pressure [Pa]
+    residual: float  # standard deviation of the residual pressure [Pa]
 
     def volume_for(self, kappa: float) -> Uncertain:
-        """Return the V_0 [m³] that goes with this κ, if it is known from elsewhere."""
+        """Return the V_0 [m³] for a κ known from elsewhere."""
         volume = kappa / self.ratio.value
         return Uncertain(volume - self.swell, volume * self.ratio.std / self.ratio.value)
 
@@ -98,7 +99,7 @@ class GasFit:
     def fitted(self, kappa: float | None = None) -> AntagonistJoint:
         """Return the joint with this gas: V_0 of both muscles, and κ.
 
-        Raises InvalidInput where the log does not tell `kappa` apart from the volumes and it is not given.
+        Raises InvalidInput if the log cannot separate `kappa` from the volumes and it is not given.
         """
         if kappa is None:
             if self.kappa is None:
@@ -124,13 +125,13 @@ def fit_gas(
     Parameters
     ----------
     joint
-        Its muscle laws say how the volumes change, and its `gas` the atmosphere; κ and V_0 in it are not used.
+        Its muscle laws give the changes of volume, and its `gas` the atmosphere; its κ and V_0 are not used.
     theta, P1, P2
-        Angle [rad] and pressures [Pa] (n,), in the order of the time.
+        Angle [rad] and pressures [Pa] (n,), in the order of time.
     rest
-        Which rest a sample belongs to (n,): 0, 1, 2, …; negative where the valves may be open. `at_rest` makes it.
+        Number of each sample's rest (n,): 0, 1, 2, …, from `at_rest`; negative if the valves may be open.
     t
-        Time [s] (n,); without it samples are taken to be equally spaced.
+        Time [s] (n,); without it samples count as equally spaced.
 
     Raises
     ------
@@ -152,10 +153,10 @@ def fit_gas(
 
 
 def at_rest(commands: ArrayLike, P1: ArrayLike, P2: ArrayLike, dead_band: float) -> Array:
-    """Return the number of the rest (n,) that each sample belongs to, -1 where a valve may be open.
+    """Return the number of each sample's rest (n,), -1 if a valve may be open.
 
-    At rest both `commands` (n, 2) [Pa] stay what they are, and both pressures (n,) [Pa] within half the `dead_band`
-    (total, [Pa]) of them. Raises InvalidInput for arrays that do not fit together and a dead band of none.
+    At rest both `commands` (n, 2) [Pa] are constant, and both pressures (n,) [Pa] within half the `dead_band` (total,
+    [Pa]) of them. Raises InvalidInput for arrays that do not fit together and for a dead band of zero.
     """
     u = checks.pressure("commands", commands)
     P = np.stack([checks.pressure("P1", P1), checks.pressure("P2", P2)], axis=1)
@@ -187,7 +188,7 @@ def _without_drift(rest: Array, t: Array) -> Callable[[Array], Array]:
 
 
 def _fitted(side: OneMuscle, theta: float, P: Array, free: Callable[[Array], Array], gas: Gas) -> TrappedGas:
-    """Return a muscle's equations at `theta` [rad], held at the angles of the log with the pressures `P` (n,)."""
+    """Return the gas of one muscle at `theta` [rad], fitted at the angles of the log and the pressures `P` (n,)."""
     from scipy.optimize import least_squares
 
     swell = side.rest_length * side.muscle.gain_integral(P, side.contraction)
@@ -232,7 +233,7 @@ def _covariance(J: Array, r: Array) -> Array:
 
 
 def _log(w: float, delta: Array) -> Array:
-    """Return ln(1 + w δ)/w, also where w is next to nothing."""
+    """Return ln(1 + w δ)/w, also for w near 0."""
     x = w * delta
     if np.abs(x).max() < _SMALL:
         return np.asarray(delta * (1 - x / 2))

@@ -5,8 +5,8 @@ With moment arms a_i(θ) and contractions ε_i(θ) the joint's torque and isobar
     T = a1 F1 - a2 F2                                                                   (2)
     K = -∂T/∂θ |P = -(a1² F1_ε + a2² F2_ε)/l0 - (a1' F1 - a2' F2)                       (5), [G]
 
-At a fixed angle each muscle adds its own term, t(P) and k(P), to both: the joint is two curves in the (T, K) plane,
-and everything static in this package is said in terms of the two, each `OneMuscle`.
+At a fixed angle each muscle adds a term, t(P) and k(P), to both: the joint is two curves in the (T, K) plane. All
+static functions of this package are expressed by these two, each an `OneMuscle`.
 """
 
 from dataclasses import dataclass, field
@@ -53,8 +53,8 @@ class AntagonistJoint:
     covariance: Covariance | None = field(default=None, kw_only=True, repr=False)
     """Of all parameters of agonist and antagonist together, in this order, if the joint was fitted as a whole."""
     unseen: tuple[str, ...] = field(default=(), kw_only=True)
-    """What the data of its fit leave open, in words fit for a sentence, each one of `allocator.joint.limits.UNSEEN`."""
-    gas: Gas = field(default=AIR, kw_only=True)  # in the muscles; how much of it they hold is theirs to say
+    """Quantities that the data of its fit could not identify, each one of `allocator.joint.limits.UNSEEN`."""
+    gas: Gas = field(default=AIR, kw_only=True)  # in the muscles, which define their volumes
 
     def __post_init__(self) -> None:
         """Check the limits against each other."""
@@ -91,9 +91,9 @@ class AntagonistJoint:
     # --- at a fixed angle -------------------------------------------------------------------------------------------
 
     def sides(self, theta: Value, shares: Shares | None = None) -> tuple[OneMuscle, OneMuscle]:
-        """Return agonist and antagonist, held at the joint angle `theta` [rad].
+        """Return agonist and antagonist at the joint angle `theta` [rad].
 
-        Their stiffness is the isobaric one, or has these `shares` (s1, s2) of the trapped gas in it   (G5)
+        Their stiffness is isobaric, or includes these `shares` (s1, s2) of the trapped gas   (G5)
         """
         l0 = self.geometry.rest_length
         one, two = self.geometry.agonist(theta), self.geometry.antagonist(theta)
@@ -104,7 +104,7 @@ class AntagonistJoint:
         )
 
     def torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Value:
-        """Return the model's torque T = a1 F1 - a2 F2 [N·m]   (2); with a negative force the real cable is slack."""
+        """Return the model's torque T = a1 F1 - a2 F2 [N·m]   (2); at a negative force the real cable is slack."""
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         return agonist.torque(P1) + antagonist.torque(P2)
@@ -121,10 +121,10 @@ class AntagonistJoint:
     ) -> Value:
         """Return the joint's stiffness [N·m/rad]: the isobaric K = -∂T/∂θ at constant pressures, or with shut valves.
 
-        `valves` "open" is isobaric   (5), [G]; "shut", or a pair of truth values for agonist and antagonist, adds what
-        the gas trapped there does   (G2). With an `amplitude` A [rad] it is the secant that pushes by ±A meet, with the
-        hysteresis of the joint, or that of a `loop`   (S3). Raises InvalidInput for valves that there are not, where a
-        muscle's volume is not known, where the law's volume is none, V^eff ≤ 0, and for an amplitude that is none.
+        `valves` "open" is isobaric (5), [G]; "shut", or a pair of truth values for agonist and antagonist, adds the
+        stiffness of the trapped gas (G2). With an `amplitude` A [rad] it is the secant against pushes by ±A, with the
+        hysteresis of the joint or of a `loop` (S3). Raises InvalidInput for invalid valves or amplitudes, for a muscle
+        of unknown volume, and if the law gives no volume, V^eff ≤ 0.
         """
         if amplitude is not None:
             return self._secant(amplitude, loop).added(*self._loaded(theta, P1, P2)) + self.stiffness(
@@ -133,7 +133,7 @@ class AntagonistJoint:
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
         isobaric = agonist.stiffness(P1) + antagonist.stiffness(P2)
-        if isinstance(valves, str) and valves == "open":  # as mostly
+        if isinstance(valves, str) and valves == "open":  # the usual case
             return isobaric
         shares = StiffnessKind.of(valves).fixed
         if shares is None:
@@ -152,13 +152,13 @@ class AntagonistJoint:
         loop: Loop | None = None,
         damping: float = 0.0,
     ) -> Value:
-        """Return the complex stiffness [N·m/rad] that motions at a `frequency` [Hz] meet   (G4)
+        """Return the complex stiffness [N·m/rad] against motions at a `frequency` [Hz]   (G4)
 
-        Its real part stores, its imaginary part takes energy; at 0 Hz it is the isobaric stiffness, far above
-        1/(2π lag) the shut one. `lag` [s] is the regulators' time constant, or a pair of them; 0 holds a pressure.
-        Motions of an `amplitude` A [rad] meet hysteresis, too: K_h and i W/(π A²)   (S1); a viscous `damping` D
-        [N·m·s/rad] adds i 2π f D. Arguments broadcast. Raises InvalidInput as `stiffness`, and for a frequency, a lag
-        or a damping that is negative.
+        Its real part stores energy, its imaginary part dissipates it. At 0 Hz it is the isobaric stiffness, far above
+        1/(2π lag) the shut one. `lag` [s] is the regulators' time constant, or a pair of them; 0 keeps a pressure
+        constant. An `amplitude` A [rad] adds the hysteresis K_h and i W/(π A²) (S1), a viscous `damping` D [N·m·s/rad]
+        adds i 2π f D. Arguments broadcast. Raises InvalidInput as `stiffness`, and for a negative frequency, lag or
+        damping.
         """
         if amplitude is not None:
             secant, state = self._secant(amplitude, loop), self._loaded(theta, P1, P2)
@@ -179,7 +179,7 @@ class AntagonistJoint:
     def loop_work(
         self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, amplitude: float, loop: Loop | None = None
     ) -> Value:
-        """Return the work [J] that hysteresis takes per cycle of ±`amplitude` [rad]   (S1), (S2)
+        """Return the work [J] dissipated by hysteresis per cycle of ±`amplitude` [rad]   (S1), (S2)
 
         `loop` is that of the joint by default. Raises InvalidInput as `stiffness`.
         """
@@ -188,7 +188,7 @@ class AntagonistJoint:
     def loss_factor(
         self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, amplitude: float, loop: Loop | None = None
     ) -> Value:
-        """Return η = W/(π K_felt A²) [-] of slow cycles of ±`amplitude` [rad] with held pressures.
+        """Return η = W/(π K_felt A²) [-] of slow cycles of ±`amplitude` [rad] at constant pressures.
 
         `loop` is that of the joint by default. Raises InvalidInput as `stiffness`.
         """
@@ -199,7 +199,7 @@ class AntagonistJoint:
         return (self.loop if loop is None else loop).secant(amplitude)
 
     def _loaded(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value, Value]:
-        """Return what hysteresis depends on: K [N·m/rad], a1 F1 + a2 F2 [N·m], P1 + P2 [Pa]."""
+        """Return the arguments of the hysteresis: K [N·m/rad], a1 F1 + a2 F2 [N·m], P1 + P2 [Pa]."""
         at, one, two = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(at)
         K = agonist.stiffness(one) + antagonist.stiffness(two)
@@ -221,7 +221,7 @@ class AntagonistJoint:
         return agonist.volume(P1), antagonist.volume(P2)
 
     def _trapped(self, theta: Value, P1: Value, P2: Value, shares: Shares, kappa: Value = None) -> tuple[Value, Value]:
-        """Return what the gas of both muscles adds [N·m/rad], 0 where none of it is asked for   (G2)"""
+        """Return the stiffness of both muscles' gas [N·m/rad], 0 for open valves   (G2)"""
         found = []
         for side, P, share in zip(self.sides(theta, (1.0, 1.0)), (P1, P2), shares, strict=True):
             if share:
@@ -247,9 +247,9 @@ class AntagonistJoint:
         )
 
     def friction_torque(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, direction: Value) -> Value:
-        """Return μ (a1 F1 + a2 F2) sign [N·m], what the muscles lose when θ rises (`direction` +1) or falls (-1).
+        """Return μ (a1 F1 + a2 F2) sign [N·m], the muscles' loss when θ rises (`direction` +1) or falls (-1).
 
-        0 at rest. Quasi-static: it does not vanish at low speed. The link gets `torque` minus this.
+        0 at rest. Quasi-static: it does not vanish at low speed. The link receives `torque` minus this.
         """
         theta, P1, P2 = self._checked(theta, P1, P2)
         agonist, antagonist = self.sides(theta)
@@ -260,7 +260,7 @@ class AntagonistJoint:
 
     @property
     def loop(self) -> Loop:
-        """Hysteresis as steady loops show it: that which was identified, or without one Dahl's of `friction`."""
+        """Hysteresis of steady loops: the identified one, else Dahl's of `friction`."""
         if self.hysteresis is not None:
             slip = self.hysteresis.slip.with_gain
             return Loop(slip if slip.springs else None)
@@ -270,13 +270,13 @@ class AntagonistJoint:
 
     @cached_property
     def angle_range(self) -> tuple[float, float]:
-        """Angles [rad] that end stops, mechanism and ε_i ≥ min_contraction leave; of a pulley by (25)."""
+        """Angles [rad] allowed by end stops, mechanism and ε_i ≥ min_contraction; for a pulley by (25)."""
         ends = self.geometry.reach, self._threshold_angles, *([self.angle_limits] if self.angle_limits else ())
         return max(left for left, _ in ends), min(right for _, right in ends)
 
     @cached_property
     def _threshold_angles(self) -> tuple[float, float]:
-        """Where a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
+        """Angles at which a muscle is stretched to min_contraction: agonist left, antagonist right   (25)"""
         return self.geometry.angles_at(self.min_contraction)
 
     def angle_limit(self, upper: bool) -> Limit:
@@ -285,16 +285,16 @@ class AntagonistJoint:
         return Limit.CONTRACTION_THRESHOLD if binds else Limit.JOINT_RANGE
 
     def outside_range(self, theta: Array) -> NDArray[np.int32]:
-        """Return the `Limit` that ends the joint range where `theta` [rad] lies beyond it, else 0; its shape."""
+        """Return the `Limit` of the joint range that `theta` [rad] exceeds, else 0, in the shape of `theta`."""
         left, right = self.angle_range
         below, above = (np.int32(self.angle_limit(upper)) for upper in (False, True))
         return np.where(theta < left, below, np.where(theta > right, above, np.int32(0)))
 
     @property
     def slack_assumed(self) -> bool:
-        """Whether the forces, hence the pressures at which cables go slack, are assumed rather than seen.
+        """Whether the forces, hence the pressures at which cables go slack, are assumed rather than identified.
 
-        What equilibria do not see changes no torque at any angle, hence no stiffness either.
+        Quantities that equilibria do not reveal change neither torque nor stiffness at any angle.
         """
         return bool({COMMON_FORCE, PRIOR_FORCE} & set(self.unseen))
 
@@ -314,7 +314,7 @@ class AntagonistJoint:
     def box(self, theta: Array, limits: Limits = TAUT, shares: Shares | None = None) -> PressureBox:
         """Return the pressures allowed at `theta` (n,) by supply, model and `limits`, see `pressure_box`.
 
-        With `shares` of the trapped gas the model holds as long as its volume makes sense, see `OneMuscle.interval`.
+        With `shares` of the trapped gas the model is valid while its volume is plausible, see `OneMuscle.interval`.
         """
         agonist, antagonist = (side.interval(self.pressure_limits, limits) for side in self.sides(theta, shares))
         box = PressureBox(agonist, antagonist)
@@ -332,16 +332,15 @@ class AntagonistJoint:
         *,
         history: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> Array:
-        """Return the angle [rad] at which the joint gives and holds (K > 0) the torque `T` [N·m] at these pressures.
+        """Return the stable (K > 0) angle [rad] with the torque `T` [N·m] at these pressures.
 
         NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),
         generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
 
-        With a `history`, the pressures (P1, P2) [Pa] that the joint came through before, rows (n,) in their order, it
-        is the angle after them, with the joint's `hysteresis`, or without one its `friction` μ (Dahl's, see
-        `allocator.joint.hysteresis`). It began at rest, with no memory, at the first of them; P1 and P2, numbers or
-        rows (m,), go on from the last, one after the other; `T` is one number. Empty rows: the history begins with P1,
-        P2.
+        With a `history` of earlier pressures (P1, P2) [Pa], rows (n,) in order, it is the angle after them, with the
+        joint's `hysteresis`, or else its `friction` μ (Dahl's, see `allocator.joint.hysteresis`). The history starts at
+        rest, without memory. P1 and P2, numbers or rows (m,), continue it in order; `T` is one number. With empty rows
+        it begins with P1, P2.
         """
         if history is not None:
             return after_history(self, history, P1, P2, checks.number("T", T, "N·m"))
@@ -353,7 +352,7 @@ class AntagonistJoint:
 
     @property
     def affine(self) -> bool:
-        """Whether both muscles are affine in pressure: torque and stiffness then are, in any geometry."""
+        """Whether both muscles, hence torque and stiffness in any geometry, are affine in pressure."""
         return isinstance(self.agonist, AffineMuscle) and isinstance(self.antagonist, AffineMuscle)
 
     @cached_property
@@ -366,7 +365,7 @@ class AntagonistJoint:
 
 
 def _known(unseen: object) -> tuple[str, ...]:
-    """Return what is not seen as a tuple. Raises InvalidInput where it is not of the words in `UNSEEN`."""
+    """Return the unidentified quantities as a tuple. Raises InvalidInput unless all are in `UNSEEN`."""
     entries = tuple(unseen) if isinstance(unseen, tuple | list) else (unseen,)
     if wrong := [entry for entry in entries if entry not in UNSEEN]:
         raise InvalidInput(f"unseen has no {wrong[0]!r}; it may have {' or '.join(map(repr, UNSEEN))}")
@@ -384,10 +383,10 @@ def report_joint(muscle: Muscle = TONDU_DMSP_20_400N) -> AntagonistJoint:
 
 
 def joint_or_report(joint: object) -> AntagonistJoint:
-    """Return `joint`, or the report's in place of None. Raises InvalidInput for a machine of another kind."""
+    """Return `joint`, or the report's for None. Raises InvalidInput for a machine of another kind."""
     if joint is None:
         return report_joint()
     if not isinstance(joint, AntagonistJoint):
-        getattr(joint, "sides", None)  # of a joint without a force scale, which raises its own sentence
+        getattr(joint, "sides", None)  # a joint without a force scale raises its own message
         raise InvalidInput(f"joint = {checks.brief(joint)} has to be an AntagonistJoint")
     return joint

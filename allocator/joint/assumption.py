@@ -1,8 +1,8 @@
-"""Assumptions behind an answer about a joint that its data have not confirmed.
+"""Assumptions of an answer that the joint's data have not confirmed.
 
-There are three: slack limits that the fit of the joint has not seen (`AntagonistJoint.slack_assumed`), muscle forces
-beyond the contractions and pressures at which a muscle was measured (`Muscle.measured`), and volumes of gas where
-neither a radius nor a volume is given.
+There are three: slack limits that the joint's fit could not identify (`AntagonistJoint.slack_assumed`), muscle forces
+beyond the measured contractions and pressures (`Muscle.measured`), and volumes of gas if neither a radius nor a volume
+is given.
 """
 
 from dataclasses import replace
@@ -16,22 +16,22 @@ from allocator.muscles.volume import usual_volume
 
 
 class AssumedSlack(UserWarning):
-    """Warning, given once, that an interval would end at a slack limit that is assumed."""
+    """Warning, given once, that an interval may end at an assumed slack limit."""
 
 
 class Extrapolated(UserWarning):
-    """Warning, given once, that an interval rests on muscle forces beyond what was measured."""
+    """Warning, given once, that an interval depends on muscle forces beyond the measured region."""
 
 
 def assumption(joint: AntagonistJoint) -> str:
-    """Return what is assumed about the joint's slack limits, without a full stop; "" if they were seen."""
+    """Return the assumption about the joint's slack limits, without a full stop; "" if they were identified."""
     if not joint.slack_assumed:
         return ""
     return f"slack limits are assumed: the data of the joint's fit do not see {' and '.join(joint.unseen)}"
 
 
 def assumptions(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> str:
-    """Return all that an answer at these angles [rad] and pressures [Pa] assumes; "" if it assumes nothing.
+    """Return all assumptions of an answer at these angles [rad] and pressures [Pa]; "" if there are none.
 
     Arrays broadcast; a NaN pressure stands for no answer.
     """
@@ -39,7 +39,7 @@ def assumptions(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: Arr
 
 
 def visits(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Visit, ...]:
-    """Return where both muscles are used at these angles [rad] and pressures [Pa]; none that was not measured."""
+    """Return the contractions and pressures of measured muscles at these angles [rad] and pressures [Pa]."""
     if joint.agonist.measured is None and joint.antagonist.measured is None:
         return ()
     return tuple(
@@ -50,16 +50,16 @@ def visits(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: ArrayLik
 
 
 def extrapolates(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Mask | None:
-    """Return where (…) a muscle is used beyond what was measured; None if neither was measured."""
+    """Return whether (…) a muscle is used beyond its measured region; None if neither was measured."""
     found = [visit.extrapolates for visit in visits(joint, theta, P1, P2)]
     return None if not found else found[0] | found[-1]
 
 
 def with_volumes(joint: AntagonistJoint) -> tuple[AntagonistJoint, str]:
-    """Return the joint with a volume in both muscles, and a sentence on the assumption, or "" if it was known.
+    """Return the joint with volumes of both muscles, and a sentence on the assumption, or "" if they were known.
 
-    A muscle whose volume is unknown gets that of an ordinary braid that pulls like it at half of the supply, see
-    `usual_volume`. Raises `InvalidInput` for a muscle that gains no force by pressure.
+    An unknown volume becomes that of an ordinary braid with the same force at half the supply, see `usual_volume`.
+    Raises `InvalidInput` for a muscle that gains no force by pressure.
     """
     radii, volumes = [], {}
     for name in ("agonist", "antagonist"):

@@ -1,7 +1,7 @@
-"""Stiffness that a hand meets when it pushes a joint by ±A: backbone and hysteresis.
+"""Stiffness of a joint against pushes by ±A: backbone and hysteresis.
 
 The isobaric K is the slope of the backbone. A steady loop of amplitude A [rad] of a stop operator (Maxwell slip,
-Prandtl–Ishlinskii) with springs k_i and half widths ρ_i = r_i (s_0 + (1 - s_0) (P1 + P2)/5 bar) has besides the secant
+Prandtl–Ishlinskii) with springs k_i and half widths ρ_i = r_i (s_0 + (1 - s_0) (P1 + P2)/5 bar) adds the secant
 stiffness and the work per cycle
 
     K_h(A) = Σ k_i min(1, ρ_i/A),         W(A) = Σ 4 k_i ρ_i max(A - ρ_i, 0)                                   (S1)
@@ -14,12 +14,12 @@ Springs of an elastic operator are shares κ_i of K: k_i = κ_i K. Together
 
     K_felt(A) = K (isobaric, shut, or at a frequency) + K_h(A; P1, P2)                                         (S3)
 
-The loss factor is the energy lost per radian of the cycle in that stored, η = W/(π K_felt A²).
+The loss factor is the energy lost per radian of the cycle over that stored, η = W/(π K_felt A²).
 
 Work of Dahl's loop: on the branch with s = +1, z = 1 - (1 + z_A) exp(-(θ + A)/δ), z_A = tanh(A/δ), so that
 ∫ z dθ over a cycle is 2 [2A - δ (1 + z_A)(1 - exp(-2A/δ))] = 4 (A - δ z_A).
 
-Between the pressures P1 + P2 at which a width passes the amplitude the terms are affine in P1 + P2 (`Region`).
+Between the pressures P1 + P2 at which a width equals the amplitude, the terms are affine in P1 + P2 (`Region`).
 """
 
 from dataclasses import dataclass
@@ -41,9 +41,9 @@ _LEAST, _MOST = 1e-6, 3.2  # [rad] of a push
 
 @dataclass(frozen=True)
 class Loop:
-    """Hysteresis of a joint as its steady loops show it: springs with sliders, and Dahl's friction."""
+    """Hysteresis of a joint in steady loops: springs with sliders, and Dahl's friction."""
 
-    slip: Slip | None = None  # springs of their own [N·m/rad], or shares of K [-]
+    slip: Slip | None = None  # separate springs [N·m/rad], or shares of K [-]
     mu: float = 0.0  # μ of Dahl's friction [-], share of a1 F1 + a2 F2
     coulomb: float = 0.0  # [N·m]
     presliding: float = PRESLIDING  # δ of Dahl's friction [rad]
@@ -54,7 +54,7 @@ class Loop:
         return self.slip is None and self.mu == 0 and self.coulomb == 0
 
     def secant(self, amplitude: float) -> "Secant":
-        """Return what a push by ±`amplitude` [rad] meets of it. Raises `InvalidInput` for what is no push."""
+        """Return its secant against a push by ±`amplitude` [rad]. Raises `InvalidInput` for an invalid amplitude."""
         return Secant(self, checked_amplitude(amplitude))
 
 
@@ -118,7 +118,7 @@ class Secant:
 
     @property
     def separable(self) -> tuple[float, float] | None:
-        """(α, drag) where it is α K + drag · (a1 F1 + a2 F2), a sum of functions of one pressure; else None."""
+        """(α, drag) if it is α K + drag · (a1 F1 + a2 F2), a sum of functions of single pressures; else None."""
         slip = self.loop.slip
         if self.loop.coulomb or (slip is not None and not (slip.elastic and slip.base == 1)):
             return None
@@ -147,7 +147,7 @@ class Secant:
         return np.asarray((np.abs(np.asarray(filled)[..., None] - kinks) <= near).any(axis=-1))
 
     def _kink(self, r: float) -> float:
-        """Return the P1 + P2 [Pa] at which a width r s is the amplitude; ±inf where it never is."""
+        """Return the P1 + P2 [Pa] at which a width r s equals the amplitude; ±inf if it never does."""
         slip = self.loop.slip
         assert slip is not None
         if r == inf or slip.base == 1:
@@ -157,7 +157,7 @@ class Secant:
     def _region(self, slip: Slip, low: float, high: float, constant: float) -> Region:
         level = slope = 0.0
         for k, r in zip(slip.springs, slip.widths, strict=True):
-            if self._kink(r) <= low:  # it does not slip
+            if self._kink(r) <= low:  # does not slip
                 level += k
             else:
                 level += k * r * slip.base / self.amplitude
@@ -177,7 +177,7 @@ def loss_factor(work: Value, felt: Value, amplitude: float) -> Value:
 
 
 def checked_amplitude(amplitude: ArrayLike) -> float:
-    """Return the amplitude of a push [rad]. Raises `InvalidInput` for what is none."""
+    """Return the amplitude of a push [rad]. Raises `InvalidInput` for an invalid one."""
     A = checks.number("amplitude", amplitude, "rad")
     if not _LEAST <= A <= _MOST:
         raise InvalidInput(

@@ -1,16 +1,16 @@
-"""Gas trapped in the muscles, and what it adds to the joint's stiffness.
+"""Gas trapped in the muscles, and its contribution to the joint's stiffness.
 
-While a valve is shut, (P + p_a) V^κ stays what it is. With the torque gain g_i = ∂T/∂P_i of muscle i and its volume V_i
+While a valve is shut, (P + p_a) V^κ is constant. With the torque gain g_i = ∂T/∂P_i of muscle i and its volume V_i
 (`Muscle.volume`) the joint then has, beyond the isobaric stiffness K = -∂T/∂θ |P,
 
     K_shut = K + Σ_i shut κ (P_i + p_a) g_i²/V_i^eff,    V^eff = V + κ (P + p_a) ∂V/∂P |ε                         (G2)
 
-A regulator with a first-order lag τ_i holds its pressure against slow motions and traps the gas in quick ones. Small
-motions at the frequency f, s = 2πi f, meet the complex stiffness
+A regulator with a first-order lag τ_i keeps its pressure in slow motions and traps the gas in quick ones. The complex
+stiffness against small motions at the frequency f, s = 2πi f, is
 
     K(s) = K + Σ_i κ (P_i + p_a) g_i²/V_i^eff · s τ_i/(1 + s τ_i)                                                 (G4)
 
-of which the real part, the *storage* stiffness, has the shares s_i of the trapped gas,
+Its real part, the *storage* stiffness, has the shares s_i of the trapped gas,
 
     K_f = K + Σ_i s_i κ (P_i + p_a) g_i²/V_i^eff,    s_i = (2πfτ_i)²/(1 + (2πfτ_i)²)                              (G5)
 
@@ -18,7 +18,7 @@ s_i = 0 is an open valve, s_i = 1 a shut one. Proof of (G2): by V_ε = L F_P a t
 g_i dθ; with dP/(P + p_a) = -κ dV/V its pressure changes by -κ (P + p_a) g_i dθ/V^eff, and the torque by g_i times that.
 
 Slow motions leave the gas time to exchange heat with the muscle's wall: it is isothermal far below a corner frequency
-f_c, and adiabatic far above. With the thermal time constant t = 1/(2π f_c) small motions meet the exponent
+f_c, and adiabatic far above. With the thermal time constant t = 1/(2π f_c) the exponent of small motions is
 
     κ(s) = (1 + κ s t)/(1 + s t)                                                                                  (G6)
 
@@ -46,11 +46,11 @@ if TYPE_CHECKING:
     from allocator.mechanism.endpoint import Endpoint
 
 _KAPPA = 1.0, 1.67  # isothermal, and adiabatic of a monatomic gas
-_ATMOSPHERE = 1e3, 2e6  # [Pa] of what surrounds a joint
+_ATMOSPHERE = 1e3, 2e6  # [Pa] around a joint
 _HIGHEST_CORNER = 100.0  # [Hz], of a tube of less than 1 mm
 _AIR_KAPPA = 1.4
 _DIFFUSIVITY, _MODE = 2.1e-5, 2.4048  # α of air at 1 bar absolute, 20 °C [m²/s]; first zero of J_0
-_FASTEST = 1e9  # [Hz] beyond which no motion is meant
+_FASTEST = 1e9  # [Hz] higher frequencies are refused
 _SLOWEST = 100.0  # [s] a longer lag is in milliseconds
 
 Shares = tuple[Value, ...]
@@ -68,7 +68,7 @@ class Gas:
 
     kappa: float = 1.3  # κ [-]: 1 isothermal (slow), 1.4 adiabatic (air, fast), 1.3 usual for motions of a second
     atmosphere: float = 101_325.0  # p_a, absolute pressure around the joint [Pa]
-    corner: float | None = None  # f_c [Hz] below which motions at a frequency are isothermal; None: κ at all   (G6)
+    corner: float | None = None  # f_c [Hz] below which motions are isothermal; None: κ at all frequencies   (G6)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -103,8 +103,8 @@ class Gas:
 def thermal_corner(radius: float, pressure: ArrayLike) -> Value:
     """Return the corner f_c [Hz] of air in a tube of `radius` [m] at a gauge `pressure` [Pa]   (G6)
 
-    At sea level, with κ = 1.4, which is the exponent to go with a corner. Only the slowest mode of diffusion is in it:
-    κ(s) is within 0.12 of that of all modes. Raises `InvalidInput`.
+    At sea level, with κ = 1.4, the exponent to use with a corner. It includes only the slowest mode of diffusion: κ(s)
+    is within 0.12 of that of all modes. Raises `InvalidInput`.
     """
     r = checks.number("radius", radius, "m")
     if not 0 < r < 1:
@@ -119,13 +119,13 @@ AIR = Gas()
 
 @dataclass(frozen=True)
 class StiffnessKind:
-    """Which stiffness is meant: isobaric, shut, at a frequency, and each of them with the hysteresis of a push."""
+    """Kind of stiffness: isobaric, shut, or at a frequency, each with or without the hysteresis of a push."""
 
     name: str  # the adjective: "isobaric", "shut", …
-    shares: tuple[float, ...] | None  # s_i of (G5), one a muscle; None: those of the valves that are best
+    shares: tuple[float, ...] | None  # s_i of (G5), one per muscle; None: those of the best state of the valves
     frequency: float | None = None  # [Hz] of motions against regulators; None: valves are open or shut
-    amplitude: float | None = None  # A [rad] of a push that meets hysteresis, too (S3); None: none is in it
-    loop: Loop | None = None  # hysteresis that is met; None: the joint's
+    amplitude: float | None = None  # A [rad] of a push, which adds hysteresis (S3); None: without hysteresis
+    loop: Loop | None = None  # the hysteresis; None: the joint's
     lags: tuple[float, ...] = ()  # τ_i of the regulators [s], with a frequency
     free: ClassVar[tuple[tuple[float, float], ...]] = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
     """The four states that two free valves may have; the open ones come first."""
@@ -134,9 +134,9 @@ class StiffnessKind:
     def of(
         cls, valves: object = "open", frequency: object = None, lag: object = None, muscles: Sequence[str] = PAIR
     ) -> Self:
-        """Return the kind that these arguments of `allocate` ask for, of the `muscles` of these names.
+        """Return the kind of these arguments of `allocate`, for `muscles` of these names.
 
-        Only for a pair may valves be "free". Raises InvalidInput where the arguments make no sense.
+        Only the valves of a pair may be "free". Raises InvalidInput for invalid arguments.
         """
         if frequency is None and lag is None:
             if not isinstance(valves, cls):
@@ -159,9 +159,9 @@ class StiffnessKind:
         return cls("dynamic", tuple(float(storage_share(f, tau)) for tau in taus), f, lags=taus)
 
     def of_gas(self, gas: Gas | None, affine: bool) -> Self:
-        """Return the kind with the shares of this `gas`, Re[κ(s)/κ s τ/(1 + s τ)], where it has a corner   (G6)
+        """Return the kind with the shares of this `gas`, Re[κ(s)/κ s τ/(1 + s τ)], if it has a corner   (G6)
 
-        Raises InvalidInput where muscles are not `affine` in the pressure: their V^eff depends on κ.
+        Raises InvalidInput if muscles are not `affine` in the pressure: their V^eff depends on κ.
         """
         if gas is None or gas.corner is None or self.frequency is None or not self.lags:
             return self
@@ -206,21 +206,21 @@ class StiffnessKind:
 
     @property
     def held(self) -> bool:
-        """Whether no gas is in it: pressures are held."""
+        """Whether it excludes gas: pressures are constant."""
         return self.shares is not None and not any(self.shares)
 
     @property
     def isobaric(self) -> bool:
-        """Whether neither gas nor hysteresis is in it."""
+        """Whether it excludes gas and hysteresis."""
         return self.held and self.amplitude is None
 
     def secant(self, own: Loop) -> Secant | None:
-        """Return the hysteresis in it, that of a joint with the `own` loop; None where there is none in it."""
+        """Return its hysteresis, for a joint with the `own` loop; None if it excludes hysteresis."""
         return None if self.amplitude is None else (own if self.loop is None else self.loop).secant(self.amplitude)
 
     @property
     def states(self) -> "tuple[StiffnessKind, ...]":
-        """Kinds of stiffness that may be chosen from: four of free valves, else this one."""
+        """Kinds of stiffness to choose from: four for free valves, else this one."""
         if self.shares is not None:
             return (self,)
         return tuple(
@@ -230,9 +230,9 @@ class StiffnessKind:
 
     @property
     def fixed(self) -> Shares | None:
-        """Shares where there are any: None for isobaric stiffness. Raises InvalidInput for free valves."""
+        """Shares, None for isobaric stiffness. Raises InvalidInput for free valves."""
         if self.shares is None:
-            raise InvalidInput("valves='free' is a question to `allocate`, maps and intervals; a state is needed here")
+            raise InvalidInput("valves='free' is for `allocate`, maps and intervals only; give a state of the valves")
         return None if self.held else self.shares
 
 
@@ -244,17 +244,17 @@ HELD = StiffnessKind.of()
 class Stiffness:
     """Kind of stiffness that a target K refers to: constant pressures unless `valves` or `frequency` are given.
 
-    With an `amplitude` it is the one that a push by so much meets, with the joint's hysteresis   (S3). Of a mechanism
-    it may be that of a hand, K_x [N/m], while this exerts a force.
+    With an `amplitude` it is the stiffness against a push by it, with the joint's hysteresis (S3). For a mechanism it
+    may be that of a hand, K_x [N/m], while the hand exerts a force.
     """
 
-    valves: object = "open"  # "open", "shut", whether each is shut, "free" (of a pair: whichever are best), or a kind
+    valves: object = "open"  # "open", "shut", whether each is shut, "free" (for a pair: the best state), or a kind
     frequency: float | None = None  # [Hz] of small motions against regulators: the real part of the dynamic stiffness
     lag: ArrayLike | None = None  # τ of the regulators [s], a number or one for each muscle; goes with the frequency
-    tolerance: float = 0.0  # stiffnesses this near to K are as good [N·m/rad]; of a pair
-    endpoint: "Endpoint | None" = None  # the hand whose stiffness is meant, instead of the joints'
-    force: ArrayLike = 0.0  # which the hand exerts (…, dim) [N]
-    amplitude: float | None = None  # A [rad] of pushes by ±A that meet hysteresis, too; of a pair
+    tolerance: float = 0.0  # stiffnesses within this of K are equally good [N·m/rad]; for a pair
+    endpoint: "Endpoint | None" = None  # the hand of the stiffness, instead of the joints
+    force: ArrayLike = 0.0  # force of the hand (…, dim) [N]
+    amplitude: float | None = None  # A [rad] of pushes by ±A, which adds hysteresis; for a pair
     loop: Loop | None = None  # the hysteresis; None: that of the joint
 
     def kind(self, muscles: Sequence[str] = PAIR) -> StiffnessKind:
@@ -271,20 +271,20 @@ ISOBARIC = Stiffness()
 
 
 def checked_gas(gas: object) -> None:
-    """Insist on a gas. Raises InvalidInput."""
+    """Raise InvalidInput unless this is a `Gas`."""
     if not isinstance(gas, Gas):
         raise InvalidInput(f"gas = {checks.brief(gas)} has to be a Gas, such as Gas(kappa=1.4)")
 
 
 def checked_stiffness(stiffness: object) -> Stiffness:
-    """Return `stiffness`, which has to be of this type. Raises InvalidInput."""
+    """Return `stiffness`. Raises InvalidInput unless it is a `Stiffness`."""
     if not isinstance(stiffness, Stiffness):
         raise InvalidInput(f"stiffness = {checks.brief(stiffness)} has to be a Stiffness, such as Stiffness('shut')")
     return stiffness
 
 
 def of_a_joint(stiffness: object, gas: Gas, affine: bool) -> StiffnessKind:
-    """Return the kind of stiffness of a joint with this gas, which has no hand. Raises InvalidInput."""
+    """Return the kind of stiffness of a joint with this gas. Raises InvalidInput, also for an endpoint."""
     given = checked_stiffness(stiffness)
     if given.endpoint is not None or np.any(given.force):
         raise InvalidInput("endpoint and force are of a Mechanism; a joint has no hand")
@@ -302,7 +302,7 @@ def frequencies(frequency: object) -> Array:
 
 
 def lags(lag: object, muscles: int = 2) -> tuple[float, ...]:
-    """Return the checked lags τ_i [s] of the regulators of so many muscles; one number is for all."""
+    """Return the checked lags τ_i [s] of the regulators of all muscles, from one number or one each."""
     found = checks.real("lag", lag, "s")
     if found.shape not in ((), (muscles,)):
         each = "a pair" if muscles == 2 else f"m = {muscles}"

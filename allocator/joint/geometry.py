@@ -1,4 +1,4 @@
-"""Geometry of a joint: contraction ratio, moment arm and its derivative of two muscles, over the joint angle.
+"""Geometry of a joint: contraction, moment arm and its derivative of two muscles, over the joint angle.
 
 A geometry is described per muscle by its contraction ε(θ). The moment arm follows from it, since a muscle of rest
 length l0 that shortens by l0 dε does the work F l0 dε = F a dθ:
@@ -8,9 +8,9 @@ length l0 that shortens by l0 dε does the work F l0 dε = F a dθ:
 The error of a table is estimated from the same table with every second sample left out. Halving the samples of a smooth
 function raises the error of its cubic spline by 2⁴ (length), 2³ (arm) and 2² (bend), so the difference between both
 splines bounds the error of the full one. The even and the odd samples are left out in turn, since one of the two may
-miss a kink. Where the bend jumps, since a cable lifts off or hits a stop, both splines ring and the difference does not
-shrink however many samples there are: the torque's stiffness F H would be wrong by the force times that difference.
-Such tables are refused.
+miss a kink. If the bend jumps because a cable lifts off or hits a stop, both splines ring and the difference does not
+shrink with more samples: the torque's stiffness F H would be wrong by the force times that difference. Such tables are
+refused.
 """
 
 from abc import ABC, abstractmethod
@@ -26,11 +26,11 @@ from allocator.errors import InvalidInput
 from allocator.units import DEG
 
 _SHORTEST = 1e-6  # [m]
-_LONGEST = 10.0  # [m] of what a joint has; more is millimetres
+_LONGEST = 10.0  # [m] of a joint's dimensions; more is in millimetres
 
 
 class Routing(NamedTuple):
-    """A `Routing` is where one muscle is at a joint angle."""
+    """Contraction and moment arm of one muscle at a joint angle."""
 
     contraction: Value  # ε [-]
     arm: Value  # a [m], positive
@@ -62,7 +62,7 @@ class Geometry(ABC):
         return (-2 * np.pi, 2 * np.pi)
 
     def angles_at(self, contraction: float) -> tuple[float, float]:
-        """Return where agonist (left) and antagonist (right) have this contraction [rad]; infinite where not."""
+        """Return the angles of this contraction of agonist (left) and antagonist (right) [rad]; infinite for none."""
         ends = np.asarray(self.reach)
         left = increasing_root(lambda x: self.agonist(x).contraction - contraction, *ends)
         right = increasing_root(lambda x: contraction - self.antagonist(x).contraction, *ends)
@@ -105,7 +105,7 @@ class Lever(Geometry):
 
     anchor: float  # R, from the axis to the muscle's fixed end [m]
     lever: float  # r, from the axis to the muscle's moving end [m]
-    offset: float = 0.0  # of the muscle beyond that distance; negative where cables or fittings take part of it [m]
+    offset: float = 0.0  # of the muscle beyond that distance; negative if cables or fittings take part of it [m]
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -135,9 +135,9 @@ class Lever(Geometry):
 
 @dataclass(frozen=True)
 class Table(Geometry):
-    """Mechanism known by samples: contraction of both muscles at n angles, joined by cubic splines.
+    """Sampled mechanism: contraction of both muscles at n angles, interpolated by cubic splines.
 
-    Its `error` says how far to trust it. Raises InvalidInput where the samples contradict each other too much.
+    Its `error` estimates its accuracy. Raises InvalidInput if the samples are too inconsistent.
     """
 
     theta: Array = field(repr=False)  # [rad], increasing, (n,)
@@ -213,7 +213,7 @@ class Table(Geometry):
 
 
 def positive(geometry: Geometry, *names: str) -> None:
-    """Turn the named fields into floats and insist that they are positive and finite."""
+    """Convert the named fields to floats. Raises InvalidInput unless they are positive and finite."""
     for name in names:
         number = checks.number(f"{type(geometry).__name__}: {name}", getattr(geometry, name), "m")
         if not number > 0:
@@ -227,7 +227,7 @@ def positive(geometry: Geometry, *names: str) -> None:
 
 
 def fraction(geometry: Geometry, *names: str) -> None:
-    """Turn the named fields into floats and insist that they are contraction ratios."""
+    """Convert the named fields to floats. Raises InvalidInput unless they are contraction ratios."""
     for name in names:
         number = checks.number(f"{type(geometry).__name__}: {name}", getattr(geometry, name), "ratio")
         if not -1 < number < 1:
@@ -237,9 +237,9 @@ def fraction(geometry: Geometry, *names: str) -> None:
         object.__setattr__(geometry, name, number)
 
 
-_MOST_ARM = 0.1  # of the greatest arm: a table that is further off is refused
+_MOST_ARM = 0.1  # of the greatest arm: a table with a greater error is refused
 _MOST_BEND = 0.2  # of the greatest arm, per radian
-_FEWEST = 9  # samples of a joint from which half of them tell enough
+_FEWEST = 9  # samples of a joint, for which half of them suffice
 
 
 class TableError(NamedTuple):
@@ -248,7 +248,7 @@ class TableError(NamedTuple):
     length: Array  # [m]
     arm: Array  # [m]
     bend: Array  # [m/rad]
-    posture: Array  # (m, n) where the difference of the bends is greatest [rad]
+    posture: Array  # (m, n) of the greatest difference of bends [rad]
 
     def __str__(self) -> str:
         """Return the three errors, for a sentence."""
@@ -270,9 +270,9 @@ def greatest_differences(differences: Array, postures: Array) -> TableError:
 
 
 def check_table(kind: str, error: TableError, arms: Array, samples: int) -> None:
-    """Refuse a table whose greatest `arms` (m,) [m] make its error too great; `samples` is the least of any joint.
+    """Refuse a table with too great an error for its greatest `arms` (m,) [m]; `samples` is the least of any joint.
 
-    Raises `InvalidInput`. A table of fewer than nine samples has no half that tells, and passes.
+    Raises `InvalidInput`. A table of fewer than nine samples has too small halves, and passes.
     """
     wrong = (error.arm > _MOST_ARM * arms) | (error.bend > _MOST_BEND * arms)
     if samples < _FEWEST or not wrong.any():
@@ -282,6 +282,6 @@ def check_table(kind: str, error: TableError, arms: Array, samples: int) -> None
     raise InvalidInput(
         f"{kind}: muscle {j + 1} has arms of up to {1e3 * arms[j]:.3g} mm, but every second sample gives another arm "
         f"by {1e3 * error.arm[j]:.2g} mm and another bend by {1e3 * error.bend[j]:.2g} mm/rad near {where} rad, so the "
-        "stiffness cannot be told: the cable lifts off there or the samples are noisy or too few; smooth or split the "
+        "stiffness is uncertain: the cable lifts off there or the samples are noisy or too few; smooth or split the "
         "table, sample it more finely, or describe the route by a formula"
     )

@@ -1,31 +1,31 @@
-"""Hysteresis of a joint, and the angles at which it rests: without friction, and after a history of pressures.
+"""Hysteresis of a joint, and its equilibrium angles without friction and after a history of pressures.
 
-The hysteresis is a Prandtl–Ishlinskii operator of the angle that the muscles would hold without it.
+The hysteresis is a Prandtl–Ishlinskii operator of the static angle, the equilibrium without hysteresis.
 
     θ = H[u] = w_0 u + Σ w_i p_i,    p_i(k) = max(u_k - ρ_i, min(u_k + ρ_i, p_i(k-1)))       u: static angle, p_i: plays
     ρ_i = r_i s(P1 + P2),            s = s_0 + (1 - s_0) (P1 + P2)/5 bar
 
-Where all partial sums W_j = w_0 + … + w_j are positive, H is invertible, and its inverse is such an operator too
-(Krejčí & Kuhnen 2001; Kuhnen 2003), so that feed-forward through hysteresis needs no iteration:
+If all partial sums W_j = w_0 + … + w_j are positive, H is invertible, and its inverse is another such operator (Krejčí
+& Kuhnen 2001; Kuhnen 2003), so feed-forward through hysteresis needs no iteration:
 
     r'_j = Σ_{i≤j} w_i (r_j - r_i),   w'_0 = 1/w_0,   w'_j = -w_j/(W_j W_{j-1})                               [PI]
 
 its plays p'_j = W_j p_j + Σ_{i>j} w_i p_i, whose neighbours differ by p'_j - p'_{j-1} = W_{j-1} (p_j - p_{j-1}).
 
 Plays of constant widths are never further apart than their widths differ: |p_j - p_{j-1}| ≤ ρ_j - ρ_{j-1}. Where the
-widths shrink with P1 + P2, the differences are cut to this and the widest play stays: of p and of p' alike, whose
-differences are proportional, so that the inverse is exact for widths that vary too.
+widths shrink with P1 + P2, the differences are cut to this and the widest play is unchanged. This holds for p and p',
+whose differences are proportional, so the inverse is also exact for varying widths.
 
 P. Krejčí & K. Kuhnen, "Inverse control of systems with hysteresis and creep", IEE Proc. Control Theory Appl. 148
 (2001) 185–192; K. Kuhnen, "Modeling, identification and compensation of complex hysteretic nonlinearities", European
 Journal of Control 9 (2003) 407–418.
 
-After a history of pressures, quasi-static, so that only their order counts and not their times, the angle is that of
-the static angles that go through H. With friction μ alone each angle is the root of
+A history of pressures is quasi-static: only the order counts, not the times. Its angles are H of the static angles.
+With friction μ alone each angle is the root of
 
     T(θ, P) - μ (a1 F1 + a2 F2) z = load,    z = s - (s - z_0) exp(-|Δθ|/δ),  s = sign(Δθ)          Dahl 1968
 
-z_0 that of the angle before: exact however far the joint turns, as long as it turns one way between two pressures.
+with z_0 of the previous angle: exact for any rotation in one direction between two pressures.
 """
 
 from collections.abc import Callable
@@ -43,10 +43,10 @@ from allocator.calculus import Array, Value, is_symbol, rising_roots
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 
-FILLED = 5 * BAR  # P1 + P2 [Pa] for which widths are given
+FILLED = 5 * BAR  # P1 + P2 [Pa] of the given widths
 PRESLIDING = 0.5 * DEG  # δ of measured joints in slow sweeps [rad]
-NO_GAIN = 1e-12  # by which a gain differs from 1 by rounding
-_PIECES = 32  # of the way to the end of the joint range in which the nearest root is looked for
+NO_GAIN = 1e-12  # a smaller deviation of a gain from 1 is rounding
+_PIECES = 32  # of the way to the end of the joint range in the search for the nearest root
 
 
 class Slip(NamedTuple):
@@ -54,7 +54,7 @@ class Slip(NamedTuple):
 
     springs: tuple[float, ...]  # κ_i [-], shares of the isobaric stiffness K(θ, P1, P2); or k_i [N·m/rad]
     widths: tuple[float, ...]  # r'_i, half widths of the plays where P1 + P2 = 5 bar [rad]; inf: it never slips
-    base: float  # s_0 [-], share of the widths that is left without pressure
+    base: float  # s_0 [-], share of the widths without pressure
     gain: float = 1.0  # W_n [-], of wide motions
     elastic: bool = True  # whether the springs are shares of K
 
@@ -68,15 +68,15 @@ class Slip(NamedTuple):
 
 @dataclass(frozen=True)
 class PrandtlIshlinskii:
-    """Prandtl–Ishlinskii operator H, given by its weights and thresholds. The caller keeps its memory, the plays.
+    """Prandtl–Ishlinskii operator H, given by its weights and thresholds. The caller stores its memory, the plays.
 
     Angles in rad, pressures in Pa. Everything takes floats or arrays (the plays are rows: (n,) or (n, …)), and `moved`
-    and `output` CasADi symbols too (plays: a column).
+    and `output` also CasADi symbols (plays: a column).
     """
 
     weights: tuple[float, ...] = (1.0,)  # w_0, …, w_n [-]
     thresholds: tuple[float, ...] = ()  # r_1 < … < r_n, half widths of the plays where P1 + P2 = 5 bar [rad]
-    base: float = field(default=1.0, kw_only=True)  # s_0 [-], share of the widths that is left without pressure
+    base: float = field(default=1.0, kw_only=True)  # s_0 [-], share of the widths without pressure
 
     def __post_init__(self) -> None:
         """Check that the operator can be inverted."""
@@ -101,7 +101,7 @@ class PrandtlIshlinskii:
 
     @property
     def size(self) -> int:
-        """n, how many plays it remembers."""
+        """n, the number of plays."""
         return len(self.thresholds)
 
     @cached_property
@@ -115,13 +115,13 @@ class PrandtlIshlinskii:
         return self.slopes[-1]
 
     def scale(self, filled: Value) -> Value:
-        """Return s [-], the widths in those at 5 bar, where P1 + P2 = `filled` [Pa]."""
+        """Return s [-], the widths at P1 + P2 = `filled` [Pa] relative to those at 5 bar."""
         return self.base + (1 - self.base) * filled / FILLED
 
     # --- forwards ---------------------------------------------------------------------------------------------------
 
     def at_rest(self, u: Value) -> Value:
-        """Return the plays of a joint that never turned before it came to the static angle `u` [rad]: all there."""
+        """Return the plays of a joint without a history at the static angle `u` [rad]: all equal `u`."""
         if is_symbol(u):
             import casadi as ca
 
@@ -130,7 +130,7 @@ class PrandtlIshlinskii:
         return np.repeat(u[None], self.size, axis=0)
 
     def moved(self, plays: Value, u: Value, filled: Value = FILLED) -> Value:
-        """Return the `plays` [rad] after the static angle moved one way to `u` [rad], with P1 + P2 = `filled` [Pa]."""
+        """Return the `plays` [rad] after a monotonic motion of the static angle to `u` [rad] at P1 + P2 = `filled`."""
         s = self.scale(filled)
         known = [plays[i] for i in range(self.size)]
         for i in range(self.size - 2, -1, -1):
@@ -153,10 +153,10 @@ class PrandtlIshlinskii:
         return self.output(plays, u), plays
 
     def run(self, u: ArrayLike, filled: ArrayLike = FILLED, plays: Array | None = None) -> Array:
-        """Return θ (m,) [rad] as the static angle goes through `u` (m,) [rad] with P1 + P2 = `filled` (m,) [Pa].
+        """Return θ (m,) [rad] for the static angles `u` (m,) [rad] in order, with P1 + P2 = `filled` (m,) [Pa].
 
-        It begins with `plays` (n,) [rad], by default at rest at the first angle. Raises `InvalidInput` at what is no
-        row of finite angles and pressures.
+        It begins with `plays` (n,) [rad], by default at rest at the first angle. Raises `InvalidInput` unless angles
+        and pressures are rows of finite numbers.
         """
         u, filled = checks.broadcast(u=checks.real("u", u, "rad"), filled=checks.pressure("filled", filled))
         if u.ndim != 1:
@@ -178,14 +178,14 @@ class PrandtlIshlinskii:
 
     @cached_property
     def inverse(self) -> "PrandtlIshlinskii":
-        """H⁻¹, which takes the angle θ to the static angle u   [PI]. The inverse of it is H again."""
+        """H⁻¹, which maps the angle θ to the static angle u   [PI]. Its inverse is H."""
         r, w, W = (0.0, *self.thresholds), self.weights, self.slopes
         thresholds = tuple(sum(w[i] * (r[j] - r[i]) for i in range(j)) for j in range(1, len(r)))
         weights = tuple(-w[j] / (W[j] * W[j - 1]) for j in range(1, len(r)))
         return PrandtlIshlinskii((1 / w[0], *weights), thresholds, base=self.base)
 
     def plays_of_inverse(self, plays: Value) -> Value:
-        """Return the plays p' [rad] of `inverse` in the state in which those of this operator are `plays` [rad]."""
+        """Return the plays p' [rad] of `inverse` that correspond to the `plays` [rad] of this operator."""
         later = [sum(w * plays[i] for i, w in enumerate(self.weights[1:]) if i > j) for j in range(self.size)]
         found = [self.slopes[j + 1] * plays[j] + later[j] for j in range(self.size)]
         if any(is_symbol(p) for p in found):
@@ -198,13 +198,13 @@ class PrandtlIshlinskii:
     def slip(self) -> Slip:
         """Hysteresis as friction: Maxwell slip with springs in proportion to the stiffness K.
 
-        The muscles hold a load where T(u, P) = load at u = H⁻¹[θ]. Seen from the angle, friction takes the torque
+        The muscles balance a load if T(u, P) = load at u = H⁻¹[θ]. In terms of the angle, friction has the torque
 
             T_f = T(θ, P) - T(u, P) ≈ K (u - θ) = K [(1/W_n - 1) θ + Σ κ_i e_i],     κ_i = -w'_i,   e_i = θ - p'_i
 
         in which the stops e_i = clip(e_i + dθ, ±ρ'_i) are those of Maxwell slip (`mpc.model.friction.maxwell_slip`),
-        with springs κ_i K [N·m/rad] and half widths r'_i s(P1 + P2). The gain W_n is no friction but belongs to the
-        static joint: where it is 1, nothing else is left. Raises `InvalidInput` where a weight w_i is negative: such
+        with springs κ_i K [N·m/rad] and half widths r'_i s(P1 + P2). The gain W_n is not friction but belongs to the
+        static joint; with W_n = 1 only the stops remain. Raises `InvalidInput` if a weight w_i is negative: such
         elements would push.
         """
         if any(w < 0 for w in self.weights[1:]):
@@ -214,9 +214,10 @@ class PrandtlIshlinskii:
 
 
 def pass_plays(u: Array, s: Array, r: Array | tuple[float, ...], plays: Array, out: Array) -> None:
-    """Fill `out` (n, m) with the plays [rad] of half widths r (n,) [rad] while the static angle goes through u (m,)
-    [rad] and the widths are s (m,) times as wide: `PrandtlIshlinskii.moved` sample by sample, in plain Python, which
-    identification compiles. `plays` (n,) are those before, and afterwards the last ones.
+    """Fill `out` (n, m) with the plays [rad] of half widths r (n,) [rad] for static angles u (m,) [rad].
+
+    The widths are s (m,) times as wide. It is `PrandtlIshlinskii.moved` sample by sample, in plain Python for numba.
+    `plays` (n,) are the initial ones, and the last ones on return.
     """
     n = len(r)
     for k in range(len(u)):
@@ -228,7 +229,7 @@ def pass_plays(u: Array, s: Array, r: Array | tuple[float, ...], plays: Array, o
                 narrower = deeper + max(-gap, min(gap, known - narrower))
             else:
                 narrower = known
-            deeper, narrower = narrower, known  # this play as cut, and as it was
+            deeper, narrower = narrower, known  # this play after and before the cut
             plays[i] = max(at - scale * r[i], min(at + scale * r[i], deeper))
             out[i, k] = plays[i]
 
@@ -246,13 +247,13 @@ def _clipped(x: Value, low: Value, high: Value) -> Value:
 
 
 def dahl(z: float, motion: float, presliding: float = PRESLIDING) -> float:
-    """Return the state z [-] of Dahl's friction after turning by `motion` [rad] in one direction."""
+    """Return the state z [-] of Dahl's friction after a rotation by `motion` [rad] in one direction."""
     s = copysign(1.0, motion)
     return s - (s - z) * exp(-abs(motion) / presliding)
 
 
 def through_plays(H: PrandtlIshlinskii, u: Array, filled: Array) -> Array:
-    """Return θ (m,) [rad] for the static angles u (m,) [rad], NaN where there is none: the memory stays."""
+    """Return θ (m,) [rad] for the static angles u (m,) [rad], NaN for NaN, which keeps the memory."""
     theta, known = np.full(u.size, np.nan), np.isfinite(u)
     theta[known] = H.run(u[known], filled[known])
     return theta
@@ -262,9 +263,9 @@ Excess = Callable[[float, float, float, float], float]  # (θ [rad], P1, P2 [Pa]
 
 
 def through_friction(excess: Excess, start: float, P1: Array, P2: Array, ends: tuple[float, float]) -> Array:
-    """Return θ (m,) [rad] as the pressures go through P1, P2 (m,) [Pa], from rest without friction at `start` [rad].
+    """Return θ (m,) [rad] for the pressures P1, P2 (m,) [Pa] in order, from rest without friction at `start` [rad].
 
-    The `excess` falls with θ. NaN where the joint would leave its range, `ends` [rad]: the memory stays.
+    The `excess` falls with θ. NaN where the joint would leave its range, `ends` [rad], which keeps the memory.
     """
     theta, found, z = start, np.full(P1.size, np.nan), 0.0
     for k, (one, two) in enumerate(zip(P1.tolist(), P2.tolist(), strict=True)):
@@ -276,7 +277,7 @@ def through_friction(excess: Excess, start: float, P1: Array, P2: Array, ends: t
 
 
 def _settled(excess: Excess, theta: float, z: float, P1: float, P2: float, ends: tuple[float, float]) -> float:
-    """Return the first angle [rad] without excess, on the way that the torque drives from `theta`."""
+    """Return the first angle [rad] without excess from `theta` in the direction of the torque."""
     from scipy.optimize import brentq
 
     def balance(at: float) -> float:
@@ -295,11 +296,11 @@ def _settled(excess: Excess, theta: float, z: float, P1: float, P2: float, ends:
 if TYPE_CHECKING:
     from allocator.joint.antagonist import AntagonistJoint
 
-_REGIONS = 64  # of the joint range, in each of which one equilibrium is looked for
+_REGIONS = 64  # of the joint range, each searched for one equilibrium
 
 
 def nearest_equilibrium(joint: "AntagonistJoint", P1: Array, P2: Array, T: Array) -> Array:
-    """Return the angle [rad] nearest to 0 at which the joint gives and holds T [N·m] at pressures [Pa]; else NaN."""
+    """Return the stable equilibrium [rad] nearest to 0 with the torque T [N·m] at pressures [Pa]; NaN for none."""
 
     def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
         agonist, antagonist = joint.sides(theta)

@@ -1,7 +1,7 @@
-"""Limits of a joint: their names, what is asked of the muscles, and the pressures that they leave.
+"""Limits of a joint: their names, the limits on muscles, and the allowed pressures.
 
-`Limit` names what may bind, `Limits` is what a caller asks for beyond supply and joint range, `PressureBox` is what
-both leave at an angle.
+`Limit` names the limits that may bind, `Limits` holds the caller's limits beyond supply and joint range, `PressureBox`
+the pressures that both allow at an angle.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -20,7 +20,7 @@ from allocator.errors import InvalidInput
 COMMON_FORCE = "a force common to both muscles"
 PRIOR_FORCE = f"{COMMON_FORCE}, which is that of a prior"
 UNSEEN = (COMMON_FORCE, PRIOR_FORCE)
-"""What the data of a joint's fit may leave open: while it is, the pressures at which cables go slack are assumed."""
+"""Quantities that a joint's fit may fail to identify; the pressures at which cables go slack are then assumed."""
 
 BINDS = 1e-9  # of the supply range: a pressure nearer to a bound lies on it
 
@@ -46,7 +46,7 @@ class Limit(IntFlag):
 
     @property
     def text(self) -> str:
-        """Name as it is printed: "P1 upper", "agonist slack", …"""
+        """Printed name: "P1 upper", "agonist slack", …"""
         return _TEXT[self]
 
 
@@ -77,18 +77,18 @@ def names(limits: int) -> tuple[str, ...]:
 class Limits(NamedTuple):
     """Limits on muscle forces and pressures, in addition to the machine's supply and joint range.
 
-    Of a mechanism the forces may be rows (m,), and the pressures now an array (…, m). A named tuple, quickly made.
+    Of a mechanism the forces may be rows (m,), and the present pressures an array (…, m). A named tuple for speed.
     """
 
-    min_force: Value = 0.0  # least muscle force [N]; 0 keeps cables taut, None lets them be slack
+    min_force: Value = 0.0  # least muscle force [N]; 0 keeps cables taut, None allows slack
     max_force: Value = None  # greatest muscle force [N]
     min_cocontraction: float | None = None  # least mean pressure (P1 + P2)/2 [Pa]
-    previous: Value = None  # slew limit: the pressure of each muscle now [Pa] …
-    max_step: Value = None  # … and how far each may move [Pa]; numbers, or arrays (n,) of n targets
+    previous: Value = None  # slew limit: the present pressure of each muscle [Pa] …
+    max_step: Value = None  # … and the greatest change of each [Pa]; numbers, or arrays (n,) of n targets
 
     @property
     def without_forces(self) -> Self:
-        """Limits that are left without those on the forces."""
+        """Limits without those on the forces."""
         return self._replace(min_force=None, max_force=None)
 
     def reach(self, muscle: int) -> tuple[Value, Value]:
@@ -104,7 +104,7 @@ class Limits(NamedTuple):
         return self._replace(previous=tuple(P[where] for P in self.previous), max_step=self.max_step[where])
 
 
-TAUT = Limits()  # the ordinary ones: nothing but taut cables
+TAUT = Limits()  # the default: only taut cables
 
 
 def checked_supply(limits: object) -> tuple[float, float]:
@@ -117,7 +117,7 @@ def checked_supply(limits: object) -> tuple[float, float]:
 
 
 def checked_limits(limits: object) -> Limits:
-    """Return `limits`, which have to be of this type. Raises InvalidInput."""
+    """Return `limits`. Raises InvalidInput unless they are `Limits`."""
     if not isinstance(limits, Limits):
         raise InvalidInput(f"limits = {checks.brief(limits)} have to be Limits, such as Limits(min_force=20.0)")
     return limits
@@ -129,26 +129,26 @@ Bound = tuple[Array, Limit]
 
 @dataclass(frozen=True)
 class PressureInterval:
-    """Pressures [Pa] that one muscle may have, and which limits set each end, in arrays.
+    """Allowed pressures [Pa] of one muscle, and the limits that set each end, in arrays.
 
-    Where no pressure satisfies all limits lo = hi is what is left, and `broken` tells which limits are not kept. Hard
-    above all is the slew limit, then the supply's lower end, then the upper ends, then the least force.
+    If no pressure satisfies all limits, lo = hi is the compromise, and `broken` has the violated limits. The slew limit
+    has the highest priority, then the supply's lower end, then the upper ends, then the least force.
     """
 
     lo: Array
     hi: Array
-    lo_limit: NDArray[np.int32]  # Limit flags: all that lie at `lo`
+    lo_limit: NDArray[np.int32]  # Limit flags at `lo`
     hi_limit: NDArray[np.int32]
-    broken: NDArray[np.int32]  # those that all of [lo, hi] is beyond
+    broken: NDArray[np.int32]  # those violated by all of [lo, hi]
     empty: NDArray[np.bool_]  # the limits other than the slew limit contradict each other
-    unreachable: NDArray[np.bool_]  # the slew limit allows no pressure that supply, model and greatest force do
+    unreachable: NDArray[np.bool_]  # the slew limit excludes all pressures that supply, model and greatest force allow
 
     @classmethod
     def between(cls, floors: list[Bound], ceilings: list[Bound], reach: tuple[Bound, Bound], near: float) -> Self:
-        """Return the pressures above all `floors`, of which the supply's is the first, and below all `ceilings`.
+        """Return the pressures above all `floors`, the supply's first, and below all `ceilings`.
 
-        `reach` is what the slew limit leaves, infinite where there is none; limits within `near` [Pa] of each other
-        lie at the same pressure.
+        `reach` is the interval of the slew limit, infinite without one; limits within `near` [Pa] of each other count
+        as equal.
         """
         floor, ceiling = (
             reduce(choice, [P for P, _ in bounds]) for choice, bounds in ((np.maximum, floors), (np.minimum, ceilings))
@@ -170,7 +170,7 @@ class PressureInterval:
 
     @property
     def slack(self) -> Mask:
-        """Whether no pressure left pulls the cable with the least force."""
+        """Whether no allowed pressure gives the least force."""
         return np.asarray(self.broken & (Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) != 0)
 
     def map(self, function: Callable[[Any], Any]) -> "PressureInterval":
@@ -187,24 +187,24 @@ class PressureInterval:
         return np.asarray(np.where(low, self.lo_limit, 0) | np.where(high, self.hi_limit, 0), np.int32)
 
     def not_kept(self, P: Array, tolerance: float) -> NDArray[np.int32]:
-        """Return the flags of the limits that `P` is beyond by more than `tolerance` [Pa]."""
+        """Return the flags of the limits that `P` violates by more than `tolerance` [Pa]."""
         low, high = self.lo - tolerance > P, self.hi + tolerance < P
         left = np.where(self.contains(P, tolerance), self.broken, 0)
         return np.asarray(np.where(low, self.lo_limit, 0) | np.where(high, self.hi_limit, 0) | left, np.int32)
 
 
 def _flags(held: Iterable[tuple[Mask, Limit]]) -> NDArray[np.int32]:
-    """Return the limits that hold, combined."""
+    """Return the flags of the limits that apply, combined."""
     return np.asarray(reduce(np.bitwise_or, [np.where(which, np.int32(limit), 0) for which, limit in held]), np.int32)
 
 
 @dataclass(frozen=True)
 class PressureBox:
-    """Pressures allowed at an angle: one interval a muscle, and maybe a floor on their sum."""
+    """Pressures allowed at an angle: one interval per muscle, and an optional floor on their sum."""
 
     agonist: PressureInterval
     antagonist: PressureInterval
-    least_sum: Array | float = -np.inf  # P1 + P2 ≥ this [Pa], the co-contraction floor, which cuts a corner off
+    least_sum: Array | float = -np.inf  # P1 + P2 ≥ this [Pa], the co-contraction floor, which cuts off a corner
 
     def __iter__(self) -> Iterator[PressureInterval]:
         """Yield agonist and antagonist."""
@@ -216,7 +216,7 @@ class PressureBox:
         return PressureBox(self.agonist.map(function), self.antagonist.map(function), least_sum)
 
     def with_least_sum(self, least_sum: Array) -> "PressureBox":
-        """Add a floor on P1 + P2; where not even the upper ends reach it the box shrinks to them."""
+        """Add a floor on P1 + P2; if the upper ends do not reach it, the box shrinks to them."""
         missed = self.agonist.hi + self.antagonist.hi < least_sum
 
         def at_most(interval: PressureInterval) -> PressureInterval:
@@ -232,7 +232,7 @@ class PressureBox:
 
     @property
     def empty(self) -> NDArray[np.bool_]:
-        """Where limits contradict each other."""
+        """Whether limits contradict each other."""
         return self.agonist.empty | self.antagonist.empty
 
     def contains(self, P1: Array, P2: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
@@ -247,7 +247,7 @@ class PressureBox:
         return limits | np.where(on_floor, np.int32(Limit.COCONTRACTION), np.int32(0))
 
     def not_kept(self, P1: Array, P2: Array, tolerance: float) -> NDArray[np.int32]:
-        """Return the flags of the limits that (P1, P2) is beyond by more than `tolerance` [Pa]."""
+        """Return the flags of the limits that (P1, P2) violates by more than `tolerance` [Pa]."""
         limits = self.agonist.not_kept(P1, tolerance) | self.antagonist.not_kept(P2, tolerance)
         under_floor = P1 + P2 < self.least_sum - tolerance
         return limits | np.where(under_floor, np.int32(Limit.COCONTRACTION), np.int32(0))

@@ -1,4 +1,4 @@
-"""One muscle held at a posture; everything static of a joint or a mechanism is a sum of these."""
+"""One muscle at a posture; static torques and stiffnesses of joints and mechanisms are sums over these."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -12,27 +12,27 @@ from allocator.joint.geometry import Routing
 from allocator.joint.limits import BINDS, Limit, Limits, PressureInterval
 from allocator.muscles import AffineMuscle, Muscle
 
-STABLE = 0.5  # of V: where V^eff is less the law's volume falls with the pressure too steeply to be a volume
-_MOST_GROWTH = 100.0  # of a volume by contraction; that of a braided tube grows to seven times itself at most
-_LOOKED_AT = 33  # pressures between which the first fall of V^eff below that is looked for
+STABLE = 0.5  # of V: with a smaller V^eff the law's volume falls implausibly fast with the pressure
+_MOST_GROWTH = 100.0  # of a volume by contraction; a braided tube grows sevenfold at most
+_LOOKED_AT = 33  # pressures in the search for the first V^eff below that
 
 
 @dataclass(frozen=True)
 class OneMuscle:
-    """Muscle held at a posture, which adds a torque r F(P) and a stiffness k(P) r rᵀ + F(P) H.
+    """Muscle at a posture, which adds a torque r F(P) and a stiffness k(P) r rᵀ + F(P) H.
 
     Its arm r = -∇l and bend H = ∇²l are numbers at a joint (r = ±a, H = ∓a' of its moment arm a), or with `vector` a
-    vector and a matrix at a mechanism. Its own stiffness k is -F_ε/L, or with a `share` of the trapped gas the one that
-    (G5) adds to, see `allocator.joint.gas`. Contraction, pressures and what depends on them are (…).
+    vector and a matrix at a mechanism. Its own stiffness k is -F_ε/L, plus a `share` of the trapped gas by (G5), see
+    `allocator.joint.gas`. Contraction, pressures and dependent values have the shape (…).
     """
 
     muscle: Muscle
-    name: str  # "agonist", "antagonist", or what a mechanism calls it
+    name: str  # "agonist", "antagonist", or its name in a mechanism
     rest_length: float  # L [m]
     contraction: Value  # ε (…) [-]
     arm: Value  # r [m]: (…), or (…, n)
     bend: Value  # H [m/rad]: (…), or (…, n, n)
-    share: Value | None = None  # s of the trapped gas in the stiffness [-]; None: none, pressures are held
+    share: Value | None = None  # s of the trapped gas in the stiffness [-]; None: constant pressure
     gas: Gas = AIR
     push: tuple[float, float] | None = (
         None  # (α, drag) of hysteresis in the stiffness of a joint, see `Secant.separable`
@@ -43,7 +43,7 @@ class OneMuscle:
     def at_joint(
         cls, muscle: Muscle, agonist: bool, rest_length: float, routing: Routing, share: Value = None, gas: Gas = AIR
     ) -> Self:
-        """Return the agonist or the antagonist of a joint, as its `Geometry` leads it."""
+        """Return the agonist or the antagonist of a joint, routed by its `Geometry`."""
         eps, a, slope = routing
         if agonist:
             return cls(muscle, "agonist", rest_length, eps, a, -slope, share, gas)
@@ -61,24 +61,24 @@ class OneMuscle:
 
     @property
     def arrays(self) -> tuple[Array, Array, Array]:
-        """(contraction, arm, bend): what varies from posture to posture."""
+        """(contraction, arm, bend), which depend on the posture."""
         return self.contraction, self.arm, self.bend
 
     def moved(self, contraction: Array, arm: Array, bend: Array) -> Self:
-        """Return the muscle at other postures, or at a selection of them; a share of the gas stays."""
+        """Return the muscle at other postures, or at a selection of them, with the same share of the gas."""
         return replace(self, contraction=contraction, arm=arm, bend=bend)
 
     @property
     def isobaric(self) -> Self:
-        """Muscle at a held pressure."""
+        """Muscle at constant pressure."""
         return replace(self, share=None, push=None)
 
     def force(self, P: Value) -> Value:
-        """Return the muscle's force F [N]; negative where the cable would be slack."""
+        """Return the muscle's force F [N]; negative for a slack cable."""
         return self.muscle.law(P, self.contraction)
 
     def own_stiffness(self, P: Value) -> Value:
-        """Return k = -F_ε/L [N/m], and what the share of its gas adds."""
+        """Return k = -F_ε/L [N/m], plus the share of its gas."""
         k = -self.muscle.slope(P, self.contraction) / self.rest_length
         return k if self.share is None else k + self.share * self._gas_stiffness(P)
 
@@ -92,7 +92,7 @@ class OneMuscle:
         return K if self.push is None else K + self.met(self.isobaric.stiffness(P), self.force(P))
 
     def added(self, F: Value, k: Value) -> tuple[Value, Value]:
-        """Return (r F, k r rᵀ + F H), what a force [N] and an own stiffness [N/m] add to torque and stiffness."""
+        """Return (r F, k r rᵀ + F H), the torque and stiffness of a force [N] and an own stiffness [N/m]."""
         return self._along(F), self._squared(k) + self._bent(F)
 
     def force_gain(self, P: Value) -> Value:
@@ -100,7 +100,7 @@ class OneMuscle:
         return self.muscle.gain(P, self.contraction)
 
     def own_stiffness_gain(self, P: Value) -> Value:
-        """Return dk/dP = -F_Pε/L [N/m/Pa], and that of the gas."""
+        """Return dk/dP = -F_Pε/L [N/m/Pa], plus that of the gas."""
         gain = -self.muscle.gain_slope(P, self.contraction) / self.rest_length
         return gain if self.share is None else gain + self.share * self._gas_stiffness_gain(P)
 
@@ -114,12 +114,12 @@ class OneMuscle:
         return gain if self.push is None else gain + self.met(self.isobaric.stiffness_gain(P), self.force_gain(P))
 
     def met(self, K: Value, F: Value) -> Value:
-        """Return α K + drag a F, what hysteresis adds to the isobaric K [N·m/rad] and force F [N]; or their slopes."""
+        """Return α K + drag a F, the hysteresis for the isobaric K [N·m/rad] and force F [N]; or for their slopes."""
         alpha, drag = (0.0, 0.0) if self.push is None else self.push
         return alpha * K + drag * self.moment_arm * F
 
     def stiffness_gain_terms(self, P: Value) -> tuple[Value, ...]:
-        """Return the two terms of `stiffness_gain`, elastic and geometric, and the gas's if there is any."""
+        """Return the terms of `stiffness_gain`: elastic, geometric, and that of the gas, if any."""
         elastic = self._squared(-self.muscle.gain_slope(P, self.contraction) / self.rest_length)
         isobaric = elastic, self._bent(self.force_gain(P))
         gas = () if self.share is None else (self._squared(self.share * self._gas_stiffness_gain(P)),)
@@ -144,14 +144,14 @@ class OneMuscle:
     # --- the gas ----------------------------------------------------------------------------------------------------
 
     def trapped(self, P: Value, kappa: Value = None) -> Value:
-        """Return what all of the trapped gas adds to the stiffness, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2)
+        """Return the stiffness of all trapped gas, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2)
 
-        `kappa` is the gas's, unless another one is given, such as the complex one at a frequency.
+        `kappa` is by default the gas's; it may be the complex one at a frequency.
         """
         return self._squared(self._gas_stiffness(P, kappa))
 
     def _gas_stiffness(self, P: Value, kappa: Value = None) -> Value:
-        """Return what all of the trapped gas adds to the muscle's own stiffness, κ (P + p_a) F_P²/V^eff [N/m]."""
+        """Return the own stiffness of all trapped gas, κ (P + p_a) F_P²/V^eff [N/m]."""
         kappa = self.gas.kappa if kappa is None else kappa
         return kappa * (P + self.gas.atmosphere) * self.force_gain(P) ** 2 / self.effective_volume(P, kappa)
 
@@ -160,7 +160,7 @@ class OneMuscle:
         return self.muscle.volume(P, self.contraction, self.rest_length)
 
     def check_volume(self, P: Value) -> None:
-        """Raise InvalidInput where the law leaves no volume, or one out of proportion; symbols pass (P: [Pa])."""
+        """Raise InvalidInput if the law gives no volume, or an implausible one; symbols pass (P: [Pa])."""
         if is_symbol(P) or is_symbol(self.contraction):
             return
         V = np.asarray(self.volume(P))
@@ -174,7 +174,7 @@ class OneMuscle:
             )
 
     def check_effective_volume(self, P: Value) -> None:
-        """Raise InvalidInput where the law leaves no V, or a V^eff ≤ 0, at these pressures [Pa]; symbols pass."""
+        """Raise InvalidInput if the law gives no V, or V^eff ≤ 0, at these pressures [Pa]; symbols pass."""
         self.check_volume(P)
         numbers = not (is_symbol(P) or is_symbol(self.contraction))
         if numbers and (least := float(np.min(P, initial=np.inf))) <= -self.gas.atmosphere:
@@ -186,7 +186,7 @@ class OneMuscle:
             )
 
     def effective_volume(self, P: Value, kappa: Value = None) -> Value:
-        """Return V^eff = V + κ (P + p_a) ∂V/∂P |ε [m³]; V where the law is affine in the pressure   (G2)"""
+        """Return V^eff = V + κ (P + p_a) ∂V/∂P |ε [m³]; V if the law is affine in the pressure   (G2)"""
         if self.affine:
             return self.volume(P)
         kappa = self.gas.kappa if kappa is None else kappa
@@ -196,7 +196,7 @@ class OneMuscle:
         return self.rest_length * self.muscle.gain_integral_slope(P, self.contraction)
 
     def _gas_stiffness_gain(self, P: Value) -> Value:
-        """Return the derivative of `_gas_stiffness` by the pressure: as of a product of powers."""
+        """Return the derivative of `_gas_stiffness` by the pressure, as for a product of powers."""
         kappa, absolute, gain = self.gas.kappa, P + self.gas.atmosphere, self.force_gain(P)
         if self.affine:
             return kappa * gain**2 / self.volume(P)
@@ -207,12 +207,11 @@ class OneMuscle:
         )
 
     def _gas_ceiling(self, lo: float, most: float) -> Array:
-        """Return the pressure [Pa] up to which V^eff is `STABLE` of V or more, inf where it is up to `most`.
+        """Return the pressure [Pa] up to which V^eff is at least `STABLE` of V; inf if that holds up to `most`.
 
-        The law and a V_0 that does not depend on the pressure may say that the volume falls as the pressure grows; a
-        gas would make such a muscle ever stiffer, and unstable in the end. It is looked for where the muscle is taut,
-        since the law says nothing elsewhere; where it is so from there on the ceiling lies below, and no pressure is
-        left.
+        The law with a V_0 independent of the pressure may give a volume that falls as the pressure grows; gas would
+        make such a muscle ever stiffer, and finally unstable. The search covers taut muscles, where the law applies. If
+        the condition fails already at the slack pressure, the ceiling lies below it, and no pressure is left.
         """
         eps = np.asarray(self.contraction, float)
         if self.affine or self.share is None:
@@ -234,16 +233,16 @@ class OneMuscle:
         return np.where(np.asarray(self.share) > 0, ceiling, np.inf)
 
     def pressure_for_torque(self, torque: Array) -> Array:
-        """Return the pressure [Pa] that makes this muscle of a joint add `torque`; ∓inf where it has none."""
+        """Return the pressure [Pa] at which this muscle of a joint adds `torque`; ∓inf if there is none."""
         return self.muscle.pressure(torque / self.arm, self.contraction)
 
     def interval(self, supply: tuple[float, float], limits: Limits) -> PressureInterval:
-        """Intersect supply [Pa], validity of the model and `limits`, remembering which of them sets each end.
+        """Intersect supply [Pa], validity of the model and `limits`, and record which of them sets each end.
 
-        Every limit counts by itself: where two lie at the same pressure both set the end. Only supply and validity of
-        the model count as one, the lower, and the supply where they are equal. With a share of the gas the model is
-        valid as far as its volume makes sense, too: V^eff ≥ V/2. Of the slew limit that of the first muscle is taken,
-        and the flags of an agonist, unless this is an antagonist.
+        Every limit counts separately: if two are at the same pressure, both set the end. Only supply and validity of
+        the model count as one, the lower, and the supply if they are equal. With a share of the gas the model also
+        requires a plausible volume: V^eff ≥ V/2. The slew limit and the flags are those of the first muscle, an
+        agonist, unless this is an antagonist.
         """
         antagonist = self.name == "antagonist" and not self.vector
         lower, upper, slack, rate, validity, ceiling = _FLAGS[antagonist]

@@ -4,7 +4,7 @@ In the reciprocals r_i = 1/(P_i+d), with their sum s and difference δ, torque a
 
     T = S R [(a-b)(P1-P2) - 2cX - g(X s + ε0 δ)],    K = S R²/l0 (2c + g s),    X = Rθ/l0           (22)
 
-so the stiffness fixes s, and the torque leaves a cubic in δ, [C]. Put δ = s z: below the pole P < -d both reciprocals
+so the stiffness fixes s, and the torque gives a cubic in δ, [C]. Put δ = s z: below the pole P < -d both reciprocals
 are negative, so |z| < 1, and the cubic becomes
 
     f(z) = τ + α z - β z/(1 - z²) = 0,   τ = T/(S R) + 2cX + gXs,   α = g ε0 s > 0,   β = -4(a-b)/s > 0
@@ -26,7 +26,7 @@ _NEWTON_STEPS = 50  # bound; four or five are used
 
 @dataclass(frozen=True)
 class TonduPulley:
-    """A `TonduPulley` has the closed forms of two equal `muscle`s on a `pulley`: arrays of one shape in, arrays out."""
+    """Closed forms of two equal `muscle`s on a `pulley`, for arrays of one shape."""
 
     muscle: Tondu2021
     pulley: Pulley
@@ -40,7 +40,7 @@ class TonduPulley:
 
     @property
     def K_floor(self) -> float:
-        """Stiffness [N·m/rad] that all pairs of pressures exceed: s = 0, pressures at minus infinity."""
+        """Stiffness [N·m/rad] below that of all pairs of pressures: s = 0, pressures at minus infinity."""
         m, p = self.muscle, self.pulley
         return m.S * p.radius**2 / p.rest_length * 2 * m.c
 

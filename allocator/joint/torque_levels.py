@@ -1,12 +1,12 @@
-"""Torque levels: all pressure pairs of the box that give one torque.
+"""Torque levels: all pressure pairs of the box with one torque.
 
 Since T grows with P1 and falls with P2 the level T(P1, P2) = const is one curve that rises from the lower left to the
 upper right of the box. Along it
 
     dK/dP1 = det ∂(T,K)/∂(P1,P2) / |∂T/∂P2|
 
-so that where the determinant is positive the stiffness grows from one end to the other: the stiffnesses that exist at
-a torque are an interval whose ends lie where the level leaves the box, and each of them is had exactly once.
+so the stiffness grows from one end to the other if the determinant is positive. The stiffnesses at a torque are then an
+interval with ends where the level leaves the box, and each occurs exactly once.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ BothMuscles = tuple[OneMuscle, OneMuscle]
 
 
 class Level(NamedTuple):
-    """A `Level` is where a torque level enters and leaves the box."""
+    """Points where a torque level enters and leaves the box."""
 
     low: Pair  # least stiffness (P1, P2) [Pa]; NaN where the torque is out of reach
     high: Pair  # greatest stiffness

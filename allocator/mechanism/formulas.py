@@ -1,6 +1,6 @@
 """Formulas of a mechanism in CasADi symbols: muscle lengths, targets over pressures, the Jacobian of a hand.
 
-They give the numbers of `allocator.mechanism.routes`, and CasADi differentiates them as often as needed.
+Their values equal those of `allocator.mechanism.routes`, and CasADi differentiates them to any order.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def symbolic_lengths(routes: Routes, q: "SX") -> "SX":
     """Return the lengths l(q) (m, 1) [m] as a formula of the CasADi column `q` (n, 1).
 
-    Raises `InvalidInput` for routes that have no formula, such as tables.
+    Raises `InvalidInput` for routes without a formula, such as tables.
     """
     import casadi as ca
 
@@ -113,7 +113,7 @@ def _sites(routes: Sites, q: "SX") -> list["SX | float"]:
 
 
 def _frames(links: Sequence[Link], q: "SX") -> list[tuple["SX", "SX"]]:
-    """Return (rotation (3, 3), origin (3, 1)) of every link, and of the ground last, which GROUND = -1 finds."""
+    """Return (rotation (3, 3), origin (3, 1)) of every link, and of the ground last, at the index GROUND = -1."""
     import casadi as ca
 
     ground = ca.SX.eye(3), ca.SX.zeros(3)

@@ -1,7 +1,7 @@
 """Ready-made machines, each with the source of its numbers.
 
-All have pulleys and Festo DMSP-20-400N muscles (Sárosi et al. 2012) with rest length 40 cm and 0–5 bar: replace what
-differs in yours (`dataclasses.replace`, `Mechanism.with_muscles`).
+All have pulleys and Festo DMSP-20-400N muscles (Sárosi et al. 2012) with rest length 40 cm and 0–5 bar; to adapt them
+use `dataclasses.replace` and `Mechanism.with_muscles`.
 """
 
 from collections.abc import Callable, Mapping

@@ -6,7 +6,7 @@ k_j = -F_ε/L_j and its bend H_j = ∇²l_j. By virtual work
     τ(q, P) = Σ_j r_j F_j                                                               (M1)
     K(q, P) = -∂τ/∂q |P = Σ_j ( k_j r_j r_jᵀ + F_j H_j )      symmetric                 (M2)
 
-and, with y = (τ, the upper triangle of K), y(P) = Σ_j c_j(P_j) is a sum of one curve a muscle   (M3); of muscles
+and, with y = (τ, the upper triangle of K), y(P) = Σ_j c_j(P_j) is a sum of one curve per muscle   (M3); for muscles
 affine in the pressure y = y0(q) + M(q) P.
 """
 
@@ -46,7 +46,7 @@ class TargetsMap(NamedTuple):
 class Mechanism:
     """Routes + m muscles + limits; immutable.
 
-    `muscles` may be a single one, for all m. Postures are (…, n), pressures (…, m); leading axes broadcast.
+    `muscles` may be a single one for all m. Postures are (…, n), pressures (…, m); leading axes broadcast.
     """
 
     routes: Routes
@@ -76,7 +76,7 @@ class Mechanism:
 
     @classmethod
     def from_joint(cls, joint: AntagonistJoint) -> Self:
-        """Return an antagonistic joint as a mechanism with n = 1 and m = 2; friction is not taken along."""
+        """Return an antagonistic joint as a mechanism with n = 1 and m = 2, without its friction."""
         return cls(
             routes_of(joint.geometry),
             (joint.agonist, joint.antagonist),
@@ -101,9 +101,9 @@ class Mechanism:
 
         `file` may also be MJCF text or an `MjModel`. Spatial tendons through sites become `Sites`, fixed ones
         `Pulleys`. `rest_length` and `cable` [m] (the part of the tendon that is cable, by default 0) are numbers or
-        rows (m,), and only models that `mpc.arm.mjcf.to_mjcf` has written tell them. Joints have to be hinges or
-        slides; of their ranges angle limits are made where all have one. Needs `antagonist[mujoco]`.
-        Raises `InvalidFile`, also for a model without tendons, `InvalidInput` and `MissingBackend`.
+        rows (m,), required unless `mpc.arm.mjcf.to_mjcf` wrote the model. Joints have to be hinges or slides; their
+        ranges become angle limits if all have one. Needs `antagonist[mujoco]`. Raises `InvalidFile`, also for a model
+        without tendons, `InvalidInput` and `MissingBackend`.
         """
         from allocator.mechanism.routes.mjcf import read_mjcf
 
@@ -151,9 +151,9 @@ class Mechanism:
     # --- at postures ------------------------------------------------------------------------------------------------
 
     def at(self, q: Array, shares: Shares | None = None) -> tuple[OneMuscle, ...]:
-        """Return every muscle, held at the postures `q` (…, n), which are not checked.
+        """Return every muscle at the postures `q` (…, n), without checks.
 
-        Their stiffness is the isobaric one, or has these `shares` (m,) of the trapped gas in it   (G5)
+        Their stiffness is isobaric, or includes these `shares` (m,) of the trapped gas   (G5)
         """
         routed = self.routes.at(q)
         eps = self.routes.contraction(routed.length)
@@ -182,7 +182,7 @@ class Mechanism:
         return self.routes.at(self.posture(q)).arm
 
     def forces(self, q: ArrayLike, P: ArrayLike) -> Array:
-        """Return the muscles' forces F (…, m) [N]; negative where one would be slack."""
+        """Return the muscles' forces F (…, m) [N]; negative for a slack muscle."""
         muscles, pressures = self._held(q, P)
         return np.stack([muscle.force(pressures[..., j]) for j, muscle in enumerate(muscles)], axis=-1)
 
@@ -196,10 +196,10 @@ class Mechanism:
     ) -> Array:
         """Return the stiffness (…, n, n) [N·m/rad]: the isobaric K = -∂τ/∂q at constant pressures, or with its gas.
 
-        `valves` "open" is isobaric   (M2); "shut", or a truth value for each muscle, adds what the gas trapped there
-        does, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2). With a `frequency` [Hz] and the regulators' `lag` [s], a
-        number or (m,), it is what small motions at this frequency meet, the real part of the dynamic stiffness   (G5)
-        Raises `InvalidInput` for what there is not, for a muscle whose volume is not known and where V^eff ≤ 0.
+        `valves` "open" is isobaric   (M2); "shut", or a truth value for each muscle, adds the stiffness of the trapped
+        gas, κ (P + p_a)/V^eff g gᵀ with g = r F_P   (G2). With a `frequency` [Hz] and the regulators' `lag` [s], a
+        number or (m,), it is the stiffness against small motions at this frequency, the real part of the dynamic
+        stiffness   (G5). Raises `InvalidInput` for invalid arguments, for a muscle of unknown volume and if V^eff ≤ 0.
         """
         muscles, pressures = self._held(q, P, self.kind(valves, frequency, lag).fixed)
         for j, muscle in enumerate(muscles):
@@ -208,7 +208,7 @@ class Mechanism:
         return np.asarray(sum(muscle.stiffness(pressures[..., j]) for j, muscle in enumerate(muscles)))
 
     def kind(self, valves: object = "open", frequency: object = None, lag: object = None) -> StiffnessKind:
-        """Return which stiffness these arguments of `stiffness` mean. Raises `InvalidInput`."""
+        """Return the kind of stiffness of these arguments of `stiffness`. Raises `InvalidInput`."""
         return StiffnessKind.of(valves, frequency, lag, self.muscle_names).of_gas(self.gas, self.affine)
 
     def targets_map(self, q: ArrayLike) -> TargetsMap:
@@ -220,7 +220,7 @@ class Mechanism:
         return self.map_of(self.at(self.posture(q)))
 
     def map_of(self, muscles: tuple[OneMuscle, ...]) -> TargetsMap:
-        """Return the map of affine muscles held at postures."""
+        """Return the map of affine muscles at postures."""
         zero = np.zeros(())
         rows, columns = self.upper_triangle
         y0, M = np.zeros(()), []
@@ -234,7 +234,7 @@ class Mechanism:
         return _stacked(torque, stiffness, *self.upper_triangle)
 
     def pressure_box(self, q: ArrayLike, limits: Limits = TAUT) -> tuple[Array, Array]:
-        """Return the least and the greatest pressures (…, m) [Pa] that supply, model and `limits` leave."""
+        """Return the least and the greatest pressures (…, m) [Pa] allowed by supply, model and `limits`."""
         now, step = limits.previous, limits.max_step
         slew = None if now is None else tuple(np.moveaxis(self.pressures("previous", now), -1, 0))
         step = None if step is None else checks.positive_pressure("max_step", step)
@@ -245,7 +245,7 @@ class Mechanism:
     def intervals(
         self, muscles: tuple[OneMuscle, ...], limits: Sequence[Limits] | None = None
     ) -> tuple[PressureInterval, ...]:
-        """Return the interval of every muscle's pressure under its own `limits`, of which the slew is of all m."""
+        """Return the interval of every muscle's pressure under its own `limits`; the slew limit has all m muscles."""
         found = []
         for j, muscle in enumerate(muscles):
             own = TAUT if limits is None else limits[j]
@@ -268,7 +268,7 @@ class Mechanism:
     # --- checks -----------------------------------------------------------------------------------------------------
 
     def posture(self, q: object, name: str = "q") -> Array:
-        """Return the checked postures `q` (…, n) [rad], called by their `name`. Raises `InvalidInput`."""
+        """Return the checked postures `q` (…, n) [rad], called `name` in messages. Raises `InvalidInput`."""
         return self.sized(name, checks.angle(name, q), self.n, "joint angles [rad]")
 
     def pressures(self, name: str, P: object) -> Array:
@@ -286,7 +286,7 @@ class Mechanism:
         return list(zip(lows, highs, strict=True))
 
     def each(self, name: str, force: object) -> list[float | None]:
-        """Return a force limit [N] of each of the m muscles, from one for all, a row (m,), or None."""
+        """Return a force limit [N] for each of the m muscles, from one number, a row (m,), or None."""
         if force is None:
             return [None] * self.m
         array = checks.real(name, force, "N")
@@ -295,7 +295,7 @@ class Mechanism:
         return np.broadcast_to(array, (self.m,)).tolist()  # type: ignore[no-any-return]  # floats
 
     def check_affine(self, what: str) -> None:
-        """Insist on muscles affine in pressure, for `what`. Raises `InvalidInput`, which names those that are not."""
+        """Raise `InvalidInput` if muscles are not affine in pressure, with their names; `what` needs affine ones."""
         if self.not_affine:
             raise InvalidInput(
                 f"{', '.join(self.not_affine)}: not affine in the pressure ("
@@ -304,7 +304,7 @@ class Mechanism:
             )
 
     def sized(self, name: str, array: Array, size: int, what: str) -> Array:
-        """Insist that the last axis of `array` has the length `size`. Raises `InvalidInput`, which says n and m."""
+        """Raise `InvalidInput` unless the last axis of `array` has the length `size`."""
         if array.ndim == 0 or array.shape[-1] != size:
             raise InvalidInput(
                 f"{name} has the shape {array.shape}; expected (…, {size}), {what} of a mechanism with n = {self.n} "

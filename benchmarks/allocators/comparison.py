@@ -1,4 +1,4 @@
-"""The whole run: every contender on every set with every priority, then the clock."""
+"""The whole run: every contender on every set with every priority, then the times."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from benchmarks.allocators.warm_start import Gain
 
 @dataclass(frozen=True)
 class Results:
-    """All that was found."""
+    """All results."""
 
     quick: bool
     sets: tuple[TargetSet, ...]
@@ -26,7 +26,7 @@ class Results:
 
 
 def compare(quick: bool, progress: Progress) -> Results:
-    """Run everything; raises BenchmarkFailure where an answer is not what it claims to be."""
+    """Run everything. Raises BenchmarkFailure at a false claim of an answer."""
     sets, rounds, singles = tuple(test_sets(quick)), 1 if quick else 3, 2 if quick else 40
 
     def ticker(title: str, steps: int) -> Callable[[], None]:

@@ -1,4 +1,4 @@
-"""Who competes: the analytic inverse as it is and as it is used, and the allocators."""
+"""Contenders: the analytic inverse, raw and clipped, and the allocators."""
 
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -15,7 +15,7 @@ WEIGHTS = (2.0, 5.0)  # w_T [1/(N·m)²], w_K [1/(N·m/rad)²] of the weighted p
 
 
 class Answer(NamedTuple):
-    """Pressures for n targets; of an allocator also what it claims."""
+    """Pressures for n targets; of an allocator also its claims."""
 
     P1: Array  # [Pa]
     P2: Array  # [Pa]
@@ -26,23 +26,22 @@ class Answer(NamedTuple):
 
     @property
     def failed(self) -> Flags:
-        """Where the back-end's own answer was not optimal and was replaced, as the status says."""
+        """Whether the back-end's own answer was not optimal and was replaced, by the status."""
         return np.zeros(self.P1.shape, bool) if self.status is None else self.status == Status.SOLVER_FAILED
 
 
 @dataclass(frozen=True)
 class Inverse:
-    """The analytic inverse, its pressures cut off at "nothing", at the "supply" or at the "box" of all limits.
+    """The analytic inverse, clipped to "nothing", to the "supply" or to the "box" of all limits.
 
-    It knows no priority. Where there is no inverse it answers NaN, and so does its clipped form: cutting off cannot
-    make an answer of none.
+    It has no priority. Without an inverse it returns NaN, as does its clipped form.
     """
 
     name: str
     clip: Clip
 
     def answer(self, targets: TargetSet, priority: str) -> Answer:
-        """Pressures for all targets; the priority is not heard."""
+        """Return pressures for all targets; the priority is ignored."""
         joint = targets.joint
         P1, P2 = inverse(targets.theta, targets.K, targets.T, joint=joint)
         if self.clip == "supply":
@@ -60,12 +59,12 @@ class Allocator:
     method: Method = Method()  # noqa: RUF009  # immutable
 
     def answer(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Answer:
-        """Pressures for all targets, and what they claim."""
+        """Return pressures for all targets, with claims."""
         a = self.allocation(targets, priority, warm_start)
         return Answer(a.P1, a.P2, a.status, a.kkt_residual, ~(a.gap <= 1e-6), a.iterations)
 
     def allocation(self, targets: TargetSet, priority: str, warm_start: bool = True) -> Any:
-        """The library's own answer; `answer` adds the residual, which is not to be timed."""
+        """Return the library's own answer; `answer` adds the residual, which is not timed."""
         weights = WEIGHTS if priority == "weighted" else None
         method, asked = self.method._replace(warm_start=warm_start), (targets.theta, targets.K, targets.T)
         return allocate(*asked, joint=targets.joint, priority=priority, weights=weights, method=method)

@@ -1,4 +1,4 @@
-"""What is minimised, and who is nearer to the minimum."""
+"""Costs, and comparison of answers."""
 
 import numpy as np
 
@@ -6,12 +6,12 @@ from benchmarks.allocators.contenders import WEIGHTS, Answer
 from benchmarks.allocators.effect import effect
 from benchmarks.allocators.targets import Array, Flags, TargetSet
 
-SAME_FIRST = 1e-9  # [N·m], [N·m/rad] first errors this near are the same
-BETTER_FIRST, BETTER_SECOND = 1e-6, 1e-4  # of max(1, error); [N·m], [N·m/rad]: better by more is better
+SAME_FIRST = 1e-9  # [N·m], [N·m/rad] tolerance of equal first errors
+BETTER_FIRST, BETTER_SECOND = 1e-6, 1e-4  # of max(1, error); [N·m], [N·m/rad]: a greater difference counts
 
 
 def beats(targets: TargetSet, priority: str, one: Answer, other: Answer) -> Flags:
-    """Where one answer is better than the other by more than the tolerance."""
+    """Return whether one answer is better than the other by more than the tolerance."""
     first, second = costs(targets, priority, one)
     other_first, other_second = costs(targets, priority, other)
     better = first < other_first - BETTER_FIRST * np.maximum(1.0, other_first)
@@ -20,7 +20,7 @@ def beats(targets: TargetSet, priority: str, one: Answer, other: Answer) -> Flag
 
 
 def costs(targets: TargetSet, priority: str, answer: Answer) -> tuple[Array, Array]:
-    """What is made small first, and then."""
+    """Return the first and the second cost."""
     found = effect(targets, answer)
     e_T, e_K = np.abs(found.T - targets.T), np.abs(found.K - targets.K)
     if priority == "weighted":
@@ -30,5 +30,5 @@ def costs(targets: TargetSet, priority: str, answer: Answer) -> tuple[Array, Arr
 
 
 def unproved(exact: Answer) -> Flags:
-    """Where the exact answer itself does not claim to be the global optimum."""
+    """Return whether the exact answer does not claim to be the global optimum."""
     return np.zeros(exact.P1.shape, bool) if exact.local is None else exact.local

@@ -1,8 +1,8 @@
-"""What pressures do to a real joint.
+"""Effect of pressures on a real joint.
 
-Everything is computed from the pressures by the muscle laws alone, at the angle where the joint stands: a cable whose
-model force is negative is slack, so that it adds neither torque nor stiffness. Pressures are taken as they are: those
-of the raw inverse that no valve can give are believed here, which flatters its errors; its clipped form shows them.
+Everything is computed from the pressures by the muscle laws alone, at the joint's angle: a cable with a negative model
+force is slack and adds neither torque nor stiffness. Pressures are used unchanged, even impossible ones of the raw
+inverse, which flatters its errors; its clipped form shows them.
 """
 
 from typing import NamedTuple
@@ -12,11 +12,11 @@ import numpy as np
 from benchmarks.allocators.contenders import Answer
 from benchmarks.allocators.targets import Array, Flags, TargetSet
 
-ROUNDING = 1e-9  # of the supply range, and of the greatest force: beyond a limit by less is on it
+ROUNDING = 1e-9  # of the supply range, and of the greatest force: tolerance of limits
 
 
 class Effect(NamedTuple):
-    """What pressures do; each (n,)."""
+    """Effect of pressures, each (n,)."""
 
     T: Array  # [N·m]
     K: Array  # [N·m/rad]
@@ -25,7 +25,7 @@ class Effect(NamedTuple):
 
 
 def effect(targets: TargetSet, answer: Answer) -> Effect:
-    """Torque, stiffness and limits at the pressures; NaN gives NaN, not taut, not within."""
+    """Return torque, stiffness and limits at the pressures; NaN gives NaN, not taut, not within."""
     joint, T, K = targets.joint, np.zeros(targets.K.shape), np.zeros(targets.K.shape)
     taut, within = np.ones(T.shape, bool), np.ones(T.shape, bool)
     (low, high), tolerance = joint.pressure_limits, ROUNDING * joint.pressure_span

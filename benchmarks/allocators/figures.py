@@ -1,4 +1,4 @@
-"""The plots of the report."""
+"""Plots of the report."""
 
 from itertools import groupby
 from pathlib import Path
@@ -37,7 +37,7 @@ def draw(results: Results, out: Path) -> None:
 
 
 def within_limits(results: Results) -> Any:
-    """Share of answers within all limits, a bar for each set; of the back-ends the least share."""
+    """Draw the share of answers within all limits, a bar for each set; of the back-ends the least share."""
     figure, axes = plt.subplots(figsize=(7.5, 3.6), layout="constrained")
     groups = {c.name: [c.name] for c in (*INVERSES, EXACT)} | {f"all {len(BACKED)} back-ends": BACKED}
     height = 0.8 / len(results.sets)
@@ -54,13 +54,13 @@ def within_limits(results: Results) -> Any:
 
 
 def of(results: Results, targets: TargetSet, name: str) -> Any:
-    """The torque-first score of a contender on a set."""
+    """Return the torque-first score of a contender on a set."""
     wanted = (targets.name, targets.joint_name, name, "torque")
     return next(s for s in results.scores if (s.set, s.joint, s.contender, s.priority) == wanted)
 
 
 def torque_error(results: Results) -> Any:
-    """Share of the targets with reachable torque at which the torque error exceeds a value."""
+    """Draw the share of targets with reachable torque at which the torque error exceeds a value."""
     figure, panels = plt.subplots(1, 2, figsize=(7.5, 3.2), layout="constrained", sharey=True)
     grid, random = results.sets[:1], results.sets[1:]
     for axes, sets, title in zip(panels, (grid, random), ("Fig. 8", "random targets, all joints"), strict=True):

@@ -1,4 +1,4 @@
-"""Where and with what the figures were measured."""
+"""Machine and versions of the measurements."""
 
 import os
 import platform
@@ -9,7 +9,7 @@ PACKAGES = ("numpy", "scipy", "casadi", "daqp", "osqp", "qpsolvers", "cvxpy", "c
 
 
 def processor() -> str:
-    """The processor's name where the system tells it."""
+    """Return the processor's name if the system reports it."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
     named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
@@ -17,10 +17,10 @@ def processor() -> str:
 
 
 def machine() -> str:
-    """One sentence."""
+    """Return one sentence on the machine."""
     return f"{processor()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
 
 
 def versions() -> str:
-    """The solvers' versions in one line."""
+    """Return the solvers' versions in one line."""
     return ", ".join(f"{package} {version(package)}" for package in PACKAGES)

@@ -1,4 +1,4 @@
-"""The figures that sum up one contender's answers to one set."""
+"""Figures of one contender's answers to one set."""
 
 from dataclasses import dataclass
 
@@ -9,20 +9,20 @@ from benchmarks.allocators.cost import beats, unproved
 from benchmarks.allocators.effect import effect
 from benchmarks.allocators.targets import Array, TargetSet
 
-SAME = 1e-4  # of the supply range: pressures this near are the same optimum
+SAME = 1e-4  # of the supply range: tolerance of equal optima
 
 
 @dataclass(frozen=True)
 class Score:
-    """One contender on one set. Shares are of all targets; errors of those whose angle can be had; NaN is left out."""
+    """One contender on one set. Shares are of all targets; errors of those with a feasible angle, without NaN."""
 
     set: str
     joint: str
     priority: str
     contender: str
     targets: int
-    in_range: int  # targets whose angle can be had
-    torque_reachable: int  # of them, those whose torque can be had within all limits
+    in_range: int  # targets with a feasible angle
+    torque_reachable: int  # of them, those with a feasible torque within all limits
     within_limits: float  # share
     taut: float  # share
     nan: float  # share
@@ -31,17 +31,17 @@ class Score:
     T_worst: float
     K_rms: float  # stiffness error [N·m/rad]
     K_worst: float
-    T_rms_reachable: float  # the same where the torque can be had
+    T_rms_reachable: float  # the same with a feasible torque
     T_worst_reachable: float
-    T_lost_reachable: float  # share of those targets at which more than 1 % of the joint's greatest torque is lost
+    T_lost_reachable: float  # share of those targets that lose more than 1 % of the joint's greatest torque
     K_rms_reachable: float
     K_worst_reachable: float
-    worse_than_exact: float  # share: the cost is higher and the pressures are others, a local optimum
-    distance_to_exact: float  # greatest, in fractions of the supply range, of the other answers that did not fail
+    worse_than_exact: float  # share: with a higher cost and other pressures, a local optimum
+    distance_to_exact: float  # greatest of the other answers that did not fail, in fractions of the supply range
 
 
 def score(targets: TargetSet, priority: str, contender: str, answer: Answer, exact: Answer) -> Score:
-    """Sum up one contender's answers to a set."""
+    """Return the score of one contender's answers to a set."""
     found, apart, proved = effect(targets, answer), distance(targets, answer, exact), ~unproved(exact)
     worse = beats(targets, priority, exact, answer) & (apart > SAME) & proved
     e_T, e_K, reachable = np.abs(found.T - targets.T), np.abs(found.K - targets.K), targets.torque_reachable
@@ -72,13 +72,13 @@ def score(targets: TargetSet, priority: str, contender: str, answer: Answer, exa
 
 
 def distance(targets: TargetSet, answer: Answer, exact: Answer) -> Array:
-    """Greater of the two pressure differences, in fractions of the supply range."""
+    """Return the greater of the two pressure differences, in fractions of the supply range."""
     apart = np.maximum(np.abs(answer.P1 - exact.P1), np.abs(answer.P2 - exact.P2))
     return np.asarray(apart / targets.joint.pressure_span)
 
 
 def torque_scale(targets: TargetSet) -> float:
-    """The joint's greatest torque [N·m] within its limits and range."""
+    """Return the joint's greatest torque [N·m] within its limits and range."""
     joint, theta = targets.joint, np.linspace(*targets.joint.angle_range, 101)
     agonist, antagonist = joint.pressure_box(theta)
     return float(np.max(joint.torque(theta, agonist.hi, antagonist.lo)))
@@ -93,6 +93,6 @@ def worst(errors: Array) -> float:
 
 
 def known(errors: Array) -> Array:
-    """The errors that are numbers; a single NaN where there are none."""
+    """Return the errors that are numbers; a single NaN if there are none."""
     numbers = errors[~np.isnan(errors)]
     return numbers if numbers.size else np.array([np.nan])

@@ -1,4 +1,4 @@
-"""The CSV files and the Markdown report."""
+"""CSV files and Markdown report."""
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,20 +17,19 @@ NAME = "allocators"
 
 METHOD = f"""\
 **Targets.** *Fig. 8*: the ranges of the report's figure, K = 6…9 N·m/rad, θ = ±125°, T = 0. *random*: seeded angles,
-torques and stiffnesses over {STRETCH:g} times the range that can be had (θ at most a turn, K > 0; T and K at the
-nearest angle inside), so that most of them cannot be met. *feasible*: torque and stiffness of random allowed pressures.
+torques and stiffnesses over {STRETCH:g} times the feasible range (θ at most a turn, K > 0; T and K at the nearest angle
+inside), so most of them cannot be met. *feasible*: torque and stiffness of random allowed pressures.
 
-**Contenders.** *inverse*: the closed-form pressures as they come. *clipped*: to the supply, 0 ≤ P ≤ 5 bar, what is done
-today. *in the box*: clipped to all limits, taut cables too, which presupposes this library's box. Where there is no
-inverse the answer is NaN, and clipping leaves it NaN; it counts as neither within limits nor taut, and in no error.
+**Contenders.** *inverse*: the raw closed-form pressures. *clipped*: to the supply, 0 ≤ P ≤ 5 bar, the usual practice.
+*in the box*: clipped to all limits, including taut cables, which requires this library's box. Without an inverse the
+answer is NaN, also clipped; it counts as neither within limits nor taut, and in no error.
 *exact* and the back-ends are `allocate` with its methods; a weighted cost has w_T = {WEIGHTS[0]:g}, w_K =
-{WEIGHTS[1]:g}. The inverse knows no priority and is the same in all tables.
+{WEIGHTS[1]:g}. The inverse has no priority and is the same in all tables.
 
-**Measures.** Computed from the pressures by the muscle laws, at the angle where the joint can stand: a cable whose
-force would be negative is slack and gives no torque, no stiffness. Errors are RMS (worst), over the targets whose angle
-can be had; *where it can be had*: over those of them whose torque can be had within all limits. The raw inverse's
-pressures are believed even where no valve can give them, so its errors only show slack cables; look at its clipped
-form.
+**Measures.** Computed from the pressures by the muscle laws, at the nearest feasible angle: a cable with a negative
+force is slack and gives no torque, no stiffness. Errors are RMS (worst), over the targets with a feasible angle; *where
+feasible*: over those of them with a feasible torque within all limits. The raw inverse's pressures are used even if no
+valve can give them, so its errors only show slack cables; its clipped form is more informative.
 
 **Checked before anything is counted** (the run aborts otherwise): every allocator's answer is within all limits; an
 answer not marked SOLVER_FAILED has a residual below 1e-5 of the supply range; an answer marked EXACT meets both
@@ -40,9 +39,9 @@ targets; none is better than `exact`.
 PLOTS = f"""\
 ![Share of answers within all limits]({NAME}_within_limits.png)
 
-![Torque error where the torque can be had]({NAME}_torque_error.png)
+![Torque error where the torque is feasible]({NAME}_torque_error.png)
 
-The report's Fig. 8 again: the pressures of the inverse, and the feasible ones.
+The report's Fig. 8: the pressures of the inverse, and the feasible ones.
 
 ![Difference and sum of the pressures over the angle]({NAME}_pressures.png)
 
@@ -51,21 +50,21 @@ The report's Fig. 8 again: the pressures of the inverse, and the feasible ones.
 
 LIMITATIONS = """\
 * Errors are against the muscle model that the allocators use. A real muscle differs by 10–15 %: a torque error of
-  "< 1e-5" says that no torque is lost by the allocation, not that the joint would show it.
-* Random targets are uniform over a box that is wider than the feasible set by choice; a task would ask for other ones,
-  and the shares would be others. Only Fig. 8 is somebody else's choice.
-* The baseline clips and does no more. A controller round it would recover some of the lost torque by integrating.
-* Times are of one run on a shared machine, in one process; read the ratios. Batches are vectorised for the inverse and
-  `exact`, while the optimisers solve one target after the other. Single calls carry the fixed cost of the vectorised
-  code, which the inverse alone has least of.
-* Where the warm start is the answer, which it is for every feasible target, no solver runs. "Iterations" are QPs for qp
-  and convex, and the solver's own count for nlp: compare within a row only.
+  "< 1e-5" means that the allocation loses no torque, not that a real joint would be as accurate.
+* Random targets are uniform over a box that is wider than the feasible set by choice; the targets of a task, and their
+  shares, would differ. Only Fig. 8 is not our choice.
+* The baseline only clips. A controller around it would recover some of the lost torque by integration.
+* Times are of one run on a shared machine, in one process; only ratios count. Batches are vectorised for the inverse
+  and `exact`, while the optimisers solve target by target. Single calls include the fixed cost of vectorised code,
+  least for the inverse alone.
+* If the warm start is the answer, as for every feasible target, no solver runs. "Iterations" are QPs for qp and convex,
+  and the solver's own count for nlp: compare within a row only.
 * Solver options are the library's, tight enough to agree with `exact`; at their defaults the solvers are faster and
   coarser. Nothing was tuned for this comparison.
-* A residual certifies a first-order optimum. The weighted cost of Tondu2021 is not convex, and there a back-end may
-  stay in a worse local optimum than `exact` finds ("worse than exact").
-* No slew limit, force ceiling, co-contraction floor or pull: there the inverse has nothing to set against them.
-* Joints on which the inverse is found numerically (unequal Tondu2021, Tondu2021 on a lever) are not timed here.
+* A residual certifies a first-order optimum. The weighted cost of Tondu2021 is not convex, so a back-end may end in a
+  worse local optimum than `exact` ("worse than exact").
+* No slew limit, force ceiling, co-contraction floor or pull: the inverse cannot handle them.
+* Joints with a numerical inverse (unequal Tondu2021, Tondu2021 on a lever) are not timed.
 """
 
 
@@ -78,7 +77,7 @@ def write(results: Results, out: Path) -> None:
 
 
 def write_csv(path: Path, records: Sequence[Any]) -> None:
-    """One line a record, floats to six digits."""
+    """Write one line per record, floats to six digits."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(asdict(records[0])))
         writer.writeheader()
@@ -88,7 +87,7 @@ def write_csv(path: Path, records: Sequence[Any]) -> None:
 
 
 def markdown(results: Results) -> Iterator[str]:
-    """The report."""
+    """Yield the report."""
     size = "a quick run on small sets" if results.quick else "a full run"
     yield f"# The allocators against the analytic inverse\n\nOf {size} of `python -m benchmarks.allocators`.\n"
     yield from (f"* {sentence}" for sentence in findings(results))
@@ -106,7 +105,7 @@ def markdown(results: Results) -> Iterator[str]:
 
 
 def table(header: Iterable[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
-    """A Markdown table; all but the first column are numbers."""
+    """Return a Markdown table; all but the first column are numbers."""
     names = list(header)
     yield f"| {' | '.join(names)} |"
     yield "|---|" + "--:|" * (len(names) - 1)
@@ -120,7 +119,7 @@ ACCURACY_HEADER = (
     "NaN",
     "T error [N·m]",
     "K error [N·m/rad]",
-    "T error where it can be had",
+    "T error where feasible",
     "K error there",
     "failures",
     "worse than exact",
@@ -129,14 +128,14 @@ ACCURACY_HEADER = (
 
 
 def accuracy(scores: Sequence[Score]) -> Iterator[str]:
-    """A table for every set."""
+    """Yield a table for every set."""
     for first in [
         s for i, s in enumerate(scores) if not i or (s.set, s.joint) != (scores[i - 1].set, scores[i - 1].joint)
     ]:
         mine = [s for s in scores if (s.set, s.joint) == (first.set, first.joint)]
         yield (
-            f"**{first.set}, {first.joint}**: {first.targets} targets, {first.in_range} at angles that can be had, "
-            f"{first.torque_reachable} of them with torques that can be had.\n"
+            f"**{first.set}, {first.joint}**: {first.targets} targets, {first.in_range} with feasible angles, "
+            f"{first.torque_reachable} of them with feasible torques.\n"
         )
         yield from table(ACCURACY_HEADER, (accuracy_row(s) for s in mine))
         yield ""

@@ -1,4 +1,4 @@
-"""The test sets: what is asked of the joints."""
+"""Test sets of targets."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,8 +14,8 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-STRETCH = 3.0  # random targets are this much wider than the feasible set
-TURN = 2 * np.pi  # [rad] `allocate` takes more than a turn for degrees and refuses it
+STRETCH = 3.0  # width of random targets relative to the feasible set
+TURN = 2 * np.pi  # [rad] `allocate` refuses more than a turn as degrees
 STOPS = (-80 * DEG, 80 * DEG)
 LEVER = Lever(rest_length=0.40, anchor=0.30, lever=0.03, offset=0.0435)
 
@@ -45,42 +45,42 @@ class TargetSet:
 
     @property
     def joint(self) -> AntagonistJoint:
-        """The joint that is asked."""
+        """Joint of the targets."""
         return JOINTS[self.joint_name]
 
     @cached_property
     def reached(self) -> Array:
-        """The angle [rad] at which the joint can stand nearest to the one asked for: pressures are judged there."""
+        """Nearest feasible angle [rad] to the requested one, at which pressures are judged."""
         return np.clip(self.theta, *self.joint.angle_range)
 
     @property
     def in_range(self) -> Flags:
-        """Where the angle can be had."""
+        """Whether the angle is feasible."""
         return np.asarray(self.theta == self.reached)
 
     @cached_property
     def torque_reachable(self) -> Flags:
-        """Where angle and torque can be had within all limits, whatever the stiffness."""
+        """Whether angle and torque are feasible within all limits, for any stiffness."""
         T_min, T_max = allocate(self.theta, self.K, self.T, joint=self.joint).torque_interval
         return np.asarray(self.in_range & (T_min <= self.T) & (self.T <= T_max))
 
     def take(self, index: slice) -> Self:
-        """A part of the targets."""
+        """Return a part of the targets."""
         return replace(self, theta=self.theta[index], K=self.K[index], T=self.T[index])
 
     def thinned(self, n: int) -> Self:
-        """About n of the targets, evenly spread."""
+        """Return about n of the targets, evenly spread."""
         return self.take(slice(None, None, max(1, self.theta.size // n)))
 
 
 def report_grid(angles: int, stiffnesses: int) -> TargetSet:
-    """The ranges of the report's Fig. 8: K = 6…9 N·m/rad, θ = ±125°, T = 0."""
+    """Return the ranges of the report's Fig. 8: K = 6…9 N·m/rad, θ = ±125°, T = 0."""
     theta, K = np.meshgrid(np.linspace(-125, 125, angles) * DEG, np.linspace(6, 9, stiffnesses))
     return TargetSet("Fig. 8", next(iter(JOINTS)), theta.ravel(), K.ravel(), np.zeros(theta.size))
 
 
 def random_targets(joint_name: str, n: int, seed: int) -> TargetSet:
-    """θ, and at the nearest angle inside T and K, over three times what can be had there (θ at most a turn, K > 0)."""
+    """Return θ, and T and K at the nearest angle inside, over three times the feasible ranges (|θ| ≤ 2π, K > 0)."""
     rng, joint = np.random.default_rng(seed), JOINTS[joint_name]
     left, right = widened(np.array(joint.angle_range[0]), np.array(joint.angle_range[1]))
     theta = rng.uniform(max(left, -TURN), min(right, TURN), n)
@@ -93,7 +93,7 @@ def random_targets(joint_name: str, n: int, seed: int) -> TargetSet:
 
 
 def feasible_targets(joint_name: str, n: int, seed: int) -> TargetSet:
-    """What random pressures within all limits give at random angles; where a lever would be unstable, K ≤ 0, others."""
+    """Return T and K of random pressures within all limits at random angles, without K ≤ 0 (on levers)."""
     rng, joint = np.random.default_rng(seed), JOINTS[joint_name]
     theta = rng.uniform(*joint.angle_range, 4 * n)
     P1, P2 = (rng.uniform(side.lo, side.hi) for side in joint.pressure_box(theta))
@@ -107,13 +107,13 @@ def extremes(corners: Array) -> tuple[Array, Array]:
 
 
 def widened(low: Array, high: Array) -> tuple[Array, Array]:
-    """The interval stretched about its middle."""
+    """Return the interval stretched about its middle."""
     middle, half = (low + high) / 2, STRETCH * (high - low) / 2
     return middle - half, middle + half
 
 
 def test_sets(quick: bool) -> Iterator[TargetSet]:
-    """Every set of the comparison."""
+    """Return every set of the comparison."""
     yield report_grid(*((7, 4) if quick else (51, 13)))
     for seed, name in enumerate(JOINTS):
         yield random_targets(name, 24 if quick else 900, seed)

@@ -1,4 +1,4 @@
-"""How long an answer takes, by the clock of a shared machine: read the ratios."""
+"""Times of answers on a shared machine, of which the ratios count."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Time:
 
 
 def times(targets: TargetSet, rounds: int, singles: int, tick: Callable[[], None]) -> Iterator[Time]:
-    """Time every contender, in turns, so that a disturbance of the machine meets all of them."""
+    """Time every contender, in turns, so that a disturbance of the machine affects all of them."""
     for contender in CONTENDERS:  # imports, builds programmes
         seconds(contender, targets.thinned(3))
     batches = {contender.name: np.zeros(rounds) for contender in CONTENDERS}
@@ -48,7 +48,7 @@ def times(targets: TargetSet, rounds: int, singles: int, tick: Callable[[], None
 
 
 def seconds(contender: Inverse | Allocator, targets: TargetSet, warm_start: bool = True) -> float:
-    """Wall time of one call."""
+    """Return the wall time of one call."""
     start = perf_counter()
     if isinstance(contender, Allocator):
         contender.allocation(targets, "torque", warm_start)
@@ -58,6 +58,6 @@ def seconds(contender: Inverse | Allocator, targets: TargetSet, warm_start: bool
 
 
 def each(targets: TargetSet) -> Iterator[TargetSet]:
-    """The targets one by one."""
+    """Yield the targets one by one."""
     for i in range(targets.theta.size):
         yield targets.take(slice(i, i + 1))

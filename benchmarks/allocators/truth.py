@@ -1,4 +1,4 @@
-"""Is every answer what it claims to be? Checked before anything is counted; a lie ends the benchmark."""
+"""Checks of every answer's claims before anything is counted; a false claim ends the benchmark."""
 
 from collections.abc import Callable
 
@@ -11,15 +11,15 @@ from benchmarks.allocators.cost import beats, unproved
 from benchmarks.allocators.effect import effect
 from benchmarks.allocators.targets import Array, Flags, TargetSet
 
-MET = 2e-6  # of the joint's torque and stiffness at full pressure and the target: an EXACT answer misses by less
+MET = 2e-6  # of the joint's torque and stiffness at full pressure and the target: greatest miss of an EXACT answer
 
 
 class BenchmarkFailure(Exception):
-    """An answer is not what it claims to be."""
+    """False claim of an answer."""
 
 
 def check(targets: TargetSet, priority: str, name: str, answer: Answer, exact: Answer) -> None:
-    """Raise BenchmarkFailure for the first allocator's answer that breaks a limit, a claim, or beats the optimum."""
+    """Raise BenchmarkFailure for the first allocator's answer that breaks a limit or a claim, or beats the optimum."""
     if answer.status is None:
         return  # the inverse claims nothing
     found = effect(targets, answer)
@@ -50,7 +50,7 @@ def check(targets: TargetSet, priority: str, name: str, answer: Answer, exact: A
 
 
 def scales(targets: TargetSet) -> tuple[Array, Array]:
-    """What counts as a large torque [N·m] and stiffness [N·m/rad] at each target."""
+    """Return scales of torque [N·m] and stiffness [N·m/rad] at each target."""
     high, sides = targets.joint.pressure_limits[1], targets.joint.sides(targets.reached)
     T_scale = np.abs(targets.T) + sum(np.abs(side.torque(high)) for side in sides)
     return T_scale, np.abs(targets.K) + sum(np.abs(side.stiffness(high)) for side in sides)

@@ -1,4 +1,4 @@
-"""What it gains to start the optimisers at the projected analytic inverse instead of in the middle of the box."""
+"""Gain by starting the optimisers at the projected analytic inverse instead of the middle of the box."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Gain:
 
 
 def sets(quick: bool) -> Iterator[TargetSet]:
-    """Targets that can all be had, and the mixed ones of the comparison."""
+    """Return a feasible set of targets, and the mixed ones of the comparison."""
     n = 3 if quick else 100
     for seed, joint_name in enumerate(JOINTS, start=100):
         yield feasible_targets(joint_name, n, seed)
@@ -37,7 +37,7 @@ def sets(quick: bool) -> Iterator[TargetSet]:
 
 
 def gains(targets: TargetSet, rounds: int, tick: Callable[[], None]) -> Iterator[Gain]:
-    """Every back-end, its answers checked first."""
+    """Return the gains of every back-end, with checked answers."""
     exact = EXACT.answer(targets, "torque")
     for back_end in BACK_ENDS:
         yield gain(targets, back_end, rounds, lambda name, a: check(targets, "torque", name, a, exact))

@@ -1,1 +1,1 @@
-"""Arms on MuJoCo: how well the MPC follows, what it costs, against IPOPT and against PIDs."""
+"""Arms on MuJoCo: tracking errors and times of the MPC, against IPOPT and PIDs."""

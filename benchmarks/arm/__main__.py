@@ -1,4 +1,4 @@
-"""Let arms follow on MuJoCo, and measure it: `python -m benchmarks.arm --help`."""
+"""Tracking by arms on MuJoCo: `python -m benchmarks.arm --help`."""
 
 import argparse
 from dataclasses import replace
@@ -17,7 +17,7 @@ NAME = "arm"
 
 
 class Line(NamedTuple):
-    """A line of the report: what was measured, and what it has to be at most (None: it is told)."""
+    """Line of the report: a measured figure, and its upper limit (None: only reported)."""
 
     arm: str
     what: str
@@ -26,12 +26,12 @@ class Line(NamedTuple):
 
     @property
     def failed(self) -> bool:
-        """Whether it is more, or no number."""
+        """Whether the figure exceeds the limit, or is not a number."""
         return self.allowed is not None and not self.value <= self.allowed
 
 
 def nominal_lines(name: str, turns: float, rests: int, rounds: int) -> list[Line]:
-    """The plant is as the model says; the time of arm26 is what was asked for."""
+    """Yield figures on a plant equal to the model; the time of arm26 has a requirement."""
     arm = Arm.machine(name)
     controller = TrackingMPC(arm)
     asked = circle(arm, turns=turns)
@@ -56,7 +56,7 @@ def nominal_lines(name: str, turns: float, rests: int, rounds: int) -> list[Line
 
 
 def gas_lines(name: str, turns: float) -> list[Line]:
-    """The circle at 1 Hz on a plant with gas, which the controller knows or not; it is told, and not asked for."""
+    """Yield figures of the circle at 1 Hz on a plant with gas, known to the controller or not; without limits."""
     arm, lines = Arm.machine(name), []
     for what, known in (("known", replace(arm, gas=True)), ("not known", arm)):
         asked = circle(arm, frequency=1.0, turns=turns)
@@ -68,7 +68,7 @@ def gas_lines(name: str, turns: float) -> list[Line]:
 
 
 def rival_lines(name: str, turns: float) -> list[Line]:
-    """IPOPT on the same programmes, in the same run."""
+    """Yield figures of IPOPT on the same programmes, in the same run."""
     found = nominal.rival(Arm.machine(name), turns=turns)
     return [
         Line(name, "IPOPT's step, median [ms]", found.milliseconds),
@@ -80,7 +80,7 @@ def rival_lines(name: str, turns: float) -> list[Line]:
 
 
 def rough_lines(name: str, seeds: tuple[int, ...]) -> list[Line]:
-    """Muscles 5 % off, an unknown load, noise and dead time; figures are the worst of the seeds."""
+    """Yield figures with muscles 5 % off, an unknown load, noise and dead time, the worst of the seeds."""
     arm, lines = Arm.machine(name), []
     for kind, build in (("MPC", rough.mpc), ("PID", rough.pid)):
         numbers = rough.TUNED.get((kind, name))
@@ -141,11 +141,10 @@ def write(lines: list[Line], growth: list[scaling.Grown], out: Path) -> None:
         "Written by `python -m benchmarks.arm`. The circle is ±23°/±17° (arm48: ±23°, ±17°, ±15°, ±12°) at 0.5 Hz;",
         "K11 = 12 ± 1.5, K12 = 4.6, K22 = 9.5 N·m/rad (arm48: 6 ± 1.5, and 6 at the other joints). Errors are those of",
         "the worst joint or entry, after the first half second. Times are, sample by sample, the least of some rounds",
-        "of one circle; IPOPT solves the same programme beside our step, in the same run. On rough plants muscles pull",
-        "5 % more or less than their laws say, 1 N·m comes after 2 s of which nobody tells, encoders have steps of",
-        "0.02°, pressures noise of 0.02 bar, commands 20 ms of dead time: the RMS leaves out the first second and the",
-        "one after the load; the worst of the seeds. MPC and PIDs were tuned by the same optimiser on another seed",
-        "(`python -m benchmarks.arm.rough`).",
+        "of one circle; IPOPT solves the same programme next to our step, in the same run. On rough plants forces have",
+        "errors of 5 %, an unmodelled 1 N·m after 2 s, encoders have steps of 0.02°, pressures noise of 0.02 bar,",
+        "commands 20 ms of dead time: the RMS leaves out the first second and the one after the load; the worst of",
+        "the seeds. MPC and PIDs were tuned by the same optimiser on another seed (`python -m benchmarks.arm.rough`).",
         "",
         "| arm | measured | | at most |",
         "|---|---|--:|--:|",

@@ -1,12 +1,12 @@
-"""Faults of two joints: how soon they are named, by which names, and whether a sensor's fault stops the loop.
+"""Faults of two joints: delays and names of the diagnosis, and the loop's survival of sensor faults.
 
     python -m benchmarks.arm.faults [--seeds 2] [--out benchmarks/results]
 
 arm26 on MuJoCo follows circle and reach with 5 % force error, 20 ms dead time, encoder steps of 0.02° and pressure
 noise of 0.02 bar. The faults are those of `benchmarks.faults`, at the first joint, its muscles and a biarticular one,
-each from 2 s on; sound runs are under loads of 0, 1, -2 and 3 N·m from then on, without notice. A name is right
-if the fault is the only suspect a second after the alarm, "group" if it is one of several, "part" if another fault of
-the same muscle or joint is suspected, else wrong. The worst error is that from the onset on.
+each from 2 s on; sound runs have unmodelled loads of 0, 1, -2 and 3 N·m from then on. A name is right if the fault is
+the only suspect a second after the alarm, "group" if it is one of several, "part" if another fault of the same muscle
+or joint is suspected, else wrong. The worst error is that from the onset on.
 """
 
 import argparse
@@ -60,7 +60,7 @@ class Case(NamedTuple):
 
 
 def cases(arm: Arm) -> dict[str, Case]:
-    """The faults by name."""
+    """Return the faults by name."""
     muscles, joints = arm.mechanism.muscle_names, arm.mechanism.joint_names
     found: dict[str, Case] = {}
     for j in (0, 1, 4):
@@ -111,7 +111,7 @@ class Row(NamedTuple):
     verdict: str  # of `VERDICTS`, "" without an alarm
     said: str
     worst: float  # |θ - θ*| [°] from the onset on
-    held: bool  # whether every command was finite and the motion too
+    held: bool  # whether all commands and the motion were finite
 
 
 @cache
@@ -156,7 +156,7 @@ def _verdict(case: Case, health: Health) -> str:
 
 
 def markdown(rows: list[Row]) -> Iterator[str]:
-    """The lines of the report."""
+    """Yield the lines of the report."""
     yield "# Faults of two joints"
     yield ""
     yield (__doc__ or "").partition("\n\n")[2].strip("\n")

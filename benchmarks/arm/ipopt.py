@@ -17,7 +17,7 @@ from mpc.tracking.qp.condense import SLACKS
 from mpc.tracking.qp.step import PreviousSample, QPAnswer
 from mpc.yardsticks.nlp_solvers import IPOPT
 
-_SLACK_UNITS = 1e-3, 1.0  # [rad], [N]: of the order in which they are used
+_SLACK_UNITS = 1e-3, 1.0  # [rad], [N]: of the order of their values
 
 
 class IPOPTStep:
@@ -35,7 +35,7 @@ class IPOPTStep:
         self.failures = 0
 
     def reset(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing: there is no memory."""
 
     def _build(self, dt: float) -> None:
         arm, problem, N = self._arm, self._problem, self._N
@@ -88,7 +88,7 @@ class IPOPTStep:
     def __call__(
         self, x: Array, u: Array, d: Array, feed: Any, previous: PreviousSample, solve: Any, deadline: float
     ) -> QPAnswer:
-        """Answer with IPOPT's solution, begun at the previous plan."""
+        """Return IPOPT's solution, started at the previous plan."""
         began = perf_counter()
         u = self._problem.limits.limited(previous.u, u)
         z = self._problem.E.shape[2] - SLACKS
@@ -114,12 +114,12 @@ class IPOPTStep:
 
 
 def weighted(weights: Array, residual: Any) -> Any:
-    """½ Σ w r², of the entries that are charged for."""
+    """Return ½ Σ w r² over the entries with a weight."""
     return sum(w / 2 * residual[i] ** 2 for i, w in enumerate(weights.tolist()) if w)
 
 
 def nonlinear(arm: Any, **settings: Any) -> TrackingMPC:
-    """A `TrackingMPC` whose every step is IPOPT's."""
+    """Return a `TrackingMPC` with steps by IPOPT."""
     made = TrackingMPC(arm, **settings)
     made._qp_step = IPOPTStep(made)
     made.reset()

@@ -1,14 +1,14 @@
-"""Does an arm learn to reach more easily by postures and stiffnesses than by raw pressures? A baseline, 5 seeds each.
+"""Learning to reach with postures and stiffnesses as actions, or with raw pressures. A baseline, 5 seeds each.
 
     python -m benchmarks.arm.learning [--seeds 5] [--generations 40] [--speed]
 
 The learner is the cross-entropy method (R. Y. Rubinstein and D. P. Kroese, "The Cross-Entropy Method", 2004; in the
 form of I. Szita and A. Lőrincz, "Learning Tetris using the noisy cross-entropy method", Neural Computation 18, 2006)
-over a policy a = tanh(W s + b) of what is seen, scaled to ±1: the same learner, sizes, episodes, pushes and variation
-for both kinds of actions, beginning with W = b = 0. Arms differ by 5 % in strength, 10 % in lag and mass, 30 % in
-damping. Told is the mean return of the mean policy on 256 arms, postures and pushes that no seed has learned from, and
-the error of the posture in the last half second, its median and what nine in ten are below; "not learned" is W = b = 0.
-`--speed` tells how many samples the environments take in a second of a core's time instead.
+over a policy a = tanh(W s + b) of the observations, scaled to ±1: the same learner, sizes, episodes, pushes and
+variation for both kinds of actions, starting from W = b = 0. Arms differ by 5 % in strength, 10 % in lag and mass, 30 %
+in damping. The report has the mean return of the mean policy on 256 arms, postures and pushes unseen by all seeds, and
+the error of the posture in the last half second, median and 90 % quantile; "not learned" is W = b = 0. `--speed`
+measures the samples of the environments per second of a core's time instead.
 """
 
 import argparse
@@ -26,8 +26,8 @@ from mpc.arm.learning.variation import Variation
 from mpc.model.arm.model import Arm
 
 POPULATION, ELITE, EPISODES, EXAMINED = 40, 8, 6, 256
-SPREAD, NOISE = 0.3, 0.1  # of the first generation, and what is added to the spread of later ones, falling to 0
-UNSEEN = 10_000  # a seed of its own
+SPREAD, NOISE = 0.3, 0.1  # of the first generation, and addition to the spread of later ones, falling to 0
+UNSEEN = 10_000  # a separate seed
 KINDS = "pressures", "posture-stiffness"
 
 
@@ -37,14 +37,14 @@ def task(actions: str) -> Reaching:
 
 
 class Examined(NamedTuple):
-    """`Examined` is what arms got in an episode."""
+    """Results of arms in an episode."""
 
     returned: Array  # of every arm (N,)
     error: Array  # in the last half second, mean over it (N,) [°]
 
 
 def run(env: ReachVectorEnvironment, W: Array, seed: int) -> Examined:
-    """Return what policies `W` (P, a, s + 1), each on an equal share of the arms, get in one episode."""
+    """Return the results of policies `W` (P, a, s + 1), each on an equal share of the arms, in one episode."""
     seen, _ = env.reset(seed=seed)
     low, high = env.single_observation_space.low, env.single_observation_space.high
     samples, late = env.reachers.task.samples, round(0.5 / env.reachers.task.dt)
@@ -107,9 +107,9 @@ def speed() -> None:
 
 
 def samples_per_second(asked: Reaching, size: int) -> float:
-    """Return the greatest rate of several stretches, in the time of one core: others may be busy on the machine.
+    """Return the greatest rate of several stretches, in the time of one core, as the machine may be busy.
 
-    One arm is in an environment of its own.
+    A single arm has its own environment.
     """
     env = ReachEnvironment(asked) if size == 1 else ReachVectorEnvironment(size, asked)
     env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""The circle on a plant that is as the model says: errors, limits, stiffness by pushing, times, IPOPT beside it."""
+"""Circle on a plant equal to the model: errors, limits, stiffness by pushing, times, comparison with IPOPT."""
 
 from dataclasses import dataclass
 from time import perf_counter
@@ -23,7 +23,7 @@ SETTLING = 50  # samples that do not count
 
 @dataclass(frozen=True)
 class Tracking:
-    """How well a run follows, over all samples after the first half second; at the worst joint or entry."""
+    """Tracking errors of a run over all samples after the first half second, at the worst joint or entry."""
 
     angle: float  # RMS [°]
     angle_worst: float  # [°]
@@ -49,7 +49,7 @@ def tracking(run: Run) -> Tracking:
 
 @dataclass(frozen=True)
 class Times:
-    """Times of a step [µs]: of every sample the least of some runs of the same circle, when the machine was free."""
+    """Times of a step [µs]: for every sample the least of some runs of the same circle."""
 
     median: float
     p99: float
@@ -65,9 +65,9 @@ def times(arm: Arm, controller: TrackingMPC, turns: float = 1.0, rounds: int = 3
 
 
 def pushed(arm: Arm, controller: TrackingMPC, rests: int = 5) -> tuple[float, float]:
-    """The worst difference of the stiffness measured by pushing at rests from (M2) there, and from what is asked.
+    """Return the worst differences of the stiffness measured by pushing at rests from (M2), and from the request.
 
-    Gravity, where there is any, stiffens the posture too: what it adds is taken off.
+    The stiffness by gravity, if any, is subtracted.
     """
     rng, tested, off, missed = np.random.default_rng(3), plant(arm), 0.0, 0.0
     about = circle(arm)
@@ -83,19 +83,19 @@ def pushed(arm: Arm, controller: TrackingMPC, rests: int = 5) -> tuple[float, fl
 
 
 class Beside:
-    """Two controllers that are told the same, of which the plant obeys the first; their times alternate."""
+    """Two controllers with the same inputs; the plant follows the first, and their times alternate."""
 
     def __init__(self, obeyed: TrackingMPC, other: TrackingMPC) -> None:
         self.dt, self.ahead, self._both = obeyed.dt, obeyed.ahead, (obeyed, other)
         self.times: tuple[list[float], list[float]] = [], []
 
     def reset(self) -> None:
-        """Both forget the past."""
+        """Reset both."""
         for controller in self._both:
             controller.reset()
 
     def step(self, *given: Any) -> Any:
-        """The plan of the first, the other one's made just after it."""
+        """Return the plan of the first; the other one's is made just after it."""
         plans = []
         for controller, took in zip(self._both, self.times, strict=True):
             began = perf_counter()
@@ -106,7 +106,7 @@ class Beside:
 
 @dataclass(frozen=True)
 class Rival:
-    """What IPOPT makes of the same problems."""
+    """Results of IPOPT on the same problems."""
 
     ratio: float  # of the median times of a step
     milliseconds: float  # median of IPOPT's
@@ -131,7 +131,7 @@ def rival(arm: Arm, turns: float = 0.5, **settings: Any) -> Rival:
 
 
 def closed_loop_cost(run: Run, controller: TrackingMPC) -> float:
-    """What the controller's cost charges for what happened, sample by sample."""
+    """Return the controller's cost of the actual motion, sample by sample."""
     arm, rows, N = run.plant, controller.problem.rows, controller.N
     inverse = InverseDynamics(arm, run.dt, N, controller.min_force)
     asked = controller_reference(run)
@@ -149,7 +149,7 @@ def closed_loop_cost(run: Run, controller: TrackingMPC) -> float:
 
 
 def controller_reference(run: Run) -> Any:
-    """The previews that the controller had; beyond the run's end the circle goes on."""
+    """Return the controller's previews; the circle continues beyond the run's end."""
     swing = circle(run.plant).resampled(run.dt)
 
     def at(k: int, N: int) -> tuple[Array, Array]:

@@ -1,8 +1,8 @@
-"""A PID at every joint with the feed-forward of the MPC: torques that the allocation turns into pressures.
+"""PID at every joint with the feed-forward of the MPC: torques, which the allocation converts to pressures.
 
-The torque asked of each joint is that of the feed-forward plus the PID's; stiffness is asked as the MPC is asked. The
-feed-forward looks ahead by the dead time, as the MPC does. The derivative is that of the error, behind a first-order
-filter; the integral stops where the allocation is short of torque.
+The requested torque of each joint is the feed-forward's plus the PID's; the requested stiffness is that of the MPC. The
+feed-forward looks ahead by the dead time, like the MPC. The derivative of the error has a first-order filter; the
+integral stops if the allocation is short of torque.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _SHORT = 1e-6  # [N·m]
 
 @dataclass(frozen=True)
 class Gains:
-    """The gains of each joint (n,): N·m/rad, N·m/rad/s, N·m·s/rad."""
+    """Gains of each joint (n,): N·m/rad, N·m/rad/s, N·m·s/rad."""
 
     proportional: Array
     integral: Array
@@ -35,7 +35,7 @@ class Gains:
 
 
 class ArmPID:
-    """A controller with the interface of `TrackingMPC`."""
+    """Controller with the interface of `TrackingMPC`."""
 
     def __init__(self, arm: Arm, dt: float, gains: Gains, dead_time: float = 0.0, N: int = 20) -> None:
         self.arm, self.dt, self.gains, self._delay = arm, dt, gains, round(dead_time / dt)
@@ -54,7 +54,7 @@ class ArmPID:
         self._last: Array | None = None
 
     def step(self, x: Any, q_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
-        """The commands of this sample; `d` is not listened to."""
+        """Return the commands of this sample; `d` is ignored."""
         n, k, gains = self.arm.n, self._delay, self.gains
         feed = self._feed_forward(q_ref[k:].copy(), K_ref[k:].copy(), np.zeros((len(q_ref) - k, n)))
         error = q_ref[0] - x[:n]
@@ -76,8 +76,8 @@ class ArmPID:
 class PredictivePID:
     """PIDs at n joints by the rule of `mpc.yardsticks.baselines.PredictivePIDControl`, with the MPC's feed-forward.
 
-    Errors are those predicted for when the command acts, the integral is one of the measured error. What is known of
-    dead time, friction and dead band is taken account of as the MPC does; the disturbance torque is not.
+    Errors are predicted for the time at which the command acts; the integral is of the measured error. Dead time,
+    friction and dead band are compensated as in the MPC, the disturbance torque is not.
     """
 
     def __init__(self, arm: Arm, dt: float, gains: Gains, compensation: Compensation, N: int = 20) -> None:
@@ -89,7 +89,7 @@ class PredictivePID:
 
     @property
     def ahead(self) -> int:
-        """The samples of preview after the present one."""
+        """Samples of preview after the present one."""
         return self._preview.ahead
 
     def reset(self) -> None:
@@ -99,7 +99,7 @@ class PredictivePID:
         self._last: Array | None = None
 
     def step(self, x: Any, q_ref: Any, K_ref: Any, d: Any = 0.0) -> Plan:
-        """The commands of this sample."""
+        """Return the commands of this sample."""
         n, gains, task = self.arm.n, self.gains, self._preview.task(x, q_ref, K_ref, d)
         error = np.nan_to_num(q_ref[0] - x[:n])
         if not self._saturated:

@@ -1,10 +1,10 @@
-"""The arm whose muscles pull 5 % otherwise, under a load, with noise and dead time: the MPC with observer, and PIDs.
+"""Arm with force errors of 5 %, a load, noise and dead time: the MPC with observer, and PIDs.
 
     python -m benchmarks.arm.rough mpc | pid [--arm arm26] [--evaluations 50]
 
-tunes the numbers of one of them by Nelder and Mead's method over their logarithms, one objective for both: the RMS
-errors of circle and reach apart from the second after the load arrives, their swing at rest, and a tenth of the errors
-in that second. Tuned is on one plant (seed 11), judged on others (1, 2, 3).
+tunes the numbers of one of them by Nelder and Mead's method over their logarithms, with one objective for both: the RMS
+errors of circle and reach except the second after the load arrives, their swing at rest, and a tenth of the errors in
+that second. Tuning uses one plant (seed 11), the report others (1, 2, 3).
 """
 
 import argparse
@@ -29,7 +29,7 @@ from mpc.trials.motions.arm_trajectories import circle, reach
 from mpc.trials.simulation import Run, in_motion, simulate
 
 TUNED_ON, JUDGED_ON = (11,), (1, 2, 3)
-_FINDING = 1.0  # [s] at the beginning and after the load arrives, in which it has to be found out
+_FINDING = 1.0  # [s] at the beginning and after the load arrives, for its estimation
 _LAST = 1.0  # [s] of the reach's last rest, which is judged
 
 
@@ -37,7 +37,7 @@ _LAST = 1.0  # [s] of the reach's last rest, which is judged
 class Figures:
     """The errors of a run [°], at the worst joint."""
 
-    rms: float  # apart from the second after the beginning and after the load
+    rms: float  # except the second after the beginning and after the load
     found: float  # RMS in the second after the load
     everything: float  # RMS over all
     rest: float  # |mean| in the last second of the reach
@@ -68,14 +68,14 @@ def figures(runs: tuple[Run, Run]) -> Figures:
 
 
 class Loop(NamedTuple):
-    """A controller and what reads the sensors for it."""
+    """Controller and observer."""
 
     controller: Any
     observer: Any
 
 
 def mpc(arm: Arm, theta: float, omega: float, rate: float, d_walk: float, pressure_walk: float, N: int = 20) -> Loop:
-    """The MPC with errors of angle [°], velocity [°/s] and rate [bar/s] that cost ½, and the observer's walks."""
+    """Return the MPC with errors of angle [°], velocity [°/s] and rate [bar/s] of cost ½, and the observer's walks."""
     weights = Weights(theta=1 / (theta * DEG) ** 2, omega=1 / (omega * DEG) ** 2, rate=1 / (rate * BAR) ** 2)
     noise = Noise(theta=0.02 * DEG / 12**0.5, d_walk=d_walk, pressure_walk=pressure_walk * BAR)
     known = Compensation(dead_time=DEAD_TIME)
@@ -83,7 +83,7 @@ def mpc(arm: Arm, theta: float, omega: float, rate: float, d_walk: float, pressu
 
 
 def pid(arm: Arm, **gains: float) -> Loop:
-    """PIDs with gains P1, I1, D1, P2, …"""
+    """Return PIDs with gains P1, I1, D1, P2, …"""
     rows = (np.array([gains[f"{letter}{i + 1}"] for i in range(arm.n)]) for letter in "PID")
     return Loop(ArmPID(arm, DT, Gains(*rows), DEAD_TIME), Differentiator(DT, arm.n))
 
@@ -118,7 +118,7 @@ TUNED: dict[tuple[str, str], dict[str, float]] = {
 
 
 def runs(arm: Arm, loop: Loop, seed: int) -> tuple[Run, Run]:
-    """The circle and the reach on one plant."""
+    """Return runs of the circle and the reach on one plant."""
     tested = rough_plant(arm, seed)
     done = [
         simulate(tested, loop.controller, asked, x0=x0, observer=loop.observer, load=load(arm), seed=seed)
@@ -129,19 +129,19 @@ def runs(arm: Arm, loop: Loop, seed: int) -> tuple[Run, Run]:
 
 
 def cost(arm: Arm, loop: Loop, seeds: tuple[int, ...] = TUNED_ON) -> float:
-    """The objective [°]."""
+    """Return the objective [°]."""
     found = [figures(runs(arm, loop, seed)) for seed in seeds]
     return float(np.mean([min(f.rms + f.swing / 3 + f.found / 10, 20.0) for f in found]))
 
 
 def tuned(arm: Arm, start: dict[str, float], build: Callable[..., Loop], evaluations: int) -> dict[str, float]:
-    """The best numbers after as many evaluations."""
+    """Return the best numbers after so many evaluations."""
 
     def of(logarithms: Any) -> float:
         numbers = dict(zip(start, np.exp(logarithms).tolist(), strict=True))
         try:
             value = cost(arm, build(arm, **numbers))
-        except ValueError:  # the arm was thrown about: the plant says that its motion is not finite
+        except ValueError:  # unstable: the plant reports a motion that is not finite
             value = 20.0
         print(f"{value:.4f}", ", ".join(f"{name} {v:.4g}" for name, v in numbers.items()), flush=True)
         return value

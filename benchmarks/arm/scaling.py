@@ -1,4 +1,4 @@
-"""How the time of a step grows with joints, muscles and horizon."""
+"""Growth of the time of a step with joints, muscles and horizon."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ HORIZONS = 10, 20, 40
 
 
 class Grown(NamedTuple):
-    """The time of an arm's step at a horizon."""
+    """Time of an arm's step at a horizon."""
 
     joints: int
     muscles: int
@@ -26,7 +26,7 @@ class Grown(NamedTuple):
 
 
 def chain(n: int) -> Arm:
-    """An arm with an antagonistic pair on a pulley of 2 cm at each of n joints, and links of 25 cm and 0.5 kg."""
+    """Return an arm with an antagonistic pair on a 2 cm pulley at each of n joints, and links of 25 cm and 0.5 kg."""
     arms = [[sign * 0.02 if i == j else 0.0 for j in range(n)] for i in range(n) for sign in (1, -1)]
     limits = tuple((-60 * DEG, 60 * DEG) for _ in range(n))
     mechanism = Mechanism(Pulleys(0.4, arms, 0.1375), SAROSI_DMSP_20_400N, angle_limits=limits)
@@ -34,7 +34,7 @@ def chain(n: int) -> Arm:
 
 
 def grown(horizons: tuple[int, ...] = HORIZONS) -> list[Grown]:
-    """Chains of one to three joints, arm26 with two muscles more than its joints need, and arm48, at some horizons."""
+    """Yield chains of one to three joints, arm26 with two redundant muscles, and arm48, at some horizons."""
     found = []
     for arm in (chain(1), chain(2), Arm.machine("arm26"), chain(3), Arm.machine("arm48")):
         for N in horizons:

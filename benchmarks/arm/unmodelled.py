@@ -1,16 +1,16 @@
-"""Arms that are not their models: the MPC against predictive PIDs with the same feed-forward.
+"""Arms that differ from their models: the MPC against predictive PIDs with the same feed-forward.
 
     python -m benchmarks.arm.unmodelled [--seeds 5] [--arms arm26 three] [--tune pid]
 
-Muscles pull 10 % more or less than their laws say, by chance, with 20 ms of dead time, encoder steps of 0.02°, pressure
-noise of 0.02 bar and pressure sensors ±0.03 bar off. An unknown payload, 0.5 kg at the hand of arm26 and
-0.2 kg at that of three joints under gravity (`three_joints.xml`), adds inertia and weight. The joints have a hysteresis
-of 0 or 5° (Maxwell slip); both controllers are told 75 % of it. The error is the RMS over circle and reach, apart from
-the first second, at the worst joint; at rest there are mean, swing and rate of the commands in the last second.
-Seeds below 1000 are judged. The gains of the PIDs were found by Nelder and Mead's method on seed 1001 with 5°
-(`--tune`), in 44 evaluations for arm26 and 39 for three joints, of which the last ten gained 10 %. The numbers of the
-MPC are those that were tuned for arm26 on another plant (`benchmarks.arm.rough`). The MPC has the observer's
-disturbance torque, which a predictive PID replaces by its integral.
+Forces have random errors of ±10 %, with 20 ms of dead time, encoder steps of 0.02°, pressure noise of 0.02 bar and
+pressure offsets of ±0.03 bar. An unknown payload, 0.5 kg at the hand of arm26 and 0.2 kg at that of three joints under
+gravity (`three_joints.xml`), adds inertia and weight. The joints have a hysteresis of 0 or 5° (Maxwell slip); both
+controllers assume 75 % of it. The error is the RMS over circle and reach, except the first second, at the worst joint;
+at rest there are mean, swing and rate of the commands in the last second. Reported seeds are below 1000. The gains of
+the PIDs were found by Nelder and Mead's method on seed 1001 with 5° (`--tune`), in 44 evaluations for arm26 and 39 for
+three joints, of which the last ten gained 10 %. The numbers of the MPC are those that were tuned for arm26 on another
+plant (`benchmarks.arm.rough`). The MPC has the observer's disturbance torque, which a predictive PID replaces by its
+integral.
 """
 
 import argparse
@@ -48,7 +48,7 @@ ARMS, CONTROLLERS, WIDTHS = ("arm26", "three"), ("MPC", "predictive PID"), (0.0,
 OFF, OFFSET, TOLD = 0.10, 0.03 * BAR, 0.75
 PAYLOAD = {"arm26": 0.5, "three": 0.2}  # [kg]
 STEP = 1 / 300  # [s] of the integration
-LOST = 20.0  # [°] an error beyond is no following
+LOST = 20.0  # [°] a greater error counts as lost
 _HERE = Path(__file__).parent
 _BEGIN, _LAST = 1.0, 1.0  # [s]
 START = {"arm26": [0.7, 0.4, 20.0, 16.0, 2.8, 0.5], "three": [1.0, 0.6, 0.4, 13.0, 12.0, 20.0, 0.8, 0.4, 0.03]}
@@ -68,12 +68,12 @@ class Machine(NamedTuple):
     arm: Arm
     model: Any
     tip: tuple[float, float, float]
-    of_tendons: dict[str, Any]  # their properties that the model lacks
+    of_tendons: dict[str, Any]  # their properties absent from the model
 
 
 @cache
 def machine(name: str) -> Machine:
-    """The machine of a name."""
+    """Return the machine of a name."""
     if name == "three":
         read = read_arm(str(_HERE / "three_joints.xml"), SAROSI_DMSP_20_400N, 0.4, None, 0.1375, (0.0, 5 * BAR))
         of_tendons = {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
@@ -83,7 +83,7 @@ def machine(name: str) -> Machine:
 
 
 def tested(name: str, width: float, seed: int) -> MujocoPlant:
-    """The plant of a seed, with a hysteresis `width` [°] wide at every joint and its payload."""
+    """Return the plant of a seed, with its payload and a hysteresis of `width` [°] at every joint."""
     arm, model, tip, of_tendons = machine(name)
     rng = np.random.default_rng(seed)
     friction = _slips(arm, width) or None
@@ -104,7 +104,7 @@ def _slips(arm: Arm, width: float, share: float = 1.0) -> tuple[MaxwellSlip, ...
 
 
 def mpc(arm: Arm, known: Compensation) -> Loop:
-    """The MPC with the numbers that were tuned for arm26."""
+    """Return the MPC with the numbers tuned for arm26."""
     n = TUNED["MPC", "arm26"]
     weights = Weights(
         theta=1 / (n["theta"] * DEG) ** 2, omega=1 / (n["omega"] * DEG) ** 2, rate=1 / (n["rate"] * BAR) ** 2
@@ -114,21 +114,21 @@ def mpc(arm: Arm, known: Compensation) -> Loop:
 
 
 def pid(arm: Arm, known: Compensation, numbers: list[float]) -> Loop:
-    """The PIDs with their own numbers, and the MPC's observer."""
+    """Return the PIDs with their own numbers, and the MPC's observer."""
     rows = np.array(numbers).reshape(3, arm.n)
     return Loop(PredictivePID(arm, DT, Gains(*rows), known), mpc(arm, known).observer)
 
 
 @cache
 def loop(name: str, width: float, controller: str) -> Loop:
-    """The loop of a name, told of 75 % of a hysteresis."""
+    """Return the loop of a name, which assumes 75 % of a hysteresis."""
     arm = machine(name).arm
     known = Compensation(dead_time=DEAD_TIME, frictions=_slips(arm, width, TOLD))
     return mpc(arm, known) if controller == "MPC" else pid(arm, known, GAINS[name])
 
 
 class Figures(NamedTuple):
-    """Errors at the worst joint [°]; infinite where the arm was lost."""
+    """Errors at the worst joint [°]; infinite if the arm was lost."""
 
     rms: float
     worst: float
@@ -138,7 +138,7 @@ class Figures(NamedTuple):
 
 
 def figures(runs: tuple[Run, Run]) -> Figures:
-    """The figures of circle and reach."""
+    """Return the figures of circle and reach."""
     errors = [(run.theta - run.theta_ref) / DEG for run in runs]
     moving = np.vstack([error[round(_BEGIN / DT) :] for error in errors])
     rest, rate = errors[1][-round(_LAST / DT) :], np.diff(runs[1].u[-round(_LAST / DT) :], axis=0) / BAR / DT
@@ -155,13 +155,13 @@ def row(name: str, width: float, made: Loop, seed: int, turns: float = 2.0, rest
             runs.append(
                 simulate(plant, made.controller, asked, x0=in_motion(arm, asked), observer=made.observer, seed=seed)
             )
-        except InvalidInput:  # the plant says that its motion is not finite
+        except InvalidInput:  # the plant reports a motion that is not finite
             return Figures(*[np.inf] * 5)
     return figures((runs[0], runs[1]))
 
 
 def tuned(name: str, evaluations: int) -> list[float]:
-    """The gains of the PIDs by Nelder and Mead's method over their logarithms."""
+    """Return the gains of the PIDs by Nelder and Mead's method over their logarithms."""
     arm = machine(name).arm
     known = Compensation(dead_time=DEAD_TIME, frictions=_slips(arm, 5.0, TOLD))
     made = pid(arm, known, START[name])
@@ -180,20 +180,20 @@ def tuned(name: str, evaluations: int) -> list[float]:
 
 
 def write(rows: dict[Key, Figures], path: Path) -> None:
-    """Write one line a run."""
+    """Write one line per run."""
     lines = [",".join(map(str, [*key, *(f"{v:.5g}" for v in found)])) for key, found in rows.items()]
     path.write_text("\n".join([",".join(["arm", "width", "controller", "seed", *Figures._fields]), *lines, ""]))
 
 
 def read(path: Path) -> dict[Key, Figures]:
-    """Read what `write` wrote."""
+    """Read the file of `write`."""
     cells = (line.split(",") for line in path.read_text().splitlines()[1:])
     return {(c[0], float(c[1]), c[2], int(c[3])): Figures(*map(float, c[4:])) for c in cells}
 
 
 def markdown(rows: dict[Key, Figures]) -> Iterator[str]:
-    """The lines of the report."""
-    yield "# Arms that are not their models"
+    """Yield the lines of the report."""
+    yield "# Arms that differ from their models"
     yield ""
     yield (__doc__ or "").partition("\n\n")[2].strip("\n")
     yield ""

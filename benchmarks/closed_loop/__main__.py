@@ -1,4 +1,4 @@
-"""Run everything: see `benchmarks.closed_loop`."""
+"""Run the benchmark `benchmarks.closed_loop`."""
 
 import argparse
 import csv
@@ -14,7 +14,7 @@ from benchmarks.closed_loop.runs import QUICK, RUNGS, Effort, Figures, Row, jobs
 
 
 def save_rows(found: list[Row], path: Path) -> None:
-    """One line a run."""
+    """Write one line per run."""
     plain = [f.name for f in fields(Figures) if f.name != "rungs"]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

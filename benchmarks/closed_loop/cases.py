@@ -1,4 +1,4 @@
-"""What is run: trajectories, plants, and what controllers are told of them."""
+"""Trajectories, plants, and the controllers' assumptions about them."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -22,7 +22,7 @@ SETTINGS = Settings(MODEL, compensation=TOLD, weights=Weights.calm())
 
 
 class Case(NamedTuple):
-    """A trajectory, and what of it counts."""
+    """Trajectory, and the part of it that counts."""
 
     reference: Reference
     load_from: float  # [s]
@@ -39,7 +39,7 @@ CASES = {
 
 
 class Tested(NamedTuple):
-    """A plant, what controllers are told of it, and how far they look ahead."""
+    """Plant, the controllers' assumptions about it, and their horizon."""
 
     real: RealPlant
     told: Compensation = TOLD
@@ -52,8 +52,8 @@ PLANTS = {
     "both +10 %": Tested(RealPlant.standard((1.1, 1.1))),
 }
 FREE = replace(STANDARD, friction=Friction())
-VARIANTS = {  # of plant and horizon, with the tuning and the knowledge left as they are
-    "Dahl friction": Tested(replace(STANDARD, friction=STANDARD.friction.as_dahl(MODEL))),  # of the form that is told
+VARIANTS = {  # of plant and horizon, with the same tuning and assumptions
+    "Dahl friction": Tested(replace(STANDARD, friction=STANDARD.friction.as_dahl(MODEL))),  # of the assumed form
     "friction removed": Tested(FREE),
     "lag 0.10 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.10))),
     "lag 0.15 s": Tested(replace(STANDARD, nominal=replace(MODEL, lag=0.15))),
@@ -67,7 +67,7 @@ def _alone(**effect: object) -> Tested:
     return Tested(real, real.known())
 
 
-ALONE = {  # all but the last are told the truth
+ALONE = {  # all but the last with true assumptions
     "nominal": _alone(),
     "gain errors alone": _alone(force_gains=(1.1, 0.9)),
     "hysteresis alone": _alone(friction=STANDARD.friction),
@@ -76,13 +76,13 @@ ALONE = {  # all but the last are told the truth
     "slow filling alone": _alone(flow=STANDARD.flow),
     "all but friction": Tested(FREE, FREE.known()),
     "sensors alone": _alone(encoder=STANDARD.encoder, pressure_noise=STANDARD.pressure_noise),
-    "nominal, told of all effects": Tested(RealPlant(MODEL)),
+    "nominal, all effects assumed": Tested(RealPlant(MODEL)),
 }
 EVERY = PLANTS | VARIANTS | ALONE
 
 
 def placed(rate: float) -> PIDGains:
-    """Gains that put the three poles of J θ'' + b θ' + K θ = T at -`rate` [1/s], K at P1 + P2 = 5 bar: no tuning."""
+    """Return gains with the three poles of J θ'' + b θ' + K θ = T at -`rate` [1/s], K at P1 + P2 = 5 bar."""
     J, K = MODEL.inertia, float(MODEL.stiffness(np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT])))
     return PIDGains(3 * J * rate**2 - K, J * rate**3, 3 * J * rate - MODEL.damping)
 

@@ -1,12 +1,12 @@
-"""The gas in the muscles: what a controller loses that does not know it, and which stiffness a hand feels.
+"""Gas in the muscles: the cost of ignoring it, and the stiffness felt by a hand.
 
     python -m benchmarks.closed_loop.gas [--out benchmarks/results]
 
-The plant is the report's joint with Sarosi's muscles, lag 0.1 s, and gas with κ = 1.3. Tracked are sines of 20° at
-constant stiffness; the angle's error is taken between the ramps. "Muscles 5 % off" pull 1.05 and 0.95 times as hard as
-the model says. Where there is an observer it sees angle and pressures, no velocity. The real plant is the standard one
-of the closed-loop benchmark (muscles 10 % off, hysteresis, dead time, dead band, noise), with gas in it. Pushes are
-those of `mpc.trials.push`, inside and outside a dead band of 0.15 bar. Written is `gas.md`.
+The plant is the report's joint with Sarosi's muscles, lag 0.1 s, and gas with κ = 1.3. The references are sines of 20°
+at constant stiffness; the angle's error is taken between the ramps. "Muscles 5 % off" have 1.05 and 0.95 times the
+modelled forces. Observers measure angle and pressures, no velocity. The real plant is the standard one of the
+closed-loop benchmark (muscles 10 % off, hysteresis, dead time, dead band, noise), with gas. Pushes are those of
+`mpc.trials.push`, inside and outside a dead band of 0.15 bar. The output is `gas.md`.
 """
 
 import argparse
@@ -28,12 +28,12 @@ JOINT = report_joint(SAROSI_DMSP_20_400N)
 K, AMPLITUDE, RAMP = 7.6, 20 * DEG, 2.0  # [N·m/rad], [rad], [s]
 FREQUENCIES = 0.25, 0.5, 1.0  # [Hz] of the sines
 PUSHED, AT, BAND = (0.05, 0.5, 2.0, 20.0), 3 * BAR, 0.15 * BAR  # [Hz], [Pa] in both muscles, [Pa]
-OFF = 1.05, 0.95  # times as hard as the model says
-ROUNDS = 5  # of runs whose times are compared
+OFF = 1.05, 0.95  # times the modelled force
+ROUNDS = 5  # of timed runs
 
 
 class Case(NamedTuple):
-    """A case is a plant, and what the controller takes it for."""
+    """Plant, and the controller's model of it."""
 
     name: str
     process: Process
@@ -61,7 +61,7 @@ def tracked(case: Case, frequency: float, duration: float = 8.0) -> Run:
 
 
 def on_the_real_plant(controller: str, model: Plant, frequency: float) -> float:
-    """RMS of the angle's error [°] of a loop whose model is `model`."""
+    """Return the RMS of the angle's error [°] of a loop with the model `model`."""
     real = RealPlant.standard(nominal=Plant(JOINT, lag=0.12))
     driver, observer = loop(controller, Settings(model, compensation=real.known(), weights=Weights.calm()))
     reference = sine(AMPLITUDE, frequency, 5.5, K_amplitude=0.0, duration=8.0, ramp=RAMP)
@@ -69,13 +69,13 @@ def on_the_real_plant(controller: str, model: Plant, frequency: float) -> float:
 
 
 def error(run: Run) -> float:
-    """RMS of the angle's error between the ramps [°]."""
+    """Return the RMS of the angle's error between the ramps [°]."""
     ramp = round(RAMP / run.dt)
     return float(np.sqrt(np.mean((run.theta - run.theta_ref)[ramp:-ramp] ** 2)) / DEG)
 
 
 def pushed(frequency: float, dead_band: float = 0.0, angle: float = 1 * DEG) -> Felt:
-    """The stiffness felt at 3 bar, θ = 0; where there is a dead band the push stays inside it."""
+    """Return the stiffness felt at 3 bar, θ = 0; the push stays inside the dead band, if any."""
     plant = Plant(JOINT)
     real = RealPlant(plant, dead_band=dead_band)
     x = np.array([0.0, 0.0, AT, AT])
@@ -84,13 +84,13 @@ def pushed(frequency: float, dead_band: float = 0.0, angle: float = 1 * DEG) -> 
 
 
 def trapped(found: Felt) -> float:
-    """The stiffness with all of the gas trapped where the push was [N·m/rad]."""
+    """Return the stiffness with all of the gas trapped at the state of the push [N·m/rad]."""
     x = np.array([found.theta, 0.0, *found.P])
     return found.isobaric + float(sum(RealPlant(Plant(JOINT)).trapped(x)))
 
 
 def step_times(joint: AntagonistJoint) -> tuple[float, float]:
-    """Median time of a step without and with gas in the model, the least of some rounds [µs]."""
+    """Return the median times of a step without and with gas in the model, the least of some rounds [µs]."""
     reference = sine(AMPLITUDE, 1.0, K, duration=4.0, ramp=1.0)
     plants = Plant(joint, gas=False), Plant(joint)
     controllers = [TrackingMPC(plant) for plant in plants]

@@ -1,13 +1,12 @@
-"""What is it worth to tell controllers the hysteresis that was identified?
+"""Benefit of identified hysteresis in the controllers' model.
 
-`python -m benchmarks.closed_loop.hysteresis` lets the MPC follow three trajectories on three plants: the standard one,
-whose hysteresis is Maxwell slip with springs of its own and widths that grow with P1 + P2; one that differs in that its
-hysteresis is a Prandtl–Ishlinskii operator of the angle; and the standard one that has lost what is told. That comes
-from a log of slow sweeps of the plant, read by its sensors: pressures that go against each other in ever smaller turns
-about three co-contractions. The operator is what `fit_motion` finds in that log, given the joint of the controllers'
-model. Dahl's friction is told three quarters or all of with a loop as wide, as in the closed-loop benchmark, and with
-its μ and δ fitted to the torque of the model's muscles on the same log, less one muscle stronger than the other and a
-constant: so good can one memory be.
+`python -m benchmarks.closed_loop.hysteresis` runs the MPC on three trajectories and three plants: the standard one,
+with Maxwell slip of separate springs and widths that grow with P1 + P2; the same with a Prandtl–Ishlinskii operator of
+the angle; and the standard one without friction. The assumed hysteresis comes from a log of slow sweeps of the plant by
+its sensors: opposed pressures with decreasing amplitudes at three co-contractions. The operator is identified from that
+log by `fit_motion`, given the joint of the controllers' model. Three quarters or all of Dahl's friction are assumed
+with the same loop width, as in the closed-loop benchmark, and with μ and δ fitted to the torque of the model's muscles
+on the same log, up to a difference of strengths and a constant: the best possible model with one memory.
 
 RMS error of the angle [°] before the load comes, and to the end with it, mean over the seeds; in brackets the standard
 deviation.
@@ -47,14 +46,14 @@ _DT = 0.02  # [s]
 _OPERATOR = PrandtlIshlinskii((0.4, 0.2, 0.2, 0.2), (1.5 * DEG, 3.5 * DEG, 7.0 * DEG), base=0.4)  # loops of 5°
 
 PLANTS = {"Maxwell slip": STANDARD, "operator of the angle": replace(STANDARD, friction=_OPERATOR)}
-VANISHED = "friction removed, told of Maxwell slip"
+VANISHED = "friction removed, Maxwell slip assumed"
 TRACKED = PLANTS | {VANISHED: FREE}
 DAHL, FITTED, OPERATOR = "Dahl", "Dahl, fitted", "operator"
 SHARES = (0.75, 1.0)
 
 
 class Log(NamedTuple):
-    """A log of slow sweeps, from sensors, averaged."""
+    """Log of slow sweeps, averaged sensor readings."""
 
     t: Array  # (n,) [s]
     theta: Array  # (n,) [rad]
@@ -62,12 +61,12 @@ class Log(NamedTuple):
 
     @property
     def x(self) -> Array:
-        """The states (4, n), as at rest."""
+        """States (4, n), as at rest."""
         return np.stack([self.theta, 0 * self.theta, *self.P.T])
 
 
 def swept(real: RealPlant, seed: int = 0) -> Log:
-    """The log of a plant whose pressures go against each other in ever smaller turns."""
+    """Return the log of a plant with opposed pressures of decreasing amplitudes."""
     depths = np.array([0.0, 1.2, -1.2, 0.9, -0.8, 0.6, -0.5, 0.35, -0.25, 0.15, -0.1, 0.0])  # [bar]
     turns = SWEEP * np.arange(depths.size)
     t = np.arange(0.0, turns[-1], _DT)
@@ -83,12 +82,12 @@ def swept(real: RealPlant, seed: int = 0) -> Log:
 
 
 def identified(log: Log) -> PrandtlIshlinskii:
-    """The operator of the angle that `fit_motion` finds."""
+    """Return the operator of the angle identified by `fit_motion`."""
     return fit_motion(log.t, log.theta, *log.P.T, joint=MODEL.joint).operator
 
 
 def followed(friction: Hysteresis, log: Log) -> Array:
-    """What `friction` remembers along the log (n, ...)."""
+    """Return the memory of `friction` along the log (n, ...)."""
     memory, states = friction.begun(float(log.theta[0])), []
     for motion, x in zip(np.diff(log.theta, prepend=log.theta[:1]).tolist(), log.x.T.tolist(), strict=True):
         memory = friction.moved(memory, motion, Contact(MODEL, x))
@@ -97,13 +96,13 @@ def followed(friction: Hysteresis, log: Log) -> Array:
 
 
 def _without_muscles_error(log: Log, columns: Array) -> Array:
-    """What is left of `columns` (n, …) beside one muscle that is stronger than the other, and a constant torque."""
+    """Return the residual of `columns` (n, …) after a difference of the muscles' strengths and a constant torque."""
     error = np.column_stack([MODEL.pull(log.x), np.ones_like(log.theta)])
     return np.asarray(columns - error @ np.linalg.lstsq(error, columns, rcond=None)[0])
 
 
 def fitted_dahl(log: Log) -> Friction:
-    """Dahl's friction with the μ and δ that explain the log best."""
+    """Return Dahl's friction with the μ and δ that best explain the log."""
     wanted = _without_muscles_error(log, MODEL.torque(log.x)[:, None])
 
     def explained(presliding: float) -> tuple[float, float]:
@@ -118,7 +117,7 @@ def fitted_dahl(log: Log) -> Friction:
 
 @cache
 def told(plant: str) -> dict[tuple[str, float], Compensation]:
-    """What controllers are told, by what it is and the share of it."""
+    """Return the controllers' assumptions by the model and its share."""
     logged = PLANTS["Maxwell slip" if plant == VANISHED else plant]
     log = swept(logged)
     models: dict[str, Hysteresis] = {
@@ -132,7 +131,7 @@ def told(plant: str) -> dict[tuple[str, float], Compensation]:
 
 
 class Tracked(NamedTuple):
-    """The RMS errors [°] of a controller told so, by trajectory (trajectories, seeds)."""
+    """RMS errors [°] of a controller with these assumptions, by trajectory (trajectories, seeds)."""
 
     plant: str
     what: str
@@ -142,7 +141,7 @@ class Tracked(NamedTuple):
 
 
 def tracked(plant: str, what: str, share: float, seeds: int = SEEDS, names: tuple[str, ...] = TRAJECTORIES) -> Tracked:
-    """The runs of the MPC on one plant, told one thing."""
+    """Run the MPC on one plant with one assumption."""
     driver = loop("mpc", SETTINGS._replace(compensation=told(plant)[what, share]))
     found = [
         [
@@ -156,14 +155,14 @@ def tracked(plant: str, what: str, share: float, seeds: int = SEEDS, names: tupl
 
 
 def markdown(found: list[Tracked]) -> Iterator[str]:
-    """The report."""
-    yield "# Hysteresis that is told\n\n" + (__doc__ or "").partition("\n\n")[2]
+    """Yield the report."""
+    yield "# Hysteresis in the model\n\n" + (__doc__ or "").partition("\n\n")[2]
     for plant in dict.fromkeys(row.plant for row in found):
         yield f"\n## {plant}\n"
         models = told(plant)
-        yield f"Told are {models[FITTED, 1.0].friction.summary}, δ = {_delta(models):.2g}°, where it is fitted, and"
+        yield f"Assumed are {models[FITTED, 1.0].friction.summary}, δ = {_delta(models):.2g}°, if fitted, and"
         yield f"{models[OPERATOR, 1.0].friction.summary}: springs {_elements(models)}.\n"
-        yield f"| told | {' | '.join(TRAJECTORIES)} | with load: {' | '.join(TRAJECTORIES)} |"
+        yield f"| assumed | {' | '.join(TRAJECTORIES)} | with load: {' | '.join(TRAJECTORIES)} |"
         yield "|---|" + "--:|" * 2 * len(TRAJECTORIES)
         rows = {(row.what, row.share): row for row in found if row.plant == plant}
         for (what, share), row in rows.items():

@@ -1,4 +1,4 @@
-"""The report: medians against what was asked for, and where the MPC does not win."""
+"""Report: medians against requirements, and the cases in which the MPC does not win."""
 
 from collections.abc import Iterator
 
@@ -28,19 +28,19 @@ COMPARED = ("sine", "min-jerk", "chirp", "stiffness step")  # in the ratio of MP
 
 
 def median(rows: list[Row], plant: str, case: str, controller: str, figure: str) -> float:
-    """Over the seeds."""
+    """Return the median over the seeds."""
     chosen = [getattr(r.figures, figure) for r in rows if (r.plant, r.case, r.controller) == (plant, case, controller)]
     return float(np.median(chosen))
 
 
 def unstable(rows: list[Row], plant: str, case: str, controller: str) -> tuple[int, int]:
-    """How many of how many runs are."""
+    """Return the numbers of unstable and of all runs."""
     chosen = [r.figures.unstable for r in rows if (r.plant, r.case, r.controller) == (plant, case, controller)]
     return sum(chosen), len(chosen)
 
 
 def shown(rows: list[Row], plant: str, case: str, controller: str, figure: str) -> str:
-    """The median, or that the loop is unstable: then it is no figure of how well a reference is followed."""
+    """Return the median, or "unstable", since errors of unstable loops do not describe tracking."""
     broken, runs = unstable(rows, plant, case, controller)
     if broken:
         return f"unstable ({broken} of {runs})"
@@ -48,12 +48,12 @@ def shown(rows: list[Row], plant: str, case: str, controller: str, figure: str) 
 
 
 def verdict(value: float, must: float, stretch: float) -> str:
-    """What `value` meets; NaN meets nothing."""
+    """Return the requirement met by `value`; NaN meets none."""
     return "stretch" if value <= stretch else "must" if value <= must else "**no**"
 
 
 def markdown(rows: list[Row]) -> Iterator[str]:
-    """The lines of the report on `rows`."""
+    """Yield the lines of the report on `rows`."""
     assert about.__doc__ is not None
     title, _, rest = about.__doc__.partition("\n\n")
     yield "# " + title.removesuffix(".") + "\n"
@@ -92,7 +92,7 @@ def _asked(rows: list[Row], plant: str) -> Iterator[str]:
 
 
 def _ratio(rows: list[Row], plant: str, pid: str) -> float:
-    """Of what both of them follow: against an unstable PID it would flatter."""
+    """Return the ratio over trajectories on which both are stable: an unstable PID would flatter."""
     stable = [c for c in COMPARED if not any(unstable(rows, plant, c, name)[0] for name in ("mpc", pid))]
     ratios = [median(rows, plant, c, "mpc", "rms") / median(rows, plant, c, pid, "rms") for c in stable]
     return float(np.median(ratios)) if ratios else np.nan

@@ -1,8 +1,8 @@
-"""Does a loop come to rest, and what does resting cost in motion? `python -m benchmarks.closed_loop.rests --help`.
+"""Rests of a loop, and the cost of the rest mode in motion. `python -m benchmarks.closed_loop.rests --help`.
 
-A move of 60°, and a load of 1 N·m that nobody tells of 4 s after it, in a rest of 24 s. Quiet is a run whose angle
-moves by no more than 0.05° peak to peak, and each of whose commands changes by no more than 0.02 bar/s RMS, from 6 s
-after the load on. The tracking errors with and without the rest mode are those of the closed-loop benchmark.
+A move of 60°, followed by a rest of 24 s with an unmodelled load of 1 N·m from its 4 s on. A run is quiet if from 6 s
+after the load its angle moves by at most 0.05° peak to peak and each command changes by at most 0.02 bar/s RMS. The
+tracking errors with and without the rest mode are those of the closed-loop benchmark.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.trajectories import point_to_point
 
-LOADED, SETTLED, END = 9.0, 6.0, 29.0  # [s] the load comes, and what is judged begins, after it; the run ends
+LOADED, SETTLED, END = 9.0, 6.0, 29.0  # [s] onset of the load; wait after it; end of the run
 SWING, RATE = 0.05, 0.02  # [°], [bar/s]
 FIRST_SEED, SEEDS, FEW = 3001, 10, 6
 GAINS = {"standard": (1.1, 0.9), "gains swapped": (0.9, 1.1), "both +10 %": (1.1, 1.1)}
@@ -32,7 +32,7 @@ RESULT = Path(__file__).parents[1] / "results" / "rests.md"
 
 
 def plants() -> dict[str, RealPlant]:
-    """The plants on which loops are to rest, by name; controllers are told what the standard one's are."""
+    """Return the plants by name; controllers have the assumptions of the standard one."""
     tondu = RealPlant.standard(nominal=Plant(lag=MODEL.lag))  # the report's muscles
     alike = {name: replace(STANDARD, force_gains=gains) for name, gains in GAINS.items()} | {"report's muscles": tondu}
     dahl = {
@@ -44,11 +44,11 @@ def plants() -> dict[str, RealPlant]:
 
 
 class Rested(NamedTuple):
-    """A run, from SETTLED after the load on."""
+    """Run from SETTLED after the load."""
 
     swing: float  # [°] peak to peak
-    rate: float  # [bar/s] of the command that changes more, RMS
-    mean: float  # [°] mean error, its size
+    rate: float  # [bar/s] RMS rate of the busier command
+    mean: float  # [°] magnitude of the mean error
 
     @property
     def quiet(self) -> bool:
@@ -57,7 +57,7 @@ class Rested(NamedTuple):
 
 
 def rests(name: str) -> tuple[str, list[Rested]]:
-    """The runs on one plant, by its name."""
+    """Return the runs on one plant, by its name."""
     real = replace(plants()[name], torque_profile=((LOADED, LOAD),))
     known = RealPlant.standard(nominal=real.nominal).known()
     driver = loop("mpc", Settings(real.nominal, compensation=known, weights=Weights.calm()))
@@ -84,7 +84,7 @@ class Cost(NamedTuple):
 
 
 def costs(name: str) -> list[Cost]:
-    """What resting costs on one plant, by its name."""
+    """Return the costs of the rest mode on one plant, by its name."""
     real, errors = plants()[name], {}
     for rest in (False, True):
         driver, observer = loop("mpc", SETTINGS)
@@ -100,7 +100,7 @@ def costs(name: str) -> list[Cost]:
 
 
 def markdown(rested: list[tuple[str, list[Rested]]], cost: list[Cost]) -> Iterator[str]:
-    """The report."""
+    """Yield the report."""
     yield "# Rests\n\n" + (__doc__ or "").partition("\n\n")[2]
     yield "Median, worst over the runs:\n\n| plant | quiet runs | swing [°] | rate [bar/s] | mean error [°] |"
     yield "|---|---|---|---|---|"

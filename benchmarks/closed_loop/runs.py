@@ -1,4 +1,4 @@
-"""Runs, and the figures read off them."""
+"""Runs and their figures."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -17,16 +17,16 @@ from mpc.trials.motions.trajectories import LEAD
 from mpc.trials.simulation import Controller
 from mpc.yardsticks.baselines import PIDControl
 
-UNSTABLE = 45.0  # [°] of error: more than the joint would make if it stood still, as no trajectory goes beyond 40°
+UNSTABLE = 45.0  # [°] of error: more than that of a motionless joint, as no trajectory exceeds 40°
 STEADY = 1.0  # [s] at the end of a run, where the reference rests
 CONTROLLERS = ("mpc", "pid", "predictive-pid", "lqr", "feedforward")
 RUNGS = tuple(rung.name for rung in Rung)
-FEW = ("mpc", "pid", "predictive-pid")  # on the plants that only few runs are spent on
+FEW = ("mpc", "pid", "predictive-pid")  # on plants with few runs
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What is read off a run."""
+    """Figures of a run."""
 
     rms: float  # [°]
     worst: float  # [°]
@@ -35,27 +35,27 @@ class Figures:
     K_rms: float  # [N·m/rad], of the true stiffness, without the first rest
     steady_mean: float  # [°] size of the mean error in the last second
     steady_swing: float  # [°] peak to peak there
-    limits_exceeded: int  # how many limits were broken, of `Metrics.violations` without the slack muscle
-    slack: float  # [N] by which a muscle was slack at worst
+    limits_exceeded: int  # number of broken limits in `Metrics.violations`, without slack
+    slack: float  # [N] greatest slack of a muscle
     air: float  # [bar] filled into both muscles after the first rest, see `benchmarks.closed_loop`
     step_median: float  # [ms]
     step_p99: float  # [ms]
-    rungs: tuple[int, ...]  # steps that each of RUNGS answered
+    rungs: tuple[int, ...]  # number of steps by each of RUNGS
 
     @property
     def unstable(self) -> bool:
-        """Whether the joint was thrown about: the figures then say no more than that."""
+        """Whether the loop was unstable, which makes the other figures meaningless."""
         return not self.worst_with_load <= UNSTABLE
 
 
 def run_case(plant: RealPlant, case: Case, controller: Controller, observer: Observer, seed: int) -> Run:
-    """One run under the load that comes at its time."""
+    """Return a run with the case's load."""
     loaded = replace(plant, torque_profile=((case.load_from, LOAD),))
     return simulate(loaded, controller, case.reference, observer=observer, seed=seed)
 
 
 def figures(name: str, run: Run) -> Figures:
-    """The figures of a run of the case called `name`."""
+    """Return the figures of a run of the case called `name`."""
     case, m = CASES[name], metrics(run)
     begin = round(LEAD / run.dt)
     end = round(case.load_from / run.dt) if case.before_load else run.t.size
@@ -78,7 +78,7 @@ def figures(name: str, run: Run) -> Figures:
 
 
 def filled(P: np.ndarray) -> float:
-    """The rises of the pressures `P` (n, 2) [Pa], summed [bar]."""
+    """Return the sum of the rises of the pressures `P` (n, 2) [Pa], in bar."""
     return float(np.maximum(np.diff(P, axis=0), 0.0).sum()) / 1e5
 
 
@@ -106,7 +106,7 @@ class Job(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """How many seeds are spent on what."""
+    """Numbers of seeds."""
 
     standard: int = 20  # the standard plant
     gains: int = 6  # the same with other errors of the muscles' strength
@@ -117,7 +117,7 @@ QUICK = Effort(1, 1, 1)
 
 
 def jobs(effort: Effort, first: int) -> Iterator[Job]:
-    """All runs, seeds counting from `first`."""
+    """Return all runs, with seeds from `first`."""
     for name in PLANTS:
         count = effort.standard if name == "standard" else effort.gains
         yield from (Job(name, c, tuple(CASES), range(first, first + count)) for c in CONTROLLERS)
@@ -128,7 +128,7 @@ def jobs(effort: Effort, first: int) -> Iterator[Job]:
 
 
 def rows(job: Job) -> list[Row]:
-    """The runs of a job; the controller is built once."""
+    """Return the runs of a job; the controller is built once."""
     tested = EVERY[job.plant]
     driver = _driver(job.controller, SETTINGS._replace(N=tested.N, compensation=tested.told))
     return [

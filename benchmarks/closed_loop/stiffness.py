@@ -1,4 +1,4 @@
-"""The push experiment on the benchmark's plants: the stiffness asked for, the one that is there, and the causes."""
+"""Push experiment on the benchmark's plants: requested and true stiffness, and the causes of the difference."""
 
 import csv
 from collections.abc import Iterator
@@ -23,19 +23,19 @@ from mpc.trials.motions.trajectories import LEAD
 from mpc.trials.push import Cycle, Push, push
 
 SETTLED = 5.0  # [s]
-WEIGHT = 1.2  # [N·m] hung on for the joint's log
+WEIGHT = 1.2  # [N·m] weight in the joint's log
 READING = 0.002 * BAR  # [Pa] noise of a pressure in the log, after averaging
 
 
 class Pushed(NamedTuple):
-    """A situation in which the joint is pushed."""
+    """Situation of a push."""
 
     plant: str
     model: str
     reference: Reference
     at: float = SETTLED  # [s]
     loaded: bool = False
-    torque: float = 2.0  # [N·m] with which it is pushed
+    torque: float = 2.0  # [N·m] of the push
 
 
 def _hold(K: float, theta: float = 0.0) -> Reference:
@@ -57,19 +57,19 @@ SITUATIONS = {
 
 
 class Experiment(NamedTuple):
-    """One push."""
+    """Parameters of one push."""
 
     situation: str
     seed: int
 
 
 def experiments(seeds: int) -> Iterator[Experiment]:
-    """Every situation with as many seeds."""
+    """Return every situation with so many seeds."""
     return (Experiment(name, seed) for name in SITUATIONS for seed in range(SEEDS, SEEDS + seeds))
 
 
 def found(experiment: Experiment) -> tuple[Experiment, Push]:
-    """What one push tells."""
+    """Return the result of one push."""
     situation = SITUATIONS[experiment.situation]
     real = EVERY[situation.plant].real
     model = Plant(_joint(situation.model, situation.plant), lag=real.nominal.lags)
@@ -88,7 +88,7 @@ def _joint(model: str, plant: str) -> AntagonistJoint:
 
 @cache
 def fitted(plant: str) -> AntagonistJoint:
-    """The joint fitted to a log of `plant`: an encoder, two pressure sensors and a weight, no force sensor."""
+    """Return the joint fitted to a log of `plant`: an encoder, two pressure sensors and a weight, no force sensor."""
     joint = EVERY[plant].real.nominal.joint
     theta, P1, P2, torque, direction = _log(EVERY[plant].real)
     fit = fit_joint(theta, P1, P2, torque=torque, direction=direction, geometry=joint.geometry)
@@ -96,7 +96,7 @@ def fitted(plant: str) -> AntagonistJoint:
 
 
 def _log(real: RealPlant) -> tuple[np.ndarray, ...]:
-    """Angles at which slow sweeps of one pressure come to rest, from both sides; without and with a weight."""
+    """Return equilibrium angles of slow sweeps of one pressure, from both sides, without and with a weight."""
     held, swept = (a.ravel() * BAR for a in np.meshgrid(np.arange(1.5, 5.0, 0.7), np.arange(1.5, 5.0, 0.5)))
     hung = [(P * BAR, side * WEIGHT, s) for P in (2.0, 3.0, 4.0) for side in (-1, 1) for s in (-1, 1)]
     P, weight, side = np.array(hung).T
@@ -122,7 +122,7 @@ CAUSES = ("saturation", "dynamics", "mismatch", "measurement")
 
 
 def save(pushed: list[Found], path: Path) -> None:
-    """One line a push."""
+    """Write one line per push."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["situation", "seed", *STEPS, *CAUSES, "friction"])
@@ -132,8 +132,8 @@ def save(pushed: list[Found], path: Path) -> None:
 
 
 def markdown(pushed: list[Found]) -> Iterator[str]:
-    """The table of the report, medians over the seeds."""
-    yield "## Stiffness as an experimenter finds it [N·m/rad]\n"
+    """Yield the table of the report, medians over the seeds."""
+    yield "## Stiffness measured by pushes [N·m/rad]\n"
     yield "The joint is brought to rest by the MPC, its pressures are frozen and it is pushed both ways"
     yield "(`mpc.trials.push`)."
     yield "From asked to measured: + saturation + dynamics + mismatch of the model + error of the measurement."

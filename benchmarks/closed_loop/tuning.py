@@ -1,18 +1,17 @@
-"""How the controllers of the closed-loop benchmark were tuned: by numerical optimisation, on other seeds.
+"""Tuning of the controllers of the closed-loop benchmark by numerical optimisation, on other seeds.
 
     python -m benchmarks.closed_loop.tuning pid | predictive-pid | mpc
 
-Minimised is the mean of the report's figures of the angle (before the load and at rest under it), each divided by what
-is asked, and of the RMS errors with the load, divided by 2°: one objective for all. A figure that is ten times too bad
-counts as ten, whether it is worse or not. Over the logarithms of the numbers that are tuned, by Nelder and Mead's
-method from where a coarse search by hand ended. The PIDs are tuned on two seeds of the standard plant, on which they
-are judged; the MPC also on the plants that it has to bear: the standard one alone would let it lean on the friction
-there.
+The objective, common to all, is the mean of the report's angle figures (before the load and at rest under it), each
+divided by its requirement, and of the RMS errors with the load, divided by 2°. A figure counts at most ten times its
+requirement. It is minimised over the logarithms of the tuned numbers, by Nelder and Mead's method from the end of a
+coarse manual search. The PIDs are tuned on two seeds of the standard plant, on which they are judged; the MPC also on
+other plants, since the standard one alone would let it rely on friction.
 
-Noise makes the objective rough. The PIDs' gains are the best of a search and of some by hand around it, compared on two
-seeds more (105, 106). They were found on the plant as it is; the MPC's numbers were chosen by hand, between the best of
-a search with a like objective, when the plants rubbed by Dahl's law, and stayed. The share of the friction that is told
-stayed at 75 % for all, the horizon at 20.
+Noise makes the objective rough. The PIDs' gains are the best of a search and of some manual variations around it,
+compared on two more seeds (105, 106). They were found on the present plant; the MPC's numbers were chosen by hand among
+the best of a search with a similar objective on plants with Dahl's friction, and not changed since. The assumed share
+of the friction was always 75 %, the horizon 20.
 """
 
 import argparse
@@ -34,14 +33,14 @@ from mpc.trials.simulation import Controller
 from mpc.yardsticks.baselines import PIDControl, PIDGains, PredictivePIDControl
 
 SEEDS = 101, 102, 103, 104  # one for each plant in turn
-HOPELESS = 10.0  # [-] times what is asked
+HOPELESS = 10.0  # [-] times the requirement
 JUDGED = [(case, figure, must) for _, case, figure, _, must, _ in ASKED if figure != "K_rms"]
-JUDGED += [(case, "rms_with_load", 2.0) for case in CASES]  # or a loop that the load throws off would win
+JUDGED += [(case, "rms_with_load", 2.0) for case in CASES]  # else an unstable loop could win
 DT = 0.01  # [s]
 
 
 class Tuning(NamedTuple):
-    """What is tuned: numbers by name with a start and a first step (of the logarithm), and what they make."""
+    """Tuned numbers by name with a start and a first step (of the logarithm), and the controller made of them."""
 
     start: dict[str, tuple[float, float]]
     build: Callable[..., tuple[Controller, Observer]]
@@ -60,7 +59,9 @@ def _predictive_pid(**gains: float) -> tuple[Controller, Observer]:
 
 
 def _mpc(theta: float, rate: float, pressure_walk: float, d_walk: float) -> tuple[Controller, Observer]:
-    """With errors of θ [°] and of the commands' rate [bar/s] that cost ½, and the observer's walks [bar/√s, N·m/√s]."""
+    """Return a loop with the errors of θ [°] and rates of commands [bar/s] of cost ½, and the observer's walks [bar/√s,
+    N·m/√s].
+    """
     weights = replace(Weights.calm(), theta=1 / (theta * DEG) ** 2, rate=1 / (rate * BAR) ** 2)
     noise = Noise(pressure_walk=pressure_walk * BAR, d_walk=d_walk)
     return TrackingMPC(MODEL, DT, weights=weights, compensation=TOLD), KalmanObserver(MODEL, DT, noise, TOLD)
@@ -91,7 +92,7 @@ TUNINGS = {
 
 
 def cost(loop: tuple[Controller, Observer], plants: tuple[str, ...]) -> float:
-    """The objective [-]: 1 where every figure is as it must be."""
+    """Return the objective [-]: 1 if every figure just meets its requirement."""
     ratios = []
     for plant, seed in zip(plants, SEEDS, strict=False):
         found = {c: figures(c, run_case(EVERY[plant].real, CASES[c], *loop, seed)) for c in CASES}
@@ -100,7 +101,7 @@ def cost(loop: tuple[Controller, Observer], plants: tuple[str, ...]) -> float:
 
 
 def tuned(tuning: Tuning, evaluations: int) -> dict[str, float]:
-    """The best numbers after as many evaluations."""
+    """Return the best numbers after so many evaluations."""
     starts, steps = np.array(list(tuning.start.values())).T
 
     def of(logarithms: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""Is `allocate` exact for every muscle model on every geometry, and how long does it take there?
+"""Exactness and times of `allocate` for every muscle model on every geometry.
 
-The joints, the dense search and the verdict are those of `tests.exact_everywhere`; here they see many more targets.
+The joints, the dense search and the verdict are those of `tests.exact_everywhere`, with many more targets.
 """

@@ -1,4 +1,4 @@
-"""Compare with a dense search: `python -m benchmarks.exactness --help`."""
+"""Comparison with a dense search: `python -m benchmarks.exactness --help`."""
 
 import argparse
 from pathlib import Path

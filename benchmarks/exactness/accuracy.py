@@ -1,4 +1,4 @@
-"""The answers of one joint against the dense search."""
+"""Answers of one joint against the dense search."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,38 +14,38 @@ from tests.exact_everywhere.joints import joint_of
 from tests.exact_everywhere.judge import PRIORITIES, Verdict, asked, false_intervals, judged
 from tests.exact_everywhere.targets import made_targets, random_targets
 
-ANGLES = 200  # at each of which there are many targets, so that the reachable set is sampled once for all of them
-INTERVALS = 20  # every so many answers' intervals are searched for, too
+ANGLES = 200  # with many targets at each, so that the reachable set is sampled once for all of them
+INTERVALS = 20  # intervals are searched for one of so many answers
 
 
 @dataclass(frozen=True)
 class Score:
-    """What was found of one joint with one priority: numbers of answers, unless said otherwise."""
+    """Results for one joint with one priority: numbers of answers, unless stated otherwise."""
 
     muscle: str
     geometry: str
     priority: str
     random: int  # targets
-    made: int  # targets that random pressures made
+    made: int  # targets made by random pressures
     beaten: int  # by the dense search
-    refused: int  # targets that can be had
+    refused: int  # feasible targets
     outside: int  # the box of taut pressures
     false_status: int
     false_intervals: int
-    intervals: int  # that were looked at
+    intervals: int  # checked
     unequalled: int  # answers that the dense search did not find
-    worst: float  # by which an answer is beaten, in fractions of the scale
-    gap: float  # the greatest that is stated, in fractions of the scale; NaN: none is stated
-    several: float  # share of targets met by more than one pair of pressures; NaN: not stated
+    worst: float  # greatest excess of an answer, in fractions of the scale
+    gap: float  # the greatest stated, in fractions of the scale; NaN if none
+    several: float  # share of targets met by more than one pair of pressures; NaN if not stated
 
     @property
     def wrong(self) -> int:
-        """How many answers or claims are not what they should be."""
+        """Number of wrong answers or claims."""
         return self.beaten + self.refused + self.outside + self.false_status + self.false_intervals
 
 
 def scores(muscle: str, geometry: str, targets: int) -> Iterator[Score]:
-    """One score a priority; `targets` at random and half as many made by random pressures, at up to ANGLES angles."""
+    """Yield one score per priority; `targets` at random, half as many by random pressures, at up to ANGLES angles."""
     joint, rng = joint_of(muscle, geometry), np.random.default_rng(2026)
     angles = min(ANGLES, max(2, targets // 10))
     reach = _reach(joint, angles, rng)
@@ -61,7 +61,7 @@ def scores(muscle: str, geometry: str, targets: int) -> Iterator[Score]:
 
 
 def _reach(joint: Any, angles: int, rng: np.random.Generator) -> Image:
-    """The image at `angles` random angles of those at which both cables can be taut."""
+    """Return the image at `angles` random angles at which both cables can be taut."""
     left, right = joint.angle_range
     reach = image(joint, np.sort(rng.uniform(left, right, 3 * angles)))
     return reach.take(np.unique(np.linspace(0, reach.theta.size - 1, angles).astype(int)))

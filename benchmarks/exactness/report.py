@@ -1,4 +1,4 @@
-"""The scores and times as CSV files and a Markdown report."""
+"""Scores and times as CSV files and a Markdown report."""
 
 import csv
 from collections.abc import Iterator, Sequence
@@ -21,20 +21,19 @@ METHOD = f"""\
 **Muscles and geometries**: `tests/exact_everywhere/joints.py`; every model is fitted to the shipped map of a
 DMSP-20-300, "Tondu2021-report" is the report's. 0–5 bar, cables taut, no other limits.
 
-**Targets**: random ones, half again as wide as what can be had at the angle, so that most cannot be met; and what
-random taut pressures give, which all can be met. Weighted: w_T = {WEIGHTS[0]:g}, w_K = {WEIGHTS[1]:g}.
+**Targets**: random ones, over 1.5 times the feasible range at the angle, so most cannot be met; and those of random
+taut pressures, which can all be met. Weighted: w_T = {WEIGHTS[0]:g}, w_K = {WEIGHTS[1]:g}.
 
-**Judged** by a search that has no part of the library but a joint's torque, stiffness, forces and their derivatives by
-pressure (`tests/exact_everywhere/dense_search.py`): both curves sampled at 400 pressures and at their special points,
-every change of sign and every minimum refined. It is spared where an answer meets both targets.
+**Judge**: a search that uses only a joint's torque, stiffness, forces and their derivatives by pressure
+(`tests/exact_everywhere/dense_search.py`): both curves sampled at 400 pressures and at their special points, every
+change of sign and every minimum refined. It is skipped if an answer meets both targets.
 
 *beaten*: the first error (of the weighted cost the root) is undercut by more than {FIRST:g} of the scale, or else the
 second by more than {SECOND:g} ({FLAT:g} beyond an extreme of the first, where 1e-14 of it is 1e-7 of the second).
-*refused*: can be had, and is not answered EXACT. *outside*: pressures outside the box. *status*: a target is said to be
-met that is missed, or the reverse. *interval*: that of the torque or of the stiffness is false; every
-{INTERVALS}th answer. *worst*: by how much an answer is beaten, *gap*: the greatest that is stated, both in fractions of
-the scale. *several*: targets met by several pairs of pressures. *unequalled*: answers that the search did not find,
-which then was not dense enough there.
+*refused*: feasible, but not answered EXACT. *outside*: pressures outside the box. *status*: a missed target is reported
+as met, or the reverse. *interval*: that of the torque or of the stiffness is false; every {INTERVALS}th answer.
+*worst*: greatest excess of an answer, *gap*: the greatest stated, both in fractions of the scale. *several*: targets
+met by several pairs of pressures. *unequalled*: answers not found by the search, which was not dense enough there.
 
 **Times** of the processor, per target: scalar calls before and after `warm_up(joint=…)`, and a batch of
 {BATCH} random targets after it, box included.
@@ -62,7 +61,7 @@ HEADER = (
 
 
 def read(folder: Path, name: str, kind: type[Record]) -> list[Record]:
-    """What `write` has written there, if anything."""
+    """Return the records written there by `write`, if any."""
     try:
         with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
@@ -72,7 +71,7 @@ def read(folder: Path, name: str, kind: type[Record]) -> list[Record]:
 
 
 def write(scores: Sequence[Score], times: Sequence[Time], folder: Path) -> None:
-    """`exactness.csv`, `exactness_time.csv` and `exactness.md`; joints not looked at now stay as they were."""
+    """Write `exactness.csv`, `exactness_time.csv` and `exactness.md`; joints not measured now keep their figures."""
     folder.mkdir(parents=True, exist_ok=True)
     kept = _merged(read(folder, NAME, Score), scores), _merged(read(folder, f"{NAME}_time", Time), times)
     for name, records in zip((NAME, f"{NAME}_time"), kept, strict=True):
@@ -90,7 +89,7 @@ def _merged(old: Sequence[Record], new: Sequence[Record]) -> list[Record]:
 
 
 def markdown(scores: Sequence[Score], times: Sequence[Time]) -> Iterator[str]:
-    """The report."""
+    """Yield the report."""
     yield "# Is the exact answer exact?\n"
     yield f"Written by `python -m benchmarks.exactness`; the figures are also in `{NAME}.csv` and `{NAME}_time.csv`.\n"
     yield from (f"* {sentence}" for sentence in findings(scores, times))
@@ -101,11 +100,11 @@ def markdown(scores: Sequence[Score], times: Sequence[Time]) -> Iterator[str]:
 
 
 def findings(scores: Sequence[Score], times: Sequence[Time]) -> Iterator[str]:
-    """One sentence a fact."""
+    """Yield one sentence per finding."""
     n = sum(s.random + s.made for s in scores)
     counts = {name: sum(getattr(s, name) for s in scores) for name in ("beaten", "refused", "outside", "false_status")}
     yield f"Of {n} answers {counts['beaten']} are beaten, by {max(s.worst for s in scores):.1e} of the scale at most."
-    yield f"{counts['refused']} targets that can be had are refused; {sum(s.made for s in scores)} were made so."
+    yield f"{counts['refused']} feasible targets are refused; {sum(s.made for s in scores)} were made feasible."
     yield f"{counts['outside']} answers are outside the box, {counts['false_status']} have a false status."
     yield f"Of {sum(s.intervals for s in scores)} intervals {sum(s.false_intervals for s in scores)} are false."
     stated = [s.gap for s in scores if not isnan(s.gap)]
@@ -117,7 +116,7 @@ def findings(scores: Sequence[Score], times: Sequence[Time]) -> Iterator[str]:
 
 
 def row(s: Score, t: Time | None) -> tuple[str, ...]:
-    """One line of the table."""
+    """Return one line of the table."""
     counts = (s.random, s.made, s.beaten, s.refused, s.outside, s.false_status, s.false_intervals)
     figures = "" if s.worst == 0 else f"{s.worst:.1e}", "" if isnan(s.gap) else f"{s.gap:.0e}"
     several = "" if isnan(s.several) else f"{s.several:.1%}"

@@ -1,4 +1,4 @@
-"""Times of one joint in a new process, in which nothing is compiled yet: `python -m benchmarks.exactness.timing`.
+"""Times of one joint in a new process without compiled code: `python -m benchmarks.exactness.timing`.
 
 Called with a muscle and a geometry; prints one line of JSON, a list of `Time`.
 """
@@ -20,7 +20,7 @@ from tests.exact_everywhere.judge import PRIORITIES, WEIGHTS
 from tests.exact_everywhere.targets import random_targets
 
 BATCH, ROUNDS = 10_000, 3
-PATIENCE = 0.3  # [s] after which nothing is measured again, and no more single calls are
+PATIENCE = 0.3  # [s] after which measurements and single calls are not repeated
 
 
 @dataclass(frozen=True)
@@ -32,18 +32,18 @@ class Time:
     priority: str
     scalar_before: float  # warm_up
     scalar_after: float
-    batch: float  # of BATCH random targets in one call, box included
+    batch: float  # of BATCH random targets in one call, including the box
 
 
 def times(muscle: str, geometry: str) -> list[Time]:
-    """Measure in a new process."""
+    """Return times measured in a new process."""
     command = [sys.executable, "-m", "benchmarks.exactness.timing", muscle, geometry]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True)
     return [Time(**record) for record in json.loads(done.stdout)]
 
 
 def measured(muscle: str, geometry: str) -> list[Time]:
-    """Measure in this process."""
+    """Return times measured in this process."""
     joint, rng = joint_of(muscle, geometry), np.random.default_rng(1)
     left, right = joint.angle_range
     reach = image(joint, rng.uniform(left, right, 100))
@@ -70,7 +70,7 @@ def measured(muscle: str, geometry: str) -> list[Time]:
 
 
 def _seconds(work: Callable[..., object], calls: Iterable[tuple[object, ...]]) -> list[float]:
-    """The time of every call, until PATIENCE is over."""
+    """Return the time of every call, until PATIENCE is over."""
     found: list[float] = []
     for call in calls:
         start = time.process_time()

@@ -1,4 +1,4 @@
-"""Run everything: see `benchmarks.faults`."""
+"""Run the benchmark `benchmarks.faults`."""
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
@@ -16,7 +16,7 @@ SEEDS, SOUND_SEEDS = 1, 5  # of each run with and without a fault: over three ho
 
 
 def jobs(share: float = 1.0) -> list[Job]:
-    """As great a `share` of all runs, chosen at random."""
+    """Return a `share` of all runs, chosen at random."""
     random, chosen = np.random.default_rng(0), []
     faulty = fault_jobs(range(SEED, SEED + SEEDS))
     sound = sound_jobs(range(SEED, SEED + SOUND_SEEDS))
@@ -27,7 +27,7 @@ def jobs(share: float = 1.0) -> list[Job]:
 
 
 def once() -> list[Job]:
-    """A run of each fault, and of each trajectory without one."""
+    """Return a run of each fault, and of each trajectory without one."""
     return list({job.fault or job.trajectory: job for job in jobs()}.values())
 
 

@@ -1,4 +1,4 @@
-"""What is run: faults and what they should be called, plants, trajectories and loads."""
+"""Faults with their expected names, plants, trajectories and loads."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,7 +23,7 @@ K = 5.5  # [N·m/rad] about which the trajectories are
 
 
 class Case(NamedTuple):
-    """A fault that begins at a time [s], and its name."""
+    """Fault that begins at a time [s], and its name."""
 
     begun: Callable[[float], Fault]
     named: Suspect
@@ -69,10 +69,10 @@ LOAD_FROM = 5.0  # [s]
 
 
 def with_fault(plant: str, fault: str, onset: float) -> RealPlant:
-    """The plant of that name, with the fault from `onset` [s] on."""
+    """Return the plant of that name, with the fault from `onset` [s] on."""
     return replace(FAULTY[plant], faults=(FAULTS[fault].begun(onset),))
 
 
 def with_load(plant: str, load: float) -> RealPlant:
-    """The plant of that name under `load` [N·m]."""
+    """Return the plant of that name under `load` [N·m]."""
     return replace(SOUND[plant], torque_profile=((LOAD_FROM, load),))

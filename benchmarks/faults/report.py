@@ -1,4 +1,4 @@
-"""The report: how many faults are found, how soon, what they are called, and how often nothing is."""
+"""Report: detection rates, delays, names, and false alarms."""
 
 import csv
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ VERDICTS = ("right", "group", "wrong")
 
 
 def save(rows: list[Row], path: Path) -> None:
-    """One line a run."""
+    """Write one line per run."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*rows[0].job._fields, *Row._fields[1:]])
@@ -23,13 +23,13 @@ def save(rows: list[Row], path: Path) -> None:
 
 
 def markdown(rows: list[Row], planned: int) -> Iterator[str]:
-    """The lines of the report on `rows`, of as many runs as are `planned`."""
+    """Yield the lines of the report on `rows`, of `planned` runs."""
     assert about.__doc__ is not None
     title, _, rest = about.__doc__.partition("\n\n")
     yield "# " + title.removesuffix(".") + "\n"
     yield rest.replace("`AFTERWARDS` seconds", "5 s").rstrip() + "\n"
     if len(rows) < planned:
-        yield f"Made were {len(rows)} of {planned} runs, chosen at random.\n"
+        yield f"{len(rows)} of {planned} runs were made, chosen at random.\n"
     yield from _detection([row for row in rows if row.job.fault])
     yield from _false_alarms(rows)
     yield from _names([row for row in rows if row.job.fault])
@@ -38,7 +38,7 @@ def markdown(rows: list[Row], planned: int) -> Iterator[str]:
 def _detection(rows: list[Row]) -> Iterator[str]:
     yield "## Detection\n"
     yield "Delays in s: median / 99 % / worst. Names: right / one of a group / wrong, shares of the detected in %.\n"
-    heads = "fault", "runs", "detected", "delay from the onset", "from when it matters", "at the alarm"
+    heads = "fault", "runs", "detected", "delay from the onset", "from its first effect", "at the alarm"
     yield "| " + " | ".join(heads) + f" | {NAMED_AFTER:g} s later |"
     yield "|---" * 7 + "|"
     there = {row.job.fault for row in rows}
@@ -91,7 +91,7 @@ def _false_alarms(rows: list[Row]) -> Iterator[str]:
 
 
 def _rate(alarms: int, hours: float) -> str:
-    """Per hour, and the upper bound of that if alarms come as a Poisson process."""
+    """Return the rate per hour, and its upper bound if alarms are a Poisson process."""
     from scipy.stats import chi2
 
     return (

@@ -1,4 +1,4 @@
-"""Runs, and what was said of the joint's health in them."""
+"""Runs, and the diagnoses of the joint's health."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -19,26 +19,26 @@ from mpc.trials.motions.reference import Reference
 from mpc.trials.motions.trajectories import TRAJECTORIES
 from mpc.trials.simulation import Controller
 
-AFTERWARDS = 5.0  # [s] that a run goes on with its fault
-NAMED_AFTER = 1.0  # [s] after the alarm that the name counts
-MATTERS = 0.2 * BAR  # [Pa] by which a pressure or its reading has to be off for a fault to make a difference
+AFTERWARDS = 5.0  # [s] of a run with its fault
+NAMED_AFTER = 1.0  # [s] after the alarm at which the name counts
+MATTERS = 0.2 * BAR  # [Pa] least error of a pressure or its reading by which a fault counts as effective
 SEED = 701
 
 
 class Listener:
-    """An observer, and all that it says of the joint's health."""
+    """Observer, and its diagnoses of the joint's health."""
 
     def __init__(self, observer: KalmanObserver) -> None:
         self.observer = observer
         self.said: list[Health] = []
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset the observer."""
         self.observer.reset()
         self.said = []
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """As the observer does."""
+        """Return the observer's estimate."""
         answer = self.observer.estimate(y, u)
         self.said.append(self.observer.health)
         return answer
@@ -46,20 +46,20 @@ class Listener:
 
 @cache
 def driver() -> tuple[Controller, Listener]:
-    """Controller and observer of all runs of a process."""
+    """Return controller and observer of all runs of a process."""
     controller, observer = loop("mpc", SETTINGS)
     assert isinstance(observer, KalmanObserver)
     return controller, Listener(observer)
 
 
 def driven(real: RealPlant, reference: Reference, seed: int) -> tuple[Run, list[Health]]:
-    """A run, and what was said in each of its samples."""
+    """Return a run, and the diagnosis in each of its samples."""
     controller, listener = driver()
     return simulate(real, controller, reference, observer=listener, seed=seed), listener.said
 
 
 class Job(NamedTuple):
-    """A run to be made: with a fault from `onset` [s] on, or without one and under a load [N·m]."""
+    """Planned run: with a fault from `onset` [s] on, or without one and under a load [N·m]."""
 
     plant: str
     trajectory: str
@@ -70,21 +70,21 @@ class Job(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What became of it; times in s, NaN where nothing was suspected."""
+    """Outcome of a run; times in s, NaN without a suspicion."""
 
     job: Job
     seconds: float  # of sound motion
-    false_alarms: int  # beginnings of suspicions in it
+    false_alarms: int  # numbers of suspicions begun in it
     first_false: str  # the first of them, in words
     delay: float  # of the first alarm, from the onset
-    late: float  # of the same, from when the fault makes a difference; 0 at least
+    late: float  # of the same, from the first effect of the fault; 0 at least
     at_once: str  # "right", "group" or "wrong", and "" without an alarm
     after_all: str  # the same later
-    said: str  # what was suspected then
+    said: str  # the suspects then
 
 
 def fault_jobs(seeds: range) -> Iterator[Job]:
-    """Every fault on every plant and trajectory, at every onset."""
+    """Return every fault on every plant and trajectory, at every onset."""
     for plant in FAULTY:
         for trajectory in MOVED:
             for fault in FAULTS:
@@ -92,14 +92,14 @@ def fault_jobs(seeds: range) -> Iterator[Job]:
 
 
 def sound_jobs(seeds: range) -> Iterator[Job]:
-    """Every trajectory on every plant under every load, without a fault."""
+    """Return every trajectory on every plant under every load, without a fault."""
     for plant in SOUND:
         for trajectory in TRAJECTORIES:
             yield from (Job(plant, trajectory, seed, load=load) for load in LOADS for seed in seeds)
 
 
 def row(job: Job) -> Row:
-    """The run of a job, judged."""
+    """Return the judged run of a job."""
     reference = TRAJECTORIES[job.trajectory].about(K)
     if not job.fault:
         run, said = driven(with_load(job.plant, job.load), reference, job.seed)
@@ -109,7 +109,7 @@ def row(job: Job) -> Row:
 
 
 def judged(job: Job, fault: Fault, run: Run, said: list[Health]) -> Row:
-    """What is `said` in a `run` with a `fault`."""
+    """Return the judgement of the diagnoses `said` in a `run` with a `fault`."""
     onset = round(job.onset / run.dt)
     before = onset * run.dt, *_false_alarms(said[:onset])
     alarm = next((k for k in range(onset, len(said)) if not said[k].well), None)
@@ -139,7 +139,7 @@ def _verdict(named: Suspect, health: Health) -> str:
 
 
 def _matters(fault: Fault, run: Run, onset: int) -> int:
-    """The first sample at which the fault makes a difference."""
+    """Return the first sample at which the fault has an effect."""
     delay = SETTINGS.compensation.delay(run.dt)
     for k in range(onset, len(run.u)):
         command, P = run.u[max(k - delay, 0)], run.P[k]

@@ -64,7 +64,7 @@ def cases() -> Iterator[tuple[tuple[str, str], str, float, str, str]]:
 
 
 def verdict(case: tuple[tuple[str, str], str, float, str, str], angles: int, each: int, seed: int) -> tuple[int, ...]:
-    """Return how many targets were answered, beaten, not equalled by the search, outside; and the worst excess."""
+    """Return the numbers of targets answered, beaten, not equalled by the search, outside; and the worst excess."""
     pairing, geometry, amplitude, loop, valves = case
     joint, rng = joint_of(pairing, geometry, loop), np.random.default_rng(seed)
     left, right = joint.angle_range

@@ -1,7 +1,7 @@
 """Dense search over the box of pressures for targets of felt stiffness, independent of the library's candidates.
 
-It asks a joint for nothing but torque and felt stiffness at given pressures: a grid, on whose lines the roots of the
-first goal are found, and for the weighted cost a grid that is drawn closer and closer about its best point.
+It uses only a joint's torque and felt stiffness at given pressures: the roots of the first goal on the lines of a grid,
+and for the weighted cost a grid that contracts around its best point.
 """
 
 from typing import NamedTuple
@@ -18,9 +18,9 @@ WEIGHTS = 1.0, 0.03
 class Verdict(NamedTuple):
     """Comparison of answers with the search, each (n,)."""
 
-    excess: Array  # by how much the search is better, as a share of the scale; 0 where it is not
-    equalled: Array  # whether it comes within 1 % of a scale
-    inside: Array  # whether the answer keeps to the box
+    excess: Array  # advantage of the search, as a share of the scale; 0 if none
+    equalled: Array  # whether it is within 1 % of a scale
+    inside: Array  # whether the answer is in the box
 
 
 class Reach:
@@ -40,7 +40,7 @@ class Reach:
         return np.asarray(self.joint.torque(self.theta, P1, P2)), np.asarray(felt)
 
     def on_level(self, which: int, wanted: Array, other: Array) -> tuple[Array, Array]:
-        """Return the least errors (n,) of the goal `which` and, where it is met, of the other one."""
+        """Return the least errors (n,) of the goal `which` and, if it is met, of the other one."""
         error = (self.T, self.K)[which] - wanted[:, None, None]
         first, second = np.abs(error).min(axis=(1, 2)), np.full(wanted.shape, np.inf)
         for axis in (0, 1):
@@ -52,9 +52,7 @@ class Reach:
         return first, second
 
     def _roots(self, error: Array, axis: int, which: int, wanted: Array) -> tuple[Array, Array, Array]:
-        """Return (target, P1, P2) where the errors (n, …) change sign along the lines of the grid: by the Illinois rule
-        between neighbouring points.
-        """
+        """Return (target, P1, P2) at sign changes of the errors (n, …) along the grid lines, by the Illinois rule."""
         signs = np.moveaxis(error, axis + 1, 1)
         k, i, j = np.nonzero(signs[:, :-1] * signs[:, 1:] <= 0)
         moving, still = (self.P1, self.P2) if axis == 0 else (self.P2, self.P1)
@@ -101,7 +99,7 @@ def targets(reach: Reach, n: int, rng: np.random.Generator) -> tuple[Array, Arra
 
 
 def judged(reach: Reach, T: Array, K: Array, priority: str) -> Verdict:
-    """Return what the search says of the answers of `allocate` at one angle."""
+    """Return the search's verdict on the answers of `allocate` at one angle."""
     weights = WEIGHTS if priority == "weighted" else None
     a = allocate(
         reach.theta, K, T, joint=reach.joint, priority=priority, weights=weights, limits=Limits(0.0),  # type: ignore[arg-type]

@@ -23,11 +23,11 @@ OPERATOR = PrandtlIshlinskii((0.7, 0.12, 0.1, 0.08), (0.5 * DEG, 1.5 * DEG, 4 * 
 RESTS = (-15 * DEG, 5.0), (0.0, 6.0), (15 * DEG, 5.0)
 ASKED = [(theta * DEG, K) for theta in (-25, -10, 0, 10, 25) for K in (5.0, 6.0, 7.0)]
 PUSH = 2 * DEG
-_MATTERS = 0.03  # of K: strengths that drift apart leave it about as it was
+_MATTERS = 0.03  # of K: opposite drifts of the strengths hardly change it
 
 
 def errors(joint, real: RealPlant) -> tuple[float, float]:  # type: ignore[no-untyped-def]
-    """Return root mean square errors of backbone K and K_felt at ±2° of what the joint's file allocates, relative."""
+    """Return relative root mean square errors of backbone K and K_felt at ±2°, allocated by the joint's file."""
     found = []
     for theta, K in ASKED:
         a = allocate(theta, K, joint=joint)
@@ -41,7 +41,7 @@ def errors(joint, real: RealPlant) -> tuple[float, float]:  # type: ignore[no-un
 
 
 def drifted(seed: int, directory: Path) -> tuple[tuple[float, float], tuple[float, float], list[str]]:
-    """Return the errors before and after the check of one joint, and what it said."""
+    """Return the errors before and after the check of one joint, and its message."""
     rng = np.random.default_rng([seed, 36])
     base = RealPlant.standard().nominal
     plant = replace(base, joint=replace(base.joint, hysteresis=OPERATOR), inertia=float(rng.uniform(0.03, 0.06)))

@@ -1,8 +1,8 @@
 """Measured stiffness on hidden joints of the library's own effects: python -m benchmarks.felt hidden.
 
 Each has strengths of 0.8–1.25, one of four structures of hysteresis with a loop of 0–10°, gas, dead band, delays, an
-encoder of 0.02–0.1°, and sensors that are offset. The measurement is told what a data sheet or a fit tells: the model
-with strengths of 1, dead time and dead band, the age of the readings, the inertia.
+encoder of 0.02–0.1°, and sensor offsets. The measurement knows the content of a data sheet or a fit: the model with
+strengths of 1, dead time and dead band, the age of the readings, the inertia.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ STRUCTURES = "Maxwell slip", "Dahl", "Coulomb", "elastic operator"
 
 
 class Hidden(NamedTuple):
-    """Joint with what is told of it."""
+    """Joint with the prior knowledge of it."""
 
     real: RealPlant
     told: Compensation
@@ -93,7 +93,7 @@ def hidden(seed: int, **changed: float) -> Hidden:
 
 
 def truth(h: Hidden, m: MeasuredStiffness) -> tuple[float, Callable[[float], float]]:
-    """Return the backbone K and K_felt(A) of the real joint where it was measured, at its true pressures."""
+    """Return the backbone K and K_felt(A) of the real joint at the place of the measurement, at its true pressures."""
     P = np.array(m.pressures) - h.real.pressure_offset
     x = np.array([m.theta, 0.0, *P])
     K, contact = float(h.real.isobaric(x)), Contact(h.real, x)
@@ -101,7 +101,7 @@ def truth(h: Hidden, m: MeasuredStiffness) -> tuple[float, Callable[[float], flo
 
 
 def measured(h: Hidden, seed: int, tones: Tones | None = None, inertia_error: float = 0.0, J: float = 1.0) -> Outcome:
-    """Measure a hidden joint, with an inertia told that is J times the true one, ± `inertia_error`."""
+    """Measure a hidden joint, with a given inertia of J times the true one, ± `inertia_error`."""
     tones = Tones() if tones is None else tones
     plant = replace(h.real.nominal, inertia=J * h.real.nominal.inertia)
     e = Experiment(plant, h.told, h.theta, h.K, DT, tones)
@@ -129,7 +129,7 @@ def shaken(h: Hidden, seed: int, inertia_error: float = 0.0, J: float = 1.0) -> 
 
 
 def outcome(h: Hidden, m: MeasuredStiffness) -> Outcome:
-    """Return a measurement beside the truth."""
+    """Return a measurement and the truth."""
     if m.refusal:
         return Outcome(m, np.nan, np.nan, (np.nan, np.nan), ())
     K, felt = truth(h, m)

@@ -1,7 +1,7 @@
-"""Stiffness of hidden joints from logs that were not made for it: python -m benchmarks.felt logs.
+"""Stiffness of hidden joints from general logs: python -m benchmarks.felt logs.
 
 The joints of `benchmarks.felt.hidden`; a minute each of random steps of both pressures, of noise between 0.3 and 4 Hz,
-and of a slow sine of 15°, which has to be refused.
+and of a slow sine of 15°, which must be refused.
 """
 
 from typing import Literal, NamedTuple
@@ -55,7 +55,7 @@ def commands(rest: Rest, motion: Motion, n: int, rng: np.random.Generator) -> Ar
 
 
 def recorded(process: Process, rest: Rest, motion: Motion, seed: int, duration: float = _DURATION) -> Samples:
-    """Return the log of a joint under a motion, its commands held to the slew of the model."""
+    """Return the log of a joint under a motion, with commands within the model's slew limit."""
     n, rng, step = round(duration / DT), np.random.default_rng([seed, 77]), rest.plant.slew * DT
     x = rest.state
     trial, sent, rows = process.begin(DT, x, seed), x[2:4], []
@@ -79,7 +79,7 @@ def measured(h: Hidden, log: Samples) -> MeasuredStiffness:
 
 
 def report(n: int = 40, first: int = 0) -> str:
-    """Look into the logs of n hidden joints and return the figures."""
+    """Measure in the logs of n hidden joints and return the figures."""
     lines = []
     for motion in MOTIONS:
         found, felt = [], []

@@ -1,7 +1,7 @@
-"""What must not be measured: python -m benchmarks.felt refusals.
+"""Excitations that must be refused: python -m benchmarks.felt refusals.
 
-Excitation below the encoder, and rubber whose stiffness depends on the rate: a
-Maxwell element (a spring of 0.8 K in series with a damper, relaxing at 0.8 Hz) beside the joint.
+Excitation below the encoder's resolution, and rate-dependent rubber: a Maxwell element (a spring of 0.8 K in series
+with a damper, relaxing at 0.8 Hz) parallel to the joint.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ SHARE, RELAXING = 0.8, 0.8  # spring [K], frequency [Hz]
 
 
 class Rubber(RealPlant):
-    """Real plant with a spring and a damper in series beside its muscles."""
+    """Real plant with a spring and a damper in series, parallel to its muscles."""
 
     def begin(self, dt: float, x0: Array, seed: int) -> "RubberTrial":
         """Begin an experiment."""
@@ -28,7 +28,7 @@ class Rubber(RealPlant):
 
 
 class RubberTrial(RealExperiment):
-    """Experiment in which rubber is carried along, in steps of a sample."""
+    """Experiment with the state of rubber, in steps of a sample."""
 
     def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
         super().__init__(real, dt / 5, x0, seed)
@@ -45,7 +45,7 @@ class RubberTrial(RealExperiment):
 
 
 def report(n: int = 10) -> str:
-    """Return how many of each kind were refused."""
+    """Return the numbers refused of each kind."""
     counts = {"too small": 0, "rubber": 0, "rubber, shaken": 0}
     for seed in range(n):
         h = hidden(seed)

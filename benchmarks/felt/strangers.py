@@ -1,8 +1,8 @@
-"""Measured stiffness on strangers, whose structure no model of the library has: python -m benchmarks.felt strangers.
+"""Measured stiffness on strangers, with structures absent from the library: python -m benchmarks.felt strangers.
 
-The model is that of data sheets, or with "identified" the one that `fit_joint` and `fit_motion` find in the stranger's
-own logs. Felt stiffness is compared with pushes: quasi-static cycles of ±A at pressures that are held, of the
-stranger's own equations.
+The model is that of data sheets, or with "identified" that of `fit_joint` and `fit_motion` from the stranger's own
+logs. Felt stiffness is compared with pushes: quasi-static cycles of ±A at constant pressures, by the stranger's own
+equations.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ STEPS, CYCLES = 120, 2  # of a push, quasi-static
 
 
 def pushed(stranger: Stranger, theta: float, P: Array, amplitude: float) -> float:
-    """Return the secant stiffness that a hand meets in slow cycles of ±A about θ at held true pressures [N·m/rad]."""
+    """Return the secant stiffness in slow cycles of ±A about θ at constant true pressures [N·m/rad]."""
     p = stranger.parts
     up = np.linspace(-1, 1, STEPS)
     way = np.concatenate([np.linspace(0, 1, STEPS // 2), *[np.concatenate([-up, up]) for _ in range(CYCLES)]])
@@ -55,7 +55,7 @@ def pushed(stranger: Stranger, theta: float, P: Array, amplitude: float) -> floa
 
 
 def settled_at(stranger: Stranger, i: int, theta: float, P: float, held: Array) -> float:
-    """Return the contraction at which muscle i, its hysteresis `held` [N] included, balances its cable."""
+    """Return the contraction at which muscle i, with its hysteresis `held` [N], balances its cable."""
     p, eps = stranger.parts, float(settled(stranger.parts, i, np.array([theta]), np.array([P]))[0])
     for _ in range(3):
         s, _ = stretch(p, i, np.array([theta]), np.array([eps]))
@@ -73,7 +73,7 @@ def _elastic(p, eps: float) -> float:  # type: ignore[no-untyped-def]
 
 
 def true_strengths(stranger: Stranger, model: Model, m: MeasuredStiffness) -> tuple[float, float]:
-    """Return by how much more torque a pressure gives on the stranger than by the model, at the rest."""
+    """Return the ratio of torque per pressure on the stranger to that of the model, at the rest."""
     p, found = stranger.parts, []
     for i, side in enumerate(model.plant.joint.sides(m.theta)):
         P, h = m.pressures[i] + p.offset[i], 2e3
@@ -87,7 +87,7 @@ def true_strengths(stranger: Stranger, model: Model, m: MeasuredStiffness) -> tu
 
 
 def measured(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K: float = 5.0) -> MeasuredStiffness:
-    """Measure a stranger with its true inertia told, and the age of its readings."""
+    """Measure a stranger with known inertia and age of its readings."""
     plant = replace(model.plant, inertia=stranger.parts.inertia)
     age = stranger.sensors.late * DT
     told = replace(model.told, reading_age=age, flow=min(model.told.flow, stranger.parts.flow))

@@ -1,1 +1,1 @@
-"""The governor: does it keep every limit whatever is commanded, and for all plants within the intervals it knows?"""
+"""Governor: limits under arbitrary commands, also for all plants within known intervals."""

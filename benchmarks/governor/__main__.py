@@ -1,4 +1,4 @@
-"""Check and time the governor: `python -m benchmarks.governor --help`."""
+"""Checks and times of the governor: `python -m benchmarks.governor --help`."""
 
 import argparse
 from time import process_time
@@ -25,7 +25,7 @@ def main() -> None:
 
 
 def adversarial(N: int, chunk: int = 50_000) -> None:
-    """Random states and commands of any size, some no numbers: limits that are broken, what is safe and was moved."""
+    """Count broken limits and moved safe commands, for random states and commands of any size, some of them NaN."""
     arm, rng = machine("arm26", 0.02), np.random.default_rng(0)
     mechanism, governor = arm.mechanism, PressureGovernor.of_arm(arm, DT)
     if not governor.warm_up():
@@ -51,7 +51,7 @@ def adversarial(N: int, chunk: int = 50_000) -> None:
 
 
 def loops(arms: int, seconds: float) -> None:
-    """Arms in the loop that are the model: how far beyond their range they get, with the governor and without."""
+    """Measure the excursions beyond the range of arms equal to the model, with the governor and without."""
     print("machine  commander  lag [s]  beyond the range [°]  ungoverned  outside limits  not kept  moved")
     for name in MACHINES:
         for commander in COMMANDERS:
@@ -76,8 +76,8 @@ UNKNOWN: tuple[dict[str, float], ...] = (
 
 
 def unknown(arms: int, seconds: float) -> None:
-    """Random plants that differ from the model: beyond the range, with a governor that knows the intervals or not."""
-    print("machine  within ±  intervals told  corners  beyond the range [°]: " + " ".join(COMMANDERS))
+    """Measure excursions of random plants that differ from the model, with and without known intervals."""
+    print("machine  within ±  intervals known  corners  beyond the range [°]: " + " ".join(COMMANDERS))
     for name in MACHINES[:2]:  # gravity leaves the leg no rest for these intervals
         for off in UNKNOWN if name == "joint" else UNKNOWN[-1:]:
             for told in (False, True):

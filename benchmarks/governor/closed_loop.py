@@ -1,4 +1,4 @@
-"""Arms under a governor and adversarial commands: how far beyond their range do the joints get?"""
+"""Arms under a governor and adversarial commands: excursions of the joints beyond their range."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -31,28 +31,28 @@ def machine(name: str, lag: float) -> Arm:
 
 
 def noise(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
-    """Anything, another thing every sample."""
+    """Return random commands, new in every sample."""
     return rng.uniform(-2, 7, arms.P.shape) * BAR
 
 
 def held(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
-    """Anything within the supply, for 0.5 s."""
+    """Return random commands within the supply, each for 0.5 s."""
     return np.random.default_rng(k // 50).uniform(0, 5, arms.P.shape) * BAR
 
 
 def outward(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
-    """All muscles that pull the joints towards one of their ends, the others nothing; anew every second."""
+    """Return full pressure for all muscles that pull the joints towards an end, none for others; new every second."""
     side = np.where(np.random.default_rng(k // 100).random((len(arms.q), 1, arms.q.shape[1])) < 0.5, -1, 1)
     return np.where((arms.varied.arm.mechanism.arms(arms.q) * side).sum(axis=2) > 0, 5.0, 0.0) * BAR
 
 
 def bang(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
-    """All or nothing for every muscle, anew every 0.1 s."""
+    """Return full or no pressure for every muscle, new every 0.1 s."""
     return np.where(np.random.default_rng(k // 10).random(arms.P.shape) < 0.5, 5.0, 0.0) * BAR
 
 
 def resonance(arms: ArmBatch, rng: np.random.Generator, k: int) -> np.ndarray:
-    """Whatever gives the arm more energy: in time with its own motion."""
+    """Return commands that add energy to the arm, in phase with its motion."""
     power = np.einsum("nji,ni->nj", arms.varied.arm.mechanism.arms(arms.q), arms.omega + 1e-3)
     return np.where(power > 0, 5.0, 0.0) * BAR
 
@@ -61,12 +61,12 @@ COMMANDERS: dict[str, Commander] = {f.__name__: f for f in (noise, held, outward
 
 
 class Run(NamedTuple):
-    """Outcome for arms that were commanded."""
+    """Outcome for commanded arms."""
 
-    beyond: float  # the farthest a joint was beyond its range [rad]; negative: it kept that much off
+    beyond: float  # greatest excursion of a joint beyond its range [rad]; negative: distance from the end
     broken: int  # commands outside supply, slew or tautness
-    unable: float  # share of samples in which nothing was sure to keep the joints in range
-    moved: float  # share of commands within supply, slew and tautness that were moved
+    unable: float  # share of samples without a safe backup
+    moved: float  # share of moved commands among those within supply, slew and tautness
 
 
 PLACES = {"strength": "gains", "damping": "damping", "mass": "mass", "lag": "lags"}  # in rows of an `ArmBatch`
@@ -82,7 +82,7 @@ def factors(batch: ArmBatch, quantity: str, share: float, rng: np.random.Generat
 
 @cache
 def governor_of(arm: Arm, margin: float, known: tuple[tuple[str, float], ...]) -> PressureGovernor:
-    """Return the governor that knows the quantities of `arm` within these shares."""
+    """Return the governor with intervals of these shares for the quantities of `arm`."""
     values = {"strength": 1.0, "mass": 1.0, "damping": arm.bodies.damping, "lag": arm.lag}
     given = {quantity: Interval.about(values[quantity], share) for quantity, share in known}
     return PressureGovernor.of_arm(arm, DT, margin=margin, **given)
@@ -92,10 +92,10 @@ def closed_loop(
     name: str, commander: str, arms: int, seconds: float, *, lag: float = 0.02, margin: float = 0.0,
     off: Mapping[str, float] = NOTHING, told: bool = False, governed: bool = True, seed: int = 0,
 ) -> Run:  # fmt: skip
-    """Command so many arms for so long, which have no end stops.
+    """Run so many arms without end stops for so long.
 
-    `off` is by which share of the model's value strength, damping, mass and lag of each arm may differ from it; of
-    these the governor is `told` intervals.
+    `off` is the greatest relative deviation of each arm's strength, damping, mass and lag from the model; the governor
+    is `told` intervals of these.
     """
     arm, rng = machine(name, lag), np.random.default_rng(seed)
     mechanism = arm.mechanism

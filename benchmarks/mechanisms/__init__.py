@@ -1,1 +1,1 @@
-"""Mechanisms: are the answers optimal, is what is beyond reach proved to be, and how long does it take?"""
+"""Mechanisms: optimality of answers, proofs for unreachable targets, and times."""

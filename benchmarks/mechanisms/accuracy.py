@@ -1,4 +1,4 @@
-"""What the answers are held against: all faces of the box, multipliers of another's making, three lines, one joint."""
+"""Checks of the answers: all faces of the box, independent multipliers, separating directions, one joint."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from tests.conftest import JOINTS
 
 
 class Check(NamedTuple):
-    """One check: what was asked of how many targets, the worst of them, and what it may be."""
+    """One check: its name, the number of targets, the worst value and the allowed one."""
 
     what: str
     targets: int
@@ -28,7 +28,7 @@ class Check(NamedTuple):
 
 
 def checks(N: int) -> Iterator[Check]:
-    """All checks, the optimality of `N` targets among them."""
+    """Yield all checks, including the optimality of `N` targets."""
     one = random_targets(machines.arm26(), POSTURE, N, seed=1)
     yield from optimality("arm26 at one posture", one)
     yield from optimality("arm26, every target at a posture of its own", arm_at_postures(N, seed=2))
@@ -40,7 +40,7 @@ def checks(N: int) -> Iterator[Check]:
 
 
 def optimality(what: str, t: Targets) -> Iterator[Check]:
-    """Optimality conditions and separating directions; 1 for every status that is not what it has to be."""
+    """Yield checks of optimality conditions, separating directions and statuses."""
     a = allocate(t.q, t.K, t.T, joint=t.mechanism)
     problem = t.problem
     yield Check(f"{what}: optimality residual", len(t.T), float(a.kkt_residual.max()), 1e-9)
@@ -52,14 +52,14 @@ def optimality(what: str, t: Targets) -> Iterator[Check]:
     dM = (d[:, None, :] @ np.broadcast_to(M, (len(d), *M.shape[-2:])))[:, 0]
     proved = (d * y0).sum(-1) + np.maximum(dM * lo, dM * hi).sum(-1) < (d * y).sum(-1)
     beyond = ~(a.torque_met & a.stiffness_met)
-    yield Check(f"{what}: beyond reach without a proof, or a proof of what can be had", int(beyond.sum()),
+    yield Check(f"{what}: out of reach without a proof, or a proof against a feasible target", int(beyond.sum()),
                 float((proved != beyond).sum()), 0.0)  # fmt: skip
     met = np.abs(problem.given(a.P) - y).max(axis=1) < 1e-8
     yield Check(f"{what}: false statuses", len(y), float(((a.status == Status.EXACT) != met).sum()), 0.0)
 
 
 def faces(t: Targets) -> Check:
-    """The answers against the best of all 3^m faces, in fractions of the supply."""
+    """Return the check against the best of all 3^m faces, in fractions of the supply."""
     p = t.problem
     (_, ends), (lo, hi, centre) = p.rows, p.x_bounds
     best = best_of_all_faces(p.A[0], p.b, ends, lo[0], hi[0], centre[0])
@@ -70,7 +70,7 @@ def faces(t: Targets) -> Check:
 
 
 def one_joint(N: int) -> Iterator[Check]:
-    """n = 1, m = 2 against `allocate`, in fractions of the supply."""
+    """Return the check of n = 1, m = 2 against `allocate`, in fractions of the supply."""
     for name, joint in JOINTS.items():
         if not joint.affine:
             continue

@@ -1,8 +1,8 @@
-"""The stiffness of a hand: is it given where it can be had, and are both outcomes of "at least" proved at the edge?
+"""Stiffness of a hand: accuracy of feasible targets, and proofs of both outcomes of "at least" at the edge.
 
 `python -m benchmarks.mechanisms.endpoint` takes the arm (n = dim = 2) and the leg (n = 3 > dim = 2) at random postures.
-The edge, the greatest share s of an ellipse that pressures can enclose, is found without the library's solver: of the
-zonotope of all (τ, K) every direction v cuts a half-space, in linear programmes by HiGHS, until none cuts any more.
+The edge, the greatest factor s of an ellipse that pressures can enclose, is found without the library's solver:
+directions v cut half-spaces off the zonotope of all (τ, K), in linear programmes by HiGHS, until none cuts any more.
 """
 
 import argparse
@@ -23,17 +23,17 @@ MACHINES = {
     "arm26": (machines.arm26(), Endpoint.planar([0.30, 0.25])),
     "leg37": (machines.leg37(), Endpoint.planar([0.30, 0.30, 0.10])),
 }
-_EDGE = 1e-5  # of the share: how far from the edge the two outcomes are asked for
-_CUTS = 1e-9  # [of the floor] a direction that lacks less does not cut
+_EDGE = 1e-5  # of the factor: distance from the edge of the two targets
+_CUTS = 1e-9  # [of the floor] a direction with a smaller deficit does not cut
 _MOST_CUTS = 200
 
 
 class Target(NamedTuple):
-    """A posture with torques and an endpoint stiffness that pressures give."""
+    """Posture with feasible torques and endpoint stiffness."""
 
     q: np.ndarray
     force: np.ndarray
-    T: np.ndarray  # besides those of the force
+    T: np.ndarray  # in addition to those of the force
     K_x: np.ndarray
 
 
@@ -76,7 +76,7 @@ def edge(mechanism: Mechanism, hand: Endpoint, t: Target) -> float:
 
 
 def at_least(mechanism: Mechanism, hand: Endpoint, N: int) -> str:
-    """Return what becomes of targets just inside and just outside the edge."""
+    """Return the outcome of targets just inside and just outside the edge."""
     right, proved, gaps, seconds = 0, 0, [0.0], []
     outcomes: Counter[str] = Counter()
     for t in targets(mechanism, hand, N):
@@ -91,13 +91,13 @@ def at_least(mechanism: Mechanism, hand: Endpoint, N: int) -> str:
             gaps += [a.gap] if a.success else []
     told = ", ".join(f"{count} {name}" for name, count in outcomes.items())
     return (
-        f"at least: {right} of {2 * N} told apart at {_EDGE:.0e} beside the edge ({told}), {proved} disproved; gap of "
+        f"at least: {right} of {2 * N} decided at {_EDGE:.0e} from the edge ({told}), {proved} disproved; gap of "
         f"the others at most {max(gaps):.0e}; {1e3 * np.median(seconds):.0f} ms"
     )
 
 
 def exactly(mechanism: Mechanism, hand: Endpoint, N: int, factor: float) -> str:
-    """Return what becomes of ellipses that pressures give, times a factor."""
+    """Return the outcome of feasible ellipses times a factor."""
     found = [
         allocate(t.q, factor * t.K_x, t.T, joint=mechanism, stiffness=Stiffness(endpoint=hand, force=t.force))
         for t in targets(mechanism, hand, N, seed=1)
@@ -107,7 +107,7 @@ def exactly(mechanism: Mechanism, hand: Endpoint, N: int, factor: float) -> str:
     worst = max((a.endpoint_error for a in met), default=0.0)
     separated = sum(bool(a.separation.reach < a.separation.asked) for a in found if not a.stiffness_met)
     told = ", ".join(f"{count} {name}" for name, count in outcomes.items())
-    return f"{factor:g} times what is given: {told}; error of those met at most {worst:.0e}, {separated} separated"
+    return f"{factor:g} times a feasible one: {told}; error of those met at most {worst:.0e}, {separated} separated"
 
 
 def main() -> None:

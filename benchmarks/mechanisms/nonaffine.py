@@ -1,7 +1,7 @@
-"""Muscles that are not affine: is the gap closed, and does any start of a local solver end below the bound?
+"""Muscles that are not affine: closure of the gap, and a search by local solvers for costs below the bound.
 
 `python -m benchmarks.mechanisms.nonaffine` takes the arm with six Tondu2021 muscles. The local solvers are SciPy's,
-with torque and stiffness written down here from the formulas of the report.
+with torque and stiffness written independently from the report's formulas.
 """
 
 import argparse
@@ -21,20 +21,20 @@ from benchmarks.mechanisms.targets import POSTURE, Targets, random_targets
 ARM = machines.arm26().with_muscles(TONDU_DMSP_20_400N)
 WEIGHTS = (1.0, 1.0)
 UNIT = 5e5  # [Pa]
-_KEPT = 1e-8  # [N·m] by which a torque may be missed
-_ROUNDING = 1e-6  # of 1 + cost: what that is worth
+_KEPT = 1e-8  # [N·m] tolerance of torques
+_ROUNDING = 1e-6  # of 1 + cost: corresponding change of the cost
 _ALIKE = 1e-3
 
 
 class Search(NamedTuple):
-    """What became of the targets of one priority, and of the starts of a local solver at those that are missed."""
+    """Outcome of the targets of one priority, and of a local solver's starts at the missed ones."""
 
     priority: str
     allocation: Allocation
     seconds: float
     starts: int
     below: int  # ended below the lower bound
-    above: int  # ended above the best that is known
+    above: int  # ended above the best known
 
     def __str__(self) -> str:
         a = self.allocation
@@ -85,7 +85,7 @@ class Outside:
 
 
 def ends(t: Targets, i: int, a: Allocation, priority: str, starts: np.ndarray) -> Iterator[float]:
-    """Yield the cost at which SciPy ends from each start (S, m) of target i: L-BFGS-B, or SLSQP at the torque given."""
+    """Yield SciPy's final cost from each start (S, m) of target i: L-BFGS-B, or SLSQP at the given torque."""
     outside, (lo, hi) = Outside(t, i), a.box
     box = list(zip(lo[i] / UNIT, hi[i] / UNIT, strict=True))
     for x in starts:
@@ -100,12 +100,12 @@ def ends(t: Targets, i: int, a: Allocation, priority: str, starts: np.ndarray) -
         }
         asked = {"method": "SLSQP", "bounds": box, "constraints": [kept], "options": {"ftol": 1e-12, "maxiter": 300}}
         found = minimize(outside.stiffness_cost, x, jac=True, **asked)
-        if np.abs(kept["fun"](found.x)).max() < _KEPT:  # whatever SLSQP says of itself
+        if np.abs(kept["fun"](found.x)).max() < _KEPT:  # regardless of SLSQP's status
             yield found.fun
 
 
 def search(priority: str, count: int, starts: int, seed: int = 0) -> Search:
-    """Allocate `count` targets, of which half are made by random pressures, and start at those that are missed."""
+    """Allocate `count` targets, half of them made by random pressures, and start at the missed ones."""
     t = random_targets(ARM, POSTURE, count, seed)
     begin = time.perf_counter()
     a = allocate(t.q, t.K, t.T, joint=ARM, priority=priority, weights=WEIGHTS)

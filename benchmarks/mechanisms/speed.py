@@ -1,4 +1,4 @@
-"""How long it takes: of the processor, in turns with the rivals, which get the same problems in the same run."""
+"""Processor times, in turns with the rivals, which solve the same problems in the same run."""
 
 import warnings
 from collections.abc import Callable
@@ -15,8 +15,8 @@ from allocator.mechanism import machines
 from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
 from benchmarks.speed.clock import seconds
 
-FEW = 200  # targets that the rivals get: they are called one by one
-FLAT = 1e-3  # what the pressures cost in the weighted QP, per (supply)², where 1 [N·m/rad]² costs 1
+FEW = 200  # targets for the rivals, which are called one by one
+FLAT = 1e-3  # cost of the pressures in the weighted QP, per (supply)², if 1 [N·m/rad]² costs 1
 BATCH, KERNEL = "compiled batch, with statuses", "the kernel alone"
 BOTH = "the kernel alone, weighted, then least pressures"
 Solver = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -27,18 +27,18 @@ class Time(NamedTuple):
 
     what: str
     microseconds: float
-    off: float  # of the pressures from the exact ones, of the supply; 0 of ours, which are checked elsewhere
+    off: float  # of the pressures from the exact ones, of the supply; 0 for ours, which are checked elsewhere
 
 
 def times(rounds: int) -> list[Time]:
-    """Everything, `rounds` times in turns."""
+    """Yield all times, of `rounds` rounds in turns."""
     if not warm_up(joint=machines.arm26()):
         raise SystemExit("numba cannot compile here; there is nothing to measure")
     return [*lexicographic(rounds), *weighted(rounds), *sizes(rounds)]
 
 
 def in_turns(works: dict[str, Callable[[], object]], units: dict[str, int], rounds: int) -> dict[str, float]:
-    """The least time [µs] of a target of each work."""
+    """Return the least time [µs] per target of each work."""
     for work in works.values():
         work()
     turns = [{name: seconds(work) for name, work in works.items()} for _ in range(rounds)]
@@ -46,7 +46,7 @@ def in_turns(works: dict[str, Callable[[], object]], units: dict[str, int], roun
 
 
 def lexicographic(rounds: int) -> list[Time]:
-    """Torque, then stiffness, then least pressure, with status and certificate, on the arm with six muscles."""
+    """Time torque, then stiffness, then least pressure, with status and certificate, on the arm with six muscles."""
     one, own = random_targets(machines.arm26(), POSTURE, 10_000), arm_at_postures(10_000)
     few = Targets(one.mechanism, one.q, one.T[:FEW], one.K[:FEW])
     warm_up(joint=few.mechanism)
@@ -75,7 +75,7 @@ def lexicographic(rounds: int) -> list[Time]:
 
 
 def daqp_levels(t: Targets) -> np.ndarray:
-    """The three QPs by `daqp.solve` itself, nothing around it but the sums that make the next one's equalities."""
+    """Solve the three QPs by `daqp.solve` itself, with only the sums for the next one's equalities."""
     import daqp
 
     p = t.problem
@@ -101,7 +101,7 @@ def daqp_levels(t: Targets) -> np.ndarray:
 
 
 def weighted(rounds: int) -> list[Time]:
-    """One strictly convex QP a target, w_T : w_K : pressures = 1e4 : 1 : FLAT, the same for every solver."""
+    """Time one strictly convex QP per target, w_T : w_K : pressures = 1e4 : 1 : FLAT, the same for every solver."""
     t = random_targets(machines.arm26(), POSTURE, 10_000)
     p = t.problem
     lo, hi, _ = p.x_bounds
@@ -135,7 +135,7 @@ def weighted(rounds: int) -> list[Time]:
 
 
 def solvers() -> dict[str, Callable[..., Solver]]:
-    """Each rival, made for a Hessian and a box, takes (A, b, H, lo, hi) and returns x; PIQP where it is installed."""
+    """Return rivals for a Hessian and a box that take (A, b, H, lo, hi) and return x; PIQP if it is installed."""
     found: dict[str, Callable[..., Solver]] = {"DAQP": _daqp, "SciPy BVLS": _bvls, "OSQP (1e-6)": _osqp}
     return found | ({"PIQP": _piqp} if find_spec("piqp") else {})
 
@@ -185,7 +185,7 @@ def _piqp(H: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Solver:
 
 
 def sizes(rounds: int) -> list[Time]:
-    """Lexicographic batches of larger mechanisms, all targets at one posture."""
+    """Time lexicographic batches of larger mechanisms, all targets at one posture."""
     works, units = {}, {}
     for n, m in ((2, 6), (3, 9), (4, 12), (7, 20)):
         mechanism = machines.arm26() if m == 6 else random_mechanism(n, m)

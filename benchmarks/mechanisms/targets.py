@@ -1,4 +1,4 @@
-"""The machines and targets that are measured."""
+"""Machines and targets of the measurements."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ POSTURE = np.array([0.4, -0.3])
 
 
 class Targets(NamedTuple):
-    """Targets of a mechanism at a posture (n,) or at postures (N, n); the first half can be had."""
+    """Targets of a mechanism at a posture (n,) or at postures (N, n); the first half is feasible."""
 
     mechanism: Mechanism
     q: np.ndarray
@@ -22,12 +22,14 @@ class Targets(NamedTuple):
 
     @property
     def problem(self) -> BoxProblem:
-        """As the library sees it."""
+        """Problem of the library."""
         return problem_from(self.mechanism, self.q, self.K, self.T)[0]
 
 
 def random_targets(mechanism: Mechanism, q: np.ndarray, N: int, seed: int = 0) -> Targets:
-    """Half made by random taut pressures; half with up to 4 times such torques and 0.4 to 2.5 times the stiffness."""
+    """Return half made by random taut pressures, half with up to 4 times such torques and 0.4 to 2.5 times the
+    stiffness.
+    """
     rng = np.random.default_rng(seed)
     P = rng.uniform(*mechanism.pressure_box(q), (N, mechanism.m))
     T, K = np.array(mechanism.torque(q, P)), np.array(mechanism.stiffness(q, P))
@@ -39,13 +41,13 @@ def random_targets(mechanism: Mechanism, q: np.ndarray, N: int, seed: int = 0) -
 
 
 def arm_at_postures(N: int, seed: int = 0) -> Targets:
-    """The arm with six muscles, every target at a posture of its own."""
+    """Return targets of the arm with six muscles, each at its own posture."""
     q = np.random.default_rng(seed).uniform(-0.8, 0.8, (N, 2))
     return random_targets(machines.arm26(), q, N, seed)
 
 
 def random_mechanism(n: int, m: int, seed: int = 0) -> Mechanism:
-    """Pulleys at one to three joints a muscle, and muscles of both signs at every joint."""
+    """Return a mechanism with pulleys at one to three joints per muscle, and muscles of both signs at every joint."""
     rng = np.random.default_rng(seed)
     arms = np.zeros((m, n))
     for j in range(m):

@@ -1,5 +1,4 @@
-"""The figures of Tondu's report (arXiv 2104.13167) are drawn from its parameters: `figure_*` are the curves, `draw` the
-picture.
+"""Figures of Tondu's report (arXiv 2104.13167) from its parameters: `figure_*` are the curves, `draw` the picture.
 
 >>> draw(*figure_8()).savefig("figure_8.png")  # doctest: +SKIP
 """

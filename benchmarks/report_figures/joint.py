@@ -1,4 +1,4 @@
-"""Figures 3 and 8 show difference and sum of the pressures over the angle, at constant stiffness and without torque."""
+"""Figures 3 and 8: difference and sum of the pressures over the angle, at constant stiffness and without torque."""
 
 import numpy as np
 
@@ -34,16 +34,14 @@ def figure_3() -> tuple[Panel, ...]:
 def figure_8() -> tuple[Panel, ...]:
     """Compute figure 8, of Festo muscles: the pressures within 0 … 5 bar for K = 6 … 9 N·m/rad over ±125°.
 
-    Like the report it asks for the pressures alone; where a cable would be slack the curves mean nothing, see
+    Like the report it has only the pressures; the curves are meaningless where a cable would be slack, see
     `figure_8_marked`.
     """
     return _panels("8", report_joint(), FESTO_STIFFNESSES, slack_too=True)
 
 
 def figure_8_marked() -> tuple[Panel, ...]:
-    """Compute figure 8 with what cannot exist marked: dashed where a cable is slack, dotted beyond the supply
-    pressure.
-    """
+    """Compute figure 8 with infeasible parts marked: dashed for a slack cable, dotted beyond the supply pressure."""
     return _panels("8", report_joint(), FESTO_STIFFNESSES, slack_too=False)
 
 
@@ -65,7 +63,7 @@ def _panels(number: str, joint: AntagonistJoint, stiffnesses: Array, *, slack_to
 
 
 def _parts(joint: AntagonistJoint, theta: Array, pair: Pair, slack_too: bool) -> dict[str, Mask]:
-    """Return where the curve is drawn, by style."""
+    """Return the parts of the curve by style."""
     low, high = joint.pressure_limits
     supplied = np.logical_and.reduce([(low <= P) & (P <= high) for P in pair])
     if slack_too:
@@ -75,6 +73,6 @@ def _parts(joint: AntagonistJoint, theta: Array, pair: Pair, slack_too: bool) ->
 
 
 def _grown(where: Mask) -> Mask:
-    """Return one point more at either end, so that differently drawn parts of a curve meet."""
+    """Return the parts with one more point at either end, so that adjacent parts meet."""
     padded = np.pad(where, 1)
     return np.asarray(padded[:-2] | padded[1:-1] | padded[2:])

@@ -1,8 +1,8 @@
-"""Figures 1(b), 5(b), 6 and 7 show force and stiffness of one muscle.
+"""Figures 1(b), 5(b), 6 and 7: force and stiffness of one muscle.
 
-The report's measured points (Sárosi et al. 2015, one DMSP-20-400N) are not printed in it. In their place stand the law
-that Sárosi et al. fitted to that muscle, and measured forces of a DMSP-20-300 that come with this package: another
-specimen. The readings ε_max at 3 and 5 bar are the report's, those at 1, 2 and 4 bar are read off Sárosi's law.
+The report does not print its measured points (Sárosi et al. 2015, one DMSP-20-400N). They are replaced by the law that
+Sárosi et al. fitted to that muscle, and by measured forces of another specimen, a DMSP-20-300 of this package. The
+readings ε_max at 3 and 5 bar are the report's, those at 1, 2 and 4 bar follow from Sárosi's law.
 """
 
 import numpy as np
@@ -41,7 +41,7 @@ def figure_1b() -> tuple[Panel, ...]:
 
 
 def figure_5b() -> tuple[Panel, ...]:
-    """Compute figure 5(b): the McKibben law with ε_max(P) (11) against what was measured."""
+    """Compute figure 5(b): the McKibben law with ε_max(P) (11) against measurements."""
     curves = [_isobar(_law_11(P), P, "line") for P in PRESSURES]
     curves += [_isobar(SAROSI_DMSP_20_400N, P, "dashed") for P in PRESSURES]
     curves += [_measured(P) for P in PRESSURES]
@@ -54,9 +54,7 @@ def figure_5b() -> tuple[Panel, ...]:
 
 
 def figure_6() -> tuple[Panel, ...]:
-    """Compute figure 6: polynomials through the readings ε_max (13)-(15), of fifth order, which wanders, and of third
-    order.
-    """
+    """Compute figure 6: polynomials through the readings ε_max (13)-(15), of fifth (oscillating) and third order."""
     read = readings()
     chosen = {"6(a) fifth order, 1 … 5 bar": PRESSURES, "6(b) third order, 3, 4, 5 bar": PRESSURES[2:]}
     panels = []
@@ -105,7 +103,7 @@ def _stiffness(muscle: Muscle, P: float, style: str) -> Curve:
 
 
 def _taut(muscle: Muscle, P: float) -> Array:
-    """Return where on the axis the muscle pulls, up to the first contraction at which it does not."""
+    """Return the part of the axis where the muscle pulls, up to the first contraction without force."""
     return np.logical_and.accumulate(muscle.force(P, _EPS) >= 0)
 
 

@@ -1,4 +1,4 @@
-"""A figure is data: panels with curves, and the one function that draws them."""
+"""Figures as data: panels with curves, and the function that draws them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ STYLES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve is n points in the units of the panel; NaN is a gap."""
+    """Curve of n points in the units of the panel; NaN is a gap."""
 
     label: str  # curves of one label have one colour
     x: Array = field(repr=False)  # (n,)
@@ -27,13 +27,13 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A panel is one picture of a figure."""
+    """One picture of a figure."""
 
     title: str
-    x: str  # what is on the axis, with its unit
+    x: str  # label of the axis, with its unit
     y: str
     curves: tuple[Curve, ...]
-    styles: tuple[tuple[str, str], ...] = ()  # (style, what it means), where there is more than one
+    styles: tuple[tuple[str, str], ...] = ()  # (style, meaning), if there are several
 
     def curve(self, label: str, style: str = "line") -> Curve:
         """Return the curve with this label in this style."""
@@ -55,7 +55,7 @@ def draw(*panels: Panel) -> Any:
 
 
 def _legend(axes: Any, colours: Iterable[tuple[str, Any]], styles: Iterable[tuple[str, str]]) -> None:
-    """Draw what the colours and the styles mean."""
+    """Draw the legend of colours and styles."""
     for label, colour in colours:
         axes.plot([], [], color=colour, linewidth=3, label=label)
     for style, meaning in styles:

@@ -1,5 +1,5 @@
-"""What do wrong readings do to a closed loop, and does the exported C do the same?
+"""Effect of wrong readings on a closed loop, and equality of the exported C.
 
-`wraps` lets an encoder say something wrong for 1, 3 and 20 samples; `campaign` is a storm of all kinds of wrong
-readings on the real plant, driven by Python and replayed by the exported C with sanitizers.
+`wraps` has an encoder with wrong readings for 1, 3 and 20 samples; `campaign` is a storm of all kinds of wrong readings
+on the real plant, driven by Python and replayed by the exported C with sanitizers.
 """

@@ -1,4 +1,4 @@
-"""Send wrong readings into closed loops: `python -m benchmarks.robustness --help`."""
+"""Wrong readings in closed loops: `python -m benchmarks.robustness --help`."""
 
 import argparse
 import shutil

@@ -1,4 +1,4 @@
-"""A storm of wrong readings on a real plant, the same for Python's loop and for the exported C."""
+"""Storm of wrong readings on a real plant, the same for Python's loop and for the exported C."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -20,17 +20,17 @@ _RANGE = {0: 60 * DEG, 2: 1.5 * BAR, 3: 1.5 * BAR}  # of wrong readings
 
 
 class Hit(NamedTuple):
-    """A fault of some sensors."""
+    """Fault of some sensors."""
 
     kind: str
     begin: int  # sample
     end: int
     sensors: tuple[int, ...]
-    size: float  # of what is wrong, from -1 to 1
+    size: float  # of the error, from -1 to 1
 
 
 def hits(samples: int, seed: int) -> list[Hit]:
-    """Random faults, one after the other; the first second is quiet."""
+    """Return random faults, one after the other; the first second is quiet."""
     rng, found, k = np.random.default_rng(seed), [], round(1 / DT)
     while (k := k + 1 + int(rng.geometric(RATE))) < samples:
         length = int(rng.integers(1, LONGEST + 1)) if rng.random() < 0.5 else int(rng.integers(1, 4))
@@ -42,7 +42,7 @@ def hits(samples: int, seed: int) -> list[Hit]:
 
 @dataclass
 class StormyExperiment:
-    """An experiment whose sensors fail."""
+    """Experiment with failing sensors."""
 
     inner: Experiment
     hits: list[Hit]
@@ -52,15 +52,15 @@ class StormyExperiment:
 
     @property
     def x(self) -> Array:
-        """The true state (4,)."""
+        """True state (4,)."""
         return self.inner.x
 
     def advance(self, u: Array) -> None:
-        """One sample with the commands `u` (2,) [Pa]."""
+        """Advance by one sample with the commands `u` (2,) [Pa]."""
         self.inner.advance(u)
 
     def measure(self) -> Array:
-        """What the sensors say (4,), wrong while a fault lasts."""
+        """Return the sensors' readings (4,), wrong while a fault lasts."""
         y = self.inner.measure()
         self._past = [*self._past[-10:], y.copy()]
         for hit in self.hits:
@@ -101,42 +101,42 @@ class StormyExperiment:
 
 @dataclass(frozen=True)
 class StormyPlant:
-    """A real plant with such sensors; what else `mpc.trials.simulation.Process` asks for is the plant's."""
+    """Real plant with such sensors; the rest of `mpc.trials.simulation.Process` is the plant's."""
 
     real: RealPlant
     hits: tuple[Hit, ...]
 
     @property
     def nominal(self) -> object:
-        """The plant without the effects that its model does not know."""
+        """Plant without unmodelled effects."""
         return self.real.nominal
 
     def at_rest(self, theta: float, K: float) -> Array:
-        """The state (4,) to begin from."""
+        """Return the initial state (4,)."""
         return self.real.at_rest(theta, K)
 
     def begin(self, dt: float, x0: Array, seed: int) -> StormyExperiment:
-        """An experiment from `x0` (4,)."""
+        """Return an experiment from `x0` (4,)."""
         return StormyExperiment(self.real.begin(dt, x0, seed), list(self.hits), np.random.default_rng(seed))
 
     def along(self, x: Array) -> tuple[Array, Array]:
-        """True isobaric stiffness [N·m/rad] and muscle forces [N]."""
+        """Return the true isobaric stiffness [N·m/rad] and muscle forces [N]."""
         return self.real.along(x)
 
 
 def loop(real: RealPlant) -> tuple[TrackingMPC, KalmanObserver]:
-    """Controller and observer of the campaign."""
+    """Return controller and observer of the campaign."""
     known = real.known()
     controller = TrackingMPC(real.nominal, DT, HORIZON, weights=Weights.calm(), compensation=known)
     return controller, KalmanObserver(real.nominal, DT, compensation=known)
 
 
 def storms(samples: int, parts: int, seed: int) -> Iterator[tuple[StormyPlant, int]]:
-    """Parts of a campaign: plants whose sensors fail, and the seeds of their sensors' noise."""
+    """Return parts of a campaign: plants with failing sensors, and the seeds of the sensors' noise."""
     for part in range(parts):
         yield StormyPlant(RealPlant.standard(), tuple(hits(samples // parts, seed + part))), seed + part
 
 
 def reference(samples: int) -> object:
-    """What is tracked meanwhile."""
+    """Return the reference."""
     return sine(amplitude=30 * DEG, K=5.5, frequency=0.25, duration=samples * DT, ramp=1.0, dt=DT)

@@ -1,4 +1,4 @@
-"""The report of the robustness benchmark."""
+"""Report of the robustness benchmark."""
 
 import csv
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ NAME = "robustness"
 
 _HEAD = """# Wrong readings
 
-## An encoder that says something wrong for a while
+## Temporarily wrong encoder readings
 
-The joint follows ±20° at 0.5 Hz; from t = 2 s on the encoder says one of {n} values between {low} and {high} rad, in
-place of the angle or besides it. The table has the greatest error [°] from 0.5 s after the beginning of the fault on,
-over all of these values, and the greatest error there without a fault.
+The joint follows ±20° at 0.5 Hz; from t = 2 s on the encoder reads one of {n} values between {low} and {high} rad,
+instead of the angle or added to it. The table has the greatest error [°] from 0.5 s after the beginning of the fault
+on, over all of these values, and the greatest error there without a fault.
 
 | muscles | controller | without | {lengths} |
 |---|---|---|{dashes}|
@@ -28,23 +28,23 @@ over all of these values, and the greatest error there without a fault.
 _STORM = """
 ## A storm
 
-{samples} samples on the standard real plant, in parts with seeds of their own; {hits} faults of 1 to 30 samples of
+{samples} samples on the standard real plant, in parts with separate seeds; {hits} faults of 1 to 30 samples of
 these kinds: {kinds}.
 
 * angle error: median {median:.3g}°, 99 % {most:.3g}°, worst {worst:.3g}°; above 5° in {above:.2%} of the samples
-* {recovered} of {judged} faults that had time to were over within 3 s of their end (error below {well:g}° for 0.1 s):
+* {recovered} of {judged} faults with enough time were over within 3 s of their end (error below {well:g}° for 0.1 s):
   median {fast:.3g} s, 99 % {slow:.3g} s, worst {slowest:.3g} s
-* limits broken, numbers not finite, successes that were none: {broken}
-* steps answered by {rungs}; statuses {statuses}; states built anew: {rebuilt}
+* broken limits, nonfinite numbers, false successes: {broken}
+* steps answered by {rungs}; statuses {statuses}; observer restarts: {rebuilt}
 """
 
-_C = """* the exported C under the sanitizers of addresses and of undefined behaviour, on {samples} of such samples:
+_C = """* the exported C under the address and undefined-behaviour sanitizers, on {samples} such samples:
   {differing} differ in status, rung or a verdict on a reading; the commands by at most {away:.1e} Pa
 """
 
 
 def write(wrongs: Sequence[Wrong], parts: Sequence[Part], pairs: Sequence[Compared], out: Path) -> None:
-    """Write the report and the rows that it is made of."""
+    """Write the report and its rows."""
     out.mkdir(parents=True, exist_ok=True)
     (out / f"{NAME}.md").write_text(_wraps(wrongs) + _storm(parts) + _compared(pairs), encoding="utf-8")
     with (out / f"{NAME}.csv").open("w", newline="", encoding="utf-8") as file:

@@ -1,4 +1,4 @@
-"""The campaign's runs: Python's loop in a storm of wrong readings, and the exported C on the same readings."""
+"""Runs of the campaign: Python's loop in a storm of wrong readings, and the exported C on the same readings."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,14 +15,14 @@ from mpc.trials.simulation import Run
 from tests.rigs import toolchain as tools
 from tests.rigs.replay import CONTROL, CONTROL_COLUMNS, record, replayed
 
-WELL = 2.0  # [°] of error and less: recovered, once it stays so for CALM
+WELL = 2.0  # [°] of error: recovered when below it for CALM
 CALM, LATEST = 0.1, 3.0  # [s]
 _SAID = [CONTROL_COLUMNS.index(name) for name in ("status", "rung", "verdict_theta", "verdict_P1", "verdict_P2")]
 SANITISED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
 
 
 class Recovery(NamedTuple):
-    """What a fault did."""
+    """Effect of a fault."""
 
     hit: Hit
     worst: float  # [°] until it was over for half a second
@@ -30,20 +30,20 @@ class Recovery(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A part of the campaign."""
+    """Part of the campaign."""
 
     run: Run
     recoveries: list[Recovery]
-    rebuilt: int  # how often the observer had to begin anew
+    rebuilt: int  # number of restarts of the observer
 
     @property
     def error(self) -> np.ndarray:
-        """|θ - θ*| [°]."""
+        """Return |θ - θ*| [°]."""
         return np.abs(self.run.theta - self.run.theta_ref) / DEG
 
 
 def driven(samples: int, parts: int, seed: int) -> Iterator[Part]:
-    """By Python."""
+    """Return the part driven by Python."""
     controller, observer = loop(RealPlant.standard())
     followed = reference(samples // parts)
     for plant, own in storms(samples, parts, seed):
@@ -52,7 +52,7 @@ def driven(samples: int, parts: int, seed: int) -> Iterator[Part]:
 
 
 def recoveries(run: Run, hits: tuple[Hit, ...]) -> list[Recovery]:
-    """How each fault ended that had time to; those after which another came too soon are left out."""
+    """Return the recoveries from faults, except those followed too soon by another."""
     error, found, calm = np.abs(run.theta - run.theta_ref) / DEG, [], round(CALM / DT)
     ends = [*(hit.begin for hit in hits[1:]), len(error)]
     for hit, end in zip(hits, ends, strict=True):
@@ -66,7 +66,7 @@ def recoveries(run: Run, hits: tuple[Hit, ...]) -> list[Recovery]:
 
 
 class Compared(NamedTuple):
-    """Python's answers and those of the exported C."""
+    """Comparison of Python's answers with those of the exported C."""
 
     samples: int
     differing: int  # in status, rung or one of the verdicts
@@ -74,7 +74,7 @@ class Compared(NamedTuple):
 
 
 def compared(samples: int, parts: int, seed: int) -> Iterator[Compared]:
-    """By Python and by C, with the sanitizers of addresses and of undefined behaviour."""
+    """Run Python and C, with the address and undefined-behaviour sanitizers."""
     controller, observer = loop(RealPlant.standard())
     followed = reference(samples // parts)
     with TemporaryDirectory() as directory:
@@ -88,7 +88,7 @@ def compared(samples: int, parts: int, seed: int) -> Iterator[Compared]:
 
 
 def broken(run: Run) -> list[str]:
-    """Which hard limits the commands broke, and what is not finite."""
+    """Return the hard limits broken by commands, and the names of nonfinite values."""
     low, high = run.plant.joint.pressure_limits
     change = np.abs(np.diff(run.u, axis=0))
     return [

@@ -1,4 +1,4 @@
-"""An encoder that says something wrong for a while: every controller, four muscle laws."""
+"""Temporarily wrong encoder readings: every controller, four muscle laws."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,7 +31,7 @@ DT, BEGIN, AFTER = 0.01, 2.0, 0.5  # [s]
 
 
 class Wrong(NamedTuple):
-    """The greatest error from 0.5 s after the beginning of the fault on."""
+    """Greatest error from 0.5 s after the beginning of the fault on."""
 
     law: str
     controller: str
@@ -43,12 +43,12 @@ class Wrong(NamedTuple):
 
 
 def joint_of(law: str) -> Plant:
-    """The report's joint with these muscles."""
+    """Return the report's joint with these muscles."""
     return Plant(report_joint(LAWS[law]), lag=0.12)
 
 
 def runs(law: str, name: str) -> Iterator[Wrong]:
-    """All faults of one controller on one joint."""
+    """Yield all faults of one controller on one joint."""
     plant = joint_of(law)
     K = float(np.mean(stiffness_interval(0.0, 0.0, joint=plant.joint)))
     reference = sine(amplitude=20 * DEG, K=K, K_amplitude=0.0, duration=4.0, ramp=0.5, dt=DT)

@@ -1,4 +1,4 @@
-"""How fast: every figure is a ratio within one run, and nothing is timed before its answers are checked.
+"""Speed: every figure is a ratio within one run, and answers are checked before anything is timed.
 
     python -m benchmarks.speed.exported  # the exported C against Python, a report of its own
     python -m benchmarks.speed [--light] [--part allocation] [--out benchmarks/results]

@@ -9,7 +9,7 @@ from benchmarks.speed.clock import Measurement
 from benchmarks.speed.truth import BenchmarkFailure
 
 RESULTS = Path(__file__).parents[1] / "results"
-# name → what measures it; called with True for the light version, it yields measurements as they come
+# name → function that yields measurements; called with True for the light version
 PARTS: dict[str, Callable[[bool], Iterator[Measurement]]] = {
     "allocation": allocation.measure,
     "processes": processes.measure,

@@ -19,18 +19,18 @@ from benchmarks.speed.targets import Answers, Targets
 from benchmarks.speed.truth import NO_SHORT_CUT, check_pressures, check_same
 
 PART = "allocation"
-SINGLE = 200  # targets answered one after the other
+SINGLE = 200  # targets solved one by one
 SLOW = 60  # the same by optimisers
-CLOSE = 50.0  # [Pa] an optimiser's answer this near counts as the same
+CLOSE = 50.0  # [Pa] tolerance of an optimiser's answer
 BACK_ENDS = (("qp", "daqp"), ("qp", "osqp"), ("nlp", "ipopt"), ("nlp", "sqpmethod"))
 
 
 def measure(light: bool) -> Iterator[Measurement]:
-    """All of it; the plain kernels first, before anything is compiled."""
+    """Yield all measurements; the plain kernels first, before anything is compiled."""
     rounds = 3 if light else 9
     few = Targets(SINGLE, seed=1)
     loops = {name: optimiser_loop(name, few) for name in (("SciPy SLSQP", "CasADi + IPOPT") if light else RIVALS)}
-    # SLSQP asks our own joint for torque and stiffness: since that takes 1/1.5 of the time, 33 is what 50 was
+    # SLSQP calls our joint for torque and stiffness, which became 1.5 times faster: 33 corresponds to the former 50
     yield scalar("one target, not compiled", few, loops["SciPy SLSQP"], rounds, floor=33.0)
     warm_up(), warm_up(joint=LEVER)
     yield scalar("one target", few, loops["SciPy SLSQP"], rounds, wanted=150.0, floor=75.0)
@@ -61,7 +61,7 @@ LEVER = JOINTS["Sarosi2012 (400N, 200N) on a lever"]
 
 
 def answers(targets: Targets) -> Answers:
-    """What `allocate` answers."""
+    """Return the answers of `allocate`."""
     a = allocate(*targets.arrays, joint=targets.joint)
     return Answers(a.P1, a.P2, a.T, a.K, a.status, a.limits)
 
@@ -72,7 +72,7 @@ def batch_name(targets: Targets) -> str:
 
 @contextmanager
 def thread_count(n: int) -> Iterator[None]:
-    """So many threads for compiled loops."""
+    """Set the number of threads for compiled loops."""
     import numba
 
     before, numba.config.NUMBA_NUM_THREADS = numba.config.NUMBA_NUM_THREADS, n
@@ -83,7 +83,7 @@ def thread_count(n: int) -> Iterator[None]:
 
 
 def optimiser_loop(name: str, targets: Targets) -> Work:
-    """The first `SLOW` targets by an optimiser, one after the other; checked."""
+    """Return a function that solves the first `SLOW` targets by an optimiser, one by one; checked."""
     solve, exact = RIVALS[name](Problems(targets)), answers(targets)
     found = np.array([solve(i) for i in range(targets.n)])
     check_pressures(name, found, np.stack([exact.P1, exact.P2], 1), CLOSE, share=0.97)
@@ -112,7 +112,7 @@ def scalar(
 
 
 def readable(targets: Targets) -> Callable[[], object]:
-    """The same by the readable NumPy implementation."""
+    """Return the same by the readable NumPy implementation."""
     return lambda: allocate(*targets.arrays, joint=targets.joint, stiffness=Stiffness(tolerance=NO_SHORT_CUT))
 
 
@@ -129,7 +129,7 @@ def control_horizon(rounds: int) -> Measurement:
 
 
 def against_c(targets: Targets, rounds: int) -> Iterator[Measurement]:
-    """One thread, with the checks, new memory for the answers and the result; and the bare loop."""
+    """Measure one thread, with the checks, new memory for the answers and the result; and the bare loop."""
     if compiler() is None:
         return
     p, loop = tuple(TonduNumbers.of(report_joint()) or ()), kernel("tondu_batch")
@@ -146,7 +146,7 @@ def against_c(targets: Targets, rounds: int) -> Iterator[Measurement]:
             rounds=rounds,
             wanted=0.5,
             floor=0.3,
-            note="C writes into memory that is there",
+            note="C writes into existing memory",
         )
         yield versus(
             *(PART, "its compiled loop alone", lambda: loop(*targets.arrays, p, 0.0, *[None] * 5, out)),
@@ -178,7 +178,7 @@ def threads(targets: Targets, rounds: int) -> Measurement:
 
 
 def machine_threads(rounds: int) -> Measurement:
-    """What the second processor is worth just now: hashing, which needs neither memory nor the interpreter."""
+    """Measure the present gain by a second processor: hashing, which needs neither memory nor the interpreter."""
     block = bytes(2_000_000)
 
     def by(n: int) -> Work:
@@ -209,7 +209,7 @@ def affine(rounds: int) -> Measurement:
 
 
 def growth(decades: int, rounds: int) -> Iterator[Measurement]:
-    """Time a target against that in a batch of a thousand: 1 and above is linear at most."""
+    """Measure the time per target against that in a batch of a thousand: 1 and above is at most linear."""
     thousand = Targets(1000)
     for exponent in range(4, decades + 1):
         targets, n = Targets(10**exponent), 10**exponent
@@ -226,7 +226,7 @@ def growth(decades: int, rounds: int) -> Iterator[Measurement]:
 
 
 def feasibility_map(rounds: int) -> Measurement:
-    """1000 angles, 1000 stiffnesses; against as many targets in flat arrays."""
+    """Measure 1000 angles by 1000 stiffnesses against as many targets in flat arrays."""
     theta, K = np.linspace(-2.18, 2.18, 1000)[:, None], np.linspace(6.0, 9.0, 1000)
     flat = [np.ascontiguousarray(x).ravel() for x in np.broadcast_arrays(theta, K, 0.5)]
     whole, one = allocate(theta, K, 0.5), allocate(float(theta[700, 0]), float(K[123]), 0.5)
@@ -240,7 +240,7 @@ def feasibility_map(rounds: int) -> Measurement:
 
 
 def back_ends(targets: Targets) -> Iterator[Measurement]:
-    """Every optimising method of `allocate` on ten targets at once, against exact on each."""
+    """Measure every optimising method of `allocate` on ten targets at once, against exact on each."""
     theta, K, T = (x[:10] for x in targets.arrays)
     exact = allocate(theta, K, T)
     right = np.stack([exact.P1, exact.P2], 1)

@@ -1,4 +1,4 @@
-"""The kernel of the report's joint in C, compiled here and now, is the limit that compiled Python can reach."""
+"""Kernel of the report's joint in C, compiled on this machine: the limit for compiled Python."""
 
 import ctypes
 import shutil
@@ -14,7 +14,7 @@ from allocator.allocation.two_muscles.kernels.choice import TonduNumbers
 from benchmarks.speed.targets import Answers, Targets
 
 SOURCE = Path(__file__).with_name("reference.c")
-# beyond -O3 -march=native: sqrt need not set errno, comparisons need not trap; without this gcc does not vectorise
+# in addition to -O3 -march=native: gcc vectorises only if sqrt need not set errno and comparisons need not trap
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
 _PROVED = ("least", "most")  # without a slew limit no pressure is outside
 
@@ -28,7 +28,7 @@ class _Numbers(ctypes.Structure):
 
 
 def compiler() -> str | None:
-    """Return a C compiler, if there is one."""
+    """Return a C compiler, or None."""
     return shutil.which("gcc") or shutil.which("cc")
 
 

@@ -1,6 +1,6 @@
-"""Ratios of times, measured in turns so that what else the machine does falls on both.
+"""Ratios of times, measured in turns so that other load of the machine affects both.
 
-The time is the processor's, which does not run while others have the processor; the wall's where threads are compared.
+Times are processor times, which exclude other processes; wall times if threads are compared.
 """
 
 import time
@@ -10,13 +10,13 @@ from math import nan
 
 import numpy as np
 
-MISSED = "missed"  # ends a note on what was asked for in vain
+MISSED = "missed"  # ends a note on a missed requirement
 Work = Callable[[], object]
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """One figure: `what` against `rival`. Ratios are times of the rival over times of `what`: more is faster."""
+    """One figure: `what` against `rival`. Ratios are times of the rival over times of `what`: greater is faster."""
 
     part: str
     what: str
@@ -27,23 +27,23 @@ class Measurement:
     ratio: float = nan  # median over the rounds
     low: float = nan  # its quartiles
     high: float = nan
-    wanted: float = nan  # the ratio that was asked for
-    floor: float = nan  # less than this is a failure where floors are asked for
+    wanted: float = nan  # the required ratio
+    floor: float = nan  # a smaller ratio is a failure if floors are enforced
     note: str = ""
 
     @property
     def missed(self) -> bool:
-        """Whether it is slower than was asked for."""
+        """Whether it is slower than required."""
         return bool(self.ratio < self.wanted)
 
     @property
     def below_its_floor(self) -> bool:
-        """Whether it is slower than it may be."""
+        """Whether it is below its floor."""
         return bool(self.ratio < self.floor)
 
 
 def seconds(work: Work, repeats: int = 1, clock: Callable[[], float] = time.process_time) -> float:
-    """One measurement of the time that `work` takes."""
+    """Return one measurement of the time of `work`."""
     start = clock()
     for _ in range(repeats):
         work()
@@ -66,7 +66,7 @@ def versus(
     note: str = "",
     clock: Callable[[], float] = time.process_time,
 ) -> Measurement:
-    """`work` against `other` in turns; `units`: how many of the unit each does at once."""
+    """Measure `work` against `other` in turns; `units`: number of units that each does at once."""
     work(), other()
     times = (
         np.array([[seconds(work, repeats[0], clock), seconds(other, repeats[1], clock)] for _ in range(rounds)]) / units

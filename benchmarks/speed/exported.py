@@ -1,10 +1,10 @@
-"""The exported C against Python: time of a step and of an allocation, worst case, code and memory on a Cortex-M4F.
+"""Exported C against Python: time of a step and of an allocation, worst case, code and memory on a Cortex-M4F.
 
     python -m benchmarks.speed.exported [--steps 1000] [--horizon 10 --horizon 20] [--out benchmarks/results]
 
-The test set is a closed loop on the benchmark's real plant with faults; before anything is timed C has to give Python's
-commands on it. Needs gcc; what needs arm-none-eabi-gcc and qemu-system-arm is left out without them, and the report
-says so.
+The test set is a closed loop on the benchmark's real plant with faults; C must give Python's commands on it before
+anything is timed. Needs gcc; without arm-none-eabi-gcc and qemu-system-arm their figures are missing, and the report
+notes it.
 """
 
 import argparse
@@ -56,7 +56,7 @@ class Row(NamedTuple):
 
 
 class Disagreement(Exception):
-    """C gave other commands than Python: nothing is worth timing."""
+    """C and Python gave different commands."""
 
 
 def loop(horizon: int, steps: int) -> tuple[TrackingMPC, KalmanObserver, Record]:
@@ -70,7 +70,7 @@ def loop(horizon: int, steps: int) -> tuple[TrackingMPC, KalmanObserver, Record]
 
 
 def measure(steps: int, horizons: Sequence[int]) -> Iterator[Row]:
-    """A row for every horizon and precision."""
+    """Yield a row for every horizon and precision."""
     for horizon in horizons:
         controller, observer, done = loop(horizon, steps)
         for precision in _PRECISIONS:
@@ -103,7 +103,7 @@ def _times(program: Path, samples: Array, runner: tools.Runner = tools.run) -> A
 
 
 def _m4f(made: Path, samples: Array) -> tuple[float, float, int, int, int]:
-    """Instructions of a step (median, worst), code, memory, code of the allocator alone."""
+    """Return instructions of a step (median, worst), code, memory, code of the allocator alone."""
     if not shutil.which(tools.ARM_GCC):
         return np.nan, np.nan, 0, 0, 0
     sizes, whole = tools.sizes(made), tools.linked_size(made)
@@ -132,7 +132,7 @@ def report(rows: Sequence[Row], steps: int) -> str:
         "Written by `python -m benchmarks.speed.exported`; the figures are also in `exported.csv`.\n",
         f"A closed loop of {steps} samples on the real plant with faults and an observer; C gave Python's commands to",
         f"{_AGREE['double']:g} (double) and {_AGREE['single']:g} (single) of the supply before anything was timed.",
-        "Processor time of this machine; a step is observer, feed-forward, QP and all.\n",
+        "Processor time of this machine; a step includes observer, feed-forward and QP.\n",
         "| N | precision | Python step | C step | worst | times faster | Python `allocate` | C | most QP iterations |",
         "|--:|---|--:|--:|--:|--:|--:|--:|--:|",
     ]
@@ -143,7 +143,7 @@ def report(rows: Sequence[Row], steps: int) -> str:
         for r in rows
     ]
     lines += [
-        "\nOn a Cortex-M4F (`arm-none-eabi-gcc -Os`, FPU for single precision); the whole with newlib-nano; memory",
+        "\nOn a Cortex-M4F (`arm-none-eabi-gcc -Os`, FPU for single precision); all with newlib-nano; memory",
         f"with reference and plan; instructions as QEMU's mps2-an386 counts them over {_ON_M4F} steps:\n",
         "| N | precision | instructions a step | worst | code, whole | static memory | code of the allocator |",
         "|--:|---|--:|--:|--:|--:|--:|",
@@ -158,7 +158,7 @@ def report(rows: Sequence[Row], steps: int) -> str:
 
 
 LIMITATIONS = (
-    "Times are those of one, shared, virtual machine; a worst case seen on a test set is no bound. The bounds of all "
+    "Times are those of one, shared, virtual machine; the worst case of a test set is no bound. The bounds of all "
     "loops are in the README of the exported files.",
     "QEMU counts instructions, not cycles: flash wait states and multi-cycle instructions come on top.",
     "In double precision the Cortex-M4F computes in software.",

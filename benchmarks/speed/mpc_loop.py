@@ -1,4 +1,4 @@
-"""The closed loop in which steps are timed: limits bind for a part of the time, and a load nobody told of acts."""
+"""Closed loop of timed steps: limits bind for part of the time, and an unmodelled load acts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,29 +19,29 @@ LOAD = ((0.6, 1.0),)  # (from [s], N·m)
 
 
 def reference(duration: float) -> Reference:
-    """A sine of ±20° at 0.5 Hz, a step of 10° on top of it at 1.2 s, and one of K from 7.6 to 8 at 1.8 s."""
+    """Return a sine of ±20° at 0.5 Hz, with a step of 10° at 1.2 s, and one of K from 7.6 to 8 at 1.8 s."""
     t = DT * np.arange(round(duration / DT) + 1)
     theta = 20 * DEG * np.sin(np.pi * t) * np.minimum(t, 1.0) + 10 * DEG * (t >= 1.2)
     return Reference(t, theta, np.where(t >= 1.8, 8.0, 7.6))
 
 
 class Timed:
-    """A controller whose steps are timed, by the thread's clock: it does not run while others have the processor.
+    """Controller with steps timed by the thread's clock, which excludes other processes.
 
-    Nor for the threads that NumPy's BLAS leaves spinning after work that was not the controller's.
+    It also excludes BLAS threads of NumPy that keep spinning after other work.
     """
 
     def __init__(self, controller: Controller) -> None:
         self.controller, self.dt, self.ahead = controller, controller.dt, controller.ahead
 
     def reset(self) -> None:
-        """Forget the past, and the times."""
+        """Reset the controller and the times."""
         self.controller.reset()
         self.seconds: list[float] = []
         self.plans: list[Plan] = []
 
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
-        """The controller's."""
+        """Return the controller's step."""
         began = thread_time()
         plan = self.controller.step(x, theta_ref, K_ref, d)
         self.seconds.append(thread_time() - began)
@@ -51,7 +51,7 @@ class Timed:
 
 @dataclass(frozen=True)
 class Loop:
-    """What came of a run."""
+    """Result of a run."""
 
     run: Run
     seconds: Array  # (M,) of each step
@@ -59,23 +59,23 @@ class Loop:
 
     @property
     def saturated(self) -> float:
-        """Share of the steps in whose plan the slew limit binds somewhere."""
+        """Share of the steps with a binding slew limit in the plan."""
         limits = Limits.of(self.run.plant, self.run.dt)
         steps = [np.abs(np.diff(plan.u, axis=0)).max() >= limits.step * (1 - 1e-6) for plan in self.plans]
         return float(np.mean(steps))
 
     def cost(self, N: int) -> float:
-        """By the controllers' objective."""
+        """Cost by the controllers' objective."""
         return closed_loop_cost(self.run, Weights(), N).total
 
     @property
     def outside(self) -> float:
-        """Share of the time of a step that is spent outside solving its QP and proving the answer; median."""
+        """Median share of a step's time outside the solution of its QP and the proof."""
         return float(np.median([1 - plan.times.solve / plan.times.total for plan in self.plans]))
 
 
 def closed_loop(make: Callable[[Plant], Controller], duration: float) -> Loop:
-    """One run of a controller with its observer."""
+    """Return one run of a controller with its observer."""
     plant = Plant()
     controller = Timed(make(plant))
     run = simulate(

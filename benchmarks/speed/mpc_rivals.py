@@ -1,4 +1,4 @@
-"""Other ways to the same command: do-mpc on the same problem, and cvxpy with OSQP on the same QP."""
+"""Rivals for the same command: do-mpc on the same problem, and cvxpy with OSQP on the same QP."""
 
 import warnings
 from math import inf
@@ -17,14 +17,14 @@ from mpc.tracking.qp.programme import QP
 from mpc.tracking.terminal import terminal_factor
 
 _NAMES = ("theta", "omega", "K", "u1", "u2", "before1", "before2", "d")  # time-varying parameters
-_COST = 1e2  # [cost] of a unit of do-mpc's objective: at more, IPOPT stops before small errors matter to it
+_COST = 1e2  # [cost] per unit of do-mpc's objective: with more, IPOPT stops before small errors matter
 
 
 class DoMPC:
-    """The problem in `mpc.tracking.controller` by do-mpc, in discrete time; each stage has slacks of its own there.
+    """The problem of `mpc.tracking.controller` in do-mpc, in discrete time, with separate slacks at each stage.
 
-    The states are (θ, ω, P1, P2, u_{k-1}) and the inputs the changes of the commands, both pressures in bar, so that
-    slew and supply are bounds of inputs and states.
+    The states are (θ, ω, P1, P2, u_{k-1}) and the inputs the changes of the commands, both pressures in bar, so slew
+    and supply are bounds of inputs and states.
     """
 
     ahead: int
@@ -36,13 +36,13 @@ class DoMPC:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset the controller."""
         self._u: Array | None = None
         self._u_star: Array | None = None
         self._mpc.reset_history()
 
     def step(self, x: Any, theta_ref: Any, K_ref: Any, d: float = 0.0) -> Plan:
-        """As `TrackingMPC.step`."""
+        """Return the command, as `TrackingMPC.step`."""
         feed = self.law(theta_ref, K_ref, d)
         u_last = np.asarray(x[2:]) if self._u is None else self._u
         self._fill(feed, feed.u[0] if self._u_star is None else self._u_star, d)
@@ -68,7 +68,7 @@ class DoMPC:
 
     def _build(self, plant: Plant, N: int) -> Any:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about features of do-mpc that are not used
+            warnings.simplefilter("ignore")  # about unused features of do-mpc
             import do_mpc
 
             model = do_mpc.model.Model("discrete", "SX")
@@ -98,7 +98,7 @@ class DoMPC:
         model.set_rhs("chi", ca.vertcat(after[:2], after[2:] / BAR, u))
 
     def _costs(self, plant: Plant, chi: Any, v: Any, given: Any, P_end: Any) -> tuple[Any, Any]:
-        """Terminal and stage cost; that of the first state is a constant."""
+        """Return terminal and stage cost; that of the first state is a constant."""
         import casadi as ca
 
         w, x = self.weights, _plant_state(chi)
@@ -136,7 +136,7 @@ def _plant_state(chi: Any) -> Any:
 
 
 class CvxpyOSQP:
-    """A QP with all of its rows, formulated once with parameters and solved by OSQP."""
+    """QP with all of its rows, formulated once with parameters and solved by OSQP."""
 
     def __init__(self, qp: QP) -> None:
         import cvxpy as cp
@@ -151,13 +151,13 @@ class CvxpyOSQP:
         self._problem = cp.Problem(cp.Minimize(cost), limits)
 
     def __call__(self, qp: QP) -> Array:
-        """z (n,) to OSQP's tolerance of 1e-6."""
+        """Return z (n,) to OSQP's tolerance of 1e-6."""
         import cvxpy as cp
 
         self._L.value, self._f.value, self._R.value = np.linalg.cholesky(qp.H).T, qp.f, qp.R
         for side, values in zip(self._sides, (qp.lower, qp.upper, qp.rows_lower, qp.rows_upper), strict=True):
             side.value = np.clip(values, -1e6, 1e6)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about accuracy, which the caller checks
+            warnings.simplefilter("ignore")  # about accuracy, checked by the caller
             self._problem.solve(cp.OSQP, eps_abs=1e-6, eps_rel=1e-6, max_iter=100_000, warm_start=True)
         return np.asarray(self._z.value)

@@ -1,4 +1,4 @@
-"""A step of the MPC in closed loop, against nonlinear MPCs on the same problem and against other ways to its QP."""
+"""A step of the MPC in closed loop, against nonlinear MPCs on the same problem and against other solvers of its QP."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -25,7 +25,7 @@ from mpc.trials.simulation import Controller
 from mpc.yardsticks.nonlinear import NonlinearMPC
 
 PART = "control"
-CLOSE = 2e-3 * BAR  # [Pa] commands this near are the same
+CLOSE = 2e-3 * BAR  # [Pa] tolerance of equal commands
 Maker = Callable[[Plant, int], Controller]
 
 NONLINEAR: dict[str, Maker] = {
@@ -35,15 +35,15 @@ NONLINEAR: dict[str, Maker] = {
 RTI = "acados, RTI, its C function alone"
 SETTLED: dict[str, Maker] = {RTI: lambda plant, N: AcadosRTI(plant, DT, N, iterations=20)}  # for the check
 WANTED = {("IPOPT", 20): 150.0, ("do-mpc", 20): 250.0}
-AT_MOST = {20: {"tail": 3.5, "outside": 0.5, "cost": 1.0005}, 40: {"tail": 5.0}, 80: {"tail": 6.0}}  # asked
-ALONE = (20, 40, 80)  # horizons whose QPs HPIPM solves, too
-GROWTH = 4.5  # at most, of the mean time of a step from N = 20 to N = 80
+AT_MOST = {20: {"tail": 3.5, "outside": 0.5, "cost": 1.0005}, 40: {"tail": 5.0}, 80: {"tail": 6.0}}  # requirements
+ALONE = (20, 40, 80)  # horizons with QPs solved also by HPIPM
+GROWTH = 4.5  # greatest growth of the mean time of a step from N = 20 to N = 80
 FLOORS = {("IPOPT", 20): 30.0}
 BLOCKS = {20: (1,) * 10 + (2,) * 5, 40: (1,) * 10 + (2,) * 5 + (4,) * 5, 80: (1,) * 10 + (2,) * 5 + (4,) * 5 + (8,) * 5}
 
 
 def measure(light: bool) -> Iterator[Measurement]:
-    """Every horizon; the light version one, against IPOPT alone."""
+    """Yield the measurements of every horizon; the light version of one, against IPOPT alone."""
     rivals = dict(NONLINEAR)
     if find_spec("do_mpc"):
         rivals["do-mpc"] = lambda plant, N: DoMPC(plant, DT, N)
@@ -67,7 +67,7 @@ def mpc(plant: Plant, N: int, **settings: Any) -> TrackingMPC:
 
 
 def check_commands(N: int, rivals: dict[str, Maker]) -> None:
-    """Repeated QPs and all the nonlinear solvers come to the same commands, as many of the plan as a rival tells."""
+    """Check that repeated QPs and all nonlinear solvers give the same commands, for as much of the plan as known."""
     plant = Plant()
     x = plant.at_rest(0.0, 7.6)
     for theta, K, d in tasks(N):
@@ -80,14 +80,14 @@ def check_commands(N: int, rivals: dict[str, Maker]) -> None:
 
 
 def tasks(N: int) -> Iterator[tuple[Array, Array, float]]:
-    """θ, K and load for which the slew limit binds in most of the plan, then nowhere: it hides what a rival wants."""
+    """Return θ, K and load with a slew limit that binds in most of the plan, or nowhere: binding hides differences."""
     k = np.arange(N + 1)
     yield np.where(k < N // 2, 0.0, 5 * DEG), np.full(N + 1, 7.7), 0.2
     yield 0.1 * DEG * k / N, np.full(N + 1, 7.61), 0.02
 
 
 def loops(N: int, rivals: dict[str, Maker], duration: float) -> Iterator[Measurement]:
-    """Step against step of two runs of the same trajectory; this project's runs before and after each rival's."""
+    """Compare the steps of two runs of the same trajectory; this project's runs surround each rival's."""
     own = [closed_loop(lambda plant: mpc(plant, N), duration)]
     for name, make in rivals.items():
         other = rival_loop(lambda plant, make=make: make(plant, N), duration)
@@ -103,7 +103,7 @@ def loops(N: int, rivals: dict[str, Maker], duration: float) -> Iterator[Measure
 
 
 def shares(N: int, own: list[Loop]) -> Iterator[Measurement]:
-    """The slowest steps beside the median, and what is spent outside the QP, of all runs' fastest steps."""
+    """Yield the slowest steps over the median, and the share outside the QP, from the fastest of all runs."""
     what, asked, runs = f"MPC step, N = {N}", AT_MOST[N], np.array([loop.seconds for loop in own])
     fastest = runs.min(axis=0)
     median, slow = float(np.median(fastest)), float(np.quantile(fastest, 0.99))
@@ -117,7 +117,7 @@ def shares(N: int, own: list[Loop]) -> Iterator[Measurement]:
 
 
 def rival_loop(make: Callable[[Plant], Controller], duration: float) -> Loop:
-    """One run of a rival; of acados the faster of two, as of this project, and of its C function alone."""
+    """Return one run of a rival; for acados the faster of two, as for this project, of its C function alone."""
     made: list[Controller] = []
 
     def remembered(plant: Plant) -> Controller:
@@ -127,13 +127,13 @@ def rival_loop(make: Callable[[Plant], Controller], duration: float) -> Loop:
     loop = closed_loop(remembered, duration)
     if not isinstance(first := made[0], AcadosRTI):
         return loop
-    once = np.array(first.seconds)  # that a second run forgets
+    once = np.array(first.seconds)  # which a second run overwrites
     closed_loop(lambda plant: first, duration)
     return replace(loop, seconds=np.minimum(once, first.seconds))
 
 
 def compared(what: str, own: list[Loop], name: str, other: Loop, N: int, note: str = "") -> Measurement:
-    """The faster of this project's two runs, sample by sample, against a rival's."""
+    """Compare the faster of this project's two runs, sample by sample, with a rival's."""
     mine = np.minimum(own[0].seconds, own[1].seconds)
     low, ratio, high = np.quantile(other.seconds / mine, (0.25, 0.5, 0.75))
     cost = own[1].cost(N) / other.cost(N)
@@ -149,7 +149,7 @@ def compared(what: str, own: list[Loop], name: str, other: Loop, N: int, note: s
 
 
 def growth() -> Measurement:
-    """The mean step of a horizon four times as long, slow steps included, in turns."""
+    """Measure the mean step of a horizon four times as long, including slow steps, in turns."""
     runs = {N: [closed_loop(lambda plant, N=N: mpc(plant, N), 3.0).seconds for _ in range(3)] for N in (20, 80)}
     short, long = (np.min(runs[N], axis=0) for N in (20, 80))
     ratios = [one.mean() / other.mean() for one, other in zip(runs[20], runs[80], strict=True)]
@@ -159,14 +159,14 @@ def growth() -> Measurement:
 
 
 def judged(words: str, value: float, most: float | None) -> str:
-    """With what was asked for, and whether that was missed."""
+    """Return the text of a requirement, and whether it was missed."""
     if most is None:
         return words
     return f"{words}, at most {most:g} asked{'' if value <= most else f': {MISSED}'}"
 
 
 def qps(N: int, rounds: int) -> Iterator[Measurement]:
-    """The whole step in closed loop, against the solution alone of one QP of its kind by cvxpy with OSQP."""
+    """Measure the whole step in closed loop, against only the solution of such a QP by cvxpy with OSQP."""
     plant = Plant()
     controller = mpc(plant, N)
     qp = whole(controller, plant.at_rest(0.0, 7.6), np.linspace(0.0, 10 * DEG, N + 1), np.full(N + 1, 8.0))
@@ -182,7 +182,7 @@ def qps(N: int, rounds: int) -> Iterator[Measurement]:
 
 
 def whole(controller: TrackingMPC, x: Array, theta: Array, K: Array) -> QP:
-    """The QP of a step from `x` with all of its rows."""
+    """Return the QP of a step from `x` with all of its rows."""
     from mpc.tracking.qp.condense import condense
 
     feed = controller._feed_forward(theta, K, np.zeros(len(theta)))

@@ -1,4 +1,4 @@
-"""What a new process pays: imports, first calls with and without compiled code on disk, memory."""
+"""Costs of a new process: imports, first calls with and without compiled code on disk, memory."""
 
 import os
 import subprocess
@@ -18,15 +18,15 @@ from benchmarks.speed.targets import Targets
 from benchmarks.speed.truth import BenchmarkFailure
 
 PART = "processes"
-COMPILING = 600.0  # [s] that the compiler may take
-SAME = 1e-4  # by which runs may differ, in degrees, degrees/s, bar and N·m/rad
+COMPILING = 600.0  # [s] limit of the compiler
+SAME = 1e-4  # tolerance between runs, in degrees, degrees/s, bar and N·m/rad
 ANSWER = 38  # [B] P1, P2, T, K; status, local; limits
 BATCH = "import numpy as np; from allocator import allocate; allocate(np.linspace(-1, 1, {n}), 7.5, 1.0)"
 SINGLE = "from allocator import allocate; allocate(0.3, 7.5, 1.0)"
 
 
 def measure(light: bool) -> Iterator[Measurement]:
-    """Medians over fresh processes."""
+    """Yield medians over fresh processes."""
     rounds = 3 if light else 7
     with TemporaryDirectory() as cache:
         os.environ["NUMBA_CACHE_DIR"], kept = cache, os.environ.get("NUMBA_CACHE_DIR")
@@ -52,7 +52,7 @@ def measure(light: bool) -> Iterator[Measurement]:
 
 
 def first_use() -> Iterator[Measurement]:
-    """What a newcomer waits for: an empty cache, `antagonist track`, its table; beside it the same that waits."""
+    """Measure the first use: an empty cache, `antagonist track`, its table; and the same waiting for compilation."""
     waited, table = tracked("--wait")
     with TemporaryDirectory() as caches:
         first, readable = tracked(caches=caches)
@@ -70,7 +70,7 @@ def first_use() -> Iterator[Measurement]:
 
 
 def tracked(*options: str, caches: str = "") -> tuple[float, np.ndarray]:
-    """Processor time of `antagonist track` [s], without what compiles beside it, and the run (samples, columns)."""
+    """Return the processor time of `antagonist track` [s], without background compilation, and its rows."""
     with TemporaryDirectory() as folder:
         homes = dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA"), caches or folder)
         path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
@@ -81,7 +81,7 @@ def tracked(*options: str, caches: str = "") -> tuple[float, np.ndarray]:
 
 
 def memory(n: int) -> Measurement:
-    """What `allocate` has in memory at the most, beyond its arguments."""
+    """Measure the peak memory of `allocate` beyond its arguments."""
     targets = Targets(n)
     answers(targets)
     tracemalloc.start()
@@ -95,7 +95,7 @@ def memory(n: int) -> Measurement:
 
 
 def run(*arguments: str, **options: Any) -> float:
-    """Processor time of a fresh Python with these arguments [s]."""
+    """Return the processor time of a fresh Python with these arguments [s]."""
     before = os.times()
     subprocess.run([sys.executable, *arguments], check=True, **options)
     after = os.times()
@@ -103,7 +103,7 @@ def run(*arguments: str, **options: Any) -> float:
 
 
 def times(code: str, rounds: int) -> np.ndarray:
-    """The same, several times."""
+    """Return the same, several times."""
     return np.array([run("-c", code) for _ in range(rounds)])
 
 

@@ -1,4 +1,4 @@
-"""The measurements as a line, a CSV file and a Markdown report."""
+"""Measurements as a line, a CSV file and a Markdown report."""
 
 import csv
 from collections.abc import Iterator, Sequence
@@ -16,7 +16,7 @@ HEADER = "| task | time | against | its time | times faster | quartiles | wanted
 
 
 def line(m: Measurement) -> str:
-    """One measurement for the terminal."""
+    """Return one measurement for the terminal."""
     if isnan(m.ratio):
         return f"{m.part}: {m.what}: {m.note}"
     wanted = "" if isnan(m.wanted) else f", wanted {digits(m.wanted)}"
@@ -27,7 +27,7 @@ def line(m: Measurement) -> str:
 
 
 def write(found: Sequence[Measurement], folder: Path) -> None:
-    """`speed.csv` and `speed.md`."""
+    """Write `speed.csv` and `speed.md`."""
     with (folder / "speed.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [f.name for f in fields(Measurement)])
         writer.writeheader()
@@ -36,7 +36,7 @@ def write(found: Sequence[Measurement], folder: Path) -> None:
 
 
 def read(folder: Path) -> list[Measurement]:
-    """What `write` has written there, if anything."""
+    """Return the measurements written there by `write`, if any."""
     try:
         with (folder / "speed.csv").open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
@@ -65,31 +65,30 @@ def lines(found: Sequence[Measurement]) -> Iterator[str]:
 
 LIMITATIONS = (
     "Times are those of one, shared, virtual machine and are no promise; ratios also vary from machine to machine.",
-    "The optimisers start from the middle of the box and are told the box and the nearest torque within reach. From a "
-    "better start they would need fewer iterations; a compiled formulation of their own would cost less a call.",
+    "The optimisers start from the middle of the box and receive the box and the nearest torque within reach. A "
+    "better start would need fewer iterations; a compiled formulation would cost less per call.",
     "The C reference has the same formulas and one thread, and the flags that gcc needs to vectorise them. Other "
     "compilers, or intrinsics, may do better.",
-    "The gain of two threads depends on the load of the second processor; hashing by two threads, measured beside it, "
+    "The gain of two threads depends on the load of the second processor; hashing by two threads, measured alongside, "
     "shows the possible gain.",
     "Times are the processor's, except where threads are compared; on an idle machine they are the wall's. "
     "Those of MPC steps are the calling thread's: solver threads are not counted.",
-    "MPC: the nonlinear MPCs solve their problem to the end at every sample, TrackingMPC one QP of it; the costs of "
-    "the closed loops stand beside the times. One joint, one trajectory. In do-mpc every stage has slacks of its own. "
-    "acados has them, too; only its C function is timed, which linearises and solves a QP, of TrackingMPC all of a "
+    "MPC: the nonlinear MPCs solve their problem to convergence at every sample, TrackingMPC one QP of it; the costs "
+    "of the closed loops are given with the times. One joint, one trajectory. In do-mpc and acados every stage has "
+    "its own slacks. Of acados only the C function is timed, which linearises and solves a QP; of TrackingMPC a whole "
     "step in Python.",
-    "HPIPM alone: its solution of a QP is timed, not what hands the QP over; ours is timed with its proof. Both are "
-    "the faster of runs in a row. A BLASFEO for this processor is taken where `$ACADOS_SOURCE_DIR` has one; the rest "
-    "of HPIPM and acados is as it was built for any processor of its kind, where numba compiles for this one.",
-    "MPC: up to N = 40 a QP's solution takes so little that the rest of a step is most of it: checks, what is to be "
-    "followed, the linear model, the prediction. The slowest steps are those whose QP the sweeps leave to the interior "
-    "point.",
-    "MPC: under Control only the controller's step is timed, not the observer; under Sample both are, on another plant "
-    "than IPOPT's. cvxpy is timed without what makes the QP.",
+    "HPIPM alone: its solution of a QP is timed, without the transfer of the QP; ours is timed with its proof. Both "
+    "are the faster of consecutive runs. A BLASFEO for this processor is used if `$ACADOS_SOURCE_DIR` has one; the "
+    "rest of HPIPM and acados is a generic build, while numba compiles for this processor.",
+    "MPC: up to N = 40 the QP's solution takes less than the rest of a step: checks, reference, linear model, "
+    "prediction. In the slowest steps the sweeps leave the QP to the interior point.",
+    "MPC: under Control only the controller's step is timed, without the observer; under Sample both, on another "
+    "plant than IPOPT's. cvxpy is timed without the formulation of the QP.",
 )
 
 
 def missed(found: Sequence[Measurement]) -> list[str]:
-    """Each once, though a note may stand with several rivals."""
+    """Return each missed requirement once, though a note may occur with several rivals."""
     sentences = []
     for m in found:
         if m.missed:
@@ -108,7 +107,7 @@ def row(m: Measurement) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Three digits and a unit."""
+    """Return three digits and a unit."""
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if seconds >= size:
             return f"{seconds / size:.3g} {unit}"
@@ -116,5 +115,5 @@ def duration(seconds: float) -> str:
 
 
 def digits(ratio: float) -> str:
-    """Three digits without an exponent."""
+    """Return three digits without an exponent."""
     return f"{ratio:.3g}" if ratio < 1000 else f"{float(f'{ratio:.3g}'):,.0f}".replace(",", " ")

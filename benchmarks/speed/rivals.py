@@ -1,8 +1,8 @@
-"""The usual ways of solving one allocation: general optimisers on the same problem, in lean code of their own.
+"""General optimisers on the same allocation problem, in lean code.
 
-All work in bar and start from the middle of the box. The box, and the torque brought within reach, are given to them
-and cost them nothing. SLSQP and IPOPT minimise (K - K*)² subject to T = T*; least_squares, which knows no equations,
-minimises W (T - T*)² + (K - K*)², torque first as nearly as it can.
+All work in bar and start from the middle of the box. They receive the box, and the torque within reach, for free. SLSQP
+and IPOPT minimise (K - K*)² subject to T = T*; least_squares, which has no constraints, minimises W (T - T*)² +
+(K - K*)², approximately torque first.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ Rival = Callable[[int], Array]  # the number of a target → (P1, P2) [Pa]
 
 
 class Problems:
-    """The targets as optimisation problems in bar: gradients by hand, no checks, plain floats."""
+    """Targets as optimisation problems in bar: manual gradients, no checks, plain floats."""
 
     def __init__(self, targets: Targets) -> None:
         self.joint: AntagonistJoint = targets.joint
@@ -38,7 +38,7 @@ class Problems:
         self.hi = (np.stack([box.agonist.hi, box.antagonist.hi], 1) / BAR).tolist()
 
     def middle(self, i: int) -> list[float]:
-        """Where everybody starts."""
+        """Return the common starting point."""
         return [(a + b) / 2 for a, b in zip(self.lo[i], self.hi[i], strict=True)]
 
     def bounds(self, i: int) -> list[tuple[float, float]]:
@@ -55,7 +55,7 @@ class Problems:
         return T - self.T[i], S * R * R / self.l0 * (2 * m.c + m.g * (r1 + r2)) - self.K[i]
 
     def slopes(self, p: Array, i: int) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Their derivatives with respect to both pressures [1/bar]."""
+        """Return their derivatives with respect to both pressures [1/bar]."""
         m, X = self.muscle, self.X[i]
         r1, r2 = 1 / (p[0] * BAR + m.d), 1 / (p[1] * BAR + m.d)
         q, push, stretch = m.a - m.b, m.S * self.R * BAR, -m.S * self.R**2 / self.l0 * m.g * BAR
@@ -64,7 +64,7 @@ class Problems:
 
 
 def slsqp(problems: Problems) -> Rival:
-    """SciPy's SLSQP with gradients."""
+    """Return SciPy's SLSQP with gradients."""
 
     def solve(i: int) -> Array:
         torque = {
@@ -87,7 +87,7 @@ def slsqp(problems: Problems) -> Rival:
 
 
 def trust_region(problems: Problems) -> Rival:
-    """SciPy's least_squares (trust region reflective) with its Jacobian."""
+    """Return SciPy's least_squares (trust region reflective) with its Jacobian."""
 
     def residual(p: Array, i: int) -> Array:
         e_T, e_K = problems.errors(p, i)
@@ -106,7 +106,7 @@ def trust_region(problems: Problems) -> Rival:
 
 
 def ipopt(problems: Problems) -> Rival:
-    """CasADi and IPOPT: one parametric solver, built once."""
+    """Return CasADi and IPOPT: one parametric solver, built once."""
     p, theta, K, T = casadi.MX.sym("p", 2), casadi.MX.sym("theta"), casadi.MX.sym("K"), casadi.MX.sym("T")
     sides = problems.joint.sides(theta)
     e_T = sides[0].torque(p[0] * BAR) + sides[1].torque(p[1] * BAR) - T

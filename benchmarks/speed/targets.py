@@ -1,4 +1,4 @@
-"""What is asked: targets that are feasible, infeasible, at slack limits and beyond the joint range, all mixed."""
+"""Test set: a mix of targets that are feasible, infeasible, at slack limits and beyond the joint range."""
 
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -17,14 +17,14 @@ class Answers(NamedTuple):
 
     P1: Array  # [Pa]
     P2: Array
-    T: Array  # given [N·m]
-    K: Array  # given [N·m/rad]
+    T: Array  # achieved [N·m]
+    K: Array  # achieved [N·m/rad]
     status: NDArray[np.int8]
     limits: NDArray[np.int32]
 
     @classmethod
     def empty(cls, n: int) -> Self:
-        """Not filled yet."""
+        """Return empty arrays."""
         return cls(*(np.empty(n) for _ in range(4)), np.empty(n, np.int8), np.empty(n, np.int32))
 
 
@@ -47,5 +47,5 @@ class Targets:
 
     @cached_property
     def rows(self) -> list[tuple[float, float, float]]:
-        """The same, one target after the other."""
+        """The same, target by target."""
         return list(zip(*(x.tolist() for x in self.arrays), strict=True))

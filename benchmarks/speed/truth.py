@@ -1,19 +1,19 @@
-"""What has to be true of answers before their time counts."""
+"""Checks of answers before their times count."""
 
 import numpy as np
 
 from allocator import Stiffness, allocate
 from benchmarks.speed.targets import Answers, Array, Targets
 
-NO_SHORT_CUT = 1e-300  # a tolerance [N·m/rad] that changes nothing, but for which `allocate` has no kernel
+NO_SHORT_CUT = 1e-300  # a negligible tolerance [N·m/rad] for which `allocate` has no kernel
 
 
 class BenchmarkFailure(Exception):
-    """Two answers that should agree do not."""
+    """Two answers that should agree differ."""
 
 
 def check_same(who: str, targets: Targets, found: Answers) -> None:
-    """Pressures to 1e-9, the same status and limits, as the readable implementation gives for a part of the targets."""
+    """Check pressures to 1e-9, status and limits against the readable implementation for a part of the targets."""
     from allocator.allocation.two_muscles.exact import solve
 
     step = max(1, targets.n // 2000)
@@ -35,7 +35,7 @@ def check_same(who: str, targets: Targets, found: Answers) -> None:
 
 
 def check_pressures(who: str, found: Array, right: Array, tolerance: float, share: float = 1.0) -> None:
-    """Pressures (n, 2) within `tolerance` [Pa] of the exact ones at this share of the targets at least."""
+    """Check that pressures (n, 2) are within `tolerance` [Pa] of the exact ones for this share of the targets."""
     near = np.abs(found - right).max(axis=1) <= tolerance
     if near.mean() < share:
         raise BenchmarkFailure(f"{who}: {near.mean():.0%} of the answers are within {tolerance:g} Pa of the exact one")

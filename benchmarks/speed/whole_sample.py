@@ -1,7 +1,7 @@
-"""A whole sample of a loop, observer and compensation included, against the bare step of IPOPT on the same problem.
+"""A whole sample of a loop, with observer and compensation, against the bare step of IPOPT on the same problem.
 
-The plant is the standard real one, of which the controller is told what can be known; the figure is what a control
-loop waits for between the readings and the command.
+The plant is the standard real one, with identifiable effects in the controller's model; the figure is the delay of a
+control loop from the readings to the command.
 """
 
 from collections.abc import Iterator
@@ -22,13 +22,13 @@ from mpc.yardsticks.nonlinear import NonlinearMPC
 
 PART, N = "sample", 20
 DURATION = 3.0  # [s]
-WANTED, TAIL = 120.0, 3.5  # times IPOPT's bare step; 99 % of the samples within so many medians
+WANTED, TAIL = 120.0, 3.5  # required times faster than IPOPT's bare step; 99 % of the samples within so many medians
 FLOOR = 20.0
 ROUNDS = 3
 
 
 class TimedObserver:
-    """An observer whose estimates are timed by the thread's clock; `readable` ones are not compiled."""
+    """Observer with estimates timed by the thread's clock; `readable` ones are not compiled."""
 
     def __init__(self, observer: KalmanObserver, readable: bool = False) -> None:
         self._observer = observer
@@ -49,7 +49,7 @@ class TimedObserver:
 
 
 class TimedController:
-    """A controller whose steps are timed by the thread's clock; `staged` ones go stage by stage."""
+    """Controller with steps timed by the thread's clock; `staged` ones go stage by stage."""
 
     def __init__(self, controller: TrackingMPC, staged: bool = False) -> None:
         self._controller, self._staged = controller, staged
@@ -71,7 +71,7 @@ class TimedController:
 
 
 def run(staged: bool) -> tuple[Run, Array, Array]:
-    """A run, compiled whole or `staged` and readable, and the times (M,) of its observer and of its controller [s]."""
+    """Return a run, compiled whole or `staged` and readable, and the times (M,) of observer and controller [s]."""
     plant = RealPlant.standard()
     model, known = plant.nominal, plant.known()
     observer = TimedObserver(KalmanObserver(model, DT, compensation=known), staged)
@@ -81,7 +81,7 @@ def run(staged: bool) -> tuple[Run, Array, Array]:
 
 
 def measure(light: bool) -> Iterator[Measurement]:
-    """The sample, and its two halves; IPOPT's steps lie between the runs."""
+    """Measure the sample and its two halves; IPOPT's steps lie between the runs."""
     (first, *one), (other, *_) = run(staged=False), run(staged=True)
     if not np.allclose(first.u, other.u, rtol=1e-9) or (first.status != other.status).any():
         raise BenchmarkFailure("the compiled sample and its readable stages do not command the same")

@@ -1,10 +1,10 @@
-"""The worst QPs that can be found: random and adversarial states and references, and what becomes of the worst of them.
+"""Search for the worst QPs: random and adversarial states and references, and variations of the worst.
 
     python -m benchmarks.speed.worst_cases [--number 100000] [--horizon 20]
 
-Every fourth QP is one of the worst so far, changed a little. All is asked of the structured solver: whether it has a
-proved solution by itself, after how many iterations of its interior point, and how long that took. One in a hundred is
-solved by DAQP, too, and the commands are compared; so is everything that has no proof.
+Every fourth QP is a slight variation of one of the worst so far. Recorded for the structured solver are whether it
+proves its solution, the iterations of its interior point, and the time. One in a hundred is also solved by DAQP, and
+the commands are compared, as is every QP without a proof.
 """
 
 import argparse
@@ -26,15 +26,15 @@ from mpc.tracking.qp.solvers import solver
 from mpc.tracking.qp.step import PreviousSample
 
 DT, KEPT = 0.01, 40
-CHECKED = 101  # of so many one: no multiple of the settings
+CHECKED = 101  # one of so many: not a multiple of the settings
 
 
 class Situation(NamedTuple):
-    """What a QP follows from; a number each, so that it can be changed a little."""
+    """Data of a QP as numbers, so that it can be varied."""
 
     x: Array  # (4,)
     previous: Array  # (2,) command [Pa]
-    begin: Array  # (2,) commands to begin from, about which the rest swings [Pa]
+    begin: Array  # (2,) initial commands, the centre of the oscillation [Pa]
     swing: Array  # (2,) amplitude [Pa]
     reference: Array  # (4,) angle before and after a jump [rad], its place, stiffness [N·m/rad]
     load: float  # [N·m]
@@ -42,18 +42,18 @@ class Situation(NamedTuple):
 
 @dataclass
 class Hunt:
-    """What has been found."""
+    """Results of the search."""
 
     iterations: list[int] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     unproved: int = 0  # by the structured solver
-    unsolved: int = 0  # by DAQP either
+    unsolved: int = 0  # nor by DAQP
     apart: list[float] = field(default_factory=list)  # [bar] from DAQP
     worst: list[tuple[int, Situation]] = field(default_factory=list)
 
 
 def random_situation(rng: np.random.Generator, plant: Plant) -> Situation:
-    """Anything: angles outside, cables slack, pressures outside the supply, references that jump."""
+    """Return a random situation: angles outside, slack cables, pressures outside the supply, jumps of references."""
     (left, right), (low, high) = plant.joint.angle_range, plant.joint.pressure_limits
     angle, wild = rng.uniform(left - 0.1, right + 0.1), rng.random() < 0.5
     pressure = (low - 0.05 * BAR, high + 0.1 * BAR) if wild else (low, high)
@@ -71,7 +71,7 @@ def random_situation(rng: np.random.Generator, plant: Plant) -> Situation:
 
 
 def changed(rng: np.random.Generator, one: Situation) -> Situation:
-    """A situation nearby."""
+    """Return a nearby situation."""
     share = 10.0 ** rng.uniform(-4, -1)
     near = (np.asarray(value) * (1 + share * rng.normal(size=np.shape(value))) for value in one)
     x, previous, begin, swing, reference, load = near
@@ -80,7 +80,7 @@ def changed(rng: np.random.Generator, one: Situation) -> Situation:
 
 
 def arguments(mpc: TrackingMPC, s: Situation) -> tuple[Any, ...]:
-    """What a QP step is given."""
+    """Return the arguments of a QP step."""
     N, k = mpc.N, np.arange(mpc.N + 1)
     theta = np.where(k < s.reference[2] * N, s.reference[0], s.reference[1])
     d = np.full(N + 1, s.load)
@@ -90,7 +90,7 @@ def arguments(mpc: TrackingMPC, s: Situation) -> tuple[Any, ...]:
 
 
 def controllers(N: int) -> list[TrackingMPC]:
-    """The settings that are asked."""
+    """Return the controllers of all settings."""
     plant = Plant()
     blocks = (1,) * (N // 2) + (2,) * (N // 4)
     settings: list[dict[str, Any]] = [{}, {"weights": Weights.calm()}, {"min_force": 30.0}, {"blocks": blocks}]
@@ -98,7 +98,7 @@ def controllers(N: int) -> list[TrackingMPC]:
 
 
 def hunted(number: int, N: int, seed: int = 0) -> Iterator[Hunt]:
-    """Hunt, and yield what has been found by each tenth of it."""
+    """Search, and yield the results after each tenth."""
     rng, found, asked = np.random.default_rng(seed), Hunt(), controllers(N)
     for n in range(number):
         mpc = asked[n % len(asked)]
@@ -121,7 +121,7 @@ def hunted(number: int, N: int, seed: int = 0) -> Iterator[Hunt]:
 
 
 def compare(mpc: TrackingMPC, given: tuple[Any, ...], proved: bool, found: Hunt) -> None:
-    """Ask DAQP for the same QP."""
+    """Solve the same QP by DAQP."""
     structured = mpc._qp_step.structured
     qp = condense(mpc.problem, structured.model, given[3], *given[4])
     answer = certified(solver("daqp"), qp, inf, mpc.problem.curvature)
@@ -132,7 +132,7 @@ def compare(mpc: TrackingMPC, given: tuple[Any, ...], proved: bool, found: Hunt)
 
 
 def said(found: Hunt, N: int) -> str:
-    """In a line."""
+    """Return the results in one line."""
     iterations, micro = np.array(found.iterations), 1e6 * np.array(found.seconds)
     p50, p99, p9999 = np.quantile(micro, (0.5, 0.99, 0.9999))
     return (
@@ -144,7 +144,7 @@ def said(found: Hunt, N: int) -> str:
 
 
 def main() -> int:
-    """Hunt; fail where a QP is left without a proved solution."""
+    """Search; fail if a QP has no proved solution."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.speed.worst_cases", description="Hunt the worst QPs.")
     parser.add_argument("--number", type=int, default=100_000)
     parser.add_argument("--horizon", type=int, default=20)

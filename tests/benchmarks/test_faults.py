@@ -103,7 +103,7 @@ def test_the_loop_names_a_broken_cable_and_leaves_a_sound_joint_alone(part, tmp_
     assert (broken.at_once, broken.after_all) == ("group", "right")  # the gas that the jerk moves hides it at first
     assert (sound.false_alarms, sound.seconds) == (0, pytest.approx(8.5))
     text = "\n".join(report.markdown(rows, planned=9))
-    assert "Made were 2 of 9 runs" in text
+    assert "2 of 9 runs were made" in text
     assert "| broken cable 1 | 1 | 100.0 % |" in text
     assert "0 in 0.00 h of motion without a fault" in text
     report.save(rows, tmp_path / "faults.csv")

@@ -1,9 +1,9 @@
 """The box of taut pressures and the two curves whose sum is the reachable set, by brute force at many angles.
 
 Torque and stiffness are sums of one function per pressure: (T, K) = (t1, k1)(P1) + (t2, k2)(P2), up to a constant that
-is given to muscle 1. Nothing of the library is asked but what a joint says of given pressures. Turning points of k and
-kinks are enclosed between neighbouring samples that are the narrowest possible, so that between two samples everything
-is monotone and smooth.
+is given to muscle 1. Of the library only a joint's values at given pressures are used. Turning points of k and kinks
+are enclosed between adjacent samples as close as possible, so that everything between two samples is monotone and
+smooth.
 """
 
 from itertools import pairwise
@@ -13,12 +13,12 @@ import numpy as np
 
 SUPPLY_SAMPLES = 2001
 SAMPLES = 400  # of each curve, without those at special points
-_TURNS = 4  # turning points of k in a curve that are looked for
+_TURNS = 4  # turning points of k in a curve, at most
 _HALVINGS = 60
 
 
 class Curve(NamedTuple):
-    """What one muscle adds at one angle, or at A angles in rows."""
+    """Contribution of one muscle at one angle, or at A angles in rows."""
 
     P: np.ndarray  # (A, n) [Pa], increasing
     t: np.ndarray  # added torque [N·m]
@@ -26,21 +26,21 @@ class Curve(NamedTuple):
     m: np.ndarray  # dk/dt [1/rad]
 
     def at(self, row):
-        """The same at one angle, or at some."""
+        """Return the curve at one angle, or at some."""
         return Curve(*(array[row] for array in self))
 
 
 class Image(NamedTuple):
-    """The reachable sets of a joint at A angles."""
+    """Reachable sets of a joint at A angles."""
 
     theta: np.ndarray  # (A,) [rad]
     curves: tuple[Curve, Curve]
-    T_scale: np.ndarray  # (A,) what counts as large [N·m]
+    T_scale: np.ndarray  # (A,) scale [N·m]
     K_scale: np.ndarray  # [N·m/rad]
 
     @property
     def lo(self):
-        """The least pressures (A,) of both muscles [Pa]."""
+        """Least pressures (A,) of both muscles [Pa]."""
         return tuple(curve.P[:, 0] for curve in self.curves)
 
     @property
@@ -48,12 +48,12 @@ class Image(NamedTuple):
         return tuple(curve.P[:, -1] for curve in self.curves)
 
     def take(self, rows):
-        """The same at some of the angles."""
+        """Return the sets at some of the angles."""
         return Image(self.theta[rows], tuple(c.at(rows) for c in self.curves), self.T_scale[rows], self.K_scale[rows])
 
 
 def image(joint, theta):
-    """The reachable sets at those of the angles (A,) at which both muscles can be taut."""
+    """Return the reachable sets at those of the angles (A,) at which both muscles can be taut."""
     lo, hi, taut = taut_box(joint, theta)
     theta, lo, hi = theta[taut], lo[:, taut], hi[:, taut]
     curves = tuple(_curve(joint, theta, side, lo, hi) for side in (0, 1))
@@ -63,7 +63,7 @@ def image(joint, theta):
 
 
 def taut_box(joint, theta):
-    """Least and greatest pressure of both muscles (2, A) with a force that is not negative, and whether there are."""
+    """Return the least and greatest pressures of both muscles (2, A) with a force ≥ 0, and whether they exist."""
     muscles, A = (joint.agonist, joint.antagonist), len(theta)
     lo, hi, taut = np.empty((2, A)), np.empty((2, A)), np.ones(A, bool)
     for side, muscle in enumerate(muscles):
@@ -97,13 +97,13 @@ def _pair(side, own, other):
 
 
 def _gains(joint, theta, side, P, other):
-    """(dk/dP, dt/dP) of one muscle."""
+    """Return (dk/dP, dt/dP) of one muscle."""
     (t1, t2), (k1, k2) = joint.jacobian(theta, *_pair(side, P, other))
     return (k2, t2) if side else (k1, t1)
 
 
 def _special(joint, theta, side, lo, P):
-    """Pressures (A, 2·_TURNS + 2) on both sides of turning points of k and of the sharpest bend; else some."""
+    """Return pressures (A, 2·_TURNS + 2) around turning points of k and the sharpest bend; else arbitrary ones."""
 
     def turn(row, P):
         return np.sign(_gains(joint, theta[row], side, P, lo[1 - side][row])[0])
@@ -124,7 +124,7 @@ def _special(joint, theta, side, lo, P):
 
 
 def _enclosed(value, row, left, right):
-    """Halve cells until they are as narrow as can be, keeping the half in which the value changes more."""
+    """Halve cells as far as possible, keeping the half in which the value changes more."""
     at_left, at_right = value(row, left), value(row, right)
     for _ in range(_HALVINGS):
         middle = (left + right) / 2
@@ -135,7 +135,7 @@ def _enclosed(value, row, left, right):
 
 
 class Run(NamedTuple):
-    """A stretch of a curve on which a quantity rises or falls: samples in the order in which it rises."""
+    """Stretch of a curve on which a quantity is monotone: samples in its rising order."""
 
     q: np.ndarray
     P: np.ndarray
@@ -143,7 +143,7 @@ class Run(NamedTuple):
 
 
 def runs(q, P, *rest):
-    """The stretches between the turning points of q (n,); none if it is constant up to rounding."""
+    """Return the stretches between the turning points of q (n,); none if it is constant up to rounding."""
     steps = np.diff(q)
     moving = np.flatnonzero(np.abs(steps) > 1e-12 * np.abs(q).max())
     if np.ptp(q) <= 1e-12 * np.abs(q).max() or not moving.size:

@@ -1,11 +1,11 @@
-"""The best that can be had of a joint, by a dense search that uses nothing of the library's allocation.
+"""Best feasible answers of a joint, by a dense search independent of the library's allocation.
 
 Lexicographic priorities: every level of the first quantity through the box is sampled twice, over the samples of P1 and
-over those of P2, so that its ends are samples of one or the other. Between samples with a change of the second error's
-sign the target can be had; around every sample that is nearer to it than its neighbours the error is minimised by
-golden section, the level being kept by a bracketed Newton's method. Weighted priority: `weighted_search`.
+over those of P2, so that its ends are samples of one or the other. Between samples with opposite signs of the second
+error the target is feasible; around every sample that is nearer to it than its neighbours the error is minimised by
+golden section, on the level by a bracketed Newton's method. Weighted priority: `weighted_search`.
 
-Found are pressures in the box and what the joint gives there: what is called attainable here is attained.
+The results are pressures in the box and the joint's values there, so every result is attained.
 """
 
 from typing import NamedTuple
@@ -16,14 +16,14 @@ from .curves import image, runs
 from .line_search import change, golden_section, pick
 from .weighted_search import on_paths
 
-_STILL = 4e-15  # of a pressure: a step so small is rounding
+_STILL = 4e-15  # of a pressure: a smaller step is rounding
 _NEWTON = 60  # bound
 _HALVINGS = 50
-_KEPT = 4e-15  # of the scale: a level held so well is held
+_KEPT = 4e-15  # of the scale: tolerance of a level
 
 
 class Targets(NamedTuple):
-    """m targets at angles that an `Image` has; all (m,)."""
+    """m targets at angles of an `Image`; all (m,)."""
 
     row: np.ndarray  # index of the angle
     T: np.ndarray  # [N·m]
@@ -34,7 +34,7 @@ class Targets(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The best pressures, and what they leave; all (m,)."""
+    """Best pressures, and their errors; all (m,)."""
 
     P1: np.ndarray  # [Pa]
     P2: np.ndarray
@@ -43,10 +43,10 @@ class Found(NamedTuple):
 
 
 class Brackets(NamedTuple):
-    """Stretches of levels, in each of which the second error has one minimum; all (c,)."""
+    """Stretches of levels, each with one minimum of the second error; all (c,)."""
 
     target: np.ndarray
-    side: np.ndarray  # whose pressure x is; the other muscle's is y
+    side: np.ndarray  # muscle with the pressure x; the other has y
     x_lo: np.ndarray
     x_hi: np.ndarray
     y_lo: np.ndarray  # a monotone run of the other muscle's curve, the first quantity rises from y_lo to y_hi
@@ -57,7 +57,7 @@ class Brackets(NamedTuple):
 
 
 def best(joint, theta, T, K, priority, weights=(1.0, 1.0)):
-    """What is to be had of targets (m,); at angles where no pressures keep both cables taut everything is NaN."""
+    """Return the best answers to targets (m,); NaN at angles where no pressures keep both cables taut."""
     angles, row = np.unique(np.asarray(theta, float), return_inverse=True)
     reach = image(joint, angles)
     there = np.isin(angles[row], reach.theta)
@@ -69,7 +69,7 @@ def best(joint, theta, T, K, priority, weights=(1.0, 1.0)):
 
 
 def search(joint, reach, targets, priority, weights=(1.0, 1.0)):
-    """The same for an image that is there already."""
+    """Return the same for a given image."""
     if priority != "weighted":
         return lexicographic(joint, reach, targets, priority)
     found = lexicographic(joint, reach, targets, "torque")
@@ -91,7 +91,7 @@ def _found(joint, reach, targets, P1, P2):
 
 
 def lexicographic(joint, reach, targets, priority):
-    """First the nearest torque (or stiffness), then the nearest of the other; that alone if the first is constant."""
+    """Return the nearest torque (or stiffness), then the nearest other one; only the latter if the first is fixed."""
     first = "tk"[priority == "stiffness"]
     constant = _constant(reach, first)[targets.row]
     found = Found(*np.empty((4, constant.size)))
@@ -102,7 +102,7 @@ def lexicographic(joint, reach, targets, priority):
 
 
 def _constant(reach, first):
-    """At which angles no pressure changes the first quantity, up to rounding."""
+    """Return the angles at which no pressure changes the first quantity, up to rounding."""
     one, two = (getattr(curve, first) for curve in reach.curves)
     return np.ptp(one, axis=1) + np.ptp(two, axis=1) < 1e-12 * (np.abs(one).max(axis=1) + np.abs(two).max(axis=1))
 
@@ -123,14 +123,14 @@ def _aims(targets, first):
 
 
 def _within(reach, targets, first):
-    """Whether there is a level of the first target."""
+    """Return whether there is a level of the first target."""
     (aim, _), row = _aims(targets, first), targets.row
     one, two = (getattr(curve, first)[row] for curve in reach.curves)
     return (aim >= one.min(1) + two.min(1)) & (aim <= one.max(1) + two.max(1))
 
 
 def _nearest_ends(reach, targets, first):
-    """Where the first quantity is greatest, or least if less than that is wanted."""
+    """Return the pressures of the greatest first quantity, or of the least if the target is lower."""
     (aim, _), row = _aims(targets, first), targets.row
     values = [getattr(curve, first)[row] for curve in reach.curves]
     above = aim > sum(value.max(1) for value in values)
@@ -139,7 +139,7 @@ def _nearest_ends(reach, targets, first):
 
 
 def _levels(reach, targets, mine, row, first):
-    """Brackets on the sampled levels of the targets `mine`, all at the angle `row`."""
+    """Return brackets on the sampled levels of the targets `mine`, all at the angle `row`."""
     aim, other_aim = (a[mine] for a in _aims(targets, first))
     second = "kt"[first == "k"]
     for side in (0, 1):
@@ -154,9 +154,9 @@ def _levels(reach, targets, mine, row, first):
 
 
 def promising(error):
-    """(row, first and last sample) of stretches of rows of errors, NaN where there are none, that may hold the least.
+    """Return (row, first and last sample) of stretches of rows of errors (NaN: none) that may contain the least.
 
-    A stretch may if its samples, minus half of what they change by, are not above the least error in the row.
+    It may if its samples, minus half of their changes, are not above the least error in the row.
     """
     size = np.where(np.isfinite(error), np.abs(error), np.inf)
     border = np.full((len(size), 1), np.inf)
@@ -186,7 +186,7 @@ def _refine(joint, reach, targets, first, brackets, P1, P2):
 
 
 def _of(side, where):
-    """The same muscle at a selection of the angles."""
+    """Return the same muscle at a selection of the angles."""
     return side.moved(*(np.asarray(array)[where] for array in side.arrays))
 
 
@@ -204,7 +204,7 @@ class _Level:
         self.enough = _KEPT * (reach.T_scale if first == "t" else reach.K_scale)[targets.row[brackets.target]]
 
     def partner(self, x, y):
-        """The y that keeps the level at x, by Newton's method from y, in a bracket."""
+        """Return the y on the level at x, by Newton's method from y, in a bracket."""
         low, high, needed = self.brackets.y_lo, self.brackets.y_hi, self.aim - self.own_first(x)
         for _ in range(_NEWTON):
             excess = self.other_first(y) - needed
@@ -221,12 +221,12 @@ class _Level:
         return y
 
     def error(self, x, y):
-        """(y on the level, second error there)."""
+        """Return (y on the level, second error there)."""
         y = self.partner(x, y)
         return y, self.own_second(x) + self.other_second(y) - self.second_aim
 
     def minimum(self):
-        """(x, y, |second error|) of the least error found in each bracket; 0 where its sign changes."""
+        """Return (x, y, |second error|) of the least error found in each bracket; 0 if its sign changes."""
         y = (self.brackets.y_lo + self.brackets.y_hi) / 2
         sign = np.sign(self.error(self.brackets.x_lo, y)[1])
         partners, errors = [y], []
@@ -240,7 +240,7 @@ class _Level:
         return self._least(x, np.stack(partners[1:]), np.stack(errors))
 
     def _least(self, x, y, error):
-        """Of all that was tried (s, c); between errors of both signs their root by bisection."""
+        """Return the least of all trials (s, c); between errors of both signs their root by bisection."""
         x_best, y_best, e_best = (pick(array, np.abs(error).argmin(axis=0)) for array in (x, y, error))
         positive, negative = pick(x, error.argmax(axis=0)), pick(x, error.argmin(axis=0))
         crosses = (error.max(axis=0) > 0) & (error.min(axis=0) < 0)

@@ -1,4 +1,4 @@
-"""Every muscle model on every kind of geometry: the joints on which "exact" has to be exact."""
+"""Every muscle model on every kind of geometry: the joints of the tests of "exact"."""
 
 from functools import cache
 
@@ -31,7 +31,7 @@ MUSCLES = (*MODELS, REPORT)
 
 @cache
 def muscle_of(name):
-    """The report's muscle, or the model of this name fitted to the shipped map of a DMSP-20-300."""
+    """Return the report's muscle, or the model of this name fitted to the shipped map of a DMSP-20-300."""
     if name == REPORT:
         return TONDU_DMSP_20_400N
     measured = load_dataset("dmsp-20-300-map")
@@ -40,6 +40,6 @@ def muscle_of(name):
 
 @cache
 def joint_of(muscle, geometry):
-    """The joint of two such muscles, 0 to 5 bar."""
+    """Return the joint of two such muscles, 0 to 5 bar."""
     mechanism, stops = GEOMETRIES[geometry]
     return AntagonistJoint(mechanism, muscle_of(muscle), muscle_of(muscle), angle_limits=stops)

@@ -1,9 +1,9 @@
-"""What is wrong with answers: beaten, refused, a status or an interval that is not true.
+"""Errors of answers: beaten, refused, false status or interval.
 
-Tolerances are fractions of the scales of an `Image`, what the joint gives at most at the angle plus the width of what
-it can give. FIRST is far above rounding (1e-15) and far below what anybody could measure. A level that is found to
-1e-14 moves the second quantity by 1e-7 where the first has an extreme in the box, dK/dP = 0, since 1e-14 is reached
-within √1e-14 of the pressures: hence SECOND, and the more generous FLAT for targets beyond such an extreme.
+Tolerances are fractions of the scales of an `Image`, the joint's greatest value at the angle plus the width of its
+range. FIRST is far above rounding (1e-15) and far below any measurement. A level found to 1e-14 moves the second
+quantity by 1e-7 where the first has an extreme in the box, dK/dP = 0, since 1e-14 is reached within √1e-14 of the
+pressures: hence SECOND, and the more generous FLAT for targets beyond such an extreme.
 """
 
 from typing import NamedTuple
@@ -17,8 +17,8 @@ from .dense_search import Targets, search
 FIRST = 1e-9
 SECOND = 1e-6
 FLAT = 1e-5
-TIE = 1e-14  # first errors that differ by less are the same
-MET = 1e-9  # what the library calls met, of its scales
+TIE = 1e-14  # first errors with a smaller difference are equal
+MET = 1e-9  # the library's tolerance of a met target, of its scales
 IN_BOX = 1e-9  # of the supply range
 INTERVAL = 1e-7
 WEIGHTS = (0.03, 1.0)  # [cost]/[N·m]², [cost]/[N·m/rad]²
@@ -29,21 +29,21 @@ class Verdict(NamedTuple):
     """Flags and figures of n answers; all (n,)."""
 
     beaten: np.ndarray
-    refused: np.ndarray  # reachable, and not answered EXACT
+    refused: np.ndarray  # reachable, but not answered EXACT
     false_status: np.ndarray
     outside: np.ndarray  # pressures that are not in the box
-    unequalled: np.ndarray  # better than what the dense search found, which then is not dense enough
-    excess: np.ndarray  # by how much the first error (of a weighted cost its root), or else the second, is beaten
+    unequalled: np.ndarray  # better than the dense search, which was not dense enough
+    excess: np.ndarray  # excess of the first error (of a weighted cost its root), or else of the second
 
 
 def asked(joint, reach, targets, priority):
-    """The library's answers."""
+    """Return the library's answers."""
     weights = WEIGHTS if priority == "weighted" else None
     return allocate(reach.theta[targets.row], targets.K, targets.T, joint=joint, priority=priority, weights=weights)
 
 
 def judged(joint, reach, targets, priority, answer):
-    """Compare answers with the dense search, which is spared where both targets are met within the box."""
+    """Compare answers with the dense search, which is skipped if both targets are met within the box."""
     row, (T, K) = targets.row, _given(joint, reach, targets.row, answer)
     errors = np.abs(T - targets.T), np.abs(K - targets.K)
     scales = reach.T_scale[row], reach.K_scale[row]
@@ -61,7 +61,7 @@ def judged(joint, reach, targets, priority, answer):
 
 
 def _given(joint, reach, row, answer):
-    """(T, K) at the answer's pressures, NaN where they are none."""
+    """Return (T, K) at the answer's pressures, NaN for NaN."""
     there = np.isfinite(answer.P1) & np.isfinite(answer.P2)
     pressures = [np.where(there, P, lo[row]) for P, lo in zip((answer.P1, answer.P2), reach.lo, strict=True)]
     return [np.where(there, f(reach.theta[row], *pressures), np.nan) for f in (joint.torque, joint.stiffness)]
@@ -76,7 +76,7 @@ def _in_box(joint, reach, row, P1, P2):
 
 
 def excess_of(mine, best, priority, scales):
-    """By how much the best is better; not positive where it is not better by more than the tolerances."""
+    """Return the advantage of the best answer; not positive unless it exceeds the tolerances."""
     if priority == "weighted":
         w = np.array(WEIGHTS)[:, None] * np.stack(scales) ** 2
         mine, best = (np.sqrt((w * e**2).sum(axis=0) / w.sum(axis=0)) for e in (mine, best))
@@ -89,7 +89,7 @@ def excess_of(mine, best, priority, scales):
 
 
 def _false_status(relative, status):
-    """Whether it is said that a target is met that is missed, or the reverse; near the library's own line either."""
+    """Return whether a missed target is reported as met, or the reverse; near the library's tolerance both may be."""
     missed, met = relative > 100 * MET, relative < MET / 100
     says_missed = np.stack([np.isin(status, (1, 3)), np.isin(status, (2, 3))])  # torque, stiffness
     wrong = ((missed & ~says_missed) | (met & says_missed)).any(axis=0)
@@ -97,7 +97,7 @@ def _false_status(relative, status):
 
 
 def false_intervals(joint, reach, targets, answer):
-    """Where the interval of the torque or of the stiffness at the answer's torque is not that of the dense search."""
+    """Return whether the interval of torque, or of stiffness at the answer's torque, differs from the dense search."""
     row, (one, two) = targets.row, reach.curves
     T_ends = np.stack([one.t.min(1) + two.t.min(1), one.t.max(1) + two.t.max(1)])[:, row]
     given = np.clip(np.nan_to_num(_given(joint, reach, row, answer)[0]), *T_ends)
@@ -111,7 +111,7 @@ def false_intervals(joint, reach, targets, answer):
 
 
 def _differ(interval, expected, scale):
-    """Whether ends differ; also where they are NaN or reversed."""
+    """Return whether ends differ, or are NaN or reversed."""
     (low, high), (expected_low, expected_high) = interval, expected
     same = (np.abs(low - expected_low) <= INTERVAL * scale) & (np.abs(high - expected_high) <= INTERVAL * scale)
     return ~(same & (low <= high + 1e-12 * scale))

@@ -1,14 +1,14 @@
-"""Golden section for many functions at once, and how much sampled functions change."""
+"""Golden section for many functions at once, and the changes of sampled functions."""
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 GOLDEN = (np.sqrt(5) - 1) / 2
-STEPS = 18  # the bracket shrinks to 2e-4 of itself, which leaves 1e-8 of what the function changes by in it
+STEPS = 18  # the bracket shrinks to 2e-4, and the function's change in it to 1e-8
 
 
 def golden_section(function, low, high):
-    """All points (s, c) at which the functions were tried, the ends first; `function` takes (c,) and is called s times.
+    """Return all trial points (s, c) of the functions, the ends first; `function` takes (c,) and is called s times.
 
     The least value among them is that of a minimum, up to the second order of STEPS.
     """
@@ -27,14 +27,14 @@ def golden_section(function, low, high):
 
 
 def change(samples):
-    """The greatest change (r, n - 1) between neighbours in rows of samples, in and near every cell; NaN is passed over.
+    """Return the greatest change (r, n - 1) between neighbours in rows of samples, in and near every cell, without NaN.
 
-    Near is four cells, because where special points are there are cells of no width.
+    Near means four cells, because cells at special points have no width.
     """
     steps = np.nan_to_num(np.abs(np.diff(samples, axis=1)), posinf=0.0)
     return maximum_filter1d(steps, size=9, axis=1)
 
 
 def pick(array, index):
-    """array[index[i], i] of every column i."""
+    """Return array[index[i], i] of every column i."""
     return np.take_along_axis(array, index[None], 0)[0]

@@ -1,15 +1,15 @@
-"""What is asked: targets at random, half again as wide as what can be had, and targets that random pressures made."""
+"""Targets: random ones over 1.5 times the feasible range, and those of random pressures."""
 
 import numpy as np
 
 from .dense_search import Targets
 
 STRETCH = 1.5
-LEAST_STIFFNESS = 0.01  # [N·m/rad] a target has to be positive
+LEAST_STIFFNESS = 0.01  # [N·m/rad] targets must be positive
 
 
 def random_targets(reach, each, rng):
-    """`each` targets at every angle of the image, most of which cannot be had."""
+    """Return `each` targets at every angle of the image, most of them infeasible."""
     row = np.repeat(np.arange(reach.theta.size), each)
     wanted = []
     for name in "tk":
@@ -20,7 +20,7 @@ def random_targets(reach, each, rng):
 
 
 def made_targets(joint, reach, each, rng):
-    """What random taut pressures give at every angle, where the joint is stiff at all."""
+    """Return torque and stiffness of random taut pressures at every angle, if the stiffness is positive."""
     row = np.repeat(np.arange(reach.theta.size), each)
     shares = rng.uniform(size=(2, row.size))
     P1, P2 = (lo[row] + share * (hi - lo)[row] for share, lo, hi in zip(shares, reach.lo, reach.hi, strict=True))

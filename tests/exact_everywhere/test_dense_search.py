@@ -1,4 +1,4 @@
-"""The judge is judged: by closed forms, by random pressures and by a global optimiser."""
+"""The dense search is checked by closed forms, by random pressures and by a global optimiser."""
 
 from dataclasses import replace
 

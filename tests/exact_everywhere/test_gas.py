@@ -1,8 +1,8 @@
-"""With trapped gas in the stiffness, too, no pressures are better than the answer's, on every geometry.
+"""No pressures are better than the answers for a stiffness with trapped gas, on every geometry.
 
-The dense search asks nothing of a joint but what it says of given pressures: here a joint with shut valves, or one that
-is felt at a frequency. A law whose gas stiffness jumps with the pressure (Wickramatunge2010) has its own test below, by
-a grid: between samples of the dense search everything has to be smooth.
+The dense search uses only a joint's values at given pressures: those of a joint with shut valves, or at a frequency. A
+law with a gas stiffness that jumps with the pressure (Wickramatunge2010) has a separate test by a grid, since the dense
+search requires smoothness between samples.
 """
 
 from dataclasses import replace
@@ -37,7 +37,7 @@ CASES = [
 
 
 class FeltJoint:
-    """A joint whose stiffness is the one with trapped gas, as the dense search asks for it."""
+    """Joint whose stiffness includes trapped gas, for the dense search."""
 
     def __init__(self, joint, kind):
         self.real, self.kind = joint, kind
@@ -66,7 +66,7 @@ def filled_joint(muscle, geometry):
 
 @cache
 def reach_of(muscle, geometry, kind):
-    """The joint, what it reaches at angles at which the gas sets no limit, and targets there: random and made ones."""
+    """Return the joint, its reach at angles without a limit by the gas, and targets there: random and made ones."""
     real, rng = filled_joint(muscle, geometry), np.random.default_rng(18)
     joint, (left, right) = FeltJoint(real, KINDS[kind]), real.angle_range
     theta = np.sort(left + rng.uniform(0.02, 0.98, 12 * ANGLES) * (right - left))
@@ -81,7 +81,7 @@ def reach_of(muscle, geometry, kind):
 
 @pytest.fixture(params=CASES, ids="-".join)
 def case(request):
-    """Each joint in one of the kinds, so that every geometry meets with all of them."""
+    """Return a kind for each joint, so that every geometry occurs with all of them."""
     kinds = list(KINDS)
     return reach_of(*request.param, kinds[CASES.index(request.param) % len(kinds)])
 
@@ -130,7 +130,7 @@ def test_what_pressures_in_the_box_made_is_met(muscle, kind, priority):
 
 @pytest.mark.parametrize("priority", ["torque", "stiffness", "weighted"])
 def test_a_stiffness_that_jumps_with_the_pressure_is_searched_on_both_sides(priority):
-    """On a grid of 400 × 400 pressures, beyond which lexicographic answers may only be better in the first goal."""
+    """Compare with a grid of 400 × 400 pressures; lexicographic answers may only be better in the first goal."""
     joint, rng = filled_joint("Wickramatunge2010", "lever-A"), np.random.default_rng(3)
     theta = 0.2
     box = joint.box(np.array([theta]), shares=(1.0, 1.0))

@@ -1,4 +1,4 @@
-"""Five targets that were once answered wrongly, each with what is to be had there: found by hand over a grid."""
+"""Five targets once answered wrongly, each with the best answer, found by hand over a grid."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Every model on every geometry, every priority: no pressures are better than the answer's, and what it says is true.
+"""Every model, geometry and priority: no pressures are better than the answer's, and its claims are true.
 
 At 4 angles of each joint 5 targets at random and 5 made by random taut pressures: 40 targets, 180 × 40 in all, judged
 by a dense search. `python -m benchmarks.exactness` does the same for 30 000 each.
@@ -22,7 +22,7 @@ ANGLES, EACH = 4, 5
 
 @cache
 def reach_of(muscle, geometry):
-    """The joint, what it reaches at some angles, and targets there: random ones, made ones."""
+    """Return the joint, its reach at some angles, and targets there: random ones, made ones."""
     joint, rng = joint_of(muscle, geometry), np.random.default_rng(14)
     left, right = joint.angle_range
     reach = image(joint, np.sort(left + rng.uniform(0.02, 0.98, 3 * ANGLES) * (right - left)))
@@ -58,7 +58,7 @@ def test_no_answer_is_beaten_and_no_status_is_false(case, priority):
 
 
 def test_every_answer_is_certified_twice(case, priority):
-    """By the gap to a proved bound, and by the conditions of Karush, Kuhn and Tucker."""
+    """Check the gap to a proved bound, and the conditions of Karush, Kuhn and Tucker."""
     joint, reach, *both = case
     targets = Targets(*map(np.concatenate, zip(*both, strict=True)))
     answer = asked(joint, reach, targets, priority)

@@ -1,9 +1,8 @@
-"""The least weighted cost of targets that cannot be had, on the edges of the box and on the folds of its image.
+"""Least weighted cost of infeasible targets, on the edges of the box and on the folds of its image.
 
 Inside the box a least cost that is not zero has JᵀWr = 0 with r ≠ 0, so that det J = 0: both curves have the same slope
-dk/dt. All such pairs of pressures are sampled, over P1 and over P2; in the narrow cell that holds a kink the slope is
-taken to pass through all values between, which gives the line at the kink. A grid over the box stands by, lest one of
-these be forgotten.
+dk/dt. All such pairs of pressures are sampled, over P1 and over P2; in the narrow cell around a kink the slope takes
+all values between, which gives the line at the kink. A grid over the box guards against omissions.
 """
 
 import numpy as np
@@ -15,7 +14,7 @@ _COARSE = 8  # every so many samples are in the grid
 
 
 def on_paths(joint, reach, targets, weights, P1, P2):
-    """The best pressures found, also against those given (m,)."""
+    """Return the best pressures, compared with the given ones (m,)."""
     everyone = np.arange(targets.row.size)
     stretches = [(everyone, np.stack([P1, P1]), np.stack([P2, P2]))]
     for row in np.unique(targets.row):
@@ -29,7 +28,7 @@ def on_paths(joint, reach, targets, weights, P1, P2):
 
 
 def _candidates(reach, targets, weights, row):
-    """(target, ends of a straight stretch of P1, of P2) of all stretches of paths that may hold the least cost."""
+    """Return (target, ends of a straight stretch of P1, of P2) of all stretches that may contain the least cost."""
     paths = np.concatenate([*_edges(reach, row), *_folds(reach, row)], axis=1)  # (P1, P2, T, K), NaN between paths
     cost = _costs(targets, weights, paths[2], paths[3])
     low = np.minimum(cost[:, :-1], cost[:, 1:])
@@ -41,7 +40,7 @@ def _candidates(reach, targets, weights, row):
 
 
 def _lowest(which, value, most=24):
-    """The indices of the `most` lowest values of every target."""
+    """Return the indices of the `most` lowest values of every target."""
     order = np.lexsort((value, which))
     sorted_which = which[order]
     rank = np.arange(len(order)) - np.searchsorted(sorted_which, sorted_which)
@@ -53,7 +52,7 @@ def _costs(targets, weights, T, K):
 
 
 def _edges(reach, row):
-    """The four edges of the box, each (4, n + 1)."""
+    """Return the four edges of the box, each (4, n + 1)."""
     for side in (0, 1):
         own, other = (reach.curves[i].at(row) for i in (side, 1 - side))
         for end in (0, -1):
@@ -62,7 +61,7 @@ def _edges(reach, row):
 
 
 def _folds(reach, row):
-    """All pairs with the same slope dk/dt, a run of one curve after the other."""
+    """Yield all pairs with the same slope dk/dt, run by run of one curve."""
     for side in (0, 1):
         own, other = (reach.curves[i].at(row) for i in (side, 1 - side))
         for run in runs(other.m, other.P, other.t, other.k):
@@ -77,7 +76,7 @@ def _path(side, own, other, T, K):
 
 
 def _grid(reach, targets, weights, row):
-    """The best point of a grid over the box for every target, as a stretch of no length."""
+    """Return the best point of a grid over the box for every target, as a stretch of zero length."""
     one, two = (reach.curves[i].at(row) for i in (0, 1))
     coarse = slice(None, None, _COARSE)
     T, K = (np.add.outer(a[coarse], b[coarse]).ravel() for a, b in ((one.t, two.t), (one.k, two.k)))
@@ -87,7 +86,7 @@ def _grid(reach, targets, weights, row):
 
 
 def _minimum(sides, targets, weights, P1, P2):
-    """Golden section along straight stretches with ends P1, P2 (2, c): (P1, P2, cost)."""
+    """Return (P1, P2, cost) by golden section along straight stretches with ends P1, P2 (2, c)."""
     costs = []
 
     def at(share):

@@ -1,4 +1,4 @@
-"""An afternoon on the exported firmware: sweep and track, on a joint whose parameters only the board knows."""
+"""Sweep and tracking on the exported firmware, with a joint of unknown parameters."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
 from mpc.trials.files import reference_called
 
-ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
+ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # from a data sheet
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
 HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11), gas=False)
 GEOMETRY = "--pulley", "0.02,0.1375", "--rest-length", "400"  # of `antagonist fit-joint`
@@ -31,14 +31,14 @@ _VENTED = np.zeros(4)
 
 @dataclass(frozen=True)
 class Afternoon:
-    """An afternoon in real time, or with a board whose clock goes on at every command: the same at every run."""
+    """Session in real time, or with a board whose clock advances at every command, which is reproducible."""
 
     real_time: bool
     timeout: float = 1.0  # of an answer [s]
     flags: tuple[str, ...] = ("-O1",)  # of the compiler
 
     def sweep(self, directory: Path, motion: int, dt: float = 0.02) -> Cycle:
-        """Write the logs of a sweep with `motion` [s] of random steps; return how it went."""
+        """Write the logs of a sweep with `motion` [s] of random steps; return its result."""
         plan = plan_joint_experiment(within(ROUGH.joint), accuracy=0.05)
         steps = random_steps(ROUGH.joint, motion)
         with self._board(dt) as board:
@@ -50,7 +50,7 @@ class Afternoon:
         return cycle
 
     def run(self, plant: Plant, known: Compensation, log: Path) -> Record:
-        """Let the MPC for the `plant` that was found follow min-jerk at 100 Hz."""
+        """Track min-jerk at 100 Hz by the MPC for the identified `plant`."""
         controller = TrackingMPC(plant, N=20, weights=Weights.calm(), compensation=known)
         observer = KalmanObserver(plant, controller.dt, compensation=known)
         with self._board(controller.dt) as board:
@@ -62,7 +62,7 @@ class Afternoon:
 
     @property
     def _watchdog(self) -> Watchdog:
-        """Return one that, where time is simulated, does not mind what a busy machine does to the real one."""
+        """Return a watchdog that in simulated time ignores the delays of a busy machine."""
         return Watchdog() if self.real_time else Watchdog(stall=60.0)
 
     def _board(self, dt: float) -> SimulatedBoard:

@@ -1,4 +1,4 @@
-"""Certificates of optimality by multipliers, which non-negative least squares finds and which are checked."""
+"""Certificates of optimality by multipliers from non-negative least squares, which are checked."""
 
 import numpy as np
 from scipy.optimize import nnls

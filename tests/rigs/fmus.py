@@ -11,7 +11,7 @@ from fmpy.fmi3 import FMU3Slave
 
 
 class Stepped:
-    """The FMU at `path` under way, stepped `dt` [s] at a time; `start` are values to begin with."""
+    """Running FMU at `path`, in steps of `dt` [s]; `start` are initial values."""
 
     def __init__(self, path: Path, directory: Path, dt: float, start: Mapping[str, Any] | None = None) -> None:
         described = fmpy.read_model_description(str(path))

@@ -1,4 +1,4 @@
-"""Bytes that a serial line should never carry, for both ends of it, and what may come of them at most."""
+"""Corrupted bytes for both ends of a serial line, and the permitted consequences."""
 
 import struct
 from pathlib import Path
@@ -18,33 +18,33 @@ HIGH = 5e5  # [Pa]
 
 
 class Stream(NamedTuple):
-    """Bytes for a board, and which commands (kind, first, second) in them are meant."""
+    """Bytes for a board, and the intended commands (kind, first, second) in them."""
 
     line: bytes
-    meant: list[tuple[float, float, float]]  # in the order in which they were sent for the first time
-    whole: list[int]  # places in `meant` of those that came undamaged in a session that had begun
+    meant: list[tuple[float, float, float]]  # in the order of their first transmission
+    whole: list[int]  # indices in `meant` of undamaged ones in a session that had begun
 
 
 def board(directory: Path, *, controls: bool = False) -> Path:
-    """The exported firmware in `directory` as a program under sanitizers that hears a file."""
+    """Return the exported firmware in `directory` as a program under sanitizers that reads a file."""
     parts = [f"serial/{name}.c" for name in ("board", "frames", *(["follow"] if controls else []))]
     return compiled(directory, BOARD, "fuzzed", "-Iserial", *SANITISED, linked=tuple(parts))
 
 
 def accepted(program: Path, line: bytes) -> np.ndarray:
-    """The commands (n, 3) that the board accepted out of `line`."""
+    """Return the commands (n, 3) that the board accepted from `line`."""
     (program.parent / "in").write_bytes(line)
     run(program, "in", "out")
     return np.fromfile(program.parent / "out").reshape(-1, 3)
 
 
 def noise(rng: np.random.Generator, n: int) -> bytes:
-    """Bytes of no order, a tenth of them zeros, so that there are ends of frames."""
+    """Return random bytes, a tenth of them zeros, so that frames end."""
     return np.where(rng.random(n) < 0.1, 0, rng.integers(0, 256, n)).astype(np.uint8).tobytes()
 
 
 def damage(rng: np.random.Generator, line: bytes) -> bytes:
-    """`line` with bits flipped, bytes lost, added, doubled or moved, or cut off."""
+    """Return `line` with bits flipped, bytes lost, added, doubled or moved, or truncated."""
     b = bytearray(line)
     at = int(rng.integers(len(b)))
     match rng.integers(6):
@@ -65,7 +65,7 @@ def damage(rng: np.random.Generator, line: bytes) -> bytes:
 
 
 def damaged(rng: np.random.Generator, n: int, *, follows: bool = False) -> Stream:
-    """About `n` bytes of sessions in which half of the frames are damaged, some repeated, some late, amid noise."""
+    """Return about `n` bytes of sessions with half of the frames damaged, some repeated, some late, amid noise."""
     line, meant, whole, earlier = bytearray(), [], [], []
     session = sequence = first = 0
     greeted = False
@@ -77,7 +77,7 @@ def damaged(rng: np.random.Generator, n: int, *, follows: bool = False) -> Strea
                 frame, greeted = damage(rng, frame), False
             line += frame
         sequence = (sequence + 1) % 2**16
-        # numbers that no other frame has
+        # unique numbers
         command = (1.0, np.float32(len(meant) / 1e6), np.float32(5.0)) if follows else (
             0.0, np.float32(len(meant)), np.float32(rng.uniform(0, HIGH)))  # fmt: skip
         kind = Kind.FOLLOW if follows else Kind.WRITE
@@ -88,7 +88,7 @@ def damaged(rng: np.random.Generator, n: int, *, follows: bool = False) -> Strea
             first += follows
         line += frame if fine else damage(rng, frame)
         if rng.random() < 0.1 and earlier:
-            line += earlier[int(rng.integers(len(earlier)))]  # one that comes late, or again
+            line += earlier[int(rng.integers(len(earlier)))]  # a late or repeated frame
         if rng.random() < 0.1:
             line += noise(rng, int(rng.integers(1, 2 * LONGEST)))
         earlier = [*earlier[-20:], frame] if fine else earlier
@@ -96,7 +96,7 @@ def damaged(rng: np.random.Generator, n: int, *, follows: bool = False) -> Strea
 
 
 def forged(rng: np.random.Generator, n: int) -> bytes:
-    """About `n` bytes of whole frames, of kinds, sessions, lengths and numbers as chance has it."""
+    """Return about `n` bytes of whole frames, of random kinds, sessions, lengths and numbers."""
     line = bytearray(encoded(Frame(Kind.HELLO, 7, 0, (VERSION,))))
     special = [struct.pack("<f", value) for value in (np.nan, np.inf, -np.inf, 0.0, 1e-40, HIGH, -1.0, 3e38, 5.0)]
     sequence = 0
@@ -117,7 +117,7 @@ def forged(rng: np.random.Generator, n: int) -> bytes:
 
 
 class NoisyLine:
-    """What pyserial's port is to a device, with a board behind it and nine kinds of trouble between."""
+    """Replacement of pyserial's port with a board behind it and nine kinds of faults between."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng, self.carried = rng, 0
@@ -169,7 +169,7 @@ class NoisyLine:
 
 
 class SlowLine(NoisyLine):
-    """A line without noise on which both ways take their time, to a board whose clock is fast by 100 ppm."""
+    """Line without noise but with delays in both directions, to a board whose clock is fast by 100 ppm."""
 
     def __init__(self, rng: np.random.Generator, clock: SimulatedClock) -> None:
         super().__init__(rng)
@@ -179,19 +179,19 @@ class SlowLine(NoisyLine):
         self._delay()
         for request in self._there.frames(line):
             self.measured = self.clock.now()
-            ticks = round(1e6 * (4290.0 + 1.0001 * self.measured)) % 2**32  # which begins anew after 5 s
+            ticks = round(1e6 * (4290.0 + 1.0001 * self.measured)) % 2**32  # which wraps after 5 s
             kind = ANSWERS[request.kind]
             values = {Kind.INFO: (VERSION, 0, 0, 0, 0.0, HIGH, 200_000, 1e5, 1), Kind.READING: (ticks, 0, 0, 0, 0, 2)}
             self._waiting += encoded(Frame(kind, request.session, request.sequence, values[kind]))
         self._delay()
 
     def _delay(self) -> None:
-        """Take 20 µs, and every other time up to 5 ms more."""
+        """Wait 20 µs, and every other time up to 5 ms more."""
         self.clock.spend(2e-5 + (self.rng.random() < 0.5) * self.rng.uniform(0, 5e-3))
 
 
 class NoisyDevice(SerialDevice):
-    """A serial device at the end of a `NoisyLine`."""
+    """Serial device at the end of a `NoisyLine`."""
 
     def __init__(self, line: NoisyLine, clock: Clock | None = None) -> None:
         super().__init__("a noisy line", timeout=2e-4, clock=clock)

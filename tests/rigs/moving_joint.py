@@ -1,5 +1,7 @@
-"""A log of a joint whose truth is known, made by a plant of another structure than what is fitted: Maxwell slip in the
-torque, an inertia that swings, regulators that lag and wait."""
+"""Log of a joint with known parameters, by a plant of another structure than the fitted model.
+
+The plant has Maxwell slip in the torque, an inertia that oscillates, and regulators with lag and dead time.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +25,7 @@ STEP = 0.02
 
 @dataclass(frozen=True)
 class Recorded:
-    """Rows that the recorder wrote."""
+    """Rows of the recorder."""
 
     t: Any
     theta: Any
@@ -36,7 +38,7 @@ class Recorded:
 
 
 def recorded(plant, seconds=60.0, seed=0):
-    """Random steps of both commands, held for 0.4 to 1.5 s; the angle as an encoder of 0.05° shows it."""
+    """Return random steps of both commands, each for 0.4 to 1.5 s, and the angle by an encoder of 0.05°."""
     rng, n = np.random.default_rng(seed), round(seconds / STEP)
     under_way = plant.begin(STEP, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]), seed)
     u, until, theta, commands = np.full(2, 2.5 * BAR), 0, np.empty(n), np.empty((n, 2))
@@ -50,7 +52,7 @@ def recorded(plant, seconds=60.0, seed=0):
 
 @pytest.fixture(scope="session")
 def slow_joint():
-    """The joint without noticeable inertia, and what it does."""
+    """Return the joint with negligible inertia, and its log."""
     plant = Plant(JOINT, inertia=0.002, damping=0.05, lag=LAG, gas=False)
     return recorded(RealPlant(plant, friction=MaxwellSlip.of_width(plant, WIDTH), dead_time=DEAD_TIME))
 
@@ -63,11 +65,11 @@ def swinging_joint():
 
 @pytest.fixture(scope="session")
 def slow_fit(slow_joint, tmp_path_factory):
-    """The fit of the joint without noticeable inertia."""
+    """Return the fit of the joint with negligible inertia."""
     return once(tmp_path_factory, "slow_fit", lambda: fit_motion(*slow_joint.rows, joint=JOINT))
 
 
 @pytest.fixture(scope="session")
 def swinging_fit(swinging_joint, tmp_path_factory):
-    """The fit of the joint that swings."""
+    """Return the fit of the oscillating joint."""
     return once(tmp_path_factory, "swinging_fit", lambda: fit_motion(*swinging_joint[1].rows, joint=JOINT))

@@ -1,7 +1,8 @@
-"""What a test needs beyond Python is said here, once: `@needs("gcc")`, `@posix`.
+"""Marks for tests that need more than Python: `@needs("gcc")`, `@posix`.
 
-CI skips nothing: `.ci/run` installs every program, and says so by ANTAGONIST_CI, under which a test that misses one is
-not skipped and fails. Elsewhere, on a laptop without a cross-compiler, such a test says what it would have needed.
+CI skips nothing: `.ci/run` installs every program and sets ANTAGONIST_CI, which makes a test with a missing program
+fail instead of being skipped. Elsewhere, e.g. without a cross-compiler, such a test is skipped with the missing
+program.
 """
 
 import os
@@ -11,7 +12,7 @@ import pytest
 
 
 def needs(*programs):
-    """Mark a test of what only these programs can show, such as that the exported C compiles and computes the same."""
+    """Mark a test that requires these programs, such as a comparison of the exported C with Python."""
     missing = [program for program in programs if shutil.which(program) is None]
     reason = f"no {' and no '.join(missing)} on this machine; .ci/run installs them"
     return pytest.mark.skipif(bool(missing) and not os.environ.get("ANTAGONIST_CI"), reason=reason)

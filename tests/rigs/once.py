@@ -1,4 +1,4 @@
-"""What takes long is made by one of the processes of a test run, and the others take it from a file."""
+"""Slow results, made by one of the processes of a test run and read from a file by the others."""
 
 import os
 import pickle
@@ -8,9 +8,9 @@ PATIENCE = 600.0  # [s]
 
 
 def once(factory, name, make):
-    """What `make` returns; `factory` is pytest's `tmp_path_factory`."""
+    """Return the result of `make`; `factory` is pytest's `tmp_path_factory`."""
     folder = factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a directory of its own in that of the run
+    if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has its own directory in that of the run
         folder = folder.parent
     made, mine = folder / f"{name}.pickle", folder / f"{name}.lock"
     end = time.monotonic() + PATIENCE

@@ -1,8 +1,8 @@
-"""A closed loop of Python's, recorded and replayed in the exported C: the same readings in, the same commands out?
+"""Closed loop in Python, recorded and replayed in the exported C: equal readings must give equal commands.
 
-`record` lets Python's observer and controller drive a plant and writes down what they read and answered; the program
-made of `CONTROL` reads such a record from a file and writes its own answers to another, and that of `ALLOCATE` does the
-same with targets of the allocation. Both files hold rows of doubles.
+`record` drives a plant by Python's observer and controller and stores their readings and answers; the program made of
+`CONTROL` reads such a record from a file and writes its own answers to another, and that of `ALLOCATE` does the same
+with targets of the allocation. Both files hold rows of doubles.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ CONTROL_COLUMNS = (*PLAN_COLUMNS, "verdict_theta", "verdict_P1", "verdict_P2")
 class Record(NamedTuple):
     """M steps of a loop."""
 
-    samples: Array  # (M, 4 + 2 (ahead + 1)): θ, P1, P2, whether the QP solver is to fail, previews of θ and K
+    samples: Array  # (M, 4 + 2 (ahead + 1)): θ, P1, P2, whether the QP solver must fail, previews of θ and K
     answers: Array  # (M, 12), CONTROL_COLUMNS
     seconds: Array  # (M,) processor time of Python's observer and controller
 
@@ -43,7 +43,7 @@ def record(
     fails: Callable[[int], bool] = lambda k: False,
     seed: int = 0,
 ) -> Record:
-    """Drive `process` along `reference`; `fails(k)` is asked at every step whether the QP solver fails there."""
+    """Drive `process` along `reference`; `fails(k)` decides at every step whether the QP solver fails."""
     wanted = reference.resampled(controller.dt)
     experiment = process.begin(controller.dt, process.at_rest(float(wanted.theta[0]), float(wanted.K[0])), seed)
     controller.reset()
@@ -65,7 +65,7 @@ def record(
 
 
 def replayed(program: Path, rows: Array, columns: tuple[str, ...] = CONTROL_COLUMNS, runner: Runner = run) -> Array:
-    """What `program` answers to `rows`, (n, len(columns))."""
+    """Return the answers (n, len(columns)) of `program` to `rows`."""
     rows.tofile(program.parent / "in")
     runner(program, "in", "out")
     return np.fromfile(program.parent / "out").reshape(-1, len(columns))

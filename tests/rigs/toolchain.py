@@ -1,6 +1,6 @@
-"""Compiling exported files with gcc, for this machine and for a Cortex-M4F, which QEMU plays; and how large they are.
+"""Compilation of exported files with gcc, for this machine and for a Cortex-M4F in QEMU; and their sizes.
 
-For tests and benchmarks: whoever uses the exported files has a tool chain of his own.
+For tests and benchmarks only: users of the exported files have their own tool chain.
 """
 
 import subprocess
@@ -29,7 +29,7 @@ class Size(NamedTuple):
 
 
 def compiled(directory: Path, main: Path, program: str, *flags: str, compiler: str = "gcc", linked: Args = ()) -> Path:
-    """`main`, what is to be `linked`, and all of the exported sources, compiled without a warning to `program`."""
+    """Compile `main`, the files `linked` and all exported sources without a warning to `program`."""
     flags = flags or ("-O2",)
     command = [compiler, *STRICT, *flags, main, *linked, *_objects(directory, flags, compiler), "-lm", "-o", program]
     _run([*map(str, command)], directory)
@@ -37,13 +37,13 @@ def compiled(directory: Path, main: Path, program: str, *flags: str, compiler: s
 
 
 def compiled_for_cortex_m4f(directory: Path, main: Path, program: str) -> Path:
-    """The same for QEMU's mps2-an386; it reads and writes files of this machine by semihosting."""
+    """Compile the same for QEMU's mps2-an386, which reads and writes files of this machine by semihosting."""
     board = str(_BOARD / "board.c"), "-T", str(_BOARD / "board.ld"), "--specs=rdimon.specs", "-Wl,--gc-sections"
     return compiled(directory, main, program, *CORTEX_M4F, compiler=ARM_GCC, linked=board)
 
 
 def _objects(directory: Path, flags: Args, compiler: str) -> list[Path]:
-    """The exported sources compiled with these flags, each once, on two processors."""
+    """Return the exported sources compiled with these flags, each once, on two processors."""
     folder = directory / f"objects-{crc32(repr((compiler, flags)).encode()):08x}"
     made = {source: folder / f"{source.stem}.o" for source in sorted((directory / "src").glob("*.c"))}
     if not folder.exists():
@@ -58,31 +58,31 @@ def _objects(directory: Path, flags: Args, compiler: str) -> list[Path]:
 
 
 def run(program: Path, *arguments: str) -> str:
-    """What `program` prints; RuntimeError for whatever it prints about errors, such as a sanitizer's report."""
+    """Return the output of `program`. Raises RuntimeError for output on errors, such as a sanitizer's report."""
     return _run([str(program), *arguments], program.parent)
 
 
 def run_on_cortex_m4f(program: Path, *arguments: str, options: tuple[str, ...] = ()) -> str:
-    """The same on QEMU's mps2-an386, with further `options` of QEMU."""
+    """Return the same on QEMU's mps2-an386, with further `options` of QEMU."""
     names = ",".join(f"arg={argument}" for argument in (program.name, *arguments))
     command = [QEMU, "-M", "mps2-an386", "-nographic", "-kernel", program.name, *options]
     return _run([*command, "-semihosting-config", f"enable=on,target=native,{names}"], program.parent)
 
 
 def sizes(directory: Path) -> dict[str, Size]:
-    """Size of the exported sources on a Cortex-M4F by name, without what they take from the C library."""
+    """Return the sizes of the exported sources on a Cortex-M4F by name, without the C library."""
     return {f"{made.stem}.c": size_of(made) for made in _objects(directory, CORTEX_M4F, ARM_GCC)}
 
 
 def linked_size(directory: Path) -> Size:
-    """Size of a program that calls `ant_step` again and again, with all that it takes from newlib-nano."""
+    """Return the size of a program that calls `ant_step` repeatedly, including its part of newlib-nano."""
     smallest = "-Wl,--gc-sections", "--specs=nano.specs", "--specs=nosys.specs", "-Wl,--no-warnings"
     made = compiled(directory, _BOARD / "step.c", "step.elf", *CORTEX_M4F, compiler=ARM_GCC, linked=smallest)
     return size_of(made)
 
 
 def size_of(binary: Path) -> Size:
-    """Size of an object file or of a program."""
+    """Return the size of an object file or of a program."""
     text, data, bss = map(int, _run([ARM_SIZE, str(binary)], binary.parent).splitlines()[1].split()[:3])
     return Size(text + data, data + bss)
 

@@ -36,9 +36,9 @@ def allocate_at_least(
 ) -> AtLeast:
     """Find the least pressures with exactly the torques `T` and at least the stiffness `K`, or prove that none exist.
 
-    Minimises ‖P - P_ref‖² over the box of the limits, subject to τ(P) = T and K(P) ⪰ K: in every direction at least as
-    stiff, the ellipse of K inside that of K(P). For affine muscles that is a semidefinite programme, which Clarabel
-    solves; its answer is checked, and both outcomes are proved: `AtLeast.gap`, `AtLeast.certificate`.
+    Minimises ‖P - P_ref‖² over the box of the limits, subject to τ(P) = T and K(P) ⪰ K: at least as stiff in every
+    direction, the ellipse of K inside that of K(P). For affine muscles this is a semidefinite programme. Clarabel
+    solves it, its answer is checked, and both outcomes are proved: `AtLeast.gap`, `AtLeast.certificate`.
 
     Parameters
     ----------
@@ -51,11 +51,11 @@ def allocate_at_least(
         other entries are then 0, or a number for K times the unit matrix. Of an endpoint that of its dim coordinates
         [N/m]: then K_x ⪰ K, which is K_q ⪰ Jᵀ K J - Γ(f), with any number of joints.
     T
-        Torques (n,) [N·m], or a number for every joint; of an endpoint besides Jᵀ·force.
+        Torques (n,) [N·m], or a number for every joint; of an endpoint in addition to Jᵀ·force.
     limits, stiffness
         As of `allocate`.
     margin
-        If given also K_q ⪰ margin·1 [N·m/rad]: a posture that holds itself, with that to spare.
+        If given, also K_q ⪰ margin·1 [N·m/rad]: the posture is stable with this margin.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _solved(problem: BoxProblem, floors: Floors) -> AtLeast:
         if (met := AtLeast(answer, floors, found[1])).success:
             return met
     beyond = semidefinite.widest(programme)
-    if beyond is None:  # the torques cannot be had: the nearest, and of these the nearest stiffness
+    if beyond is None:  # unreachable torques: the nearest, and among these the nearest stiffness
         return AtLeast(
             BoxAllocation.of(problem, Nearby.of(problem, pivoting.solve(problem)), (), "exact"), floors, None
         )

@@ -1,4 +1,4 @@
-"""Answer of `allocate_at_least`: the least pressures that are stiff enough, or the proof that none are."""
+"""Answer of `allocate_at_least`: the least pressures that are stiff enough, or a proof that none are."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,24 +15,24 @@ from allocator.mechanism.mechanism import Mechanism
 from allocator.presentation.tables import number
 from allocator.units import BAR
 
-_LEAST = 1e-6  # of the square of the greatest pressure: a gap below it proves that no lower pressures will do
-_ENOUGH = 1e-8  # of what is asked for: stiffness that lacks less is enough
+_LEAST = 1e-6  # of the greatest pressure squared: a smaller gap proves that no lower pressures suffice
+_ENOUGH = 1e-8  # of the request: a smaller deficit of stiffness is accepted
 _BROKEN = (Status.CONFLICT, Status.SLACK, Status.OUTSIDE_JOINT_RANGE, Status.OUTSIDE_LIMITS)
 
 
 class Infeasibility(NamedTuple):
-    """An `Infeasibility` proves that no pressures of the box give the torques T and K_q ⪰ B_i (`AtLeast.least`).
+    """Proof that no pressures of the box give the torques T and K_q ⪰ B_i (`AtLeast.least`).
 
-    With λ and Z_i ⪰ 0 all pressures have λ·τ + Σ ⟨Z_i, K_q⟩ ≤ reach, but what is asked for has ≥ asked > reach:
+    With λ and Z_i ⪰ 0 all pressures have λ·τ + Σ ⟨Z_i, K_q⟩ ≤ reach, but the request has ≥ asked > reach:
 
         y0, M = mechanism.targets_map(q)
         d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j) = reach  <  asked = λ·T + Σ ⟨Z_i, B_i⟩
 
-    where d = `direction` is λ and then the upper triangle of Σ Z_i, what is beside its diagonal twice.
+    where d = `direction` is λ and then the upper triangle of Σ Z_i with its off-diagonal entries doubled.
     """
 
     torque: Array  # λ (n,)
-    matrices: tuple[Array, ...]  # Z_i (n, n), of the stiffness and, if it was asked for, of the margin
+    matrices: tuple[Array, ...]  # Z_i (n, n), of the stiffness and of the margin, if any
     direction: Array  # d (n + n(n+1)/2,), in the order of a `TargetsMap`, its greatest component 1
     reach: float
     asked: float
@@ -42,7 +42,7 @@ class Infeasibility(NamedTuple):
 class AtLeast:
     """Answer for one posture and one least stiffness."""
 
-    allocation: BoxAllocation  # the pressures, what they give and which limits bind
+    allocation: BoxAllocation  # pressures, achieved values and binding limits
     floors: Floors = field(repr=False)
     multipliers: Multipliers | None = field(repr=False)  # of the semidefinite programme
 
@@ -53,7 +53,7 @@ class AtLeast:
 
     @property
     def q(self) -> Array:
-        """Posture that is answered (n,) [rad]: that asked for, within the joints' range."""
+        """Posture solved for (n,) [rad]: the requested one, within the joints' range."""
         return self.allocation.q
 
     @property
@@ -73,12 +73,12 @@ class AtLeast:
 
     @property
     def K_x(self) -> Array:
-        """Stiffness of the endpoint (dim, dim) [N/m]. Raises `InvalidInput` where none was given."""
+        """Stiffness of the endpoint (dim, dim) [N/m]. Raises `InvalidInput` without an endpoint."""
         return self.allocation.K_x
 
     @property
     def least(self) -> tuple[Array, ...]:
-        """B_i (n, n) [N·m/rad] of K_q ⪰ B_i: of the stiffness, and of the margin if one was asked for."""
+        """B_i (n, n) [N·m/rad] of K_q ⪰ B_i: of the stiffness, and of the margin, if any."""
         return self.floors.least
 
     @property
@@ -95,23 +95,23 @@ class AtLeast:
     def excess(self) -> tuple[float, ...]:
         """Margin of K_q above each floor in the worst direction, relative to the floor; ≥ 0 is met.
 
-        Of a stiffness beyond reach the least of these is the greatest that there is.
+        If the stiffness is out of reach, the pressures maximise the least of these.
         """
         return self.floors.excess(self.K)
 
     @property
     def torque_met(self) -> bool:
-        """Whether the torques are given."""
+        """Whether the torques are met."""
         return bool(self.allocation.torque_met)
 
     @property
     def enough(self) -> bool:
-        """Whether the stiffness is at least what was asked for, and the margin kept."""
+        """Whether the stiffness is at least the requested one, and the margin kept."""
         return min(self.excess) >= -_ENOUGH
 
     @property
     def success(self) -> bool:
-        """Whether torques and stiffness are met, with pressures that are proved to be the least."""
+        """Whether torques and stiffness are met, by pressures proved to be the least."""
         return self.status == Status.EXACT
 
     @cached_property
@@ -139,17 +139,17 @@ class AtLeast:
 
     @cached_property
     def certificate(self) -> Infeasibility | None:
-        """Proof that no pressures will do, or None where there is none."""
+        """Proof that no pressures suffice, or None."""
         n = self.mechanism.n
         if self.multipliers is not None:
             torque = self.multipliers.torque / self.floors.torque_size
             frames = zip(self.multipliers.matrices, self.floors.frames, strict=True)
             return self._proof(torque, [W.T @ Z @ W for Z, W in frames])
-        direction = self.allocation.separation.direction  # of torques beyond reach it has them alone
+        direction = self.allocation.separation.direction  # for torques out of reach it has only the torques
         return None if np.isnan(direction).any() else self._proof(direction[:n], [np.zeros((n, n))] * len(self.least))
 
     def _proof(self, torque: Array, matrices: list[Array]) -> Infeasibility | None:
-        """Return what these multipliers prove, or None if it is nothing."""
+        """Return the proof by these multipliers, or None if they prove nothing."""
         n, (y0, M), (lo, hi) = self.mechanism.n, self.floors.given, self.box
         d = self.mechanism.stacked(torque, sum(matrices) * (2 - np.eye(n)))
         size = np.abs(d).max() or 1.0
@@ -161,7 +161,7 @@ class AtLeast:
 
     @property
     def message(self) -> str:
-        """Sentence that says what was reached and what is in the way."""
+        """Sentence on the achieved values and the limits in the way."""
         in_the_way = f"; in the way: {', '.join(self.active)}" if self.active else ""
         if self.status == Status.EXACT:
             return "torques are met and the stiffness is enough, with the least pressures"
@@ -178,7 +178,7 @@ class AtLeast:
         return self.allocation.to_dict() | {"status": self.status.name, "excess": self.excess, "gap": self.gap}
 
     def __repr__(self) -> str:
-        """Show pressures, torques, stiffness and what is in the way."""
+        """Show pressures, torques, stiffness and the limits in the way."""
         lines = [
             f"AtLeast {self.status.name}: P = {vector(self.P / BAR)} bar",
             f"  torques {vector(self.T)} N·m, stiffness {vector(self.K)} N·m/rad",

@@ -1,12 +1,12 @@
-"""Semidefinite programme of at least a stiffness, for cvxpy and Clarabel, whose answers are checked.
+"""Semidefinite programme for at least a given stiffness, for cvxpy and Clarabel; their answers are checked.
 
 In x = P/unit, with torques A x = b and linear matrices F_i(x) = F_i0 + Σ_j x_j F_ij,
 
     least:   minimise ½ ‖x - c‖²   subject to   A x = b,   F_i(x) ⪰ 0,     lo ≤ x ≤ hi                       [S]
     widest:  maximise s            subject to   A x = b,   F_i(x) ⪰ s 1,   lo ≤ x ≤ hi
 
-Multipliers λ of the equations and Z_i ⪰ 0 of the matrices bound both from the other side, whoever found them, because
-the box leaves every x_j by itself: `bound` and `reach` are such numbers.
+Multipliers λ of the equations and Z_i ⪰ 0 of the matrices give dual bounds of both, whatever solver found them, because
+the box is separable in x_j: `bound` and `reach` are such bounds.
 """
 
 import warnings
@@ -51,19 +51,19 @@ class Programme(NamedTuple):
 
 
 class Multipliers(NamedTuple):
-    """`Multipliers` are what proves bounds."""
+    """Multipliers that prove bounds."""
 
     torque: Array  # λ (n,)
     matrices: list[Array]  # Z_i (k, k), positive semidefinite
 
 
 def least(programme: Programme) -> tuple[Array, Multipliers] | None:
-    """Return (x, multipliers) of the least x; None where the solver finds none."""
+    """Return (x, multipliers) of the least x; None if the solver finds none."""
     return _solve(programme, "least")
 
 
 def widest(programme: Programme) -> tuple[Array, Multipliers] | None:
-    """Return (x, multipliers) of the widest margin; None where the solver finds none."""
+    """Return (x, multipliers) of the widest margin; None if the solver finds none."""
     return _solve(programme, "widest")
 
 
@@ -78,7 +78,7 @@ def slope(programme: Programme, found: Multipliers) -> tuple[float, Array]:
 
 
 def bound(programme: Programme, found: Multipliers) -> float:
-    """Return a number that no ½ ‖x - c‖² of [S] is below, proved by the multipliers."""
+    """Return a lower bound of ½ ‖x - c‖² in [S], proved by the multipliers."""
     constant, row = slope(programme, found)
     x = np.clip(programme.centre + row, programme.lo, programme.hi)
     return float(0.5 * np.sum((x - programme.centre) ** 2) - row @ x - constant)
@@ -119,7 +119,7 @@ class _Built(NamedTuple):
     flat: list[tuple["cvxpy.Parameter", "cvxpy.Parameter"]]  # of each matrix
 
     def fill(self, programme: Programme) -> None:
-        """Give the parameters their values."""
+        """Set the values of the parameters."""
         for name, parameter in self.parameters.items():
             parameter.value = getattr(programme, name)
         for (constant, slope), F in zip(self.flat, programme.matrices, strict=True):
@@ -128,7 +128,7 @@ class _Built(NamedTuple):
 
 @lru_cache(maxsize=8)
 def _built(kind: str, n: int, m: int, size: int, count: int) -> _Built:
-    """Build the programme once for its sizes, with parameters for what changes."""
+    """Build the programme once for its sizes, with parameters for changing data."""
     import cvxpy
 
     x, s = cvxpy.Variable(m), cvxpy.Variable()
@@ -150,16 +150,16 @@ def _built(kind: str, n: int, m: int, size: int, count: int) -> _Built:
 
 @dataclass(frozen=True, eq=False)
 class Floors:
-    """Matrix inequalities K_q ⪰ B_i, each with the frame W_i that it is measured in."""
+    """Matrix inequalities K_q ⪰ B_i, each with the frame W_i of its measure."""
 
     problem: BoxProblem  # of one target
-    torque: Array  # asked for (n,) [N·m]
+    torque: Array  # requested (n,) [N·m]
     least: tuple[Array, ...]  # B_i (n, n) [N·m/rad]: of the stiffness, then of the margin
     frames: tuple[Array, ...]  # W_i (n, n)
 
     @classmethod
     def of(cls, problem: BoxProblem, margin: float | None) -> Self:
-        """Return the floor of a problem, and that of the margin [N·m/rad], if it is asked for."""
+        """Return the floor of a problem, and that of the margin [N·m/rad], if any."""
         n, hand = problem.mechanism.n, problem.endpoint
         torque = problem.y[0, :n]
         if hand is None:
@@ -179,7 +179,7 @@ class Floors:
 
     @cached_property
     def programme(self) -> Programme:
-        """Data of the semidefinite programme, torques in fractions of what the muscles can do."""
+        """Data of the semidefinite programme, torques in fractions of `torque_size`."""
         p, n = self.problem, self.problem.mechanism.n
         y0, M = self.given.y0, self.given.M * p.unit
         size = self.torque_size

@@ -41,7 +41,7 @@ def problem_from(
     now = None if previous is None else mechanism.pressures("previous", previous)
     step = None if max_step is None else checks.positive_pressure("max_step", max_step)
     if step is not None and now is None:
-        raise InvalidInput("max_step limits how far the pressures move from previous; give previous, too")
+        raise InvalidInput("max_step limits the change of the pressures from previous; give previous as well")
     weight, toward = _pull(mechanism, priority, pull)
     others = [x.shape[:-1] for x in (posture, torque, now, exerted, toward) if x is not None]
     K, own_only = _stiffness(asked_of, K, _common(others, n, m))
@@ -69,7 +69,7 @@ def problem_from(
 
 
 def _meant(mechanism: Mechanism, stiffness: object) -> tuple[StiffnessKind, Endpoint | None, object]:
-    """Return which stiffness is meant: (its kind, the endpoint or None, the force there). Raises `InvalidInput`."""
+    """Return (the kind of stiffness, the endpoint or None, the force there). Raises `InvalidInput`."""
     stiffness = checked_stiffness(stiffness)
     if stiffness.endpoint is None and np.any(stiffness.force):
         raise InvalidInput("force is that of an endpoint; give endpoint, too")
@@ -84,7 +84,7 @@ def _meant(mechanism: Mechanism, stiffness: object) -> tuple[StiffnessKind, Endp
 
 
 class _AskedOf(NamedTuple):
-    """The stiffness asked for is (…, size, size), of the joints or of an endpoint."""
+    """Owner of the requested stiffness (…, size, size): the joints or an endpoint."""
 
     size: int
     unit: str
@@ -92,7 +92,7 @@ class _AskedOf(NamedTuple):
 
     @classmethod
     def of(cls, mechanism: Mechanism, endpoint: object) -> Self:
-        """Return what `endpoint` has, or the mechanism without one. Raises `InvalidInput` where they do not fit."""
+        """Return that of `endpoint`, or of the mechanism without one. Raises `InvalidInput` if they do not fit."""
         if endpoint is None:
             text = f"a mechanism with n = {mechanism.n} joints and m = {mechanism.m} muscles"
             return cls(mechanism.n, "N·m/rad", text)
@@ -107,7 +107,7 @@ class _AskedOf(NamedTuple):
 
 
 def _flat(array: Array, shape: tuple[int, ...], axes: int) -> Array:
-    """Return rows (N, …) of an array (…, …) whose last `axes` are its own; one row where it has no others."""
+    """Return rows (N, …) of an array (…, …) of items with `axes` axes; one row if it is a single item."""
     if array.ndim == axes:
         return np.array(array[None])
     own = array.shape[-axes:]
@@ -133,7 +133,7 @@ def _torque(mechanism: Mechanism, T: object) -> Array:
 
 
 def _stiffness(of: _AskedOf, K: object, others: tuple[int, ...]) -> tuple[Array, bool]:
-    """Return the stiffness (…, size, size), and whether only its diagonal is asked for."""
+    """Return the stiffness (…, size, size), and whether only its diagonal is given."""
     size, array = of.size, checks.real("K", K, of.unit)
     if array.ndim >= 2 and array.shape[-2:] == (size, size):
         if array.ndim == 2 and size > 1 and others == (size,):
@@ -155,7 +155,7 @@ def _stiffness(of: _AskedOf, K: object, others: tuple[int, ...]) -> tuple[Array,
 
 
 def _positive_definite(K: Array, unit: str) -> Array:
-    """Return stiffness matrices; refuse what is not symmetric, or does not hold itself."""
+    """Return stiffness matrices. Raises `InvalidInput` unless they are symmetric and positive definite."""
     gap = np.abs(K - K.swapaxes(-1, -2)).max(axis=(-1, -2))
     crooked = gap > _SYMMETRIC * np.abs(K).max(axis=(-1, -2))
     if crooked.any():
@@ -195,12 +195,12 @@ def _weights(n: int, of: _AskedOf, priority: str, weights: object, own_only: boo
     matrix = np.broadcast_to(stiffness, (size, size)) * (np.eye(size) if own_only else 1.0)
     if not np.allclose(matrix, matrix.T):
         raise InvalidInput("weights[1] has to be symmetric, as K is")
-    doubled = matrix * (2.0 - np.eye(size))  # beside the diagonal an entry stands twice in the sum
+    doubled = matrix * (2.0 - np.eye(size))  # off-diagonal entries occur twice in the sum
     return np.concatenate([np.broadcast_to(torque, (n,)), doubled[np.triu_indices(size)]])
 
 
 def _pull(mechanism: Mechanism, priority: object, pull: object) -> tuple[float, Array | None]:
-    """Return the weight of ‖(P - P_ref)/unit‖² beside the targets, and P_ref (…, m); (0, None) without a pull."""
+    """Return the weight of ‖(P - P_ref)/unit‖² and P_ref (…, m); (0, None) without a pull."""
     if pull is None:
         return 0.0, None
     rho, reference = pulled(pull)

@@ -1,16 +1,16 @@
-"""Status and certificate of an answer, from its pressures: optimality residual, and beyond reach a direction.
+"""Status and certificate of an answer, from its pressures: optimality residual, or a separating direction.
 
-**Optimal.** At level k, with multipliers μ of the rows of the earlier levels, G = A_kᵀ(A_k x - b_k) + Σ A_iᵀμ_i has to
-vanish where x is inside its bounds, and -G must not point inside where it is at one, unless an earlier level holds it
-there. Whoever found the μ, that proves the level; what is left of it, in fractions of its scale, is the residual
+**Optimal.** At level k, with multipliers μ of the rows of the earlier levels, G = A_kᵀ(A_k x - b_k) + Σ A_iᵀμ_i must
+vanish where x is inside its bounds, and -G must not point inside where x is at a bound, unless an earlier level holds
+it there. This proves the level, whichever solver found the μ. The violation, in fractions of its scale, is the residual
 (`allocator.allocation.box.kernel.batch`).
 
 **Beyond reach.** If d·y(P) < d·y* for all P of the box, no pressures give y*. For affine muscles the greatest d·y(P) is
-d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j): three lines that anybody can check. The first level that is missed gives
-d = -W(residual, with its multipliers). For others d·y(P) is a sum of one function of one pressure a muscle, whose
-greatest values polygons around their curves bound (`relaxation.furthest`). Such muscles may miss a target that no d
-separates: then the lower bound of the cost is the proof. Of an endpoint d is brought back to (τ, K); with more joints
-than coordinates many K give the stiffness asked for, and all of them have d·y ≥ asked.
+d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j), which anyone can check. The first level that is missed gives d = -W(residual,
+with its multipliers). For other muscles d·y(P) is a sum of functions of single pressures, bounded by polygons around
+their curves (`relaxation.furthest`). Such muscles may miss a target that no d separates: the lower bound of the cost is
+then the proof. For an endpoint d is transformed to (τ, K); with more joints than coordinates many K give the requested
+stiffness, and all of them have d·y ≥ asked.
 """
 
 from typing import NamedTuple
@@ -27,9 +27,9 @@ _TRUSTED = 1e-7  # an answer with a greater optimality residual is a failure
 
 
 class Separation(NamedTuple):
-    """Proof that targets are beyond reach: d·y(P) ≤ reach < asked = d·y* all over the box.
+    """Proof that targets are out of reach: d·y(P) ≤ reach < asked = d·y* for all P of the box.
 
-    Its components are NaN where the targets are met.
+    Its components are NaN for targets that are met.
     """
 
     direction: Array  # d (…, d), in the order of a `TargetsMap`, its greatest component 1
@@ -38,7 +38,7 @@ class Separation(NamedTuple):
 
 
 def separation(problem: BoxProblem, mu: Array) -> Separation:
-    """Return the direction (N, d), the reach and what is asked (N,) of each target."""
+    """Return the direction (N, d), `reach` (N,) and `asked` (N,) of each target."""
     (rows, ends), (lo, hi) = problem.rows, problem.bounds
     d = np.zeros(problem.y.shape)
     begin, found = 0, np.zeros(problem.size, bool)
@@ -63,7 +63,7 @@ def separation(problem: BoxProblem, mu: Array) -> Separation:
 
 
 class Verdict(NamedTuple):
-    """A `Verdict` is what is found out about n answers, each (n,)."""
+    """Status and residual of n answers, each (n,)."""
 
     status: NDArray[np.int8]
     torque_met: Mask

@@ -1,9 +1,9 @@
-"""Block principal pivoting for many targets: compiled if that pays or was asked for, else as plain Python.
+"""Block principal pivoting for many targets: compiled if that pays or `warm_up` was called, else plain Python.
 
-An endpoint with more joints than coordinates is solved by linearising again and again (`settled`). K_x = Gᵀ K G is
-concave in K, with the derivative GᵀdKG, where G is how the joints follow the hand (`lifted` in
-`allocator.mechanism.endpoint.endpoint`). The problem with G held is problem [M]. An answer that has the G it was solved
-with satisfies the first-order conditions of the problem with the true K_x.
+An endpoint with more joints than coordinates is solved by repeated linearisation (`settled`). K_x = Gᵀ K G is concave
+in K, with the derivative GᵀdKG, where G maps motions of the hand to the joints (`lifted` in
+`allocator.mechanism.endpoint.endpoint`). With constant G it is problem [M]. An answer whose own G is the one it was
+solved with satisfies the first-order conditions of the problem with the true K_x.
 """
 
 from collections.abc import Callable
@@ -25,21 +25,21 @@ _MOST_STEPS = 100
 _FULL_STEPS = 40  # before the first is damped
 _SETTLED = 1e-11  # of E, which is near 1
 _NEAR = 0.8  # share of the last answer in the centre
-_HARDLY = 0.7  # of the step before: one that is longer does not settle
+_HARDLY = 0.7  # of the previous step: a longer one does not converge
 _DAMPED, _LEAST_SHARE = 0.8, 0.02
 _PAYS = 5_000  # targets for which a call may wait for the compiler
 
 
 class Solved(NamedTuple):
-    """`Solved` is what a method finds for N problems."""
+    """Solution of N problems by a method."""
 
     x: Array  # P/unit (N, m)
     mu: Array  # multipliers of the rows of the levels before each level (N, K + 1, p); K levels and the reference
-    rounds: NDArray[np.int64]  # guesses (N,), 0 where they did not end
+    rounds: NDArray[np.int64]  # guesses (N,), 0 if they did not end
 
 
 def solve(problem: BoxProblem, trajectory: bool = False) -> Solved:
-    """Solve by block principal pivoting; `trajectory` begins each with the limits that bind in the one before."""
+    """Solve by block principal pivoting; with `trajectory` each starts from the limits that bind at the one before."""
     (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
     N, m, p = *lo.shape, int(ends[-1])
     found = Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, p)), np.zeros(N, np.int64))
@@ -63,15 +63,15 @@ def residuals(problem: BoxProblem, solved: Solved) -> Array:
 
 
 def _loop(name: str, targets: int) -> jit.Function:
-    """Return the compiled loop where it is there or pays, else plain Python."""
+    """Return the compiled loop if it is ready or pays, else plain Python."""
     plain: jit.Function = getattr(kernel, name)
     return _compiled(name) or plain if targets >= _PAYS or _ready else plain
 
 
 def loop(name: str) -> jit.Function:
-    """Return the loop "allocate_batch" or "residual_batch" of the kernel for who fills its arrays: compiled, if it can.
+    """Return the loop "allocate_batch" or "residual_batch" of the kernel, compiled if possible.
 
-    numba reads past the end of arrays that are too short.
+    The caller supplies the arrays; numba reads past the end of arrays that are too short.
     """
     plain: jit.Function = getattr(kernel, name)
     return _compiled(name) or plain
@@ -89,7 +89,7 @@ _ready: list[str] = []  # loops, once they are compiled
 
 
 def warm_up() -> bool:
-    """Compile now what `allocate` needs for mechanisms, so that later calls are fast; False where it cannot be.
+    """Compile the code that `allocate` needs for mechanisms now; return False if it cannot be compiled.
 
     It takes some twenty seconds after an installation and one or two in a new process. Without it a call with fewer
     than 5 000 targets does not wait for the compiler, and takes about a millisecond a target.
@@ -108,9 +108,9 @@ def warm_up() -> bool:
 
 
 def settled(problem: BoxProblem, method: Callable[[BoxProblem], Solved]) -> tuple[BoxProblem, Solved]:
-    """Solve by `method`, an endpoint with more joints than coordinates again until its view of the joints settles.
+    """Solve by `method`; repeat for an endpoint with more joints than coordinates until G converges.
 
-    Returns the last problem and its answer; where the view does not settle there are 0 rounds, as where `method` fails.
+    Returns the last problem and its answer; 0 rounds if G does not converge or `method` fails.
     """
     targets = problem.endpoint
     if targets is None or not targets.redundant:
@@ -128,7 +128,7 @@ def settled(problem: BoxProblem, method: Callable[[BoxProblem], Solved]) -> tupl
         moved = targets.relifted(found)[1]
         if (moved <= _SETTLED).all():
             break
-        if step >= _FULL_STEPS:  # what goes to and fro between two sets of binding limits is damped
+        if step >= _FULL_STEPS:  # damps oscillation between two sets of binding limits
             share = np.where(moved > _HARDLY * before, np.maximum(_DAMPED * share, _LEAST_SHARE), share)
         K, before = K + share[:, None, None] * (found - K), moved
     return problem, solved._replace(rounds=np.where(moved <= _SETTLED, solved.rounds, 0))

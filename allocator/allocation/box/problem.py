@@ -1,7 +1,7 @@
 """The problem of m muscles in a box, which `allocate` solves for a mechanism.
 
 At a posture y(P) = y0 + M P holds torques and stiffnesses of affine muscles (`Mechanism.targets_map`). Over the box
-lo_j ≤ P_j ≤ hi_j, which supply, taut cables, force and slew limits leave each muscle,
+lo_j ≤ P_j ≤ hi_j that supply, taut cables, force and slew limits leave each muscle,
 
     priority "torque":     minimise Σ w_i (τ_i - τ_i*)²,  then Σ w_ij (K_ij - K_ij*)²,  then ‖P - P_ref‖²         [M]
     priority "stiffness":  the first two in the other order
@@ -9,9 +9,9 @@ lo_j ≤ P_j ≤ hi_j, which supply, taut cables, force and slew limits leave ea
 
     with a third weight: minimise w_P ‖P - P_ref‖² together with them
 
-where what comes first is an equality for what follows. The sum over K runs over all n² entries, so that with equal
-weights it is the Frobenius norm; entries of weight 0 are free. P_ref is 0 or the previous pressures. Of an endpoint
-E - 1 stands for K - K* (`allocator.mechanism.endpoint.targets`).
+where the values achieved first are equality constraints for the rest. The sum over K has all n² entries (with equal
+weights the Frobenius norm); entries of weight 0 are free. P_ref is 0 or the previous pressures. Of an endpoint E - 1
+stands for K - K* (`allocator.mechanism.endpoint.targets`).
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.endpoint.targets import EndpointTargets
 from allocator.mechanism.mechanism import Indices, Mechanism, TargetsMap
 
-_STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold is on it
+_STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold counts as on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +36,15 @@ class BoxProblem:
     """N problems [M] of one mechanism, at N postures or all at one: Q is N or 1."""
 
     mechanism: Mechanism
-    asked: Array  # posture asked for (Q, n) [rad]
+    asked: Array  # requested posture (Q, n) [rad]
     y: Array  # targets (N, d), in the order of a `TargetsMap`
     weights: Array  # of the squared errors (d,), that of an entry beside the diagonal counted twice
     priority: Priority
     limits: tuple[Limits, ...]  # of each muscle (m)
     reference: Array  # P_ref (N or 1, m) [Pa]
     kind: StiffnessKind = HELD  # which stiffness K is
-    endpoint: EndpointTargets | None = None  # where y holds E of it instead of K
-    pull: float = 0.0  # weight of ‖(P - P_ref)/unit‖² beside the targets; 0 where it comes after them
+    endpoint: EndpointTargets | None = None  # if y holds its E instead of K
+    pull: float = 0.0  # weight of ‖(P - P_ref)/unit‖² among the targets; 0 if it comes after them
 
     @property
     def size(self) -> int:
@@ -53,12 +53,12 @@ class BoxProblem:
 
     @cached_property
     def q(self) -> Array:
-        """Postures that are answered (Q, n): those asked for, moved within the angle limits."""
+        """Postures solved for (Q, n): the requested ones, moved within the angle limits."""
         return self.mechanism.within(self.asked)
 
     @property
     def outside(self) -> Mask:
-        """Which joints are asked to go beyond their limits (Q, n)."""
+        """Which joints are requested beyond their limits (Q, n)."""
         return np.asarray(self.q != self.asked)
 
     @cached_property
@@ -68,7 +68,7 @@ class BoxProblem:
 
     @cached_property
     def stretched(self) -> Mask:
-        """Which muscles are below the contraction from which on their models hold (Q, m)."""
+        """Which muscles are below the least contraction of their models (Q, m)."""
         eps = np.stack([muscle.contraction for muscle in self.muscles], axis=-1)
         return np.asarray(eps < self.mechanism.min_contraction - _STRETCHED)
 
@@ -100,12 +100,12 @@ class BoxProblem:
 
     @property
     def unit(self) -> float:
-        """Pressure [Pa] that x = P/unit is measured in."""
+        """Unit [Pa] of x = P/unit."""
         return self.mechanism.pressure_limits[1]
 
     @cached_property
     def rows(self) -> tuple[Indices, Indices]:
-        """(the components of y that have a weight, level after level; where each level ends)."""
+        """(the weighted components of y, level after level; the end of each level)."""
         n = self.mechanism.n
         torque, stiffness = (np.flatnonzero(self.weights[part]) for part in (slice(n), slice(n, None)))
         stiffness += n
@@ -170,7 +170,7 @@ class BoxProblem:
         return np.add.reduceat(left**2, [0, *self.rows[1][:-1].tolist()], axis=1)
 
     def _added(self, P: Array) -> list[Array]:
-        """Return what each muscle adds to y (N, d) at pressures (N, m) [Pa]."""
+        """Return the muscles' contribution y - y0 (N, d) at pressures (N, m) [Pa]."""
         sides = enumerate(self.muscles)
         return [self.mechanism.stacked(side.torque(P[:, j]), side.stiffness(P[:, j])) for j, side in sides]
 

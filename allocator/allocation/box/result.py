@@ -1,4 +1,4 @@
-"""Answer about a mechanism: pressures of all muscles, level after level of goals, and the proof."""
+"""Answer for a mechanism: pressures of all muscles, levels of goals, and the proof."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -47,16 +47,16 @@ class BoxAllocation(Allocation):
     """`Allocation` of m muscles, for targets of any leading shape (…); one target has none."""
 
     P: Array  # pressures (…, m) [Pa]
-    T: Array  # torques that they give (…, n) [N·m]
-    K: Array  # stiffness that they give (…, n, n) [N·m/rad]
+    T: Array  # achieved torques (…, n) [N·m]
+    K: Array  # achieved stiffness (…, n, n) [N·m/rad]
     status: Any  # Status, or an array (…) of its integers
-    torque_met: bool | Mask  # (…) whether the torques asked for are given
-    stiffness_met: bool | Mask  # (…) whether the stiffness is; entries that were not asked for do not count
-    holds: bool | Mask  # (…) whether K is positive definite: the posture holds itself
-    kkt_residual: Value  # (…) of optimality, in fractions of its scale; 0 is optimal. Not affine: optimal nearby
-    rounds: int | NDArray[np.int64]  # (…) guesses of the pivoting; of muscles that are not affine nodes of the search
-    gap: Value  # (…) how far a level's cost may be above the least, of 1 + cost; 0 is proved to be the least
-    lower_bounds: Array  # (…, levels) [cost]: no pressures have less, with what the levels before achieve
+    torque_met: bool | Mask  # (…) whether the torques are met
+    stiffness_met: bool | Mask  # (…) whether the stiffness is met; free entries do not count
+    holds: bool | Mask  # (…) whether K is positive definite: the posture is stable
+    kkt_residual: Value  # (…) of optimality, in fractions of its scale; 0 is optimal (not affine: locally)
+    rounds: int | NDArray[np.int64]  # (…) guesses of the pivoting; nodes of the search if muscles are not affine
+    gap: Value  # (…) greatest excess of a level's cost over the least, of 1 + cost; 0 proves the least
+    lower_bounds: Array  # (…, levels) [cost]: no pressures have less, given the costs of earlier levels
     method: str
     _problem: BoxProblem = field(repr=False)
     _mu: Array = field(repr=False)
@@ -64,7 +64,7 @@ class BoxAllocation(Allocation):
 
     @classmethod
     def of(cls, problem: BoxProblem, found: Nearby, shape: tuple[int, ...], method: str, gap: float = 0.0) -> Self:
-        """Return what is to be said about the pressures that `method` found for targets of this `shape`."""
+        """Return the answer for the pressures that `method` found for targets of this `shape`."""
         P, n = problem.pressures(found.solved.x), problem.mechanism.n
         y, K, left = problem.given(P), problem.joint_stiffness(P), found.left
         verdict = certificate.decide(
@@ -95,7 +95,7 @@ class BoxAllocation(Allocation):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            """Compute a field that a compiled answer has left for later, see `allocator.allocation.box.single`."""
+            """Compute a deferred field of a compiled answer, see `allocator.allocation.box.single`."""
             later = self.__dict__.get("_later")
             if later is None or name not in self.__dataclass_fields__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
@@ -109,12 +109,12 @@ class BoxAllocation(Allocation):
 
     @property
     def kind(self) -> StiffnessKind:
-        """Which stiffness `K` is: isobaric, shut, …"""
+        """Kind of the stiffness `K`: isobaric, shut, …"""
         return self._problem.kind
 
     @property
     def q(self) -> Array:
-        """Postures that are answered (…, n) [rad]: those asked for, within the joints' range."""
+        """Postures solved for (…, n) [rad]: the requested ones, within the joints' range."""
         return self._array(self._problem.q)
 
     @property
@@ -127,19 +127,19 @@ class BoxAllocation(Allocation):
 
     @property
     def theta(self) -> Array:
-        """Postures asked for (…, n) [rad]."""
+        """Requested postures (…, n) [rad]."""
         return self._array(self._problem.asked)
 
     @property
     def T_target(self) -> Array:
-        """Torques asked for (…, n) [N·m]."""
+        """Requested torques (…, n) [N·m]."""
         return self._array(self._problem.y[:, : self.mechanism.n])
 
     @property
     def K_target(self) -> Array:
-        """Stiffness asked for (…, n, n) [N·m/rad]; NaN for entries that were not asked for.
+        """Requested stiffness (…, n, n) [N·m/rad]; NaN for free entries.
 
-        Of an endpoint all of them: see `K_x_error`.
+        All are NaN for an endpoint: see `K_x_error`.
         """
         n = self.mechanism.n
         if self._problem.endpoint is not None:
@@ -172,19 +172,19 @@ class BoxAllocation(Allocation):
 
     @property
     def least_stiffness(self) -> Value:
-        """Least eigenvalue of K (…) [N·m/rad]; a posture holds itself where it is positive."""
+        """Least eigenvalue of K (…) [N·m/rad]; a posture is stable if it is positive."""
         return self._formed(np.linalg.eigvalsh(self.K)[..., 0].ravel())
 
     # --- at the endpoint --------------------------------------------------------------------------------------------
 
     @property
     def endpoint(self) -> Endpoint | None:
-        """Endpoint whose stiffness was asked for, if one was."""
+        """Endpoint of the requested stiffness, or None."""
         return None if self._problem.endpoint is None else self._problem.endpoint.endpoint
 
     @property
     def x(self) -> Array:
-        """Where the endpoint is (…, dim) [m]. Raises `InvalidInput` where none was asked for."""
+        """Position of the endpoint (…, dim) [m]. Raises `InvalidInput` without one."""
         return self._array(self._hand.place.position)
 
     @cached_property
@@ -194,7 +194,7 @@ class BoxAllocation(Allocation):
 
     @property
     def K_x_error(self) -> Array:
-        """Endpoint's stiffness asked minus given (…, dim, dim) [N/m]; NaN for entries not asked for."""
+        """Endpoint's stiffness, requested minus achieved (…, dim, dim) [N/m]; NaN for free entries."""
         free = self._problem.weights[self.mechanism.n :] == 0
         dim = self._hand.endpoint.dim
         asked = np.array(np.broadcast_to(self._hand.asked, (self._problem.size, dim, dim)))
@@ -204,7 +204,7 @@ class BoxAllocation(Allocation):
 
     @property
     def endpoint_error(self) -> Value:
-        """‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F (…) [-], over the entries that were asked for."""
+        """‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F (…) [-], over the requested entries."""
         n = self.mechanism.n
         given = self._hand.seen(self.K.reshape(-1, *self.K.shape[-2:]))
         twice = 2.0 - np.eye(self._hand.endpoint.dim)[np.triu_indices(self._hand.endpoint.dim)]
@@ -228,8 +228,8 @@ class BoxAllocation(Allocation):
         """Return, for targets beyond reach, a direction d that proves it: reach = max d·y(P) < asked = d·y*.
 
         Check it with `y0, M = mechanism.targets_map(q)` and the box: d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j). For
-        muscles that are not affine, d·y(P) is a sum of functions of one pressure each. Where no d separates what they
-        miss it is NaN, and `lower_bounds` is the proof.
+        muscles that are not affine, d·y(P) is a sum of functions of one pressure each. If no d separates their targets
+        it is NaN, and `lower_bounds` is the proof.
         """
         return Separation(*map(self._formed, certificate.separation(self._problem, self._mu)))
 
@@ -252,7 +252,7 @@ class BoxAllocation(Allocation):
         return self._named(lambda side, P, near: side.binding(P, near), ends)
 
     def _named(self, flagged: Callable[..., Array], more: Sequence[tuple[tuple[str, ...], str, Mask]] = ()) -> Any:
-        """Return the names of the limits that `flagged` finds of each muscle, and of those that hold `more`."""
+        """Return the names of each muscle's limits by `flagged`, and of `more` limits."""
         names: list[tuple[str, ...]] = [()] * self._problem.size
         near = CLOSED_FORM.binds * self.mechanism.pressure_span
         for (muscle, P), side in zip(self._pulling, self._problem.box, strict=True):
@@ -266,7 +266,7 @@ class BoxAllocation(Allocation):
 
     @property
     def broken(self) -> Any:
-        """Names of the limits that are not kept, since the slew limit or others allow no such pressure."""
+        """Names of the violated limits, if the slew limit or others allow no pressure that keeps them."""
         return self._named(lambda side, P, near: side.not_kept(P, near))
 
     def jacobian(self) -> Array:
@@ -289,7 +289,7 @@ class BoxAllocation(Allocation):
         return missed
 
     def to_dict(self) -> dict[str, object]:
-        """Return the answer by name, units in the names: pressures, what they give, status and binding limits."""
+        """Return the answer by name, units in the names: pressures, achieved values, status and binding limits."""
         hand = {} if self.endpoint is None else {"position_m": self.x, "endpoint_stiffness_N_per_m": self.K_x}
         return hand | {
             "posture_deg": np.divide(self.q, DEG),
@@ -303,7 +303,7 @@ class BoxAllocation(Allocation):
         }
 
     def __repr__(self) -> str:
-        """Show pressures, torques, stiffness and what is in the way; of several targets the statuses."""
+        """Show pressures, torques, stiffness and the limits in the way; of several targets the statuses."""
         if self._shape:
             return f"Allocation {self._shape}, {self.message}"
         lines = [
@@ -315,7 +315,7 @@ class BoxAllocation(Allocation):
 
 
 def vector(values: Array) -> str:
-    """Return a vector or a matrix in a line; what is not asked for is free."""
+    """Return a vector or a matrix in a line; NaN entries are shown as free."""
     if np.ndim(values) > 1:
         return f"[{', '.join(map(vector, values))}]"
     return f"[{', '.join('free' if np.isnan(value) else number(value) for value in values)}]"

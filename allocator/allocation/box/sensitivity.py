@@ -1,9 +1,9 @@
 """Derivatives of a mechanism's pressures by posture, stiffness and torque, with the active set held.
 
-Pressures that lie on a limit move with it. The others are, level after level, the least-squares solution of their rows
-in the null space of the rows before, and of all these the one nearest to the reference:
+Pressures on a limit move with it. The others are, level after level, the least-squares solution of their rows in the
+null space of the earlier rows, nearest to the reference:
 
-    x ← x + (A_k Z)⁺ (b_k - A_k x),     Z ← Z (1 - (A_k Z)⁺ A_k Z),     from x = x_ref, Z = 1 on what is free
+    x ← x + (A_k Z)⁺ (b_k - A_k x),     Z ← Z (1 - (A_k Z)⁺ A_k Z),     from x = x_ref, Z = 1 on free ones
 
 which is linear in the targets. Along the posture A, b and the limits are differentiated by five points.
 """
@@ -17,7 +17,7 @@ from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import STEP, Array, Mask, five_point
 from allocator.errors import InvalidInput
 
-_RANK = 1e-9  # of the rows' size: what is left of them below it is rounding
+_RANK = 1e-9  # of the rows' size: a smaller remainder is rounding
 
 
 def jacobian(problem: BoxProblem, P: Array) -> Array:
@@ -31,7 +31,7 @@ def jacobian(problem: BoxProblem, P: Array) -> Array:
     free = replace(problem, mechanism=replace(mechanism, angle_limits=None), asked=problem.q)
     columns, n = [], mechanism.n
     for i in range(n):
-        inside = ~np.broadcast_to(problem.outside, (problem.size, n))[:, i]  # beyond the answer stays that of the end
+        inside = ~np.broadcast_to(problem.outside, (problem.size, n))[:, i]  # beyond the range the answer is constant
         columns.append(five_point(lambda h, i=i: _moved(free, i, h, ends), 0.0, STEP) * inside[:, None])  # type: ignore[misc]  # a lambda
     here = _held(free, *ends)
     for i in [*range(n, problem.y.shape[1]), *range(n)]:
@@ -41,7 +41,7 @@ def jacobian(problem: BoxProblem, P: Array) -> Array:
 
 
 def _moved(problem: BoxProblem, joint: int, h: float, ends: tuple[Mask, Mask]) -> Array:
-    """Return the pressures (N, m) [Pa] at postures of which a joint is moved by `h` [rad]."""
+    """Return the pressures (N, m) [Pa] at postures with one joint moved by `h` [rad]."""
     asked = problem.asked + np.where(np.arange(problem.mechanism.n) == joint, h, 0.0)
     return _held(replace(problem, asked=asked), *ends)
 

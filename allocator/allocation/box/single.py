@@ -1,8 +1,8 @@
-"""Single targets of a mechanism with affine muscles, answered by compiled code in some ten microseconds.
+"""Single targets of a mechanism with affine muscles, solved by compiled code in about ten microseconds.
 
-It is a short cut for the ordinary question (method "exact", a lexicographic priority, the isobaric stiffness of the
-joints, force limits that are numbers) after `warm_up(joint=mechanism)`. Everything else, and arguments that are not
-certainly valid, it leaves to the readable road by returning None. CasADi evaluates the mechanism at the posture,
+It is a fast path for the ordinary problem (method "exact", a lexicographic priority, the isobaric stiffness of the
+joints, numbers as force limits) after `warm_up(joint=mechanism)`. It returns None for all other problems and possibly
+invalid arguments, which the readable implementation then handles. CasADi evaluates the mechanism at the posture,
 `kernel/target.py` does the rest. Fields of the answer are computed on first access.
 """
 
@@ -32,11 +32,11 @@ _FIRST = {"torque": False, "stiffness": True}  # priority → whether stiffness 
 _KINDS = "iuf"  # of NumPy's real numbers
 _REMEMBERED = 64  # mechanisms
 
-_ready: dict[int, "Machine"] = {}  # by the mechanism's id; the value holds its mechanism, so that the id stays taken
+_ready: dict[int, "Machine"] = {}  # by the mechanism's id; the value holds the mechanism, so the id stays in use
 
 
 class Desk:
-    """Arrays for one call at a time: what is asked, the mechanism at the posture, memory and what is found."""
+    """Arrays for one call at a time: arguments, the mechanism at the posture, memory and results."""
 
     def __init__(self, mechanism: Mechanism, function: Any) -> None:
         n, m = mechanism.n, mechanism.m
@@ -62,7 +62,7 @@ class Desk:
 
 
 class Machine:
-    """A mechanism ready to be asked, with its formulas, numbers and arrays."""
+    """Mechanism with its compiled formulas, numbers and arrays."""
 
     def __init__(self, mechanism: Mechanism, compiled: jit.Function) -> None:
         import casadi as ca
@@ -82,7 +82,7 @@ class Machine:
         self._desks: list[Desk] = []
 
     def ask(self, theta: object, K: object, T: object, priority: object, limits: Limits) -> BoxAllocation | None:
-        """Return the answer, or None where the short cut does not lead."""
+        """Return the answer, or None outside the fast path."""
         n, q, K, T = self.mechanism.n, _array(theta), _array(K), _array(T)
         if q is None or K is None or T is None or q.size != n or q.shape[-1:] != (n,):
             return None
@@ -118,7 +118,7 @@ class Machine:
 
 
 def _array(x: Any) -> Array | None:
-    """Return `x` as an array where it is one of real numbers, else None."""
+    """Return `x` as an array of real numbers, or None if it is not one."""
     if type(x) is not np.ndarray:
         try:
             x = np.asarray(x)
@@ -128,7 +128,7 @@ def _array(x: Any) -> Array | None:
 
 
 def _set(desk: Desk, limits: Limits, lead: tuple[int, ...]) -> bool | None:
-    """Write the limits to the desk; return whether the pressures now count, or None where they are not certain."""
+    """Write the limits to the desk; return whether the present pressures count, None if the limits may be invalid."""
     least, greatest, floor, previous, step = limits
     if floor is not None or (step is not None and previous is None):
         return None
@@ -148,10 +148,10 @@ def _set(desk: Desk, limits: Limits, lead: tuple[int, ...]) -> bool | None:
 
 
 class Later(NamedTuple):
-    """Facts about a compiled answer, from which the fields of a `BoxAllocation` are made when they are looked at."""
+    """Results of a compiled answer, from which the fields of a `BoxAllocation` are computed on first access."""
 
     mechanism: Mechanism
-    asked: Array  # as `kernel/target.py` has it
+    asked: Array  # in the layout of `kernel/target.py`
     found: Array
     shape: tuple[int, ...]
     stiffness_first: bool
@@ -162,7 +162,7 @@ class Later(NamedTuple):
     holds: bool
 
     def field(self, name: str, allocation: BoxAllocation) -> Any:
-        """Return the field `name` of the allocation that these facts are of."""
+        """Return the field `name` of the allocation."""
         n, m = self.mechanism.n, self.mechanism.m
         d = n + n * (n + 1) // 2
         match name:
@@ -211,13 +211,13 @@ class Later(NamedTuple):
 def answered(
     mechanism: Mechanism, theta: object, K: object, T: object, priority: object, limits: Limits
 ) -> BoxAllocation | None:
-    """Return the answer of a mechanism that is ready, or None where the short cut does not lead."""
+    """Return the answer of a mechanism that is ready, or None outside the fast path."""
     machine = _ready.get(id(mechanism))
     return None if machine is None else machine.ask(theta, K, T, priority, limits)
 
 
 def warm_up(mechanism: Mechanism) -> bool:
-    """Compile what single targets of a mechanism need; False without formulas, or if nothing can be compiled."""
+    """Compile the code for single targets of a mechanism; return False if it has no formulas or cannot be compiled."""
     if id(mechanism) in _ready:
         return True
     compiled = _compiled()
@@ -225,7 +225,7 @@ def warm_up(mechanism: Mechanism) -> bool:
         return False
     try:
         made = Machine(mechanism, compiled)
-    except InvalidInput:  # a muscle whose law has no symbols
+    except InvalidInput:  # a muscle law that does not accept symbols
         return False
     if len(_ready) >= _REMEMBERED:
         _ready.clear()

@@ -1,8 +1,8 @@
-"""Answers of `allocate` for a mechanism: which method solves the problem, and the readable one.
+"""Answers of `allocate` for a mechanism: choice of the method, and the readable method "qp".
 
-"exact" is block principal pivoting (`allocator.allocation.box.pivoting`), or for muscles that are not affine the
-search of `allocator.allocation.relaxation`. "qp" is the readable road: one QP a level through qpsolvers, with what the
-levels before have achieved as its equalities.
+"exact" is block principal pivoting (`allocator.allocation.box.pivoting`), or for muscles that are not affine the search
+of `allocator.allocation.relaxation`. "qp" is the readable implementation: one QP per level through qpsolvers, with the
+values achieved by earlier levels as equality constraints.
 """
 
 import warnings
@@ -53,7 +53,7 @@ def allocated(mechanism: Mechanism, asked: Asked) -> BoxAllocation:
 
 
 def _checked_method(method: Method) -> Method:
-    """Return the method. Raises for one that mechanisms have not, and for options that belong to others."""
+    """Return the method. Raises for one that mechanisms lack, and for options of other methods."""
     if method.name not in METHODS:
         raise MissingBackend("method", method.name, METHODS)
     if method.solver is not None and method.name != "qp":
@@ -64,7 +64,7 @@ def _checked_method(method: Method) -> Method:
 
 
 def _solved(problem: BoxProblem, method: Method, trajectory: bool) -> tuple[BoxProblem, Nearby]:
-    """Return what the method finds, and the problem that it solved last."""
+    """Return the method's solution, and the problem that it solved last."""
     if not problem.mechanism.affine:
         if method.name != "exact":
             problem.mechanism.check_affine(f"method={method.name!r}")
@@ -83,7 +83,7 @@ def _solved(problem: BoxProblem, method: Method, trajectory: bool) -> tuple[BoxP
 
 
 def level_by_level(problem: BoxProblem, solver: str | None = None) -> Solved:
-    """Solve target after target, by DAQP or another of qpsolvers. Raises `MissingBackend` for one that there is not."""
+    """Solve target after target, by DAQP or another solver of qpsolvers. Raises `MissingBackend` for an unknown one."""
     import qpsolvers
 
     solver = "daqp" if solver is None else solver
@@ -121,7 +121,7 @@ def _levels(A: Array, b: Array, ends: Indices, box: Box, solver: str) -> tuple[A
 
 
 def _weighed(A: Array, b: Array, pull: float, box: Box, solver: str) -> tuple[Array, Array, bool]:
-    """Return what `_levels` does, of the one QP ‖A x - b‖² + pull ‖x - c‖²."""
+    """Return the same as `_levels`, for the single QP ‖A x - b‖² + pull ‖x - c‖²."""
     lo, hi, centre = box
     H, none = A.T @ A + pull * np.eye(len(lo)), np.zeros((0, len(lo)))
     found, _ = _qp(H, -A.T @ b - pull * centre, none, np.zeros(0), lo, hi, solver)
@@ -134,7 +134,7 @@ def _qp(H: Array, g: Array, kept: Array, right: Array, lo: Array, hi: Array, sol
     import qpsolvers
 
     equalities = (kept, right) if len(kept) else (None, None)
-    with warnings.catch_warnings():  # what is not solved shows in the certificate
+    with warnings.catch_warnings():  # the certificate reveals failures
         warnings.simplefilter("ignore", UserWarning)
         problem = qpsolvers.Problem(H, g, None, None, *equalities, lb=lo, ub=hi)
         solution = qpsolvers.solve_problem(problem, solver=solver, **_OPTIONS.get(solver, {}))

@@ -1,6 +1,6 @@
 """Solvers of the allocation problem by name; each is imported only when it is used.
 
-The back-ends share goals to minimise one after the other, where to start, and what to hand back.
+The back-ends share the goals to minimise in order, the starting points and the form of the answers.
 """
 
 from importlib import import_module
@@ -17,15 +17,15 @@ from allocator.closed_form import solve_inverse
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 
-CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is not passed on
+CERTIFIED = 1e-5  # of the supply range: an answer with a greater residual is rejected
 _NOTHING = 1e-12  # of the scale of torque or stiffness: a goal missed by less leaves nothing to optimise
 _GRID = 7
-_SNAP = 1e-7  # of the supply range: an optimiser's pressure this near to a bound is meant to be on it
-SCALE = BAR  # optimisers see pressures in bar: numbers of order one
+_SNAP = 1e-7  # of the supply range: an optimiser's pressure this near to a bound is moved to it
+SCALE = BAR  # optimisers use pressures in bar: numbers of order one
 
 
 class Goal(NamedTuple):
-    """To minimise w_T (T - T*)² + w_K (K - K*)² + ρ ‖P - P_ref‖² while `kept` stays as at the start."""
+    """Minimisation of w_T (T - T*)² + w_K (K - K*)² + ρ ‖P - P_ref‖² with constant `kept`."""
 
     w_T: float
     w_K: float
@@ -34,7 +34,7 @@ class Goal(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """An `Answer` is what a back-end hands back for n problems; nothing in it is trusted."""
+    """Unverified answer of a back-end for n problems."""
 
     P1: Array  # [Pa], NaN where the solver failed
     P2: Array
@@ -51,9 +51,9 @@ def goals(problem: Problem) -> tuple[Goal, ...]:
 
 
 def settled(problem: Problem, goal: Goal, P: Array) -> NDArray[np.bool_]:
-    """Return where a goal need not be pursued from P (2, n): a solver failed, it is met, or the kept one was missed.
+    """Return whether a goal is settled at P (2, n): a solver failed, it is met, or the kept goal was missed.
 
-    What is missed is so in a single point, which leaves no choice.
+    A goal is missed at a single point only, which leaves no choice.
     """
     errors = np.abs(problem.errors(*P)) / problem.scales
     done = np.asarray(np.isnan(P).any(axis=0))
@@ -66,9 +66,9 @@ def settled(problem: Problem, goal: Goal, P: Array) -> NDArray[np.bool_]:
 
 
 def start(problem: Problem, warm: bool) -> Array:
-    """Return where optimisation begins, (2, n) [Pa]: at the projected analytic inverse, or in the middle of the box.
+    """Return the starting points (2, n) [Pa]: the projected analytic inverse, or the middle of the box.
 
-    The weighted cost of muscles that are not affine has local minima on the edges: there the start is the best of the
+    The weighted cost of muscles that are not affine has local minima on the edges: the start is then the best of the
     projected inverse and a coarse grid of the box.
     """
     box = problem.box
@@ -87,7 +87,7 @@ def start(problem: Problem, warm: bool) -> Array:
 
 
 def replacement(problem: Problem) -> tuple[Array, Array]:
-    """Return the exact answer for what a back-end failed at, or the projected inverse where there is no exact one."""
+    """Return the exact answer where a back-end failed, or the projected inverse if there is no exact one."""
     try:
         P1, P2, _ = exact.solve(problem)
         return P1, P2
@@ -97,7 +97,7 @@ def replacement(problem: Problem) -> tuple[Array, Array]:
 
 
 def _grid(problem: Problem) -> Array:
-    """Return the points (2, m², n) all over the feasible set."""
+    """Return a grid of points (2, m², n) over the feasible set."""
     share = np.linspace(0.0, 1.0, _GRID)[:, None]
     P1, P2 = (side.lo + share * (side.hi - side.lo) for side in problem.box)  # (m, n)
     shape = (_GRID, _GRID, problem.theta.size)
@@ -110,16 +110,16 @@ OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
 
 
 class Solution(NamedTuple):
-    """Feasible pressures of n problems, and what became of the back-end."""
+    """Feasible pressures of n problems, and the back-end's iterations and failures."""
 
     P1: Array
     P2: Array
     iterations: NDArray[np.int32]
-    failed: NDArray[np.bool_]  # where the back-end's answer was replaced
+    failed: NDArray[np.bool_]  # whether the back-end's answer was replaced
 
 
 def optimise(problem: Problem, method: str, solver: str | None, warm_start: bool) -> Solution:
-    """Run the back-end `method`, check every answer, and replace the ones that are not optimal."""
+    """Run the back-end `method`, check every answer, and replace those that are not optimal."""
     answer = _run(problem, method, solver, warm_start)
     P1, P2 = _snapped(problem, answer)
     failed = np.asarray(~(certificate.residual(problem, P1, P2) <= CERTIFIED))
@@ -129,7 +129,7 @@ def optimise(problem: Problem, method: str, solver: str | None, warm_start: bool
 
 
 def _run(problem: Problem, method: str, solver: str | None, warm_start: bool) -> Answer:
-    """Call `solve` of the file in this folder that is called as the back-end."""
+    """Call `solve` of the module named after the back-end."""
     backend = import_module(f"allocator.allocation.optimisers.{method}")
     answer: Answer = backend.solve(problem, solver, warm_start)
     return answer

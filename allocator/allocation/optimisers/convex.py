@@ -1,8 +1,8 @@
 """Back-end "convex": the allocation problem in cvxpy.
 
-For affine muscles every goal is a convex quadratic programme and one solve is exact; other muscles are linearised again
-around the answer until it stays. The cvxpy problem is built once for each kind of goal, with everything that changes a
-`Parameter` (disciplined parametrised programming), so that solving again does not canonicalise again.
+For affine muscles every goal is a convex quadratic programme and one solve is exact; other muscles are linearised
+around the answer until it converges. The cvxpy problem is built once for each kind of goal, with all changing data as
+`Parameter` (disciplined parametrised programming), so that repeated solves skip the canonicalisation.
 """
 
 import warnings
@@ -28,7 +28,7 @@ _SOLVERS = {
 
 
 class _Programme(NamedTuple):
-    """A programme is to minimise ‖A d + b‖² over lo ≤ d ≤ hi, with or without floor and kept goal."""
+    """Programme: minimise ‖A d + b‖² over lo ≤ d ≤ hi, with or without floor and kept goal."""
 
     problem: "cvxpy.Problem"
     d: "cvxpy.Variable"
@@ -67,7 +67,7 @@ def _solve(qp: SmallQP, solver: str) -> Array | None:
 
 
 def run(problem: "cvxpy.Problem", solver: str) -> bool:
-    """Solve a cvxpy problem; whether its variables have values, which are to be checked before they are believed."""
+    """Solve a cvxpy problem; return whether its variables have values, which the caller must verify."""
     import cvxpy
 
     try:

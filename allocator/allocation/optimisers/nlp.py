@@ -1,6 +1,6 @@
 """Back-end "nlp": the allocation problem as a nonlinear programme in CasADi, by IPOPT or CasADi's SQP method.
 
-The programme is built once for a joint and a kind of goal; angle, targets, bounds and weights are its parameters.
+The programme is built once per joint and kind of goal; angle, targets, bounds and weights are its parameters.
 """
 
 from functools import lru_cache
@@ -37,7 +37,7 @@ _SOLVERS: dict[str, dict[str, Any]] = {
         "max_iter": 100,
     },
 }
-_IPOPT_WARM = {  # start with a small barrier and stay near the bounds, on which the warm start often lies
+_IPOPT_WARM = {  # start with a small barrier and near the bounds, where the warm start often lies
     "ipopt.mu_init": 1e-9,
     "ipopt.bound_push": 1e-8,
     "ipopt.bound_frac": 1e-8,

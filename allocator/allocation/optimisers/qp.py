@@ -12,7 +12,7 @@ from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
 
-_OPTIONS: dict[str, dict[str, float]] = {  # the solvers' defaults (OSQP 1e-3, DAQP 1e-6) are coarser than a step here
+_OPTIONS: dict[str, dict[str, float]] = {  # the solvers' defaults (OSQP 1e-3, DAQP 1e-6) are coarser than these steps
     "daqp": {"primal_tol": 1e-12, "dual_tol": 1e-12},
     "osqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 20_000, "raise_error": False},
 }

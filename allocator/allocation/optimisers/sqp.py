@@ -6,8 +6,8 @@ At pressures P each goal is replaced by its model in the step d,
 
 with the Gauss–Newton Hessian H plus the curvature of torque and stiffness (diagonal, since each muscle sees its own
 pressure only) where H stays positive definite, and with aᵀd = r keeping the goal that came first, which is restored
-after every step (second-order correction). A step that lets the merit, cost plus an exact penalty on the kept goal,
-rise is replaced by the best of shorter and longer ones, and so are all once progress is slow. All problems advance
+after every step (second-order correction). A step that raises the merit, cost plus an exact penalty on the kept goal,
+is replaced by the best of shorter and longer ones, as are all steps once progress is slow. All problems advance
 together; only the small QPs are solved one by one.
 """
 
@@ -21,16 +21,16 @@ from allocator.allocation.optimisers.backends import SCALE, Answer, Goal, goals,
 from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
 
-_ITERATIONS, _QUICK = 60, 6  # at most; Newton's method is done long before the second number, or progress is slow
+_ITERATIONS, _QUICK = 60, 6  # at most; Newton's method ends long before the second number unless progress is slow
 _LADDER = 2.0 ** np.arange(8, -26, -1)  # steps tried, in units of d
-_CONVERGED = 1e-8  # [bar] a smaller step is none
+_CONVERGED = 1e-8  # [bar] a smaller step counts as none
 _DAMPING = 1e-5  # of the Hessian's trace: makes the QP of a single goal strictly convex; costs an iteration
-_STALLED = 1e-16  # a smaller gain in the merit, which is of order one, is none
+_STALLED = 1e-16  # a smaller gain in the merit, which is of order one, counts as none
 _PENALTY = 10.0  # on the kept goal, in scaled units; above its multiplier, which is of order one
 
 
 class SmallQP(NamedTuple):
-    """One (QP), in bar and scaled errors; the kept row is None where nothing is kept."""
+    """One (QP), in bar and scaled errors; the kept row is None without a kept goal."""
 
     H: Array  # (2, 2)
     g: Array  # (2,)
@@ -42,7 +42,7 @@ class SmallQP(NamedTuple):
 
 
 def solve(problem: Problem, solve_qp: Callable[[SmallQP], Array | None], warm_start: bool = True) -> Answer:
-    """Minimise the goals of all problems; `solve_qp` answers a step (2,), or None where it failed."""
+    """Minimise the goals of all problems; `solve_qp` returns a step (2,), or None on failure."""
     P = start(problem, warm_start) / SCALE
     iterations = np.zeros(problem.theta.shape, np.int32)
     for goal in goals(problem):
@@ -73,7 +73,7 @@ def _minimise(
 
 
 class _Model:
-    """A model has scaled errors, derivatives and merit of one goal for a set of problems; pressures (2, n) in bar."""
+    """Scaled errors, derivatives and merit of one goal for a set of problems; pressures (2, n) in bar."""
 
     def __init__(self, problem: Problem, goal: Goal, P_start: Array) -> None:
         self.problem, self.goal, self._P_start = problem, goal, P_start
@@ -132,7 +132,7 @@ class _Model:
         return np.asarray((self.w_T * e_T * (t_up - t_down) + self.w_K * e_K * (k_up - k_down)) / (2 * h))
 
     def searched(self, P: Array, d: Array, slow: bool) -> Array:
-        """Return P + d where the merit does not rise; else, or if progress is `slow`, the best step of a ladder."""
+        """Return P + d if the merit does not rise; else, or if progress is `slow`, the best step of a ladder."""
         start, best = self.merit(P), self._restored(P + d)
         best_merit = self.merit(best)
         if not slow and not (best_merit > start).any():
@@ -145,7 +145,7 @@ class _Model:
         return np.where(best_merit > start, P, best)
 
     def _restored(self, P: Array) -> Array:
-        """Move P back onto the curved level of the kept goal, without which the merit allows short steps only."""
+        """Move P back onto the curved level of the kept goal; otherwise the merit allows only short steps."""
         if self.goal.kept is not None:
             t, k = self._gains(P)
             row = (t if self.goal.kept == "torque" else k) / self.kept_scale

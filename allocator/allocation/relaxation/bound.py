@@ -1,13 +1,13 @@
-"""Relaxation of all muscles' curves to polygons around them: a convex QP, and a lower bound that is always safe.
+"""Relaxation of the muscles' curves to polygons around them: a convex QP, and a guaranteed lower bound.
 
-With v = (F_1, k_1, …, F_m, k_m) minimise ½‖G v - b‖² over v_j in the polygon of muscle j, where E v = e, what the
-earlier levels have achieved. Whatever x and λ a solver returns, with g = Gᵀ(G x - b) + Eᵀλ every such v has, since the
-cost is convex and its own tangent at x lies below it,
+With v = (F_1, k_1, …, F_m, k_m) minimise ½‖G v - b‖² over v_j in the polygon of muscle j, subject to E v = e, the
+values achieved by the earlier levels. The cost is convex and lies above its tangent at x. Hence, with g = Gᵀ(G x - b) +
+Eᵀλ, every such v satisfies, for any x and λ that a solver returns,
 
     ½‖G v - b‖² ≥ ½‖G x - b‖² + λ·(E x - e) + Σ_j min { g_j·(c - x_j) : c a corner of polygon j }                   (B)
 
 DAQP (D. Arnström, A. Bemporad and D. Axehill, "A dual active-set solver for embedded quadratic programming using
-recursive LDLᵀ updates", IEEE Trans. Automatic Control 67(8), 2022) only decides how good the bound is.
+recursive LDLᵀ updates", IEEE Trans. Automatic Control 67(8), 2022) only determines how tight the bound is.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ from allocator.calculus import Array
 _EQUALITY = 5  # DAQP's name of it
 _PROXIMAL = 1e-9  # of the greatest entry of the Hessian, which has more columns than rank
 _INFEASIBLE = -1
-_PENALTY = 1e3  # weight of equalities that DAQP finds no point on
-_APART = 1e-10  # of the equalities' size, squared: a greater distance from them is no rounding
+_PENALTY = 1e3  # weight of equalities that DAQP finds infeasible
+_APART = 1e-10  # of the equalities' size, squared: a greater distance from them is not rounding
 
 
 class Level(NamedTuple):
-    """A `Level` is what is minimised, ½‖G v - b‖², and what the earlier levels have achieved, E v = e."""
+    """Cost ½‖G v - b‖² of a level, and the values achieved by the earlier levels, E v = e."""
 
     G: Array  # (p, 2m)
     b: Array  # (p,)
@@ -39,7 +39,7 @@ class Level(NamedTuple):
 
 
 class Relaxed(NamedTuple):
-    """Answer of the relaxed problem and what it proves."""
+    """Answer of the relaxed problem and its lower bound."""
 
     v: Array  # (2m,)
     bound: float  # no v of the polygons with E v = e has a lower ‖G v - b‖²; inf: there is no such v
@@ -49,7 +49,7 @@ def relax(polygons: Sequence[Array], level: Level) -> Relaxed:
     """Return the least cost over the polygons (v_j, 2) of all muscles, with its lower bound   (B)"""
     within = _coordinates(polygons)
     v, multipliers, feasible = _solve(*within, level)
-    if not feasible:  # as DAQP has it
+    if not feasible:  # according to DAQP
         apart = Level(level.E, level.e, level.E[:0], level.e[:0])
         v, none, _ = _solve(*within, apart)
         if _safe(polygons, apart, v, none) > _APART**2 * (1.0 + float(level.e @ level.e)):
@@ -74,7 +74,7 @@ def _coordinates(polygons: Sequence[Array]) -> tuple[Array, Array, Array]:
 
 
 def _solve(corner: Array, edges: Array, simplices: Array, level: Level) -> tuple[Array, Array, bool]:
-    """Return (v, the multipliers of the equalities, whether the equalities can be met), by DAQP."""
+    """Return (v, the multipliers of the equalities, whether these are feasible), by DAQP."""
     import daqp
 
     if not edges.shape[1]:

@@ -1,14 +1,14 @@
 """Curves (F(P), k(P)) of single muscles at a posture, and the polygons that enclose them.
 
 Torque and stiffness of a mechanism are linear in force and own stiffness, y = Σ_j (r_j F_j ; k_j r_j r_jᵀ + F_j H_j),
-so that the curve is all that is not linear. Along a part of it the slope σ = dk/dF = k'/F' keeps between a least and a
-greatest value: with the lines of these slopes through both ends they enclose the part in a parallelogram A, low, B,
-high. Where σ only rises the curve is convex, hence below its chord, and the triangle A, low, B is left; where it only
-falls A, high, B. σ turns at the zeros of k'' F' - k' F'', which are those of a polynomial: F' and k' are Chebyshev
-series up to rounding, one between two kinks of the law.
+so only the curve is nonlinear. Along a part of it the slope σ = dk/dF = k'/F' stays between a least and a greatest
+value: lines of these slopes through both ends enclose the part in a parallelogram A, low, B, high. If σ only rises, the
+curve is convex, hence below its chord, and within the triangle A, low, B; if it only falls, within A, high, B. σ turns
+at the zeros of k'' F' - k' F'', which are those of a polynomial: F' and k' are Chebyshev series up to rounding, one
+between two kinks of the law.
 
-That asks of a law that F rises with P all over the pressures that are allowed, and that it is smooth between the kinks
-that it declares; nothing else.
+The law must satisfy only two conditions: F rises with P over all allowed pressures, and it is smooth between the kinks
+that it declares.
 """
 
 from collections.abc import Iterator
@@ -25,30 +25,30 @@ from allocator.errors import InvalidInput
 from allocator.joint.one_muscle import OneMuscle
 from allocator.units import BAR
 
-_SIZES = (9, 17, 33, 65, 129)  # of a series whose degree is to be found
-_HALVINGS = 12  # of the pressures between two kinks, until a law that is still no series is taken for kinked
+_SIZES = (9, 17, 33, 65, 129)  # sizes tried for a series
+_HALVINGS = 12  # of the pressures between two kinks, after which a law without a series counts as kinked
 _TAIL = 1e-13  # of the greatest coefficient: smaller ones are rounding
 _STRAIGHT = 1e-10  # of its terms: a smaller k'' F' - k' F'' is rounding
 _REAL = 1e-6  # imaginary parts of roots below it, of half the width, are rounding
-_BESIDE = 1e-10  # of the width: how far beside a kink its two sides are looked at
-_TANGENTS = 4  # parts of an arc, of whose ends the tangents are taken
-_WIDER = 1e-9  # of the slopes, by which what encloses is wider than they say
+_BESIDE = 1e-10  # of the width: distance from a kink at which its two sides are evaluated
+_TANGENTS = 4  # parts of an arc, with tangents at their ends
+_WIDER = 1e-9  # of the slopes, added to the enclosure
 _JUMPS = 1e-7  # of k: a smaller step is no jump
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A `Curve` is what one muscle can do at one posture with the pressures between lo and hi [Pa]."""
+    """Curve (F, k) of one muscle at one posture, for pressures between lo and hi [Pa]."""
 
     side: OneMuscle  # its contraction is a number
     lo: float
     hi: float
     breaks: Array  # pressures where the slope turns or the law has a kink, between lo and hi
-    jumps: Array  # those where the own stiffness jumps: trapped gas of a law with kinks
+    jumps: Array  # jumps of the own stiffness: trapped gas of a law with kinks
 
     @classmethod
     def of(cls, side: OneMuscle, lo: float, hi: float) -> "Curve":
-        """Return the curve of a muscle. Raises `InvalidInput`, naming what the law lacks."""
+        """Return the curve of a muscle. Raises `InvalidInput` with the condition that the law violates."""
         if hi - lo <= 0:
             return cls(side, lo, hi, np.empty(0), np.empty(0))
         kinks = [kink for kink in side.muscle.basis.kinks if lo < kink < hi]
@@ -91,7 +91,7 @@ class Curve:
         return self._one_way(*inner, beside)
 
     def _one_way(self, a: float, b: float, beside: float) -> Array:
-        """Return the polygon of some tangents around a part along which the slope only rises or only falls."""
+        """Return a polygon of tangents around a part along which the slope only rises or only falls."""
         P = np.linspace(a, b, _TANGENTS + 1)
         ends, slopes = self.at(P), self.slope(np.concatenate([[a + beside], P[1:-1], [b - beside]]))
         corners = [_corners(ends[i : i + 2], slopes[i : i + 2], one_way=True)[2:] for i in range(_TANGENTS)]
@@ -164,7 +164,7 @@ def rises(side: OneMuscle, lo: float, hi: float) -> bool:
 
 
 def _check_rises(side: OneMuscle, a: float, b: float, gain: Array) -> None:
-    """Insist on a force that rises with the pressure."""
+    """Raise `InvalidInput` unless the force rises with the pressure."""
     if not _rises(gain):
         raise not_rising(side, a, b)
 
@@ -175,7 +175,7 @@ def _rises(gain: Array) -> bool:
 
 
 def not_rising(side: OneMuscle, a: float, b: float) -> InvalidInput:
-    """Return what to raise for a force that does not rise between two pressures [Pa]."""
+    """Return the error for a force that does not rise between two pressures [Pa]."""
     return InvalidInput(
         f"the force of {side.name} ({type(side.muscle).__name__}) does not rise with the pressure all over the "
         f"{a / BAR:.4g} to {b / BAR:.4g} bar that its limits leave here: without that its pressures have no proof; "
@@ -207,7 +207,7 @@ def _smooth_parts(side: OneMuscle, a: float, b: float, halvings: int = _HALVINGS
 
 
 def _series(side: OneMuscle, a: float, b: float) -> tuple[Array, Array] | None:
-    """Return the Chebyshev series of F' and k', of as many terms as leave nothing but rounding; None for too many."""
+    """Return the Chebyshev series of F' and k', exact to rounding; None if they need too many terms."""
     for size in _SIZES:
         x = chebyshev.chebpts1(size)
         P = (a + b) / 2 + (b - a) / 2 * x

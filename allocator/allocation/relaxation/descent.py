@@ -1,10 +1,10 @@
-"""Descent of pressures to a local optimum of all levels of problem [M], by Gauss and Newton's method.
+"""Descent of pressures to a local optimum of all levels of problem [M], by the Gauss–Newton method.
 
-About the pressures of a step every muscle's F and k are straight lines, and [M] is that of affine muscles, which the
-kernel solves exactly, level after level, within a trust region. The step is taken in the forces, so that torques are
-what the step has meant them to be. It counts if, of the first level that it changes, it lowers the cost; else the trust
-region shrinks. What it settles at satisfies the optimality conditions of [M], of all levels: the same residual as for
-affine muscles measures that.
+Around the pressures of a step every muscle's F and k are linearised. [M] is then that of affine muscles, which the
+kernel solves exactly, level after level, within a trust region. The step is taken in the forces, so it gives the
+intended torques. It is accepted if it lowers the cost of the first level that it changes; else the trust region
+shrinks. Its limit satisfies the optimality conditions of all levels of [M], measured by the same residual as for affine
+muscles.
 """
 
 from dataclasses import dataclass
@@ -21,34 +21,34 @@ from allocator.calculus import Array
 from allocator.mechanism.mechanism import Indices
 
 _STEPS = 100
-_SETTLED = 1e-13  # of the supply: a smaller step ends it
+_SETTLED = 1e-13  # of the supply: a smaller step ends the descent
 _SMALLEST = 1e-9  # trust region, of the supply
-_NOTHING = 1e-10  # of the scale of y: smaller errors are none
-_CHANGES = 1e-13  # of a cost: a smaller change is none
+_NOTHING = 1e-10  # of the scale of y: smaller errors are rounding
+_CHANGES = 1e-13  # of a cost: a smaller change is rounding
 _ALIKE = 1e-6  # of a cost: a smaller change does not matter while the steps become smaller …
-_CONTRACTS = 0.9  # … from one to the next, to so much of it
-_RESTORED = 2  # steps back to what the earlier levels had
+_CONTRACTS = 0.9  # … to this ratio per step
+_RESTORED = 2  # steps back to the values of earlier levels
 _DIFFERENCE = 1e-4  # of the supply, of second derivatives
-_MATTERS = 1e-4  # of a level's Hessian: less of what bends it is left out
+_MATTERS = 1e-4  # of a level's Hessian: smaller curvature is left out
 _STRETCHES = 0.05, 20.0  # between which the Hessian's diagonal is kept
 _NEWTON = 8  # steps of the inverse of a force law
 
 
 class Found(NamedTuple):
-    """`Found` is what S descents have come to."""
+    """Results of S descents."""
 
     P: Array  # (S, m) [Pa]
     costs: Array  # (S, K + 1) of the levels [cost], and of the distance from the reference, of the supply
     left: Array  # weighted errors C v - y* (S, p)
 
     def of(self, target: int) -> "Found":
-        """Return what one of them has come to."""
+        """Return the result of one of them."""
         return Found(*(array[target : target + 1] for array in self))
 
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Problem of the straight lines, as `batches` takes it."""
+    """Linearised problem, for `pivoting`."""
 
     A: Array
     b: Array
@@ -69,14 +69,14 @@ class _Linear:
         return cast(BoxProblem, self)
 
     def multipliers(self, model: Model, solved: Solved) -> Array:
-        """Return those of the rows of the model (S, K + 1, p)."""
+        """Return the multipliers of the rows of the model (S, K + 1, p)."""
         sizes = np.diff(model.problem.rows[1], prepend=0).tolist()
         own = [np.arange(begin, begin + size) for begin, size in zip([0, *self.ends[:-1].tolist()], sizes, strict=True)]
         return np.asarray(solved.mu[:, :, np.concatenate(own)])
 
 
 def descend(model: Model, which: Indices, P: Array, steps: int = _STEPS) -> Found:
-    """Return where the descents of the targets `which` (S,) from pressures `P` (S, m) [Pa] settle."""
+    """Return the limits of descents of the targets `which` (S,) from pressures `P` (S, m) [Pa]."""
     now = _at(model, which, np.array(P))
     radius, last, bent = np.ones(len(P)), np.full(len(P), np.inf), _unbent(model, P)
     going = np.arange(len(P))
@@ -98,7 +98,7 @@ def descend(model: Model, which: Indices, P: Array, steps: int = _STEPS) -> Foun
 
 
 def _at(model: Model, which: Indices, P: Array) -> Found:
-    """Return what pressures (S, m) are worth."""
+    """Return the results at pressures (S, m)."""
     left = model.left(which, model.states(which, P))
     levels = [(left[:, a:b] ** 2).sum(axis=1) for a, b in _levels(model)]
     away = (((P - model.reference[which]) / model.problem.unit) ** 2).sum(axis=1)
@@ -106,7 +106,7 @@ def _at(model: Model, which: Indices, P: Array) -> Found:
 
 
 def _restored(model: Model, which: Indices, now: Found, radius: Array, bent: Array) -> tuple[Found, Array]:
-    """Return where a step leads, and some from there back to what the levels can have; and its multipliers."""
+    """Return the results after a step and some restoration steps to the levels' values, and the step's multipliers."""
     P, mu = _step(model, which, now.P, now.left, radius, model.reference[which], bent)
     for _ in range(_RESTORED):
         P, _ = _step(model, which, P, model.left(which, model.states(which, P)), radius, P, bent)
@@ -128,9 +128,9 @@ def certified(model: Model, P: Array) -> tuple[Solved, Array]:
 def _linear(
     model: Model, which: Indices, P: Array, left: Array, box: tuple[Array, Array, Array], bent: Array
 ) -> _Linear:
-    """Return the problem of the straight lines about `P`, within box = (lo, hi, centre), in bent[:, K]·P/unit.
+    """Return the problem linearised at `P`, within box = (lo, hi, centre), in bent[:, K]·P/unit.
 
-    What is bent upwards in a level is a row of its own, bent[:, k, j] times the way of muscle j.
+    Positive curvature in a level is a row of its own, bent[:, k, j] times the step of muscle j.
     """
     unit, m = model.problem.unit / bent[:, -1], P.shape[1]
     rows = model.weighted if len(model.weighted) == 1 else model.weighted[model.posture(which)]
@@ -150,12 +150,12 @@ def _linear(
 
 
 def _levels(model: Model) -> list[tuple[int, int]]:
-    """Return where the rows of each level begin and end."""
+    """Return the first and last rows of each level."""
     return list(pairwise([0, *model.problem.rows[1].tolist()]))
 
 
 def _unbent(model: Model, P: Array) -> Array:
-    """Return what `_bent` has (S, K + 1, m) for muscles that are straight lines."""
+    """Return the values (S, K + 1, m) of `_bent` for affine muscles."""
     found = np.zeros((len(P), len(model.problem.rows[1]) + 1, P.shape[1]))
     found[:, -1] = 1.0
     return found
@@ -164,8 +164,8 @@ def _unbent(model: Model, P: Array) -> Array:
 def _bent(model: Model, which: Indices, P: Array, mu: Array) -> Array:
     """Return the roots (S, K + 1, m) of the diagonals that the curves add to the Hessians of the levels' Lagrangians.
 
-    `mu` (S, K + 1, p) are the multipliers. Of the levels in forces, along which torques are straight, and only what is
-    bent upwards; of the distance from the reference in pressures, with its own Hessian.
+    `mu` (S, K + 1, p) are the multipliers. The levels are in forces, in which torques are linear, and only positive
+    curvature counts; the distance from the reference is in pressures, with its own Hessian.
     """
     h, unit, m = _DIFFERENCE * model.problem.unit, model.problem.unit, P.shape[1]
     gains = model.state_gains(which, P)
@@ -183,9 +183,9 @@ def _bent(model: Model, which: Indices, P: Array, mu: Array) -> Array:
 def _step(
     model: Model, which: Indices, P: Array, left: Array, radius: Array, centre: Array, bent: Array
 ) -> tuple[Array, Array]:
-    """Return the pressures (S, m) that one step leads to, `radius` (S,) of the supply at most, and the multipliers.
+    """Return the pressures (S, m) after one step of at most `radius` (S,) of the supply, and the multipliers.
 
-    Of equally good ones it seeks the least Σ bent[:, K]² (P - P_now)²/2 + (P_now - centre)·P.
+    Among equally good ones it has the least Σ bent[:, K]² (P - P_now)²/2 + (P_now - centre)·P.
     """
     unit, F, gain, stretch = model.problem.unit, model.forces(which, P), model.force_gains(which, P), bent[:, -1]
     (lo, hi), reach = (end[which] for end in model.bounds), radius[:, None] * unit
@@ -206,7 +206,7 @@ def _step(
 
 
 def lower(model: Model, which: Indices, new: Array, old: Array, alike: float = _CHANGES) -> Array:
-    """Return where the first level that changes, by more than `alike` of it, has a lower cost, or none changes."""
+    """Return whether the first level that changes by more than `alike` of it has a lower cost, or none changes."""
     scale = (_NOTHING * model.scale[which]) ** 2
     small = np.concatenate([scale, np.full((len(new), 1), 1e-12)], axis=1) + alike * old
     changes = np.abs(new - old) > small

@@ -1,7 +1,7 @@
-"""Problem in the muscles' forces and own stiffnesses, in which it is linear but for one curve per muscle.
+"""Problem in the muscles' forces and own stiffnesses, linear except for one curve per muscle.
 
-With v = (F_1, k_1, …, F_m, k_m), y = C v: column 2j of C is (r_j ; H_j), column 2j + 1 is (0 ; r_j r_jᵀ). The muscles'
-laws are in v(P) alone.
+With v = (F_1, k_1, …, F_m, k_m), y = C v: column 2j of C is (r_j ; H_j), column 2j + 1 is (0 ; r_j r_jᵀ). Only v(P)
+depends on the muscles' laws.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from allocator.calculus import Array
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.mechanism import Indices
 
-_LOOKED_AT = 33  # pressures at which forces are seen to rise
+_LOOKED_AT = 33  # pressures at which rising forces are checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Model:
 
     @cached_property
     def reference(self) -> Array:
-        """Pressures that are wanted near (N, m) [Pa]."""
+        """Reference pressures P_ref (N, m) [Pa]."""
         return np.broadcast_to(self.problem.reference, self.bounds[0].shape)
 
     @cached_property
@@ -77,7 +77,7 @@ class Model:
         return np.maximum.reduceat(size, [0, *self.problem.rows[1][:-1].tolist()], axis=1)
 
     def check(self) -> None:
-        """Insist on forces that rise with the pressure, wherever some are looked at. Raises `InvalidInput`."""
+        """Raise `InvalidInput` unless forces rise with the pressure at sampled pressures."""
         lo, hi = self.bounds
         every = np.arange(self.problem.size)
         for share in np.linspace(0.0, 1.0, _LOOKED_AT):
@@ -91,14 +91,14 @@ class Model:
         return np.asarray(self.problem.which[which])
 
     def _each(self, name: str, which: Indices, P: Array) -> Array:
-        """Return what the method `name` of every muscle says at pressures (S, m)."""
+        """Return the values of the method `name` of every muscle at pressures (S, m)."""
         found = np.empty(P.shape)
         for j, side in enumerate(self._held(self.posture(which))):
             found[:, j] = getattr(side, name)(P[:, j])
         return found
 
     def _held(self, at: Indices) -> tuple[OneMuscle, ...]:
-        """Return the muscles at these postures (S,), or at one that is all of them."""
+        """Return the muscles at these postures (S,), or at the single one."""
         if len(self.C) == 1:
             return self.problem.muscles
         if len(at) > 1:
@@ -110,7 +110,7 @@ class Model:
 
     @cached_property
     def _alone(self) -> dict[int, tuple[OneMuscle, ...]]:
-        """Muscles at the posture that was looked at last, since a search stays there."""
+        """Muscles at the last posture, where a search stays."""
         return {}
 
     def forces(self, which: Indices, P: Array) -> Array:
@@ -157,7 +157,7 @@ class Model:
         return tuple(found)
 
     def level(self, target: int, k: int, achieved: Array) -> Level:
-        """Return level k of a target, with the weighted rows that the earlier levels have achieved (p,)."""
+        """Return level k of a target, with the weighted values achieved by the earlier levels (p,)."""
         end = [0, *self.problem.rows[1].tolist()]
         rows = self.weighted[int(self.problem.which[target])]
         before, own = slice(0, end[k]), slice(end[k], end[k + 1])

@@ -18,17 +18,17 @@ from allocator.allocation.relaxation.model import Model
 from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Array
 
-MOST_NODES = 500  # of a level of a target
-_STEPS = 15  # of a descent from a node
-_INSIDE = 0.1  # of an interval: it is not split nearer to its ends
+MOST_NODES = 500  # per level of a target
+_STEPS = 15  # per descent from a node
+_INSIDE = 0.1  # of an interval: least distance of a split from its ends
 _NEARLY = 1e-2  # weighted [N·m] or [N·m/rad]
-_PATIENCE = 8  # descents that find nothing better, after which they begin now and then only
-_SAMPLES = 65  # pressures between which a force is looked up
+_PATIENCE = 8  # descents without improvement, after which they become rare
+_SAMPLES = 65  # pressures of the table that inverts a force
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """Interval of pressure [Pa] for each muscle, with the polygons around what they can do there."""
+    """Interval of pressure [Pa] for each muscle, with the polygons around its curve there."""
 
     lo: Array  # (m,)
     hi: Array
@@ -36,7 +36,7 @@ class Node:
     relaxed: Relaxed
 
     def children(self, curves: tuple[Curve, ...], level: Level, j: int, at: float) -> Iterator["Node"]:
-        """Yield the two nodes that are left and right of the pressure `at` of muscle j."""
+        """Yield the two nodes left and right of the pressure `at` of muscle j."""
         for end, other in (("hi", self.lo[j]), ("lo", self.hi[j])):
             moved = getattr(self, end).copy()
             moved[j] = at
@@ -52,7 +52,7 @@ def close(
 ) -> tuple[Found, float, int]:
     """Return the best pressures of level k of a target, a lower bound of its cost, and the number of nodes.
 
-    It ends when (cost - bound)/(1 + cost) ≤ `gap`, or after `most` nodes. `found` is what is known, of this target.
+    It ends when (cost - bound)/(1 + cost) ≤ `gap`, or after `most` nodes. `found` is the best known answer.
     """
     curves = model.curves[int(model.problem.which[target])]
     level = model.level(target, k, found.left[0] + model.asked[target])
@@ -69,7 +69,7 @@ def close(
         heapq.heappop(heap)
         P = _pressures(curves, node)
         enough = cost - gap * (1 + cost) if failed < _PATIENCE else -1.0
-        if nodes & (nodes + 1) == 0 or _promises(level, _states(curves, P), enough):  # now and then, or for a reason
+        if nodes & (nodes + 1) == 0 or _promises(level, _states(curves, P), enough):  # rarely, or if promising
             before, found = found, _better(model, target, k, P, found)
             failed += found is before
         j, at = _split(curves, node, level, P)
@@ -79,12 +79,12 @@ def close(
 
 
 def _promises(level: Level, v: Array, enough: float) -> bool:
-    """Return whether a point of the curves costs less than `enough`, and nearly has what earlier levels achieve."""
+    """Return whether a point of the curves costs less than `enough`, and nearly has the values of earlier levels."""
     return level.cost(v) < enough and bool(np.abs(level.E @ v - level.e).max(initial=0.0) < _NEARLY)
 
 
 def _better(model: Model, target: int, k: int, P: Array, found: Found) -> Found:
-    """Return what a descent from `P` finds where that is better at level k, and as good before; else `found`."""
+    """Return the descent from `P` if it is better at level k and as good at earlier ones; else `found`."""
     tried = descend(model, np.array([target]), P[None], _STEPS)
     same = np.abs(tried.left[0] - found.left[0])[: [0, *model.problem.rows[1].tolist()][k]]
     as_good = (same <= 1e-9 * (1 + np.abs(model.asked[target, : same.size]))).all()
@@ -92,7 +92,7 @@ def _better(model: Model, target: int, k: int, P: Array, found: Found) -> Found:
 
 
 def _pressures(curves: tuple[Curve, ...], node: Node) -> Array:
-    """Return pressures (m,) that give the relaxed forces, roughly."""
+    """Return pressures (m,) that approximately give the relaxed forces."""
     F = node.relaxed.v[::2]
     P = np.empty(len(F))
     for j, curve in enumerate(curves):
@@ -106,7 +106,7 @@ def _states(curves: tuple[Curve, ...], P: Array) -> Array:
 
 
 def _split(curves: tuple[Curve, ...], node: Node, level: Level, P: Array) -> tuple[int, float]:
-    """Return the muscle to split, and the pressure [Pa] where."""
+    """Return the muscle to split, and the pressure [Pa] of the split."""
     off = node.relaxed.v - _states(curves, P)
     weight = np.sqrt((level.G**2).sum(axis=0) + (level.E**2).sum(axis=0))
     wide = np.array([not curve.straight for curve in curves]) & (node.hi > node.lo)
@@ -121,31 +121,31 @@ def _split(curves: tuple[Curve, ...], node: Node, level: Level, P: Array) -> tup
 
 
 _BESIDE = 0.35  # of the interval of a muscle's pressure, from its middle
-_PARTS = 16  # of a curve, which are enclosed one by one
+_PARTS = 16  # of a curve, enclosed separately
 
 
 class Nearby(NamedTuple):
-    """`Nearby` is what is found for N problems of K levels."""
+    """Solution of N problems of K levels, with lower bounds."""
 
     solved: Solved  # its rounds are nodes of the search
-    residual: Array  # of optimality nearby (N,)
+    residual: Array  # of local optimality (N,)
     costs: Array  # the squared errors of each level (N, K) [cost]
-    bounds: Array  # below which no pressures get them, what earlier levels achieve being kept (N, K) [cost]
+    bounds: Array  # lower bounds of the costs, given the values of earlier levels (N, K) [cost]
 
     @property
     def left(self) -> Array:
-        """Bound on a level's cost above the least (N,), relative to 1 + cost."""
+        """Bound on the excess of a level's cost over the least (N,), relative to 1 + cost."""
         return np.asarray(((self.costs - self.bounds) / (1 + self.costs)).max(axis=1))
 
     @classmethod
     def of(cls, problem: BoxProblem, solved: Solved) -> Self:
-        """Return answers for affine muscles, which are the best; their residuals tell if not."""
+        """Return answers for affine muscles, which are optimal according to their residuals."""
         costs = problem.costs(solved.x)
         return cls(solved, residuals(problem, solved), costs, costs)
 
 
 def solve(problem: BoxProblem, gap: float) -> Nearby:
-    """Return pressures whose costs are above the least by `gap`·(1 + cost) at most, unless the search grows too long.
+    """Return pressures whose costs exceed the least by at most `gap`·(1 + cost), unless the search becomes too long.
 
     Raises `InvalidInput` for a force that does not rise with the pressure, or a law that is not smooth.
     """
@@ -163,10 +163,9 @@ def solve(problem: BoxProblem, gap: float) -> Nearby:
 
 
 def _descended(model: Model) -> Found:
-    """Return the best of descents from the middle and from beside it, muscles in turn high and low.
+    """Return the best of descents from the middle and from points beside it, muscles alternately high and low.
 
-    Of equally good pressures a descent from the middle alone may end at a saddle: that of a mechanism whose muscles are
-    alike is as symmetric as they are.
+    A descent from the middle alone may end at a saddle: for a mechanism of equal muscles it keeps their symmetry.
     """
     every, (lo, hi) = np.arange(model.problem.size), model.bounds
     middle, in_turn = (lo + hi) / 2, np.where(np.arange(lo.shape[1]) % 2, 1.0, -1.0)
@@ -194,14 +193,14 @@ def _closed(model: Model, target: int, best: Found, gap: float) -> tuple[Found, 
 
 
 def _missed(model: Model, target: int, best: Found) -> NDArray[np.bool_]:
-    """Return which levels (K,) of a target have an error that is no rounding."""
+    """Return which levels (K,) of a target have an error above rounding."""
     ends = [0, *model.problem.rows[1].tolist()]
     error = np.array([np.abs(best.left[0, a:b]).max(initial=0.0) for a, b in pairwise(ends)])
     return np.asarray(error > CLOSED_FORM.met * model.scale[target])
 
 
 def furthest(problem: BoxProblem, d: Array) -> Array:
-    """Return a bound (N,) that d·y(P) is not above anywhere in the box, for directions d (N, d)."""
+    """Return an upper bound (N,) of d·y(P) over the box, for directions d (N, d)."""
     model = Model(problem)
     every = np.arange(problem.size)
     g = (d[:, None, :] @ (model.C if len(model.C) == 1 else model.C[model.posture(every)]))[:, 0]

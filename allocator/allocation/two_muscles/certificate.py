@@ -1,12 +1,11 @@
-"""Status, optimality residual and gap of answers, computed from their pressures alone, whichever method gave them.
+"""Status, optimality residual and gap of answers, computed from their pressures alone, whatever the method.
 
-The residual says how far an answer is from satisfying the optimality conditions of its problem. It is the first-order
-(Gauss–Newton) step that would still improve the answer without leaving the feasible set, in fractions of the supply
-range. It vanishes exactly at the Karush–Kuhn–Tucker points: no step is left, because the gradient is zero or because
-the limits in the way have multipliers of the right sign. For the lexicographic priorities the first goal is tested with
-all of the feasible set, the second along the level of the first.
+The residual measures the violation of the optimality conditions. It is the first-order (Gauss–Newton) step that would
+still improve the answer within the feasible set, in fractions of the supply range. It vanishes exactly at the
+Karush–Kuhn–Tucker points, where the gradient is zero or the active limits have multipliers of the right sign. For the
+lexicographic priorities the first goal is tested over the whole feasible set, the second along the level of the first.
 
-The gap says how far an answer is from the bound that the exact method proves for its problem.
+The gap is the distance from the bound that the exact method proves for the problem.
 """
 
 from typing import NamedTuple
@@ -26,15 +25,15 @@ from allocator.joint.torque_levels import Pair
 Flags = NDArray[np.bool_]
 
 _ROUNDING = 1e-12  # of the scale of torque or stiffness: a first goal missed by less leaves no step
-_CANCELLED = 1e-6  # of two terms: their difference is rounding
-_HELD = 1e-3  # a step is held where the limits leave less than this of it
+_CANCELLED = 1e-6  # of two terms: a smaller difference is rounding
+_HELD = 1e-3  # a step is held if the limits leave a smaller part of it
 
 
 class Assessment(NamedTuple):
-    """Facts about n answers, each (n,)."""
+    """Assessment of n answers, each (n,)."""
 
-    T: Array  # torque given [N·m]
-    K: Array  # stiffness given [N·m/rad]
+    T: Array  # achieved torque [N·m]
+    K: Array  # achieved stiffness [N·m/rad]
     status: NDArray[np.int8]
     limits: NDArray[np.int32]  # Limit flags
 
@@ -52,7 +51,7 @@ def assess(
 
 
 def assess_inverse(problem: Problem, P1: Array, P2: Array, outside: NDArray[np.int32]) -> Assessment:
-    """Assess the bare inverse, which knows no limits: `limits` are the ones that it breaks or lies on."""
+    """Assess the inverse without limits: `limits` are those that it violates or lies on."""
     found = assess(problem, P1, P2, outside)
     near = CLOSED_FORM.binds * problem.joint.pressure_span
     allowed = problem.box.contains(P1, P2, near) & ~problem.box.empty & (outside == 0)
@@ -86,7 +85,7 @@ def _gradients(problem: Problem, P1: Array, P2: Array) -> tuple[Pair, Pair]:
 
 
 def _stiffness_gain(side: OneMuscle, P: Array) -> Array:
-    """Return dk/dP, 0 where the stiffness turns: there its parts cancel."""
+    """Return dk/dP, 0 at a turning point of the stiffness, where its parts cancel."""
     return _sum(*side.stiffness_gain_terms(P))
 
 
@@ -106,7 +105,7 @@ def newton_step(
 ) -> Array:
     """Return the step [Pa] to the minimum of a quadratic cost, of the pressures that no limit within `near` holds.
 
-    On the co-contraction floor, whose corners two limits may hold in many ways, that of a projected gradient step.
+    On the co-contraction floor, with corners that two limits may hold in many ways, that of a projected gradient step.
     """
     (g1, g2), (h11, h12, h22) = gradient, hessian
     held1, held2 = _held(box.agonist, P1, g1, near), _held(box.antagonist, P2, g2, near)
@@ -122,7 +121,7 @@ def newton_step(
 
 
 def _sum(one: Array, *others: Array) -> Array:
-    """Return the sum, 0 where nothing but rounding is left: on a fold both curves have one slope, and they cancel."""
+    """Return the sum, 0 if only rounding remains: on a fold both curves have one slope, and they cancel."""
     total, size = one, np.abs(one)
     for other in others:
         total, size = total + other, size + np.abs(other)
@@ -145,7 +144,7 @@ def _lexicographic(problem: Problem, P1: Array, P2: Array) -> Array:
     g1, g2 = (errors[second] * b + problem.pull * d for b, d in ((b1, P1 - R1), (b2, P2 - R2)))
     hessian = b1**2 + problem.pull, b1 * b2, b2**2 + problem.pull
     second_step = level_step(problem.box, P1, P2, (a1, a2), (g1, g2), hessian)
-    # a first goal that is missed, and held, is at its limit: in one point, which leaves no choice
+    # a missed first goal that is held is at its limit: a single point
     held = (first_step <= _HELD * wanted) & (missed > OPTIMISER.met)
     free = problem.joint.affine & (a1 == 0) & (a2 == 0)  # the first goal is the same everywhere
     anywhere, _ = _goal_step(problem, P1, P2, errors[second], problem.scales[second], (b1, b2))
@@ -153,7 +152,7 @@ def _lexicographic(problem: Problem, P1: Array, P2: Array) -> Array:
 
 
 def _goal_step(problem: Problem, P1: Array, P2: Array, error: Array, scale: Array, gradient: Pair) -> Pair:
-    """Return the size of the step to a goal that stays within the limits, and of the one without them."""
+    """Return the sizes of the step to a goal within the limits and without them."""
     (g1, g2), steep = gradient, gradient[0] ** 2 + gradient[1] ** 2
     wanted = (np.abs(error) > _ROUNDING * scale) & (steep > 0)
     toward = np.where(wanted, -error, 0.0) / np.where(steep > 0, steep, 1.0)
@@ -164,7 +163,7 @@ def _goal_step(problem: Problem, P1: Array, P2: Array, error: Array, scale: Arra
 def level_step(
     box: PressureBox, P1: Array, P2: Array, kept: Pair, gradient: Pair, hessian: tuple[Array, Array, Array]
 ) -> Array:
-    """Return the step [Pa] to the minimum of a quadratic cost along the level of what has the gradient `kept`."""
+    """Return the step [Pa] to the minimum of a quadratic cost along the level with the gradient `kept`."""
     (a1, a2), (g1, g2), (h11, h12, h22) = kept, gradient, hessian
     norm = np.hypot(a1, a2)
     v1, v2 = -a2 / norm, a1 / norm
@@ -174,7 +173,7 @@ def level_step(
 
 
 def _distance_left(box: PressureBox, P1: Array, P2: Array, v1: Array, v2: Array) -> Array:
-    """Return how far one can go from P along v within the feasible set."""
+    """Return the distance from P along v to the border of the feasible set."""
 
     def distance(v: Array, P: Array, lo: Array, hi: Array) -> Array:
         return np.where(v > 0, hi - P, np.where(v < 0, P - lo, np.inf)) / np.where(v == 0, 1.0, np.abs(v))
@@ -186,7 +185,7 @@ def _distance_left(box: PressureBox, P1: Array, P2: Array, v1: Array, v2: Array)
 
 
 def gap(problem: Problem, P1: Array, P2: Array) -> Array:
-    """Return how much worse (P1, P2) are than the proved bound (n,), as `Allocation.gap`; NaN where there is none."""
+    """Return the excess of (P1, P2) over the proved bound (n,), as `Allocation.gap`; NaN without a bound."""
     try:
         best = exact.solve(problem)
     except InvalidInput:  # a pull without a closed form

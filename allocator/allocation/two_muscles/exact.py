@@ -1,15 +1,15 @@
-"""Global optimum for two muscles: in closed form if they are affine, by a complete search for others.
+"""Global optimum for two muscles: in closed form if they are affine, else by a complete search.
 
-Without a pull (ρ = 0) an interior stationary point of [A] satisfies JᵀW r = 0 with the Jacobian J. Where that is
-invertible the residual r is zero: it is the analytic inverse. For affine muscles J is constant at an angle. Hence
-either the inverse is feasible, or the optimum lies on the border of the feasible set, where one equation is left to
-solve (`border_points`). The lexicographic priorities are limits of [A] and share the argument; with a pull [A] is a
-convex quadratic programme in two variables, of which the stationary point, or that of its restriction to the torque
-level, takes the inverse's place. Nothing but comparing a few candidates is left.
+Without a pull (ρ = 0) an interior stationary point of [A] satisfies JᵀW r = 0 with the Jacobian J. Where J is
+invertible the residual r is zero, and the point is the analytic inverse. For affine muscles J is constant at an angle.
+Hence either the inverse is feasible, or the optimum lies on the border of the feasible set, where one equation remains
+(`border_points`). The lexicographic priorities are limits of [A] and share the argument. With a pull [A] is a convex
+quadratic programme in two variables; its stationary point, or that of its restriction to the torque level, replaces the
+inverse. The optimum is the best of a few candidates.
 
 For other muscles J may be singular in the box, and several pairs may give the same torque and stiffness:
-`allocator.search` finds them all, and a bound on what it has dropped, the `gap`. With a pull there is no exact answer
-for such muscles. The stiffness that a push meets couples both pressures, and has an exact answer of its own: `felt`.
+`allocator.search` finds all of them and a bound on the candidates dropped, the `gap`. With a pull there is no exact
+answer for such muscles. The stiffness felt by a push couples both pressures; `felt` solves it exactly.
 """
 
 from collections.abc import Iterator
@@ -30,15 +30,15 @@ _TIE = 1e-13  # torques or stiffnesses closer than this fraction of their scale 
 
 
 class Optimum(NamedTuple):
-    """Optimal pressures, each (n,), and how much is not proved."""
+    """Optimal pressures, each (n,), and their gap."""
 
     P1: Array  # [Pa]
     P2: Array
-    gap: Array  # to a lower bound, see `Allocation.gap`; NaN: not proved
+    gap: Array  # to a lower bound, see `Allocation.gap`; NaN without a proof
 
 
 def solve(problem: Problem) -> Optimum:
-    """Return the optimum of n problems. Raises InvalidInput for a pull on muscles for which there is no closed form."""
+    """Return the optimum of n problems. Raises InvalidInput for a pull on muscles without a closed form."""
     if problem.felt is not None:
         return Optimum(*felt.solve(problem), np.zeros(problem.theta.shape))
     if problem.joint.affine or problem.pull:
@@ -49,7 +49,7 @@ def solve(problem: Problem) -> Optimum:
 
 
 def gap_units(problem: Problem) -> Pair:
-    """Return what a gap of either goal is a fraction of: their scales, or that of the weighted cost."""
+    """Return the units of a gap of either goal: their scales, or that of the weighted cost."""
     T_scale, K_scale = problem.scales
     if problem.priority == "weighted":
         w_T, w_K = problem.weights
@@ -59,7 +59,7 @@ def gap_units(problem: Problem) -> Pair:
 
 
 def determinant_signs(problem: Problem) -> Array:
-    """Return the sign of det ∂(T, K)/∂(P1, P2) where it is proved to be the same all over the box (n,), else 0.
+    """Return the sign (n,) of det ∂(T, K)/∂(P1, P2) if it is proved constant over the box, else 0.
 
     Where it is not 0 no two pairs of pressures give the same torque and stiffness (the columns of the Jacobian depend
     on one pressure each), and along a torque level the stiffness rises (1) or falls (-1). Affine muscles: the
@@ -86,7 +86,7 @@ def _jumps(problem: Problem) -> bool:
 
 
 def _closed(problem: Problem) -> Pair:
-    """Return the best of the inverse (or what takes its place) and the candidates on the border."""
+    """Return the best of the inverse (or its replacement) and the candidates on the border."""
     P1, P2 = _pulled_optimum(problem) if problem.pull else affine_inverse(problem.sides, problem.K_aim, problem.T_aim)
     inside = problem.box.contains(P1, P2)
     P1, P2 = np.where(inside, P1, np.nan), np.where(inside, P2, np.nan)
@@ -96,7 +96,7 @@ def _closed(problem: Problem) -> Pair:
 
 
 def _pulled_optimum(problem: Problem) -> Pair:
-    """Return where the quadratic cost is stationary, or, for priority "torque", is so along the torque level."""
+    """Return the stationary point of the quadratic cost, along the torque level for priority "torque"."""
     if not problem.joint.affine or problem.priority == "stiffness":
         raise InvalidInput(
             "method='exact' has no closed form for a pull with these muscles and this priority; "
@@ -105,7 +105,7 @@ def _pulled_optimum(problem: Problem) -> Pair:
     one, two = problem.sides
     zero, (R1, R2), rho = np.zeros(problem.theta.shape), problem.P_ref, problem.pull
     t1, t2, k1, k2 = one.torque_gain(zero), two.torque_gain(zero), one.stiffness_gain(zero), two.stiffness_gain(zero)
-    e_T, e_K = problem.errors(R1 + zero, R2 + zero)  # at the reference, from which d is measured
+    e_T, e_K = problem.errors(R1 + zero, R2 + zero)  # at the reference, the origin of d
     if problem.priority == "torque":  # d = d0 + s v on the level t·d = -e_T: v = (-t2, t1)
         d0 = -e_T / (t1**2 + t2**2)
         along = k2 * t1 - k1 * t2  # dK/ds
@@ -131,7 +131,7 @@ def _best(problem: Problem) -> Pair:
 
 
 def ranking(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array, Array]:
-    """Return (first cost, second cost, what counts as a tie of the first) at pressures (…, n): lower is better."""
+    """Return (first cost, second cost, tolerance of a tie of the first) at pressures (…, n): lower is better."""
     (e_T, e_K), pulled, (T_scale, K_scale) = problem.errors(P1, P2), problem.pull_cost(P1, P2), problem.scales
     if problem.priority == "weighted":
         w_T, w_K = problem.weights
@@ -146,9 +146,9 @@ def border_points(problem: Problem) -> Pair:
     """Return all candidates (P1, P2), each (m, n), for the optimum of affine muscles on the border of the feasible set.
 
     Along a straight line P = start + s·direction torque and stiffness are affine in s: on an edge of the box, and on
-    the co-contraction floor, where P1 + P2 is constant. The optimum on the line is where the torque or the stiffness is
-    met, or for the weighted priority where the cost is stationary, each clipped to the line, or an end of it. Ends that
-    the floor cuts off are sorted out by the comparison of the candidates.
+    the co-contraction floor, where P1 + P2 is constant. The optimum on the line is a point that meets the torque or the
+    stiffness, a stationary point of the weighted cost, each clipped to the line, or an end of it. The comparison of
+    candidates rejects ends below the floor.
     """
     P1, P2 = [], []
     for (start1, start2), (d1, d2), length in _lines(problem.box):
@@ -172,7 +172,7 @@ def _lines(box: PressureBox) -> Iterator[tuple[Pair, tuple[int, int], Array]]:
 
 
 def _solutions(problem: Problem, P1: Array, P2: Array, d1: int, d2: int) -> tuple[Array, ...]:
-    """Return how far from (P1, P2) along (d1, d2) the optimum may lie; 0 where a goal is the same all along."""
+    """Return distances of the optimum from (P1, P2) along (d1, d2); 0 if a goal is constant along the line."""
     (one, two), (R1, R2), (w_T, w_K), rho = problem.sides, problem.P_ref, problem.weights, problem.pull
     e_T, e_K = problem.errors(P1, P2)
     t = d1 * one.torque_gain(0.0) + d2 * two.torque_gain(0.0)

@@ -1,17 +1,17 @@
-"""The allocation problem [A] for the stiffness that a push meets, solved exactly for affine muscles.
+"""Exact solution, for affine muscles, of the allocation problem [A] for the stiffness felt by a push.
 
 With the secant of the hysteresis (`allocator.joint.felt`) and S = P1 + P2
 
     T = T_0 + t1 P1 + t2 P2,     K_felt = K(P) (1 + α + β S) + g(P)
 
-where K is the isobaric stiffness, g what gas, Dahl's friction and springs of their own add, all affine in P, and α, β
-are constant in each region of S between the kinks. In a region K_felt is quadratic, so that it is quadratic in s along
-every straight line P = p + s d. All points in which the optimum may lie are on straight lines:
+where K is the isobaric stiffness, g the contribution of gas, Dahl's friction and separate springs, all affine in P, and
+α, β are constant in each region of S between the kinks. In a region K_felt is quadratic, hence quadratic in s along
+every straight line P = p + s d. All candidates for the optimum lie on straight lines:
 
 * an interior optimum without residual is on the torque level T = T*;
 * one with a residual r has JᵀW r = 0, hence det ∂(T, K_felt)/∂(P1, P2) = 0, which is affine in P: a *fold*. The same
   holds for the extremes of the torque along a stiffness level, and for those of the stiffness;
-* every other one lies on the border of a region: an edge of the box, or P1 + P2 = a kink (or the co-contraction floor).
+* every other optimum lies on the border of a region: an edge of the box, or P1 + P2 = a kink (or co-contraction floor).
 
 On each line the candidates are the ends, T = T* (linear), K = K* (quadratic), K' = 0, and for the weighted cost its
 stationary points (cubic). The best of all of them is the global optimum, up to rounding.
@@ -30,7 +30,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.torque_levels import Pair
 
 _SLACK = 1e-12  # of the supply range: a line within this of the border lies on it
-_HALVINGS = 60  # of a stretch on which a cubic is monotone
+_HALVINGS = 60  # of an interval on which a cubic is monotone
 _TIE = 1e-13  # of a scale: rounding
 _PARALLEL = 1e-12  # of a unit vector
 
@@ -48,7 +48,7 @@ class Quadratic(NamedTuple):
 
 
 class Line(NamedTuple):
-    """Straight lines p + s d of unit directions d, between s = low and s = high; low > high where there is none."""
+    """Straight lines p + s d of unit directions d, between s = low and s = high; low > high for none."""
 
     p: Pair  # [span]
     d: Pair  # [-]
@@ -56,7 +56,7 @@ class Line(NamedTuple):
     high: Array
 
     def at(self, s: Array) -> Pair:
-        """Return the pressures [span] at s (n,), brought into the stretch; NaN where there is none."""
+        """Return the pressures [span] at s (n,), clipped to the line; NaN without one."""
         s = np.where(self.low <= self.high, np.clip(s, self.low, self.high), np.nan)
         return self.p[0] + s * self.d[0], self.p[1] + s * self.d[1]
 
@@ -78,7 +78,7 @@ class Affine:
 
 
 class Pieces(NamedTuple):
-    """The functions that make torque and felt stiffness in one region, pressures in `span`."""
+    """Functions of torque and felt stiffness in one region, pressures in `span`."""
 
     T: Affine
     K: Affine  # isobaric
@@ -115,7 +115,7 @@ def solve(problem: Problem) -> Pair:
 
 
 def check(problem: Problem) -> None:
-    """Refuse what has no closed form. Raises `InvalidInput`."""
+    """Raise `InvalidInput` for problems without a closed form."""
     if not problem.joint.affine:
         raise InvalidInput(
             "the felt stiffness of muscles that are not affine in the pressure has no exact allocation where widths of "
@@ -155,7 +155,7 @@ def _affine(span: float, f: Array, f1: Array, f2: Array) -> Affine:
 
 
 def _lines(problem: Problem, piece: Pieces) -> Iterator[Line]:
-    """Yield every line on which the optimum may lie within a region: level and fold, edges and borders."""
+    """Yield every line that may hold the optimum within a region: level and fold, edges and borders."""
     T, n = problem.T_aim, np.ones(problem.theta.shape)
     (lo1, hi1), (lo2, hi2) = ((side.lo / problem.joint.pressure_span, side.hi / problem.joint.pressure_span)
                               for side in problem.box)  # fmt: skip
@@ -201,7 +201,7 @@ def _clipped(problem: Problem, piece: Pieces, f: Array, f1: Array, f2: Array) ->
 
 
 def _candidates(problem: Problem, piece: Pieces) -> Iterator[Pair]:
-    """Yield the pressures [span] in which the optimum may lie within a region, NaN where there is none."""
+    """Yield candidate pressures [span] for the optimum within a region, NaN for none."""
     for line in _lines(problem, piece):
         if not (line.low <= line.high).any():
             continue
@@ -212,13 +212,13 @@ def _candidates(problem: Problem, piece: Pieces) -> Iterator[Pair]:
 
 
 def _met(problem: Problem, T0: Array, T1: Array, K: Quadratic) -> tuple[Array, ...]:
-    """Return where the torque is met, where the stiffness is met, and where this turns."""
+    """Return s where the torque is met, where the stiffness is met, and where the stiffness turns."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return (problem.T_aim - T0) / T1, *roots(K, problem.K_aim), -K.c1 / (2 * K.c2)
 
 
 def roots(K: Quadratic, value: Array) -> Pair:
-    """Return both s (n,) with K(s) = value, NaN where there are none, without cancellation."""
+    """Return both s (n,) with K(s) = value, NaN for none, without cancellation."""
     with np.errstate(divide="ignore", invalid="ignore"):
         c = K.c0 - value
         square = K.c1**2 - 4 * K.c2 * c
@@ -228,7 +228,7 @@ def roots(K: Quadratic, value: Array) -> Pair:
 
 
 def _stationary(problem: Problem, line: Line, T0: Array, T1: Array, K: Quadratic) -> list[Array]:
-    """Return where the weighted cost is stationary along a line: up to three roots of a cubic, bracketed."""
+    """Return the stationary points of the weighted cost along a line: up to three roots of a cubic, bracketed."""
     if problem.priority != "weighted":
         return []
     w_T, w_K = problem.weights
@@ -246,7 +246,7 @@ def _stationary(problem: Problem, line: Line, T0: Array, T1: Array, K: Quadratic
 
 
 def _bisected(f, left: Array, right: Array) -> Array:  # type: ignore[no-untyped-def]
-    """Return the root of a function that is monotone between left and right; an end where there is none."""
+    """Return the root of a function that is monotone between left and right; an end if there is none."""
     sign = np.sign(f(left))
     for _ in range(_HALVINGS):
         middle = (left + right) / 2
@@ -259,7 +259,7 @@ def _bisected(f, left: Array, right: Array) -> Array:  # type: ignore[no-untyped
 
 
 def _best(problem: Problem, P1: Array, P2: Array) -> Pair:
-    """Return the best of candidates (m, n); of those as good the nearest to `previous`, or the least pressures."""
+    """Return the best of candidates (m, n); among equals the nearest to `previous`, or the least pressures."""
     (e_T, e_K), (w_T, w_K) = problem.errors(P1, P2), problem.weights
     T_tie, K_tie = (_TIE * scale for scale in problem.scales)
     weighted = w_T * e_T**2 + w_K * e_K**2
@@ -284,7 +284,7 @@ def _picked(cost: Array, P1: Array, P2: Array) -> Pair:
     return one, two
 
 
-# --- what exists ------------------------------------------------------------------------------------------------------
+# --- existence --------------------------------------------------------------------------------------------------------
 
 
 def levels(problem: Problem, T: Array, K: Array) -> Array:
@@ -310,7 +310,7 @@ def _errors(problem: Problem, pairs: Array, T: Array, K: Array) -> Pair:
 
 
 def turning_torques(problem: Problem, K: Array) -> Array:
-    """Return the torques (m, n) [N·m] between which the set of pairs with the stiffnesses K (n,) stays what it is."""
+    """Return the torques (m, n) [N·m] at which the number of pairs with the stiffnesses K (n,) may change."""
     aimed, found = replace(problem, K=K, stiffness_tolerance=0.0), []
     for piece in pieces(aimed):
         for line in islice(_lines(aimed, piece), 1, None):  # without the torque level

@@ -8,21 +8,21 @@ At a joint angle θ, with targets T* and K*, over the pressures P = (P1, P2):
 
 Supply limits, min_force ≤ F_i ≤ max_force (bounds on P_i alone since force grows with pressure; min_force ≥ 0 keeps the
 cables taut), the validity of the muscle models and the slew limits all are bounds on a single pressure: the box, see
-`allocator.joint.antagonist.AntagonistJoint.box`. The co-contraction floor P_co, if any, cuts a corner off it.
-Angles beyond the joint range are replaced by the nearest one inside.
+`allocator.joint.antagonist.AntagonistJoint.box`. The co-contraction floor P_co, if any, cuts a corner off it. Angles
+beyond the joint range are replaced by the nearest inside.
 
-`priority` says what is given up where both targets cannot be met: "weighted" is [A] itself; "torque" is the limit
-w_T → ∞ (first the nearest torque, then among all pressures that give it the least w_K (K - K*)² + ρ ‖P - P_ref‖²) and
+`priority` decides which target is given up if both cannot be met: "weighted" is [A] itself; "torque" is the limit w_T →
+∞ (first the nearest torque, then among all pressures that give it the least w_K (K - K*)² + ρ ‖P - P_ref‖²) and
 "stiffness" the opposite limit; the weight of the second goal is 1 there.
 
-With a `stiffness_tolerance` all stiffnesses within K* ± tolerance are equally good, and among them the one with the
-least pressures, which is also the one with the least air, is wanted. Along a torque level both pressures grow with the
-stiffness, so that it is the least stiffness: K* - tolerance is aimed at.
+With a `stiffness_tolerance` all stiffnesses within K* ± tolerance are equally good, and the one with the least
+pressures, hence the least air, is chosen. Along a torque level both pressures grow with the stiffness, so it is the
+least stiffness: the target becomes K* - tolerance.
 
-K is the isobaric stiffness, or with `shares` of the trapped gas the one of (G5) in `allocator.joint.gas`. That is a sum
-of one function of one pressure a muscle again, so that all of the above stays as it is. With `felt` hysteresis is
-added as a push meets it, (S3) in `allocator.joint.felt`: there both pressures may be coupled, see `allocation.felt`.
-Where they are not, and the muscles are not affine, a `push` in the muscles' own stiffness says the same.
+K is the isobaric stiffness, or with `shares` of the trapped gas that of (G5) in `allocator.joint.gas`. It is again a
+sum of functions of single pressures, so all of the above holds. `felt` adds the hysteresis met by a push, (S3) in
+`allocator.joint.felt`, which may couple both pressures, see `allocator.allocation.two_muscles.felt`. If it does not,
+and the muscles are not affine, a `push` in the muscles' own stiffness is equivalent.
 """
 
 from collections.abc import Callable
@@ -44,9 +44,9 @@ from allocator.joint.torque_levels import BothMuscles, Pair
 from allocator.search import Curves
 
 _FAR = {"torque": 1e3, "stiffness": 1e3, "weighted": 1e6}
-"""How far a target is aimed at, in what the muscles can give: any greater number asks for "as much as possible".
+"""Greatest target, in multiples of the muscles' capacity: any greater number means "as much as possible".
 
-The nearest torque or stiffness is the same for all targets beyond reach; a weighted optimum differs by this part.
+The nearest torque or stiffness is the same for all unreachable targets; a weighted optimum depends on this factor.
 """
 
 
@@ -61,12 +61,12 @@ class Problem:
     priority: Priority = "torque"
     weights: tuple[float, float] = (1.0, 1.0)  # (w_T [cost]/[N·m]², w_K [cost]/[N·m/rad]²), for "weighted"
     limits: Limits = TAUT  # min_force, max_force, P_co, slew
-    stiffness_tolerance: float = 0.0  # stiffnesses this near to the target are as good [N·m/rad]
+    stiffness_tolerance: float = 0.0  # stiffnesses within this of the target are equally good [N·m/rad]
     pull: float = 0.0  # ρ [cost]/[Pa]²
-    reference: Pair | None = None  # P_ref [Pa], where there is a pull
+    reference: Pair | None = None  # P_ref [Pa], with a pull
     shares: Pair | None = None  # s1, s2 of the trapped gas in the stiffness [-], None: it is isobaric
-    felt: Secant | None = None  # hysteresis that couples both pressures in the stiffness, None: there is none in it
-    push: tuple[float, float] | None = None  # (α, drag) of hysteresis that does not, see `Secant.separable`
+    felt: Secant | None = None  # hysteresis in the stiffness that couples both pressures, None for none
+    push: tuple[float, float] | None = None  # (α, drag) of separable hysteresis, see `Secant.separable`
 
     @cached_property
     def sides(self) -> BothMuscles:
@@ -80,32 +80,32 @@ class Problem:
 
     @cached_property
     def box(self) -> PressureBox:
-        """Pressures that all limits together allow."""
+        """Pressures allowed by all limits."""
         return self.joint.box(self.theta, self.limits, self.shares)
 
     @cached_property
     def curves(self) -> Curves:
-        """Both muscles at the angles, in the numbers that the complete search takes."""
+        """Both muscles at the angles, as numbers for the complete search."""
         return Curves.of(self.sides, self.box, self.joint.pressure_limits)
 
     @cached_property
     def box_without_forces(self) -> PressureBox:
-        """Pressures that all limits but those on the forces allow."""
+        """Pressures allowed by all limits except those on forces."""
         return self.joint.box(self.theta, self.limits.without_forces, self.shares)
 
     @property
     def tondu_pulley(self) -> TonduPulley | None:
-        """Closed forms of the report's joint where they hold: for its isobaric stiffness."""
+        """Closed forms of the report's joint, valid for its isobaric stiffness."""
         return self.joint.tondu_pulley if self.shares is None and self.felt is None and self.push is None else None
 
     @cached_property
     def T_aim(self) -> Array:
-        """Torque aimed at: the target, or where it is out of all proportion a nearer one."""
+        """Torque aimed at: the target, or a smaller one if it is excessive."""
         return self._near(self.T, [side.torque for side in self.sides])
 
     @cached_property
     def K_aim(self) -> Array:
-        """Stiffness aimed at: the least that is as good as the target, or a nearer one likewise."""
+        """Stiffness aimed at: the least one within the tolerance, or a smaller one if it is excessive."""
         return self._near(self.K, [side.stiffness for side in self.sides], self._hysteresis) - self.stiffness_tolerance
 
     def _near(
@@ -114,7 +114,7 @@ class Problem:
         added: list[Callable[[Array], Array]],
         further: Callable[[Array, Array], Array | float] = lambda P1, P2: 0.0,
     ) -> Array:
-        """Clip `target` to so many times what the muscles add at the greatest pressures that the joint ever has."""
+        """Clip `target` to a multiple of the muscles' contribution at the joint's greatest pressures."""
         supply, muscles = self.joint.pressure_limits[1], (self.joint.agonist, self.joint.antagonist)
         most = [np.full(self.theta.shape, min(supply, muscle.max_pressure)) for muscle in muscles]
         reach = sum(np.abs(add(P)) for add, P in zip(added, most, strict=True)) + np.abs(further(*most))
@@ -154,7 +154,7 @@ class Problem:
         )
 
     def _hysteresis(self, P1: Array, P2: Array) -> Array | float:
-        """Return what hysteresis adds to the stiffness [N·m/rad]   (S1), (S2)"""
+        """Return the contribution of hysteresis to the stiffness [N·m/rad]   (S1), (S2)"""
         if self.felt is None:
             return 0.0
         one, two = self.sides
@@ -187,7 +187,7 @@ class Problem:
         return replace(self, theta=theta, K=K, T=T, limits=limits, reference=reference, shares=shares)
 
     def with_shares(self, shares: Shares | None) -> Self:
-        """Return the problems of another stiffness, whose shares of the gas are numbers, or None."""
+        """Return the problems of another stiffness, with numbers as shares of the gas, or None."""
         if shares is None:
             return replace(self, shares=None)
         one, two = (np.full(self.theta.shape, float(s)) for s in shares)

@@ -1,7 +1,7 @@
 """Reach of a box of pressures at an angle: stiffnesses at a torque, torques at a stiffness.
 
 At a torque the stiffnesses are one interval, as the torque level is connected. At a stiffness the torques are a union
-of intervals, of up to three in all that was tried: the stiffness may turn, and its level fall apart.
+of intervals (at most three in all cases tried), since the stiffness may turn and its level be disconnected.
 """
 
 from dataclasses import replace
@@ -17,14 +17,14 @@ from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array, Mask
 from allocator.joint.torque_levels import Pair, torque, torque_interval, torque_level
 
-_SAME = 1e-9  # of the supply range, or of the scale of torque: pairs, and intervals, no farther apart are one
-_FAR = 1e3  # times all that there is: what is nearest to that is the extreme
+_SAME = 1e-9  # of the supply range, or of the scale of torque: closer pairs or intervals are one
+_FAR = 1e3  # times the capacity: the nearest value to it is the extreme
 
 
 def stiffness_ends(problem: Problem, T: Array, signs: Array | None = None) -> tuple[Pair, Pair]:
     """Return the pressures of the least and of the greatest stiffness at the torques T (n,) [N·m]; NaN out of reach.
 
-    These are the ends of the torque level where the determinant keeps its sign, which `signs` are if they are known.
+    These are the ends of the torque level if the determinant keeps its sign; `signs` are its signs if known.
     """
     if problem.felt is not None:
         return _extremes(replace(problem, priority="torque", T=T), "K", _FAR * problem.scales[1])
@@ -45,14 +45,14 @@ def stiffness_ends(problem: Problem, T: Array, signs: Array | None = None) -> tu
 
 
 def _extremes(asked: Problem, second: str, far: Array) -> tuple[Pair, Pair]:
-    """Return the pressures of both extremes of the goal that comes `second`, "K" or "T", of a felt stiffness."""
+    """Return the pressures of both extremes of the `second` goal, "K" or "T", for a felt stiffness."""
     targets: list[dict[str, Any]] = [{second: -far}, {second: far}]
     low, high = (exact.solve(replace(asked, stiffness_tolerance=0.0, **target)) for target in targets)
     return (low.P1, low.P2), (high.P1, high.P2)
 
 
 def _inside(problem: Problem, pair: Pair) -> Pair:
-    """Return the pressures, within the box: where it is empty a muscle may have none for the torque (infinity)."""
+    """Return the pressures clipped to the box: if it is empty, a muscle may have none for the torque (infinity)."""
     P1, P2 = (np.clip(P, side.lo, side.hi) for P, side in zip(pair, problem.box, strict=True))
     return P1, P2
 
@@ -83,14 +83,14 @@ def stiffness_interval(problem: Problem, T: Array) -> Pair:
 
 
 def torque_intervals(problem: Problem, K: Array) -> Array:
-    """Return the intervals of torques at the stiffnesses K (n,), brought within reach: (n, m, 2) [N·m] or NaN."""
+    """Return the intervals of torques at the stiffnesses K (n,), clipped to their range: (n, m, 2) [N·m] or NaN."""
     if problem.felt is not None:
         return _felt_torque_intervals(problem, K)
     return search.torque_intervals(problem.curves, K)[1]
 
 
 def _felt_torque_intervals(problem: Problem, K: Array) -> Array:
-    """Return the same of a felt stiffness: between neighbouring turns there are pairs or there are none."""
+    """Return the same for a felt stiffness: between neighbouring turns either all torques have pairs or none."""
     ends = torque_ends(problem, K)
     K = np.clip(K, *(problem.stiffness(*pair) for pair in stiffness_range(problem)))
     turns = np.sort(
@@ -107,7 +107,7 @@ def _felt_torque_intervals(problem: Problem, K: Array) -> Array:
 
 
 def _joined(turns: Array, there: Mask, near: float) -> list[tuple[float, float]]:
-    """Return the intervals between turns in which there are pairs, and single torques apart from these."""
+    """Return the intervals between turns that have pairs, and isolated torques."""
     joined: list[tuple[float, float]] = []
     for k, a in enumerate(turns[~np.isnan(turns)].tolist()):
         b = float(turns[k + 1]) if k < there.size and there[k] else a
@@ -119,7 +119,7 @@ def _joined(turns: Array, there: Mask, near: float) -> list[tuple[float, float]]
 
 
 def pairs(problem: Problem, T: Array, K: Array) -> NDArray[np.intp]:
-    """Return how many pairs of pressures within the limits give these torques and stiffnesses (n,)."""
+    """Return the number of pairs of pressures within the limits with these torques and stiffnesses (n,)."""
     if problem.felt is not None:
         return _distinct(felt.levels(problem, T, K) / problem.joint.pressure_span)
     count = np.ones(T.shape, np.intp)
@@ -130,7 +130,7 @@ def pairs(problem: Problem, T: Array, K: Array) -> NDArray[np.intp]:
 
 
 def _distinct(found: Array) -> NDArray[np.intp]:
-    """Return how many of the pairs (m, n, 2) differ, at least 1."""
+    """Return the number of distinct pairs (m, n, 2), at least 1."""
     order = np.sort(found[..., 0], axis=0)  # along a torque level both pressures rise; NaN last
     new = np.diff(order, axis=0) > _SAME
     return np.asarray(1 + new.sum(axis=0), np.intp)

@@ -1,4 +1,4 @@
-"""Answer about a pair of muscles, whose targets are numbers: in floats and arrays."""
+"""Answer for a pair of muscles, in floats and arrays."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,23 +33,23 @@ _STATUS = tuple(Status)
 class PairAllocation(Allocation):
     """The `Allocation` of a joint: floats for scalars, else arrays of the targets' shape."""
 
-    theta: Value  # joint angle asked for [rad]
-    T_target: Value  # torque asked for [N·m]
-    K_target: Value  # stiffness asked for [N·m/rad]
+    theta: Value  # requested joint angle [rad]
+    T_target: Value  # requested torque [N·m]
+    K_target: Value  # requested stiffness [N·m/rad]
     P1: Value  # agonist pressure [Pa]
     P2: Value  # antagonist pressure [Pa]
-    T: Value  # torque that these pressures give [N·m]
-    K: Value  # stiffness that these pressures give [N·m/rad], of the kind asked for
+    T: Value  # achieved torque [N·m]
+    K: Value  # achieved stiffness [N·m/rad], of the requested kind
     status: Any  # Status, or an array of its integers
     limits: int | NDArray[np.int32]  # combination of Limit flags that bind, as integers
     joint: AntagonistJoint = field(repr=False)
     priority: Priority
-    _within: Limits = field(repr=False)  # the limits asked for
-    kind: StiffnessKind = HELD  # which stiffness `K_target` and `K` are: isobaric, shut, …
+    _within: Limits = field(repr=False)  # the requested limits
+    kind: StiffnessKind = HELD  # kind of `K_target` and `K`: isobaric, shut, …
     method: str = "exact"
     iterations: int | NDArray[np.int32] | None = None  # of an optimising method
-    _gap: Value = field(default=0.0, repr=False)  # `gap` where the method has proved one, else None
-    _built: Problem | None = field(default=None, repr=False)  # None: nothing else was asked, it is made when needed
+    _gap: Value = field(default=0.0, repr=False)  # `gap` if the method has proved one, else None
+    _built: Problem | None = field(default=None, repr=False)  # None: no other arguments; made on demand
     _shape: tuple[int, ...] = field(default=(), repr=False)  # of the targets
 
     @cached_property
@@ -63,9 +63,9 @@ class PairAllocation(Allocation):
 
     @property
     def valves(self) -> tuple[bool | Mask, bool | Mask]:
-        """Whether the valves of (agonist, antagonist) are shut while the joint is as stiff as `K`.
+        """Whether the valves of (agonist, antagonist) are shut while the joint has the stiffness `K`.
 
-        Two truth values, or arrays of them; regulated ones, where a `frequency` was asked for, count as open.
+        Two truth values, or arrays of them; regulated valves (with a `frequency`) count as open.
         """
         shares = self._problem.shares
         if shares is None or self.kind.frequency is not None:
@@ -80,7 +80,7 @@ class PairAllocation(Allocation):
 
     @property
     def q(self) -> Value:
-        """Angle that is answered [rad]: the nearest within the joint's range."""
+        """Angle solved for [rad]: the requested one, within the joint's range."""
         return self._formed(self._problem.theta)
 
     @property
@@ -95,12 +95,12 @@ class PairAllocation(Allocation):
 
     @property
     def torque_met(self) -> Any:
-        """Whether the torque asked for is given."""
+        """Whether the torque is met."""
         return self._near(self.T_error, self._problem.scales[0], 0.0)
 
     @property
     def stiffness_met(self) -> Any:
-        """Whether the stiffness asked for is given, up to the tolerance."""
+        """Whether the stiffness is met, up to the tolerance."""
         return self._near(self.K_error, self._problem.scales[1], self._problem.stiffness_tolerance)
 
     def _near(self, error: Value, scale: Array, tolerance: float) -> Any:
@@ -108,44 +108,44 @@ class PairAllocation(Allocation):
         return self._formed(np.abs(np.ravel(error)) <= tolerance + met * scale)
 
     def felt_stiffness(self, amplitude: float, valves: Valves = "open") -> Value:
-        """Return the stiffness [N·m/rad] that pushes by ±`amplitude` [rad] meet, `AntagonistJoint.stiffness`   (S3)"""
+        """Return the stiffness [N·m/rad] against pushes by ±`amplitude` [rad], `AntagonistJoint.stiffness`   (S3)"""
         at = self._problem.theta, np.ravel(self.P1), np.ravel(self.P2)
         return self._formed(np.asarray(self.joint.stiffness(*at, valves, amplitude=amplitude)))
 
     @property
     def holds(self) -> Any:
-        """Whether the joint holds itself: K > 0."""
+        """Whether the joint is stable: K > 0."""
         return self.K > 0
 
     @property
     def least_stiffness(self) -> Value:
-        """K [N·m/rad], the one eigenvalue there is."""
+        """K [N·m/rad], the only eigenvalue."""
         return self.K
 
     @property
     def assumed(self) -> str:
         """Sentence listing the assumptions behind the answer that the data could not confirm, or "".
 
-        Equilibria of some joints do not show a force common to both muscles: the pressures at which cables go slack
+        Equilibria of some joints do not reveal a force common to both muscles: the pressures at which cables go slack
         are then assumed. A muscle fitted to forces is extrapolated beyond the contractions and pressures measured.
         """
-        theta = np.clip(np.ravel(self.theta), *self.joint.angle_range)  # where the pressures belong
+        theta = np.clip(np.ravel(self.theta), *self.joint.angle_range)  # the angle of the pressures
         return assumptions(self.joint, theta, np.ravel(self.P1), np.ravel(self.P2))
 
     @property
     def active(self) -> Any:
         """Names of the limits that bind: "P1 upper", "agonist slack", …; a tuple, or an array of tuples.
 
-        A limit binds where the pressure lies on it, up to 1e-9 of the supply range; of limits at one pressure all bind,
-        since relieving one does not help. Supply and validity of the model count as one limit, the lower.
+        A limit binds where the pressure lies on it, up to 1e-9 of the supply range; all limits at one pressure bind,
+        since relaxing only one does not help. Supply and validity of the model count as one limit, the lower.
         """
         return self._listed(map(names, np.ravel(self.limits)))
 
     @property
     def broken(self) -> Any:
-        """Names of the limits that are not kept, since the slew limit or others allow no such pressure.
+        """Names of the violated limits, if the slew limit or others allow no pressure that keeps them.
 
-        Of method "analytic", which knows no limits, whatever it breaks. A tuple, or an array of tuples.
+        Method "analytic" ignores limits: all that its answer violates. A tuple, or an array of tuples.
         """
         near = CLOSED_FORM.binds if self.method in ("exact", "analytic") else OPTIMISER.binds
         near *= self._problem.joint.pressure_span
@@ -153,20 +153,20 @@ class PairAllocation(Allocation):
 
     @cached_property
     def torque_interval(self) -> Pair:
-        """(T_min, T_max) [N·m] that can be reached at the angle."""
+        """(T_min, T_max) [N·m] within reach at the angle."""
         return self._shaped(*torque_interval(self._problem.sides, self._problem.box))
 
     @cached_property
     def stiffness_interval(self) -> Pair:
-        """(K_min, K_max) [N·m/rad] that can be reached at the angle with the torque given; NaN for no answer.
+        """(K_min, K_max) [N·m/rad] within reach at the angle with the achieved torque; NaN for no answer.
 
-        Of the kind of stiffness asked for, and with the valves as they are.
+        Of the requested kind of stiffness, with the present state of the valves.
         """
         return self._shaped(*reach.stiffness_interval(self._problem, np.ravel(self.T)))
 
     @cached_property
     def torque_intervals(self) -> Array:
-        """Intervals (T_min, T_max) [N·m] within reach at the angle with the stiffness given: (…, m, 2).
+        """Intervals (T_min, T_max) [N·m] within reach at the angle with the achieved stiffness: (…, m, 2).
 
         A union of m intervals at most, NaN where a target has fewer; m is 1 for affine muscles and on the report's
         joint.
@@ -176,11 +176,11 @@ class PairAllocation(Allocation):
 
     @cached_property
     def gap(self) -> Value:
-        """Proven bound on the improvement that another answer could bring; 0 for closed forms.
+        """Proven bound on the improvement by any other answer; 0 for closed forms.
 
-        A fraction of the scale of the goal that is missed, or of the weighted cost with both at their scales. Searches
-        (muscles not affine) prove some 1e-13. Of an optimising method: how much worse than the bound of "exact". NaN
-        where nothing is proved: methods "analytic" and "uncertain", and a pull on muscles that are not affine.
+        A fraction of the scale of the missed goal, or of the weighted cost with both at their scales. Searches (muscles
+        not affine) prove about 1e-13. For an optimising method it is the excess over the bound of "exact". NaN without
+        a proof: methods "analytic" and "uncertain", and a pull on muscles that are not affine.
         """
         if self._gap is not None:
             return self._gap
@@ -190,7 +190,7 @@ class PairAllocation(Allocation):
     def pairs(self) -> Any:
         """Number of pairs of pressures within the limits with this torque and stiffness: 1, on levers also more.
 
-        The least of them is answered, or with `previous` the nearest to these pressures; see `along` of `allocate`.
+        The answer is the least of them, or with `previous` the nearest to it; see `along` of `allocate`.
         """
         return self._formed(reach.pairs(self._problem, np.ravel(self.T), np.ravel(self.K)))
 
@@ -212,14 +212,14 @@ class PairAllocation(Allocation):
     def jacobian(self) -> Array:
         """Return dP/d(θ, K, T), shape (…, 2, 3) [Pa/rad, Pa·rad/(N·m), Pa/(N·m)], with the active set held.
 
-        One-sided where the active set is about to change; NaN where there is no answer, and where the stiffness turns
-        (on some levers), so that the equations are singular. Raises InvalidInput for answers under uncertainty.
+        One-sided where the active set is about to change; NaN without an answer, and where the stiffness turns (on some
+        levers), because the equations are singular. Raises InvalidInput for answers under uncertainty.
         """
         if self.method == "uncertain":
             raise InvalidInput("jacobian() holds for allocations without uncertainty")
         dP = sensitivity.jacobian(self._problem, np.ravel(self.P1), np.ravel(self.P2))
         inside = np.ravel(self.theta) == self._problem.theta
-        dP[~inside, :, 0] = 0.0  # beyond the joint range the answer stays that of the range's end
+        dP[~inside, :, 0] = 0.0  # beyond the joint range the answer is constant
         return dP.reshape(*self._shape, 2, 3)
 
     @property
@@ -228,7 +228,7 @@ class PairAllocation(Allocation):
         return [] if found is None else [found(self)]
 
     def to_dict(self) -> dict[str, object]:
-        """Return the answer in the columns of a table, units in their names: what `pandas.DataFrame` takes.
+        """Return the answer as columns of a table for `pandas.DataFrame`, units in their names.
 
         Of arrays every column is one row (n,), the targets in C order; of a single target every value is a scalar, and
         the dictionary one row: ``DataFrame([a.to_dict()])``. Status and binding limits are given by their names.
@@ -254,14 +254,14 @@ class PairAllocation(Allocation):
         }
 
     def _gas_columns(self) -> dict[str, Value]:
-        """Return what a table says beyond the isobaric stiffness."""
+        """Return the additional columns for stiffnesses other than isobaric."""
         if self.kind.isobaric:
             return {}
         names = ("isobaric_stiffness_Nm_per_rad", "agonist_valve_shut", "antagonist_valve_shut")
         return dict(zip(names, (self.isobaric_stiffness, *self.valves), strict=True))
 
     def __repr__(self) -> str:
-        """Show the pressures, what they give and what is in the way; of arrays their ranges."""
+        """Show the pressures, the achieved values and the limits in the way; of arrays their ranges."""
         P1, P2 = np.divide(self.P1, BAR), np.divide(self.P2, BAR)
         if self._shape:
             angles = span(np.divide(self.theta, DEG), "°")
@@ -289,7 +289,7 @@ class PairAllocation(Allocation):
 
     @property
     def stiffness_name(self) -> str:
-        """Which stiffness it is, with the valves of the answer where they were free: "shut stiffness", …"""
+        """Name of the kind of stiffness, with the valves of the answer if they were free: "shut stiffness", …"""
         if self.kind.shares is not None:
             return self.kind.text
         state = StiffnessKind.of("open" if self._shape else tuple(map(bool, self.valves)))
@@ -309,7 +309,7 @@ def single(
     found: tuple[Value, ...],
     kind: StiffnessKind = HELD,
 ) -> PairAllocation:
-    """Return the answer to one target from what a kernel `found`: P1, P2, torque, stiffness, status, binding limits."""
+    """Return the answer for one target from the results `found`: P1, P2, torque, stiffness, status, binding limits."""
     P1, P2, T_given, K_given, status, flags, _ = found
     allocation = object.__new__(PairAllocation)  # as `from_fields`, without the call
     fields = {
@@ -339,7 +339,7 @@ def _at(a: PairAllocation) -> str:
 
 
 def _torque(a: PairAllocation) -> str:
-    """Return the torques that exist: all, or those with the stiffness given where that is what is in the way."""
+    """Return the feasible torques: all, or those with the achieved stiffness if that is in the way."""
     T_min, T_max = a.torque_interval
     if a.priority != "stiffness" and not T_min <= a.T_target <= T_max:
         return f"torque at {_at(a)} is {T_min:.4g} … {T_max:.4g} N·m, asked {a.T_target:.4g}"

@@ -1,8 +1,8 @@
 """Derivatives of two allocated pressures by angle, stiffness and torque, with the active set held.
 
 An answer is the solution of two equations G(P; θ, K*, T*) = 0, hence dP = -G_P⁻¹ G_x dx. Where both targets are met
-they are T = T* and K = K*. Otherwise every limit that is met takes an equation, P_i = b_i(θ) or P1 + P2 = 2 P_co, and
-what is left of the two keeps the target that has priority, or the cost stationary along the direction that is free.
+they are T = T* and K = K*. Otherwise every active limit replaces an equation, P_i = b_i(θ) or P1 + P2 = 2 P_co, and a
+remaining one keeps the target that has priority, or the cost stationary along the free direction.
 """
 
 import numpy as np
@@ -44,7 +44,7 @@ def jacobian(problem: Problem, P1: Array, P2: Array) -> Array:
 
 
 def _free_rows(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array]:
-    """Return the two equations where no limit holds."""
+    """Return the two equations without active limits."""
     torque, stiffness = _torque_row(problem, P1, P2), _stiffness_row(problem, P1, P2)
     if not problem.pull:
         return torque, stiffness
@@ -54,7 +54,7 @@ def _free_rows(problem: Problem, P1: Array, P2: Array) -> tuple[Array, Array]:
 
 
 def _rest_row(problem: Problem, P1: Array, P2: Array, direction: tuple[float, float]) -> Array:
-    """Return what is left to satisfy along the free direction."""
+    """Return the remaining equation along the free direction."""
     if problem.priority == "torque":
         return _torque_row(problem, P1, P2)
     if problem.priority == "stiffness":
@@ -104,14 +104,14 @@ def _stationary_row(problem: Problem, P1: Array, P2: Array, direction: tuple[flo
 
 
 def _second_goal(problem: Problem) -> tuple[float, float]:
-    """Return the weights of the cost that is left once the target with priority is kept."""
+    """Return the weights of the remaining cost once the target with priority is kept."""
     return {"torque": (0.0, 1.0), "stiffness": (1.0, 0.0)}.get(problem.priority, problem.weights)
 
 
 def _bound_row(problem: Problem, i: int, P: Array) -> Array:
     """Return the row of P_i - b_i(θ) = 0.
 
-    F(b, ε) = F_min moves with ε' = ±a/l0, and so does the pressure up to which trapped gas has a volume; others stay.
+    F(b, ε) = F_min moves with ε' = ±a/l0, as does the greatest pressure of trapped gas; others are constant.
     """
     side, interval = problem.sides[i], (problem.box.agonist, problem.box.antagonist)[i]
     row = np.zeros((P.size, 5))
@@ -148,7 +148,7 @@ def _row(*entries: Array | float) -> Array:
 def _solve(A: Array, B: Array) -> Array:
     """Return A⁻¹B of stacked 2×2 systems by Cramer's rule, NaN where singular (NumPy's solve would refuse them all).
 
-    So they are where the stiffness that has priority turns at the answer: its row is nothing but rounding.
+    They are singular if the stiffness has priority and turns at the answer: its row is then only rounding.
     """
     (a, b), (c, d) = A[:, 0].T, A[:, 1].T
     det = a * d - b * c

@@ -1,4 +1,4 @@
-"""Answers of `allocate` for two muscles: which method solves the problem, and what is solved more than once.
+"""Answers of `allocate` for two muscles: choice of the method, and its repetition for valves, friction and plans.
 
 A method solves a `Problem`. Free valves, friction and a planned trajectory wrap it:
 
@@ -6,10 +6,10 @@ A method solves a `Problem`. Free valves, friction and a planned trajectory wrap
   ordinary problems. The best of the four answers is returned.
 * With friction the link gets T only if the muscles give T + μ s (a1 F1 + a2 F2), which depends on the pressures that
   give it. Inserted and allocated again, this torque changes by at most a share μ each time (its derivative along either
-  pressure is ± μ s): the repetition is a contraction.
-* Along a trajectory several pairs may give the same torque and stiffness. Chosen one sample at a time, a sheet of pairs
-  may end at a limit, where the pressures have to jump. Dynamic programming over the pairs of all samples jumps only
-  where it must.
+  pressure is ± μ s), so the iteration is a contraction.
+* Along a trajectory several pairs may give the same torque and stiffness. If they are chosen sample by sample, a branch
+  of pairs may end at a limit, where the pressures must jump. Dynamic programming over the pairs of all samples jumps
+  only where necessary.
 """
 
 from collections.abc import Callable
@@ -48,7 +48,7 @@ _SAME = 1e-12  # of a cost: rounding
 
 
 def allocated(joint: AntagonistJoint, asked: Asked) -> PairAllocation:
-    """Return the allocation of two muscles that no kernel has answered. Raises as `allocate`."""
+    """Return the allocation of two muscles without a kernel. Raises as `allocate`."""
     chosen, kind = _checked_method(asked.method), of_a_joint(asked.stiffness, joint.gas, joint.affine)
     _check_together(kind, chosen, asked.along)
     if chosen.uncertainty is not None:
@@ -84,7 +84,7 @@ def _solver(method: Method, asked: Array, along: int | None) -> Solve:
 
 
 def _answer(problem: Problem, solve: Solve, kind: StiffnessKind) -> PairAllocation:
-    """Return what `solve` finds for the stiffness that is meant; free valves are as they serve best."""
+    """Return the answer of `solve` for the requested kind of stiffness; free valves are in their best state."""
     if kind.shares is None:
         return with_free_valves(solve, problem, kind)
     found = solve(problem)
@@ -92,7 +92,7 @@ def _answer(problem: Problem, solve: Solve, kind: StiffnessKind) -> PairAllocati
 
 
 def _checked_method(chosen: Method) -> Method:
-    """Return the method. Raises for methods that there are not, and options that belong to other methods."""
+    """Return the method. Raises for unknown methods, and for options of other methods."""
     if chosen.name not in METHODS:
         raise MissingBackend("method", chosen.name, METHODS)
     if chosen.solver is not None and chosen.name not in backends.OPTIMISERS:
@@ -105,7 +105,7 @@ def _checked_method(chosen: Method) -> Method:
 
 
 def _check_together(kind: StiffnessKind, method: Method, along: object) -> None:
-    """Refuse what has no answer for a stiffness with trapped gas in it."""
+    """Raise `InvalidInput` for options without an answer for a stiffness with trapped gas."""
     if kind is HELD:
         return
     if method.uncertainty is not None:
@@ -217,13 +217,13 @@ def _allocation(
 
 
 def with_friction(solve: Callable[[Problem], PairAllocation], problem: Problem, s: Array) -> PairAllocation:
-    """Return the answer of `solve` that leaves the torque of `problem` for the link moving in directions `s` (n,)."""
+    """Return the answer of `solve` that gives the link the torque of `problem` as it moves in directions `s` (n,)."""
     wanted, mu = problem.T, problem.joint.friction
     for _ in range(_ROUNDS):
         found = solve(problem)
         agonist, antagonist = found.torques
         lost = mu * s * (agonist - antagonist)  # a1 F1 + a2 F2
-        needed = np.where(np.isfinite(lost), wanted + lost, wanted)  # NaN: there is no answer to be moved
+        needed = np.where(np.isfinite(lost), wanted + lost, wanted)  # NaN: no answer to correct
         if np.abs(needed - problem.T).max(initial=0.0) <= _TOLERANCE * max(np.abs(needed).max(initial=0.0), 1.0):
             return found
         problem = replace(problem, T=needed)
@@ -238,8 +238,8 @@ def with_free_valves(
 ) -> PairAllocation:
     """Return the best of the answers of `solve` to `problem` in each state of the valves.
 
-    Best is what comes nearest to the targets by their priority; of answers that are as good the one with the least sum
-    of pressures, and of these the first of `StiffnessKind.free`, in which open valves come first.
+    The best is nearest to the targets by their priority; among equals it has the least sum of pressures, then the first
+    state of `StiffnessKind.free`, where open valves come first.
     """
     answers = [solve(problem.with_shares(shares)) for shares in StiffnessKind.free]
     chosen = _best(problem, answers)
@@ -249,7 +249,7 @@ def with_free_valves(
 
 
 def _selected(given: list[Value], chosen: NDArray[np.intp], shape: tuple[int, ...]) -> Value:
-    """Return of the fields of all answers those of the chosen ones; None where the method does not give the field."""
+    """Return the fields of the chosen answers; None if the method does not give the field."""
     if given[0] is None:
         return None
     if not shape:
@@ -278,7 +278,7 @@ def _best(problem: Problem, answers: list[PairAllocation]) -> NDArray[np.intp]:
 
 
 def _costs(problem: Problem, a: PairAllocation) -> tuple[Array, Array]:
-    """Return what an answer costs by the first and by the second goal, (n,) each, as squares."""
+    """Return the squared costs of an answer by the first and by the second goal, (n,) each."""
     e_T = np.ravel(a.T) - problem.T
     e_K = np.maximum(np.abs(np.ravel(a.K) - problem.K) - problem.stiffness_tolerance, 0.0)
     pulled = problem.pull_cost(np.ravel(a.P1), np.ravel(a.P2))
@@ -293,9 +293,9 @@ def _costs(problem: Problem, a: PairAllocation) -> tuple[Array, Array]:
 
 
 def planned(problem: Problem, P1: Array, P2: Array, met: Mask, shape: tuple[int, ...], axis: int) -> Pair:
-    """Return the pairs that give what (P1, P2) give, with the least sum of squared steps along an axis of `shape`.
+    """Return pairs with the torques and stiffnesses of (P1, P2), with the least sum of squared steps along an axis.
 
-    Where the targets are not `met` the pressures stay as they are: what misses as little as possible is one pair.
+    Pressures of targets that are not `met` are unchanged: the nearest feasible answer is a single pair.
     """
     found = _candidates(problem, P1, P2, met)  # (n, m, 2)
     if not P1.size:

@@ -1,1 +1,1 @@
-"""Allocation for muscles whose parameters are known with a covariance."""
+"""Allocation for muscle parameters with a covariance."""

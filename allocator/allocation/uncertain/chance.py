@@ -1,6 +1,6 @@
 """Back-end "convex" with `uncertainty`: problem [U] as a second-order cone programme in cvxpy.
 
-The certificate does not use the cones: bounds by root finding, optimality by the step that is left inside them.
+The certificate does not use the cones: bounds come from root finding, optimality from the remaining step inside them.
 """
 
 from functools import lru_cache
@@ -21,19 +21,19 @@ from allocator.joint.limits import PressureBox
 if TYPE_CHECKING:
     import cvxpy
 
-_FORCE = 1e3  # [N] forces are seen in kN
+_FORCE = 1e3  # [N] the solver uses kN
 _SIDES = (0, 1)
 
 
 class RiskySolution(NamedTuple):
-    """Feasible pressures of n problems [U], and where there are none."""
+    """Feasible pressures of n problems [U], and which are infeasible."""
 
     P1: Array
     P2: Array
     iterations: NDArray[np.int32]
     failed: NDArray[np.bool_]
-    box: PressureBox  # the pressures that keep the force limits with the probability asked for
-    infeasible: NDArray[np.bool_]  # where there are none
+    box: PressureBox  # the pressures that keep the force limits with the required probability
+    infeasible: NDArray[np.bool_]  # whether there are none
 
 
 def optimise(problem: Problem, risk: float) -> RiskySolution:
@@ -95,7 +95,7 @@ class _Programme(NamedTuple):
 def _solve_one(
     problem: Problem, model: Uncertain, box: PressureBox, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
 ) -> tuple[Array, int]:
-    """Return the pressures (2,) [bar] of problem i, NaN where the solver finds none, and its iterations."""
+    """Return the pressures (2,) [bar] of problem i, NaN if the solver finds none, and its iterations."""
     values = _values(problem, model, box, A, b, kept, i)
     shape = (len(b), *(model.force_spreads[j].offset.shape[1] for j in _SIDES))
     limits = tuple(None if f is None else f / _FORCE for f in (problem.limits.min_force, problem.limits.max_force))
@@ -134,7 +134,7 @@ def _values(
 def _programme(
     shape: tuple[int, int, int], limits: tuple[float | None, float | None], floor: bool, kept: bool
 ) -> _Programme:
-    """Return the cone programme, built once for each shape; everything that changes is a parameter."""
+    """Return the cone programme, built once for each shape, with parameters for changing data."""
     import cvxpy as cp
 
     u, (r, *m) = cp.Variable(2), shape

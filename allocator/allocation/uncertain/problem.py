@@ -8,10 +8,10 @@ and stiffness is normal, with a standard deviation that is the norm of an affine
 
 is a second-order cone programme: E[(T - T*)²] = (T̂ - T*)² + ‖Lᵀ∂T/∂p‖², and each of the m force limits is kept with
 probability 1 - α/m (Bonferroni), F̂_i - z ‖Lᵀ∂F_i/∂p‖ ≥ min_force with z the normal quantile. For the lexicographic
-priorities the mean of the first target is met and kept; the second one counts in expectation.
+priorities the mean of the first target is met and kept; the second enters by its expectation.
 
-Each force limit depends on one pressure only, so that it is a bound on that pressure: the feasible set is a box again,
-`chance_box`, found without the cones. The first order is not trusted with the risk alone: the box also keeps the limits
+Each force limit depends on one pressure only, so it is a bound on that pressure: the feasible set is a box again,
+`chance_box`, found without the cones. Since the first order may underestimate the risk, the box also keeps the limits
 in draws of the parameters (`sampled_box`).
 """
 
@@ -32,13 +32,13 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import TableMuscle
 from allocator.units import BAR
 
-_FEWEST, _MOST = 12, 16  # powers of two: how many draws
-_BEYOND = 64  # draws that have to lie beyond the quantile
+_FEWEST, _MOST = 12, 16  # powers of two: numbers of draws
+_BEYOND = 64  # least number of draws beyond the quantile
 _AT_ONCE = 2_000_000  # forces in memory
 
 
 def sampled_box(problem: Problem, risk_of_one: float) -> PressureBox:
-    """Return the pressures that limits without forces leave, and that keep every force limit in the draws."""
+    """Return the pressures that keep the limits without forces, and every force limit in the draws."""
     box, limits = problem.box_without_forces, problem.limits
     if limits.min_force is None and limits.max_force is None:
         return box
@@ -53,7 +53,7 @@ def _narrowed_by_draws(
     problem: Problem, side: OneMuscle, root: Array, interval: PressureInterval, risk: float, slack: Limit
 ) -> PressureInterval:
     if isinstance(side.muscle, TableMuscle) or not root.any():
-        return interval  # linear in its parameters: the first order is all there is
+        return interval  # linear in its parameters: the first order is exact
     lo, hi = (np.broadcast_to(end, problem.theta.shape).astype(float) for end in (interval.lo, interval.hi))
     lo_limit, hi_limit = interval.lo_limit, interval.hi_limit
     ceiling = Limit.AGONIST_FORCE if slack is Limit.AGONIST_SLACK else Limit.ANTAGONIST_FORCE
@@ -113,7 +113,7 @@ def _normal(dimension: int, power: int) -> Array:
 
 
 class Affine(NamedTuple):
-    """A quantity is `Affine` in pressures u = (P1, P2) [bar] of n problems: y = y0 + Y u; y (n, m), Y (n, m, 2)."""
+    """Affine quantity y = y0 + Y u of pressures u = (P1, P2) [bar] of n problems; y (n, m), Y (n, m, 2)."""
 
     offset: Array
     slope: Array
@@ -134,7 +134,7 @@ class Uncertain(NamedTuple):
 
 
 def uncertain(problem: Problem, risk: float) -> Uncertain:
-    """Return the means and spreads of the problem, affine in the pressures and therefore known from three of them."""
+    """Return the means and spreads of the problem, affine in the pressures and thus determined by three of them."""
     corners = [np.full((2, problem.theta.size), 0.0) for _ in range(3)]
     corners[1][0], corners[2][1] = SCALE, SCALE
 

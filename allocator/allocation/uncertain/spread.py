@@ -2,7 +2,7 @@
 
 The muscles' parameters p have the covariance C = L Lᵀ. A quantity with the gradient g = ∂/∂p has the standard deviation
 ‖Lᵀ g‖. Equal muscles are one law used several times: they share their parameters, so their gradients add up. A joint
-that was fitted as a whole has a covariance of its own, of the parameters of both muscles together.
+fitted as a whole has its own covariance of the parameters of both muscles.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from allocator.muscles.uncertainty import covariance_root, parameter_gradient
 
 
 class Spread(NamedTuple):
-    """Lᵀ∂/∂p of N answers, in the last axis; its norm is a standard deviation."""
+    """Lᵀ∂/∂p of N answers along the last axis; its norm is a standard deviation."""
 
     torque: Array  # (N, r) of a joint, (N, n, r) of a mechanism [N·m]
     stiffness: Array  # (N, r), (N, n, n, r) [N·m/rad]
@@ -40,7 +40,7 @@ class Spread(NamedTuple):
 
 
 def spread(problem: Problem, P1: Array, P2: Array) -> Spread:
-    """Return the spread of two muscles at the pressures; one without covariance counts as exactly known."""
+    """Return the spread of two muscles at the pressures; a muscle without covariance counts as exact."""
     joint, hysteresis = problem.joint, _of_hysteresis(problem, P1 + P2)
     law = (0, 0) if joint.covariance is not None or joint.agonist == joint.antagonist else (0, 1)
     return spread_of(problem.sides, (P1, P2), roots(joint), law, hysteresis)
@@ -53,10 +53,10 @@ def spread_of(
     laws: Sequence[int],
     hysteresis: tuple[Array | float, float] = (0.0, 0.0),
 ) -> Spread:
-    """Return the spread of muscles at pressures (N,) each, by the rows of L that belong to each of them.
+    """Return the spread of muscles at pressures (N,) each, by the rows of L of each muscle.
 
-    Muscles of one number in `laws` share their parameters. `hysteresis` adds a share of the isobaric stiffness and a
-    share [1/rad] of the pull.
+    Muscles with the same number in `laws` share their parameters. `hysteresis` adds a share of the isobaric stiffness
+    and a share [1/rad] of the pull.
     """
     found = [_of_muscle(*given, *hysteresis) for given in zip(muscles, pressures, roots, strict=True)]
 
@@ -117,7 +117,7 @@ def _trapped_gradient(side: OneMuscle, P: Array) -> Array:
 
 
 def roots(joint: AntagonistJoint) -> tuple[Array, Array]:
-    """Return the rows of L (parameters, m) that belong to the agonist and to the antagonist."""
+    """Return the rows of L (parameters, m) of the agonist and of the antagonist."""
     if joint.covariance is None:
         return _root_of(joint.agonist), _root_of(joint.antagonist)
     root = covariance_root(joint.covariance)

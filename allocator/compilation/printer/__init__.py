@@ -1,6 +1,6 @@
 """Printer of plain Python functions, such as the kernels of `source`, for NumPy and as C99.
 
-Such functions know numbers and tuples of numbers, and what numba compiles into code without branches:
+Such functions use numbers and tuples of numbers, and the constructs that numba compiles into code without branches:
 
     Python                              NumPy                           C
     + - * / and | of flags              as it stands                    as it stands
@@ -9,17 +9,17 @@ Such functions know numbers and tuples of numbers, and what numba compiles into 
     a < b < c                           np.logical_and(a < b, b < c)    a < b && b < c
     a if x is None else b               as it stands                    the test that stands for it, or a or b alone
     if test: x = a                      x = np.where(test, a, x)        as it stands
-    if test: return a                   the rest, where it is not so    as it stands
+    if test: return a                   the rest, where it is false     as it stands
     x, y, z = box                       as it stands                    fields of a struct, which has these names
     return x, y                         as it stands                    a struct of x and y
     for _ in range(4): …                as it stands                    a loop
-    abs(x), sqrt(x), f(x)               np.abs(x), np.sqrt(x), f(x)     what C calls them
+    abs(x), sqrt(x), f(x)               np.abs(x), np.sqrt(x), f(x)     their names in C
 
-Whatever else there is raises `Unprintable`, whichever form is asked for.
+All other constructs raise `Unprintable`, in either form.
 
 `c_functions` prints functions that fill arrays, such as the solvers of `mpc`: see `arrays_to_c`.
 
-In C a variable is real, an int (flags and truth values) or a struct: what is assigned to it decides.
+In C a variable is real, an int (flags and truth values) or a struct, by the value assigned to it.
 """
 
 from allocator.compilation.printer.array_kinds import ArrayKind, Kind, StructKind

@@ -1,4 +1,4 @@
-"""Kinds and C text of plain Python expressions, by the variables of the function they are in."""
+"""Kinds and C text of plain Python expressions, given the variables of their function."""
 
 import ast
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ _EMPTY, _ZEROS = "np.empty", "np.zeros"
 
 
 class Unit(Protocol):
-    """A unit is what the functions that are printed together have in common."""
+    """Interface of a printing unit: the state shared by functions printed together."""
 
     kinds: Kinds
     nodes: dict[str, ast.FunctionDef]
@@ -20,23 +20,23 @@ class Unit(Protocol):
     entries: Mapping[str, str]
 
     def returned(self, name: str) -> Kind:
-        """Return what a function returns."""
+        """Return the kind of a function's return value."""
 
     def literal(self, value: float) -> str:
-        """Return a number."""
+        """Return the literal of a number."""
 
     def constant(self, node: ast.Name) -> str:
         """Return the name of a global number."""
 
 
 class Expressions:
-    """The expressions are those of one function: `known` its arguments, `local` its variables, `loops` of loops."""
+    """Expressions of one function with arguments `known`, variables `local` and loop variables `loops`."""
 
     def __init__(self, unit: Unit, known: dict[str, Kind], loops: set[str]) -> None:
         self.unit, self.known, self.loops = unit, known, loops
         self.local: dict[str, Kind] = {}
 
-    # --- what kind of value an expression has
+    # --- kinds
 
     def kind(self, node: ast.expr) -> Kind:
         """Return the kind of an expression."""
@@ -74,7 +74,7 @@ class Expressions:
         return REAL if isinstance(value, float) else INT
 
     def element(self, node: ast.expr, array: ast.expr, places: int) -> Kind:
-        """Return the kind of what stands at so many places of an array."""
+        """Return the kind of an array's element, or of the subarray that fewer indices leave."""
         kind = self.kind(array)
         if not isinstance(kind, ArrayKind):
             refuse(node, "no array")
@@ -83,7 +83,7 @@ class Expressions:
         return REAL if kind.element == REAL else INT
 
     def of_call(self, called: ast.expr, arguments: Sequence[ast.expr]) -> Kind:
-        """Return the kind of what a call returns."""
+        """Return the kind of a call's value."""
         match called:
             case ast.Name("sqrt"):
                 return REAL
@@ -108,7 +108,7 @@ class Expressions:
         return kind.sizes if isinstance(kind, ArrayKind) else refuse(node, "no array")
 
     def new_array(self, node: ast.expr) -> bool:
-        """Return whether the value is an array of its own, and no other's."""
+        """Return whether the value is a newly created array."""
         match node:
             case ast.Call(ast.Attribute(_, "copy"), []):
                 return True

@@ -5,7 +5,7 @@ from typing import NamedTuple, TypeAlias
 
 
 class ArrayKind(NamedTuple):
-    """An `ArrayKind` is what an array holds, and its sizes as C has them."""
+    """Element type of an array, and its sizes as C expressions."""
 
     element: str
     sizes: tuple[str, ...]
@@ -22,11 +22,11 @@ class ArrayKind(NamedTuple):
 
 
 class StructKind(NamedTuple):
-    """Struct in the place of a named tuple: of numbers and of arrays, or of pointers to them."""
+    """Struct that replaces a named tuple: numbers, and arrays or pointers to them."""
 
     name: str
     fields: "Mapping[str, Kind]"
-    holds: bool  # whether the arrays are in it
+    holds: bool  # whether it holds the arrays, not pointers
 
     def definition(self) -> str:
         """Return its typedef."""
@@ -45,7 +45,7 @@ class StructKind(NamedTuple):
 
 
 class TupleKind(NamedTuple):
-    """A `TupleKind` is what a function returns that returns several numbers."""
+    """Struct that replaces a returned tuple of numbers."""
 
     name: str
     elements: tuple[str, ...]
@@ -58,7 +58,7 @@ class TupleKind(NamedTuple):
 
 Kind: TypeAlias = str | ArrayKind | StructKind | TupleKind
 Kinds: TypeAlias = Mapping[str, Kind]
-"""What the arguments of a name are, in all functions: arrays and structs; what is not here is an int."""
+"""Kinds of arguments by name, the same in all functions: arrays and structs; others are ints."""
 
 
 def declared(name: str, kind: Kind) -> str:

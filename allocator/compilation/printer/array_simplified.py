@@ -37,7 +37,7 @@ class _Simple(ast.NodeTransformer):
         return node
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
-        """Return `mpc.codegen.jit.assign` as what it stands for."""
+        """Return `mpc.codegen.jit.assign` as the assignment that it stands for."""
         match node.value:
             case ast.Call(ast.Name("assign"), [target, source], []):
                 return _at(node, ast.Assign([ast.Subscript(target, ast.Slice(), ast.Store())], source))

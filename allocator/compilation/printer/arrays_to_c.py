@@ -1,10 +1,10 @@
 """Printing of plain Python functions that fill arrays, such as the kernel of mechanisms, as C99 without a heap.
 
-They have what numba compiles without asking: numbers, arrays, named tuples of these, loops over `range` and arrays,
-branches, each other, `abs`, `min`, `max`, `sqrt`, `len`, `isfinite`, new arrays of constant size, copies. A named tuple
-is a struct; an array's sizes are known when C is compiled. What a name stands for as an argument, `Kinds` says once for
-all functions; of other variables the assigned values tell whether they are real, an array or a struct, of which they
-are pointers. Whatever else there is raises `Unprintable`.
+They use constructs that numba compiles: numbers, arrays, named tuples of these, loops over `range` and arrays,
+branches, calls of each other, `abs`, `min`, `max`, `sqrt`, `len`, `isfinite`, new arrays of constant size, copies. A
+named tuple becomes a struct; array sizes are compile-time constants in C. `Kinds` gives the kind of an argument by its
+name, for all functions. Other variables take the kind of their assigned values: real, or a pointer to an array or a
+struct. All other constructs raise `Unprintable`.
 """
 
 import ast
@@ -34,9 +34,9 @@ def c_functions(
     entries: Mapping[str, str],
     numbers: Mapping[str, float],
 ) -> Printed:
-    """Return C's text of `functions`, of which `entries` are for others, under these names.
+    """Return the C text of `functions`; `entries` maps the exported ones to their names in C.
 
-    `numbers` has what global names stand for where it is not Python's value. Raises `Unprintable`.
+    `numbers` has the C text of global names that differ from Python's value. Raises `Unprintable`.
     """
     unit = _Unit(functions, kinds, single, entries, numbers)
     bodies = [unit.function(function.__name__) for function in functions]
@@ -55,7 +55,7 @@ def _prototype(head: str) -> str:
 
 
 class _Unit:
-    """The text under way: what functions return, and which constants they ask for."""
+    """Functions being printed: their return kinds, and the constants that they use."""
 
     def __init__(
         self,
@@ -70,21 +70,21 @@ class _Unit:
         self.names: dict[str, object] = {}
         for f in functions:
             self.names |= getattr(f, "py_func", f).__globals__  # a global name means the same in all of them
-        self.constants: dict[str, str] = {}  # by their names, as they are defined
+        self.constants: dict[str, str] = {}  # definitions by name
         self.heads: dict[str, str] = {}
         self.returns: dict[str, Kind] = {}
 
     def function(self, name: str) -> str:
-        """Return the text of a function, and remember its head."""
+        """Return the text of a function, and record its prototype."""
         made = _Function(self, self.nodes[name])
         text = "\n".join(made.lines())
         self.heads[name] = made.head
         return text
 
     def returned(self, name: str) -> Kind:
-        """Return what the function `name` returns, "void" for nothing."""
+        """Return the kind of the function's return value, "void" for none."""
         if name not in self.returns:
-            self.returns[name] = INT  # while it is looked at
+            self.returns[name] = INT  # placeholder against recursion
             self.returns[name] = _Function(self, self.nodes[name]).result()
         return self.returns[name]
 
@@ -93,7 +93,7 @@ class _Unit:
         return str(int(value)) if isinstance(value, int) else number(value, self.single)
 
     def constant(self, node: ast.Name) -> str:
-        """Return the name of a global number or of a tuple of numbers, which is defined."""
+        """Define a global number or tuple of numbers, and return its name."""
         value, name = self.numbers.get(node.id, self.names.get(node.id)), f"ANT_{node.id}"
         if isinstance(value, int | float):
             self.constants[name] = f"#define {name} {self.literal(value)}"
@@ -117,8 +117,8 @@ class _Function(Expressions):
         loaded = [n for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)]
         self.read = {n.id for n in loaded if id(n) not in sized}  # C does not ask an array for its length
         self.fresh: set[str] = set()  # variables that are declared where they are first assigned
-        self.calls = 0  # that returned several numbers
-        for _ in range(3):  # until what is assigned is known of all
+        self.calls = 0  # calls that return several numbers
+        for _ in range(3):  # until the kinds of all assigned values are known
             for statement in ast.walk(node):
                 if isinstance(statement, ast.Assign):
                     self.note_all(statement)
@@ -126,7 +126,7 @@ class _Function(Expressions):
                     self.note(statement.target, self.kind(statement.value))
 
     def note_all(self, node: ast.Assign) -> None:
-        """Remember of what kind the targets of an assignment are."""
+        """Record the kinds of the targets of an assignment."""
         several = self.kind(node.value)
         if isinstance(several, TupleKind) and isinstance(node.targets[0], ast.Tuple):
             for target, kind in zip(node.targets[0].elts, several.elements, strict=True):
@@ -136,11 +136,11 @@ class _Function(Expressions):
             self.note(target, self.kind(value))
 
     def note(self, target: ast.expr, kind: Kind) -> None:
-        """Remember of what kind a local variable is; one that is ever real is real."""
+        """Record the kind of a local variable; one real assignment makes it real."""
         if not isinstance(target, ast.Name) or target.id in self.known:
             return
         if target.id in self.loops:
-            refuse(target, "the variable of a loop, too")
+            refuse(target, "also the variable of a loop")
         if self.local.get(target.id) != REAL:
             self.local[target.id] = kind
 
@@ -159,7 +159,7 @@ class _Function(Expressions):
                 yield target, value
 
     def result(self) -> Kind:
-        """Return the kind of what is returned."""
+        """Return the kind of the return value."""
         values = [node.value for node in ast.walk(self.node) if isinstance(node, ast.Return) and node.value]
         several = [value.elts for value in values if isinstance(value, ast.Tuple)]
         if several:
@@ -251,7 +251,7 @@ class _Function(Expressions):
                 yield from wrapped(f"{self.target(target)} = {self.text(value)};", depth)
 
     def memory(self, target: ast.expr, value: ast.expr, depth: int) -> Iterator[str]:
-        """Yield the lines of a new array, which has to be small: it is on the stack."""
+        """Yield the lines of a new array, which must be small because it is on the stack."""
         kind = self.kind(value)
         if not isinstance(target, ast.Name) or target.id not in self.fresh or not isinstance(kind, ArrayKind):
             refuse(value, "memory in a loop")
@@ -262,9 +262,7 @@ class _Function(Expressions):
             yield from self.filled(target, [], value.func.value, depth)
 
     def filled(self, array: ast.expr, places: Sequence[ast.expr], value: ast.expr, depth: int) -> Iterator[str]:
-        """Yield the lines that fill an array, or what the slices among `places` leave of it, with a number or with the
-        elements of another array.
-        """
+        """Yield the lines that fill an array, or its slice at `places`, with a number or another array's elements."""
         sizes, indices, loops = self.sizes(array), "", 0
         for axis, size in enumerate(sizes):
             match places[axis] if axis < len(places) else ast.Slice():
@@ -280,7 +278,7 @@ class _Function(Expressions):
         yield f"{'    ' * (depth + loops)}{self.text(array, ATOM)}{indices} = {wanted};"
 
     def target(self, node: ast.expr) -> str:
-        """Return what is assigned to; a variable that is new is declared."""
+        """Return the text of an assignment's target, with a declaration if the variable is new."""
         if isinstance(node, ast.Name) and node.id in self.fresh:
             self.fresh.remove(node.id)
             return declared(node.id, self.local[node.id])
@@ -304,7 +302,7 @@ class _Function(Expressions):
 
 
 def with_called(functions: Sequence[Function]) -> list[Function]:
-    """Return `functions` and those that they call, and these in turn, which are found as Python would."""
+    """Return `functions` and all that they call, directly or not, looked up in their globals."""
     found: dict[str, Function] = {}
     left = [*functions]
     while left:
@@ -327,7 +325,7 @@ def _asks_for_a_size(node: ast.AST) -> bool:
 
 
 def _parsed(function: Function) -> ast.FunctionDef:
-    function = getattr(function, "py_func", function)  # of what numba has compiled
+    function = getattr(function, "py_func", function)  # the source of a numba dispatcher
     [node] = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     if not isinstance(node, ast.FunctionDef):
         raise Unprintable(f"{function} is no function")
@@ -345,7 +343,7 @@ def _first_assigned(body: Sequence[ast.stmt]) -> Iterator[str]:
 
 
 def _check_order(node: ast.Assign, pairs: Sequence[tuple[ast.expr, ast.expr]]) -> None:
-    """Refuse a value that asks for what has been assigned just before: C assigns one after the other."""
+    """Refuse a value that reads a name assigned just before: C assigns one after the other."""
     for i, (target, _) in enumerate(pairs):
         if any(ast.unparse(target) in map(ast.unparse, ast.walk(value)) for _, value in pairs[i + 1 :]):
             refuse(node, "a value asks for a name that has just been assigned")

@@ -8,25 +8,25 @@ from typing import NamedTuple
 from allocator.compilation.printer.c_layout import ATOM, INT, REAL, runs
 from allocator.compilation.printer.python_text import Source, assignments, refuse
 
-MADE = {"inf": "ANT_INFINITY", "sqrt": "ANT_F(sqrt)", "abs": "ant_abs"}  # names that C has anyway
+MADE = {"inf": "ANT_INFINITY", "sqrt": "ANT_F(sqrt)", "abs": "ant_abs"}  # names that C always has
 
 
 class Outside(NamedTuple):
-    """What C has in the place of what Python has: names, and arguments of the function that is printed for others."""
+    """C's counterparts of Python names, and of the arguments of the exported function `entry`."""
 
-    names: Mapping[str, str] = {}  # of constants, and of functions of real numbers that C has, by Python's name
-    functions: Mapping[str, str] = {}  # what printed functions are called, where it is not as in Python
-    structs: Mapping[tuple[str, ...], str] = {}  # what structs with these fields are called
+    names: Mapping[str, str] = {}  # constants and existing real functions, by Python's name
+    functions: Mapping[str, str] = {}  # names of printed functions that differ from Python's
+    structs: Mapping[tuple[str, ...], str] = {}  # names of structs, by their fields
     numbers: Mapping[str, Mapping[str, tuple[str, str]]] = {}  # a tuple's name: each element's type, and its text
     arrays: frozenset[str] = frozenset()  # tuples of `entry` that C has as arrays of real numbers
     flags: frozenset[str] = frozenset()  # arguments of `entry` that are ints
     absent: Mapping[str, str] = {}  # when an argument counts as None
-    none: frozenset[str] = frozenset()  # arguments of `entry` that always are
+    none: frozenset[str] = frozenset()  # arguments of `entry` that are always None
     inner: str = "static"  # how functions other than `entry` begin
 
 
 class Text(NamedTuple):
-    """An expression is its text, what kind of value it has, and how strongly its operator binds."""
+    """Expression: its text, the kind of its value, and the precedence of its operator."""
 
     text: str
     kind: str
@@ -43,7 +43,7 @@ def arguments_of(function: ast.FunctionDef) -> list[str]:
 
 
 def literal(value: float) -> Text:
-    """Return the number `value`: of an int without a point, of a truth value 0 or 1."""
+    """Return the literal of `value`: an int without a point, a truth value as 0 or 1."""
     if isinstance(value, int):
         return Text(str(int(value)), INT)
     if isinf(value):
@@ -52,7 +52,7 @@ def literal(value: float) -> Text:
 
 
 class Unit:
-    """A unit is the text under way: its structs, constants and functions by name."""
+    """C file being printed: its structs, constants and functions by name."""
 
     def __init__(
         self,
@@ -65,9 +65,9 @@ class Unit:
         self.source, self.outside, self.entry, self.printed = source, outside, entry, frozenset(printed)
         self.write = write  # prints a function into the unit
         self.comments = source.comments()
-        self.fields = dict(self._unpacked(printed))  # of the struct that an argument of this name is
-        self.names: dict[str, list[str]] = {}  # of each struct's fields
-        self.kinds: dict[str, list[str]] = {}  # and of what kinds they are
+        self.fields = dict(self._unpacked(printed))  # fields of the struct, by the argument's name
+        self.names: dict[str, list[str]] = {}  # fields of each struct
+        self.kinds: dict[str, list[str]] = {}  # and their kinds
         self.structs: dict[str, str] = {}
         self.constants: dict[str, str] = {}
         self.heads: dict[str, str] = {}
@@ -85,7 +85,7 @@ class Unit:
                             yield value.id, [e.id for e in target.elts if isinstance(e, ast.Name)]
 
     def given(self, name: str) -> str:
-        """Return the kind of the argument `name` of the entry; "" for one that C has no need of."""
+        """Return the kind of the argument `name` of the entry; "" for one that C omits."""
         if name in self.outside.none or name in self.outside.numbers:
             return ""
         if name in self.outside.arrays:
@@ -93,7 +93,7 @@ class Unit:
         return INT if name in self.outside.flags else REAL
 
     def struct(self, node: ast.expr, name: str, fields: Sequence[str], kinds: Sequence[str], about: str) -> str:
-        """Return the name of the struct with these fields, which is made where there is none."""
+        """Return the name of the struct with these fields; define it if there is none."""
         name = self.outside.structs.get(tuple(fields), name)
         if self.kinds.setdefault(name, list(kinds)) != list(kinds):
             refuse(node, f"{name} holds {kinds}, and {self.kinds[name]} elsewhere")
@@ -103,7 +103,7 @@ class Unit:
         return name
 
     def function(self, name: str, kinds: list[str]) -> str:
-        """Print the function `name` for arguments of these kinds, unless it is there; return what it returns."""
+        """Print the function `name` for arguments of these kinds, once; return the kind of its value."""
         if self.taken.setdefault(name, kinds) != kinds:
             refuse(self.source.functions[name], f"called with {kinds} and with {self.taken[name]}")
         if name not in self.returns:
@@ -111,14 +111,14 @@ class Unit:
         return self.returns[name]
 
     def constant(self, node: ast.Name) -> Text:
-        """Return what the global number `node` stands for, or C's name for it."""
+        """Return the value of the global number `node`, or its name in C."""
         value, known = self.source.names.get(node.id), {**MADE, **self.outside.names}
         if not isinstance(value, int | float):
             refuse(node, "no number")
         return literal(value)._replace(text=known[node.id]) if node.id in known else literal(value)
 
     def constant_struct(self, node: ast.Name, name: str) -> Text:
-        """Return the global tuple of numbers `node` as a constant struct, called as the argument `name`."""
+        """Return the global tuple of numbers `node` as a constant struct, of the type of the argument `name`."""
         values = [literal(value) for value in self.source.names[node.id]]
         text = self.outside.names.get(node.id, f"{{{', '.join(value.text for value in values)}}}")
         kind = self.struct_of(node, name, values)
@@ -126,13 +126,13 @@ class Unit:
         return Text(node.id, kind)
 
     def struct_of(self, node: ast.expr, name: str, values: Sequence[Text]) -> str:
-        """Return the struct that holds `values`, called as the argument `name`."""
+        """Return the struct of `values`, of the type of the argument `name`."""
         fields = self.fields.get(name, [])
         if len(fields) != len(values):
             refuse(node, f"{name} is not unpacked into as many names")
         kinds = [value.kind for value in values]
-        return self.struct(node, f"ant_{name}", fields, kinds, f"What is called {name} below.")
+        return self.struct(node, f"ant_{name}", fields, kinds, f"Type of arguments called {name}.")
 
     def called(self, name: str) -> str:
-        """Return what C calls the function `name`."""
+        """Return the name in C of the function `name`."""
         return self.outside.functions.get(name, name)

@@ -1,4 +1,4 @@
-"""Printing of expressions, the right-hand sides of assignments, as C."""
+"""Printing of expressions as C."""
 
 import ast
 
@@ -21,7 +21,7 @@ from allocator.compilation.printer.python_text import asks_for_none, refuse
 
 
 class Expressions:
-    """The printer has the expressions of one function, whose variables are of known kinds."""
+    """Printer of one function's expressions, given the kinds of its variables."""
 
     def __init__(self, unit: Unit, kinds: dict[str, str]) -> None:
         self.unit, self.kinds = unit, kinds
@@ -88,7 +88,7 @@ class Expressions:
         return Text(" && ".join(links), INT, AND if len(links) > 1 else LINK)
 
     def choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Text:
-        """Return a conditional expression; one of its sides if it is known which."""
+        """Return a conditional expression; only one side if the test is known."""
         if asks_for_none(test) in self.unit.outside.none:
             return self.text(body)
         yes, no = self.text(body), self.text(orelse)
@@ -98,7 +98,7 @@ class Expressions:
         return Text(f"{self.text(test).above(OR)} ? {yes.above(OR)} : {no.above(CHOICE)}", kind, CHOICE)
 
     def call(self, node: ast.Call, name: str, arguments: list[ast.expr]) -> Text:
-        """Return a call, of a printed function or of one that C has."""
+        """Return a call of a printed function or of an existing one."""
         if name not in self.unit.printed:
             known = {**MADE, **self.unit.outside.names}
             if name not in known:
@@ -112,7 +112,7 @@ class Expressions:
         return Text(f"{self.unit.called(name)}({', '.join(map(self.passed, made))})", kind)
 
     def argument(self, given: ast.expr, taken: str) -> Text:
-        """Return `given`, which the function called calls `taken`."""
+        """Return the argument `given` for the parameter `taken`."""
         if isinstance(given, ast.Tuple):
             return self.tuple(given, taken)
         if isinstance(given, ast.Name) and isinstance(self.unit.source.names.get(given.id), tuple):

@@ -12,7 +12,7 @@ import numpy as np
 REAL, INT = "ant_real", "int"
 LINKS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 SIGNS = {ast.Add: ("+", 12), ast.Sub: ("-", 12), ast.Mult: ("*", 13), ast.Div: ("/", 13), ast.BitOr: ("|", 6)}
-CHOICE, OR, AND, FLAGS, LINK, SUM, UNARY, ATOM = 3, 4, 5, 6, 10, 12, 14, 16  # how strongly they bind; ATOM: no operator
+CHOICE, OR, AND, FLAGS, LINK, SUM, UNARY, ATOM = 3, 4, 5, 6, 10, 12, 14, 16  # precedences; ATOM: no operator
 
 
 WIDTH = 120
@@ -23,9 +23,9 @@ _ASCII = str.maketrans(
 
 
 class Printed(NamedTuple):
-    """C's text of functions: for a header, and for a file."""
+    """C text of functions, for a header and for a file."""
 
-    head: str  # the structs that they return, and prototypes of those for others
+    head: str  # structs, and prototypes of exported functions
     body: str
 
 
@@ -36,12 +36,12 @@ def runs(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
 
 
 def whole(text: str) -> str:
-    """Return `text` so that `_wrapped` keeps it in a line, if it fits into one."""
+    """Return `text` marked so that `wrapped` keeps it in one line if it fits."""
     return text.replace(" ", "\0") if len(text) < WIDTH - 12 else text
 
 
 def wrapped(line: str, depth: int) -> list[str]:
-    """Return `line` in as many lines as it takes."""
+    """Return `line` broken at the line width."""
     first, later = "    " * depth, "    " * (depth + 1)
     width, options = WIDTH, {"break_long_words": False, "break_on_hyphens": False}
     lines = textwrap.wrap(line, width, initial_indent=first, subsequent_indent=later, **options)  # type: ignore[arg-type]  # both are bool
@@ -49,7 +49,7 @@ def wrapped(line: str, depth: int) -> list[str]:
 
 
 def comment(text: str, depth: int) -> str:
-    """Return `text` as a comment, of which what is indented stays as it is."""
+    """Return `text` as a comment; indented lines keep their layout."""
     indent = "    " * depth
     lines: list[str] = []
     for paragraph in text.translate(_ASCII).split("\n\n"):
@@ -60,9 +60,9 @@ def comment(text: str, depth: int) -> str:
 
 
 def number(value: float, single: bool) -> str:
-    """Return the literal of `value`: all its digits, `f` behind those of single precision.
+    """Return the literal of `value`: all its digits, with suffix `f` in single precision.
 
-    What is not finite, or not in single precision, is one of the macros of real.h.
+    A value not finite, or outside single precision, becomes a macro of real.h.
     """
     with np.errstate(over="ignore"):
         rounded = np.float32(value) if single else np.float64(value)

@@ -1,6 +1,6 @@
-"""Reading of the text to be printed: functions of a module, checked for what the printer knows.
+"""Source text of the functions to be printed, checked for constructs that the printer supports.
 
-Such functions know numbers, tuples of numbers and each other; the table of `printed` lists all that they may contain.
+Such functions use numbers, tuples of numbers and each other; the table in `printer` lists the permitted constructs.
 """
 
 import ast
@@ -22,11 +22,11 @@ _KNOWN = (
 
 
 class Unprintable(AntagonistError):
-    """A construct that the printer does not know; the message shows it and tells its line."""
+    """Unsupported construct; the message shows it and gives its line."""
 
 
 class Source(NamedTuple):
-    """The text to be printed is that of a module: its functions, and what its names stand for."""
+    """Source text of a module: its functions, and the values of its global names."""
 
     text: str
     functions: dict[str, ast.FunctionDef]
@@ -39,19 +39,19 @@ class Source(NamedTuple):
 
     @classmethod
     def parsed(cls, text: str, names: Mapping[str, Any]) -> "Source":
-        """Return `text`, in which global names stand for `names`."""
+        """Return the source `text` with `names` as values of global names."""
         functions = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)}
         return cls(text, functions, names)
 
     def comments(self) -> dict[int, str]:
-        """Return what is said behind `#`, by line."""
+        """Return the comments by line."""
         tokens = tokenize.generate_tokens(io.StringIO(self.text).readline)
         return {t.start[0]: t.string.lstrip("# ") for t in tokens if t.type == tokenize.COMMENT}
 
     def reached(self, entry: str) -> list[str]:
-        """Return all functions that `entry` calls, each behind those that it calls itself, and `entry`.
+        """Return `entry` and all functions that it calls, callees first.
 
-        Raises Unprintable for what none of the forms has.
+        Raises Unprintable for constructs that neither form supports.
         """
         found: list[str] = []
         self._reach(entry, found)
@@ -90,7 +90,7 @@ def statements(function: ast.FunctionDef) -> list[ast.stmt]:
 
 
 def asks_for_none(test: ast.expr) -> str | None:
-    """Return the name that `test` asks whether it is None; None if it asks anything else."""
+    """Return the name that `test` compares with None; None for any other test."""
     match test:
         case ast.Compare(ast.Name(name), [ast.Is()], [ast.Constant(None)]):
             return name
@@ -98,10 +98,10 @@ def asks_for_none(test: ast.expr) -> str | None:
 
 
 def assignments(statement: ast.Assign) -> list[tuple[ast.expr, ast.expr]]:
-    """Return (target, value) of what `statement` assigns, one by one where a tuple is assigned to a tuple.
+    """Return the (target, value) pairs of `statement`, one per element if a tuple is assigned to a tuple.
 
-    `x, y = (a, b) if test else (c, d)` assigns a or c to x. One by one means one after the other: no value may ask for
-    a name that has just been assigned.
+    `x, y = (a, b) if test else (c, d)` assigns a or c to x. They are assigned in order: no value may read a name
+    assigned just before.
     """
     if len(statement.targets) != 1:
         refuse(statement, "two targets")

@@ -1,8 +1,8 @@
-"""Printing of plain Python functions as C99 that reads like them, docstrings and comments included.
+"""Printing of plain Python functions as readable C99, with their docstrings and comments.
 
-A tuple is a struct: one that is passed on is called as the argument that takes it and unpacks it into names, which are
-its fields; one that is returned is called as the function and has the names returned. The tuples that come from outside
-are named in `Outside`, with what else C has that Python has not.
+A tuple becomes a struct. A passed tuple is named after the parameter that receives it, and its fields after the names
+that it is unpacked into. A returned tuple is named after the function, and its fields after the names returned.
+`Outside` lists the tuples supplied by callers and C's other differences.
 """
 
 import ast
@@ -15,7 +15,7 @@ from allocator.compilation.printer.python_text import Source, asks_for_none, ass
 
 
 def c_form(source: Source, entry: str, outside: Outside = Outside()) -> Printed:  # noqa: B008  # frozen
-    """Return C's text of `entry` and of what it calls. Raises Unprintable for what C's form has not."""
+    """Return the C text of `entry` and of its callees. Raises Unprintable for constructs without a C form."""
     order = source.reached(entry)
     unit = Unit(source, outside, entry, _print, [name for name in order if name not in outside.names])
     unit.function(entry, [unit.given(name) for name in arguments_of(source.functions[entry])])
@@ -32,7 +32,7 @@ def _print(unit: Unit, function: ast.FunctionDef, kinds: list[str]) -> None:
 
 
 class _Function:
-    """The printer of one function puts it into its unit, line by line."""
+    """Printer of one function into its unit, line by line."""
 
     def __init__(self, unit: Unit, function: ast.FunctionDef, kinds: list[str]) -> None:
         names = arguments_of(function)
@@ -43,14 +43,14 @@ class _Function:
         self.read = {node.id for node in nodes if isinstance(node.ctx, ast.Load)}
         self.stored = [node.id for node in nodes if isinstance(node.ctx, ast.Store)]
         self.returned = ""
-        self.line = function.lineno  # up to which comments have been printed
+        self.line = function.lineno  # last line whose comments have been printed
         self.results = 0
 
     def print(self) -> None:
-        """Put the function into its unit, behind those that it calls."""
+        """Add the function to its unit, after its callees."""
         name = self.function.name
         given = [f"const {kind} *{x}" if x in self.say.pointers else f"{kind} {x}" for x, kind in self.kinds.items()]
-        unused = [f"    (void){x};" for x in self.kinds if x not in self.read]  # C's compilers warn of them
+        unused = [f"    (void){x};" for x in self.kinds if x not in self.read]  # silences a warning
         body = unused + list(self.block(statements(self.function), 1))
         self.unit.returns[name] = self.returned
         listed = ", ".join(whole(one.replace("* ", "*")) for one in given)
@@ -79,10 +79,10 @@ class _Function:
                     refuse(statement)
 
     def loop(self, node: ast.stmt, name: str, count: str, body: list[ast.stmt], depth: int) -> Iterator[str]:
-        """Yield the lines of a loop, whose variable is known in it only."""
+        """Yield the lines of a loop, whose variable is local to it."""
         name = f"i{depth}" if name == "_" else name
         if name in self.kinds or self.stored.count(name) > 1:
-            refuse(node, f"{name} is assigned elsewhere, too")
+            refuse(node, f"{name} is also assigned elsewhere")
         self.kinds[name] = INT
         yield from wrapped(f"for (int {name} = 0; {name} < {count}; {name}++) {{", depth)
         yield from self.block(body, depth + 1)
@@ -90,7 +90,7 @@ class _Function:
         del self.kinds[name]
 
     def branch(self, test: ast.expr, body: list[ast.stmt], orelse: list[ast.stmt], depth: int) -> Iterator[str]:
-        """Yield the lines of an `if`; of one side only if it is known which."""
+        """Yield the lines of an `if`; only one side if the test is known."""
         if asks_for_none(test) in self.unit.outside.none:
             yield from self.block(body, depth)
             return
@@ -135,7 +135,7 @@ class _Function:
         fresh.clear()
 
     def parts(self, target: ast.expr, value: ast.expr, fresh: list[tuple[str, str]]) -> Iterator[tuple[str, Text]]:
-        """Yield (name, what is assigned to it)."""
+        """Yield (name, assigned value)."""
         match target, value:
             case ast.Name(name), ast.Tuple():
                 yield name, self.say.tuple(value, self.taken_as(name) or name)
@@ -148,11 +148,11 @@ class _Function:
                 for one, element in zip(names, elements, strict=True):
                     if not isinstance(one, ast.Name):
                         refuse(target)
-                    if one.id in self.read:  # C's compilers warn of others
+                    if one.id in self.read:  # C compilers warn about unused variables
                         yield one.id, element
 
     def elements(self, value: ast.expr, fresh: list[tuple[str, str]]) -> list[Text]:
-        """Return what the tuple `value` holds."""
+        """Return the elements of the tuple `value`."""
         outside = self.unit.outside
         if isinstance(value, ast.Name) and value.id in outside.numbers:
             return [Text(text, kind) for kind, text in outside.numbers[value.id].values()]
@@ -171,7 +171,7 @@ class _Function:
         return [Text(f"{name}{dot}{field}", kind) for field, kind in zip(fields, kinds, strict=True)]
 
     def taken_as(self, name: str) -> str:
-        """Return what the functions that `name` is passed to call it; "" if it is passed to none."""
+        """Return the parameter that `name` is passed to; "" if it is passed to no function."""
         for call in ast.walk(self.function):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in self.unit.printed:
                 arguments = arguments_of(self.unit.source.functions[call.func.id])
@@ -181,13 +181,13 @@ class _Function:
         return ""
 
     def result(self, value: ast.expr) -> str:
-        """Return what is returned, and remember of what type it is."""
+        """Return the returned expression, and record its type."""
         if isinstance(value, ast.Tuple):
             names = [e.id for e in value.elts if isinstance(e, ast.Name)]
             if len(names) != len(value.elts):
                 refuse(value, "only names can be returned in a tuple")
             kinds = [self.say.text(e).kind for e in value.elts]
-            about = f"What {self.function.name} returns."
+            about = f"Return value of {self.function.name}."
             kind = self.unit.struct(value, f"ant_{self.function.name}", names, kinds, about)
             made = Text(f"({kind}){{{', '.join(names)}}}", kind)
         else:

@@ -15,12 +15,12 @@ from allocator.compilation.printer.python_text import (
 
 
 def array_form(source: Source, entry: str) -> str:
-    """Return Python's text of `entry`, and of what it calls, for arrays in the place of numbers."""
+    """Return the Python text of `entry` and its callees for arrays in place of numbers."""
     return ast.unparse(_array_module(source, entry))
 
 
 def array_functions(source: Source, *entries: str) -> list[Callable[..., Any]]:
-    """Return `entries` for arrays; they are called as they were, and warn of what lies in the branches not taken."""
+    """Return `entries` for arrays, under their own names; branches not taken may cause NumPy warnings."""
     import numpy as np
 
     space: dict[str, Any] = {**source.names, "np": np, "abs": np.abs, "sqrt": np.sqrt}
@@ -30,7 +30,7 @@ def array_functions(source: Source, *entries: str) -> list[Callable[..., Any]]:
 
 def _array_module(source: Source, *entries: str) -> ast.Module:
     names = dict.fromkeys(name for entry in entries for name in source.reached(entry))
-    again = Source.parsed(source.text, source.names)  # as the nodes are changed; copies of them take longer
+    again = Source.parsed(source.text, source.names)  # parsed again, as the nodes are changed; copying takes longer
     made = [_array_function(again.functions[name]) for name in names]
     return ast.fix_missing_locations(ast.Module([*made], []))
 
@@ -71,7 +71,7 @@ def _array_block(block: list[ast.stmt], known: set[str]) -> list[ast.stmt]:
 
 
 def _chosen(test: str, body: list[ast.stmt], orelse: list[ast.stmt], known: set[str]) -> Iterator[ast.stmt]:
-    """Yield assignments that take place where `test` holds, and those that do where it does not."""
+    """Yield the assignments of both branches of `test`, each conditional on it."""
     for statement, holds in (*((s, True) for s in body), *((s, False) for s in orelse)):
         if not isinstance(statement, ast.Assign):
             refuse(statement, "in a branch")
@@ -99,10 +99,10 @@ def _numpy(function: str, arguments: Iterable[ast.expr]) -> ast.expr:
 
 
 class _Arrays(ast.NodeTransformer):
-    """The transformer turns an expression of numbers into one of arrays."""
+    """Transformer of expressions of numbers into expressions of arrays."""
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
-        """Choose one by one, but ask for None once."""
+        """Choose elementwise, but test for None once."""
         if asks_for_none(node.test):
             return ast.IfExp(node.test, self.visit(node.body), self.visit(node.orelse))
         test, yes, no = (self.visit(part) for part in (node.test, node.body, node.orelse))
@@ -112,19 +112,19 @@ class _Arrays(ast.NodeTransformer):
         return _where(test, yes, no)
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
-        """Combine truth values one by one."""
+        """Combine truth values elementwise."""
         first, *others = map(self.visit, node.values)
         for other in others:
             first = _numpy("logical_and" if isinstance(node.op, ast.And) else "logical_or", [first, other])
-        return first  # type: ignore[no-any-return]  # visit returns what it likes
+        return first  # type: ignore[no-any-return]  # visit is untyped
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        """Negate truth values one by one."""
+        """Negate truth values elementwise."""
         operand = self.visit(node.operand)
         return _numpy("logical_not", [operand]) if isinstance(node.op, ast.Not) else ast.UnaryOp(node.op, operand)
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        """Compare one by one, each link of a chain by itself."""
+        """Compare elementwise, each link of a chain separately."""
         operands = [self.visit(operand) for operand in (node.left, *node.comparators)]
         links = [ast.Compare(a, [op], [b]) for a, op, b in zip(operands, node.ops, operands[1:], strict=False)]
         first: ast.expr = links[0]

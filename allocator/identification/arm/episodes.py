@@ -1,7 +1,7 @@
 """Episodes of a moving arm, and windows cut from them for free runs.
 
-An episode is a stretch of rows at even times. A window is a free run: it begins at a measured state, and from then on a
-model is given the measured pressures only.
+An episode is a stretch of rows at even times. A window is a free run: it begins at a measured state, after which a
+model receives only the measured pressures.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 
-_BROKEN = 0.06  # [rad] between the step of an angle and that of its speed, beyond which the clock has jumped
+_BROKEN = 0.06  # [rad] between the step of an angle and that of its speed; more is a jump of the clock
 _LEAST_ROWS = 10
 
 
@@ -25,7 +25,7 @@ class Episode:
 
     q: Array  # angles (n, m) [rad]
     v: Array  # speeds (n, m) [rad/s]
-    p: Array  # measured pressures (n, k), in any unit: forces are found in it
+    p: Array  # measured pressures (n, k), in any unit
     step: float  # between rows [s]
     name: str = ""
 
@@ -42,9 +42,9 @@ class Episode:
         step
             Time between rows [s].
         v
-            Speeds (n, m) [rad/s]; differences of the angles by default, and then there is nothing to cut by.
+            Speeds (n, m) [rad/s]; by default differences of the angles, without cuts at jumps of the clock.
         name
-            Name of the episode, which errors and splits refer to.
+            Name of the episode in errors and splits.
 
         Raises
         ------

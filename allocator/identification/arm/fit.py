@@ -11,7 +11,7 @@ law minimise the error of its free run q̂, its neighbours as measured,
 
     minimise  Σ (q̂_t - q_t)²/deg²  +  λ² w Σ_i ((x_i - x_i⁰)/s_i)²        over x, all windows w and steps t
 
-where the second term holds parameters that the log does not show. Derivatives are differences of simultaneous free
+where the second term keeps parameters that the log does not determine. Derivatives are differences of simultaneous free
 runs, because the motion of a sticking joint is not differentiable. Optional terms of the law are kept if they improve
 the prediction of left-out episodes.
 
@@ -32,16 +32,16 @@ from allocator.identification.arm.episodes import Episode, Windows
 from allocator.identification.arm.law import TERMS, JointLaw, run
 from allocator.units import DEG
 
-_MOVING = 0.05  # [rad/s]: slower rows stick, and tell of no force
+_MOVING = 0.05  # [rad/s]: slower rows stick, and contain no information on forces
 
 
 @dataclass(frozen=True)
 class Assignment:
     """Muscles of each joint, and the evidence for them."""
 
-    pairs: tuple[tuple[int, int], ...]  # muscle that raises, and that lowers, the angle of each joint
+    pairs: tuple[tuple[int, int], ...]  # the muscles that raise and lower the angle of each joint
     t_statistics: Array  # (m, k): evidence that a muscle accelerates a joint
-    margin: float  # by which the sum exceeds that of the best other assignment of one of the muscles
+    margin: float  # excess of the sum over the best assignment with one muscle changed
 
     @property
     def doubtful(self) -> tuple[int, ...]:
@@ -51,7 +51,7 @@ class Assignment:
 
 
 def assign_muscles(episodes: Sequence[Episode]) -> Assignment:
-    """Return which muscle raises and which lowers the angle of each joint.
+    """Return the muscles that raise and lower the angle of each joint.
 
     Raises `InvalidInput` for a joint that hardly moves.
     """
@@ -96,12 +96,12 @@ def _t_statistics(episodes: Sequence[Episode], joint: int) -> Array:
 _HELD = 0.3  # λ [°/°]
 _DIFFERENCE = 3e-4  # of a usual size
 _ITERATIONS = 40
-_BETTER = 0.98  # of the error on left-out episodes that a further term has to reach
+_BETTER = 0.98  # of the error on left-out episodes, required of a further term
 _FOLDS = 3
 
 
 def fit_law(law: JointLaw, windows: Windows, start: Array | None = None) -> Array:
-    """Return the parameters (n,) of a joint that predict the windows best."""
+    """Return the parameters (n,) of a joint with the best prediction of the windows."""
     from scipy.optimize import least_squares
 
     first, size = (np.array([getattr(p, part) for p in law.parameters]) for part in ("start", "size"))
@@ -131,7 +131,7 @@ def joint_error(law: JointLaw, x: Array, windows: Windows) -> float:
 
 
 def folds(windows: Windows, count: int) -> list[NDArray[np.bool_]]:
-    """Return which windows (w,) are left out of each of `count` fits: whole episodes, in turn."""
+    """Return the windows (w,) left out of each of `count` fits: whole episodes, in turn."""
     names = list(dict.fromkeys(windows.episode.tolist()))
     turn = {name: i % count for i, name in enumerate(names)}
     which = np.array([turn[name] for name in windows.episode.tolist()])
@@ -166,7 +166,7 @@ def choose_terms(law: JointLaw, windows: Windows, tell: Callable[[str], object] 
 _MEMBERS = 5
 _MOVES = (0.5 * DEG, 5 * DEG)  # between a joint that rests, one that moves, and one that moves far
 _COVERED = 0.95
-_FEWER = 2  # every so many windows decide which terms show
+_FEWER = 2  # every so many windows choose the terms
 
 
 @dataclass(frozen=True)
@@ -233,17 +233,16 @@ def fit_arm(
     Parameters
     ----------
     episodes
-        Stretches as `Episode.checked` gives them, of one arm.
+        Stretches of one arm from `Episode.checked`.
     horizon
-        Steps of a free run, whose error is least.
+        Steps of the free runs whose error is minimised.
     every
         Rows between the beginnings of the free runs.
     terms
-        Terms of the law of each joint, see `allocator.identification.arm.law`; by default those that show.
+        Terms of the law of each joint, see `allocator.identification.arm.law`; by default those that improve the
+        prediction.
     progress
-        Called with a word before each step.
-
-    Raises
+        Called with a word before each step. Raises
     ------
     InvalidInput
         For episodes shorter than a free run, and for joints that hardly move.

@@ -1,8 +1,8 @@
-"""Motion of one joint of an arm in parameters that are found from its log.
+"""Motion law of one joint of an arm, with parameters identified from its log.
 
     v⁺ = S((v + h F)/(1 + h d), h f/(1 + h d)),   q⁺ = q + h v⁺ within the stops,   S(x, y) = sign(x) max(|x| - y, 0)
 
-All of it is over the joint's inertia. F is the static surface of both pressures and what its neighbours do to it,
+All terms are divided by the joint's inertia. F is the static surface of both pressures, plus the neighbours' effect,
 
     F = c(q) + p_a a(q) + a' p_a² + p_b b(q) + b' p_b² + Σ terms        c cubic, a and b quadratic in q
 
@@ -33,7 +33,7 @@ _LEAST_TURN, _MOST_TURN = -3.0, 3.0  # [rad]
 
 
 class Parameter(NamedTuple):
-    """A number of the law: where its search begins, and a usual distance from there."""
+    """Parameter of the law: the start of its search, and a usual distance from it."""
 
     name: str
     start: float
@@ -51,7 +51,7 @@ class Surroundings(NamedTuple):
 
 @dataclass(frozen=True)
 class JointLaw:
-    """Names and order of the parameters of one joint in an arm of m joints: rad, s, pressures over `full`."""
+    """Names and order of the parameters of one joint in an arm of m joints, in rad, s and pressures over `full`."""
 
     joint: int
     pair: tuple[int, int]  # muscles that raise and lower the angle
@@ -147,7 +147,7 @@ def run(laws: Mapping[int, tuple[JointLaw, Array]], q: Array, v: Array, p: Array
     Parameters
     ----------
     laws
-        Law and parameters (batch, n) of every joint to run, by its number.
+        Law and parameters (batch, n) of every joint to run, by number.
     q, v, p
         Rows of `Windows` (w, steps + 2, …); the runs begin at row 1.
     h

@@ -100,7 +100,7 @@ def fit_joint_command(
     measured = (data.theta, data.P1, data.P2)
     compared = compare_joint_models(*measured, progress=lambda m: each(m, console), **options) if every else None
     with clock(console) as bar:
-        bar.add_task(f"fitting {model}", total=None)  # how many steps the search takes is not known
+        bar.add_task(f"fitting {model}", total=None)  # the number of steps is unknown
         fit = fit_joint(*measured, model=model, **options)
     if as_json:
         print_json(_values(fit, compared))
@@ -181,7 +181,7 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 
 def _describe(fit: JointFit, console: Console) -> None:
-    """Print the fit, its uncertainties, and the questions that the data leave open."""
+    """Print the fit, its uncertainties, and the quantities that the data leave open."""
     s, std, found = fit.samples, fit.standard_deviations, fit.doubt.discrepancy
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
@@ -223,7 +223,7 @@ def _plus_minus(std: float) -> str:
 
 
 def _choice_lines(fit: JointFit) -> list[str]:
-    """Return a line on each other choice, and one on laws that predict the angles better."""
+    """Return a line on each alternative choice, and one on laws that predict the angles better."""
     K = "K/K_ref" if fit.scale is None else "K"
     lines = [
         f"  with {c.name} instead: {c.rms / DEG:.2f}°, zero {c.zero / DEG:+.2f}°, ratio {c.ratio:.3f}, "

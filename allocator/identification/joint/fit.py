@@ -1,8 +1,8 @@
 """Fit of one muscle model, or of all, to the measured equilibria of a joint.
 
-A comparison shows the angle error of each model and the stiffness that it implies. A good angle fit does not select the
-stiffness: any rising transformation of the force law leaves the unloaded angles of a pulley unchanged. So models keep
-the order in which they were given, and pairs with indistinguishable angles but different stiffnesses are named.
+A comparison shows the angle error and the implied stiffness of each model. A good angle fit does not determine the
+stiffness: any increasing transformation of the force law leaves the unloaded angles of a pulley unchanged. So models
+keep the given order, and pairs with indistinguishable angles but different stiffnesses are named.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -26,10 +26,10 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import MODELS, Muscle, Recipe
 from allocator.units import BAR, DEG
 
-DEAD_BAND = 0.5 * BAR  # below it a muscle hardly acts [Pa]
+DEAD_BAND = 0.5 * BAR  # below it a muscle has little effect [Pa]
 SLACK_NOISE = 0.1 * BAR  # standard deviation of the pressures of a sag test [Pa]
 _EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
-_MOST_SAMPLES = 1000  # more are put into cells
+_MOST_SAMPLES = 1000  # more are averaged over cells
 _ONE_LEVEL = 0.03  # of the mean co-contraction
 
 
@@ -59,53 +59,54 @@ def fit_joint(
 ) -> JointFit:
     """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
 
-    More than 1000 samples are put into cells of 0.05 bar, or wider if need be, and their means are fitted; see
-    `JointSamples.binned`. Samples at which the force law of the model cannot be evaluated are left out, and counted; so
-    are angles that stand apart from those at like pressures, see `allocator.identification.outliers`.
+    More than 1000 samples are averaged over cells of 0.05 bar, or wider if necessary; see `JointSamples.binned`.
+    Samples at which the force law cannot be evaluated are left out and counted, as are outliers among angles at similar
+    pressures, see `allocator.identification.outliers`.
 
     Parameters
     ----------
     geometry
-        The mechanism, measured; or one for each label in `group`. It is not fitted: angles cannot tell it from forces.
+        The measured mechanism, or one for each label in `group`. It is not fitted: angles cannot distinguish it from
+        forces.
     torque
-        Of a known weight at each sample [N·m], positive where it pulls θ down; 0 or None: no weight. Without a weight
-        the force scale, hence absolute stiffness, is unknown and stays None.
+        Of a known weight at each sample [N·m], positive if it pulls θ down; 0 or None: no weight. Without a weight the
+        force scale, hence absolute stiffness, is unknown and stays None.
     direction
-        +1 where θ was rising into the equilibrium, -1 where falling, 0 where not known: friction is told by it.
+        +1 if θ rose into the equilibrium, -1 if it fell, 0 if unknown: it determines friction.
     group
         A label for each sample, e.g. the muscle length: errors are reported, and left out in turn, by group.
     model
-        Name or class of a muscle model, or a muscle of which nothing but ratio, zero and friction is fitted.
+        Name or class of a muscle model, or a muscle of which only ratio, zero and friction are fitted.
     friction, ratio, zero
-        Whether μ of `AntagonistJoint.friction_torque`, the strength of the antagonist in that of the agonist, and the
-        encoder's zero [rad] are fitted. Without any direction friction cannot be, and the report says so.
+        Whether μ of `AntagonistJoint.friction_torque`, the strength of the antagonist relative to the agonist, and the
+        encoder's zero [rad] are fitted. Friction needs directions; the report notes their absence.
     average
         Fit the mean of the rising and falling samples at the same pressures instead of both.
     dead_band
         Samples with a pressure below [Pa] are dropped, and counted.
     taut_min
-        Least force of both muscles, as a share of the mean: what no taut equilibrium tells on a pulley.
+        Least force of both muscles, as a share of the mean, which taut equilibria on a pulley do not determine.
     hold, start
         As for `fit`: parameters of the muscle not to be fitted, a muscle to start from.
     slack
-        Rows of a sag test: 1 where P1 was lowered until the cable of the agonist just went slack, 2 where P2 was
-        until that of the antagonist did, 3 both, 0 an equilibrium. Such a row says F_i = 0 at its angle and pressure,
-        the joint held or at rest, and nothing else; it shows the force common to both muscles, which equilibria do not.
+        Rows of a sag test: 1 if P1 was lowered until the cable of the agonist just went slack, 2 likewise for P2 and
+        the antagonist, 3 both, 0 an equilibrium. Such a row states only F_i = 0 at its angle and pressure, with the
+        joint held or at rest; it determines the force common to both muscles, which equilibria do not.
     slack_noise
         Standard deviation of the pressures at which a cable was found to go slack [Pa].
     prior
-        A muscle of the same type, from the catalogue or fitted to forces (`fit(…).muscle`), that tells the common
-        force, with its covariance, where the data do not. Its strength does not matter.
+        A muscle of the same type, from the catalogue or fitted to forces (`fit(…).muscle`), that gives the common
+        force, with its covariance, if the data do not. Its strength does not matter.
     leave_one_out
         Whether each group is also predicted from the others.
     choices
-        Whether fits with greater dead bands and other laws are made as well and reported. They do not change the
+        Whether fits with greater dead bands and other laws are also made and reported. They do not change the
         covariance, which allows for a smooth error of the law, see `allocator.identification.joint.doubt.discrepancy`.
 
     Raises
     ------
     InvalidInput
-        For data that cannot be what they should be, or that cannot tell what is asked, each in a sentence.
+        For invalid data, or data that cannot determine the unknowns.
     """
     samples = JointSamples.checked(theta, P1, P2, geometry=geometry, torque=torque, direction=direction, group=group)
     samples, sag = _parted(samples, slack, slack_noise)
@@ -144,7 +145,7 @@ def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tup
 def _prototype(
     model: str | type[Muscle] | Muscle, samples: JointSamples, hold: Mapping[str, float], start: Muscle | None
 ) -> tuple[Muscle, Recipe[Muscle], tuple[str, ...]]:
-    """Return the muscle to start from, the model's recipe, and the names of the parameters that are fitted."""
+    """Return the initial muscle, the model's recipe, and the names of the fitted parameters."""
     if isinstance(model, Muscle):
         return model, Recipe(), ()
     if isinstance(model, str):
@@ -239,7 +240,7 @@ def _check_signs(samples: JointSamples) -> None:
 
 
 Model = str | type[Muscle] | Muscle
-_TOLD_APART = 0.5  # of the scatter: predictions nearer than this are the same to the data
+_TOLD_APART = 0.5  # of the scatter: closer predictions are indistinguishable
 _DIFFERENT = 0.05  # relative difference of K/K_ref that matters
 _LEVELS = (0.5, 1.0, 1.5)  # of the pressure of K_ref
 
@@ -281,9 +282,9 @@ def compare_joint_models(
     progress: Callable[[Iterable[Model]], Iterable[Model]] = lambda models: models,
     **options: Any,
 ) -> JointComparison:
-    """Fit every model to the same equilibria; `options` go to `fit_joint`. Muscles may stand among the models.
+    """Fit every model to the same equilibria; `options` go to `fit_joint`. Models may include muscles.
 
-    The comparison itself shows what the choice of law changes: each fit is made without `choices`.
+    Each fit is made without `choices`, since the comparison shows the effect of the law.
     """
     options = {"choices": False} | options
     fits: dict[str, JointFit] = {}
@@ -314,7 +315,7 @@ def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
     found = []
     for first, second in combinations(fits, 2):
         both = fits[first], fits[second]
-        s = min((fit.samples for fit in both), key=lambda s: s.n)  # some laws leave some out
+        s = min((fit.samples for fit in both), key=lambda s: s.n)  # some laws leave out samples
         here = s.group == 0
         one, other = (replace(fit.problem, samples=s).angle_error(fit.x) for fit in both)
         K1, K2 = (

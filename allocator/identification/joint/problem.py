@@ -1,23 +1,23 @@
 """Least-squares problem of a joint's fit: the output error of the angle.
 
-The muscles F1 = F(P1, ε1; p) and F2 = ρ F(P2, ε2; p) hold the torque T and lose friction in the direction of motion s:
+The muscles F1 = F(P1, ε1; p) and F2 = ρ F(P2, ε2; p) balance the torque T and friction in the direction of motion s:
 
     G(θ) = (1 - μ s) a1 F1 - (1 + μ s) a2 F2 - T = 0        equilibrium, friction as in `friction_torque`
 
     minimise  Σ (θ_i - z - θ_eq,i)²  +  w² Σ max(0, η - F_i/F̄)²        over p, log ρ, z, μ within bounds
 
-z is the encoder's zero. By the implicit function theorem ∂θ_eq/∂p = (∂G/∂p)/K_s, with K_s = -∂G/∂θ. The second sum says
-that the muscles are taut: every force at least the share η of the mean force F̄. Where no torque was hung, T = 0, the
-force scale is no unknown: one more equation, mean ∂F/∂P = 10 cm², sets it by convention.
+z is the encoder's zero. By the implicit function theorem ∂θ_eq/∂p = (∂G/∂p)/K_s, with K_s = -∂G/∂θ. The second sum
+keeps the muscles taut: every force at least the share η of the mean force F̄. Without weights, T = 0, the force scale
+is not an unknown: one more equation, mean ∂F/∂P = 10 cm², sets it by convention.
 
-A force common to both muscles, a1 ΔF1 = a2 ΔF2 at all angles, moves no angle. Two kinds of equation more can set it:
+A force common to both muscles, a1 ΔF1 = a2 ΔF2 at all angles, moves no angle. Two more kinds of equation can set it:
 
     W (φ - φ*) = 0,   φ = Σ F / Σ P ∂F/∂P      the pull share: the mean force as a share of what the pressure gives
     w_s F_i/(∂F/∂P) = 0                        muscle i just goes slack at this pressure, in a sag test
 
 φ = 1 for a muscle that without pressure neither pulls nor pushes, and does not depend on the force scale. The friction
-μ grows with the forces and would show them, if it were proportional to them. Where that is not to be relied upon a
-constant friction torque c s ("coulomb") and a constant play b s of the angle ("play") are fitted beside it.
+μ grows with the forces and would determine them if it were proportional to them. If that is uncertain, a constant
+friction torque c s ("coulomb") and a constant play b s of the angle ("play") are also fitted.
 """
 
 from collections.abc import Callable
@@ -31,20 +31,20 @@ from allocator.calculus import Array, Mask, falling_root
 from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings, weighed
 from allocator.muscles import Muscle, force_gradient
 
-CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P where nothing tells the force scale
-_TAUT_WEIGHT = 0.05  # [rad] per unit of F/F̄: weak, so that it decides only what the angles leave open
+CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P if the force scale is unknown
+_TAUT_WEIGHT = 0.05  # [rad] per unit of F/F̄: weak, so that it affects only quantities that the angles leave open
 _MARGIN = 0.35  # [rad]
 _HALVINGS = 5
 _CLOSE = 1e-8  # [rad] a Newton step after which the next is below rounding
 _COMPLEX_STEP = 1e-30
-_GREAT = 10.0  # stands for a residual that the law cannot evaluate [rad]
+_GREAT = 10.0  # in place of a residual that the law cannot evaluate [rad]
 
 
 class Unknowns(NamedTuple):
     """Meaning of the unknowns x."""
 
     muscle: Muscle  # agonist, not checked
-    ratio: float  # strength of the antagonist in that of the agonist, ρ [-]
+    ratio: float  # strength of the antagonist relative to the agonist, ρ [-]
     zero: float  # of the encoder, z [rad]
     friction: float  # μ [-]
     coulomb: float = 0.0  # constant friction torque c [N·m]
@@ -84,14 +84,14 @@ class JointProblem:
     pull: PullShare | None = None  # None: the common force is left to the other equations
     sag: SlackReadings | None = None
     sag_weight: float = 0.0  # w_s [rad/Pa]
-    margin: float = _MARGIN  # beyond the measured angles, within which equilibria are looked for [rad]
+    margin: float = _MARGIN  # of the search for equilibria beyond the measured angles [rad]
 
     def on(self, keep: Mask) -> Self:
         """Return this problem on some of the samples."""
         return replace(self, samples=self.samples.where(keep))
 
     def still(self) -> Self:
-        """Return this problem with the direction of motion forgotten: predictions without friction."""
+        """Return this problem without directions of motion, for predictions without friction."""
         return replace(self, samples=replace(self.samples, direction=0 * self.samples.direction))
 
     @cached_property
@@ -122,16 +122,16 @@ class JointProblem:
         return Balance(lacking, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2), (w1 * a1, w2 * a2))
 
     def equilibrium(self, u: Unknowns) -> tuple[Array, Mask]:
-        """Return θ_eq (n,) [rad], sought from the measured angles for all samples at once, and where there is one."""
+        """Return θ_eq (n,) [rad], searched from the measured angles for all samples at once, and whether it exists."""
         start = np.clip(self.samples.theta - u.zero, *self._searched)
         low, high, reached = self._bracket(u, start)
         theta = falling_root(lambda theta: self.balance(u, theta)[:2], start, low, high, _CLOSE, reached)
         return theta, reached
 
     def _bracket(self, u: Unknowns, start: Array) -> tuple[Array, Array, Mask]:
-        """Return angles with G(low) > 0 > G(high), and where there are any.
+        """Return angles with G(low) > 0 > G(high), and whether they exist.
 
-        They lie nearer to `start` where the law bends back further out.
+        They lie nearer to `start` if the law bends back further out.
         """
         low, high = self._searched
         for _ in range(_HALVINGS):
@@ -156,9 +156,7 @@ class JointProblem:
     def predicted(self, u: Unknowns) -> Array:
         """Return z + θ_eq (n,) [rad].
 
-        Where there is no θ_eq, by how much the torque is lacking at the end of the search.
-
-        That leads the search back to where there is one.
+        Without a θ_eq, the missing torque over the stiffness is added, which guides the search back.
         """
         theta, reached = self.equilibrium(u)
         shown = u.zero + theta - u.play * self.samples.direction
@@ -168,7 +166,7 @@ class JointProblem:
         return np.asarray(shown + np.where(reached, 0.0, G / _usual(K, reached)))
 
     def residual(self, x: Array) -> Array:
-        """Return the angle errors (n,), tautness (2n,), and those of the other equations that are needed."""
+        """Return the angle errors (n,), tautness (2n,), and the residuals of further equations."""
         u = self.unknowns(x)
         rows = [self.angle_error(x), _TAUT_WEIGHT * np.maximum(self.taut_min - self.shares(u), 0.0), self._further(u)]
         r = np.concatenate(rows)
@@ -273,7 +271,7 @@ class JointProblem:
 
     @cached_property
     def common_weight(self) -> Array:
-        """Return ā/a (2n,) of agonist and antagonist at the measured angles: forces in these ratios move no angle."""
+        """Return ā/a (2n,) of agonist and antagonist at the measured angles; forces in these ratios move no angle."""
         return np.asarray(self.mean_arm / self._measured[2])
 
     @property
@@ -282,7 +280,7 @@ class JointProblem:
         return float(self._measured[2].mean())
 
     def sag_error(self, u: Unknowns) -> Array:
-        """Return by how much the pressure of the sag test is above that at which the muscle goes slack (k,) [Pa]."""
+        """Return the excess (k,) [Pa] of the pressures of the sag test over those at which the muscle goes slack."""
         if self.sag is None:
             return np.zeros(0)
         P, eps = self.sag.muscles(u.zero)

@@ -13,10 +13,10 @@ and refused if their unit is a torque:
     time [s, ms, us, ns, min]   makes the file a raw log, of which the steady parts are used; s without a unit; also
                                 clock times (12:03:04.567, ISO 8601)
 
-Of a raw log a row is steady if over the second before it neither pressure moved by more than 0.05 bar nor the angle by
-more than 0.3°. Every uninterrupted run of steady rows is one equilibrium, its values the means of the run's last
-second; its direction is the sign of the way that θ came since the equilibrium before, 0 if less than 0.3° or across a
-gap of more than a second.
+A row of a raw log is steady if over the second before it neither pressure moved by more than 0.05 bar nor the angle by
+more than 0.3°. Every uninterrupted run of steady rows is one equilibrium, with the means of the run's last second; its
+direction is the sign of the change of θ since the previous equilibrium, 0 if less than 0.3° or across a gap of more
+than a second.
 """
 
 from collections.abc import Mapping
@@ -51,10 +51,10 @@ class JointLog(NamedTuple):
     direction: Array
     rest_length: Array | None  # [m]
     rows: int  # of the file
-    used: int  # rows that went into an equilibrium
-    slack: Array | None = None  # 1, 2 or 3: a row of a sag test, see `fit_joint`; None: there are none
-    notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
-    files: tuple[str, ...] = ()  # name of the file of each equilibrium, where there are several
+    used: int  # rows used in equilibria
+    slack: Array | None = None  # 1, 2 or 3: a row of a sag test, see `fit_joint`; None without such rows
+    notes: tuple[str, ...] = ()  # sentences about data not read or left out
+    files: tuple[str, ...] = ()  # name of the file of each equilibrium, if there are several
 
     @property
     def dropped_share(self) -> float:
@@ -72,13 +72,13 @@ def read_joint_log(
 ) -> JointLog:
     """Read equilibria; `sweeps` gives the direction (+1, -1) of each number in the column `sweep`.
 
-    `columns` says which column is what where the names do not: ``{"theta": "phi:deg", "pressure1": "p1:bar"}``.
+    `columns` assigns columns with unclear names: ``{"theta": "phi:deg", "pressure1": "p1:bar"}``.
 
-    `skip_rows` lines are left out at the beginning of the file. Of a raw log, rows are left out in which a reading is
-    missing, jumps there and back, or is a pressure that drops out. `topics` says which number of a ROS bag or an MCAP
-    file is what, see `read_motion_log`. `JointLog.notes` lists the unused rows.
+    `skip_rows` lines are skipped at the beginning of the file. Rows of a raw log with a missing reading, a spike, or a
+    drop-out of a pressure are left out. `topics` assigns numbers of a ROS bag or an MCAP file, see `read_motion_log`.
+    `JointLog.notes` lists the unused rows.
 
-    Raises `InvalidFile`, with line and column, at anything that cannot be read.
+    Raises `InvalidFile`, with line and column, for unreadable contents.
     """
     measured = read_columns(path, _WANTED, _OPTIONAL, columns, skip_rows=skip_rows, topics=topics)
     if "time" in measured.values:
@@ -95,7 +95,7 @@ def read_joint_log(
 
 
 def joined_logs(logs: Mapping[str, JointLog]) -> JointLog:
-    """Return the logs of one joint by the names of their files as one; each has begun without memory.
+    """Return the logs of one joint, by the names of their files, as one; each begins without memory.
 
     Raises `InvalidInput` if only some of them have rest lengths.
     """
@@ -166,7 +166,7 @@ def steady_runs(time: Array, theta: Array, P1: Array, P2: Array) -> list[NDArray
 
 
 def _codes(measured: Measured, quantity: str, known: tuple[int, ...], sentence: str) -> Array | None:
-    """Return the column (n,) of these numbers, None if there is none; refuses any other number."""
+    """Return the column (n,) of these numbers, or None; refuse any other number."""
     codes = measured.values.get(quantity)
     if codes is not None and (wrong := ~np.isin(codes, known)).any():
         raise measured.mistake(quantity, f"has to be {sentence}", int(np.argmax(wrong)))

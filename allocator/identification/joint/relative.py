@@ -75,14 +75,14 @@ class RelativeJoint:
     All other attributes of an `AntagonistJoint` raise an error.
     """
 
-    shape: AntagonistJoint  # its forces are on a conventional scale and mean nothing by themselves
+    shape: AntagonistJoint  # its forces are on a conventional scale, without a meaning of their own
 
     def equilibrium(self, P1: Value, P2: Value) -> Array:
         """Return the angle [rad] of the unloaded joint at these pressures; NaN if there is none in the joint range."""
         return self.shape.equilibrium(P1, P2)
 
     def stiffness_per_gain(self, theta: Value, P1: Value, P2: Value) -> Array:
-        """Return K/T_P1 = 1/(∂θ/∂P1) [Pa/rad]: pressure P1 per angle at equilibrium, in which the scale cancels."""
+        """Return K/T_P1 = 1/(∂θ/∂P1) [Pa/rad]: pressure P1 per angle at equilibrium, independent of the scale."""
         theta, P1, P2 = _flat(theta, P1, P2)
         K = stiffness_with_gradient(self.shape, theta, P1, P2).value
         return np.asarray(K / self.shape.sides(theta)[0].torque_gain(P1))
@@ -94,7 +94,7 @@ class RelativeJoint:
     def relative_stiffness_std(self, theta: Value, P1: Value, P2: Value) -> Array:
         """Return the standard deviation of K/K_ref [-] from the covariance of the fit.
 
-        The law's own error is not in it.
+        It excludes the law's own error.
         """
         if self.shape.covariance is None:
             raise InvalidInput("this joint has no covariance: it was not fitted")
@@ -106,12 +106,12 @@ class RelativeJoint:
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """Return the other questions that the data of the fit leave open, besides the force scale."""
+        """Return the quantities that the data of the fit leave open, except the force scale."""
         return self.shape.unseen
 
     @property
     def slack_assumed(self) -> bool:
-        """Return whether the pressures at which cables go slack are assumed rather than seen."""
+        """Return whether the pressures at which cables go slack are assumed rather than identified."""
         return self.shape.slack_assumed
 
     @property
@@ -126,7 +126,7 @@ class RelativeJoint:
     def with_scale(self, T_P: float, at: tuple[float, float, float], std: float = 0.0) -> AntagonistJoint:
         """Return the joint with its force scale, from a measured torque per pressure ∂T/∂P1 = `T_P` ± `std` [N·m/Pa].
 
-        `at` is (θ, P1, P2) [rad, Pa, Pa]. The uncertainty goes into the joint's covariance, hence into `K_std`.
+        `at` is (θ, P1, P2) [rad, Pa, Pa]. The uncertainty enters the joint's covariance, hence `K_std`.
         """
         measured, error = float(checks.real("T_P", T_P, "N·m/Pa")), checks.not_negative("std", std, "N·m/Pa")
         if not measured > 0:
@@ -137,7 +137,7 @@ class RelativeJoint:
         return _rescaled(self.shape, measured / gain.value[0], -gain.gradient[0] / gain.value[0], error / measured)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write it as TOML; commands that need stiffness will refuse it until it has a scale."""
+        """Write it as TOML; commands that need stiffness refuse it until it has a scale."""
         save_machine(self.shape, path, scale_known=False)
 
     def __getattr__(self, name: str) -> NoReturn:
@@ -148,7 +148,7 @@ class RelativeJoint:
 
 
 def _rescaled(joint: AntagonistJoint, factor: float, sensitivity: Array, error: float) -> AntagonistJoint:
-    """Return the joint with all forces times `factor`; `sensitivity` is ∂(log factor)/∂q, `error` its own deviation."""
+    """Return the joint with all forces times `factor`; `sensitivity` is ∂(log factor)/∂q, `error` its deviation."""
     powers = np.concatenate([strength_powers(joint.agonist), strength_powers(joint.antagonist)])
     q = np.array([*joint.agonist.parameters.values(), *joint.antagonist.parameters.values()])
     along = powers * q  # ∂q/∂(log factor)
@@ -174,6 +174,6 @@ def _flat(theta: Value, P1: Value, P2: Value) -> tuple[Array, Array, Array]:
 
 
 def describe_reference(joint: RelativeJoint) -> str:
-    """Return where K_ref is, in words."""
+    """Return the reference of K_ref in words."""
     theta, P1, P2 = joint.reference
     return f"θ = {theta / DEG:.3g}°, P1 = {P1 / BAR:.3g} bar, P2 = {P2 / BAR:.3g} bar"

@@ -19,10 +19,10 @@ from allocator.units import BAR, DEG
 _DETERMINANT_GRID = 7
 _MOST_MISSED = 0.05  # of the samples for which the model may have no equilibrium
 _POOR_SCALE = 0.25
-_LARGE_ZERO = 15.0  # [deg] an encoder is set to zero better than that
-_MOST_AREA = 0.05  # [m²] mean ∂F/∂P, five times that of the strongest that are sold
+_LARGE_ZERO = 15.0  # [deg] encoders are zeroed more accurately
+_MOST_AREA = 0.05  # [m²] mean ∂F/∂P, five times that of the strongest commercial muscles
 _SAG_MISSED = 5.0  # times their standard deviation, root mean square
-NO_FRICTION = 1e-3  # a μ below this is none, whatever its sign
+NO_FRICTION = 1e-3  # a smaller |μ| is negligible
 
 
 class GroupError(NamedTuple):
@@ -31,14 +31,14 @@ class GroupError(NamedTuple):
     label: str
     samples: int
     rms: float  # [rad]
-    left_out: float  # RMS [rad] when the group was kept from the fit; NaN where that could not be
+    left_out: float  # RMS [rad] when the group was left out of the fit; NaN if impossible
 
 
 class Findings(NamedTuple):
     """Properties of a fit that may deserve a warning."""
 
     converged: bool
-    failure: str  # where [M] fails; empty if it does not
+    failure: str  # failure of [M], if any
     determinant_positive: bool
     slack: int  # forces below `taut_min`
     hysteresis_share: float
@@ -46,7 +46,7 @@ class Findings(NamedTuple):
 
 
 def checked(problem: JointProblem, x: Array) -> Unknowns:
-    """Return the unknowns, with the muscle checked. Raises InvalidInput where many samples have no equilibrium."""
+    """Return the unknowns, with the muscle checked. Raises InvalidInput if many samples have no equilibrium."""
     u = problem.unknowns(x)
     _, reached = problem.equilibrium(u)
     name = type(problem.prototype).__name__
@@ -62,7 +62,7 @@ def checked(problem: JointProblem, x: Array) -> Unknowns:
 
 
 def unseen(problem: JointProblem, x: Array) -> tuple[str, ...]:
-    """Return the directions that move no angle and no pull share that is set; the force scale by its name."""
+    """Return the directions that change neither angles nor a given pull share; the force scale by its name."""
     n = problem.samples.n
     r, J = problem.residual(x), problem.jacobian(x)
     told = np.concatenate([np.ones(n, bool), np.zeros(2 * n, bool), np.ones(r.size - 3 * n, bool)])
@@ -121,7 +121,7 @@ def joints(
 
 
 def rough_joints(problem: JointProblem, u: Unknowns) -> list[tuple[Mask, AntagonistJoint]]:
-    """Return the samples (n,) and the joint of each group, whose limits are wider than those of its samples."""
+    """Return the samples (n,) and the joint of each group, with limits wider than those of its samples."""
     s, antagonist = problem.samples, scaled(u.muscle, float(u.ratio))
     return [
         (s.group == i, AntagonistJoint(group.geometry, u.muscle, antagonist, min_contraction=-0.3))
@@ -138,7 +138,7 @@ def _scale_std(problem: JointProblem, u: Unknowns, covariance: Array) -> float:
 
 
 def groups(problem: JointProblem, x: Array, error: Array, leave_one_out: bool) -> tuple[GroupError, ...]:
-    """Return the errors of each group; with `leave_one_out` also where it was kept from the fit."""
+    """Return the errors of each group; with `leave_one_out` also those of predictions without it."""
     found = []
     for i, (label, _) in enumerate(problem.samples.groups):
         here, left_out = problem.samples.group == i, float("nan")
@@ -201,7 +201,7 @@ def _of_the_model(problem: JointProblem, x: Array, found: Findings) -> Iterator[
         yield f"[M] fails: {found.failure}"
     if not found.determinant_positive:
         yield "det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere"
-    if found.slack and problem.pull is None:  # where the pull share is assumed so are slack cables
+    if found.slack and problem.pull is None:  # an assumed pull share implies assumed slack cables
         yield f"{found.slack} of {2 * problem.samples.n} muscle forces are below {problem.taut_min:.0%} of the mean"
 
 

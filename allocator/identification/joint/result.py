@@ -44,22 +44,22 @@ from allocator.units import DEG, PERCENT
 class JointFit:
     """Fitted joint with its uncertainties. Angles are in rad; errors are errors of the angle."""
 
-    shapes: Mapping[str, AntagonistJoint]  # by group; where `scale` is None their forces are right up to a factor
-    scale: float | None  # mean ∂F/∂P of the agonist, its effective area [m²]; None: never seen
+    shapes: Mapping[str, AntagonistJoint]  # by group; if `scale` is None their forces are correct up to a factor
+    scale: float | None  # mean ∂F/∂P of the agonist, its effective area [m²]; None if undetermined
     scale_std: float | None  # its relative standard deviation [-]
-    ratio: float  # strength of the antagonist in that of the agonist [-]
-    zero: float  # what the encoder shows at θ = 0 [rad]
+    ratio: float  # strength of the antagonist relative to the agonist [-]
+    zero: float  # encoder reading at θ = 0 [rad]
     friction: float  # μ [-]; 0 if not fitted
     rms: float  # of all samples [rad]
     groups: tuple[GroupError, ...]
     hysteresis_share: float  # of the squared error of the prediction without friction; NaN without both directions
-    standard_deviations: Mapping[str, float]  # of what was fitted; ± 1.96 of them are the 95 % interval
-    doubt: Doubt  # where they come from, and what other choices give
-    unseen: tuple[str, ...]  # what these data leave open, and changes of the unknowns that move no angle
-    common: CommonForce  # to both muscles: seen, or what is assumed and within which bounds
-    slack: int  # muscles at samples that the model has at less than `taut_min` of the mean force
+    standard_deviations: Mapping[str, float]  # of the fitted quantities; ± 1.96 of them are the 95 % interval
+    doubt: Doubt  # their sources, and the results of alternative choices
+    unseen: tuple[str, ...]  # quantities that these data leave open, and changes of the unknowns that move no angle
+    common: CommonForce  # to both muscles: determined, or assumed within bounds
+    slack: int  # muscles at samples with a modelled force below `taut_min` of the mean
     monotone: bool  # [M] holds on the taut domain of the data
-    determinant_positive: bool  # so does det ∂(T, K)/∂(P1, P2) > 0, which makes the inverse unique
+    determinant_positive: bool  # det ∂(T, K)/∂(P1, P2) > 0 holds there, which makes the inverse unique
     warnings: tuple[str, ...]
     problem: JointProblem = field(repr=False)
     x: Array = field(repr=False)  # the unknowns
@@ -81,7 +81,7 @@ class JointFit:
 
     @property
     def joint(self) -> AntagonistJoint | RelativeJoint:
-        """Return the joint; one that refuses absolute stiffness where the scale is unknown."""
+        """Return the joint; without a known scale it refuses absolute stiffness."""
         if self._several:
             raise InvalidInput(
                 f"the fit is of several geometries: take joint_of({' or '.join(map(repr, self.shapes))})"
@@ -108,7 +108,7 @@ class JointFit:
 
     @property
     def left_out(self) -> float:
-        """Return the RMS angle error [rad] of groups that were kept from the fit in turn; NaN with one group."""
+        """Return the RMS angle error [rad] of groups left out of the fit in turn; NaN with one group."""
         squares = [g.left_out**2 * g.samples for g in self.groups]
         return float(np.sqrt(sum(squares) / sum(g.samples for g in self.groups)))
 
@@ -117,15 +117,15 @@ class JointFit:
         return self.problem.angle_error(self.x)
 
     def predicted(self) -> Array:
-        """Return the angle predicted (n,) [rad], as the encoder would show it."""
+        """Return the predicted angle (n,) [rad], as an encoder reading."""
         return self.samples.theta - self.errors()
 
     def angle_std(self, *, new_group: bool = False) -> Array:
         """Return the standard deviation (n,) [rad] of a measured angle at the pressures of the samples.
 
-        ± 1.96 of them are the 95 % interval of another measurement: the parameters' uncertainty, and the error of law,
-        friction and reading as the fit has it. With `new_group` of a group that was not measured (another length):
-        then with the error of the groups that were left out in turn. Raises InvalidInput where there are none.
+        ± 1.96 of them are the 95 % interval of another measurement: the parameters' uncertainty, and the fit's errors
+        of law, friction and reading. With `new_group` for an unmeasured group (another length), with the error of the
+        groups left out in turn. Raises InvalidInput if there are none.
         """
         return angle_std(self, self.problem, new_group)
 
@@ -138,17 +138,17 @@ class JointFit:
         direction: ArrayLike = 0.0,
         geometry: Geometry | None = None,
     ) -> Prediction:
-        """Return the angles [rad] that the encoder will show at pressures [Pa], with their standard deviations.
+        """Return the predicted encoder angles [rad] at pressures [Pa], with their standard deviations.
 
         `torque` [N·m] and `direction` as in `fit_joint`. A `geometry` that was not fitted is that of a new group, see
-        `angle_std`. Raises InvalidInput for what makes no sense.
+        `angle_std`. Raises InvalidInput for invalid arguments.
         """
         return predict(self, P1, P2, torque, direction, geometry)
 
     def stiffness(self) -> Quantity:
         """Return K (n,) [N·m/rad] at the samples and its gradient.
 
-        Raises InvalidInput where the force scale is unknown.
+        Raises InvalidInput if the force scale is unknown.
         """
         if self.scale is None:
             raise InvalidInput(f"stiffness of this joint {WHY}")
@@ -171,7 +171,7 @@ class JointFit:
     def stiffness_std(self) -> Array:
         """Return the standard deviation of K (n,) [N·m/rad] at the samples.
 
-        Raises InvalidInput where the scale is unknown.
+        Raises InvalidInput if the scale is unknown.
         """
         K, covariance = self.stiffness(), next(iter(self.shapes.values())).covariance
         if covariance is None:
@@ -181,8 +181,8 @@ class JointFit:
     def forces(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, group: object = None) -> ForceIntervals:
         """Return the forces of both muscles [N] at true angles [rad] and pressures [Pa], with intervals of 95 %.
 
-        Where the common force is not seen they reach over all that physics, or the prior, leaves; see `common`. Raises
-        InvalidInput where the force scale is unknown.
+        If the common force is undetermined they cover all values allowed by physics, or the prior; see `common`. Raises
+        InvalidInput if the force scale is unknown.
         """
         if self.scale is None:
             raise InvalidInput(f"forces of this joint {WHY}")
@@ -196,8 +196,8 @@ class JointFit:
     def with_scale(self, T_P: float, at: tuple[float, float, float], std: float = 0.0) -> "JointFit":
         """Complete the force scale from the torque per pressure P1 `T_P` ± `std` [N·m/Pa].
 
-        It was measured `at` (θ, P1, P2) [rad, Pa, Pa], at θ as the encoder shows it. Equilibria under a weight, which
-        tell the scale as well, are fitted together with the others by `fit_joint`.
+        It was measured `at` (θ, P1, P2) [rad, Pa, Pa], θ being the encoder reading. Equilibria under a weight, which
+        also determine the scale, are fitted together with the others by `fit_joint`.
         """
         if self.scale is not None:
             raise InvalidInput("the force scale is known already, from the weight in the data")
@@ -234,7 +234,7 @@ class JointFit:
         }
 
     def __repr__(self) -> str:
-        """Return the errors of the angles, the numbers found besides the muscle, and the first warning."""
+        """Return the errors of the angles, the fitted numbers other than the muscle's, and the first warning."""
         found = "; ".join(f"{name} {value}" for name, value in self._found().items())
         return f"JointFit of {self.model}: {self._errors()}\n  {found}" + first_of(self.warnings)
 
@@ -258,7 +258,7 @@ class JointFit:
     def save(self, path: str | PathLike[str], group: object = None) -> None:
         """Write the joint (of `group`) as TOML for `load_joint` and every command's --machine.
 
-        Raises InvalidInput where μ is negative beyond doubt: friction would drive the joint.
+        Raises InvalidInput if μ is significantly negative: friction would drive the joint.
         """
         noise = dict(zip(self.problem.names, np.sqrt(np.diag(self.doubt.formal)).tolist(), strict=True))
         if self.friction < -max(report.NO_FRICTION, 4 * noise.get("friction", 0.0)):
@@ -277,9 +277,9 @@ class JointFit:
 
 
 def first_search(problem: JointProblem, recipe: Recipe[Muscle]) -> Array:
-    """Return the unknowns (m,) at the best of all starts; where to begin the search that is to converge.
+    """Return the unknowns (m,) at the best of all starts, where the search to convergence begins.
 
-    One of them is the shape that is searched on the samples without a weight, scaled by what the weight shows.
+    One of them is the shape found from the samples without a weight, scaled by the deflection under the weight.
     """
     wide = guided(with_free_friction(problem))
     tried = list(starts(wide, recipe))

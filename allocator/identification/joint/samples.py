@@ -20,7 +20,7 @@ Routes = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
 _COLUMNS = ("theta", "P1", "P2", "torque", "direction", "group")
 _CELL = 0.05 * BAR  # [Pa]
 _WIDER = 2**0.5
-_WIDEST = 2 * BAR  # what does not go into so few cells has many torques or groups
+_WIDEST = 2 * BAR  # if cells must be wider, there are many torques or groups
 THRESHOLD = 0.3 * BAR  # P_t of home-made muscles [Pa]
 
 
@@ -38,16 +38,16 @@ class JointSamples:
     The joint carries `torque`, which the muscles have to produce.
     """
 
-    theta: Array  # as the encoder shows it [rad]
+    theta: Array  # encoder reading [rad]
     P1: Array  # agonist, gauge [Pa]
     P2: Array  # antagonist, gauge [Pa]
-    torque: Array  # of the weight, positive where it pulls θ down [N·m]
-    direction: Array  # +1 where θ was rising, -1 falling, 0 not known [-]
+    torque: Array  # of the weight, positive if it pulls θ down [N·m]
+    direction: Array  # +1 if θ was rising, -1 falling, 0 unknown [-]
     group: NDArray[np.intp]  # index into `groups`
     groups: tuple[Group, ...]
-    dropped: Mapping[str, int] = field(default_factory=dict)  # how many samples were left out, by reason
-    cell: float = _CELL  # pressures in the same cell of this width are the same to `pairs` [Pa]
-    measured: int = 0  # if they are means over such cells: of how many samples
+    dropped: Mapping[str, int] = field(default_factory=dict)  # numbers of samples left out, by reason
+    cell: float = _CELL  # `pairs` treats pressures in one cell of this width as equal [Pa]
+    measured: int = 0  # number of samples averaged over such cells, if any
 
     @classmethod
     def checked(
@@ -61,9 +61,9 @@ class JointSamples:
         direction: ArrayLike | None = None,
         group: ArrayLike | None = None,
     ) -> Self:
-        """Make samples of anything array-like.
+        """Return checked samples from array-like data.
 
-        Raises `InvalidInput` at what cannot be measured equilibria in SI units.
+        Raises `InvalidInput` unless they can be measured equilibria in SI units.
         """
         named = {
             "theta": checks.angle("theta", theta),
@@ -87,7 +87,7 @@ class JointSamples:
 
     @property
     def loaded(self) -> bool:
-        """Return whether any torque is not zero: only then the data know forces."""
+        """Return whether any torque is not zero, which forces can be determined from."""
         return bool((self.torque != 0).any())
 
     def where(self, keep: Mask | NDArray[np.intp]) -> Self:
@@ -95,13 +95,13 @@ class JointSamples:
         return replace(self, **{name: getattr(self, name)[keep] for name in _COLUMNS})
 
     def without(self, drop: Mask, reason: str) -> Self:
-        """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
+        """Return the samples not in the mask `drop`, and record the number dropped under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
 
     def without_outliers(self) -> Self:
-        """Return the samples but those whose angle stands apart from the angles at like pressures, which are listed."""
+        """Return the samples without outliers among angles at similar pressures, which are listed."""
         kinds = np.stack([self.torque, self.direction, self.group.astype(float)], axis=1)
         apart = outlying(np.stack([self.P1, self.P2], axis=1), self.theta, kinds)
         shown = [
@@ -127,7 +127,7 @@ class JointSamples:
         return np.concatenate([self.P1, self.P2]), np.concatenate([eps1, eps2])
 
     def reach(self) -> tuple[Array, Array]:
-        """Return the angles (n,), (n,) [rad] between which each sample's mechanism can be."""
+        """Return the ends (n,), (n,) [rad] of each sample's mechanism."""
         ends = np.array([geometry.reach for _, geometry in self.groups])
         return ends[self.group, 0], ends[self.group, 1]
 
@@ -167,8 +167,8 @@ class JointSamples:
         """Return at most about `most` samples: if there are more, the means of those in the same cell.
 
         A cell holds one group, one direction and one torque, to 1 % of the greatest; it is 0.05 bar wide in either
-        pressure, or wider by as little as needed. Every mean counts once, however many samples it is of: those that
-        were written down one after the other at rest are not independent.
+        pressure, or wider by as little as needed. Every mean counts once, whatever its number of samples: consecutive
+        samples at rest are not independent.
         """
         if self.n <= most:
             return self
@@ -186,7 +186,7 @@ class JointSamples:
         return replace(mean, cell=cell, measured=self.n)
 
     def check_reach(self) -> None:
-        """Refuse angles that the mechanism cannot have, or that would tear or crush a muscle."""
+        """Refuse angles beyond the mechanism's range, or that would tear or crush a muscle."""
         low, high = self.reach()
         beyond = (self.theta < low) | (self.theta > high)
         inside = np.clip(self.theta, low, high)
@@ -209,13 +209,13 @@ class SlackReadings:
     A row of the table in which both cables go slack gives two readings.
     """
 
-    samples: JointSamples  # k: angles and pressures; torque and direction mean nothing here
+    samples: JointSamples  # k: angles and pressures; torque and direction are meaningless
     agonist: Mask  # (k,) True: muscle 1 goes slack, False: muscle 2
     noise: float  # standard deviation of these pressures [Pa]
 
     @classmethod
     def of(cls, samples: JointSamples, slack: NDArray[np.intp], noise: float) -> "SlackReadings | None":
-        """Return the readings among the samples, `slack` (n,) being 1, 2 or 3 (both); None if there is none."""
+        """Return the readings among the samples, with `slack` (n,) 1, 2 or 3 (both); None if there are none."""
         one, two = np.flatnonzero(slack & 1), np.flatnonzero(slack & 2)
         if not one.size + two.size:
             return None
@@ -229,7 +229,7 @@ class SlackReadings:
     def muscles(self, zero: complex) -> tuple[Array, Array]:
         """Return pressure (k,) [Pa] and contraction (k,) of the muscle that goes slack; `zero` is the encoder's [rad].
 
-        Complex where `zero` is.
+        Complex if `zero` is.
         """
         s = self.samples
         low, high = s.reach()
@@ -239,7 +239,7 @@ class SlackReadings:
         return np.where(self.agonist, s.P1, s.P2), eps if np.imag(zero) else np.real(eps)
 
 
-_CONTRACTIONS = -0.25, 0.6  # [-] what no muscle of this family goes beyond
+_CONTRACTIONS = -0.25, 0.6  # [-] limits of all muscles of this family
 
 
 def _combined(*columns: Array | NDArray[np.intp]) -> NDArray[np.int64]:
@@ -267,12 +267,12 @@ def _grouped(geometry: Geometries, group: ArrayLike | None, n: int) -> tuple[NDA
 
 
 def weighed(sag: SlackReadings, error: Array, has_threshold: bool) -> Array:
-    """Return errors (k,) [Pa] of the pressures, as independent ones of the standard deviation `sag.noise`.
+    """Return errors (k,) [Pa] of the pressures, transformed to independent ones of the standard deviation `sag.noise`.
 
     The bladder of a home-made muscle presses on the braid only above a threshold pressure P_t of 0.1 to 0.3 bar. A law
-    that knows none, fitted to equilibria far above it, is off by about b = P_t e^{-P/P_t} where a cable goes slack at
-    P: the same way in all rows, whose covariance is therefore σ² I + b bᵀ. A law that has a threshold itself is held to
-    the readings alone. Complex where `error` is.
+    without a threshold, fitted to equilibria far above it, errs by about b = P_t e^{-P/P_t} if a cable goes slack at P,
+    in the same direction in all rows: the covariance is σ² I + b bᵀ. For a law with a threshold it is σ² I. Complex if
+    `error` is.
     """
     if has_threshold:
         return error

@@ -1,20 +1,20 @@
 """Search for the unknowns of a joint's fit: least squares from several starts, and a test of convergence.
 
-A search has converged where no Gauss–Newton step, full or shortened, lowers the cost by 1 % of σ² = cost/(rows -
-unknowns): by then the unknowns are about a tenth of a standard deviation from the least cost nearby. The step is that
-of the unknowns that no bound holds, in the directions that the equations determine. Where it helps after SciPy's trust
-region has come to its end in a curved valley, the search goes on from there. The best of several starts is followed to
-the end.
+A search has converged if no Gauss–Newton step, full or shortened, lowers the cost by 1 % of σ² =
+cost/(rows - unknowns): the unknowns are then about a tenth of a standard deviation from the local minimum. The step
+changes the unknowns without an active bound, in the directions that the equations determine. If it helps after SciPy's
+trust region has stopped in a curved valley, the search continues from there. Only the best of several starts is
+followed to convergence.
 
-The starts come from an equation error, linear in what the muscles are made of. At the measured angles the equilibrium
-G = 0 is linear in every parameter c in which the force is linear, the others q held. With the conventions of the
-problem (force scale, pull share φ*) as equations beside it,
+The starts come from an equation error. At the measured angles the equilibrium G = 0 is linear in every parameter c in
+which the force is linear, at constant other parameters q. With the conventions of the problem (force scale, pull share
+φ*) as further equations,
 
     minimise over q   min over c  Σ (G_i / K_i)²,   K_i ∝ P1 + P2                               (variable projection)
 
-the linear ones are eliminated. That is repeated from the q of physically different muscles, which the model's recipe
-names. Models without linear parameters start from a muscle F = P A(ε) with A = α0 + α1 ε + α2 ε²: any model is fitted
-to its forces as if they had been measured, which puts its parameters where the angles are about right.
+the linear ones are eliminated. That is repeated from the q of physically different muscles in the model's recipe.
+Models without linear parameters start from a muscle F = P A(ε) with A = α0 + α1 ε + α2 ε²: the model is fitted to its
+forces as if they had been measured, so that its angles are approximately correct.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -38,21 +38,21 @@ _FIRST_EVALUATIONS = 25
 _EVALUATIONS = 100
 _ROUNDS = 5
 _GAIN = 0.01  # of σ²
-_EXACT = 1e-16  # [rad²] a cost per row that is none: the data of a simulation without noise
+_EXACT = 1e-16  # [rad²] a smaller cost per row is zero: simulated data without noise
 _PARTS = (1.0, 0.3, 0.1, 0.03)  # of a Gauss–Newton step
 _KNOWN = 1e-8  # singular values below this share of the greatest belong to no determined direction
-_SEEN = 3.0  # standard deviations from which on the deflection by a weight is not chance
-_WANTED = 0.05  # relative accuracy of the deflection that a useful weight gives
+_SEEN = 3.0  # standard deviations beyond which the deflection by a weight is significant
+_WANTED = 0.05  # relative accuracy of the deflection by a useful weight
 _CONVENTION_WEIGHT = 1e3
-_SHARE_WEIGHT = 0.1  # of the pull share: weak, as some laws have one that cannot be changed
+_SHARE_WEIGHT = 0.1  # of the pull share: weak, as it is fixed in some laws
 _MOST_SAMPLES = 300  # of the pseudo-measurement
 _PROJECTIONS = 30  # evaluations
-_PULL_SHARE = 0.5  # where the problem sets none
+_PULL_SHARE = 0.5  # if the problem sets none
 _FRICTION = 0.05
 
 
 def minimise(problem: JointProblem, x: Array, rounds: int = _ROUNDS) -> tuple[Array, bool]:
-    """Return x at the least cost that the search finds from `x` in some `rounds`, and whether it converged."""
+    """Return x at the least cost found from `x` in `rounds` rounds, and whether it converged."""
     if not x.size:
         return x, True
     for _ in range(rounds):
@@ -65,7 +65,7 @@ def minimise(problem: JointProblem, x: Array, rounds: int = _ROUNDS) -> tuple[Ar
 
 
 def best_start(problem: JointProblem, starts: Iterable[Array]) -> Array:
-    """Return where the search that leads after some steps has come to, from all `starts` (m,)."""
+    """Return the x of the search from the `starts` (m,) that leads after some steps."""
     begun = [_searched(problem, x, _FIRST_EVALUATIONS) for x in starts]
     costs = [float(r @ r) for r in map(problem.residual, begun)]
     return begun[int(np.argmin(costs))]
@@ -79,7 +79,7 @@ def _searched(problem: JointProblem, x: Array, evaluations: int) -> Array:
     width = problem.upper - problem.lower
     edge = 1e-4 * np.where(np.isfinite(width), width, np.maximum(np.abs(x), 1e-9))
     inside = np.clip(x, problem.lower + edge, problem.upper - edge)
-    with np.errstate(all="ignore"):  # SciPy divides by singular values that vanish, and sees to it itself
+    with np.errstate(all="ignore"):  # SciPy handles vanishing singular values itself
         found = least_squares(
             problem.residual,
             inside,
@@ -110,7 +110,7 @@ def _improved(problem: JointProblem, x: Array) -> Array | None:
 
 
 def _gauss_newton(problem: JointProblem, x: Array, r: Array) -> tuple[Array, float]:
-    """Return the step (m,) of the unknowns that no bound holds, and by how much it lowers the linearised cost."""
+    """Return the step (m,) of the unknowns without an active bound, and its decrease of the linearised cost."""
     J = problem.jacobian(x)
     width = np.where(np.isfinite(problem.upper - problem.lower), problem.upper - problem.lower, 0.0)
     near, downhill = 1e-4 * np.maximum(np.abs(x), 1e-2 * width), -J.T @ r
@@ -122,9 +122,7 @@ def _gauss_newton(problem: JointProblem, x: Array, r: Array) -> tuple[Array, flo
 
 
 def scale_shape(problem: JointProblem, x: Array) -> Array:
-    """Return the unknowns `x` of a shape, on the force scale at which the weights in `problem` deflect it as
-    measured.
-    """
+    """Return the unknowns `x` of a shape, on the force scale that gives the measured deflections by weights."""
     hung = problem.on(problem.samples.torque != 0)
     unloaded = replace(hung, samples=replace(hung.samples, torque=0 * hung.samples.torque))
     u = problem.unknowns(x)
@@ -137,7 +135,7 @@ def scale_shape(problem: JointProblem, x: Array) -> Array:
 
 
 def _pseudo_forces(samples: JointSamples) -> tuple[Array, Array, Array]:
-    """Return contraction [-], pressure [Pa] and force [N] of both muscles (2n,) that explain the equilibria roughly."""
+    """Return contraction [-], pressure [Pa] and force [N] of both muscles (2n,) that roughly explain the equilibria."""
     (eps1, a1, _), (eps2, a2, _), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
     one, two = _basis(samples.P1, eps1), _basis(samples.P2, eps2)  # (n, 3)
     still = samples.torque == 0 if (samples.torque == 0).sum() > 3 else np.ones(samples.n, bool)
@@ -157,7 +155,7 @@ def _basis(P: Array | float, eps: Array) -> Array:
 
 
 def starting_muscle(model: type[Muscle], samples: JointSamples, hold: Mapping[str, float]) -> Muscle:
-    """Return the muscle of this model that comes nearest to the pseudo-forces."""
+    """Return the muscle of this model nearest to the pseudo-forces."""
     eps, P, F = _pseudo_forces(samples)
     every = max(1, eps.size // _MOST_SAMPLES)
     try:
@@ -169,7 +167,7 @@ def starting_muscle(model: type[Muscle], samples: JointSamples, hold: Mapping[st
 
 
 def first_guess(problem: JointProblem) -> Array:
-    """Return the prototype's parameters, and no ratio, zero or constant friction yet."""
+    """Return the prototype's parameters, without ratio, zero or constant friction."""
     values = problem.prototype.parameters
     return np.array([values.get(name, _FRICTION if name == "friction" else 0.0) for name in problem.names])
 
@@ -223,7 +221,7 @@ class Projection:
         return self.problem.lower[~self.linear], self.problem.upper[~self.linear]
 
     def solved(self, q: Array) -> Array:
-        """Return all unknowns (m,) at the least equation error that is found from `q`."""
+        """Return all unknowns (m,) at the least equation error found from `q`."""
         from scipy.optimize import least_squares
 
         if q.size:
@@ -235,7 +233,7 @@ class Projection:
         return np.clip(self._eliminated(q)[0], self.problem.lower, self.problem.upper)
 
     def _eliminated(self, q: Array) -> tuple[Array, Array]:
-        """Return all unknowns (m,) with the best linear ones, and the equation errors (n + 2,) left."""
+        """Return all unknowns (m,) with the best linear ones, and the remaining equation errors (n + 2,)."""
         x = np.zeros(self.linear.size)
         x[~self.linear] = q
         b = self._equations(x)
@@ -269,10 +267,9 @@ class Projection:
 
 
 def _force_scale(samples: JointSamples, deflection: Array, expected: Array) -> float:
-    """Return the force scale [-] of a shape, from the `deflection` (n,) [rad] under weights and what it `expected` (n,)
-    [rad].
+    """Return the force scale [-] of a shape, from the `deflection` and the `expected` one (n,) [rad] under weights.
 
-    Refuses a weight that pulls the wrong way, or drowns in the scatter, and says which would not.
+    Refuses a weight that pulls in the wrong direction, or has a deflection below the scatter, and suggests another.
     """
     compliance = float(deflection @ expected / (expected @ expected))
     error = deflection - compliance * expected

@@ -1,17 +1,17 @@
 """Bands about predicted angles, the effect of unexplained errors on the parameters, and drift of the joint's strength.
 
 The log is cut into contiguous blocks and each is predicted from the others. The half width of the band is the 95 %
-quantile of these errors, one for taut rows and one for the others, whose errors are greater. The coverage is measured
-in the same way: the errors of each block against the widths that the other blocks give.
+quantile of these errors, one for taut rows and one for the others, which have greater errors. The coverage is measured
+likewise: the errors of each block against the widths of the other blocks.
 
-A residual that is noise averages out, and the jackknife counts it. A residual with structure is the effect of something
-that the model does not have, part of which the fit has attributed to its own parameters:
+Noise in the residual averages out, and the jackknife includes it. A structured residual is the effect of something
+absent from the model, partly attributed by the fit to its own parameters:
 
     δp = s √(gᵀ (JᵀJ/n + s² D⁻²)⁻¹ g)      s: 0.7 of the structured residual [rad],  J = ∂θ̂/∂x,  g = ∂p/∂x
 
-How much is not known: δp is the greatest change of a parameter p that moves the prediction by no more than a share of
-the structured residual, with no unknown moved beyond D. The share makes δp a standard deviation on joints of other
-laws, with gas and without (`python -m benchmarks.motion_truth --strangers`).
+The amount is unknown: δp is the greatest change of a parameter p that moves the prediction by at most a share of the
+structured residual, with no unknown moved beyond D. The share makes δp a standard deviation on joints of other laws,
+with gas and without (`python -m benchmarks.motion_truth --strangers`).
 
 For the drift, the measured angle is regressed on the predicted one in each piece of the log, and these gains on time:
 
@@ -19,7 +19,7 @@ For the drift, the measured angle is regressed on the predicted one in each piec
 
 A muscle that tires or warms up changes g. The standard deviation of r follows from the spread of the gains about the
 line, so it includes the model error, which differs between pieces. Pieces are the stretches of the log, or eight parts
-of it if there are less than four stretches.
+of it if there are fewer than four stretches.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,7 +34,7 @@ from allocator.identification.motion.problem import MotionProblem
 from allocator.identification.motion.samples import MotionLog
 
 SHARE = 0.95  # of the errors within the band
-_LEAST = 100  # rows of a kind, below which it has the width of all rows
+_LEAST = 100  # rows of a kind: with fewer it has the width of all rows
 _FINE, _COARSE = 1e-3, 1e-2  # of the usual size of a change: differences of predictions, and of parameters
 _SHARE = 0.7  # of the structured residual
 _MOST = 1.0  # usual sizes of a change: D
@@ -50,17 +50,17 @@ class AngleBand(NamedTuple):
 
 @dataclass(frozen=True)
 class Bands:
-    """Half widths of the band of 95 %, and how much of unseen blocks lay within."""
+    """Half widths of the 95 % band, and its coverage of unseen blocks."""
 
     taut: float  # of rows with both pressures at 1.5 bar or more [rad]
     other: float  # of the other rows [rad]
-    coverage: float  # share of the rows of blocks that neither the prediction nor the widths had seen [-]
+    coverage: float  # share of rows within it, in blocks unseen by the prediction and the widths [-]
 
     @classmethod
     def of(cls, errors: Array, blocks: Array, taut: Mask) -> Self:
-        """Return the bands of the `errors` (n,) [rad], each of a row predicted from other blocks than its own.
+        """Return the bands of the `errors` (n,) [rad], each of a row predicted from other blocks.
 
-        `blocks` (n,) are the numbers of the blocks; rows whose error is NaN do not count.
+        `blocks` (n,) are the numbers of the blocks; rows with NaN errors do not count.
         """
         known = np.isfinite(errors)
         inside = np.zeros(errors.size, bool)
@@ -73,7 +73,7 @@ class Bands:
         return cls(taut_width, float(half[~taut][0]) if (~taut).any() else widest, float(inside[known].mean()))
 
     def about(self, theta: Array, taut: Mask) -> AngleBand:
-        """Return the band about the angles (m,) [rad], of which some are `taut` (m,)."""
+        """Return the band about the angles (m,) [rad]; `taut` (m,) marks taut rows."""
         half = np.where(taut, self.taut, self.other)
         return AngleBand(theta, theta - half, theta + half)
 
@@ -92,14 +92,14 @@ def _quantile(errors: Array) -> float:
 
 
 def structured(error: Array) -> float:
-    """Return the RMS [rad] of the part of `error` (n,) that is not noise, which is new in every row."""
+    """Return the RMS [rad] of the part of `error` (n,) that is not white noise."""
     return float(np.sqrt(max(float(np.mean(error[1:] * error[:-1])), 0.0)))
 
 
 def possible_changes(
     problem: MotionProblem, x: Array, used: Mask, named: Callable[[Array], Mapping[str, float]]
 ) -> dict[str, float]:
-    """Return by how much each of the parameters `named` may be off, by the residual over the rows `used` (n,)."""
+    """Return the possible error of each of the parameters `named`, by the residual over the rows `used` (n,)."""
     sizes, high = problem.sizes(), problem.bounds()[1]
     here, base = problem.run(x, used).theta[used], named(x)
     J = np.empty((here.size, x.size))
@@ -131,7 +131,7 @@ _HOUR = 3600.0
 
 
 class Drift(NamedTuple):
-    """Change of the gain of the angle per hour, with the errors of the pieces that it was found from."""
+    """Change of the gain of the angle per hour, with the errors of its pieces."""
 
     per_hour: float  # r [1/h]
     std: float  # [1/h]
@@ -168,7 +168,7 @@ class _Piece(NamedTuple):
 
     @classmethod
     def of(cls, log: MotionLog, predicted: Array, rows: Mask) -> "_Piece | None":
-        """Return the gain of some rows (n,), or None where nothing moves in them."""
+        """Return the gain of some rows (n,), or None if nothing moves in them."""
         measured, expected = log.theta[rows], predicted[rows]
         if measured.size < _LEAST_ROWS or not np.ptp(expected):
             return None

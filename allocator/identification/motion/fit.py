@@ -18,12 +18,12 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import with_volumes
 from allocator.units import BAR, DEG
 
-_MOST_SUPPLY = 2.0  # greatest pressure of a log in the supply of the joint that is given
-LEFT_OUT = 5  # contiguous blocks, left out in turn to be predicted
+_MOST_SUPPLY = 2.0  # greatest pressure of a log relative to the supply of the given joint
+LEFT_OUT = 5  # contiguous blocks, left out in turn for prediction
 _JACKKNIFE = 10  # contiguous blocks, left out in turn for the intervals
-_WORSE = 1.02  # by which the error grows at least without something that the log shows,
-_MUCH_WORSE = 1.05  # and without inertia and damping, of which a little can always pass for lag
-_SIGNS = {  # what is told together, and the sentence if it is not; what may pass for something else comes first
+_WORSE = 1.02  # least growth of the error without an observable parameter,
+_MUCH_WORSE = 1.05  # and without inertia and damping, small values of which imitate lag
+_SIGNS = {  # parameters identified together, and the sentence if they are not; imitators of others come first
     ("dead_band",): "the dead band: small steps up and down about one pressure would show it",
     ("base",): "that the hysteresis grows with P1 + P2: sweeps at several co-contractions would show it",
     ("dead_time",): "the dead time: steps of the pressures, at a higher sample rate, would show it",
@@ -32,17 +32,17 @@ _SIGNS = {  # what is told together, and the sentence if it is not; what may pas
 _UNFILLED = "how fast the valves can fill the muscles: great steps of the pressures would show it"
 _OF_REGULATORS = {_UNFILLED, *(sentence for names, sentence in _SIGNS.items() if names != ("base",))}
 _FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
-_MODEL = 0.05  # share by which fits err of plants of another structure, however long the log: `benchmarks.motion_truth`
-_MODEL_OF_LOOPS = 0.1  # of what hysteresis is
-_TRADED = 0.2  # share of the dead band that hysteresis may pass for, and by which the error may grow
-_AT_BOUND = 1.001  # times the least value of the search, up to which an estimate is at its bound
+_MODEL = 0.05  # relative error on plants of another structure, for logs of any length: `benchmarks.motion_truth`
+_MODEL_OF_LOOPS = 0.1  # for hysteresis
+_TRADED = 0.2  # share of the dead band that hysteresis may imitate, and growth of the error
+_AT_BOUND = 1.001  # times the lower bound of the search: smaller estimates are at the bound
 _TAPER = 0.3  # of the widths, at the ends of the range
 _LOOPS = ("loop_width", "stuck_slope", "base")
-_TIMES = ("dead_time", "lag_up", "lag_down")  # that pass for each other within a sample
+_TIMES = ("dead_time", "lag_up", "lag_down")  # which imitate each other within a sample
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
 _USUAL = {"lag_up": 0.1, "lag_down": 0.13, "dead_time": 0.03, "dead_band": 0.08 * BAR, "filling": 0.15 / BAR}
-_USUAL |= {"lag_ratio": 1.0, "volume": 1.3, "base": 0.8, "damping": 0.03, "inertia": 6e-3}  # to start from all at once
-_BY_SUM = "base", "lag_ratio"  # what only a log tells in which P1 + P2 varies
+_USUAL |= {"lag_ratio": 1.0, "volume": 1.3, "base": 0.8, "damping": 0.03, "inertia": 6e-3}  # starts of all at once
+_BY_SUM = "base", "lag_ratio"  # identified only if P1 + P2 varies
 _SPRING = 0.02  # κ_i of each stop
 STEPS = 9 + LEFT_OUT + _JACKKNIFE + 2 * len(_SIGNS)  # of `progress`, at most
 
@@ -61,36 +61,36 @@ def fit_motion(
 ) -> MotionFit:
     """Fit lags, dead time, dead band, hysteresis, inertia and damping to the log of a joint that moves without load.
 
-    Everything is found by free-run prediction: the angle is predicted from the pressures alone, over the whole log.
+    All parameters are fitted by free-run prediction of the angle from the pressures alone, over the whole log.
 
     Parameters
     ----------
     t
         Times [s], increasing; arrays (n,), as are the others.
     theta
-        The angle as the encoder shows it [rad].
+        Encoder reading [rad].
     P1, P2
-        Pressures of agonist and antagonist [Pa, gauge], commanded or measured: lags are from them to the angle.
+        Pressures of agonist and antagonist [Pa, gauge], commanded or measured; lags are from them to the angle.
     joint
-        A joint of the same kind, as `fit_joint` gives it, whose static angle is then corrected; its muscles are fitted
-        anew when `MotionFit.joint` is asked for. Without one the static angle is a polynomial, linear in its
-        coefficients, of the pressures, and there is no plant to save.
+        A joint of the same kind, as returned by `fit_joint`, whose static angle is corrected; `MotionFit.joint` refits
+        its muscles. Without one the static angle is a polynomial of the pressures, linear in its coefficients, and
+        there is no plant to save.
     measured
-        Pressures of both sensors [Pa], arrays (n,), where `P1` and `P2` are commands. The regulators are then fitted to
-        these, and the angle shows how old its readings are: `reading_age` apart from `dead_time`.
+        Pressures of both sensors [Pa], arrays (n,), if `P1` and `P2` are commands. The regulators are then fitted to
+        these, and the angle determines `reading_age` separately from `dead_time`.
     scale_known
-        Whether the joint's forces are right and not only in proportion; where not, neither are those of the result.
+        Whether the joint's forces are correct in scale; otherwise those of the result are not either.
     gas
-        Whether to take account of the gas in the given joint's muscles, which motion compresses; without it lags,
-        hysteresis and inertia have to stand for that. By default whichever predicts the log better. Muscles of unknown
-        volume are taken for ordinary braids that pull like them.
+        Whether to include the gas in the given joint's muscles, which motion compresses; otherwise lags, hysteresis and
+        inertia absorb its effect. By default the better prediction decides. Muscles of unknown volume are treated as
+        ordinary braids with the same force.
     progress
         Called with a word before each of `STEPS` steps.
 
     Raises
     ------
     InvalidInput
-        For what is no log, and for one that moves too little to tell anything, with the experiment that would.
+        For an invalid log, and for one with too little motion, with a suggested experiment.
     """
     log = MotionLog.checked(t, theta, P1, P2)
     tell = progress or (lambda step: None)
@@ -157,13 +157,13 @@ def _check_sign(found: Found, used: Mask) -> None:
 
 
 def _slope(found: Found, used: Mask) -> float:
-    """Return by how much the static angle [rad] rises with q, in the mean over the rows."""
+    """Return the mean slope of the static angle [rad] with respect to q over the rows."""
     run = found.run(used)
     return float(np.polyfit(found.problem.static(run.P1, run.P2), run.static, 1)[0])
 
 
 def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> tuple[Found, list[str]]:
-    """Return the fit with the unknowns that the rows `used` show, and sentences about the others."""
+    """Return the fit with the unknowns identified by the rows `used`, and sentences about the others."""
     tell("first rows")
     found, unseen = search(problem, used), []
     tell("inertia and damping")
@@ -196,8 +196,9 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
 
 
 def _all_at_once(found: Found, used: Mask) -> Found:
-    """Return the fit with every unknown from usual values on, if it is better: one by one they can end in a valley
-    where the first have taken the place of the others.
+    """Return the fit with every unknown started at usual values, if it is better.
+
+    Added one by one they can end in a valley where the first have replaced the others.
     """
     log = found.problem.log
     if not log.varies_speed:
@@ -212,7 +213,7 @@ def _all_at_once(found: Found, used: Mask) -> Found:
 
 
 def _if_needed(found: Found, best: float, used: Mask, names: tuple[str, ...]) -> Found:
-    """Return the fit without these unknowns, unless its error is greater than `best` then."""
+    """Return the fit without these unknowns, unless its error then exceeds `best`."""
     if not set(names) & set(found.problem.free):
         return found
     less, x = found.without(*names)
@@ -221,7 +222,7 @@ def _if_needed(found: Found, best: float, used: Mask, names: tuple[str, ...]) ->
 
 
 def _if_better(found: Found, used: Mask, **more: float) -> Found:
-    """Return the fit with further unknowns, which begin at these values, if the log shows them."""
+    """Return the fit with further unknowns, started at these values, if the log identifies them."""
     if not found.problem.log.varies_speed:
         return found
     richer, x = found.extended(used, **more)
@@ -234,17 +235,17 @@ def _taken(found: Found, run: Prediction) -> list[str]:
     if _at_most(found, run):
         sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")
     if not log.varies_sum:
-        sentences.append(f"what depends on P1 + P2, which stays at {np.mean(log.P1 + log.P2) / BAR:.3g} bar")
+        sentences.append(f"effects of P1 + P2, which stays at {np.mean(log.P1 + log.P2) / BAR:.3g} bar")
     return sentences
 
 
 def _at_most(found: Found, run: Prediction) -> bool:
-    """Return whether the plays have all the weight that they may have."""
+    """Return whether the weights of the plays are at their bound."""
     return found.problem.operator(found.x, run.weights).weights[0] <= STIFFEST * (1 + 1e-4)
 
 
 def _blocks(n: int, count: int) -> list[Mask]:
-    """Return which rows (n,) are left in each time, without one of `count` contiguous blocks."""
+    """Return the masks (n,) of rows that remain without each of `count` contiguous blocks."""
     return [_block(n, count) != block for block in range(count)]
 
 
@@ -253,7 +254,7 @@ def _block(n: int, count: int) -> Array:
 
 
 def _left_out(found: Found, rows: Mask, judged: Mask, tell: Callable[[str], object]) -> tuple[Errors, Array]:
-    """Return the errors of the rows `judged` (n,) predicted from `rows`: RMS, and each one (n,) [rad], else NaN."""
+    """Return the errors of the rows `judged` (n,) predicted from `rows`: RMS, and each (n,) [rad], else NaN."""
     tell("left-out blocks")
     fitted = found.again(rows)
     error = fitted.problem.log.theta - fitted.run(rows).theta
@@ -282,11 +283,11 @@ def _named(found: Found, used: Mask) -> dict[str, float]:
 
 
 def _other_choices(here: Found, noisy: MotionLog) -> list[dict[str, float]]:
-    """Return the parameters found with other choices.
+    """Return the parameters found with alternative choices.
 
     These are other half widths, unfiltered pressures, one lag for both directions if it explains the log as well, a
-    smaller dead band where it looks like hysteresis, and widths that shrink at the ends of the range, as those of
-    friction do where muscles stiffen.
+    smaller dead band if it resembles hysteresis, and widths that shrink at the ends of the range, like those of
+    friction on stiffening muscles.
     """
     problem, every = here.problem, here.problem.log.settled
     others = [here.again(every, replace(problem, finest=problem.finest * 1.3))]
@@ -296,11 +297,11 @@ def _other_choices(here: Found, noisy: MotionLog) -> list[dict[str, float]]:
     for other in (*as_good, replace(problem, taper=_TAPER)):
         if (found := here.again(every, other)).rms < _WORSE * here.rms:
             others.append(found)
-    if "dead_band" in problem.free and problem.log.swept:  # in sweeps it looks like hysteresis
+    if "dead_band" in problem.free and problem.log.swept:  # in sweeps it resembles hysteresis
         less, x = here.without("dead_band")
         less = replace(less, assumed=(("dead_band", (1 - _TRADED) * problem.values(here.x)["dead_band"]),))
         found = search(less, every, x)
-        if found.rms < (1 + _TRADED) * here.rms:  # what is left is the error of the model, which proves no more
+        if found.rms < (1 + _TRADED) * here.rms:  # the rest is the model's error, which proves nothing
             others.append(found)
     return [_named(other, every) | dict(other.problem.assumed) for other in others]
 
@@ -313,11 +314,11 @@ def _estimates(
     log: MotionLog,
     rms: float,
 ) -> dict[str, Estimate]:
-    """Return values and 95 % intervals by the jackknife over contiguous blocks, since errors are correlated in them.
+    """Return values and 95 % intervals by the jackknife over contiguous blocks, within which errors are correlated.
 
-    Each of these counts as one standard deviation more: the effect of another choice; the `changes` that the structure
-    of the residual leaves possible; the time within a sample at which a command began to act; the usual distance of the
-    model from a joint; the spread of the stiffness; for the loop, the unexplained angle `rms` [rad].
+    Each of these adds one standard deviation: the effect of another choice; the `changes` that the structure of the
+    residual allows; the unknown time within a sample at which a command began to act; the usual model error; the spread
+    of the stiffness; for the loop, the unexplained angle `rms` [rad].
     """
     from scipy.stats import t as student
 
@@ -340,7 +341,7 @@ def _estimates(
 
 
 def _with_regulators(found: Found, sensed: tuple[Array, Array], used: Mask) -> Found:
-    """Return the fit with the regulators of the pressures `sensed` (n,); the angle's delay on commands is unknown."""
+    """Return the fit with the regulators of the pressures `sensed` (n,); the delay from command to angle is unknown."""
     before, told = found.problem.values(found.x), fit_regulators(found, sensed, found.problem.log.settled)
     late = before["dead_time"] + sum(before[lag] - told[lag] for lag in ("lag_up", "lag_down")) / 2
     less, _ = found.without(*REGULATOR)
@@ -352,7 +353,7 @@ def _with_regulators(found: Found, sensed: tuple[Array, Array], used: Mask) -> F
 
 
 def _apart(total: dict[str, Estimate], found: Found, sensed: tuple[Array, Array]) -> dict[str, Estimate]:
-    """Return the estimates with those of the regulators, and the angle's delay apart as dead time and reading age."""
+    """Return the estimates with those of the regulators, and the angle's delay split into dead time and reading age."""
     log, every = found.problem.log, found.problem.log.settled
     jackknife = [fit_regulators(found, sensed, rows & every) for rows in _blocks(log.n, _JACKKNIFE)]
     own = _estimates(fit_regulators(found, sensed, every), jackknife, [], {}, log, 0.0)

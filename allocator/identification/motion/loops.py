@@ -10,7 +10,7 @@ from allocator.calculus import Array
 from allocator.compilation import jit
 from allocator.joint.hysteresis import pass_plays
 
-_INSTANT = 1e-9  # [s] a shorter lag is none
+_INSTANT = 1e-9  # [s] a shorter lag counts as none
 
 
 def follow(
@@ -28,9 +28,9 @@ def follow(
     """Fill `out` (m,) with the pressures [Pa] of a regulator with the commands u (m,) [Pa] at the times t (m,) [s].
 
     Each command holds until the next and acts after the dead time `dead` [s]; the pressure follows with the time
-    constant `up` or `down` [s], to within `rest` [Pa], half the dead band, but takes `slowest` [s/Pa] at least, as the
-    valves let no more through; it begins at the first command. On the way to row k the joint's motion multiplies the
-    absolute pressure by squeezed[k]² (m,), half of it before the regulator and half after; `around` is p_a [Pa].
+    constant `up` or `down` [s], to within `rest` [Pa], half the dead band, but takes at least `slowest` [s/Pa] because
+    of the valves' flow; it begins at the first command. In the step to row k the joint's motion multiplies the absolute
+    pressure by squeezed[k]² (m,), half before the regulator and half after; `around` is p_a [Pa].
     """
     acting, pressure = 0, u[0]
     out[0] = pressure
@@ -60,13 +60,13 @@ def follow(
 def swing(
     u: Array, s: Array, k: Array, kappa: Array, r: Array, a1: float, a2: float, h: float, e: Array, out: Array
 ) -> None:
-    """Fill `out` (m,) with the angle [rad] of a joint that its muscles draw to u (m,) [rad], stops and all:
+    """Fill `out` (m,) with the angle [rad] of a joint with the static angle u (m,) [rad] and hysteresis stops:
 
         (a2 θ'' + a1 θ')/k + θ + Σ κ_i e_i = u,   de_i = dθ while |e_i| < r_i s
 
-    by Newmark's average acceleration with steps of h [s], at rest at the first u. k (m,) is the stiffness in the usual
-    one, s (m,) the widths in r (n,) [rad]; `e` (n,) are the stops before and afterwards. What has to vanish at the end
-    of a step is increasing and piecewise linear in θ: Newton's method ends on its piece.
+    by Newmark's average acceleration with steps of h [s], at rest at the first u. k (m,) is the stiffness over the
+    usual one, s (m,) the widths over r (n,) [rad]; `e` (n,) are the stops, updated in place. The equation at the end of
+    a step is increasing and piecewise linear in θ, so Newton's method is exact on its piece.
     """
     at, speed, pull = u[0], 0.0, 0.0
     out[0] = at
@@ -104,7 +104,7 @@ def _compiled(name: str) -> jit.Function:
 def pressures(t: Array, u: Array, squeezed: Array, around: float, regulator: Sequence[float]) -> Array:
     """Return the pressures (m,) [Pa] after `follow`, of a `regulator` (up, down, dead, whole dead band, slowest).
 
-    Without any lag, dead time and so on they are u itself: pressures that were measured, and not commands to hold.
+    Without any lag, dead time etc. they are u itself: measured pressures, not commands.
     """
     if not any(regulator):
         return u

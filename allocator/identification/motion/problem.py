@@ -10,15 +10,15 @@
 
 For given nonlinear unknowns the weights are a problem of nonnegative least squares, convex with one optimum, and are
 eliminated (variable projection). Motion compresses the gas of a given joint: without the regulator (P_i + p_a) V_i^κ
-would stay (G3). V_i follows the measured angle, the only part that it has in a free run.
+would be constant   (G3). V_i follows the measured angle, its only use in a free run.
 
-Where the log shows inertia and damping, H acts inside the balance of torques over the stiffness, whose springs are its
-inverse: a joint that swings turns round again and again where u does not.
+If the log shows inertia and damping, H acts inside the balance of torques over the stiffness, with the springs of its
+inverse, because an oscillating joint reverses where u does not.
 
     (a2 θ'' + a1 θ')/k(P1 + P2) + H⁻¹[θ] = u,   H⁻¹[θ] = θ + Σ κ_i e_i[θ],   κ_i ≥ 0              `loops.swing`
 
 with stops e_i, and k the stiffness over that at the mean pressures, of the given joint, else as P1 + P2. The κ_i are
-unknowns then. The gain of H is 1: what is left belongs to the static angle. φ are monomials in s and q, q the
+unknowns then. The gain of H is 1: any other gain belongs to the static angle. φ are monomials in s and q, q the
 equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
 """
 
@@ -41,15 +41,15 @@ Static = Difference | Equilibrium
 Parts = Sequence[slice]
 _WHOLE = (slice(None),)
 
-STIFFEST = 0.1  # w_min: the least weight without play, that H can be inverted and a stuck joint is not rigid
-_FINEST = 0.004  # least half width r_1, in the range of the angle
-_WIDTHS = np.geomspace(1, 40, 8)  # r_i in the least
+STIFFEST = 0.1  # w_min: the least weight without play; keeps H invertible and a stuck joint compliant
+_FINEST = 0.004  # least half width r_1, relative to the range of the angle
+_WIDTHS = np.geomspace(1, 40, 8)  # r_i over the least
 _POWERS = ((0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 1))  # of q and s
 _STRONGEST = 1 / STIFFEST - 1  # Σ κ_i at most
 _NO_SPRING = 1e-4  # κ_i below which there is no stop
-_LEAST_STIFF = 0.05  # of the usual stiffness, below which it is not taken to fall
-_ROUNDS, _CLOSE = 60, 1e-4  # of a free run without a measured angle, and a change [rad] after which it is done
-_RIDGE = 1e-4 * DEG  # per unit of a coefficient: decides what the log leaves open
+_LEAST_STIFF = 0.05  # of the usual stiffness: lower limit
+_ROUNDS, _CLOSE = 60, 1e-4  # of a free run without a measured angle, and its convergence [rad]
+_RIDGE = 1e-4 * DEG  # per unit of a coefficient: determines those that the log leaves open
 
 REGULATOR = ("lag_up", "lag_down", "dead_time", "dead_band", "filling", "lag_ratio", "volume")
 NONLINEAR = (*REGULATOR, "base", "damping", "inertia")
@@ -79,7 +79,7 @@ class MotionProblem:
     free: tuple[str, ...]
     finest: float = _FINEST  # least half width in the range of the angle
     assumed: tuple[tuple[str, float], ...] = ()  # values of unknowns that are not free
-    taper: float = 0.0  # share by which widths are less at the ends of the range
+    taper: float = 0.0  # relative reduction of widths at the ends of the range
     one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
     _last: dict[tuple[float, ...], tuple[Array, Array, Array]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -101,7 +101,7 @@ class MotionProblem:
 
     @cached_property
     def powers(self) -> tuple[tuple[int, int], ...]:
-        """Return the powers of q and s of the monomials: those of s only where the log varies it."""
+        """Return the powers of q and s of the monomials, those of s only if the log varies it."""
         return _POWERS if self.log.varies_sum else tuple(p for p in _POWERS if not p[1])
 
     def basis(self, P1: Array, P2: Array) -> Array:
@@ -132,16 +132,16 @@ class MotionProblem:
     def springs(self, x: Array) -> Array:
         """Return κ_i (widths,) [-] of a joint that swings."""
         kappa = x[len(self.free) : x.size - len(self.powers)]
-        if kappa.size != self.widths.size:  # the loops are compiled, and read past an end without a word
+        if kappa.size != self.widths.size:  # the compiled loops do not check bounds
             raise ValueError(f"{self.widths.size} springs expected between the other unknowns, not {kappa.size}")
         return np.asarray(kappa * min(1.0, _STRONGEST / max(float(kappa.sum()), _STRONGEST)))
 
     # --- the free run -----------------------------------------------------------------------------------------------
 
     def regulated(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return the pressures P1, P2 (n,) [Pa] that the muscles have, and φ (monomials, n) there.
+        """Return the muscle pressures P1, P2 (n,) [Pa], and φ (monomials, n) there.
 
-        The last answer is remembered: most differences of a Jacobian are about other unknowns.
+        The last result is cached: most differences of a Jacobian concern other unknowns.
         """
         log, lags = self.log, self._lags(x)
         if lags not in self._last:
@@ -184,7 +184,7 @@ class MotionProblem:
         return Prediction(u + np.einsum("i,in", weights, behind), u, P1, P2, weights)
 
     def behind(self, u: Array, P1: Array, P2: Array, x: Array, parts: Parts = _WHOLE) -> Array:
-        """Return p_i - u (widths, n) [rad]; the memory begins anew in each of the `parts`."""
+        """Return p_i - u (widths, n) [rad]; each of the `parts` begins without memory."""
         return self._plays(u, self._scale(u, P1, P2, x), parts) - u
 
     def _plays(self, u: Array, scale: Array, parts: Parts) -> Array:
@@ -199,8 +199,8 @@ class MotionProblem:
         return np.concatenate([loops.swung(u[i], s[i], k[i], kappa, self.widths, a1, a2, step) for i in parts])
 
     def _stiffness(self, P1: Array, P2: Array) -> Array:
-        """Return k (n,) [-] over the usual stiffness. The last answer is remembered, as that of `regulated` is."""
-        which = id(P1), id(P2)  # they are kept with it: no other arrays have their ids
+        """Return k (n,) [-] over the usual stiffness. The last result is cached, as in `regulated`."""
+        which = id(P1), id(P2)  # the cache keeps them, so their ids are unique
         if which not in self._last_k:
             self._last_k.clear()
             self._last_k[which] = P1, P2, np.maximum(self.static.stiffness(P1, P2) / self._usual, _LEAST_STIFF)
@@ -213,7 +213,7 @@ class MotionProblem:
 
     @cached_property
     def _usual(self) -> float:
-        """Return the stiffness at the mean pressures, over which inertia and damping are known."""
+        """Return the stiffness at the mean pressures, the divisor of inertia and damping."""
         return float(self.static.stiffness(*np.mean([self.log.P1, self.log.P2], axis=1, keepdims=True))[0])
 
     def first_springs(self, u: Array, P1: Array, P2: Array, x: Array, used: Mask) -> Array:
@@ -276,7 +276,7 @@ class MotionProblem:
         return np.concatenate([low, least, -m]), np.concatenate([high, most, m])
 
     def sizes(self) -> Array:
-        """Return by how much each of x usually changes."""
+        """Return the usual change of each of x."""
         return np.concatenate(
             [[STEP[name] for name in self.free], np.full(self._stops, 0.1), np.full(len(self.powers), 0.2)]
         )
@@ -285,10 +285,10 @@ class MotionProblem:
     def _stops(self) -> int:
         return self.widths.size if self.swings else 0
 
-    # --- what comes out ---------------------------------------------------------------------------------------------
+    # --- results ----------------------------------------------------------------------------------------------------
 
     def operator(self, x: Array, weights: Array) -> PrandtlIshlinskii:
-        """Return H, without the plays that have no weight; the `weights` are those of a `Prediction`."""
+        """Return H, without plays of zero weight; the `weights` are those of a `Prediction`."""
         if self.swings:
             there = weights > _NO_SPRING
             kappa, r = weights[there], tuple(self.widths[there])
@@ -298,7 +298,7 @@ class MotionProblem:
         return PrandtlIshlinskii((first, *weights[there]), tuple(self.widths[there]), base=self.values(x)["base"])
 
     def taut(self, run: Prediction) -> Mask:
-        """Return in which rows both muscles have a pressure at which they are taut (n,)."""
+        """Return the rows (n,) in which both muscles are taut by their pressures."""
         return np.asarray((run.P1 >= TAUT_FROM) & (run.P2 >= TAUT_FROM))
 
 

@@ -22,10 +22,10 @@ from allocator.muscles import Muscle
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 
-TRAINED = 0.6  # share of the log that the held-out rest is predicted from
-_GAINS = 0.8, 1.25  # between which the same kind of joint moves
-_BEYOND = 1.05  # greatest pressure that is predicted for, in that of the log
-_MUSCLE_ROWS = 400  # of the log, at which the muscles are fitted to the static angle
+TRAINED = 0.6  # share of the log used to predict the held-out rest
+_GAINS = 0.8, 1.25  # range of gains of joints of the same kind
+_BEYOND = 1.05  # greatest pressure of a prediction, relative to that of the log
+_MUSCLE_ROWS = 400  # of the log in the fit of muscles to the static angle
 
 
 class Estimate(NamedTuple):
@@ -50,11 +50,11 @@ class Errors(NamedTuple):
 
 
 class MovingJoint(NamedTuple):
-    """Joint whose muscles hold the static angles of a log, with its parameters of motion."""
+    """Joint with muscles that reproduce the static angles of a log, and its parameters of motion."""
 
     joint: AntagonistJoint
     zero: float  # of the encoder [rad]
-    values: Mapping[str, float]  # nonlinear unknowns by name; 0 of those that the log does not show
+    values: Mapping[str, float]  # nonlinear unknowns by name; 0 if not identified
     stiffness: float  # at the mean pressures [N·m/rad], in the scale of the joint's forces, as are the next two
     damping: float  # [N·m·s/rad]
     inertia: float  # [kg·m²]
@@ -75,9 +75,9 @@ class MotionFit:
     held_out: Errors  # of the last 40 %, predicted from the first 60 %
     blocks: tuple[Errors, ...]  # of five contiguous blocks, each predicted from the others
     bands: Bands  # about predicted angles
-    unseen: tuple[str, ...]  # what the log does not show, and what would
+    unseen: tuple[str, ...]  # quantities that the log does not identify, and suggested experiments
     converged: bool
-    given: AntagonistJoint | None = field(repr=False)  # joint to begin with
+    given: AntagonistJoint | None = field(repr=False)  # initial joint
     scale_known: bool = field(repr=False)
     problem: MotionProblem = field(repr=False)
     x: Array = field(repr=False)  # its unknowns
@@ -118,23 +118,23 @@ class MotionFit:
         return Drift.of(self.log, self.run.theta)
 
     def errors(self) -> Array:
-        """Return the angle measured minus that of the free run (n,) [rad]."""
+        """Return the measured angle minus that of the free run (n,) [rad]."""
         return self.log.theta - self.run.theta
 
     def predicted(self, t: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Array:
         """Return the angle (m,) [rad] of a free run over other times t [s] and pressures [Pa], arrays (m,).
 
-        See `band`, whose first part it is.
+        See `band`, which contains it.
         """
         return self.band(t, P1, P2).theta
 
     def band(self, t: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> AngleBand:
         """Return the free run over other times t [s] and pressures [Pa], arrays (m,), with the band of 95 %.
 
-        The widths of the band are errors on blocks of the log that were predicted from the others; `bands.coverage` is
-        the share that they held of blocks that they were not taken from. They hold for motion like that of the log.
-        It begins at rest, without memory. Raises `InvalidInput` at what is no row of such numbers, and at pressures far
-        above those of the log.
+        The widths of the band are errors on blocks of the log predicted from the others; `bands.coverage` is their
+        coverage of further blocks. They apply to motion like that of the log. The run begins at rest, without memory.
+        Raises `InvalidInput` unless the arguments are rows of such numbers, and at pressures far above those of the
+        log.
         """
         times, one, two = checks.real("t", t, "s"), checks.pressure("P1", P1), checks.pressure("P2", P2)
         if times.ndim != 1 or not times.shape == one.shape == two.shape or times.size < 2:
@@ -145,7 +145,7 @@ class MotionFit:
             if P.max() > _BEYOND * self.log.greatest_pressure:
                 raise InvalidInput(
                     f"{name} goes up to {P.max() / BAR:.3g} bar, and that of the log that was fitted up to "
-                    f"{self.log.greatest_pressure / BAR:.3g} bar: what the joint does beyond is not known"
+                    f"{self.log.greatest_pressure / BAR:.3g} bar: the joint's motion beyond is unknown"
                 )
         run = self.problem.elsewhere(times, (one, two), self.x, self.run.weights)
         return self.bands.about(run.theta, self.problem.taut(run))
@@ -154,10 +154,10 @@ class MotionFit:
 
     @property
     def joint(self) -> AntagonistJoint:
-        """Return the joint whose muscles hold the static angles of this log, with the hysteresis.
+        """Return the joint with muscles that reproduce the static angles of this log, and the hysteresis.
 
-        Its muscles are those of the joint that was given, changed as little as the angles need: see `fit_muscles`.
-        Raises `InvalidInput` if no joint was given.
+        Its muscles are those of the given joint, changed as little as necessary: see `fit_muscles`. Raises
+        `InvalidInput` if no joint was given.
         """
         return self.moving.joint
 
@@ -173,7 +173,7 @@ class MotionFit:
 
     @property
     def early(self) -> Mask:
-        """The rows (n,) that the last 40 % are predicted from."""
+        """Rows (n,) used to predict the last 40 %."""
         return np.asarray(np.arange(self.log.n) < TRAINED * self.log.n)
 
     def _moving(self, x: Array, used: Mask) -> "MovingJoint":
@@ -256,7 +256,7 @@ class MotionFit:
 
 
 class Label(NamedTuple):
-    """Name of a parameter in files and in tables, with the unit that is shown."""
+    """Name of a parameter in files and in tables, with the displayed unit."""
 
     key: str
     quantity: str

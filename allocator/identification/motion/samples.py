@@ -7,8 +7,8 @@ Columns by name and unit as for `read_samples` (`phi [deg]`, `P1_bar`, …), in 
     pressure1, pressure2 [bar, mbar, kPa, MPa, Pa, psi], gauge, commanded or measured
     measured1, measured2        measured pressures beside commands; both or neither
 
-A gap of more than a second ends a stretch. Several stretches, of one file or of several, are one log: how the joint
-moves is the same in all of them, and its memory begins anew in each.
+A gap of more than a second ends a stretch. Several stretches, of one or several files, are one log: the joint has the
+same parameters in all of them, and begins each without memory.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,9 +39,9 @@ TAUT_FROM = 1.5 * BAR  # both pressures, above which muscles of this kind are ta
 _LEAST_ROWS = 200
 _LEAST_TIME = 10.0  # [s]
 _LONGEST_STEP = 0.2  # [s] between rows
-_LEAST_STRETCH = 4.0  # [s], below which hardly a row is left after the beginning is forgotten
+_LEAST_STRETCH = 4.0  # [s] shorter ones hardly last beyond `_FORGOTTEN`
 _BETWEEN = 10.0  # [s] put between two logs
-_FORGOTTEN = 2.0  # [s] after which a joint has come from where it was to where the first commands hold it
+_FORGOTTEN = 2.0  # [s] for a joint to reach the angle of the first commands
 _LEAST_SWING = 2 * DEG  # from the least to the greatest angle
 _LEAST_MOVE = 0.1 * BAR  # of a pressure
 _LEAST_TURNS = 3
@@ -49,8 +49,8 @@ _SPEED_OVER = 0.3  # [s] over which a speed is measured
 _SAME_SPEED = 0.9  # squared cosine between v and sign(v); 1 on ramps, 0.81 on a sine, less with steps
 _MEDIAN_OVER = 0.25  # [s]
 _SHOWN = 10  # spikes that are listed
-_UNEVEN = 0.05  # standard deviation of the steps in their median, above which rows are put at even times
-_MOST_ROWS = 15_000  # of more, every second, third … is used
+_UNEVEN = 0.05  # standard deviation of the steps over their median, above which rows are resampled at even times
+_MOST_ROWS = 15_000  # of longer logs every second, third … row is used
 _WANTED = (("time",), ("theta",), ("pressure1",), ("pressure2",))
 _MEASURED = ("measured1", "measured2")
 
@@ -60,21 +60,20 @@ class MotionLog:
     """Rows of a moving joint without load, in the order of time; arrays (n,)."""
 
     t: Array  # [s], increasing
-    theta: Array  # as the encoder shows it [rad]
+    theta: Array  # encoder reading [rad]
     P1: Array  # agonist, commanded or measured, gauge [Pa]
     P2: Array  # antagonist [Pa]
-    measured: tuple[Array, Array] | None = None  # pressures beside these, which are commands then [Pa]
-    every: int = 1  # each of so many rows is used
-    notes: tuple[str, ...] = ()  # sentences about what was not read, or left out
+    measured: tuple[Array, Array] | None = None  # measured pressures [Pa], if P1 and P2 are commands
+    every: int = 1  # one of so many rows is used
+    notes: tuple[str, ...] = ()  # sentences about data not read or left out
 
     @classmethod
     def checked(cls, t: ArrayLike, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, *, medians: bool = True) -> Self:
-        """Make a log of anything array-like, with `medians` of noisy pressures, and rows at even times.
+        """Return a checked log from array-like data, with `medians` of noisy pressures, and rows at even times.
 
-        Rows are left out in which a reading jumps there and back, or is a pressure that drops out; a note lists them.
+        Rows with a spike or a drop-out of a pressure are left out; a note lists them.
 
-        Raises `InvalidInput` at what is no log in SI units, and at one that moves too little to tell anything, with
-        what to measure instead.
+        Raises `InvalidInput` for an invalid log, or one with too little motion, with a suggested measurement.
         """
         named = {
             "t": checks.real("t", t, "s"),
@@ -96,7 +95,7 @@ class MotionLog:
         return log if every == 1 else log.thinned(every)
 
     def thinned(self, every: int) -> Self:
-        """Return each of so many rows."""
+        """Return every n-th row."""
         t, theta, P1, P2 = (a[::every].copy() for a in (self.t, self.theta, self.P1, self.P2))
         return replace(self, t=t, theta=theta, P1=P1, P2=P2, every=every)
 
@@ -137,7 +136,7 @@ class MotionLog:
 
     @property
     def swept(self) -> bool:
-        """Return whether a pressure moves all the time, and does not go in steps."""
+        """Return whether a pressure changes continuously, not in steps."""
         return bool(np.median(np.abs(np.diff(self.P1))) > 0 or np.median(np.abs(np.diff(self.P2))) > 0)
 
     @property
@@ -150,17 +149,18 @@ class MotionLog:
     def varies_speed(self) -> bool:
         """Return whether the speed of the angle varies enough to distinguish delays from hysteresis.
 
-        A delay τ moves the angle by -τ v, hysteresis by a share of -sign(v): on ramps of one speed both are the same.
+        A delay τ moves the angle by -τ v, hysteresis by a share of -sign(v), which are indistinguishable on ramps of
+        one speed.
         """
         window = max(1, round(_SPEED_OVER / self.step))
         v = self.theta[window:] - self.theta[:-window]
         return float(np.abs(v).sum() ** 2) < _SAME_SPEED * v.size * float((v**2).sum())
 
     def _even(self) -> Self:
-        """Return the log with rows at even times: angles between two rows on a line, pressures as in the row before.
+        """Return the log with rows at even times: angles interpolated linearly, pressures of the previous row.
 
-        Inertia and damping are a filter with one step for all rows. A row that is late by less than `_UNEVEN` steps,
-        such as by the rounding of its stamp, is in time: or its commands would come a step later.
+        Inertia and damping are a filter with a constant step. A row that is late by less than `_UNEVEN` steps, e.g. by
+        rounding of its stamp, counts as punctual; otherwise its commands would come a step later.
         """
         if all(evenly(self.t[part]) for part in self.parts):
             return self
@@ -170,9 +170,9 @@ class MotionLog:
         return replace(self, t=t, theta=np.interp(t, self.t, self.theta), P1=self.P1[before], P2=self.P2[before])
 
     def _without_noise(self) -> Self:
-        """Return the log with medians of the pressures where sensors add noise to them.
+        """Return the log with medians of the pressures if sensors add noise to them.
 
-        A play follows the peaks of noise, which makes hysteresis look wider; a median keeps steps and ramps in place.
+        A play follows the peaks of noise, which makes hysteresis appear wider; a median preserves steps and ramps.
         """
         from scipy.ndimage import median_filter
 
@@ -209,7 +209,7 @@ class MotionLog:
         return replace(self, t=t, theta=theta, P1=P1, P2=P2, notes=(*self.notes, note))
 
     def _check_turns(self) -> None:
-        """Refuse angles that no joint goes through: turns within a row."""
+        """Refuse impossible angles: a revolution within a row."""
         turned = (np.abs(np.diff(self.theta)) > np.pi) & (np.diff(self.t) <= GAP)
         if turned.any():
             i = int(np.argmax(turned)) + 1
@@ -245,7 +245,7 @@ class MotionLog:
 
     @property
     def turns(self) -> int:
-        """Return how often the angle turns round by more than a tenth of its range."""
+        """Return the number of reversals of the angle by more than a tenth of its range."""
         least, turns, way, end = self.swing / 10, 0, 0, float(self.theta[0])
         for theta in self.theta.tolist():
             if way * (theta - end) >= 0 and way:
@@ -256,13 +256,13 @@ class MotionLog:
 
 
 def evenly(t: Array) -> bool:
-    """Return whether times (n,) [s] are even enough to be filtered with one step."""
+    """Return whether times (n,) [s] are even enough for a filter with a constant step."""
     steps = np.diff(t)
     return bool(steps.std() <= _UNEVEN * np.median(steps))
 
 
 def even_times(t: Array, step: float | None = None) -> Array:
-    """Return times [s] from the first to the last of t (n,), with this step [s], or its median one or a longer one."""
+    """Return even times [s] from the first to the last of t (n,), with this step [s] or its median, or a longer one."""
     if step is None:
         step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
     return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
@@ -273,11 +273,11 @@ def read_motion_log(
 ) -> MotionLog:
     """Read the log of a moving joint; `columns` as for `read_joint_log`: ``{"theta": "phi:deg"}``.
 
-    `skip_rows` lines are left out at the beginning of the file. Rows are left out in which a reading is missing, jumps
-    there and back, or is a pressure that drops out. `topics` maps quantities to numbers of a ROS bag or an MCAP file:
+    `skip_rows` lines are skipped at the beginning of the file. Rows with a missing reading, a spike, or a drop-out of a
+    pressure are left out. `topics` maps quantities to numbers of a ROS bag or an MCAP file:
     ``"theta=/joint_states.position[0] pressure1=/valves.data[0]:bar …"``. `MotionLog.notes` lists the unused rows.
 
-    Raises `InvalidFile`, with line and column where one is at fault, also where the log moves too little.
+    Raises `InvalidFile`, with line and column if applicable, also for too little motion.
     """
     measured = read_columns(path, _WANTED, _MEASURED, columns, skip_rows=skip_rows, topics=topics)
     measured = without_spikes(in_time(measured))
@@ -297,7 +297,7 @@ def read_motion_log(
 def joined(logs: Sequence[MotionLog]) -> MotionLog:
     """Return several logs of one joint as one, each a stretch or more, in the order given.
 
-    Raises `InvalidInput` if only some of them have pressures measured beside commands.
+    Raises `InvalidInput` if only some of them have measured pressures in addition to commands.
     """
     if len({log.measured is None for log in logs}) > 1:
         raise InvalidInput("some of the logs have measured1 and measured2, others not: give all of them, or none")

@@ -1,12 +1,12 @@
-"""Searches for the unknowns of a moving joint, and for the regulators of a log that has measured pressures.
+"""Searches for the unknowns of a moving joint, and for the regulators of a log with measured pressures.
 
 Both are trust-region least squares. The first has forward differences; the second is
 
     minimise  Σ_k (P_i,k - P̂_i,k - o_i)²     over τ_up, τ_down, ρ, t_dead, dead band, filling, gas
 
-where P̂_i answers the commands as in `loops.pressures` and o_i is the mean difference of a sensor and its regulator.
-Pressures are assumed to be read without delay, so this dead time is that of the commands alone. The angle of the same
-log lags the commands by the dead time plus the age of its readings; the difference is that age.
+where P̂_i is the response to the commands by `loops.pressures` and o_i the mean difference of a sensor and its
+regulator. Pressure readings are assumed free of delay, so this dead time is that of the commands alone. The angle of
+the same log lags the commands by the dead time plus the age of its readings; the difference is that age.
 """
 
 from dataclasses import replace
@@ -23,14 +23,14 @@ from allocator.units import BAR
 
 _LAGS = (0.05, 0.3)  # [s] to start from
 _FINE = 1e-3  # of the usual size of a change: differences
-_ROWS = 2500  # whose errors are squared: those of neighbours say the same
+_ROWS = 2500  # with squared errors: neighbours are redundant
 _FIRST = 8  # evaluations after which the better start is kept
 _MOST = 60
 _CLOSE = 1e-5  # relative change of the sum of squares, and of x, below which it has converged
 
 
 class Found(NamedTuple):
-    """Where a search ended: the unknowns x of a problem."""
+    """Result of a search: the unknowns x of a problem."""
 
     problem: MotionProblem
     x: Array
@@ -42,16 +42,16 @@ class Found(NamedTuple):
         return self.problem.run(self.x, used)
 
     def again(self, used: Mask, problem: MotionProblem | None = None) -> "Found":
-        """Search from here on other rows, or for another problem of these unknowns."""
+        """Continue the search on other rows, or for another problem of these unknowns."""
         return search(problem or self.problem, used, self.x)
 
     def without(self, *names: str) -> tuple[MotionProblem, Array]:
-        """Return the problem in which these unknowns are absent, and its part of x."""
+        """Return the problem without these unknowns, and its part of x."""
         kept = tuple(name for name in self.problem.free if name not in names)
         return self._posed(kept, self.problem.values(self.x), np.ones(self.problem.log.n, bool))
 
     def extended(self, used: Mask, **more: float) -> tuple[MotionProblem, Array]:
-        """Return the problem with further unknowns, which begin at these values, and its x."""
+        """Return the problem with further unknowns, started at these values, and its x."""
         free = tuple(name for name in ABSENT if name in self.problem.free or name in more)
         return self._posed(free, self.problem.values(self.x) | more, used)
 
@@ -71,7 +71,7 @@ class Found(NamedTuple):
 def search(problem: MotionProblem, used: Mask, x: Array | None = None) -> Found:
     """Minimise over the rows `used` (n,), from `x` or from the better of two lags."""
     if x is not None:
-        starts = x, problem.anew(x, used)  # what was fitted to other rows may be far off on these
+        starts = x, problem.anew(x, used)  # a fit to other rows may be far off on these
         best = min(starts, key=lambda x: float((problem.residual(x, used) ** 2).sum()))
         return _descend(problem, used, best, _MOST)
     lags = _LAGS if "lag_up" in problem.free else _LAGS[:1]
@@ -108,7 +108,7 @@ def _descend(problem: MotionProblem, used: Mask, x: Array, most: int) -> Found:
 # --- regulators -------------------------------------------------------------------------------------------------------
 
 
-_WORSE = 1.01  # by which the error grows at least without a number that the pressures show
+_WORSE = 1.01  # least growth of the error without an identifiable number
 _START = dict(zip(REGULATOR, (0.1, 0.1, 0.02, 0.05 * BAR, 0.05 / BAR, 1.0, 1.0), strict=True))
 
 
@@ -122,9 +122,9 @@ def sensed_at(times: Array, t: ArrayLike, measured: tuple[ArrayLike, ArrayLike])
 
 
 def fit_regulators(found: Found, measured: tuple[Array, Array], used: Mask) -> dict[str, float]:
-    """Return the numbers `REGULATOR` by the pressures `measured` (n,) [Pa] in the rows `used` (n,) of the log.
+    """Return the numbers `REGULATOR` from the pressures `measured` (n,) [Pa] in the rows `used` (n,) of the log.
 
-    A dead band or a limit of the filling that the pressures do not show is 0.
+    A dead band or a limit of the filling that is not identifiable is 0.
     """
     shown = REGULATOR if found.problem.gas else REGULATOR[:-1]
     best, error = _fitted(found, measured, used, shown)
@@ -138,7 +138,7 @@ def fit_regulators(found: Found, measured: tuple[Array, Array], used: Mask) -> d
 def _fitted(
     found: Found, measured: tuple[Array, Array], used: Mask, free: tuple[str, ...]
 ) -> tuple[dict[str, float], float]:
-    """Return the numbers `REGULATOR`, as `ABSENT` where they are not `free`, and the RMS error [bar]."""
+    """Return the numbers `REGULATOR`, those of `ABSENT` unless `free`, and the RMS error [bar]."""
     from scipy.optimize import least_squares
 
     problem = found.problem

@@ -1,14 +1,14 @@
-"""Static angle of a moving joint: its polynomial variable, and the muscles that hold it.
+"""Static angle of a moving joint: its polynomial variable, and the muscles that reproduce it.
 
 It is a polynomial of the equilibrium of a known joint, or of the difference of both pressures. The muscles of a known
-joint are corrected so that it rests where the log of another of its kind says.
+joint are corrected so that its equilibria match the log of another joint of its kind.
 
     minimise  Σ_k (u_k - z - θ_eq(P1_k, P2_k; p))²  +  n w² [(z/z⁰)² + (‖F(p) - F⁰‖/‖F⁰‖)²]    over the zero z and p
 
 z is the encoder's zero, p are the parameters of both muscles, F(p) their forces on a grid of pressures and contractions
-and F⁰ those of the given ones. So the properties that the angles do not show keep their values, the force scale above
-all. A zero is hard to tell from other muscles, and the errors come from the model as much as from the sensor: with a
-smaller w both move far away to gain a few tenths of a degree. No parameter changes its sign.
+and F⁰ those of the given ones. So properties that the angles do not determine keep their values, above all the force
+scale. A zero is hard to distinguish from other muscles, and the errors come from the model as much as from the sensor:
+with a smaller w both move far away to gain a few tenths of a degree. No parameter changes its sign.
 """
 
 from dataclasses import dataclass, replace
@@ -27,15 +27,15 @@ from allocator.units import DEG
 if TYPE_CHECKING:
     from scipy.interpolate import RectBivariateSpline
 
-_GRID = 36  # pressures a muscle
-_LEAST_CONTRACTION = -0.2  # [-]: where the muscles would be longer than at rest the law is still asked
-_HOLD = 2 * DEG  # w: forces that double cost as much as an error of this size everywhere
-_ZERO = 40 * DEG  # z⁰: a zero that costs as much as forces that double
+_GRID = 36  # pressures per muscle
+_LEAST_CONTRACTION = -0.2  # [-]: the law is evaluated up to this extension
+_HOLD = 2 * DEG  # w: doubled forces cost as much as an error of this size everywhere
+_ZERO = 40 * DEG  # z⁰: a zero that costs as much as doubled forces
 _SHARES, _CONTRACTIONS = np.meshgrid([1 / 3, 2 / 3, 1.0], [0.0, 0.08, 0.16, 0.24])  # of the supply; [-]
-_MOST_CHANGE = 0.9  # of a parameter, in itself
+_MOST_CHANGE = 0.9  # of a parameter, relative
 _MOST_ZERO = 0.35  # of the encoder [rad]
-_TURN = np.pi  # [rad] beyond which no joint is looked for
-_LEAST_FIRM = 0.25  # of the median stiffness, by which torques are told as angles at least
+_TURN = np.pi  # [rad] limit of the search
+_LEAST_FIRM = 0.25  # of the median stiffness: least divisor of torques
 _CLOSE = 1e-7  # [rad] a Newton step after which the next is below rounding
 
 
@@ -60,11 +60,11 @@ class Difference:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Angle q [rad] at which a joint rests without load, interpolated on a grid of pressures."""
+    """Equilibrium angle q [rad] of a joint without load, interpolated on a grid of pressures."""
 
     joint: AntagonistJoint
     greatest: float  # P_max [Pa]
-    gas: bool = True  # whether its muscles hold any that motion compresses
+    gas: bool = True  # whether motion compresses the gas in its muscles
 
     def __call__(self, P1: Array, P2: Array) -> Array:
         """Return q (…) [rad]."""
@@ -121,9 +121,9 @@ class Equilibrium:
 
 
 def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple[Muscle, Muscle, float]:
-    """Return agonist, antagonist and the encoder's zero [rad] that rest at u (n,) [rad] at P1, P2 (n,) [Pa].
+    """Return agonist, antagonist and the encoder's zero [rad] with equilibria u (n,) [rad] at P1, P2 (n,) [Pa].
 
-    Raises `InvalidInput` where these are no muscles any more.
+    Raises `InvalidInput` if these are no longer valid muscles.
     """
     from scipy.optimize import least_squares
 
@@ -156,7 +156,7 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
     most = np.array([_MOST_ZERO, *[_MOST_CHANGE] * given.size])
     size = np.array([0.05, *[0.2] * given.size])
     x = 0 * size
-    for objective in (torques, residual):  # from afar the angles jump where the joint is soft; torques are smooth
+    for objective in (torques, residual):  # far away the angles of a soft joint jump; torques are smooth
         x = least_squares(objective, x, bounds=(-most, most), x_scale=size, ftol=1e-6, max_nfev=60).x
     agonist, antagonist = muscles(x)
     try:
@@ -170,7 +170,7 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
 def _equilibrium(
     joint: AntagonistJoint, agonist: Muscle, antagonist: Muscle, start: Array, P1: Array, P2: Array
 ) -> Array:
-    """Return θ_eq (n,) [rad], sought from `start` (n,) [rad]."""
+    """Return θ_eq (n,) [rad], searched from `start` (n,) [rad]."""
     reach = joint.geometry.reach
     low, high = (np.full(start.size, end) for end in (max(reach[0], -_TURN), min(reach[1], _TURN)))
 

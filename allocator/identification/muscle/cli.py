@@ -170,7 +170,7 @@ def _describe(fit: Fit[Muscle], console: Console) -> None:
 
 
 def _greatest(fit: Fit[Muscle]) -> str:
-    """Return at which contraction the muscle pulls no more at the highest pressure, and whether that was measured."""
+    """Return the contraction of zero force at the highest pressure, and whether that was measured."""
     P, most = float(fit.samples.pressure.max()), float(fit.samples.contraction.max())
     eps = np.linspace(0.0, _MOST_CONTRACTION, 2001)
     slack = np.flatnonzero(fit.muscle.law(P, eps) <= 0)

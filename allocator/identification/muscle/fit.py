@@ -1,8 +1,8 @@
 """Fit of one muscle model to measured forces, and a ranking of all models on the same samples.
 
-The law of some models ends where a muscle is stretched; such a model is fitted without those samples. Models are ranked
-by cross-validation within the samples that every model takes, in the same parts. A model that leaves out more than a
-tenth of the samples is never called the best if another does not.
+Some models are not defined for stretched muscles and are fitted without those samples. Models are ranked by
+cross-validation within the samples common to all, in the same parts. A model that leaves out more than a tenth of the
+samples is never the best if another does not.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -30,9 +30,9 @@ M = TypeVar("M", bound=Muscle)
 Range = tuple[float, float]
 
 EVERYTHING: Range = (-np.inf, np.inf)
-_MOST_LEVELS = 40  # more different pressures than this are put into classes
+_MOST_LEVELS = 40  # more distinct pressures are grouped into classes
 _CLASSES = 10
-_PULLS = 0.02  # of full scale: a pull of the model where the muscle was slack that is to be named
+_PULLS = 0.02  # of full scale: a modelled pull of a slack muscle that is reported
 
 
 def fit(
@@ -54,37 +54,37 @@ def fit(
     """Fit `model` to forces [N] measured at contractions [-] and gauge pressures [Pa], arrays that broadcast.
 
     Logs of more than 2000 rows are averaged over cells first (see `thinning`), and the load cell's sign and offset are
-    corrected if the slack readings show them (see `load_cell`); `samples.notes` of the answer says so. Forces that
-    stand apart from their neighbours are left out (see `outliers`), and `samples.dropped` lists them.
+    corrected if the slack readings show them (see `load_cell`), with a note in `samples.notes`. Outliers are left out
+    (see `outliers`) and listed in `samples.dropped`.
 
     Parameters
     ----------
     weights
-        Of the squared residuals, relative; all 1 if not given.
+        Relative weights of the squared residuals; by default 1.
     taut_only
-        Only forces that are distinguishable from zero are equations, the others mean slack: inequalities F ≤ 0 (see
-        `Samples.residual`). If False every force is taken as measured, negative ones too.
+        Only forces distinguishable from zero are equations; the others mean slack: inequalities F ≤ 0 (see
+        `Samples.residual`). If False every force is an equation, including negative ones.
     hold
         Parameters (by the names of `Muscle.parameters`) that are not fitted, e.g. ``{"r0": 0.0109}``. Those that only
-        set a scale (P_max, rest lengths) are always held, at a usual value unless it is given here.
+        set a scale (P_max, rest lengths) are always held, by default at a usual value.
     start
-        A muscle to start from, needed for a model of one's own without a `recipe`.
+        Initial muscle, required for a custom model without a `recipe`.
     pressure_range, contraction_range
         Samples outside [Pa], [-] are dropped, and counted.
     folds
         Number of parts for cross-validation: each part is predicted from the others; 0: none.
     zero_noise
-        Standard deviation of the load cell's readings at no force [N]; estimated from the slack ones if not given.
-        Where there is some, samples are weighted by the variance of their readings.
+        Standard deviation of the load cell's readings at no force [N]; by default estimated from the slack ones. If it
+        is not zero, samples are weighted by the variance of their readings.
     file
         Label of the file, or the experiment, of each sample: sign and zero of the load cell, outliers and hysteresis
-        are found in each for itself, and errors are reported for each (`Fit.files`). One muscle is fitted to all.
+        are determined separately in each, and errors are reported for each (`Fit.files`). One muscle is fitted to all.
 
     Raises
     ------
     InvalidInput
-        If the samples cannot be what they should be, are fewer than the parameters, at one pressure only, or if no
-        muscle of this kind comes near them.
+        For samples that are invalid, fewer than the parameters, or at one pressure only, and if no muscle of this kind
+        fits them.
     """
     samples = Samples.checked(contraction, pressure, force, weights, file)
     samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
@@ -100,8 +100,9 @@ def prepared(
     *,
     taut_only: bool = True,
 ) -> Samples:
-    """Return the samples that every model is fitted to: within the ranges, thinned, corrected for the load cell and
-    without outliers. Each file has a zero, outliers and a hysteresis of its own.
+    """Return the samples for all models: within the ranges, thinned, corrected for the load cell, without outliers.
+
+    Each file has its own zero, outliers and hysteresis.
     """
     if zero_noise is not None:
         zero_noise = checks.not_negative("zero_noise", zero_noise, "N")
@@ -134,9 +135,9 @@ def build_problem(
     *,
     taut_only: bool = True,
 ) -> tuple[MuscleProblem, tuple[Muscle, ...], Mask]:
-    """Build the problem of fitting `model` to those of the prepared samples that are in its domain.
+    """Build the fit of `model` to the prepared samples in its domain.
 
-    Returns the problem, where to start, and which samples (n,) are in the domain.
+    Returns the problem, its starts, and the mask (n,) of samples in the domain.
     """
     recipe = _recipe(model, samples, start, hold or {})
     least = max(s.min_contraction for s in recipe.starts)
@@ -152,7 +153,7 @@ def build_problem(
 
 
 def _recipe(model: type[M], samples: Samples, start: M | None, hold: Mapping[str, float]) -> Recipe[M]:
-    """Return the model's recipe, starting from `start` if given and at the values that are held."""
+    """Return the model's recipe, from `start` if given, with the held values."""
     recipe = model.recipe(samples.contraction, samples.pressure, np.where(samples.slack, 0.0, samples.force))
     if start is not None:
         recipe = replace(recipe, starts=(replace(start, measured=None),))  # the formula is fitted, not its continuation
@@ -177,11 +178,11 @@ def _check_sufficient(problem: MuscleProblem) -> None:
 def conclude(
     model: type[M], problem: MuscleProblem, folds: int, starts: tuple[Muscle, ...], common: Mask | None = None
 ) -> Fit[M]:
-    """Solve, and say everything about the solution; it is cross-validated on the samples `common` (default: all)."""
+    """Solve the problem and return the fit, cross-validated on the samples `common` (default: all)."""
     solution = problem.solve(starts)
     samples, slack, x = problem.samples, problem.slack, solution.x
     try:
-        muscle = replace(problem.muscle(x))  # checks it
+        muscle = replace(problem.muscle(x))  # checks the parameters
     except InvalidInput as error:
         raise InvalidInput(f"the best {model.__name__} makes no sense as a muscle: {error}") from None
     inside = ~at_bound(x, problem.lower, problem.upper, 1e-6, 1e-3)
@@ -230,7 +231,7 @@ def _embedded(problem: MuscleProblem, covariance: Array, inside: Mask) -> Covari
 def _warnings(
     problem: MuscleProblem, solution: Solution, inside: Mask, collinear: tuple[str, ...], failure: str, pulls: Array
 ) -> Iterator[str]:
-    """Yield the caveats of a fit; `pulls` are the model's forces [N] where it was slack."""
+    """Yield the caveats of a fit; `pulls` are the model's forces [N] at slack samples."""
     for name, value, free in zip(problem.free, solution.x, inside, strict=True):
         if not free:
             yield f"{name} ended at the limit of its search, {value:g}"
@@ -246,9 +247,9 @@ def _warnings(
 def _cross_validated(
     problem: MuscleProblem, starts: tuple[Muscle, ...], muscle: Muscle, folds: int, common: Mask | None
 ) -> float:
-    """Return the weighted RMS error of taut samples predicted from a fit to the others, as if only the `common` were.
+    """Return the weighted RMS error of taut samples predicted from fits to the other parts of the `common` samples.
 
-    It is NaN if there are not enough for that.
+    It is NaN if there are too few.
     """
     if common is not None and not common.all():
         problem = problem.on(common)
@@ -277,7 +278,7 @@ def _levels(P: Array, error: Array) -> tuple[Level, ...]:
 
 
 def _classes(P: Array) -> NDArray[np.intp]:
-    """Return the class (n,) of each pressure: clusters where they stand apart, as about setpoints; else equal parts."""
+    """Return the class (n,) of each pressure: separate clusters, e.g. around setpoints; else equal parts."""
     order = np.argsort(P)
     apart = np.diff(P[order], prepend=P[order[0]]) > np.ptp(P) / (4 * _CLASSES)
     cluster = np.empty(P.size, np.intp)
@@ -300,12 +301,12 @@ class Ranking:
 
     fits: tuple[Fit[Muscle], ...]
     failures: Mapping[str, str]  # model name → sentence
-    samples: int  # how many there are to fit
-    judged: int  # how many of them all models take, on which they are judged
+    samples: int  # number of samples to fit
+    judged: int  # number of samples common to all models, used for the ranking
 
     @property
     def best(self) -> Fit[Muscle] | None:
-        """Return the best of those that keep [M] and have a closed-form inverse; else that keep [M]; else of all.
+        """Return the best model that satisfies [M] and has a closed-form inverse; else that satisfies [M]; else of all.
 
         Only those are considered that leave out at most a tenth of the samples, if there are any.
         """
@@ -327,9 +328,9 @@ def rank_models(
     zero_noise: float | None = None,
     progress: Callable[[Iterable[type[Muscle]]], Iterable[type[Muscle]]] = lambda models: models,
 ) -> Ranking:
-    """Fit every model to `samples`; `hold` applies where a model has the parameter, other options are those of `fit`.
+    """Fit every model to `samples`; `hold` applies to models with the parameter, other options are those of `fit`.
 
-    Raises `InvalidInput` if no samples are left, and for a parameter to hold that no model has.
+    Raises `InvalidInput` if no samples are left, and if no model has a parameter to hold.
     """
     models = tuple(models)
     _check_held(models, hold or {})
@@ -353,7 +354,7 @@ def rank_models(
             failures[model.__name__] = str(error)
     judged = samples.where(common)
     errors = np.array([fit.cross_validated for fit in fits])
-    if np.isnan(errors).any():  # by the weighted squares at the taut ones of the samples that all models take
+    if np.isnan(errors).any():  # by the weighted squares at the taut samples common to all models
         left = [f.muscle.law(judged.pressure, judged.contraction) - judged.force for f in fits]
         errors = np.array([judged.weights @ np.where(judged.slack, 0.0, error) ** 2 for error in left])
     ranked = tuple(fits[i] for i in np.argsort(errors, kind="stable"))

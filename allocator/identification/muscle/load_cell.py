@@ -1,22 +1,22 @@
 """Effects of the measurement on forces: sign, offset and noise of the load cell, and hysteresis.
 
-Where a muscle must be slack is seen without any model, since its force falls with contraction and rises with pressure:
-one sample is beyond another if it is contracted further at no higher pressure, or is at lower pressure and contracted
-no less. The slack readings are those beyond a reading that is not above their own median. That median is the cell's
-offset. The root mean square of those that differ from it is its zero noise σ0, which holds also for readings that are
-cut off at zero: half of a normal distribution has the same mean square as the whole.
+Slack is detected without a model, since the force falls with contraction and rises with pressure: one sample is beyond
+another if it is contracted further at no higher pressure, or is at lower pressure and contracted no less. The slack
+readings are those beyond a reading that is not above their own median. That median is the cell's offset. The root mean
+square of those that differ from it is its zero noise σ0, also for readings cut off at zero: half of a normal
+distribution has the same mean square as the whole.
 
-The variance of a reading is that of Rocke & Lorenzato (Technometrics 37:176-184, 1995), σ² = a² + (ρF)², here with
-a ≥ σ0. Its two numbers maximise the likelihood of the residuals of a polynomial in contraction and pressure, so that
-they belong to the samples and are the same for every model. Without zero noise all weights stay as they are.
+The variance of a reading is that of Rocke & Lorenzato (Technometrics 37:176-184, 1995), σ² = a² + (ρF)², here with a ≥
+σ0. Its two numbers maximise the likelihood of the residuals of a polynomial in contraction and pressure, so they are
+the same for every model. Without zero noise all weights are unchanged.
 
 Hysteresis is the difference between the branches of rising and falling pressure or contraction,
 
     F = f(ε, P) - s_P h_P/2 - s_ε h_ε/2        s = +1 on a rising branch, -1 on a falling one, 0 where it rests
 
-f being a polynomial and h the mean by which the falling branch pulls harder, by least squares. A law without memory
-runs between the branches. They follow from a column of directions or from the order of the rows, each of which is a
-step of the quantity that moves further in its range.
+with a polynomial f and the mean excess h of the falling branch's force, by least squares. A law without memory runs
+between the branches. They follow from a column of directions or from the order of the rows; each row is a step of the
+quantity that moves further in its range.
 """
 
 from dataclasses import replace
@@ -28,26 +28,26 @@ from numpy.polynomial import chebyshev
 from allocator.calculus import Array, Mask
 from allocator.identification.muscle.samples import Samples, tension
 
-_MOST_READINGS = 2000  # that are looked at for the zero
-_LEAST_SLACK = 6  # readings that show where zero is
-_BEYOND = 0.005  # of the range: what counts as further contracted, or as less pressure
-_SPREAD = 0.05  # of full scale: readings that scatter more are no plateau
-_SPREAD_OFF_ZERO = 0.01  # the same, where the plateau is not at zero
-_SHARE_OFF_ZERO = 0.05  # of the samples that such a plateau has at least
-_SURE = 4.0  # standard deviations from which on an offset, a slope or a difference is there
+_MOST_READINGS = 2000  # used for the zero
+_LEAST_SLACK = 6  # readings that determine the zero
+_BEYOND = 0.005  # of the range: difference that counts as further contracted, or as less pressure
+_SPREAD = 0.05  # of full scale: greatest scatter of a plateau
+_SPREAD_OFF_ZERO = 0.01  # the same for a plateau not at zero
+_SHARE_OFF_ZERO = 0.05  # of the samples: least size of such a plateau
+_SURE = 4.0  # standard deviations of a significant offset, slope or difference
 _DEGREES = ((6, 2), (4, 2), (3, 1), (2, 1), (1, 1))  # of the polynomial in contraction and in pressure
 _SAMPLES_PER_TERM = 4
 _PASSES = 4  # of weighting and fitting the polynomial
 _STILL = 1e-3  # of the range: a smaller step is rest
-_WINDOWS = 500  # of a log, over each of which it is seen what moves
-_JUMP = 0.3  # of the range: a greater step is a new row of a table rather than a motion
-_LEAST_RUN = 3  # rows of one branch after each other
+_WINDOWS = 500  # of a log, each searched for the quantity that moves
+_JUMP = 0.3  # of the range: a greater step is a new row of a table, not a motion
+_LEAST_RUN = 3  # consecutive rows of one branch
 _LEAST_ROWS = 5  # on either branch
-_LEAST = 0.005  # of full scale: a smaller difference is not worth a sentence
+_LEAST = 0.005  # of full scale: a smaller difference is not reported
 
 
 class Zero(NamedTuple):
-    """Reading of a load cell at no force."""
+    """Reading of a load cell without force."""
 
     offset: float  # [N]
     noise: float  # standard deviation [N]
@@ -77,7 +77,7 @@ def zeroed(samples: Samples, zero_noise: float | None = None) -> Samples:
 
 
 def find_zero(samples: Samples) -> Zero | None:
-    """Return the zero of the load cell; None if too few samples are slack to show one."""
+    """Return the zero of the load cell; None if too few samples are slack."""
     further = _further(samples)
     level = np.inf
     while True:
@@ -102,7 +102,7 @@ def _further(samples: Samples) -> Mask:
 
 
 def _zero(samples: Samples, slack: Mask) -> Zero | None:
-    """Return the zero shown by the slack readings, unless they are no plateau: too scattered, or falling."""
+    """Return the zero of the slack readings, or None if they are not a plateau: too scattered, or falling."""
     y = samples.force[slack]
     cut = bool((y == 0).sum() > (y < 0).sum())
     offset = 0.0 if cut else float(np.median(y))
@@ -120,7 +120,7 @@ def _zero(samples: Samples, slack: Mask) -> Zero | None:
 
 
 def weighted(samples: Samples) -> Samples:
-    """Return the samples with their weights divided by the variance of the readings, and on average as they were."""
+    """Return the samples with their weights divided by the variance of the readings, with the same mean weight."""
     if samples.zero_noise <= 0:
         return samples
     variance = reading_variance(samples)
@@ -148,7 +148,7 @@ def reading_variance(samples: Samples) -> Array | None:
 
 
 def polynomial(samples: Samples, n: int) -> Array | None:
-    """Return the Chebyshev polynomials (n, terms) in contraction and pressure, as many as `n` samples can determine."""
+    """Return the Chebyshev polynomials (n, terms) in contraction and pressure, as many as n samples determine."""
     x, y = (2 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1 for q in (samples.contraction, samples.pressure))
     for degrees in _DEGREES:
         if n >= _SAMPLES_PER_TERM * (degrees[0] + 1) * (degrees[1] + 1):
@@ -185,7 +185,7 @@ class Branches(NamedTuple):
 
 
 def hysteresis(samples: Samples) -> tuple[Branches, ...]:
-    """Return the differences between branches that the taut samples, in their order, show beyond doubt."""
+    """Return the significant differences between branches of the taut samples, in their order."""
     taut = ~samples.slack
     terms = polynomial(samples, int(taut.sum()))
     if terms is None:
@@ -224,13 +224,13 @@ def _signs(samples: Samples) -> dict[str, Array]:
 
 
 def _in_a_branch(sign: Array) -> Mask:
-    """Return which rows (n,) lie in a run of rows of one sign that is long enough for a branch."""
+    """Return the rows (n,) in a run of one sign that is long enough for a branch."""
     run = np.cumsum(np.diff(sign, prepend=sign[:1]) != 0)
     return np.asarray(np.bincount(run)[run] >= _LEAST_RUN)
 
 
 def _steps(q: Array) -> Array:
-    """Return by how much of its range q (n,) changes about each row."""
+    """Return the change of q (n,) around each row, relative to its range."""
     width = max(1, q.size // _WINDOWS)
     after, before = np.minimum(np.arange(q.size) + width - 1, q.size - 1), np.maximum(np.arange(q.size) - width, 0)
     step = (q[after] - q[before]) / max(float(np.ptp(q)), 1e-300)

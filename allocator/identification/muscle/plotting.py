@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_ISOBARS = 8
-_NEAR = 0.003  # of the highest pressure: what counts as the same level
+_NEAR = 0.003  # of the highest pressure: width of a level
 
 
 def fit_figure(fit: Fit[Muscle]) -> "Figure":
@@ -71,9 +71,9 @@ def plot_isobars(fit: Fit[Muscle], axes: "Axes | None" = None) -> "Axes":
 
 
 def _within(levels: tuple[Level, ...], pressure: Array) -> float:
-    """Return how far [Pa] a sample's pressure may be from its isobar: half-way to the next level, where all are apart.
+    """Return the greatest distance [Pa] of a sample's pressure from its isobar: half the gap to the next level.
 
-    Where the levels are classes of pressures that vary continuously, a tenth of their distance.
+    For classes of continuously varying pressures, a tenth of their distance.
     """
     P = np.sort([level.pressure for level in levels])
     apart = float(np.diff(P).min()) if P.size > 1 else float(np.inf)

@@ -22,7 +22,7 @@ _ACTIVE_SET_STEPS = 30
 _TOLERANCE = 1e-12
 _FIRST_EVALUATIONS = 40
 _MAX_EVALUATIONS = 400
-_GREAT = 1e100  # stands for a force that the law cannot evaluate
+_GREAT = 1e100  # in place of a force that the law cannot evaluate
 
 
 class Solution(NamedTuple):
@@ -62,7 +62,7 @@ class MuscleProblem:
         return self.prototype.unchecked([*(self.prototype.parameters | free).values()])
 
     def force(self, x: Array) -> Array:
-        """Return F (n,) at the samples [N]; a huge number where the law gives none, so that the search turns back."""
+        """Return F (n,) at the samples [N]; a huge number if the law gives none, so that the search turns back."""
         with np.errstate(all="ignore"):
             F = self.muscle(x).law(self.samples.pressure, self.samples.contraction)
         return np.where(np.isfinite(F), F, _GREAT) + 0.0 * self.samples.force
@@ -84,17 +84,17 @@ class MuscleProblem:
     def solve(self, starts: tuple[Muscle, ...]) -> Solution:
         """Return the best of the searches from all starts.
 
-        Only the one that leads after a while is followed to its end.
+        Only the leader after some steps is followed to its end.
         """
         begun = [self._search(self.solve_linear(self.values(start)), _FIRST_EVALUATIONS) for start in starts]
         best = min(begun, key=lambda solution: solution.cost)
         return best if best.converged else self._search(best.x, _MAX_EVALUATIONS)
 
     def solve_linear(self, x: Array) -> Array:
-        """Return `x` with its linear part replaced by the least-squares solution, the rest held.
+        """Return `x` with its linear part replaced by the least-squares solution.
 
-        With inequalities the cost is convex and piecewise quadratic; the set of violated ones is updated until it
-        stays the same (Newton's method).
+        With inequalities the cost is convex and piecewise quadratic; the set of violated ones is updated until it is
+        constant (Newton's method).
         """
         places = np.array([i for i, name in enumerate(self.free) if name in self.linear], int)
         if not places.size:
@@ -138,6 +138,6 @@ class MuscleProblem:
 
 
 def _inside(x: Array, lower: Array, upper: Array) -> Array:
-    """Return `x` moved strictly between the bounds, as SciPy wants its start."""
+    """Return `x` moved strictly between the bounds, as SciPy requires."""
     width = np.where(np.isfinite(upper - lower), upper - lower, np.maximum(np.abs(x), 1.0))
     return np.clip(x, lower + 1e-3 * width, upper - 1e-3 * width)

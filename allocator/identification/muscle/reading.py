@@ -1,7 +1,7 @@
-"""Tables of measured forces: CSV files, and those of the package, which name their sources in their first lines.
+"""Tables of measured forces: CSV files, and those of the package, with their sources in the first lines.
 
-One line of column names, one sample a line (`allocator.files.csv_table`). Columns, in any order; others are listed in
-the notes:
+One line of column names, then one sample per line (`allocator.files.csv_table`). Columns, in any order; others are
+listed in the notes:
 
     contraction [%] or as a ratio without a unit, or length or shortening [mm, cm, m, in]   (these need the rest length)
     pressure [bar, mbar, kPa, MPa, Pa, psi], gauge
@@ -39,13 +39,12 @@ def read_samples(
 ) -> Samples:
     """Read measured forces; `rest_length` [m] is needed for a length or a shortening.
 
-    `columns` says which column is what where the names do not: ``{"pressure": "p:bar", "force": "F:-N"}``, name and
-    unit; a minus turns the sign round, ``bar(abs)`` takes the atmosphere off. `skip_rows` lines are left out at the
-    beginning of the file. Of a raw log, rows are left out in which a reading is missing, jumps there and back, or is a
-    pressure that drops out. `topics` maps quantities to numbers of a ROS bag or an MCAP file, see `read_motion_log`.
-    `Samples.notes` lists the unused rows.
+    `columns` assigns columns with unclear names: ``{"pressure": "p:bar", "force": "F:-N"}``, name and unit; a minus
+    reverses the sign, ``bar(abs)`` subtracts the atmosphere. `skip_rows` lines are skipped at the beginning of the
+    file. Rows of a raw log with a missing reading, a spike, or a drop-out of a pressure are left out. `topics` maps
+    quantities to numbers of a ROS bag or an MCAP file, see `read_motion_log`. `Samples.notes` lists the unused rows.
 
-    Raises `InvalidFile`, with line and column, at anything that cannot be read or cannot be right.
+    Raises `InvalidFile`, with line and column, for unreadable or implausible contents.
     """
     measured = read_columns(path, _WANTED, ("direction", "time"), columns, skip_rows=skip_rows, topics=topics)
     if is_raw(measured):
@@ -82,7 +81,7 @@ class Dataset:
 
     file: str
     about: str
-    rest_length: float | None = None  # l0 [m], where the table gives lengths
+    rest_length: float | None = None  # l0 [m], if the table gives lengths
 
     def samples(self) -> Samples:
         """Read the table."""

@@ -17,12 +17,10 @@ M_co = TypeVar("M_co", bound=Muscle, covariant=True)
 
 
 class Level(NamedTuple):
-    """Residuals F_model - F_measured of the taut samples in a range of pressures (one level where there
-    are few).
-    """
+    """Residuals F_model - F_measured of the taut samples in a range of pressures (one level if there are few)."""
 
     pressure: float  # mean [Pa]
-    samples: int  # how many
+    samples: int  # number of samples
     mean: float  # [N]
     rms: float  # [N]
 
@@ -31,7 +29,7 @@ class FileError(NamedTuple):
     """Residuals F_model - F_measured of the taut samples of one file."""
 
     name: str
-    samples: int  # how many
+    samples: int  # number of samples
     mean: float  # [N]
     rms: float  # [N]
 
@@ -41,13 +39,13 @@ class Fit(Generic[M_co]):
     """Fitted muscle with its uncertainties. Errors are over the taut samples."""
 
     muscle: M_co  # carries its covariance
-    samples: Samples  # those used; `samples.dropped` says how many were left out and why
-    slack: Mask  # (n,) which samples were taken as inequalities F ≤ 0, not being distinguishable from zero
+    samples: Samples  # those used; `samples.dropped` counts those left out by reason
+    slack: Mask  # (n,) samples treated as inequalities F ≤ 0, not distinguishable from zero
     free: tuple[str, ...]  # names of the fitted parameters
-    rank: int  # how many combinations of them the samples determine
+    rank: int  # number of combinations of them that the samples determine
     rms: float  # [N]
     max_error: float  # greatest |F_model - F_measured| [N]
-    cross_validated: float  # RMS error [N], weighted as the fit, of samples kept from it; NaN if not asked for
+    cross_validated: float  # RMS error [N], weighted as the fit, of left-out samples; NaN if not requested
     levels: tuple[Level, ...]
     collinear: tuple[str, ...]  # changes of parameters that change no force
     monotone: bool  # [M] holds on the taut domain of the data
@@ -60,7 +58,7 @@ class Fit(Generic[M_co]):
 
     @property
     def covariance(self) -> Array:
-        """Return the covariance of all parameters (m, m) in the order of `muscle.parameters`; 0 for those held."""
+        """Return the covariance of all parameters (m, m) in the order of `muscle.parameters`; 0 for held ones."""
         return np.array(self.muscle.covariance)
 
     @property
@@ -85,12 +83,12 @@ class Fit(Generic[M_co]):
 
     @property
     def n_taut(self) -> int:
-        """Return how many samples are equations."""
+        """Return the number of samples that are equations."""
         return int((~self.slack).sum())
 
     @property
     def files(self) -> tuple[FileError, ...]:
-        """Return the errors of each file, of none where there is one."""
+        """Return the errors of each file; empty for a single file."""
         if self.samples.file is None:
             return ()
         error = self.residuals()
@@ -98,7 +96,7 @@ class Fit(Generic[M_co]):
         return tuple(FileError(name, e.size, float(e.mean()), rms(e)) for name, e in taut if e.size)
 
     def residuals(self) -> Array:
-        """Return F_model - F_measured (n,) [N]; where the model and the muscle are slack, the cell's reading alone."""
+        """Return F_model - F_measured (n,) [N]; if model and muscle are slack, the cell's reading alone."""
         return self._residuals(self.muscle)
 
     def _residuals(self, muscle: Muscle) -> Array:
@@ -110,8 +108,8 @@ class Fit(Generic[M_co]):
         confidence.
 
         The region {p: (S(p) - S_min)/r ≤ s² F_level(r, n - r)}, S the sum of weighted squares, r the rank, s² the
-        variance of the residuals (Bates & Watts 1988, section 6.1). Unlike the ellipsoid of the covariance it does
-        not depend on how the law is written, and holds for laws that bend: the ellipsoid of MartensBoblan2017 or
+        variance of the residuals (Bates & Watts 1988, section 6.1). Unlike the ellipsoid of the covariance it does not
+        depend on the parametrisation of the law, and is valid for nonlinear laws: the ellipsoid of MartensBoblan2017 or
         TonduLopez2000 misses the truth in half of all cases or more at 2 % noise, this region in 1 %.
         """
         from scipy.special import fdtri
@@ -149,9 +147,7 @@ class Fit(Generic[M_co]):
         return f"Fit of {self.model}: {self._errors()}\n  {self._counts()}" + first_of(self.warnings)
 
     def _repr_html_(self) -> str:
-        """Return how good the fit is for notebooks, with a table of the parameters (SI units) and their standard
-        deviations.
-        """
+        """Return the errors of the fit for notebooks, and a table of parameters (SI units) and standard deviations."""
         std, muscle = self.standard_deviations, self.muscle.parameters
         rows = [(name, f"{value:.5g}", f"{std[name]:.2g}") for name, value in muscle.items()]
         return html_table(f"{self.model}: {self._errors()}; {self._counts()}", rows, ("parameter", "value", "± std"))

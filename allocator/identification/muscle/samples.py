@@ -16,11 +16,11 @@ from allocator.units import BAR
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _MOST_STRETCH = -0.25  # [-]
 _NOT_CONTRACTED, _FAR_STRETCHED = 0.01, -0.05  # [-]
-_ZERO_PRESSURE = 0.05 * BAR  # [Pa] what a sensor may be off
-_SLACK = 3.0  # times the zero noise: a force that is not distinguishable from zero
-_FAR = 40.0  # standard deviations, from where on a normal distribution is over
-_ATMOSPHERE = (0.95 * BAR, 1.10 * BAR)  # [Pa] what an absolute sensor shows on an empty muscle
-MOST_ROWS = 2000  # more are averaged over cells
+_ZERO_PRESSURE = 0.05 * BAR  # [Pa] offset of a sensor
+_SLACK = 3.0  # times the zero noise: forces indistinguishable from zero
+_FAR = 40.0  # standard deviations, beyond any normal variable
+_ATMOSPHERE = (0.95 * BAR, 1.10 * BAR)  # [Pa] reading of an absolute sensor on an empty muscle
+MOST_ROWS = 2000  # longer logs are averaged over cells
 _CELLS = (64, 32)  # of contraction, of pressure
 
 
@@ -28,21 +28,21 @@ _CELLS = (64, 32)  # of contraction, of pressure
 class Samples:
     """Samples of n measured forces; arrays [n], read-only.
 
-    A force that is not distinguishable from zero means slack.
+    A force indistinguishable from zero means slack.
     """
 
     contraction: Array  # ε [-]
     pressure: Array  # P, gauge [Pa]
     force: Array  # F [N]
     weights: Array  # of the squared residuals, relative [-]
-    dropped: Mapping[str, int] = field(default_factory=dict)  # how many samples were left out, by reason
+    dropped: Mapping[str, int] = field(default_factory=dict)  # numbers of samples left out, by reason
     zero_noise: float = 0.0  # standard deviation of the readings at no force [N]
     cut: bool = False  # whether the cell cuts its readings off at zero
-    zero_seen: bool = False  # whether slack readings show the cell's zero
-    scatter: Array | None = None  # standard deviation [N] of the readings that a sample is the mean of; None: of one
-    notes: tuple[str, ...] = ()  # what was done to the readings
-    direction: Array | None = None  # +1 where the quantity that was varied rises, -1 where it falls; None: not told
-    file: NDArray[np.intp] | None = None  # index of the file in `files`; None: there is one
+    zero_seen: bool = False  # whether slack readings determine the cell's zero
+    scatter: Array | None = None  # standard deviation [N] of the readings averaged in a sample; None: single readings
+    notes: tuple[str, ...] = ()  # corrections of the readings
+    direction: Array | None = None  # +1 if the varied quantity rises, -1 if it falls; None if unknown
+    file: NDArray[np.intp] | None = None  # index of the file in `files`; None for a single file
     files: tuple[str, ...] = ()
 
     @classmethod
@@ -54,9 +54,9 @@ class Samples:
         weights: ArrayLike | None = None,
         file: ArrayLike | None = None,
     ) -> Self:
-        """Make samples of anything array-like, with a label of the file of each if there are several.
+        """Return checked samples from array-like data, with the label of each one's file if there are several.
 
-        Raises `InvalidInput` at what cannot be a muscle's force in SI units.
+        Raises `InvalidInput` unless they can be a muscle's forces in SI units.
         """
         eps, P = checks.real("contraction", contraction, "ratio"), checks.pressure("pressure", pressure)
         F = checks.real("force", force, "N")
@@ -86,22 +86,22 @@ class Samples:
 
     @property
     def slack(self) -> Mask:
-        """Return which forces (n,) are not distinguishable from zero."""
+        """Return which forces (n,) are indistinguishable from zero."""
         return np.asarray(self.force <= self.slack_limit)
 
     @property
     def slack_limit(self) -> float:
-        """Return three times the zero noise [N], the greatest force that is not distinguishable from zero."""
+        """Return three times the zero noise [N], the greatest force indistinguishable from zero."""
         return _SLACK * self.zero_noise
 
     def residual(self, F: Array, slack: Mask) -> Array:
-        """Return by how much the model's forces F (n,) [N] miss the readings y.
+        """Return the residuals of the model's forces F (n,) [N] from the readings y.
 
-        A taut sample is an equation, F - y. A slack one is one-sided: the cell shows max(F, 0) and noise, hence
-        max(F, 0) - y, which asks nothing of a model that is slack there. The two differ only where F < 0: a line drawn
-        between them by noisy readings does not bias the model. A reading far below zero says only "slack". Of a cell
-        that cuts its readings off at zero the mean is that of a censored normal variable, F Φ(F/σ) + σ φ(F/σ) (Tobin,
-        Econometrica 26:24-36, 1958).
+        A taut sample is an equation, F - y. A slack one is one-sided: the cell shows max(F, 0) and noise, hence max(F,
+        0) - y, which is independent of a slack model. The two differ only where F < 0, so a threshold between them from
+        noisy readings does not bias the model. A reading far below zero means only "slack". The mean reading of a cell
+        that cuts off at zero is that of a censored normal variable, F Φ(F/σ) + σ φ(F/σ) (Tobin, Econometrica 26:24-36,
+        1958).
         """
         pull = np.maximum(F, 0.0)
         if self.censored:
@@ -154,7 +154,7 @@ class Samples:
         return replace(self, notes=(*self.notes, note))
 
     def without_outliers(self) -> Self:
-        """Return the samples but those whose force stands apart from those of their neighbours, which are listed."""
+        """Return the samples without outliers among their neighbours' forces, which are listed."""
         apart = outlying(np.stack([self.contraction, self.pressure], axis=1), self.force)
         shown = [
             f"{F:.4g} N at {eps:.3g} and {P / BAR:.3g} bar"
@@ -163,17 +163,17 @@ class Samples:
         return self.without(apart, f"force apart from those at like contractions and pressures: {some(shown)}")
 
     def without(self, drop: Mask, reason: str) -> Self:
-        """Return the samples not in the mask `drop`, whose number is remembered under `reason`."""
+        """Return the samples not in the mask `drop`, and record the number dropped under `reason`."""
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
 
 
 def joined(parts: Mapping[str, Samples]) -> Samples:
-    """Return the samples of several files by their names as one; of one file those samples.
+    """Return the samples of several files, by their names, as one.
 
-    The zero noise is the greatest of them, the load cell cuts its readings off if it does in all, and directions are
-    forgotten. Notes and reasons name their file.
+    The zero noise is the greatest of them, the load cell cuts off its readings if it does in all, and directions are
+    dropped. Notes and reasons name their file.
     """
     if len(parts) == 1:
         return next(iter(parts.values()))
@@ -208,7 +208,7 @@ def _frozen(array: Array) -> Array:
 
 
 class Mistake(NamedTuple):
-    """Sample that cannot be right."""
+    """Implausible sample."""
 
     place: int  # index of the sample
     quantity: str  # "contraction", "pressure" or "force"
@@ -216,9 +216,9 @@ class Mistake(NamedTuple):
 
 
 def find_mistake(contraction: Array, pressure: Array, force: Array) -> Mistake | None:
-    """Return the first sign of percent for ratio, of extension for contraction, or of absolute for gauge pressure.
+    """Return the first sign of percent instead of ratio, extension instead of contraction, or absolute pressure.
 
-    The rules on pressure: a muscle without pressure pulls only when it is stretched. So the pressure is not gauge
+    The rules on pressure: a muscle without pressure pulls only when stretched. So the pressure is not gauge
 
     * if any is below -0.05 bar;
     * if at |P| ≤ 0.05 bar a muscle that is contracted (ε > 0) pulls with more than 5 % of the greatest force;
@@ -261,7 +261,7 @@ def _contraction_mistake(eps: Array) -> Mistake | None:
 
 
 def _extension_mistake(eps: Array, F: Array) -> Mistake | None:
-    """Return the mistake of readings never contracted, often stretched far, and weaker the more they are stretched."""
+    """Return the mistake of readings never contracted, often far stretched, and weaker with more stretch."""
     if not eps.size or eps.max() > _NOT_CONTRACTED or eps.min() > _FAR_STRETCHED:
         return None
     if (F - F.mean()) @ (eps - eps.mean()) <= 0:
@@ -302,9 +302,9 @@ def thinned(samples: Samples) -> Samples:
     """Return means over cells, with a note, if there are more than 2000 rows.
 
     A cell is 1/64 of the range of contractions times 1/32 of that of pressures, loading and unloading together. Its
-    weight is that of its rows, at most that of the median cell: a log that rests somewhere tells no more about the
-    muscle by that. Neighbouring rows are correlated, so a cell counts as one reading however many rows it has. The
-    scatter of its rows beyond the slope of the force is kept for the variance of the parameters.
+    weight is that of its rows, at most that of the median cell: a resting log adds no information. Neighbouring rows
+    are correlated, so a cell counts as one reading. The scatter of its rows beyond the slope of the force is kept for
+    the variance of the parameters.
     """
     if samples.n <= MOST_ROWS:
         return samples
@@ -344,9 +344,7 @@ def thinned(samples: Samples) -> Samples:
 
 
 def _scatter(moments: Array) -> Array:
-    """Return the standard deviation (cells,) of the last quantity about its plane over the others, from second
-    moments.
-    """
-    C, c = moments[:, :2, :2], moments[:, :2, 2]  # among the first two, and of them with the last
+    """Return the standard deviation (cells,) of the last quantity about a plane over the others, by second moments."""
+    C, c = moments[:, :2, :2], moments[:, :2, 2]  # moments of the first two, and with the last
     explained = np.einsum("ki,kij,kj->k", c, np.linalg.pinv(C, rcond=1e-9, hermitian=True), c)
     return np.asarray(np.sqrt(np.maximum(moments[:, 2, 2] - explained, 0.0)))

@@ -1,4 +1,4 @@
-"""Force surface of a muscle from a dense table, with the shape that muscles have.
+"""Force surface of a muscle from a dense table, with the shape constraints of muscles.
 
     F(P, ε) = Σ_ij C_ij B_i(P) B_j(ε)                                  tensor product of quadratic B-splines
 
@@ -9,22 +9,22 @@
     C_{i,j} - C_{i,j+1} ≤ C_{i+1,j} - C_{i+1,j+1}          stiffness -∂F/∂ε grows with pressure, where it pulls
 
 The inequalities on the coefficients are sufficient, since B-splines are not negative, and make one convex QP. The last
-kind holds where C_{i,j+1} of a first solution without it is above 2 % of the greatest coefficient, from where on the
-muscle pulls. It is slack up to a pressure that grows with its contraction, so one end of an interval of contractions is
-slack at first, and then gains force faster than the other: the slope over the interval falls there on real muscles.
+kind applies where C_{i,j+1} of a first solution without it is above 2 % of the greatest coefficient, i.e. the muscle
+pulls. It is slack up to a pressure that grows with its contraction, so one end of an interval of contractions is slack
+at first, and then gains force faster than the other: the slope over the interval falls there on real muscles.
 
-It is no `Muscle`, and takes no `TableMuscle`'s place in a joint. In P it is quadratic between `pressures` - 1 knots, so
-a pair of muscles has (pressures - 2)² pieces with optima of their own, 196 at 16 splines, where a law that is affine in
-P has one piece, a closed-form inverse, a QP and C code. It ends at the edges of its table, and five knots of a
-`TableMuscle` need ten samples where it needs 40.
+It is not a `Muscle`, and cannot replace a `TableMuscle` in a joint. In P it is quadratic between `pressures` - 1 knots,
+so a pair of muscles has (pressures - 2)² pieces with separate optima, 196 at 16 splines, while a law affine in P has
+one piece, a closed-form inverse, a QP and C code. It ends at the edges of its table, and needs 40 samples where five
+knots of a `TableMuscle` need ten.
 
-The ends of a muscle do not contract. A muscle of another length L than the measured L_0 is taken as
+The ends of a muscle do not contract. A muscle of a length L other than the measured L_0 is modelled as
 
     F_L(P, ε) = (a_L/a_0) F(P, ε a_L/a_0),   a_L = 1 - e/L             (S1)
 
-with one number, the end length e. At no contraction it is the growth of force with length that is measured on muscles
-of 10 mm diameter (304, 366, 422, 439 N for 10, 20, 30, 40 cm): e = 40 mm there. Each of these forces is within 6 % of
-that growth and no nearer, because muscles differ. One reading of the other muscle tells its strength:
+with one number, the end length e. At no contraction it gives the measured growth of force with length on muscles of 10
+mm diameter (304, 366, 422, 439 N for 10, 20, 30, 40 cm): e = 40 mm. These forces scatter by up to 6 % around that
+growth, because muscles differ. One reading of the other muscle determines its strength:
 
     F_s(P, ε) = s F_L(P, ε)                                            (S2)
 """
@@ -78,7 +78,7 @@ class ForceSurface:
         Raises
         ------
         InvalidInput
-            For arrays of different lengths, fewer samples than coefficients, and an axis along which nothing varies.
+            For arrays of different lengths, fewer samples than coefficients, and a constant axis.
         """
         eps, P = checks.contraction("contraction", contraction), checks.pressure("pressure", pressure)
         F = checks.real("force", force, "N")
@@ -113,7 +113,7 @@ class ForceSurface:
     def at_length(self, measured: float, other: float, end_length: float) -> Self:
         """Return the surface of a muscle of length `other`, all in one unit   (S1)
 
-        Raises `InvalidInput` for muscles that are all end.
+        Raises `InvalidInput` for muscles not longer than their ends.
         """
         if not 0 <= end_length < min(measured, other):
             raise InvalidInput(
@@ -124,7 +124,7 @@ class ForceSurface:
     def calibrated(self, pressure: float, contraction: float, force: float) -> Self:
         """Return the surface of a muscle with the force `force` [N] at one pressure [Pa] and contraction [-]   (S2)
 
-        Raises `InvalidInput` where this surface or that muscle does not pull.
+        Raises `InvalidInput` if this surface or that muscle does not pull.
         """
         here = float(self.force(pressure, contraction))
         if min(here, force) <= 0:

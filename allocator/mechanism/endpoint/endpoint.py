@@ -1,11 +1,11 @@
-"""Hand of a mechanism: a point that the joints move, which exerts a force f and resists with a stiffness K_x.
+"""Hand of a mechanism: a point moved by the joints, which exerts a force f and has a stiffness K_x.
 
-With x = x(q) and J = ∂x/∂q, rest under the force that the hand exerts is τ = Jᵀf; differentiating it,
+With x = x(q) and J = ∂x/∂q, equilibrium under the force of the hand is τ = Jᵀf; its derivative is
 
     K_q = Jᵀ K_x J - Γ(f),     Γ_ab = Σ_i f_i ∂²x_i/∂q_a∂q_b                                    (M4)
 
-A square J that can be inverted makes K_x of K_q and back. With more joints than coordinates many K_q have one K_x: the
-joints not held follow, so that its inverse is the compliance of the hand, K_x⁻¹ = J (K_q + Γ)⁻¹ Jᵀ.
+An invertible J maps K_x and K_q one to one. With more joints than coordinates many K_q have the same K_x: the free
+joints follow, so the inverse is the compliance of the hand, K_x⁻¹ = J (K_q + Γ)⁻¹ Jᵀ.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ from allocator.mechanism.endpoint.points import FunctionPoint, Kinematics, Linka
 from allocator.mechanism.routes.linkage import Link, Linkage
 
 _SINGULAR = 1e-9  # of the greatest singular value of J
-_LONGEST = 10.0  # [m] a link that is longer is in millimetres
+_LONGEST = 10.0  # [m] a longer link is in millimetres
 _SYMMETRIC = 1e-9  # of the greatest entry
 
 
@@ -31,8 +31,8 @@ _SYMMETRIC = 1e-9  # of the greatest entry
 class Endpoint:
     """Point whose coordinates x(q) ∈ R^dim depend on n joints; immutable.
 
-    Postures are (…, n), forces (…, dim), leading axes broadcast. Coordinates are lengths [m]; of a function of yours
-    they may also be angles [rad], with moments for forces.
+    Postures are (…, n), forces (…, dim), leading axes broadcast. Coordinates are lengths [m]; those of a user's
+    function may also be angles [rad], with moments for forces.
     """
 
     kinematics: Kinematics
@@ -41,8 +41,8 @@ class Endpoint:
     def planar(cls, lengths: ArrayLike, at_zero: ArrayLike = 0.0) -> Self:
         """Return the hand of an arm in the plane with n hinges and links of these `lengths` (n,) [m]; dim = 2.
 
-        `at_zero` (n,) [rad] are the angles of each link to the one before, the first to the axis x, where q = 0: by
-        default all 0, the arm is stretched out along x. They add up anticlockwise. Raises `InvalidInput`.
+        `at_zero` (n,) [rad] are the angles at q = 0 of each link to the previous one, the first to the axis x. By
+        default all are 0: the arm is stretched out along x. They add up anticlockwise. Raises `InvalidInput`.
         """
         row = checks.real("Endpoint.planar: lengths", lengths, "m")
         if row.ndim != 1 or not row.size:
@@ -63,7 +63,7 @@ class Endpoint:
     def on_link(cls, links: Sequence[Link], link: int, position: object, *, axes: str = "xyz") -> Self:
         """Return the point at `position` [m], two or three numbers, in the frame of `links[link]`.
 
-        `axes` says which of its coordinates count: "xyz", "xy", … Raises `InvalidInput`.
+        `axes` selects its coordinates: "xyz", "xy", … Raises `InvalidInput`.
         """
         return cls(LinkagePoint.on(Linkage(links), link, position, axes))
 
@@ -99,7 +99,7 @@ class Endpoint:
     # --- at postures ------------------------------------------------------------------------------------------------
 
     def at(self, q: Array) -> Place:
-        """Return position and derivatives at the postures `q` (…, n), which are not checked."""
+        """Return position and derivatives at the postures `q` (…, n), without checks."""
         return self.kinematics.at(q)
 
     def position(self, q: ArrayLike) -> Array:
@@ -115,14 +115,14 @@ class Endpoint:
         return self.at(self.posture(q)).hessian
 
     def torque(self, q: ArrayLike, force: ArrayLike) -> Array:
-        """Return the torques Jᵀf (…, n) [N·m] that hold the hand while it exerts `force` (…, dim) [N]."""
+        """Return the torques Jᵀf (…, n) [N·m] in equilibrium with the hand's `force` (…, dim) [N]."""
         return torque_of(self.at(self.posture(q)), self.force(force))
 
     def joint_stiffness(self, q: ArrayLike, K_x: ArrayLike, force: ArrayLike = 0.0) -> Array:
         """Return K_q = Jᵀ K_x J - Γ(f) (…, n, n) [N·m/rad] of a stiffness `K_x` (…, dim, dim) [N/m]   (M4)
 
-        With more joints than coordinates it is the least one: K_q + N with any N ⪰ 0 that J does not see has no lower
-        K_x. Raises `InvalidInput`.
+        With more joints than coordinates it is the least one: K_q + N with any N ⪰ 0 in the null space of J has no
+        lower K_x. Raises `InvalidInput`.
         """
         place = self.at(self.posture(q))
         K = self._matrix("K_x", K_x, self.dim, "N/m")
@@ -132,8 +132,8 @@ class Endpoint:
     def stiffness(self, q: ArrayLike, K_q: ArrayLike, force: ArrayLike = 0.0) -> Array:
         """Return K_x = (J (K_q + Γ(f))⁻¹ Jᵀ)⁻¹ (…, dim, dim) [N/m] of a joint stiffness `K_q` (…, n, n) [N·m/rad].
 
-        NaN where the joints that the hand does not see do not hold themselves. Raises `InvalidInput`, also where J has
-        not the rank dim: there a direction of the hand is not moved by any joint.
+        NaN if the joints are unstable in the null space of J. Raises `InvalidInput`, also if J does not have the rank
+        dim: no joint moves the hand in some direction.
         """
         place = self.at(self.posture(q))
         self.check_rank(place)
@@ -159,7 +159,7 @@ class Endpoint:
         return array
 
     def check_rank(self, place: Place) -> None:
-        """Insist that every direction of the hand is moved by a joint. Raises `InvalidInput`."""
+        """Raise `InvalidInput` unless joints move the hand in every direction."""
         if self.n < self.dim:
             raise InvalidInput(
                 f"{self.dim} coordinates of {self.text}: n joints move at most n of them; leave some out (axes='xy')"
@@ -199,16 +199,16 @@ def load_of(place: Place, force: Array) -> Array:
 
 
 def inverses(place: Place) -> tuple[Array, Array]:
-    """Return (J⁺ (…, n, dim), an orthonormal basis N (…, n, n - dim) of what J does not see); J has the rank dim."""
+    """Return (J⁺ (…, n, dim), an orthonormal basis N (…, n, n - dim) of the null space of J); J has the rank dim."""
     U, s, V = np.linalg.svd(place.jacobian, full_matrices=True)
     dim, V = s.shape[-1], V.swapaxes(-1, -2)
     return (V[..., :dim] / s[..., None, :]) @ U.swapaxes(-1, -2), V[..., dim:]
 
 
 def lifted(place: Place, K: Array) -> Array:
-    """Return G (…, n, dim): how the joints move, J G = 1, when the hand is moved and `K` = K_q + Γ holds the others.
+    """Return G (…, n, dim), J G = 1: the motion of the joints with `K` = K_q + Γ by a motion of the hand.
 
-    Of all G with J G = 1 it has the least Gᵀ K G, which is K_x. NaN where the unseen joints do not hold themselves.
+    Of all G with J G = 1 it has the least Gᵀ K G, which is K_x. NaN if the joints are unstable in the null space of J.
     """
     plus, unseen = inverses(place)
     if not unseen.shape[-1]:

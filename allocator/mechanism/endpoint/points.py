@@ -17,7 +17,7 @@ _AXES = "xyz"
 
 
 class Place(NamedTuple):
-    """A `Place` is where an endpoint is at postures (…), with its derivatives; dim coordinates, n joints."""
+    """Position of an endpoint at postures (…), with its derivatives; dim coordinates, n joints."""
 
     position: Array  # x (…, dim) [m]
     jacobian: Array  # J = ∂x/∂q (…, dim, n) [m/rad]
@@ -25,7 +25,7 @@ class Place(NamedTuple):
 
 
 class Kinematics(Protocol):
-    """`Kinematics` is what an `Endpoint` has to know: x(q) and its derivatives."""
+    """Interface of an `Endpoint`'s kinematics: x(q) and its derivatives."""
 
     @property
     def n(self) -> int:
@@ -44,7 +44,7 @@ class Kinematics(Protocol):
 
 @dataclass(frozen=True)
 class LinkagePoint:
-    """Point on one of the links; of its coordinates those of `axes` are taken."""
+    """Point on one of the links, with the coordinates `axes`."""
 
     linkage: Linkage
     site: Site
@@ -83,13 +83,13 @@ class LinkagePoint:
 
 @dataclass(frozen=True)
 class FunctionPoint:
-    """Coordinates x(q) that a function of yours gives for a CasADi vector q (n,)."""
+    """Coordinates x(q) by a user's function of a CasADi vector q (n,)."""
 
     joints: int
     function: Callable[[Value], Value]
 
     def __post_init__(self) -> None:
-        """Insist on an expression. Raises `InvalidInput`."""
+        """Raise `InvalidInput` unless the function returns an expression."""
         object.__setattr__(self, "joints", checks.count("Endpoint.from_function: n", self.joints, 1))
         _ = self._column.expression
 
@@ -115,5 +115,5 @@ class FunctionPoint:
         return self._column.size
 
     def at(self, q: Array) -> Place:
-        """Return the place at the postures `q` (…, n). Raises `InvalidInput` where a derivative is not finite."""
+        """Return the place at the postures `q` (…, n). Raises `InvalidInput` if a derivative is not finite."""
         return Place(*self._column.at(q))

@@ -1,10 +1,10 @@
-"""Endpoint stiffness as a target: a linear image of the joint stiffness, so that the problem stays the same.
+"""Endpoint stiffness as a target: a linear image of the joint stiffness, so the problem keeps its form.
 
-With K = K_q + Γ(f) and G with J G = 1, of which K_x = Gᵀ K G is the least, what is asked of the hand is
+With K = K_q + Γ(f) and the G with J G = 1 and the least K_x = Gᵀ K G, the target of the hand is
 
     E = S K Sᵀ = 1,     S = K_x*^(-1/2) Gᵀ;     its error ‖E - 1‖_F = ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F
 
-which no unit and no direction of the hand distorts. A square J has one G, its inverse. With more joints than
+which is independent of units and directions of the hand. A square J has one G, its inverse. With more joints than
 coordinates G follows from K (`lifted`), see `allocator.allocation.box.pivoting`.
 """
 
@@ -22,12 +22,12 @@ from allocator.mechanism.mechanism import TargetsMap
 
 @dataclass(frozen=True, eq=False)
 class EndpointTargets:
-    """N stiffnesses asked of an endpoint, or one at one posture: every array has N rows or 1."""
+    """N stiffness targets of an endpoint, or one at one posture: every array has N rows or 1."""
 
     endpoint: Endpoint
     place: Place
     force: Array  # f (N, dim) [N]
-    asked: Array  # K_x* (N, dim, dim) [N/m]; a diagonal where only that is asked for
+    asked: Array  # K_x* (N, dim, dim) [N/m]; a diagonal if only that is given
     lift: Array  # G (N, n, dim)
 
     @classmethod
@@ -49,7 +49,7 @@ class EndpointTargets:
 
     @property
     def torque(self) -> Array:
-        """Jᵀf (N, n) [N·m], which holds the hand under its force."""
+        """Jᵀf (N, n) [N·m], in equilibrium with the hand's force."""
         return torque_of(self.place, self.force)
 
     @cached_property
@@ -65,7 +65,7 @@ class EndpointTargets:
 
     @cached_property
     def _linear(self) -> tuple[Array, Array]:
-        """(L (N, e, k), c (N, e)): E = L K_q + c, of symmetric matrices the upper triangles."""
+        """(L (N, e, k), c (N, e)): E = L K_q + c, for upper triangles of symmetric matrices."""
         n, dim = self.endpoint.n, self.endpoint.dim
         rows, columns = np.triu_indices(n)
         units = np.zeros((rows.size, n, n))
@@ -107,9 +107,9 @@ class EndpointTargets:
         return np.asarray((root @ self.stiffness(K_q) @ root)[(..., *np.triu_indices(self.endpoint.dim))])
 
     def relifted(self, K_q: Array) -> tuple[Self, Array]:
-        """Return the targets with the G of joint stiffnesses (N, n, n), and how far E moves thereby (N).
+        """Return the targets with the G of joint stiffnesses (N, n, n), and the resulting change of E (N).
 
-        Where the unseen joints do not hold themselves G is kept, and the distance infinite.
+        If the joints are unstable in the null space of J, G is unchanged and the change infinite.
         """
         K = K_q + self.load
         G = lifted(self.place, K)

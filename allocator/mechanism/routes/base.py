@@ -18,8 +18,8 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 
-_SHORTEST, _LONGEST = 1e-3, 10.0  # [m] of what is a muscle; outside it the unit is another
-_NOTHING = 1e-9  # [m] an arm below it is none
+_SHORTEST, _LONGEST = 1e-3, 10.0  # [m] lengths of a muscle; others have a wrong unit
+_NOTHING = 1e-9  # [m] a smaller arm counts as none
 
 
 class RoutedLengths(NamedTuple):
@@ -32,7 +32,7 @@ class RoutedLengths(NamedTuple):
 
 @dataclass(frozen=True)
 class Routes(ABC):
-    """Ways of m muscles over n joints; immutable."""
+    """Routes of m muscles over n joints; immutable."""
 
     rest_length: tuple[float, ...]  # L_j (m,) [m]
 
@@ -51,7 +51,7 @@ class Routes(ABC):
         """Return lengths, arms and bends of all muscles at the postures `q` (…, n)."""
 
     def contraction(self, length: Array) -> Array:
-        """Return ε = (L - l)/L (…, m) of muscles that are `length` (…, m) [m] long."""
+        """Return ε = (L - l)/L (…, m) of muscles with the lengths `length` (…, m) [m]."""
         L = np.array(self.rest_length)
         return np.asarray((L - length) / L)
 
@@ -66,7 +66,7 @@ def rest_lengths(kind: str, value: object, m: int) -> tuple[float, ...]:
 
 
 def per_muscle(name: str, value: object, m: int, unit: str) -> Array:
-    """Return one number a muscle (m,) from one number or m of them. Raises `InvalidInput`."""
+    """Return one number per muscle (m,) from one number or m of them. Raises `InvalidInput`."""
     array = checks.real(name, value, unit)
     if array.shape not in ((), (m,)):
         raise InvalidInput(
@@ -76,7 +76,7 @@ def per_muscle(name: str, value: object, m: int, unit: str) -> Array:
 
 
 def check_arms(kind: str, arms: Array) -> None:
-    """Insist that every muscle has an arm at some joint: `arms` (m, n) [m] are the greatest there are."""
+    """Raise `InvalidInput` unless every muscle has an arm at some joint; `arms` (m, n) [m] are the greatest."""
     idle = ~(np.abs(arms) > _NOTHING).any(axis=1)
     if idle.any():
         raise InvalidInput(f"{kind}: muscle {int(np.argmax(idle)) + 1} has no arm at any joint; it moves nothing")

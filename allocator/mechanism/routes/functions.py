@@ -1,4 +1,4 @@
-"""Muscles whose lengths are a formula of the posture, which CasADi differentiates."""
+"""Muscle lengths as formulas of the posture, differentiated by CasADi."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class SymbolicColumn:
     """Column of k CasADi expressions that `function` returns for a vector q (n,)."""
 
-    name: str  # stands in messages
+    name: str  # for messages
     joints: int  # n
     function: Callable[[Value], Value]
 
@@ -56,7 +56,7 @@ class SymbolicColumn:
     def at(self, q: Array) -> tuple[Array, Array, Array]:
         """Return the column (…, k) at the postures `q` (…, n), its derivatives (…, k, n) and (…, k, n, n).
 
-        Raises `InvalidInput` where one is not finite.
+        Raises `InvalidInput` if one is not finite.
         """
         flat, n, k = q.reshape(-1, self.joints), self.joints, self.size
         found = self._derivatives.map(len(flat))(flat.T)
@@ -69,7 +69,7 @@ class SymbolicColumn:
 
 @dataclass(frozen=True)
 class FunctionRoutes(Routes):
-    """`FunctionRoutes` have the lengths l(q) that a function of yours gives for a CasADi vector q (n,)."""
+    """Routes with lengths l(q) by a user's function of a CasADi vector q (n,)."""
 
     joints: int
     function: Callable[[Value], Value]
@@ -84,7 +84,7 @@ class FunctionRoutes(Routes):
         return SymbolicColumn("from_function", self.joints, self.function)
 
     def at(self, q: Array) -> RoutedLengths:
-        """Return lengths, arms and bends at the postures `q` (…, n). Raises `InvalidInput` where one is not finite."""
+        """Return lengths, arms and bends at the postures `q` (…, n). Raises `InvalidInput` if one is not finite."""
         length, slope, curve = self._column.at(q)
         return RoutedLengths(length, -slope, curve)
 

@@ -1,7 +1,7 @@
-"""Linkages: bodies that hang on each other by hinges and slides, and the derivatives of their points.
+"""Linkages: bodies connected by hinges and slides, and the derivatives of their points.
 
-For a point p on a link and a joint b that moves it ∂p/∂q_b = w_b × (p - o_b) of a hinge, w_b of a slide; a hinge a
-before b (or b itself) turns that: ∂²p/∂q_a∂q_b = w_a × ∂p/∂q_b.
+For a point p on a link and a joint b that moves it, ∂p/∂q_b = w_b × (p - o_b) for a hinge, w_b for a slide; a hinge a
+before b (or b itself) rotates that: ∂²p/∂q_a∂q_b = w_a × ∂p/∂q_b.
 """
 
 from collections.abc import Sequence
@@ -25,14 +25,14 @@ _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 @dataclass(frozen=True)
 class Link:
-    """Body that hangs on its parent by one joint; link i moves with joint i."""
+    """Body connected to its parent by one joint; link i moves with joint i."""
 
     parent: int = GROUND  # index of an earlier link
     origin: Point = (0.0, 0.0, 0.0)  # of the joint, in the parent's frame [m]; two numbers lie in the plane z = 0
     axis: Point = (0.0, 0.0, 1.0)  # of the joint, in the link's own frame
     kind: Kind = "hinge"
     orientation: tuple[Point, ...] = _IDENTITY  # of the link's frame in the parent's: a rotation matrix
-    zero: float = 0.0  # the joint's value at which that is so [rad or m]
+    zero: float = 0.0  # the joint's value in this orientation [rad or m]
 
     def __post_init__(self) -> None:
         """Check and normalise."""
@@ -51,14 +51,14 @@ class Link:
 
 
 class Site(NamedTuple):
-    """Point on a link; a muscle runs through it, or it is a hand."""
+    """Point on a link: a via point of a muscle, or a hand."""
 
     link: int  # index, GROUND = -1
     position: Point  # in the link's frame [m]; two numbers lie in the plane z = 0
 
 
 class Frame(NamedTuple):
-    """A `Frame` is where a link is at postures (…)."""
+    """Pose of a link at postures (…)."""
 
     rotation: Array  # (…, 3, 3) of the link's frame in the ground's
     origin: Array  # of its joint (…, 3) [m]
@@ -66,7 +66,7 @@ class Frame(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """`Moved` is where a point is at postures (…) of n joints, with its derivatives."""
+    """Position of a point at postures (…) of n joints, with its derivatives."""
 
     position: Array  # p (…, 3) [m]
     slope: Array  # ∂p/∂q (…, n, 3) [m/rad]
@@ -75,12 +75,12 @@ class Moved(NamedTuple):
 
 @dataclass(frozen=True)
 class Linkage:
-    """n links, of which each hangs on an earlier one or on the ground."""
+    """n links, each connected to an earlier one or to the ground."""
 
     links: tuple[Link, ...]
 
     def __init__(self, links: Sequence[Link]) -> None:
-        """Take the links. Raises `InvalidInput` where a parent is no earlier link."""
+        """Take the links. Raises `InvalidInput` if a parent is not an earlier link."""
         for i, link in enumerate(links):
             if not GROUND <= link.parent < i:
                 raise InvalidInput(f"link {i} has the parent {link.parent}; expected an earlier one, or -1")
@@ -88,18 +88,18 @@ class Linkage:
 
     @property
     def n(self) -> int:
-        """Number of joints, one a link."""
+        """Number of joints, one per link."""
         return len(self.links)
 
     def site(self, what: str, link: int, position: object) -> Site:
-        """Return the checked point on a link. Raises `InvalidInput`, in a sentence that begins with `what`."""
+        """Return the checked point on a link. Raises `InvalidInput`, with a message that begins with `what`."""
         if not GROUND <= link < self.n:
             raise InvalidInput(f"{what} link {link}; expected -1 (the ground) to {self.n - 1}")
         return Site(int(link), point(f"{what} link {link}: position", position))
 
     @cached_property
     def _moved_by(self) -> Array:
-        """(n + 1, n): 1 where link i (the ground last) is moved by joint j, else 0."""
+        """(n + 1, n): 1 if joint j moves link i (the ground last), else 0."""
         moved = np.zeros((self.n + 1, self.n))
         for i, link in enumerate(self.links):
             moved[i] = moved[link.parent]  # the ground, -1, is the last row
@@ -122,7 +122,7 @@ class Linkage:
         return [*frames, ground]
 
     def point(self, site: Site, frames: list[Frame]) -> Moved:
-        """Return where a site is, with its derivatives, when the links are at `frames`."""
+        """Return the position of a site, with its derivatives, for links at `frames`."""
         R, o, _ = frames[site.link]
         p = o + R @ np.array(site.position)
         J = np.zeros((*p.shape[:-1], self.n, 3))

@@ -1,8 +1,8 @@
 """Reading of a MuJoCo model: tendons as `Sites` or `Pulleys`, bodies and sites as points on links.
 
 Spatial tendons through sites are `Sites`, fixed tendons (sums of joint angles) `Pulleys`. A model with the text `MARK`
-tells rest length and cable of every tendon in its user data; `mpc.arm.mjcf.to_mjcf` writes such models. MuJoCo is not
-needed afterwards.
+has rest length and cable of every tendon in its user data; `mpc.arm.mjcf.to_mjcf` writes such models. Only reading
+needs MuJoCo.
 """
 
 from dataclasses import dataclass
@@ -27,12 +27,12 @@ Source: TypeAlias = Union[str, PathLike[str], "MjModel"]
 """A file, MJCF text (which begins with "<") or a model of MuJoCo."""
 
 MARK = "antagonist"
-"""The name of the custom text of models whose tendons have the user data (rest length, cable) [m]."""
+"""Name of the custom text of models with (rest length, cable) [m] as user data of their tendons."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """A `Model` is what is taken from an MJCF file: the routes, the names, the joints' ranges."""
+    """Contents of an MJCF file: the routes, the names, the joints' ranges."""
 
     routes: Routes
     muscles: tuple[str, ...]  # names of the tendons (m,)
@@ -41,11 +41,11 @@ class Model:
 
 
 def read_mjcf(source: Source, rest_length: ArrayLike | None = None, cable: ArrayLike | None = None) -> Model:
-    """Read the tendons of a `source` as of `load`; `rest_length` and `cable` [m] as of `Sites`, or as the model tells.
+    """Read the tendons of a `source` of `load`; `rest_length` and `cable` [m] are those of `Sites`, or of the model.
 
-    Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without tendons, with
-    joints other than hinges and slides, or with tendons that are neither straight lines between sites nor, all of them,
-    fixed; `InvalidInput` where the rest length is not known.
+    Raises `MissingPackage` without MuJoCo; `InvalidFile` for a file that MuJoCo cannot read, without tendons, with
+    joints other than hinges and slides, or with tendons that are neither all straight lines between sites nor all
+    fixed; `InvalidInput` if the rest length is unknown.
     """
     import mujoco
 
@@ -72,9 +72,9 @@ def read_mjcf(source: Source, rest_length: ArrayLike | None = None, cable: Array
 
 
 def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
-    """Return the linkage of an MJCF `file`, and the point of the site, or else of the body's origin, of this `name`.
+    """Return the linkage of an MJCF `file`, and the point of the site, or else of the body's origin, called `name`.
 
-    Raises `MissingPackage` without MuJoCo, `InvalidFile` for a file that MuJoCo does not read, without joints, with
+    Raises `MissingPackage` without MuJoCo; `InvalidFile` for a file that MuJoCo cannot read, without joints, with
     joints other than hinges and slides, or without such a site or body.
     """
     model = load(file)
@@ -95,7 +95,7 @@ def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
 def load(source: Source) -> "MjModel":
     """Return an `MjModel`.
 
-    Raises `InvalidFile` for what MuJoCo does not read, `InvalidInput` for what is no model, and `MissingPackage`.
+    Raises `InvalidFile` if MuJoCo cannot read it, `InvalidInput` if it is not a model, and `MissingPackage`.
     """
     import mujoco
 
@@ -108,11 +108,11 @@ def load(source: Source) -> "MjModel":
         raise InvalidFile(source, "does not exist")
     try:
         model = mujoco.MjModel.from_xml_string(source) if text else mujoco.MjModel.from_xml_path(str(source))
-        for names in (model.names, model.text_data):  # which MuJoCo takes as they come, from included files as well
+        for names in (model.names, model.text_data):  # MuJoCo does not check these bytes, also of included files
             names.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InvalidFile(
-            said(source), f"is not in UTF-8 ({error.reason}); save it, and what it includes, as UTF-8"
+            said(source), f"is not in UTF-8 ({error.reason}); save it and the files it includes as UTF-8"
         ) from None
     except (ValueError, mujoco.FatalError) as error:
         raise InvalidFile(said(source), f"is not read by MuJoCo ({error})") from None
@@ -120,7 +120,7 @@ def load(source: Source) -> "MjModel":
 
 
 def said(source: Source) -> str:
-    """Return what to call the source of a model in a message."""
+    """Return the name of a model's source for messages."""
     if isinstance(source, str | PathLike) and not str(source).lstrip().startswith("<"):
         return str(source)
     return "the MuJoCo model"
@@ -129,9 +129,9 @@ def said(source: Source) -> str:
 def tendon_lengths(
     model: "MjModel", source: Source, rest_length: ArrayLike | None, cable: ArrayLike | None
 ) -> tuple[ArrayLike, ArrayLike]:
-    """Return rest length and cable [m] as they are given, or as the model tells where `rest_length` is None.
+    """Return rest length and cable [m] as given, or those of the model if `rest_length` is None.
 
-    Raises `InvalidInput` where neither tells.
+    Raises `InvalidInput` if neither has them.
     """
     if rest_length is not None:
         return rest_length, 0.0 if cable is None else cable
@@ -143,7 +143,7 @@ def tendon_lengths(
 
 
 def tells(model: "MjModel") -> bool:
-    """Return whether a model tells rest length and cable of its tendons."""
+    """Return whether a model has rest length and cable of its tendons."""
     import mujoco
 
     return bool(model.nuser_tendon == 2 and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, MARK) >= 0)
@@ -160,10 +160,10 @@ def _pulleys(model: "MjModel", rest_length: ArrayLike, cable: ArrayLike) -> Pull
 
 
 def linkage_of(model: "MjModel", source: Source) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
-    """Return the links of a model, one a joint, and of every body (link, rotation, position in the link's frame).
+    """Return the links of a model, one per joint, and of every body (link, rotation, position in the link's frame).
 
-    `source` is what to call the model in messages. Raises `InvalidFile` without joints, and for joints other than
-    hinges and slides.
+    `source` is the model's name in messages. Raises `InvalidFile` without joints, and for joints other than hinges and
+    slides.
     """
     import mujoco
 
@@ -178,12 +178,12 @@ def linkage_of(model: "MjModel", source: Source) -> tuple[list[Link], list[tuple
 
 
 def name_of(element: Any, index: int) -> str:
-    """Return what to call an element of a model: its name, or its number."""
+    """Return the name of an element of a model, or its number."""
     return str(element.name) or str(index + 1)
 
 
 def _links(model: "MjModel", kinds: dict[int, str]) -> tuple[list[Link], list[tuple[int, Array, Array]]]:
-    """Return the links, one a joint, and of every body (link, rotation, position in the link's frame)."""
+    """Return the links, one per joint, and of every body (link, rotation, position in the link's frame)."""
     links: list[Link] = []
     frames: list[tuple[int, Array, Array]] = [(GROUND, np.eye(3), np.zeros(3))]  # of the world
     for body in range(1, model.nbody):

@@ -1,4 +1,4 @@
-"""Muscles round pulleys, whose arms are constant, and the two muscles of an `AntagonistJoint`'s geometry."""
+"""Muscles round pulleys, with constant arms, and the two muscles of an `AntagonistJoint`'s geometry."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.geometry import Geometry, Pulley
 from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, per_muscle, rest_lengths
 
-_LONGEST_ARM = 1.0  # [m]; more is millimetres
+_LONGEST_ARM = 1.0  # [m]; more is in millimetres
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Pulleys(Routes):
 
 @dataclass(frozen=True)
 class JointRoutes(Routes):
-    """Those of one joint's `Geometry`: n = 1, m = 2, r = (a1, -a2) and H = (-a1', a2')."""
+    """Routes of one joint's `Geometry`: n = 1, m = 2, r = (a1, -a2) and H = (-a1', a2')."""
 
     geometry: Geometry
 
@@ -80,7 +80,7 @@ class JointRoutes(Routes):
 
 
 def routes_of(geometry: Geometry) -> Routes:
-    """Return the routes of a joint's two muscles: round a pulley where the geometry is one, which also MJCF can say."""
+    """Return the routes of a joint's two muscles; a pulley becomes `Pulleys`, which MJCF can express."""
     if isinstance(geometry, Pulley):
         return Pulleys(geometry.rest_length, ((geometry.radius,), (-geometry.radius,)), geometry.initial_contraction)
     return JointRoutes(geometry)

@@ -24,7 +24,7 @@ Path = Sequence[tuple[int, ArrayLike]]
 """Where a muscle runs: (link, position on it [m]), site after site."""
 
 _COINCIDE = 1e-9  # [m]
-_SOMEWHERE = 0.3  # [rad] or [m] per joint: a posture in general position, at which structural zeros show
+_SOMEWHERE = 0.3  # [rad] or [m] per joint: a generic posture, which reveals structural zeros
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Sites(Routes):
 
     links: tuple[Link, ...]
     paths: tuple[tuple[Site, ...], ...]  # the sites of each of m muscles, in order
-    cable: tuple[float, ...]  # (m,) length of the path that is not muscle but cable [m]
+    cable: tuple[float, ...]  # (m,) length of cable in the path [m]
 
     def __init__(self, rest_length: object, links: Sequence[Link], paths: Sequence[Path], cable: object = 0.0) -> None:
         """Check and keep `links` (n) and `paths` (m), of pairs (link, position [m]); the rest are numbers or rows (m,).
@@ -62,7 +62,7 @@ class Sites(Routes):
         return Linkage(self.links)
 
     def at(self, q: Array) -> RoutedLengths:
-        """Return lengths, arms and bends at the postures `q` (…, n). Raises `InvalidInput` where two sites meet."""
+        """Return lengths, arms and bends at the postures `q` (…, n). Raises `InvalidInput` if two sites coincide."""
         frames = self.linkage.frames(q)
         length, arm, bend = (np.zeros((*q.shape[:-1], self.m, *(self.n,) * order)) for order in (0, 1, 2))
         length -= np.array(self.cable)
@@ -82,7 +82,7 @@ class Sites(Routes):
         return RoutedLengths(length, arm, bend)
 
     def positions(self, q: Array) -> list[Array]:
-        """Return where the sites of each muscle are at the postures `q` (…, n): m arrays (…, sites, 3) [m]."""
+        """Return the positions of each muscle's sites at the postures `q` (…, n): m arrays (…, sites, 3) [m]."""
         frames = self.linkage.frames(np.asarray(q, float))
         return [np.stack([self.linkage.point(site, frames)[0] for site in path], axis=-2) for path in self.paths]
 

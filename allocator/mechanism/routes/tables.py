@@ -1,6 +1,6 @@
-"""Muscles whose lengths are known by samples over a grid of postures.
+"""Muscle lengths sampled over a grid of postures.
 
-A table states its own `error` and is refused where it cannot be drawn, see `allocator.joint.geometry`.
+A table estimates its own `error` and is refused if that is too great, see `allocator.joint.geometry`.
 """
 
 from collections.abc import Sequence
@@ -20,14 +20,14 @@ from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, r
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
 
-_FEWEST = 4  # samples of a joint: what a cubic takes
+_FEWEST = 4  # samples of a joint: least number for a cubic
 _PARTS = (8, 4, 2)  # of the distance between two samples, of tables over one, two and more joints
-_MOST_POINTS = 20_001  # at which a table is compared with its half
+_MOST_POINTS = 20_001  # for the comparison of a table with its half
 
 
 @dataclass(frozen=True)
 class Tables(Routes):
-    """`Tables` hold the lengths over a grid of joint angles, joined by tensor products of cubic splines."""
+    """Lengths over a grid of joint angles, interpolated by tensor products of cubic splines."""
 
     grid: tuple[tuple[float, ...], ...]  # n rows of angles [rad], increasing
     lengths: tuple[Any, ...] = field(repr=False)  # nested: (n1, …, nn, m) [m]
@@ -64,12 +64,12 @@ class Tables(Routes):
 
     @property
     def _grid_points(self) -> Array:
-        """Postures (p, n) at the samples and between them [rad], evenly chosen where there are many."""
+        """Postures (p, n) at the samples and between them [rad], evenly thinned if there are many."""
         part = 1 / _PARTS[min(self.n, 3) - 1]
         rows = [np.interp(np.arange(0, len(row) - 1 + part / 2, part), np.arange(len(row)), row) for row in self.grid]
         sizes = [row.size for row in rows]
         total = int(np.prod(sizes))
-        stride = max(1, -(-total // _MOST_POINTS)) | 1  # odd: of samples and what lies between alike
+        stride = max(1, -(-total // _MOST_POINTS)) | 1  # odd: takes samples and intermediate points alike
         places = np.unravel_index(np.arange(0, total, stride), sizes)
         return np.stack([row[i] for row, i in zip(rows, places, strict=True)], axis=-1)
 
@@ -88,12 +88,12 @@ class Tables(Routes):
         return greatest_differences(np.array(found).swapaxes(0, 1), q)
 
     def at(self, q: Array) -> RoutedLengths:
-        """Return lengths, arms and bends at the postures `q` (…, n); beyond the grid the end pieces go on."""
+        """Return lengths, arms and bends at the postures `q` (…, n); the end pieces extend beyond the grid."""
         return _evaluated(self._spline, q, self.m)
 
 
 def _spline_through(grid: Sequence[Sequence[float]], lengths: Array) -> "NdBSpline":
-    """Return the tensor product of splines through lengths (n1, …, nn, m): cubic, or less where samples are few."""
+    """Return the tensor product of splines through lengths (n1, …, nn, m): cubic, or lower with few samples."""
     from scipy.interpolate import NdBSpline, make_interp_spline
 
     knots, degrees = [], []

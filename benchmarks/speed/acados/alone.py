@@ -1,4 +1,4 @@
-"""The time of the QP alone, in turns: ours with its proof, HPIPM's without what hands the QP over."""
+"""Times of the QP alone, in turns: ours with its proof, HPIPM's without the transfer of the QP."""
 
 from collections.abc import Iterator, Sequence
 from time import thread_time
@@ -15,23 +15,23 @@ from benchmarks.speed.truth import BenchmarkFailure
 
 PART = "control"
 DURATION = 3.0  # [s] of the loops
-CLOSE = 1e-4  # [bar] answers this near are the same
-SHARE = 0.99  # of the QPs that a setting has to answer so
-ROUNDS = 2  # of which the fastest counts
+CLOSE = 1e-4  # [bar] tolerance of equal answers
+SHARE = 0.99  # of the QPs: required of a setting
+ROUNDS = 2  # the fastest counts
 SETTINGS = [Settings(Mode.SPEED, False), Settings(Mode.SPEED, True), Settings(Mode.BALANCE, False)]
 
 
 class Timed(NamedTuple):
-    """What came of all QPs."""
+    """Results of all QPs."""
 
     ours: Array  # (M,) [s]
     seconds: Array  # (M, settings) [s]
     apart: Array  # (M, settings) [bar] from our answers
-    unsolved: Array  # (M, settings) whether it says so itself
+    unsolved: Array  # (M, settings) according to HPIPM
 
 
 def measure(N: int) -> Iterator[Measurement]:
-    """A row for each loop, against the fastest of the settings whose answers are right."""
+    """Yield a row for each loop, against the fastest setting with correct answers."""
     library = Library.found()
     for loop, record in LOOPS.items():
         what = f"QP alone, N = {N}, {loop}"
@@ -42,7 +42,7 @@ def measure(N: int) -> Iterator[Measurement]:
 
 
 def timed(recording: Recording, library: Library, settings: Sequence[Settings]) -> Timed:
-    """Time all QPs one after the other, as they came."""
+    """Time all QPs in order."""
     solvers = [HPIPM(library, len(recording.qps[0].model.u), each) for each in settings]
     found = Timed(*(np.empty((len(recording.qps), *shape)) for shape in ((), *3 * [(len(solvers),)])))
     for i, qp in enumerate(recording.qps):
@@ -59,7 +59,7 @@ def timed(recording: Recording, library: Library, settings: Sequence[Settings]) 
 
 
 def _ours(recording: Recording, qp: RecordedQP) -> float:
-    """Return the time of our solution and its proof [s], the faster of two in a row; fail where there is no proof."""
+    """Return the time of our solution and its proof [s], the faster of two in a row; fail without a proof."""
     took = []
     for _ in range(2):
         recording.set(qp)
@@ -72,7 +72,7 @@ def _ours(recording: Recording, qp: RecordedQP) -> float:
 
 
 def _theirs(solver: HPIPM, remembered: bytes) -> float:
-    """Return the time of HPIPM's solution [s], the faster of two in a row that begin at what it remembers."""
+    """Return the time of HPIPM's solution [s], the faster of two in a row from the remembered solution."""
     took = []
     for _ in range(2):
         solver.remembered = remembered
@@ -83,7 +83,7 @@ def _theirs(solver: HPIPM, remembered: bytes) -> float:
 
 
 def compared(what: str, found: Timed, settings: Sequence[Settings], target: str) -> Measurement:
-    """Against the fastest of the right ones; what all of them take and how far off they are is the note."""
+    """Return the comparison with the fastest correct setting; the note has the times and errors of all."""
     right = np.mean((found.apart <= CLOSE) & (found.unsolved == 0), axis=0) >= SHARE
     if not right.any():
         worst = ", ".join(f"{each} {off:.1e} bar" for each, off in zip(settings, found.apart.max(axis=0), strict=True))

@@ -1,7 +1,7 @@
-"""HPIPM by its C interface: what is found of it, and a solver of QPs by stages.
+"""HPIPM by its C interface: the library, and a solver of QPs by stages.
 
-It is looked for in `$ACADOS_SOURCE_DIR/lib`, where acados has it, and in the CasADi wheel, whose BLASFEO is built for
-any processor. Sizes of structures and memories are asked of the library; no layout is known here.
+It is searched in `$ACADOS_SOURCE_DIR/lib`, the place of acados, and in the CasADi wheel, which has a generic BLASFEO.
+The library reports the sizes of structures and memories; no layout is assumed.
 """
 
 import ctypes
@@ -19,34 +19,34 @@ from allocator.calculus import Array
 from benchmarks.speed.acados.stages import NG, NV, NX, SLACKS, Stages, W
 
 ALIGNMENT = 64  # [B] of memories
-MOST = 50  # iterations, as acados has it
-TOLERANCE = 1e-8  # of all four residuals; at 1e-6 commands are up to 6e-4 bar off
-START = 1e3  # μ at first: 1e2, 1e3 and 1e4 take the same within a tenth, and solve all QPs of both loops at N = 20
+MOST = 50  # iterations, as in acados
+TOLERANCE = 1e-8  # of all four residuals; at 1e-6 commands are off by up to 6e-4 bar
+START = 1e3  # initial μ: from 1e2 to 1e4 times agree within a tenth, and all QPs of both loops at N = 20 are solved
 SIZES = ("d_ocp_qp_dim", "d_ocp_qp", "d_ocp_qp_sol", "d_ocp_qp_ipm_arg", "d_ocp_qp_ipm_ws")
 
 
 class Mode(IntEnum):
-    """The modes of HPIPM that are measured."""
+    """Modes of HPIPM."""
 
     SPEED = 1
     BALANCE = 2
 
 
 class Settings(NamedTuple):
-    """What is chosen of HPIPM's settings."""
+    """Choice of HPIPM's settings."""
 
     mode: Mode
-    warm: bool  # whether it begins at the previous solution and its multipliers
+    warm: bool  # whether it starts from the previous solution and its multipliers
 
     def __str__(self) -> str:
         return f"{self.mode.name} {'warm' if self.warm else 'cold'}"
 
 
 class Library:
-    """HPIPM as it was found."""
+    """Loaded HPIPM library."""
 
     def __init__(self, folder: Path, headers: Path) -> None:
-        self._blas = ctypes.CDLL(str(_file(folder, "blasfeo")))  # first: HPIPM asks for it by its name alone
+        self._blas = ctypes.CDLL(str(_file(folder, "blasfeo")))  # first: HPIPM loads it by name alone
         self.functions: Any = ctypes.CDLL(str(_file(folder, "hpipm")))
         self._target = headers / "blasfeo_target.h"
         for name in SIZES:
@@ -55,7 +55,7 @@ class Library:
 
     @classmethod
     def found(cls) -> Self | None:
-        """Return the library; None if there is none."""
+        """Return the library, or None."""
         import casadi
 
         wheel = Path(casadi.__file__).parent
@@ -69,7 +69,7 @@ class Library:
 
     @cached_property
     def target(self) -> str:
-        """What processor its linear algebra was built for."""
+        """Return the target processor of its linear algebra."""
         try:
             found = re.search(r"#ifndef TARGET_(\w+)", self._target.read_text(encoding="utf-8"))
         except FileNotFoundError:
@@ -83,11 +83,11 @@ def _file(folder: Path, name: str) -> Path:
 
 
 class HPIPM:
-    """HPIPM's interior point for QPs of a horizon."""
+    """HPIPM's interior point for QPs over a horizon."""
 
     def __init__(self, library: Library, N: int, settings: Settings) -> None:
         self.N, self.settings, self._f = N, settings, library.functions
-        self._kept: list[Any] = []  # memory that HPIPM has pointers into
+        self._kept: list[Any] = []  # memory referenced by HPIPM
         f = self._f
         dim = self._structure("d_ocp_qp_dim")
         f.d_ocp_qp_dim_create(N, dim, self._memory(f.d_ocp_qp_dim_memsize(N))[0])
@@ -159,24 +159,24 @@ class HPIPM:
         self._sides(f"b{kind}", k, sides)
 
     def _sides(self, kind: str, k: int, sides: Array) -> None:
-        """Set lower and upper sides, those that are infinite as not there."""
+        """Set lower and upper sides; infinite ones are masked."""
         for side, values in zip("lu", sides, strict=True):
             name = f"{side}{kind}"
             self._set(name, k, np.where(np.isfinite(values), values, 0.0))
             self._set(f"{name}_mask", k, np.isfinite(values))
 
     def solve(self) -> None:
-        """Solve the QP: this alone is timed."""
+        """Solve the QP; only this call is timed."""
         self.solve_call(*self._arguments)
 
     @property
     def status(self) -> int:
-        """0 if it says that the QP is solved."""
+        """Status by HPIPM, 0 if solved."""
         return self._number("status")
 
     @property
     def iterations(self) -> int:
-        """Of the last solution."""
+        """Iterations of the last solution."""
         return self._number("iter")
 
     def _number(self, field: str) -> int:
@@ -186,7 +186,7 @@ class HPIPM:
 
     @property
     def v(self) -> Array:
-        """The changes (N, 2) [bar]."""
+        """Changes of the commands (N, 2) [bar]."""
         found = np.empty((self.N, NV))
         for k in range(self.N):
             self._f.d_ocp_qp_sol_get(b"u", k, self._solution, found[k].ctypes.data_as(ctypes.c_void_p))
@@ -194,7 +194,7 @@ class HPIPM:
 
     @property
     def remembered(self) -> bytes:
-        """The solution and its multipliers, from which a warm start begins."""
+        """Solution and multipliers for a warm start."""
         return ctypes.string_at(*self._where)
 
     @remembered.setter

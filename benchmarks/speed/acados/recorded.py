@@ -1,4 +1,4 @@
-"""The QPs of closed loops, recorded as the controller's structured solver gets them."""
+"""QPs of closed loops, recorded at the controller's structured solver."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,11 +17,11 @@ from mpc.tracking.linearise import Linearisation
 from mpc.tracking.plan import Moved
 from mpc.tracking.qp.condense import TrackingProblem
 
-NOT_MOVED = Moved(0.0, 0.0, 0.0)  # what the reference had to be moved by is not asked here
+NOT_MOVED = Moved(0.0, 0.0, 0.0)  # shifts of the reference are not needed
 
 
 class RecordedQP(NamedTuple):
-    """A QP as it was before it was solved."""
+    """QP before its solution."""
 
     model: Linearisation
     feed: FeedForward
@@ -32,31 +32,31 @@ class RecordedQP(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """The QPs of one loop, and the structured solver that they were for."""
+    """QPs of one loop, and their structured solver."""
 
     structured: StructuredQP
     qps: list[RecordedQP]
 
     @property
     def problem(self) -> TrackingProblem:
-        """The problem of all QPs."""
+        """Problem of all QPs."""
         return self.structured.problem
 
     def set(self, qp: RecordedQP) -> None:
-        """Put a QP, and the guess that there was, into the structured solver."""
+        """Load a QP and its guess into the structured solver."""
         for array, recorded in zip(self.structured.arrays[2:], qp.arrays, strict=True):
             array[:] = recorded
         self.structured.guess[:] = qp.guess
 
 
 def bare(N: int, duration: float) -> Recording:
-    """The QPs of the loop in which the bare step is timed."""
+    """Return the QPs of the loop in which the bare step is timed."""
     plant = Plant()
     return _recorded(TrackingMPC(plant, DT, N), RealPlant(plant, torque_profile=LOAD), duration)
 
 
 def real(N: int, duration: float) -> Recording:
-    """The QPs of the loop on the standard real plant, of which the controller is told what can be known."""
+    """Return the QPs of the loop on the standard real plant, with identifiable effects in the controller's model."""
     plant = RealPlant.standard()
     return _recorded(TrackingMPC(plant.nominal, DT, N, compensation=plant.known()), plant, duration)
 

@@ -1,9 +1,9 @@
-"""acados: one real-time iteration (RTI) a sample on the problem in `mpc.tracking.controller`, its QP by HPIPM.
+"""acados: one real-time iteration (RTI) per sample on the problem in `mpc.tracking.controller`, its QP by HPIPM.
 
-What it generates is compiled by the C compiler. States are (θ, ω, P1, P2, u_{k-1}) and inputs the changes of the
-commands, pressures in bar. The residuals of the cost are ours and so is their linearisation (Gauss-Newton); the soft
-limits have slacks of their own at every sample. Only acados's C function is timed, linearisation and QP, not what
-Python hands over.
+The C compiler compiles its generated code. States are (θ, ω, P1, P2, u_{k-1}) and inputs the changes of the commands,
+pressures in bar. The residuals of the cost and their linearisation (Gauss-Newton) are ours; the soft limits have
+separate slacks at every sample. Only acados's C function is timed, linearisation and QP, without the transfer from
+Python.
 """
 
 import ctypes
@@ -36,14 +36,14 @@ LIBRARIES = ("libblasfeo.so", "libhpipm.so", "libqpOASES_e.so.3.1")  # before li
 
 
 def available() -> bool:
-    """Whether acados can be run here."""
+    """Return whether acados is available."""
     root = os.environ.get("ACADOS_SOURCE_DIR")
     return root is not None and Path(root, "lib", "libacados.so").exists() and find_spec("acados_template") is not None
 
 
 @dataclass
 class AcadosRTI(BaseController):
-    """A controller that makes one real-time iteration a sample, or several."""
+    """Controller with one or several real-time iterations per sample."""
 
     plant: Plant
     dt: float
@@ -93,7 +93,7 @@ class AcadosRTI(BaseController):
         s.set(self.N, "yref", np.concatenate([feed.x[-1] / UNITS, feed.u[-1] / BAR]))
 
     def _begin(self, x: Array, d: Array, u: Array, u_last: Array) -> None:
-        """Set where the iteration begins: at the motion under the commands `u` (N, 2)."""
+        """Set the start of the iteration: the motion under the commands `u` (N, 2)."""
         motion = self._predictor.motion(x, u, d[: self.N])
         before = np.vstack([u_last, u]) / BAR
         for k in range(self.N + 1):
@@ -120,9 +120,9 @@ class AcadosRTI(BaseController):
         lib = Path(os.environ["ACADOS_SOURCE_DIR"], "lib")
         for name in LIBRARIES:
             ctypes.CDLL(str(lib / name))
-        self._folder = TemporaryDirectory(prefix="acados-")  # as long as the solver
+        self._folder = TemporaryDirectory(prefix="acados-")  # lives as long as the solver
         ocp.code_export_directory = f"{self._folder.name}/code"
-        with redirect_stdout(None):  # it tells which CasADi it knows
+        with redirect_stdout(None):  # suppresses its note on the CasADi version
             return acados_template.AcadosOcpSolver(ocp, json_file=f"{self._folder.name}/ocp.json", verbose=False)
 
     def _model(self, ocp: Any) -> None:
@@ -143,7 +143,7 @@ class AcadosRTI(BaseController):
         cost.cost_type, cost.cost_type_e = "NONLINEAR_LS", "NONLINEAR_LS"
         weights = [*rows.x[:2], rows.y[0], *rows.e * BAR**2, *rows.rate * (BAR / self.dt) ** 2]
         L = terminal_factor(self.plant, self.dt, w) * np.append(UNITS, [BAR, BAR])
-        # acados takes the sum of the stages for an integral
+        # acados treats the sum of the stages as an integral
         cost.W, cost.W_e = self._unit * np.diag(weights) / self.dt, self._unit * L.T @ L
         cost.yref, cost.yref_e = np.zeros(len(weights)), np.zeros(NX)
         charges = {"z": (w.slack, FORCE * w.slack_force), "Z": (w.slack_square, FORCE**2 * w.slack_force_square)}

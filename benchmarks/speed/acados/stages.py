@@ -1,4 +1,4 @@
-"""A step's QP by stages, as solvers of optimal control take it, its states not eliminated.
+"""A step's QP by stages for solvers of optimal control, without elimination of states.
 
     ξ_k = (δθ, δω, δP [bar], w [bar], s [rad], s_F [N])       8 states; of stage 0, where δx = 0 and w = 0, the slacks
     v_k                                                       2 inputs, changes of the commands [bar]
@@ -6,8 +6,8 @@
 
     ½ Σ_k (ξ_kᵀ Q_k ξ_k + v_kᵀ R_k v_k) + q_kᵀ ξ_k + r_kᵀ v_k  with the boxes of v, w, s, s_F and rows C_k ξ_k
 
-It is the QP that `mpc.tracking.qp.condense` condenses, divided by the least curvature of it: the two slacks are those
-of the whole horizon, and every number is of a moderate size.
+It is the QP that `mpc.tracking.qp.condense` condenses, divided by its least curvature: the two slacks belong to the
+whole horizon, and every number has a moderate size.
 """
 
 from typing import NamedTuple
@@ -40,7 +40,7 @@ class Stages(NamedTuple):
 
 
 def stages(problem: TrackingProblem, qp: RecordedQP) -> Stages:
-    """Return the stages of a QP whose commands may change at every sample."""
+    """Return the stages of a QP with commands that may change at every sample."""
     N = len(qp.model.u)
     A, B = np.zeros((N, NX, NX)), np.zeros((N, NX, NV))
     A[:, :4, :4] = qp.model.A * UNITS / UNITS[:, None]

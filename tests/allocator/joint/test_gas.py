@@ -284,7 +284,7 @@ def test_what_cannot_be_is_one_sentence(made, said):
 
 
 def test_free_valves_are_no_state_of_a_joint(joint):
-    with pytest.raises(InvalidInput, match="valves='free' is a question to `allocate`"):
+    with pytest.raises(InvalidInput, match="valves='free' is for `allocate`"):
         joint.stiffness(0.0, 3e5, 3e5, valves="free")
 
 

@@ -1,8 +1,7 @@
 """Loops over many targets, and the residual that proves an answer.
 
-Row matrices `A` (maps, p, m) hold all levels, which end at `ends` (K); target i takes the map `which[i]`, with `b`
-(N, p) and the bounds `lo`, `hi` and the `centre` (N, m). Multipliers `mu` (N, K + 1, p) are of the earlier levels'
-rows.
+Row matrices `A` (maps, p, m) hold all levels, which end at `ends` (K); target i takes the map `which[i]`, with `b` (N,
+p) and the bounds `lo`, `hi` and the `centre` (N, m). Multipliers `mu` (N, K + 1, p) belong to the earlier levels' rows.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -16,10 +15,10 @@ from allocator.allocation.box.kernel.levels import CANCELS, MOST_ROUNDS, prepare
 
 
 def residual(levels, box, x, mu, pull, near, held, work):
-    """Return the greatest gradient that is left at any level, in fractions of its scale.
+    """Return the greatest remaining gradient of any level, in fractions of its scale.
 
-    `pull` is the weight that ‖x - c‖² has beside the rows of the last level; with 0 it is a level of its own. `held`
-    (m + p) is memory. `levels.prepare` and `levels.scale` come before.
+    `pull` is the weight of ‖x - c‖² in the last level; with 0 it is a level of its own. `held` (m + p) is scratch
+    memory. Call `levels.prepare` and `levels.scale` first.
     """
     ends, scales, factors = levels.ends, work.scales, work.rhs
     K, begin, worst = len(ends), 0, 0.0
@@ -52,7 +51,7 @@ def slack(i, levels, x):
 
 
 def of_variables(k, end, levels, box, x, mu, to_centre, greatest, near, held, work):
-    """Return what is left of level k's gradient; `held` are the variables that an earlier level holds at a bound."""
+    """Return the remaining gradient of level k; `held` are the variables that an earlier level holds at a bound."""
     A, factors, worst = levels.A, work.rhs, 0.0
     for j in range(len(x)):
         gradient = to_centre * (x[j] - box.centre[j])
@@ -72,7 +71,7 @@ def of_variables(k, end, levels, box, x, mu, to_centre, greatest, near, held, wo
 
 
 def of_rows(k, end, levels, x, mu, greatest, near, held, work):
-    """Return what is left of the multipliers of one-sided rows, which push from their bound only, and only at it."""
+    """Return the violation by one-sided rows' multipliers: they must be ≥ 0, and 0 where a row is not at its bound."""
     worst, level, m = 0.0, 0, len(x)
     for i in range(end):
         if i >= levels.ends[level]:
@@ -91,8 +90,8 @@ PROOF: tuple[Callable[..., object], ...] = (residual, slack, of_variables, of_ro
 def allocate_batch(A, b, onesided, ends, lo, hi, centre, which, warm, x, side, mu, rounds, work):
     """Solve [L] for N targets.
 
-    Filled are `x` (N, m), `side` (N, m + p; as in `levels.solve`), `mu` and `rounds` (N), 0 where no guess was right.
-    With `warm` the guess begins with the previous target's sides.
+    Fills `x` (N, m), `side` (N, m + p; as in `levels.solve`), `mu` and `rounds` (N), 0 if no guess was right. With
+    `warm` the first guess has the previous target's sides.
     """
     for i in range(len(which)):
         levels = Levels(A[which[i]], b[i], onesided, ends)
@@ -130,7 +129,7 @@ def weigh_batch(A, b, onesided, ends, lo, hi, centre, which, pull, warm, x, side
 
 
 def residual_batch(A, b, onesided, ends, lo, hi, centre, which, x, mu, pull, near, out, held, work):
-    """Fill `out` (N) with the residuals of optimality that `allocator.allocation.box.certificate` explains.
+    """Fill `out` (N) with the residuals of optimality of `allocator.allocation.box.certificate`.
 
     Arguments are those of `allocate_batch`; `pull` is that of `weigh_batch`, 0 where ‖x - c‖² is a level of its own; a
     variable within `near` of a bound is on it.

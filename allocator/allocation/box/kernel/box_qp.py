@@ -5,7 +5,7 @@
 from math import sqrt
 
 PATIENCE = 3  # rounds without fewer violations before Murty's rule
-POSITIVE = 1e-14  # of a diagonal entry: what is left of it is at least that
+POSITIVE = 1e-14  # of a diagonal entry: least remainder in Cholesky's factor
 
 
 def box_qp(box, x, side, most, work):
@@ -76,7 +76,7 @@ def face(x, side, work):
 
 
 def flip(side, right, size, count, last, tries):
-    """Make the next guess, as `count` of `size` entries are not where they belong (`right`), at last `last`."""
+    """Make the next guess: `count` of `size` entries differ from `right`, the last of them at `last`."""
     if count < tries[0]:
         tries[0], tries[1] = count, PATIENCE
     else:

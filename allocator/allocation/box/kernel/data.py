@@ -1,4 +1,4 @@
-"""Rows, box and memory of the kernel: what its functions hand each other."""
+"""Rows, box and memory passed between the functions of the kernel."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 # numba types the functions by their calls, and the sizes in `carved` are read for C
@@ -19,12 +19,12 @@ class Levels(NamedTuple):
 
     A: Array  # (p, m)
     b: Array  # (p)
-    onesided: Mask  # (p) whether A x <= b is asked for, not A x = b
+    onesided: Mask  # (p) whether A x <= b is required, not A x = b
     ends: Places  # (K) where each level ends
 
 
 class Box(NamedTuple):
-    """Bounds, and the point that the last level draws to."""
+    """Bounds, and the centre of the last level."""
 
     lo: Array  # (m)
     hi: Array  # (m)
@@ -35,7 +35,7 @@ class Work(NamedTuple):
     """Memory of one solution, carved from flat arrays by `carved`."""
 
     Q: Array  # orthonormal rows
-    B: Array  # what is left of the rows of the free variables
+    B: Array  # remainders of the rows in the free variables
     L: Array  # the rows are L Q
     U: Array  # and L = U R
     R: Array  # its diagonal inverted
@@ -45,29 +45,29 @@ class Work(NamedTuple):
     weights: Array  # of the rows in it
     z: Array
     step: Array  # from the centre along Q
-    rhs: Array  # right-hand sides, and then what is left of them: b - A x
-    first: Places  # where the basis of each level begins
+    rhs: Array  # right-hand sides, then the residuals b - A x
+    first: Places  # first row of each level's basis
     free: Places  # the free variables
-    right: Signs  # where each variable and row belongs
+    right: Signs  # correct side of each variable and row
     largest: Array  # the greatest multiplier of each level
     used: Signs  # whether a row is in Q
-    tries: Places  # the fewest violations so far, and the patience that is left
+    tries: Places  # the fewest violations so far, and the remaining patience
     sizes: Array  # of each level: the greatest row sum, the greatest squared row, the size of a gradient
-    scales: Array  # of each level and the centre: what is large for a residual, and for a gradient
+    scales: Array  # of each level and the centre: scales of residual and gradient
 
 
 def matrix(flat, rows, columns):
-    """Return a matrix at the beginning of `flat`, and what is left of `flat`."""
+    """Return a matrix at the beginning of `flat`, and the rest of `flat`."""
     return flat[: rows * columns].reshape(rows, columns), flat[rows * columns :]
 
 
 def vector(flat, size):
-    """Return the first numbers of `flat`, and what is left of it."""
+    """Return the first numbers of `flat`, and the rest of it."""
     return flat[:size], flat[size:]
 
 
 def carved(floats, places, signs, p, m, K):
-    """Return the memory for p rows, m variables and K levels, and what it leaves of the flat arrays."""
+    """Return the memory for p rows, m variables and K levels, and the rest of the flat arrays."""
     Q, floats = matrix(floats, m, m)
     B, floats = matrix(floats, p, m)
     L, floats = matrix(floats, p, m)
@@ -96,7 +96,7 @@ def carved(floats, places, signs, p, m, K):
 
 
 def flat_arrays(p: int, m: int, K: int) -> tuple[Array, Places, Signs]:
-    """Return the flat arrays that `carved` uses up."""
+    """Return flat arrays of the sizes that `carved` needs."""
     floats = 4 * m * m + 3 * p * m + 3 * m + 2 * p + 6 * K + 3
     return np.empty(floats), np.empty(K + m + 3, np.int64), np.empty(m + 2 * p, np.int8)
 

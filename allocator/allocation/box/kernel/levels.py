@@ -1,10 +1,10 @@
-"""Solution of one target: guesses are made until one of them proves to be the answer of [L].
+"""Solution of [L] for one target, by guesses until one is proved optimal.
 
-`point` solves [L] for the free variables by orthogonal bases of the rows: those of level k less their part in the
+`point` solves [L] for the free variables by orthogonal bases of the rows. The rows of level k, less their part in the
 earlier levels' bases, are L Q with Q orthonormal, and L z ≈ b_k is a small least-squares problem (L = U R).
-`violations` tells what each level would gain from moving the others, with the earlier levels' `multipliers`: variables
-beyond their bounds belong there, fixed ones that the first level to feel them pulls inside are to be free. The slack of
-a one-sided row is a variable like any other, and an idle row one whose slack is free: it is left out.
+`violations` uses the earlier levels' `multipliers` to find each level's gain from moving the other variables: free ones
+beyond a bound belong at it, and fixed ones become free if the first level with a gradient pulls them inside. The slack
+of a one-sided row is treated as a variable; an idle row has a free slack and is left out.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -15,18 +15,18 @@ from math import sqrt
 from allocator.allocation.box.kernel.box_qp import PATIENCE, box_qp, face, flip
 
 MOST_ROUNDS = 20_000  # of guesses; 1 is usual
-MOST_FIRST = 1_000  # of those for the first guess; some 3 to 15 are usual
+MOST_FIRST = 1_000  # of rounds for the first guess; 3 to 15 are usual
 GAP = 1e4  # of the weights of one level and the next, in the QP of the first guess
-RANK = 1e-20  # (1e-10)² of a level's longest row: what is left of a row below it depends on the others
-CANCELLED = 1e-2  # of a row's square: what is left of it is made orthogonal once more
+RANK = 1e-20  # (1e-10)² of a level's longest row: a row with a smaller remainder depends on the others
+CANCELLED = 1e-2  # of a row's square: a smaller remainder is orthogonalised again
 MISSED = 1e-13  # of the scale: a residual below it is rounding
-CANCELS = 1e-11  # of column times multipliers, in size: a gradient below it is rounding
-OUTSIDE = 1e-12  # of the unit of x: what is beyond its bound by less is on it
-EXCEEDED = 1e-9  # of a one-sided row's scale: more than what `RANK` drops, or rows that nearly agree never settle
+CANCELS = 1e-11  # of the size of column times multipliers: a gradient below it is rounding
+OUTSIDE = 1e-12  # of the unit of x: a smaller violation of a bound is on it
+EXCEEDED = 1e-9  # of a one-sided row's scale: above `RANK`'s, or nearly dependent rows never settle
 
 
 def prepare(levels, work):
-    """Fill what depends on the rows only: the sizes of each level, and the matrix of the first guess's QP."""
+    """Fill the sizes of each level, and the matrix of the first guess's QP, which depend only on the rows."""
     A, ends, sizes, weights, H = levels.A, levels.ends, work.sizes, work.weights, work.H
     begin, m = 0, A.shape[1]
     for k in range(len(ends)):
@@ -50,9 +50,9 @@ def prepare(levels, work):
 
 
 def weigh(levels, work):
-    """Fill `work.weights` with those of the rows in the first guess's QP, where the centre has 1.
+    """Fill `work.weights` with those of the rows in the first guess's QP; the centre has 1.
 
-    One-sided rows have none: they are idle there.
+    One-sided rows have none: they are idle.
     """
     ends, sizes, weights = levels.ends, work.sizes, work.weights
     weight, end = 1.0, len(levels.b)
@@ -65,7 +65,7 @@ def weigh(levels, work):
 
 
 def scale(levels, work):
-    """Fill `work.scales` with what counts as large for each level's residuals and gradients, x being near 1."""
+    """Fill `work.scales` with the scales of each level's residuals and gradients, for x near 1."""
     b, ends, sizes, scales = levels.b, levels.ends, work.sizes, work.scales
     begin, K = 0, len(levels.ends)
     for k in range(K):
@@ -79,10 +79,10 @@ def scale(levels, work):
 
 
 def solve(levels, box, x, side, mu, warm, work):
-    """Solve [L] for one target; return the number of guesses, 0 if they did not end. `prepare` comes before.
+    """Solve [L] for one target; return the number of guesses, 0 if they did not end. Call `prepare` first.
 
-    `side` (m + p): of each variable -1 at lo, 0 free, +1 at hi; of each row -1 where it counts, 0 where it is idle. The
-    first guess is what it holds if `warm`, else that of a QP with weights in the place of levels.
+    `side` (m + p): of each variable -1 at lo, 0 free, +1 at hi; of each row -1 if active, 0 if idle. Its contents are
+    the first guess if `warm`; else a QP with weights instead of levels makes it.
     """
     lo, hi, right, tries = box.lo, box.hi, work.right, work.tries
     m, p = len(x), len(levels.b)
@@ -117,7 +117,7 @@ def solve(levels, box, x, side, mu, warm, work):
 
 
 def guess(levels, box, x, side, work):
-    """Guess the sides by the QP that has weights in the place of levels; return its rounds."""
+    """Guess the sides by the QP with weights instead of levels; return its rounds."""
     A, b, g, weights = levels.A, levels.b, work.g, work.weights
     for j in range(len(x)):
         g[j] = box.centre[j]
@@ -163,9 +163,9 @@ def point(levels, centre, side, x, work):
 
 
 def basis(begin, end, n, rank, longest, work):
-    """Extend the orthonormal rows Q by those of B[begin:end], the longest first; return how many there are.
+    """Extend the orthonormal rows Q by those of B[begin:end], the longest first; return their number.
 
-    All rows from `begin` on lose their part in the new ones, which goes to L.
+    The components of all rows from `begin` on along the new ones are moved to L.
     """
     Q, B, L, used = work.Q, work.B, work.L, work.used
     for i in range(begin, len(B)):
@@ -202,7 +202,7 @@ def basis(begin, end, n, rank, longest, work):
 
 
 def again(B, Q, L, row, n, rank):
-    """Make a row of B orthogonal to Q[:rank] once more, since what is small has lost digits; return its square."""
+    """Orthogonalise a row of B to Q[:rank] again, since small remainders have lost digits; return its square."""
     for t in range(rank):
         part = 0.0
         for c in range(n):
@@ -242,7 +242,7 @@ def least_squares(begin, end, first, rank, work):
             R[t, s] = part
             for i in range(begin, end):
                 U[i, s] -= part * U[i, t]
-    for t in range(first, rank):  # once more: a small residual has lost digits, and it decides what can be had
+    for t in range(first, rank):  # again: a small residual has lost digits, and it decides feasibility
         part = 0.0
         for i in range(begin, end):
             part += U[i, t] * rhs[i]
@@ -256,9 +256,9 @@ def least_squares(begin, end, first, rank, work):
 
 
 def multipliers(levels, mu, work):
-    """Fill `mu` (K + 1, p): of the earlier levels' rows, so that each level's gradient vanishes along their bases.
+    """Fill `mu` (K + 1, p): multipliers of earlier levels' rows that cancel each level's gradient along their bases.
 
-    In the level's own rows stands the residual A x - b, 0 where the level is met.
+    The level's own rows hold the residual A x - b, 0 if the level is met.
     """
     ends, rhs, scales = levels.ends, work.rhs, work.scales
     begin = 0
@@ -281,10 +281,10 @@ def earlier(k, begin, end, ends, mu, work):
         top = ends[level]
         bottom = ends[level - 1] if level > 0 else 0
         for t in range(first[level], first[level + 1]):
-            z[t] = -step[t] if k == len(ends) else 0.0  # of the last level, whose gradient is x - c
+            z[t] = -step[t] if k == len(ends) else 0.0  # of the last level, with the gradient x - c
             for i in range(top, end):
                 z[t] -= L[i, t] * mu[k, i]
-            for s in range(first[level], t):  # Rᵀ z = what is to vanish
+            for s in range(first[level], t):  # Rᵀ z = remaining gradient
                 z[t] -= R[s, t] * z[s]
             z[t] *= R[t, t]
             for i in range(bottom, top):
@@ -292,9 +292,9 @@ def earlier(k, begin, end, ends, mu, work):
 
 
 def violations(levels, box, x, side, mu, work):
-    """Fill `work.right` with where each variable and row belongs; return the last that is elsewhere.
+    """Fill `work.right` with the correct sides of variables and rows; return the last that differs from `side`.
 
-    A fixed one belongs inside if the first level whose gradient is not rounding would gain from that.
+    A fixed variable must become free if the first level with a gradient above rounding would gain from it.
     """
     A, b, ends = levels.A, levels.b, levels.ends
     lo, hi, right, largest = box.lo, box.hi, work.right, work.largest
@@ -335,7 +335,7 @@ def violations(levels, box, x, side, mu, work):
 
 
 def row_belongs(i, level, levels, x, now, mu, work):
-    """Return where the one-sided row `i` of `level` belongs: -1 where it counts, 0 where it is idle."""
+    """Return the correct side of the one-sided row `i` of `level`: -1 active, 0 idle."""
     A, largest = levels.A, work.largest
     if now == 0:
         slack = levels.b[i]

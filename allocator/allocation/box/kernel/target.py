@@ -1,7 +1,7 @@
 """One target in one call: checks, rows, box, solution, residual and status.
 
-It says what `allocator.allocation.box.problem` and `certificate` say of N targets. All arrays are flat, because a
-compiled function takes a quarter of a microsecond for each array that it is given:
+It does for one target the work of `allocator.allocation.box.problem` and `certificate`. All arrays are flat, because
+each array argument costs a compiled function a quarter of a microsecond:
 
     asked (2n + n² + m + 3)      q, T, K row by row, pressures now; least force, greatest force, greatest step (±inf)
     fixed (2n + m + d + 4)       ends of the joints, greatest pressures, roots of the weights; supply's lower end, unit,
@@ -25,7 +25,7 @@ from allocator.checks import LOOKS_LIKE_BAR
 
 MET, BINDS = CLOSED_FORM
 TRUSTED = 1e-7  # an answer with a greater optimality residual is a failure
-STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold is on it
+STRETCHED = 1e-9  # of the contraction ratio: nearer to the threshold counts as on it
 SYMMETRIC = 1e-9  # of a stiffness's greatest entry
 LIKE_BAR = LOOKS_LIKE_BAR[1]  # [Pa]
 HUGE = 1e300
@@ -36,15 +36,15 @@ TORQUE_LIMITED, STIFFNESS_LIMITED, UNSTABLE = (
     int(Status.UNSTABLE),
 )
 OUTSIDE_JOINT_RANGE, SOLVER_FAILED = int(Status.OUTSIDE_JOINT_RANGE), int(Status.SOLVER_FAILED)
-ODD = -1  # instead of a status: not certainly a question, which the readable checks are to judge
+ODD = -1  # instead of a status: possibly invalid, to be judged by the readable checks
 
 
 def answer(asked, fixed, posture, floats, places, signs, found, n, m, diagonal, stiffness_first, nearest):
-    """Fill `found` and return (status, guesses, what is missed, whether K is positive definite).
+    """Fill `found` and return (status, guesses, the targets missed, whether K is positive definite).
 
-    The status is `ODD` for what the readable road has to look at.
+    The status is `ODD` if the readable implementation must answer.
 
-    `diagonal`: only K's diagonal is asked for. `nearest`: to the pressures now, instead of the least.
+    `diagonal`: only K's diagonal is given. `nearest`: prefer pressures near the present ones to the least.
     """
     d = n + n * (n + 1) // 2
     q, asked = vector(asked, n)
@@ -91,7 +91,7 @@ def answer(asked, fixed, posture, floats, places, signs, found, n, m, diagonal, 
 
 
 def sensible(q, T, K, now, ends, diagonal, nearest):
-    """Return whether all is finite, in its unit as far as can be told, and K symmetric with a positive diagonal."""
+    """Return whether all numbers are finite and plausible in their units, and K symmetric with a positive diagonal."""
     n, largest, gap = len(q), 0.0, 0.0
     good = ends[0] < ends[1]
     for i in range(n):
@@ -135,7 +135,7 @@ def within(q, now, ends, fixed, posture, box, n, m, d, nearest):
 
 
 def fill(T, K, fixed, posture, levels, y, n, m, d, diagonal, stiffness_first):
-    """Fill the targets `y` and the rows, level after level; what is not asked for has a row of zeros."""
+    """Fill the targets `y` and the rows, level after level; free entries have rows of zeros."""
     A, b, onesided, ends = levels
     weights, y0, M = fixed[2 * n + m :], posture[3 * m :], posture[3 * m + d :]
     unit = fixed[2 * n + m + d + 1]
@@ -156,7 +156,7 @@ def fill(T, K, fixed, posture, levels, y, n, m, d, diagonal, stiffness_first):
 
 
 def is_asked(entry, n, diagonal):
-    """Return whether an entry of y is asked for: all torques, and of K all or the diagonal K11, K22, …"""
+    """Return whether an entry of y is requested: all torques, and of K all or the diagonal K11, K22, …"""
     if entry < n or not diagonal:
         return True
     at = n
@@ -168,7 +168,7 @@ def is_asked(entry, n, diagonal):
 
 
 def judged(x, y, fixed, posture, box, P, given, n, m, d, diagonal):
-    """Fill the pressures and what they give; return which of torque and stiffness are missed."""
+    """Fill the pressures, torques and stiffnesses; return which of torque and stiffness are missed."""
     unit, y0, M, missed = fixed[2 * n + m + d + 1], posture[3 * m :], posture[3 * m + d :], 0
     for j in range(m):
         x[j] = clip(x[j], box.lo[j], box.hi[j])
@@ -185,7 +185,7 @@ def judged(x, y, fixed, posture, box, P, given, n, m, d, diagonal):
 
 
 def holds(given, left, n):
-    """Return whether the stiffness given is positive definite, by the pivots of its elimination in `left` (n, n)."""
+    """Return whether the achieved stiffness is positive definite, by the pivots of its elimination in `left` (n, n)."""
     entry, largest = n, 0.0
     for i in range(n):
         for j in range(i, n):

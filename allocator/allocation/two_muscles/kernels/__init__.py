@@ -1,7 +1,7 @@
-"""Functions of `source` compiled by numba: at their first use, once, and kept on disk.
+"""Functions of `source` compiled by numba at their first use and cached on disk.
 
-Where they cannot be compiled (`allocator.compilation.jit`) `kernel` answers None and the readable implementation does
-the work.
+If they cannot be compiled (`allocator.compilation.jit`), `kernel` returns None and the readable implementation does the
+work.
 
 In other compiled code a kernel is called like any compiled function:
 
@@ -20,7 +20,7 @@ from allocator.compilation import jit
 
 @cache
 def kernel(name: str) -> jit.Function | None:
-    """Return `source`'s function `name`, compiled for each kind of arguments at its first call; None if it cannot be.
+    """Return the function `name` of `source`, compiled at the first call with each argument signature, or None.
 
     A compilation takes about a second.
     """
@@ -29,11 +29,11 @@ def kernel(name: str) -> jit.Function | None:
 
 @cache
 def register() -> None:
-    """Teach numba the functions of `source`, so that compiled functions can call each other by their plain names."""
+    """Register the functions of `source`, so that compiled functions can call each other by their plain names."""
     jit.register(source.FUNCTIONS, inline=True)
 
 
 def threads() -> int:
-    """Return how many threads compiled loops may use: numba's own number, by default that of processors; else 1."""
+    """Return the number of threads of compiled loops: numba's own, by default that of processors; else 1."""
     numba = sys.modules.get("numba")
     return int(numba.config.NUMBA_NUM_THREADS) if numba else 1

@@ -1,4 +1,4 @@
-"""Kernels for arrays of targets: bounded memory, several threads where there are many."""
+"""Kernels for arrays of targets, with bounded memory and several threads for many targets."""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -23,14 +23,14 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import Shares
 from allocator.joint.limits import Limit, Limits
 
-_PARALLEL = 500_000  # targets from which on threads are started
+_PARALLEL = 500_000  # least number of targets for several threads
 _PIECE = 50_000  # targets that a thread takes at a time
-_CHUNK = 1 << 14  # affine targets whose coefficients are in memory at a time, a thread
+_CHUNK = 1 << 14  # affine targets with coefficients in memory at a time, per thread
 _OUTSIDE = int(Limit.JOINT_RANGE | Limit.CONTRACTION_THRESHOLD)
 
 
 class Targets(NamedTuple):
-    """n targets with their limits, each array (n,), copied, in the form that compiled loops take."""
+    """n targets with their limits, each array (n,), copied for compiled loops."""
 
     theta: Array
     K: Array
@@ -40,7 +40,7 @@ class Targets(NamedTuple):
 
     @classmethod
     def of(cls, theta: object, K: object, T: object, limits: Limits) -> Self | None:
-        """Return the targets, flat; None where some are no real numbers, or none of them is an array."""
+        """Return the flat targets; None if some are not real numbers, or none is an array."""
         given = [_array(x) for x in (theta, K, T)]
         slewed = limits.previous is not None or limits.max_step is not None
         if slewed:
@@ -61,7 +61,7 @@ class Targets(NamedTuple):
 
 
 def _slew(limits: Limits) -> list[Array | None]:
-    """Return the slew limit's three arrays, None among them where they are not certainly pressures in Pa."""
+    """Return the slew limit's three arrays, with None among them if they may not be pressures in Pa."""
     found = [_array(x) for x in (*pair_or_nan(limits.previous), limits.max_step)]
     if any(x is None or not x.size or not np.isfinite(x).all() for x in found):
         return [None]
@@ -72,7 +72,7 @@ def _slew(limits: Limits) -> list[Array | None]:
 
 def _common_shape(arrays: list[Array]) -> tuple[int, ...] | None:
     shape = arrays[0].shape
-    if all(x.shape == shape for x in arrays):  # NumPy takes longer to see it
+    if all(x.shape == shape for x in arrays):  # NumPy's own check takes longer
         return shape
     try:
         return np.broadcast_shapes(*(x.shape for x in arrays))
@@ -81,8 +81,8 @@ def _common_shape(arrays: list[Array]) -> tuple[int, ...] | None:
 
 
 def _array(x: Any) -> Array | None:
-    """Return `x` as an array of real numbers, None where it is none; the copy that `_flat` makes has floats."""
-    if type(x) in (list, tuple) and REAL.issuperset(map(type, x)):  # no masks and units to look for
+    """Return `x` as an array of real numbers, or None if it is not one; `_flat` converts to floats."""
+    if type(x) in (list, tuple) and REAL.issuperset(map(type, x)):  # no masks or units to check
         x = np.array(x)
     if type(x) is np.ndarray and x.dtype.type in REAL:
         return x
@@ -90,12 +90,12 @@ def _array(x: Any) -> Array | None:
         return np.array(one)
     try:
         return real("targets", x, "")
-    except InvalidInput:  # `allocator.allocation.arguments` says what is wrong, and with which argument
+    except InvalidInput:  # `allocator.allocation.arguments` reports the faulty argument
         return None
 
 
 def _flat(arrays: list[Array], shape: tuple[int, ...]) -> Array:
-    """Return copies of the arrays as rows, since the caller may change his own; one block comes in large pages."""
+    """Return copies of the arrays as rows of one block (large pages), since the caller may change the originals."""
     copies = np.empty((len(arrays), *shape))
     for copy, x in zip(copies, arrays, strict=True):
         copy[...] = x
@@ -105,9 +105,9 @@ def _flat(arrays: list[Array], shape: tuple[int, ...]) -> Array:
 def run(
     loop: Kernel, kernel: JointKernel, targets: Targets, priority: Priority, shares: Shares | None
 ) -> tuple[Any, ...] | None:
-    """Return (P1, P2, T, K, status, limits, gap), each (n,); None where a target makes no sense, or may be degrees."""
+    """Return (P1, P2, T, K, status, limits, gap), each (n,); None if a target is invalid, or may be in degrees."""
     n, stiffness_first = targets.theta.size, True if priority == "stiffness" else None
-    # one block of memory for four arrays: the larger, the sooner it comes in large pages
+    # one block of memory for four arrays: a larger block is more likely to have large pages
     out: tuple[Any, ...] = *np.empty((4, n)), np.empty(n, np.int8), np.empty(n, np.int32), np.empty(n, bool)
 
     def piece(i: int, j: int) -> tuple[int, int]:
@@ -130,7 +130,7 @@ def run(
 
 
 def one_by_one(exact: Kernel) -> Kernel:
-    """Return the kernel for arrays that calls `exact`, in plain Python, for one target after the other."""
+    """Return the kernel for arrays that calls `exact` in plain Python, target by target."""
 
     def batch(*arguments: Any) -> tuple[int, int]:
         *given, out = arguments
@@ -146,7 +146,7 @@ def one_by_one(exact: Kernel) -> Kernel:
 
 
 def _column(x: object) -> Iterable[Any]:
-    """Return what `x` is for one target after the other: an array's numbers, rows of a tuple of arrays, or itself."""
+    """Return the values of `x` target by target: numbers of an array, rows of a tuple of arrays, or `x` itself."""
     if isinstance(x, np.ndarray):
         return x.tolist()  # type: ignore[no-any-return]  # a list, as x has one dimension
     if isinstance(x, tuple) and isinstance(x[0], np.ndarray):
@@ -155,7 +155,7 @@ def _column(x: object) -> Iterable[Any]:
 
 
 def _pieces(work: Callable[[int, int], tuple[int, int]], n: int, size: int) -> list[tuple[int, int]]:
-    """Do `work` on all of 0 … n in pieces; where it pays other threads help, taking pieces as long as there are any."""
+    """Do `work` on 0 … n in pieces; if that pays, several threads take pieces until none are left."""
     starts = iter(range(0, n, size))
 
     def drain() -> list[tuple[int, int]]:
@@ -179,7 +179,7 @@ def _refer(
     found: tuple[Any, ...],
     gap: Array,
 ) -> None:
-    """Let the readable implementation answer the targets for which a kernel is not proved."""
+    """Solve the targets for which the kernel is not proved by the readable implementation."""
     problem, _ = problem_from(joint, *targets[:3], limits=targets.limits, priority=priority, shares=shares)
     problem = problem.take(where)
     P1, P2, gap[where] = solve(problem)
@@ -192,7 +192,7 @@ def _refer(
 def at_once(name: str) -> Callable[..., tuple[int, int]]:
     """Return the NumPy equivalent of `source`'s loop `<name>_batch`, equal digit for digit.
 
-    It is made once, in some 20 ms.
+    It is made once, in about 20 ms.
     """
     from allocator.compilation.printer import Source, array_functions
 
@@ -200,7 +200,7 @@ def at_once(name: str) -> Callable[..., tuple[int, int]]:
 
     def batch(*arguments: Any) -> tuple[int, int]:
         *given, out = arguments
-        with np.errstate(all="ignore"):  # of what lies in the branches that are not taken
+        with np.errstate(all="ignore"):  # warnings of branches not taken
             if strange := int(np.sum(odd(*given[:3]))):
                 return strange, 0
             answers = exact(*given)

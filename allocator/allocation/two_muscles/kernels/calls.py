@@ -1,16 +1,15 @@
-"""Kernels behind `allocate`: one target in some microseconds, arrays at the speed of compiled loops.
+"""Kernels behind `allocate`: one target in a few microseconds, arrays at the speed of compiled loops.
 
-It is a short cut for the ordinary question (method "exact", a lexicographic priority, no pull, no co-contraction floor,
-no tolerance) about a joint that has a kernel. To everything else, and to arguments that are not certainly valid, the
-answer is None: `allocator.allocation.arguments` then finds out what is wrong, if anything, and the readable
-implementation answers.
+They are a fast path for the ordinary problem (method "exact", a lexicographic priority, no pull, no co-contraction
+floor, no tolerance) of a joint that has a kernel. For all other problems and possibly invalid arguments the answer is
+None: `allocator.allocation.arguments` then checks the arguments, and the readable implementation solves the problem.
 
-Of what type a number is makes no difference: all of them are turned into Python's floats, all arrays into NumPy's.
+Number types make no difference: all scalars become Python floats, all arrays NumPy arrays.
 
-No call waits for a compiler, however many came before: `warm_up` compiles beforehand. Until then the kernels as plain
-Python answer single targets and short arrays, and as NumPy's operations longer ones, at some 0.2 µs a target. The
-exception is an array so large that compiled code soon pays: it is loaded from disk in 0.7 s, or made in 3 s, once after
-installation, and takes 300 000 targets a twentieth of a second less.
+No call waits for a compiler: `warm_up` compiles beforehand. Until then the kernels solve single targets and short
+arrays as plain Python, and longer arrays as NumPy operations, at about 0.2 µs per target. The exception is an array so
+large that compiled code pays: it is loaded from disk in 0.7 s, or compiled in 3 s once after installation, and saves
+0.05 s per 300 000 targets.
 """
 
 from math import inf, isnan, pi
@@ -37,8 +36,8 @@ from allocator.joint.limits import Limits
 _TURN = 2 * pi
 _HUGE = 1e300
 _LIKE_BAR = LOOKS_LIKE_BAR[1]
-_PAYS = 300_000  # targets in one array for which compiled code, once it is loaded, takes some 0.05 s less than NumPy
-_FEW = 200  # targets in one array that plain Python answers before NumPy's operations are made
+_PAYS = 300_000  # targets in one array for which compiled code, once loaded, saves about 0.05 s over NumPy
+_FEW = 200  # targets in one array that plain Python solves before the NumPy form is made
 _FIRST: dict[str, bool | None] = {"torque": None, "stiffness": True}  # priority → `stiffness_first` of the kernels
 
 _PLAIN: dict[str, Kernel] = {"tondu": kernels.tondu_exact, "affine": kernels.affine_exact}
@@ -51,7 +50,7 @@ _batches: dict[Kind, Kernel] = {}  # compiled
 def answer(
     joint: Any, theta: Any, K: Any, T: Any, priority: Any, limits: Limits, kind: StiffnessKind = HELD
 ) -> PairAllocation | None:
-    """Return the allocation, or None where the short cut does not lead; arguments as those of `allocate`."""
+    """Return the allocation, or None outside the fast path; arguments as of `allocate`."""
     chosen = kernel_of(joint)
     _, name, p, left, right = chosen
     min_force, max_force, floor, previous, max_step = limits
@@ -85,7 +84,7 @@ def answer(
 
 
 def _in_floats(theta: object, K: object, T: object, limits: Limits) -> tuple[float, float, float, Limits] | None:
-    """Return the target in floats, where it is one and, if any, its slew limit certainly in Pa; else None."""
+    """Return the target as floats, or None if it is not one target or its slew limit may not be in Pa."""
     if not type(theta) is type(K) is type(T) is float:
         theta, K, T = float_or_nan(theta), float_or_nan(K), float_or_nan(T)
         if isnan(theta + K + T):
@@ -104,7 +103,7 @@ def _in_floats(theta: object, K: object, T: object, limits: Limits) -> tuple[flo
 
 
 def _forces(limits: Limits) -> Limits | None:
-    """Return the limits with those of the forces as floats; None where they are none."""
+    """Return the limits with force limits as floats, or None if they are not numbers."""
     low, high = limits.min_force, limits.max_force
     low, high = low if low is None else float_or_nan(low), high if high is None else float_or_nan(high)
     if not ((low is None or 0 <= low < _HUGE) and (high is None or (low or 0.0) < high < _HUGE)):
@@ -132,7 +131,7 @@ def _batch(
 
 
 def _loop(kind: Kind, n: int) -> Kernel:
-    """Return the compiled loop where it is there or pays for `n` targets; else plain Python for a few, or NumPy."""
+    """Return the compiled loop if it is ready or pays for `n` targets; else plain Python for a few, or NumPy."""
     if (compiled := _batches.get(kind)) is not None:
         return compiled
     if n >= _PAYS and (compiled := kernel(f"{kind[0]}_batch")) is not None:
@@ -163,7 +162,7 @@ def warm_up(joint: AntagonistJoint, priority: Priority, limits: Limits, slew: bo
 
 
 def _search_ready(joint: AntagonistJoint) -> bool:
-    """Compile the search of the optimum now, or load it; False where that cannot be done."""
+    """Compile or load the search of the optimum now; return False if it cannot be compiled."""
     if not search.ready():
         return False
     zero = np.zeros(1)

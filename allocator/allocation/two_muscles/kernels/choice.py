@@ -19,7 +19,7 @@ _REMEMBERED = 64  # joints
 
 
 class TonduNumbers(NamedTuple):
-    """The numbers `p` are those of two equal Tondu2021 on a pulley; pass `tuple(numbers)`, which is quicker."""
+    """Numbers `p` of two equal Tondu2021 on a pulley; pass `tuple(numbers)`, which is faster."""
 
     S: float  # [m²]
     R: float  # [m]
@@ -32,19 +32,19 @@ class TonduNumbers(NamedTuple):
     g: float  # e - c d [Pa²]
     lo: float  # supply [Pa]
     hi: float  # supply or validity [Pa]
-    least: float  # the formulas are proved from here [Pa]
-    most: float  # up to here
+    least: float  # the formulas are proved from this pressure [Pa]
+    most: float  # up to this one
     left: float  # joint range [rad]
     right: float
     near: float  # a pressure this near to a bound lies on it [Pa]
-    hi_limit1: int  # Limit flags: what `hi` is for the agonist
+    hi_limit1: int  # Limit flag of `hi` for the agonist
     hi_limit2: int
     below: int  # what ends the joint range on the left
     above: int  # and on the right
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> "TonduNumbers | None":
-        """Return the numbers of `joint`, None if it is of another kind or the number of steps is not proved for it."""
+        """Return the numbers of `joint`, or None if it is of another kind or the steps are not proved for it."""
         closed = joint.tondu_pulley
         if closed is None:
             return None
@@ -77,7 +77,7 @@ class TonduNumbers(NamedTuple):
 
     @property
     def settles(self) -> bool:
-        """Whether the steps of Newton's method suffice all over the supply range, and that range is proper."""
+        """Whether the Newton steps suffice over the whole supply range, and that range is proper."""
         if not (0 <= self.lo < self.hi < -self.d):
             return False
         weakest, strongest = 1 / (self.lo + self.d), 1 / (self.hi + self.d)
@@ -86,7 +86,7 @@ class TonduNumbers(NamedTuple):
 
 
 class AffineNumbers(NamedTuple):
-    """The numbers `p` are those of a joint of two affine muscles; pass `tuple(numbers)`."""
+    """Numbers `p` of a joint with two affine muscles; pass `tuple(numbers)`."""
 
     lo: float  # supply [Pa]
     most1: float  # supply or validity [Pa]
@@ -94,7 +94,7 @@ class AffineNumbers(NamedTuple):
     left: float  # joint range [rad]
     right: float
     near: float  # a pressure this near to a bound lies on it [Pa]
-    hi_limit1: int  # Limit flags: what `most1` is
+    hi_limit1: int  # Limit flag of `most1`
     hi_limit2: int
     below: int  # what ends the joint range on the left
     above: int  # and on the right
@@ -123,19 +123,19 @@ Kernel = Callable[..., Any]
 
 
 class JointKernel(NamedTuple):
-    """Kernel that answers for a joint, with the joint's numbers."""
+    """Kernel of a joint, with the joint's numbers."""
 
     joint: AntagonistJoint
-    name: str  # "tondu", "affine", or "" where there is none
+    name: str  # "tondu", "affine", or "" for none
     p: tuple[Any, ...]  # the joint's numbers
     left: float  # joint range [rad]
     right: float
 
 
 Kind = tuple[str, bool, bool, bool, bool | None]
-"""What a kernel is compiled for: its name; whether there is a least, a greatest force, a slew limit; priority."""
+"""Key of a compiled kernel: its name; whether there is a least, a greatest force, a slew limit; priority."""
 
-_kernels: dict[int, JointKernel] = {}  # by the joint's id; the value holds its joint, so that the id stays taken
+_kernels: dict[int, JointKernel] = {}  # by the joint's id; the value holds the joint, so the id stays in use
 
 
 def kernel_of(joint: AntagonistJoint) -> JointKernel:
@@ -161,7 +161,7 @@ def coefficients(joint: AntagonistJoint, theta: Value, shares: Shares | None = N
 
 
 def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
-    """Return (A, B, a, k', k0) as `side` has them, but with A, B and their derivatives evaluated once."""
+    """Return (A, B, a, k', k0) of `side`, with A, B and their derivatives evaluated once."""
     muscle, eps = side.muscle, side.contraction
     assert isinstance(muscle, AffineMuscle)
     A, B = muscle.gain(0.0, eps), muscle.law(0.0, eps)

@@ -1,20 +1,20 @@
-"""Exact allocation of one target as plain Python, the one text that everything else is made from.
+"""Exact allocation of one target as plain Python, the common source of all compiled and printed forms.
 
 `tondu_exact` answers for two equal Tondu2021 on a pulley, `affine_exact` for muscles affine in the pressure in any
-geometry. They give, to rounding, what the readable `allocator.allocation.two_muscles.exact` and `status` give, for the
-lexicographic priorities without a pull. Nothing here is searched, and no step depends on the data: bring the first
-target into its interval, find both ends of its level in the box, bring the second target between them, invert.
+geometry. They agree to rounding with the readable `allocator.allocation.two_muscles.exact` and `status`, for the
+lexicographic priorities without a pull. There is no search, and no step depends on the data: clip the first target to
+its interval, find both ends of its level in the box, clip the second target between them, invert.
 
-Four readers share the text, and all give the same digits:
+Four forms share the source, and all give the same digits:
 
-* Python, as it stands, in some µs a target: scalar calls until `warm_up`;
-* numba (`compiled`), also for calls from other compiled code. Arguments that are None (a limit that is not there) are
-  compiled away, and there are only conditional expressions and `sqrt`, so that the loops over arrays vectorise. It is
-  one file because numba looks at one file only to see whether what it has on disk is out of date;
-* NumPy (`printed.array_form`), for arrays until `warm_up`;
-* C (`printed.c_form`), for the export.
+* Python, unchanged, in a few µs per target: scalar calls until `warm_up`;
+* numba (`compiled`), also for calls from other compiled code. Arguments that are None (an absent limit) are compiled
+  away. There are only conditional expressions and `sqrt`, so that the loops over arrays vectorise. It is one file
+  because numba checks only one file to see whether its cached code is out of date;
+* NumPy (`printer.to_numpy`), for arrays until `warm_up`;
+* C (`printer.to_c`), for the export.
 
-The printer asks for a plain style: a tuple is unpacked into names or returned as names, and a name is first assigned
+The printer requires a plain style: a tuple is unpacked into names or returned as names, and a name is first assigned
 outside of branches.
 """
 
@@ -26,11 +26,11 @@ from math import inf, pi, sqrt
 from allocator.allocation.status import CLOSED_FORM, Status
 from allocator.joint.limits import Limit
 
-# Whoever changes one of these elsewhere touches this file, too: numba keeps the old ones otherwise
+# After changing one of these elsewhere, touch this file: numba's cache would keep the old value
 MET = CLOSED_FORM.met  # of the torque or stiffness scale: a target missed by less is met
 _NEWTON_STEPS = 4
 _TURN = 2 * pi
-_RISES = 1e-6  # of q: where the force gains less from pressure the reference answers
+_RISES = 1e-6  # of q: with a smaller gain of force by pressure the reference answers
 
 # Statuses as plain numbers
 EXACT, TORQUE_LIMITED, STIFFNESS_LIMITED = int(Status.EXACT), int(Status.TORQUE_LIMITED), int(Status.STIFFNESS_LIMITED)
@@ -48,8 +48,8 @@ ANTAGONIST = tuple(map(int, (Limit.P2_LOWER, Limit.ANTAGONIST_SLACK, Limit.ANTAG
 def interval(bounds, near):
     """Return (low, high, status) of one muscle's pressure [Pa], as `allocator.joint.limits.PressureInterval`.
 
-    `bounds`: supply, supply or validity, least force, greatest force, both ends of what the slew limit leaves [Pa];
-    ±inf where there is none. The `Status` is exact, conflict, slack or outside the limits.
+    `bounds`: supply, supply or validity, least force, greatest force, both ends of the slew limit [Pa]; ±inf if absent.
+    The `Status` is exact, conflict, slack or outside the limits.
     """
     lo, hi, taut, ceiling, nearest, farthest = bounds
     most = hi if ceiling >= hi else clip(ceiling, lo, hi)
@@ -80,7 +80,7 @@ def binding(P, low, high, bounds, near, hi_limit, flags):
 
 
 def verdict(e_T, e_K, T_scale, K_scale, outside, status1, status2):
-    """Return the `Status`: what is missed, or outside the joint range, or a muscle's; the last of them in its list."""
+    """Return the `Status` of the targets missed, the joint range and the muscles; the last that applies in its list."""
     missed_T = TORQUE_LIMITED if abs(e_T) > MET * T_scale else EXACT
     status = missed_T | (STIFFNESS_LIMITED if abs(e_K) > MET * K_scale else EXACT)
     status = status if outside == 0 else OUTSIDE_JOINT_RANGE
@@ -89,8 +89,8 @@ def verdict(e_T, e_K, T_scale, K_scale, outside, status1, status2):
 
 
 # --- two equal Tondu2021 on a pulley --------------------------------------------------------------------------------
-# A muscle's force per area is f = q P - ε (c + g r) [Pa] with r = 1/(P + d). It is written out in every place, because
-# a call takes Python longer than the formula.
+# A muscle's force per area is f = q P - ε (c + g r) [Pa] with r = 1/(P + d). It is written out everywhere, because a
+# Python call takes longer than the formula.
 
 
 def tondu_exact(
@@ -99,8 +99,8 @@ def tondu_exact(
     """Answer one target: (P1, P2 [Pa], T [N·m] and K [N·m/rad] given, status, limits, sure); `p` from `TonduNumbers`.
 
     θ [rad], K [N·m/rad], T [N·m]; `min_force`, `max_force` [N], pressures now and `max_step` [Pa], or None;
-    `stiffness_first`: None for priority "torque", True for "stiffness". `sure` is False where these formulas are not
-    proved, beyond the fold of a muscle or outside the pressures for which they are: there the reference has to answer.
+    `stiffness_first`: None for priority "torque", True for "stiffness". `sure` is False if these formulas are not
+    proved, beyond the fold of a muscle or outside their range of pressures: the reference must answer then.
     """
     S, R, l0, eps0, q, c, d, e, g, lo, hi, least, most, left, right, near, hi_limit1, hi_limit2, below, above = p
     outside = below if theta < left else (above if theta > right else 0)
@@ -144,7 +144,7 @@ def tondu_exact(
 
 
 def tondu_torque_first(tau, s, fh1, fh2, box, muscles):
-    """Return the pressures for τ = T/(S R), brought within reach, and then for s, brought within the torque level.
+    """Return the pressures for τ = T/(S R), clipped to its range, and then for s, clipped to the torque level.
 
     `fh1`, `fh2`: the forces per area [Pa] at the upper ends of the box.
     """
@@ -154,7 +154,7 @@ def tondu_torque_first(tau, s, fh1, fh2, box, muscles):
     least, most = fl1 - fh2, fh1 - fl2
     too_low, too_high = tau <= least, tau >= most
     tau = clip(tau, least, most)
-    # the level's low end: one pressure is at its lower bound, the other gives the rest of the torque
+    # the level's low end: one pressure at its lower bound, the other gives the rest of the torque
     at1 = tau <= fl1 - fl2
     u = tondu_u(fl1 - tau if at1 else fl2 + tau, eps2 if at1 else eps1, q, c, d, g)
     a1, a2 = lo1 if at1 else clip(u - d, lo1, hi1), clip(u - d, lo2, hi2) if at1 else lo2
@@ -173,7 +173,7 @@ def tondu_torque_first(tau, s, fh1, fh2, box, muscles):
 
 
 def tondu_stiffness_first(tau, s, box, muscles):
-    """Return the pressures for s, brought within [K(lo, lo), K(hi, hi)], and then for τ, within the stiffness level."""
+    """Return the pressures for s, clipped to [K(lo, lo), K(hi, hi)], and then for τ, clipped to the stiffness level."""
     lo1, hi1, lo2, hi2, rl1, rh1, rl2, rh2 = box
     eps1, eps2, q, c, d, g = muscles
     too_low, too_high = s >= rl1 + rl2, s <= rh1 + rh2
@@ -194,7 +194,7 @@ def tondu_stiffness_first(tau, s, box, muscles):
 
 
 def tondu_inverse(tau, s, box, muscles):
-    """Return the pressures that give τ and s, brought into the box where they are not in it.
+    """Return the pressures that give τ and s, clipped to the box.
 
     With the reciprocals r_i = 1/(P_i + d), q = a - b and g = e - cd, two Tondu2021 on a pulley give
 
@@ -222,7 +222,7 @@ def tondu_inverse(tau, s, box, muscles):
 
 
 def tondu_pressure(F, eps, S, q, c, d, e):
-    """Compute `Tondu2021.pressure`, to the last digit, so that the box is the reference's."""
+    """Return `Tondu2021.pressure`, equal to the last digit, so that the box is the reference's."""
     q1, q0 = q * d - c * eps - F / S, e * eps + d * F / S  # q P² + q1 P - q0 = 0
     square = q1 * q1 + 4 * q * q0
     return 2 * q0 / (q1 - sqrt(square)) if square >= 0 else inf
@@ -252,7 +252,7 @@ def affine_exact(
     max_step=None,
     stiffness_first=None,
 ):
-    """Answer one target as `tondu_exact` does; `one` and `two` are the muscles at θ brought into the joint range.
+    """Answer one target as `tondu_exact` does; `one` and `two` are the muscles at θ clipped to the joint range.
 
     They are (A, B, a, k', k0): F = A P + B [N], moment arm a [m], stiffness that the muscle adds k0 + k' P [N·m/rad];
     `p` comes from `AffineNumbers`.
@@ -291,7 +291,7 @@ def affine_exact(
 
 
 def affine_lexicographic(X, x1, x2, Y, y1, y2, box):
-    """Return the pressures with x1 P1 + x2 P2 nearest to X, and of them those with y1 P1 + y2 P2 nearest to Y.
+    """Return the pressures with x1 P1 + x2 P2 nearest to X, and among these with y1 P1 + y2 P2 nearest to Y.
 
     A level of the first is a straight line, on which the second is affine. From m_i to M_i the first grows.
     """
@@ -319,12 +319,12 @@ def affine_lexicographic(X, x1, x2, Y, y1, y2, box):
 
 
 def odd(theta, K, T):
-    """Return 1 for an angle of more than a turn, a stiffness that is not positive, or what is not finite; else 0."""
+    """Return 1 for an angle of more than a turn, a stiffness not positive, or a value not finite; else 0."""
     return 0 if abs(theta) <= _TURN and 0 < K < inf and abs(T) < inf else 1
 
 
 def tondu_batch(theta, K, T, p, min_force, max_force, P1_now, P2_now, max_step, stiffness_first, out):
-    """Fill `out`, arrays (n,) for what `tondu_exact` gives; return how many targets are odd, and answers unsure."""
+    """Fill `out`, arrays (n,) of the results of `tondu_exact`; return the numbers of odd targets and unsure answers."""
     P1, P2, T_given, K_given, status, limits, sure = out
     strange = unsure = 0
     for i in range(theta.size):

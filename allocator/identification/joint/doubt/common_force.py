@@ -1,20 +1,20 @@
 """Force common to both muscles: whether the data determine it, and its bounds if they do not.
 
-Angles at rest tell a1 F1 - a2 F2 and nothing else: forces ΔF_i = C ā/a_i, ā the mean arm, move no angle on any
-mechanism, whatever the constant C [N]. Only a cable that goes slack shows them. Two things look as if they did:
-friction in proportion to the forces, and the form of a law, which may have no term like C. Neither is a measurement:
-with the law of another type of muscle, on a lever, the form put the forces at three times the truth. So it is asked
+Angles at rest determine only a1 F1 - a2 F2: forces ΔF_i = C ā/a_i, with the mean arm ā and any constant C [N], move no
+angle on any mechanism. Only a cable that goes slack reveals them. Friction in proportion to the forces, and the form of
+a law without a term like C, seem to reveal them too, but neither is a measurement: with the law of another type of
+muscle, on a lever, the form gave three times the true forces. The data are therefore tested
 
-by rank: whether there are readings of a sag test, without which C has no part in the equations, and
-by profile likelihood: whether the cost rises by 4 σ² on either side where the pull share φ (see `problem`) is fixed
-    at values away from the optimum and all else is fitted again, with a constant friction torque and a constant play
-    beside μ; σ² = cost/(cells - unknowns), samples at the same pressures and torque being one cell.
+by rank: whether there are readings of a sag test, without which C is absent from the equations, and
+by profile likelihood: whether the cost rises by 4 σ² on both sides if the pull share φ (see `problem`) is fixed away
+    from the optimum and all else is fitted again, with a constant friction torque and a constant play in addition to μ;
+    σ² = cost/(cells - unknowns), samples at the same pressures and torque being one cell.
 
-Where it is not seen, its bounds are those of physics: at most a tenth of the forces measured are negative, and
-φ ≤ 1.05, since a contracted muscle without pressure does not pull. φ is then assumed: that of a prior; or that at which
-friction is in proportion to the forces, if nothing speaks against it and it tells φ; or else, the cautious assumption,
-the least at which (all but a fiftieth of) the forces have the share η of their mean. It is only moved as far as the
-form of the law lets the cost rise by no more than a tenth, which is not told from the law's own error.
+If it is not determined, its bounds are physical: at most a tenth of the measured forces are negative, and φ ≤ 1.05,
+since a contracted muscle without pressure does not pull. φ is then assumed: that of a prior; or that at which friction
+is in proportion to the forces, if this is consistent and determines φ; or else, cautiously, the least φ at which (all
+but a fiftieth of) the forces have the share η of their mean. It is moved only until the cost has risen by a tenth,
+within the law's own error.
 """
 
 from dataclasses import dataclass, replace
@@ -33,24 +33,24 @@ from allocator.muscles import Muscle, force_gradient
 
 _FIRM = 2000.0  # [σ] weight of a pull share that is set
 _ROUNDS = 2
-_HELD = 200.0  # times the scatter of the angles: weight of one of the profile, whose points need not lie on the grid
-_WEAK = 0.02  # [rad] … and of one that only leads the search
-_USUAL = 0.5  # pull share to which it leads [-]
+_HELD = 200.0  # times the scatter of the angles: weight in the profile, whose points need not lie on the grid
+_WEAK = 0.02  # [rad] … and of one that only guides the search
+_USUAL = 0.5  # pull share that it aims at [-]
 _MOST = 1.05  # pull share [-]
 _STEP = 0.1
 _STEPS = 30
-_CHANCE = 6.0  # [σ²] what two unknowns more gain by chance in 95 %
-_PLAUSIBLE = 0.1  # pull share below which a muscle would be all but slack everywhere [-]
+_CHANCE = 6.0  # [σ²] gain of two more unknowns by chance in 95 %
+_PLAUSIBLE = 0.1  # with a smaller pull share a muscle would be nearly slack everywhere [-]
 _RISE = 4.0  # [σ²]
-_LAW = 0.1  # of the cost, by which the form of a law may raise it
+_LAW = 0.1  # of the cost: accepted rise due to the form of a law
 _NEGATIVE = 0.1  # of the forces, at the lower bound
 _SLACK = 0.02  # of the forces, at the cautious assumption
-_KNOWN = 1e-9  # relative change of φ below which the unknowns do not move it
+_KNOWN = 1e-9  # relative change of φ: below it φ does not depend on the unknowns
 _ALIKE = 0.1  # standard deviation of φ between muscles of one type, if the prior has no covariance [-]
-_FREE = ("coulomb", "play")  # what friction may be beside μ
-_ASSUMED = 0.15  # standard deviation of a φ that is assumed [-]
+_FREE = ("coulomb", "play")  # friction in addition to μ
+_ASSUMED = 0.15  # standard deviation of an assumed φ [-]
 _NORMAL = 1.96
-_LEAST_ERROR = 1e-6  # [rad] the noise of data that have none
+_LEAST_ERROR = 1e-6  # [rad] noise assumed of exact data
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ class CommonForce:
     """Common force, either determined by the data or assumed within bounds."""
 
     share: float  # φ of the fit [-]
-    low: float  # C [N], on the force scale of the problem: how much less …
-    high: float  # … and more it may be; 95 % where it is seen or that of a prior, else the bounds of physics
+    low: float  # C [N], on the force scale of the problem: lower …
+    high: float  # … and upper end: 95 % if it is determined or that of a prior, else physical bounds
     seen: bool
-    source: str  # what it is taken from, in words fit for a sentence
+    source: str  # its source, in words
     ends: tuple[Array, Array] | None  # unknowns (m,) of the best fits at two φ, four standard deviations apart
-    prior: "Prior | None" = None  # that it is taken from
+    prior: "Prior | None" = None  # its source, if any
     share_std: float = _ASSUMED  # standard deviation of φ [-]
 
     @property
@@ -96,12 +96,12 @@ class Point(NamedTuple):
 
 
 def guided(problem: JointProblem) -> JointProblem:
-    """Return the problem in which a weak equation leads φ to a usual value where nothing else does."""
+    """Return the problem with a weak equation that guides φ to a usual value if nothing else determines it."""
     return replace(problem, pull=PullShare(_USUAL, _WEAK))
 
 
 def with_free_friction(problem: JointProblem) -> JointProblem:
-    """Return the problem with a constant friction torque and a constant play beside μ, if μ is fitted."""
+    """Return the problem with a constant friction torque and a constant play in addition to μ, if μ is fitted."""
     if "friction" not in problem.extra or set(_FREE) & set(problem.extra):
         return problem
     unbounded = np.full(len(_FREE), np.inf)
@@ -112,7 +112,7 @@ def with_free_friction(problem: JointProblem) -> JointProblem:
 def prior_of(problem: JointProblem, muscle: Muscle | Prior | None) -> Prior | None:
     """Return the prior of φ that `muscle` implies at the samples; its strength does not matter.
 
-    Raises InvalidInput where its law has no force there.
+    Raises InvalidInput if its law gives no force there.
     """
     if muscle is None or isinstance(muscle, Prior):
         return muscle
@@ -136,7 +136,7 @@ def prior_of(problem: JointProblem, muscle: Muscle | Prior | None) -> Prior | No
 
 
 def settle(problem: JointProblem, x: Array, prior: Prior | None) -> tuple[JointProblem, Array, CommonForce]:
-    """Return the problem with the equation that sets φ where it is not seen, where to start, and what was found."""
+    """Return the problem with the equation for φ if it is not determined, the start, and the common force."""
     name, problem = type(problem.prototype).__name__, replace(problem, pull=None)
     if not problem.free:
         share = problem.pull_share(problem.unknowns(x)).real
@@ -156,12 +156,12 @@ def settle(problem: JointProblem, x: Array, prior: Prior | None) -> tuple[JointP
 
 
 def _held(problem: JointProblem, profile: "Profile", share: float) -> JointProblem:
-    """Return the problem in which φ is held so firmly that friction, wrongly told, cannot move it."""
+    """Return the problem in which φ is so firm that wrong friction cannot move it."""
     return replace(problem, pull=PullShare(share, _FIRM * np.sqrt(profile.variance)))
 
 
 def _set(problem: JointProblem, profile: "Profile", prior: Prior | None) -> tuple[JointProblem, Array, CommonForce]:
-    """Return the problem, where to start, and φ as a prior or an assumption sets it."""
+    """Return the problem, the start, and φ by a prior or an assumption."""
     if prior is None and (shown := profile.shown_by_friction()) is not None:
         return problem, shown, _assumed(problem, shown, "the assumption that friction is proportional to it", None)
     limit = _RISE * profile.variance + _LAW * profile.best.cost
@@ -175,9 +175,9 @@ def _set(problem: JointProblem, profile: "Profile", prior: Prior | None) -> tupl
 
 
 def _assumed(problem: JointProblem, x: Array, source: str, prior: Prior | None) -> CommonForce:
-    """Return what stands for a common force that is not seen; the interval of a prior is four deviations wide."""
+    """Return the assumed common force; the interval of a prior is four deviations wide."""
     share = problem.pull_share(problem.unknowns(x)).real
-    if prior is None:  # the bounds of physics; what the fit has lies between them
+    if prior is None:  # the physical bounds, which enclose the fit
         forces = problem.measured_forces(problem.unknowns(x)) / problem.common_weight
         low = min(-float(np.quantile(forces, _NEGATIVE)), 0.0)
         high = max((_MOST - share) * _per_share(problem, x), 0.0)
@@ -195,7 +195,7 @@ def _per_share(problem: JointProblem, x: Array) -> float:
 
 
 def _weighted(problem: JointProblem, x: Array) -> JointProblem:
-    """Return the problem with the weight of the sag test that the scatter of the angles, in units of it, asks for."""
+    """Return the problem with the weight of the sag test by the scatter of the angles."""
     if problem.sag is None:
         return problem
     wide = with_free_friction(replace(problem, pull=None, sag=None))
@@ -206,7 +206,7 @@ def _weighted(problem: JointProblem, x: Array) -> JointProblem:
 
 
 def _moves(problem: JointProblem, x: Array) -> bool:
-    """Return whether the unknowns can change φ: some laws have one only."""
+    """Return whether the unknowns can change φ: in some laws it is constant."""
     share = problem.pull_share(problem.unknowns(x)).real
     gradient = problem.gradient(lambda u: np.array([problem.pull_share(u)]), x)[0]
     return bool(np.linalg.norm(gradient * np.maximum(np.abs(x), 1e-3)) > _KNOWN * abs(share))
@@ -224,7 +224,7 @@ class Profile:
 
     @classmethod
     def of(cls, problem: JointProblem, x: Array) -> "Profile":
-        """Return the profile of this problem, walked from `x` both ways to where the cost or physics ends it."""
+        """Return the profile of this problem, from `x` in both directions to its ends by the cost or by physics."""
         wide = with_free_friction(replace(problem, pull=None, taut_min=-np.inf))
         first = _point(wide, np.append(x, np.zeros(len(wide.names) - x.size)))
         first = _fixed(wide, float(np.clip(first.share, _PLAUSIBLE, _MOST)), first.x)  # the law may prefer nonsense
@@ -248,13 +248,13 @@ class Profile:
         return min(self.points, key=lambda point: point.cost)
 
     def end(self, side: int, limit: float) -> tuple[float, bool]:
-        """Return where the cost has risen by `limit` below (-1) or above (+1) the best φ, and whether it does."""
+        """Return φ below (-1) or above (+1) the best at which the cost has risen by `limit`, and whether it does."""
         best = inner = self.best
         for point in sorted(self.points, key=lambda p: side * p.share):
             if side * (point.share - best.share) <= 0:
                 continue
             rise = point.cost - best.cost
-            if rise > limit:  # the root of the cost is straight where the cost is a parabola
+            if rise > limit:  # the root of a parabolic cost is linear
                 before = np.sqrt(max(inner.cost - best.cost, 0.0))
                 part = (np.sqrt(limit) - before) / (np.sqrt(rise) - before)
                 return float(inner.share + part * (point.share - inner.share)), True
@@ -275,9 +275,9 @@ class Profile:
         return float(np.interp(self.least, left[i : i + 2], shares))
 
     def shown_by_friction(self) -> Array | None:
-        """Return the unknowns where friction is in proportion to the forces, as far as can be seen, and shows them.
+        """Return the unknowns if friction is in proportion to the forces and determines them.
 
-        The constant parts of friction gain no more than chance, and the cost rises by 4 σ² to either side; else None.
+        The constant parts of friction gain no more than chance, and the cost rises by 4 σ² on both sides; else None.
         """
         n = self.unknowns
         simple = replace(
@@ -296,7 +296,7 @@ class Profile:
         return best.x if min(rises) > _RISE * self.variance else None
 
     def ends(self, low: float, high: float) -> tuple[Array, Array]:
-        """Return the unknowns (m,) of the best fits at the ends of φ, no further than the cost allows by chance."""
+        """Return the unknowns (m,) of the best fits at the ends of φ, within the cost's rise by chance."""
         least, most = (self.end(side, _RISE * self.variance)[0] for side in (-1, 1))
         one, other = (self.at(min(max(share, least), most)).x[: self.unknowns] for share in (low, high))
         return one, other
@@ -310,7 +310,7 @@ class Profile:
 def _walked(wide: JointProblem, points: list[Point], side: int, freedom: int) -> list[Point]:
     """Return `points` and those beyond them in the direction `side`, one step of φ after the other.
 
-    They end at the bounds of physics, or, with a sag test, where the cost has risen by enough.
+    They end at the physical bounds, or, with a sag test, at a sufficient rise of the cost.
     """
     points = list(points)
     edge = max(points, key=lambda p: side * p.share)

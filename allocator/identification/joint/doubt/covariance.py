@@ -1,15 +1,15 @@
 """Uncertainty of the unknowns of a joint's fit, and other fits that the same data allow.
 
-The errors of a fit to equilibria are mostly those of the force law and of the friction, not noise: neighbours in
-pressure err alike. The formal covariance σ² (JᵀJ)⁻¹ takes them for independent and is far too small. The covariance of
-a fit has two parts, each evaluated in stiffness and forces and carried by the unknowns as in `Effects`:
+The errors of a fit to equilibria are mostly those of the force law and of the friction, not noise: errors at
+neighbouring pressures are alike. The formal covariance σ² (JᵀJ)⁻¹ treats them as independent and is far too small. The
+covariance of a fit has two parts, each evaluated in stiffness and forces and carried by the unknowns as in `Effects`:
 
 1. the second moment of noise and of a smooth error of the law, see `discrepancy`;
-2. what the force common to both muscles changes between the ends of its interval, see `common_force`: the mean square
-   if these are four standard deviations apart.
+2. the change by the common force between the ends of its interval, see `common_force`: the mean square if these
+   are four standard deviations apart.
 
 A fit without the lowest pressures, with constant hysteresis or with another law is a *choice*. Choices are reported
-with what they change. They add nothing to the covariance: the discrepancy contains every smooth law.
+with their effects. They add nothing to the covariance: the discrepancy contains every smooth law.
 """
 
 from collections.abc import Iterator
@@ -33,37 +33,37 @@ from allocator.muscles import MODELS, Muscle, force_gradient
 from allocator.units import BAR
 
 LAWS = ("Sarosi2012", "AffinePolynomial", "Hildebrandt2005", "MartensBoblan2017")  # compared as choices
-_FURTHER = (0.5 * BAR, 1.5 * BAR)  # by how much the dead band is raised [Pa]
-_LEFT = 0.5  # of the samples have to be left by a greater dead band
-_AS_GOOD = 1.25  # times the error of the fit that another law may have
+_FURTHER = (0.5 * BAR, 1.5 * BAR)  # increases of the dead band [Pa]
+_LEFT = 0.5  # of the samples must remain with a greater dead band
+_AS_GOOD = 1.25  # times the error of the fit: greatest error of another law
 _MOST_PSEUDO = 300  # forces to which another law is fitted first
-_ROUNDS = 3  # in which a constant hysteresis and the unknowns are fitted in turn
+_ROUNDS = 3  # of fitting a constant hysteresis and the unknowns in turn
 _FORCE_WEIGHT = 0.3  # w, of a relative change of force, in that of a stiffness
 _RANK = 1e-3  # singular values of G, its columns scaled to one, in the greatest
-_WIDENED = 1.25  # standard deviations: what the linearisation misses, from benchmarks.joint_coverage, seeds below 1000
-_LEAST_STIFFNESS = 0.3  # of the median, that a change of K is divided by
+_WIDENED = 1.25  # of standard deviations, for the linearisation: from benchmarks.joint_coverage, seeds below 1000
+_LEAST_STIFFNESS = 0.3  # of the median: least divisor of a change of K
 
 
 @dataclass(frozen=True)
 class Effects:
-    """Stiffness and forces of a fit at its samples, and the changes of its unknowns that imitate other ones.
+    """Stiffness and forces of a fit at its samples, and the changes of its unknowns that imitate others.
 
-    A joint carries its uncertainty as a covariance of parameters. What errs besides the parameters (the form of the
-    law, the common force) is therefore evaluated in K, F1 and F2 at the samples, relative, and in the unknowns that are
-    no parameters of the muscle (ratio, zero, friction). The change d of the unknowns that comes nearest to it is
+    A joint carries its uncertainty as a covariance of parameters. Other errors (the form of the law, the common force)
+    are therefore evaluated as relative changes of K, F1 and F2 at the samples, and of the unknowns that are not muscle
+    parameters (ratio, zero, friction). The nearest change d of the unknowns is
 
         minimise |G d - t|²,   G = ∂(K/K, w F1/F̄, w F2/F̄, extra)/∂x
 
     by a truncated singular value decomposition: directions of d that move stiffness and forces by less than a
-    thousandth of what single unknowns do are left alone, since an error of the linearisation would become a huge change
-    along them.
+    thousandth of the effect of single unknowns are left out, since an error of the linearisation would become a huge
+    change along them.
     """
 
     problem: JointProblem
     x: Array  # (m,)
     inside: Mask  # (m,) unknowns that are not at a bound
     theta: Array  # true angles of the fit (n,) [rad]
-    scale: Array  # (3n,) that K [N·m/rad], F1 and F2 [N] are divided by
+    scale: Array  # (3n,) divisors of K [N·m/rad], F1 and F2 [N]
     gradient: Array  # G (3n + extra, m inside)
 
     @classmethod
@@ -88,7 +88,7 @@ class Effects:
         return cls(problem, x, inside, theta, scale, np.nan_to_num(gradient))
 
     def difference(self, other: JointProblem, there: Array) -> Array:
-        """Return what another fit, or another law, changes (3n + extra,)."""
+        """Return the change by another fit, or another law (3n + extra,)."""
         now, u, s = self.problem.unknowns(self.x), other.unknowns(there), self.problem.samples
         changes = np.empty((3, s.n))
         for (here, one), (_, two) in zip(rough_joints(self.problem, now), rough_joints(self.problem, u), strict=True):
@@ -107,7 +107,7 @@ class Effects:
         return found
 
     def covariance(self, found: Discrepancy) -> Array:
-        """Return the covariance of the unknowns (m, m) that stands for the error of the fit and of its law."""
+        """Return the covariance of the unknowns (m, m) that represents the error of the fit and of its law."""
         u, s = self.problem.unknowns(self.x), self.problem.samples
         field = np.zeros((3, s.n, found.terms))
         for i, (_, geometry) in enumerate(s.groups):
@@ -117,12 +117,12 @@ class Effects:
         of_field = found.root[self.x.size : self.x.size + found.terms]
         targets[: 3 * s.n] += field.reshape(3 * s.n, -1) @ of_field / self.scale[:, None]
         root = self.imitated(targets)
-        left = (targets - self.gradient @ root[self.inside])[: s.n]  # of K, what no change of the unknowns imitates
+        left = (targets - self.gradient @ root[self.inside])[: s.n]  # part of K that no change of the unknowns imitates
         lost = float(np.square(left).sum(axis=1).mean())
         return np.asarray(_WIDENED**2 * (root @ root.T + lost * self._even()))
 
     def _with_friction(self, found: Discrepancy) -> Array:
-        """Return the root (m, p) of the unknowns, μ with the part of the friction error that μ would describe."""
+        """Return the root (m, p) of the unknowns, with the part of the friction error that μ can describe."""
         root = found.root[: self.x.size].copy()
         if "friction" in self.problem.names:
             i, s = self.problem.names.index("friction"), self.problem.samples
@@ -188,7 +188,7 @@ class Doubt:
 
 
 def doubt(problem: JointProblem, x: Array, inside: Mask, common: CommonForce, choices: bool = True) -> Doubt:
-    """Return the doubt of the solution `x`; unknowns not `inside` the bounds of the search count as known."""
+    """Return the doubt of the solution `x`; unknowns at a bound of the search (not `inside`) count as known."""
     r, J = problem.residual(x), problem.jacobian(x)
     names = tuple(n for n, i in zip(problem.names, inside, strict=True) if i)
     formal = np.zeros((x.size, x.size))
@@ -207,7 +207,7 @@ def doubt(problem: JointProblem, x: Array, inside: Mask, common: CommonForce, ch
 
 
 def _choices(problem: JointProblem, x: Array, effects: Effects) -> Iterator[Choice]:
-    """Yield the fits of other dead bands and other laws; a law that predicts the angles worse is no choice."""
+    """Yield the fits of other dead bands and other laws, except laws that predict the angles worse."""
     s = problem.samples
     lowest = np.minimum(s.P1, s.P2)
     start = float(lowest.min())
@@ -216,7 +216,7 @@ def _choices(problem: JointProblem, x: Array, effects: Effects) -> Iterator[Choi
         if keep.all() or keep.sum() < max(_LEFT * s.n, x.size + 1):
             continue
         kept = problem.on(keep)
-        if kept.pull is not None:  # the pull share that the muscles of x have here: the common force is not in doubt
+        if kept.pull is not None:  # the pull share of the muscles of x: the common force is treated separately
             kept = replace(kept, pull=kept.pull._replace(value=kept.pull_share(kept.unknowns(x)).real))
         there, _ = minimise(kept, x)
         yield _choice(effects, f"pressures from {(start + further) / BAR:.2g} bar", "dead band", kept, there)
@@ -232,7 +232,7 @@ def _choices(problem: JointProblem, x: Array, effects: Effects) -> Iterator[Choi
             continue
         try:
             other, there = _with_law(problem, x, MODELS[name])
-        except InvalidInput:  # this law has no force at these contractions: it is no choice
+        except InvalidInput:  # this law gives no force at these contractions
             continue
         choice = _choice(effects, name, "law", other, there)
         if choice.rms <= most:
@@ -240,7 +240,7 @@ def _choices(problem: JointProblem, x: Array, effects: Effects) -> Iterator[Choi
 
 
 def _with_constant_hysteresis(problem: JointProblem, x: Array) -> tuple[JointProblem, Array]:
-    """Return the problem without friction, a constant angle taken off in the direction of motion, and its solution."""
+    """Return the problem with a constant angle in the direction of motion instead of friction, and its solution."""
     s, still = problem.samples.direction, problem.still()
     shifted, there = still, x
     for _ in range(_ROUNDS):

@@ -17,7 +17,7 @@ The fit stays at dx = 0, so its error in a quantity with the gradient G has the 
 
     E[(G z)²] = G M Gᵀ,   M = E[z zᵀ],   z = (dx, c, b)                                               (D2)
 
-M carries the noise, and the error of the law as far as the residuals show it and as far as the angles cannot. Beyond
+M contains the noise, and the error of the law, both as shown by the residuals and as invisible to the angles. Beyond
 the measured region the polynomials grow, and with them G M Gᵀ.
 """
 
@@ -39,12 +39,12 @@ _DECAY = 0.75  # of the standard deviation of c, per degree
 _USUAL, _FACTOR = 0.02, 3.0  # median of τ [-], and the factor of one standard deviation
 _GRID = np.geomspace(1e-8, 1e8, 65)  # τ²/σ², in units of 1/(mean squared singular value of B)
 _LOOSE = {"log_ratio": 0.5, "zero": 0.35, "friction": 0.3}  # standard deviations beforehand [-], [rad], [-]
-_PARAMETER = 5.0  # … of a muscle's parameter, in itself [-]
+_PARAMETER = 5.0  # … of a muscle's parameter, relative [-]
 _FRICTION = 0.1  # … of b [rad]
-_LEAST = 1e-6  # [rad] errors of data that have none
-_NEGLIGIBLE = 1e-4  # weight of a point of the grid, in the greatest
+_LEAST = 1e-6  # [rad] errors assumed of exact data
+_NEGLIGIBLE = 1e-4  # weight of a point of the grid, relative to the greatest
 _RANK = 1e-9
-_APART = 1e-8  # singular values below this belong to directions that are in X and N twice
+_APART = 1e-8  # smaller singular values belong to directions common to X and N
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class ForceField:
         return cls(_middle(P), _middle(eps), float(np.abs(problem.measured_forces(u)).mean()))
 
     def outside(self, P: Array, eps: Array) -> Array:
-        """Return how far pressures and contractions (n,) are outside the measured region (n,), in its half widths."""
+        """Return the distance of pressures and contractions (n,) from the measured region (n,), in its half widths."""
         (p0, p), (e0, e) = self.pressures, self.contractions
         return np.asarray(np.maximum(np.maximum(np.abs(P - p0) / p, np.abs(eps - e0) / e) - 1, 0.0))
 
@@ -134,7 +134,7 @@ class Discrepancy:
     field: ForceField
     friction: FrictionError
     root: Array  # A (m + k + 6, p) with M = A Aᵀ; zero for unknowns at a bound
-    law: float  # RMS of g over the measured region, in the mean force [-]
+    law: float  # RMS of g over the measured region, relative to the mean force [-]
     noise: float  # σ [rad]
 
     @property
@@ -149,7 +149,7 @@ class Discrepancy:
         return np.asarray(np.square(G @ self.root).sum(axis=1))
 
     def outside(self, problem: JointProblem, x: Array) -> Array:
-        """Return how far the muscles are outside the measured region at the predicted angles (n,), in half widths."""
+        """Return the muscles' distance from the measured region at the predicted angles (n,), in half widths."""
         s = problem.samples
         (eps1, *_), (eps2, *_), _ = s.routes(problem.equilibrium(problem.unknowns(x))[0])
         return np.maximum(self.field.outside(s.P1, eps1), self.field.outside(s.P2, eps2))
@@ -196,7 +196,7 @@ def _evidence(problem: JointProblem, x: Array, inside: Mask, field: ForceField, 
     B[: s.n] = angle_effect(problem, x, field)
     g1, g2 = np.split(field.values(*s.muscles())[0], 2)
     given = problem.measured_forces(u).sum() / np.real(problem.pull_share(u))
-    B[-1] = -weight * ((g1.sum(axis=0) + u.ratio * g2.sum(axis=0)) / given)  # ∂φ/∂c, the gain of the law held
+    B[-1] = -weight * ((g1.sum(axis=0) + u.ratio * g2.sum(axis=0)) / given)  # ∂φ/∂c at constant gain of the law
     if problem.sag is not None:
         P, eps = problem.sag.muscles(u.zero)
         B[-1 - P.size : -1] = -problem.sag_weight * field.values(P, eps)[0] / u.muscle.gain(P, eps)[:, None]

@@ -20,22 +20,22 @@ from allocator.muscles.uncertainty import deviation
 if TYPE_CHECKING:
     from allocator.identification.joint.result import JointFit
 
-_GROWTH = 20.0  # of the error, per half width of the measured region outside it: seen on lengths that were left out
-_MOST_BEYOND = 0.35  # [rad] beyond the measured angles that equilibria are looked for
+_GROWTH = 20.0  # of the error, per half width outside the measured region: observed on left-out lengths
+_MOST_BEYOND = 0.35  # [rad] beyond the measured angles in the search for equilibria
 _NORMAL = 1.96  # standard deviations of an interval of 95 %
 
 
 class Prediction(NamedTuple):
     """Angles as shown by the encoder; ± 1.96 `std` is the 95 % interval of a measurement."""
 
-    theta: Array  # (n,) [rad]; NaN where the joint has no equilibrium
+    theta: Array  # (n,) [rad]; NaN without an equilibrium
     std: Array  # (n,) [rad]
 
 
 def predict(
     fit: "JointFit", P1: ArrayLike, P2: ArrayLike, torque: ArrayLike, direction: ArrayLike, geometry: Geometry | None
 ) -> Prediction:
-    """Return the prediction of a `JointFit`, as its method of this name does."""
+    """Return the prediction of a `JointFit`, as its method of this name."""
     known = {shape.geometry for shape in fit.shapes.values()}
     if geometry is None:
         if len(known) > 1:
@@ -54,7 +54,7 @@ def predict(
 def angle_std(fit: "JointFit", problem: JointProblem, new_group: bool) -> Array:
     """Return the standard deviation (n,) [rad] of an angle measured at the samples of `problem`, from a `JointFit`.
 
-    The error of the law is in the errors of the angles already; another law that fits as well predicts the same.
+    The errors of the angles already contain the error of the law; another law that fits as well predicts the same.
     """
     error = fit.left_out * np.sqrt(1 + 1 / len(fit.groups)) if new_group else fit.rms
     if np.isnan(error):
@@ -74,7 +74,7 @@ class ForceIntervals(NamedTuple):
     antagonist: Array | float
     agonist_interval: tuple[Array | float, Array | float]
     antagonist_interval: tuple[Array | float, Array | float]
-    seen: bool  # False: the common force is assumed, and the intervals are what the data leave of it
+    seen: bool  # False: the common force is assumed, within the intervals that the data allow
 
 
 def force_intervals(
@@ -98,7 +98,7 @@ def force_intervals(
 
 
 def _held(fit: "JointFit", joint: AntagonistJoint) -> Array:
-    """Return the covariance of the parameters of both muscles, φ of `problem` held where the scale was fitted."""
+    """Return the covariance of the parameters of both muscles, at constant φ of `problem` if the scale was fitted."""
     n = len(joint.agonist.parameters) + len(joint.antagonist.parameters)
     if joint.covariance is None:
         return np.zeros((n, n))

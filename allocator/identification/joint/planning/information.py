@@ -1,26 +1,26 @@
 """Information in planned measurements: the error of K after a fit to setpoints, and further measurements compared.
 
 A least-squares fit to the visits of the chosen setpoints estimates y = (dx, b), the unknowns and the friction error of
-`allocator.identification.joint.doubt.discrepancy`, from θ = R y + B c + e and takes c, the error of the law, for zero.
-With y in units of its standard deviations beforehand and R, B over σ, the error of the quantity G_y y + G_c c has
+`allocator.identification.joint.doubt.discrepancy`, from θ = R y + B c + e with the error c of the law assumed zero.
+With y in units of its prior standard deviations and R, B over σ, the error of the quantity G_y y + G_c c has
 
     E[error²] = Σ (τ (G_c - G_y S Rᵀ B))² + G_y S G_yᵀ,   S = (I + Rᵀ R)⁻¹                             (E1)
 
-The first part does not decrease with the number of readings: setpoints decide by their places. The greedy choice takes
-the greatest gain log det(I + R_i S R_iᵀ) until there are as many setpoints as unknowns, and then the setpoint after
-which (E1) is least in the mean over the unloaded setpoints.
+The first part does not decrease with the number of readings, but depends on the positions of setpoints. The greedy
+choice takes the greatest gain log det(I + R_i S R_iᵀ) until there are as many setpoints as unknowns, and then the
+setpoint that minimises the mean of (E1) over the unloaded setpoints.
 
-Beside the unknowns x of the fit stands a force common to both muscles, ΔF_i = τ F̄ ā/a_i(θ): a1 ΔF1 = a2 ΔF2 at every
-angle, so that no equilibrium, no weight and no stiffness shows τ. Before a further measurement it is known to ± 1, or
-to ± 0.05 if the joint's fit has seen it. Three are weighed by the rows B that they add to the information matrix,
-C' = C - C Bᵀ (I + B C Bᵀ)⁻¹ B C:
+In addition to the unknowns x of the fit there is a force common to both muscles, ΔF_i = τ F̄ ā/a_i(θ): a1 ΔF1 = a2 ΔF2
+at every angle, so no equilibrium, weight or stiffness determines τ. Before a further measurement it is known to ± 1, or
+to ± 0.05 if the joint's fit has determined it. Three measurements are compared by the rows B that they add to the
+information matrix, C' = C - C Bᵀ (I + B C Bᵀ)⁻¹ B C:
 
     sag test     ∂P_i/∂(x, τ)/σ_P     both pressures are lowered until the cables go slack, F_i(P_i, ε_i) = 0
     second weight   ∂θ_eq/∂(x, τ)/σ   equilibria under twice the weight
     push         ∂(log K)/∂(x, τ)/σ_K   with shut valves; σ_K = 10 %, since the gas volume has to be known
 
-The one that tells most has the greatest gain log(before/after) of the standard deviation of K, and as long as τ has
-not been seen of F as well.
+The most informative one has the greatest gain log(before/after) of the standard deviation of K, and also of F while τ
+is undetermined.
 """
 
 from dataclasses import dataclass
@@ -40,16 +40,16 @@ from allocator.units import BAR, DEG
 _SLACK_NOISE = 0.1 * BAR  # σ_P [Pa]
 _PUSH_NOISE = 0.1  # σ_K, relative [-]
 _ANGLES = 5  # of the sag test
-_INNER = 0.8  # share of the angle range in which they lie
-_SEEN, _UNSEEN = 0.05, 1.0  # standard deviation of τ beforehand [-]
-_FRICTION = 0.1  # standard deviation of b beforehand [rad]
+_INNER = 0.8  # of the angle range, which contains them
+_SEEN, _UNSEEN = 0.05, 1.0  # prior standard deviation of τ [-]
+_FRICTION = 0.1  # prior standard deviation of b [rad]
 
 
 class SagPoint(NamedTuple):
-    """Angle at which the joint is held, and the pressures at which its cables go slack."""
+    """Angle of the held joint, and the pressures at which its cables go slack."""
 
     theta: float  # [rad]
-    P1: float  # [Pa]; NaN where the agonist pulls without pressure
+    P1: float  # [Pa]; NaN if the agonist pulls without pressure
     P2: float  # [Pa]
 
     @property
@@ -62,10 +62,10 @@ class Supplement(NamedTuple):
     """Further measurement and its expected benefit; standard deviations are relative [-]."""
 
     name: str
-    how: str  # it is done
+    how: str  # instructions
     forces: float  # of the mean muscle force, afterwards
     stiffness: float  # of K, afterwards
-    gain: float  # log(before/after) of what is wanted
+    gain: float  # log(before/after)
     sag: tuple[SagPoint, ...] = ()
     weight: float = 0.0  # [N·m]
 
@@ -118,12 +118,12 @@ def supplements(joint: AntagonistJoint, known: Known, heavier: Array) -> tuple[S
 
 
 def force_seen(joint: AntagonistJoint) -> bool:
-    """Return whether the joint was fitted to data that show the force common to both muscles."""
+    """Return whether the joint was fitted to data that determine the force common to both muscles."""
     return joint.covariance is not None and not joint.slack_assumed
 
 
 def spread(goal: Array, C: Array) -> float:
-    """Return the root mean square over the rows of `goal` (k, m) of the standard deviations that C (m, m) leaves."""
+    """Return the root mean square over the rows of `goal` (k, m) of the standard deviations by C (m, m)."""
     return rms(deviation(goal, C))
 
 
@@ -196,8 +196,8 @@ class Candidates:
     ) -> "Candidates":
         """Return the model of the samples of `problem`: all setpoints as they fall, then all as they rise.
 
-        `std` (m,) are the standard deviations of x beforehand, `law` the RMS error of the law in its mean force [-] and
-        `noise` σ [rad].
+        `std` (m,) are the prior standard deviations of x, `law` the RMS error of the law relative to its mean force [-]
+        and `noise` σ [rad].
         """
         s = problem.samples
         X = -problem.jacobian(x)[: s.n] * std
@@ -225,7 +225,7 @@ class Candidates:
             gain = np.linalg.slogdet(np.eye(2) + self.rows @ np.linalg.solve(A, transposed))[1]
         else:
             gain = -self._errors(A + transposed @ self.rows, R.T @ B + transposed @ self.law)
-        gain[chosen] = -np.inf  # a setpoint visited again would show the model's error, not the noise
+        gain[chosen] = -np.inf  # a repeated setpoint would reveal the model's error, not the noise
         return int(gain.argmax())
 
     def _errors(self, A: Array, seen: Array) -> Array:

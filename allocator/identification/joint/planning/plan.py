@@ -1,18 +1,18 @@
-"""Plan of the pressures to visit and the weight to hang, so that K is known to a wanted accuracy.
+"""Plan of the pressures to visit and the weight to hang, for a required accuracy of K.
 
 The unknowns x of the fit have the information matrix M = M0 + Σ Bᵀ B/σ², B the two rows ∂θ_eq/∂x of a setpoint that is
-visited from above and from below, M0 a loose prior (a parameter is known to five times itself, the zero to 10°, μ to
-0.3). `allocator.identification.joint.planning.information` adds setpoints until the standard deviation of K over the
-unloaded setpoints, √(g M⁻¹ gᵀ) in the mean square, is what is wanted, and there are three times as many setpoints
-as unknowns: the guess differs from the joint, so some setpoints are lost at a stop, and with fewer the fit follows the
-error of its force law. A plan has one weight: plans are made for several, and the one with the fewest setpoints that
-reaches the accuracy is taken.
+visited from above and from below, M0 a loose prior (five times a parameter's value, 10° of the zero, 0.3 of μ).
+`allocator.identification.joint.planning.information` adds setpoints until the RMS of K's standard deviation √(g M⁻¹ gᵀ)
+over the unloaded setpoints reaches the required value, and there are three times as many setpoints as unknowns: the
+guess differs from the joint, so some setpoints are lost at a stop, and with fewer the fit follows the error of its
+force law. A plan has one weight: of plans for several weights, the one with the fewest setpoints that reaches the
+accuracy is chosen.
 
-A candidate has to survive a joint that differs from the guess, with muscles whose forces are 20 % off and whose
-strengths differ by 10 %. It stays two standard deviations of its angle away from the stops, in addition to the turn
-that the friction of a real joint, μ = 0.13, causes, and its stiffness two standard deviations away from zero.
-`allocator.identification.joint.planning.information` says what equilibria do not show, and which further measurement
-would show it.
+A candidate must be feasible on a joint that differs from the guess, with forces 20 % off and strengths that differ by
+10 %. Its angle stays two standard deviations away from the stops, plus the rotation caused by the friction of a real
+joint, μ = 0.13, and its stiffness two standard deviations away from zero.
+`allocator.identification.joint.planning.information` finds the quantities that equilibria do not determine, and the
+measurement that would.
 """
 
 from collections.abc import Iterable
@@ -43,26 +43,26 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import scaled
 from allocator.units import BAR, DEG
 
-_DEFLECTIONS = (5.0, 8.0, 12.0)  # [deg] that the weights tried make at the middle of the pressures
+_DEFLECTIONS = (5.0, 8.0, 12.0)  # [deg] by the weights tried, at the middle of the pressures
 _MOST_SETPOINTS = 60
 LEVELS = 8  # of the pressures
 _EXTRA = {"log_ratio": 0.3, "zero": 10 * DEG, "friction": 0.3}
-_LOOSE = 5.0  # times itself: what is known of a muscle's parameter beforehand
+_LOOSE = 5.0  # prior standard deviation of a muscle's parameter, relative
 _PER_UNKNOWN = 3  # setpoints: from benchmarks.joint_plan, seeds below 1000
 _GUESS, _UNEQUAL = 0.2, 0.1  # relative standard deviations of the forces of the guess and of the ratio of strengths [-]
-_FRICTION = 0.13  # μ that was measured on a joint [-]
+_FRICTION = 0.13  # measured μ of a joint [-]
 _ROOM = 2.0  # standard deviations between an angle and the stops
-_LAW = 0.08  # RMS error of a force law in its mean force: from benchmarks.joint_plan, seeds below 4000
+_LAW = 0.08  # RMS error of a force law relative to its mean force: from benchmarks.joint_plan, seeds below 4000
 _LOWEST = 1.5 * BAR  # of the default candidates
 
 
 class Setpoint(NamedTuple):
     """One line of the plan, visited twice."""
 
-    torque: float  # of the weight [N·m], positive where it pulls θ down
+    torque: float  # of the weight [N·m], positive if it pulls θ down
     P1: float  # [Pa]
     P2: float  # [Pa]
-    falling: float  # angle to be expected when θ falls into it [rad]
+    falling: float  # expected angle when θ falls into it [rad]
     rising: float  # and when it rises [rad]
 
 
@@ -73,10 +73,10 @@ class JointPlan:
     setpoints: tuple[Setpoint, ...]
     weight: float  # torque of the weight [N·m]
     unknowns: int  # of the fit
-    accuracy: float  # relative standard deviation of K that the readings' noise leaves [-]
-    reached: bool  # whether that is what was wanted
+    accuracy: float  # relative standard deviation of K by the readings' noise [-]
+    reached: bool  # whether that meets the requirement
     expected: float  # RMS relative error of K, with a force law wrong by 8 % and friction of unknown form [-]
-    further: tuple[Supplement, ...] = ()  # measurements beside them, the one that tells most first
+    further: tuple[Supplement, ...] = ()  # additional measurements, the most informative first
 
     def __str__(self) -> str:
         """Return the table to follow, and after an empty line the benefit of further measurements."""
@@ -108,7 +108,7 @@ class JointPlan:
         best, *others = self.further
         unseen = "Equilibria do not show a force common to both muscles, hence not where cables go slack. "
         table = sag_table(best.sag) if best.sag else []
-        said = f"\n{unseen if best.sag else ''}What tells most beside them:"
+        said = f"\n{unseen if best.sag else ''}Most informative in addition:"
         return [said, f"  {best}", *table, *(f"  (or {other})" for other in others)]
 
 
@@ -123,26 +123,26 @@ def plan_joint_experiment(
 ) -> JointPlan:
     """Plan the measurement for `fit_joint` on a roughly known `joint` (a guess, a data sheet, a first fit).
 
-    The plan's `further` says which measurement beside the equilibria tells most of what they leave open: a sag test, a
-    second weight or a push with shut valves.
+    The plan's `further` ranks additional measurements by their information on quantities that the equilibria leave
+    open: a sag test, a second weight or a push with shut valves.
 
     Parameters
     ----------
     accuracy
-        Relative standard deviation of K that is wanted [-].
+        Required relative standard deviation of K [-].
     noise
         Standard deviation of one reading of the angle [rad].
     pressures
         Levels [Pa] that both pressures may have; eight from 1.5 bar to the supply by default.
     weights
-        Torques [N·m] that can be hung; by default those that move the joint by 5°, 8° and 12°.
+        Available torques [N·m]; by default those that move the joint by 5°, 8° and 12°.
     setpoints
         Number of setpoints; by default three times the unknowns of the fit, or more if `accuracy` needs them.
 
     Raises
     ------
     InvalidInput
-        For what cannot be, and for a weight that the joint holds nowhere.
+        For invalid arguments, and for a weight that the joint cannot hold at any setpoint.
     """
     if not 0 < accuracy < 1:
         raise InvalidInput(f"accuracy = {accuracy!r} has to be a share of K, such as 0.05")
@@ -181,7 +181,7 @@ def _plan(
         raise InvalidInput(f"a weight of {W:g} N·m is more than the joint holds at any of these pressures; hang less")
     B = problem.jacobian(x)[: problem.samples.n].reshape(2, T.size, x.size).swapaxes(0, 1) / sigma  # (setpoints, 2, m)
     loose = [_EXTRA.get(name, _LOOSE * (abs(v) or 1.0)) for name, v in zip(problem.names, x.tolist(), strict=True)]
-    before = np.array(loose)  # standard deviations (m,) of the unknowns beforehand
+    before = np.array(loose)  # prior standard deviations (m,) of the unknowns
     field = ForceField.of(problem, problem.unknowns(x))
     goal = _goal(joint, problem, x, angle, T == 0, field)
     candidates = Candidates.of(problem, x, field, before, goal, _LAW, sigma)
@@ -201,7 +201,7 @@ def _plan(
 def _chosen(
     candidates: Candidates, B: Array, before: Array, goal: Array, accuracy: float, setpoints: int | None
 ) -> tuple[list[int], Array, float]:
-    """Return the setpoints, the covariance of x (m, m) that noise leaves after them, and that of K [-]."""
+    """Return the setpoints, the covariance of x (m, m) by the noise, and the standard deviation of K [-]."""
     m = before.size
     least, most = (_PER_UNKNOWN * m, _MOST_SETPOINTS) if setpoints is None else (setpoints, setpoints)
     chosen: list[int] = []
@@ -238,7 +238,7 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
     problem = JointProblem(
         muscle, free, extra, -unbounded, unbounded, start, 0.02, conventional=False, margin=(right - left) / 2
     )
-    P, eps = joint.pressure_limits[1] / 2, 0.1  # where the strengths of muscles of one kind are told
+    P, eps = joint.pressure_limits[1] / 2, 0.1  # where strengths of muscles of one kind are compared
     ratio = float(joint.antagonist.force(P, eps) / muscle.force(P, eps))
     x = np.array([*(muscle.parameters[p] for p in free), np.log(ratio), 0.0, joint.friction])
     angle, there = problem.equilibrium(problem.unknowns(x))
@@ -252,9 +252,9 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
 
 
 def _surviving(joint: AntagonistJoint, problem: JointProblem, x: Array, angle: Array) -> Mask:
-    """Return which candidates (n,) stay off the stops on a joint that differs from the guess.
+    """Return the candidates (n,) that stay off the stops on a joint that differs from the guess.
 
-    If they are too few, those that have most room are taken.
+    If they are too few, those with most clearance are taken.
     """
     left, right = joint.angle_range
     by = dict(zip(problem.names, -problem.jacobian(x)[: angle.size].T, strict=True))

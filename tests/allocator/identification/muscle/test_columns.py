@@ -109,7 +109,7 @@ def test_a_mapping_chooses_between_two_columns(tmp_path):
         ({"colour": "p:bar"}, "'colour' is no quantity; known are contraction"),
         (
             {"theta": "p:deg"},
-            "there is no theta to be read here, only contraction, length, shortening, pressure, force",
+            "there is no theta to be read, only contraction, length, shortening, pressure, force",
         ),
     ],
 )
