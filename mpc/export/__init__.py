@@ -3,12 +3,12 @@
     from mpc.export import export
     export("joint_in_c", controller=TrackingMPC(plant, N=10), precision="single")
 
-Nothing is linked but math.h, nothing allocated, every loop bounded. The C files of this package (in `c/`) are exported
-as they are; beside them are written tables of constants, the model, from CasADi's graph, and the allocation kernel,
-from the text that Python itself runs, as is the solver of the QP: Riccati sweeps, an active set and an interior point
-on the same recursions. In single precision, which has too few digits for the last, the core of DAQP solves what the
-others do not: exact after finitely many iterations, and it says when it fails. The interior point in double precision
-would cost a processor whose FPU is single some millions of instructions an iteration.
+The code needs only math.h and no heap, and every loop is bounded. The C files of this package (in `c/`) are copied
+unchanged. The others are generated: tables of constants, the model from CasADi's graph, and the allocation kernel and
+the QP solver from the source that Python runs. The solver consists of Riccati sweeps, an active-set method and an
+interior-point method on the same recursions. Single precision has too few digits for the latter; the core of DAQP
+replaces it, which is exact after finitely many iterations and reports failure. In double precision an iteration of the
+interior-point method would take millions of instructions on a processor with a single-precision FPU.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Writing exported files as a new directory, all or none, and compiling them with this machine's C compiler."""
+"""Output of exported files as a new directory, all or none, and their compilation on this machine."""
 
 import shutil
 import subprocess
@@ -13,7 +13,7 @@ _LONGEST = 300.0  # [s] of compiling
 
 
 def write(files: Files, out: str | PathLike[str]) -> Path:
-    """Write `files` to the directory `out`, which must not exist or be empty; nothing is left behind by a failure."""
+    """Write `files` to the directory `out`, which must not exist or must be empty; a failure leaves nothing behind."""
     directory = Path(out)
     check(directory)
     try:
@@ -33,7 +33,7 @@ def write(files: Files, out: str | PathLike[str]) -> Path:
 
 
 def check(directory: Path) -> None:
-    """Check that `directory` is free."""
+    """Check that `directory` does not exist or is empty. Raises `InvalidInput`."""
     if directory.exists() and not directory.is_dir():
         raise InvalidInput(f"out = {directory} is a file; give a directory that does not exist or is empty")
     if directory.is_dir() and any(directory.iterdir()):
@@ -44,7 +44,7 @@ COMPILERS = ("cc", "gcc", "clang")
 
 
 def compiler() -> str:
-    """Return the path of a C compiler. Raises `MissingBackend` where there is none."""
+    """Return the path of a C compiler. Raises `MissingBackend` if there is none."""
     found = next(filter(None, map(shutil.which, COMPILERS)), None)
     if found is None:
         raise MissingBackend("C compiler", "cc", [*COMPILERS, "after apt install gcc"])

@@ -190,7 +190,7 @@ def _margins(built: "Built") -> "Margins":
 
 
 def _say(built: "Built | None", made: Path, read: str) -> None:
-    """Print the knowledge of the controller and the files written."""
+    """Print the plant, the effects known to the controller, its margins and the number of files."""
     from rich.console import Console
 
     console = Console()

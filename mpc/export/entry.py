@@ -1,4 +1,4 @@
-"""`export` writes a joint's allocation and controller as a directory of C files."""
+"""Function `export`: allocation and controller of a joint as a directory of C files."""
 
 from os import PathLike
 from pathlib import Path
@@ -35,20 +35,20 @@ def export(
     Parameters
     ----------
     joint
-        For its allocation; by default that of the controller, or the report's.
+        Joint of the allocation; by default that of the controller, or of the report.
     controller, observer
-        For "mpc": the controller with its plant, settings and compensation, and the observer that belongs to it; by
-        default those for `Plant(joint)` with N = 10, the joint's own hysteresis or friction and `Weights.calm()`.
+        For "mpc": the controller with its plant, settings and compensation, and its observer; by default those for
+        `Plant(joint)` with N = 10, the joint's own hysteresis or friction and `Weights.calm()`.
     what
-        "allocate", "mpc" or "all"; the controller needs the allocator, so that "mpc" only leaves its demonstration out.
+        "allocate", "mpc" or "all". "mpc" includes the allocation, without its demonstration.
     precision
-        "double", or "single" for an FPU without double.
+        "double", or "single" for a single-precision FPU.
 
     Raises
     ------
     InvalidInput
-        For a joint without a closed-form allocation, a controller and an observer that do not belong together, and a
-        directory that is not empty. Nothing is written then.
+        For a joint without a closed-form allocation, a controller and an observer that do not match, and a directory
+        that is not empty. Nothing is written then.
     MissingBackend
         For an unknown `what` or `precision`.
     """
@@ -68,7 +68,7 @@ def default_controller(
 ) -> TrackingMPC:
     """Return the default controller for `plant`, with weights for joints that differ from their model.
 
-    It knows the joint's own hysteresis or friction, or `compensation`; nothing is compiled for it in Python.
+    It compensates the joint's own hysteresis or friction, or takes `compensation`, and it is not compiled in Python.
     Raises InvalidInput for a joint that cannot be exported.
     """
     kernel_of(plant.joint)
@@ -85,7 +85,7 @@ def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> Antago
 def pair(
     joint: AntagonistJoint | None, controller: TrackingMPC | None, observer: KalmanObserver | None
 ) -> tuple[TrackingMPC, KalmanObserver]:
-    """Return controller and observer, the default ones where none are given. Raises `InvalidInput`; see `export`."""
+    """Return controller and observer, by default those of `export`. Raises `InvalidInput`; see `export`."""
     joint = _joint(joint, None if controller is None else controller.plant.joint)
     if controller is None:
         controller = default_controller(Plant(joint))
@@ -110,7 +110,7 @@ def _allocation(joint: AntagonistJoint, single: bool) -> Files:
 
 
 def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
-    """Return the files of allocation and controller; `alone` without the allocation's demonstration."""
+    """Return the files of allocation and controller; `alone` leaves the demonstration of the allocation out."""
     joint = controller.plant.joint
     kernel = kernel_of(joint)
     printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))

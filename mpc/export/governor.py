@@ -1,4 +1,4 @@
-"""`export_governor` writes a governor as a directory of C files."""
+"""Function `export_governor`: a pressure governor as a directory of C files."""
 
 import re
 from os import PathLike
@@ -21,15 +21,15 @@ _SEED = 20  # of the demonstration's commands
 def export_governor(out: str | PathLike[str], governor: PressureGovernor, *, precision: str = "double") -> Path:
     """Write `governor` as plain C99 to the directory `out`, and return it.
 
-    The C equals `PressureGovernor.govern`. Its kernel is printed from the text that Python runs, its formulas
-    by CasADi for this mechanism.
+    The C equals `PressureGovernor.govern`. Its kernel is printed from the Python source, and CasADi derives
+    the formulas of this mechanism.
 
     Raises
     ------
     InvalidInput
         For anything but a governor, and a directory that is not empty. Nothing is written then.
     MissingBackend
-        For an unknown `precision`, "double" or "single" (for an FPU without double).
+        For an unknown `precision`, "double" or "single" (for a single-precision FPU).
     """
     if not isinstance(governor, PressureGovernor):
         raise InvalidInput(f"governor is a {type(governor).__name__}; expected a PressureGovernor")
@@ -66,15 +66,15 @@ def _config(governor: PressureGovernor, single: bool) -> str:
     numbers: dict[str, tuple[float | int, str]] = {
         "JOINTS": (mechanism.n, "n"),
         "MUSCLES": (mechanism.m, "m"),
-        "SCENES": (len(scenes), "s, corners of what is uncertain"),
-        "SCENE": (len(scenes[0]), "k, numbers of each"),
+        "SCENES": (len(scenes), "s, corners of the uncertain numbers"),
+        "SCENE": (len(scenes[0]), "k, numbers per corner"),
         "SUPPLY_LO": (mechanism.pressure_limits[0], "[Pa]"),
     }
     return text.config(numbers, single)
 
 
 def _commands(governor: PressureGovernor) -> Array:
-    """Return rows (q, ω, P, the last command, the next) to show: an arm that is pushed faster and faster."""
+    """Return demonstration rows (q, ω, P, last command, next command) of an arm that is pushed faster and faster."""
     rng, rules = np.random.default_rng(_SEED), governor.made.rules
     n, m = governor.mechanism.n, governor.mechanism.m
     rows = []
@@ -100,9 +100,10 @@ _README = (
 # A governor of pressures in C
 
 Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
-({muscles}), every {dt:g} s. Plain C99; no heap, no global state, nothing but `math.h`, every loop bounded: at most
-{most} evaluations of the arm's motion. All units are SI. Written for this governor: `antagonist_config.h`,
-`src/governor.h`, `src/model.c`, `src/demonstration.h`; `src/kernel.c` is printed from the text that Python runs.
+({muscles}), every {dt:g} s. Plain C99 without a heap or global state; it needs only `math.h`, and every loop is
+bounded: at most {most} evaluations of the arm's motion. All units are SI. Generated for this governor:
+`antagonist_config.h`, `src/governor.h`, `src/model.c`, `src/demonstration.h`; `src/kernel.c` is printed from the
+Python source.
 
 """
     + BUILD
@@ -160,7 +161,7 @@ _SIZES: dict[str, tuple[str, ...]] = {
     "decay": ("2 * ANT_SCENES", _M),
     "counts": ("5",),
     "scene": ("ANT_SCENE",),
-    "motion": ("1",),  # the formulas have their numbers in them
+    "motion": ("1",),  # the formulas contain their numbers
     "potential": ("1",),
     "energy": ("2",),
     "level": ("1",),
@@ -168,7 +169,7 @@ _SIZES: dict[str, tuple[str, ...]] = {
 }
 
 _FORMULAS = """\
-/* The formulas, which have their numbers in them. */
+/* The formulas, which contain their numbers. */
 static void motion(const ant_real *q, const ant_real *omega, const ant_real *P, const ant_real *scene,
                    const ant_real *c, ant_real *alpha, ant_real *gain, ant_real *force, ant_real *speed,
                    ant_real *energy) {
@@ -192,14 +193,14 @@ def potential(q, scene, c, level):  # type: ignore[no-untyped-def]
 
 
 def kernel_files(single: bool) -> dict[str, str]:
-    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
+    """Return the kernel's files, which are the same for every mechanism; antagonist_config.h defines the sizes."""
     rules = StructKind("ant_rules", {name: _array(name, True) for name in kernel.Rules._fields}, False)
     memory = StructKind("ant_memory", {name: _array(name) for name in kernel.Memory._fields}, True)
     functions = (motion, potential, *kernel.FUNCTIONS)
     made = c_functions(functions, _kinds(rules, memory), single, {"govern": "ant_kernel_govern"}, {})
     body, stubs = re.subn(r"(?:/\*[^*]*\*/\n)?static void (?:motion|potential)\([^;{]*\{\n[^}]*\}\n\n", "", made.body)
     assert stubs == 2
-    about = "A governor's kernel, printed from Python's text of it."
+    about = "A governor's kernel, printed from the Python source."
     includes = '#include "kernel.h"\n\n#include "model.h"\n#include "real.h"'
     return {
         "antagonist_memory.h": text.header("ANTAGONIST_MEMORY_H", _WORKS, memory.definition(), ["antagonist.h"]),

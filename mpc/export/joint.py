@@ -11,20 +11,20 @@ from allocator.joint.antagonist import AntagonistJoint
 if TYPE_CHECKING:
     from casadi import Function
 
-Numbers = dict[str, tuple[float | int, str]]  # name: value, what it is
-_BELOW_POLE = 1 - 1e-6  # of the pole: pressures up to there have a force in either precision
+Numbers = dict[str, tuple[float | int, str]]  # name: value, description
+_BELOW_POLE = 1 - 1e-6  # of the pole: up to there forces are finite in either precision
 _GRID = 181  # angles at which affine muscles are checked
 
 
 class Kernel(NamedTuple):
-    """The kernel of a joint is one of the two that are printed as C; the numbers are the joint's."""
+    """One of the two allocation kernels in C, with the numbers of a joint."""
 
     name: str  # "tondu" or "affine", also the directory of the file that calls it
     numbers: Numbers
 
 
 def kernel_of(joint: AntagonistJoint) -> Kernel:
-    """Return the kernel of `joint`. Raises InvalidInput for a joint without a closed-form allocation that is proved."""
+    """Return the kernel of `joint`. Raises InvalidInput for a joint without a proved closed-form allocation."""
     if joint.tondu_pulley:
         if (tondu := TonduNumbers.of(joint)) is None:
             raise InvalidInput(
@@ -53,11 +53,11 @@ def _limits(joint: AntagonistJoint, hi1: float, hi2: float, numbers: TonduNumber
         "SUPPLY_HI": (joint.pressure_limits[1], "[Pa]"),
         "HI1": (hi1, "greatest P1, of the supply or the model's validity [Pa]"),
         "HI2": (hi2, "greatest P2 [Pa]"),
-        "HI1_LIMIT": (numbers.hi_limit1, "which of the two limits it is"),
+        "HI1_LIMIT": (numbers.hi_limit1, "the limit that HI1 is, see antagonist.h"),
         "HI2_LIMIT": (numbers.hi_limit2, ""),
         "LEFT": (numbers.left, "joint range [rad]"),
         "RIGHT": (numbers.right, "[rad]"),
-        "LEFT_LIMIT": (numbers.below, "what ends it"),
+        "LEFT_LIMIT": (numbers.below, "the limit at either end"),
         "RIGHT_LIMIT": (numbers.above, ""),
     }
 
@@ -73,7 +73,7 @@ def _tondu(numbers: TonduNumbers) -> Numbers:
         "D": (numbers.d, "d [Pa]"),
         "E": (numbers.e, "e [Pa^2]"),
         "G": (numbers.g, "g = e - c d [Pa^2]"),
-        "MOST": (-_BELOW_POLE * numbers.d, "up to here: below the pole -d [Pa]"),
+        "MOST": (-_BELOW_POLE * numbers.d, "greatest pressure, below the pole -d [Pa]"),
     }
 
 

@@ -1,4 +1,4 @@
-"""The allocation kernel as C is printed from the text that Python, numba and NumPy run: `kernel.h` and `kernel.c`."""
+"""Allocation kernel as C (`kernel.h`, `kernel.c`), printed from the source that Python, numba and NumPy run."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from allocator.compilation.printer import INT, REAL, Outside, Printed, Source, c
 from allocator.joint.limits import Limit
 from mpc.export import text
 
-Defined = dict[str, str]  # the name of an element of `p`: what joint.h defines for it
+Defined = dict[str, str]  # the name of an element of `p`: its name in joint.h
 
 _LIMITS: Defined = {
     "lo": "SUPPLY_LO",
@@ -57,7 +57,7 @@ _RESULT = ("P1", "P2", "T_given", "K_given", "status", "limits", "sure")
 
 
 def printed(name: str) -> Printed:
-    """Return the kernel `name`, "tondu" or "affine", as C that is the same for every joint of the kind."""
+    """Return the kernel `name`, "tondu" or "affine", as C, the same for every joint of the kind."""
     form = _FORMS[name]
     kinds = {field: INT if kind is int else REAL for field, kind in form.numbers.__annotations__.items()}
     outside = Outside(
@@ -93,7 +93,7 @@ def _listed(flags: Iterable[int]) -> str:
 def kernel_files(name: str) -> dict[str, str]:
     """Return the files of the kernel `name`."""
     made = printed(name)
-    about = "The exact allocation of one target, printed from Python's text of it."
+    about = "The exact allocation of one target, printed from the Python source."
     return {
         "src/kernel.h": text.header("ANT_KERNEL_H", about, made.head, ["antagonist.h"]),
         "src/kernel.c": f'/* {about} */\n#include "kernel.h"\n\n#include "joint.h"\n#include "real.h"\n\n{made.body}\n',

@@ -1,4 +1,4 @@
-"""`export_mechanism` writes the allocation of a mechanism as a directory of C files."""
+"""Function `export_mechanism`: the allocation of a mechanism as a directory of C files."""
 
 import ast
 import inspect
@@ -46,7 +46,7 @@ def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precisio
     """Write the allocation of `mechanism` as plain C99 to the directory `out`, and return it.
 
     The C equals `allocate` with priority "torque" or "stiffness". Its kernel is printed from the
-    text that Python runs, its formulas by CasADi for this mechanism.
+    Python source, and CasADi derives the formulas of this mechanism.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precisio
         For muscles that are not affine in the pressure, routes without formulas (tables) and a directory that is not
         empty. Nothing is written then.
     MissingBackend
-        For an unknown `precision`, "double" or "single" (for an FPU without double).
+        For an unknown `precision`, "double" or "single" (for a single-precision FPU).
     """
     if not isinstance(mechanism, Mechanism):
         raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
@@ -89,7 +89,7 @@ def _config(mechanism: Mechanism, single: bool) -> str:
         "ROWS": (rows, "torques and stiffnesses"),
         "VARIABLES": (m, "of the kernel"),
         "LINES": (rows, "of the kernel"),
-        "LEVELS": (2, "what comes first and what comes after it"),
+        "LEVELS": (2, "priorities: the first and the second objective"),
     }
     return text.config(sizes, single)
 
@@ -100,8 +100,8 @@ def _numbers(mechanism: Mechanism, single: bool) -> str:
     numbers: dict[str, tuple[float | int, str]] = {
         "UNIT": (hi, "pressures are solved for in this unit [Pa]"),
         "SUPPLY_LO": (lo, "[Pa]"),
-        "MET": (met, "of the torque or stiffness scale: a target missed by less is met [-]"),
-        "BINDS": (binds, "of the unit: a pressure this near to a bound lies on it [-]"),
+        "MET": (met, "greatest miss of a met target, over the torque or stiffness scale [-]"),
+        "BINDS": (binds, "distance to a bound, over the unit, at which a pressure lies on it [-]"),
         "NEAR": (binds * (hi - lo), "the same [Pa]"),
         "TRUSTED": (trusted, "an answer with a greater residual is a failure [-]"),
         "LEAST_CONTRACTION": (mechanism.min_contraction - stretched, "below it no muscle's model is valid [-]"),
@@ -121,7 +121,7 @@ def _numbers(mechanism: Mechanism, single: bool) -> str:
 
 
 def _targets(mechanism: Mechanism) -> Array:
-    """Return rows (q, T, K) of targets to show: of random taut pressures, and the last beyond reach."""
+    """Return demonstration targets as rows (q, T, K): of random taut pressures, the last one out of reach."""
     rng = np.random.default_rng(_SEED)
     rows = []
     for far in (1.0, 1.0, 1.0, 3.0):
@@ -150,20 +150,20 @@ _README = (
 # Pressures of a mechanism in C
 
 Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
-({muscles}). Plain C99; no heap, no global state, nothing but `math.h`, every loop bounded. `antagonist.h` is the header
-to read; all units are SI. Written for this mechanism: `antagonist_config.h`, `src/mechanism.h`, `src/model.c`,
-`src/demonstration.h`; `src/kernel.c` is printed from the text that Python runs.
+({muscles}). Plain C99 without a heap or global state; it needs only `math.h`, and every loop is bounded. Start with
+`antagonist.h`; all units are SI. Generated for this mechanism: `antagonist_config.h`, `src/mechanism.h`, `src/model.c`,
+`src/demonstration.h`; `src/kernel.c` is printed from the Python source.
 
 """
     + BUILD
     + """
 `ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
 `allocator.allocate` does: torque first or stiffness first, then the least pressures or those
-nearest to the present ones. It says by its status what was missed and why, and it computes from the pressures how far
-they are from optimal. It guesses which limits bind until a guess proves right: some 4 guesses, of which all but the
-last are one Cholesky factor of at most {m} × {m}; at most {most}, after which the status is `ANT_SOLVER_FAILED` and the
-pressures are within the limits. `follow` begins with what bound the last time: sooner, where targets follow each other.
-All memory is in `ant_memory`, of fixed size, which is best made static.
+nearest to the present ones. Its status reports a missed target and the reason, and it computes an optimality residual
+from the pressures. It guesses the active limits until a guess proves right: about 4 guesses, all but the last with one
+Cholesky factor of at most {m} × {m}. After {most} guesses the status is `ANT_SOLVER_FAILED`; the pressures are within
+the limits. `follow` starts from the last active limits, which is faster if successive targets are close to each other.
+All memory is in `ant_memory`, of fixed size, which should be static.
 """
 )
 
@@ -180,8 +180,8 @@ _SIZES = {"m": "ANT_VARIABLES", "p": "ANT_LINES", "K": "ANT_LEVELS"}
 _SIDE = "signed char"
 _ELEMENTS = {"floats": REAL, "places": INT, "signs": _SIDE}
 
-MOST_ROUNDS, MOST_FIRST = 1000, 200  # in C: a bound for the longest call
-SINGLE = {  # what rounding of single precision leaves
+MOST_ROUNDS, MOST_FIRST = 1000, 200  # in C they bound the longest call
+SINGLE = {  # tolerances for rounding in single precision
     "GAP": 3e2,
     "POSITIVE": 1e-6,
     "RANK": 1e-9,
@@ -194,12 +194,12 @@ ENTRIES = {name: f"ant_kernel_{name}" for name in ("prepare", "scale", "solve", 
 
 
 def kernel_files(single: bool) -> dict[str, str]:
-    """Return the files of the kernel, which are the same for every mechanism; sizes stand in antagonist_config.h."""
+    """Return the kernel's files, which are the same for every mechanism; antagonist_config.h defines the sizes."""
     structs = _structs()
     functions = (*levels.FUNCTIONS, *batch.PROOF)
     numbers = {"MOST_ROUNDS": MOST_ROUNDS, "MOST_FIRST": MOST_FIRST} | (SINGLE if single else {})
     made = c_functions(functions, _kinds(structs), single, ENTRIES, numbers)
-    about = "Lexicographic least squares in a box, printed from Python's text of it."
+    about = "Lexicographic least squares in a box, printed from the Python source."
     bounds = c_form(Source.of(source), "interval", _OUTSIDE)
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head, bounds.head])
     body = "\n\n".join(

@@ -1,4 +1,4 @@
-"""The exported files are those of this package as they are, and those that are written for the joint."""
+"""Parts of an export: unchanged C files of this package, and files generated for the joint."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -62,14 +62,14 @@ def is_single(precision: str) -> bool:
 
 
 def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
-    """Yield the C files of `directory` of this package, to be put into `to`."""
+    """Yield the C files in `directory` of this package, with their paths below `to`."""
     for path in sorted((_C / directory).iterdir()):
         if path.is_file() and not path.name.startswith("."):
             yield f"{to}{path.name}", path.read_text(encoding="utf-8")
 
 
 def allocation_files(joint: AntagonistJoint, kernel: Kernel, single: bool) -> Files:
-    """Return all that the allocation takes, without the demonstration."""
+    """Return the files of the allocation, without the demonstration."""
     files = dict(copied("allocate", "src/")) | dict(copied(kernel.name, "src/")) | kernel_files(kernel.name)
     numbers = text.defines({**kernel.numbers, **_tolerances(joint, single)}, single)
     files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)
@@ -80,8 +80,8 @@ def _tolerances(joint: AntagonistJoint, single: bool) -> Numbers:
     """Return the tolerances of equality under rounding."""
     met, near = (4e-6, 1e-6) if single else CLOSED_FORM
     return {
-        "MET": (met, "of the torque or stiffness scale: a target missed by less is met [-]"),
-        "NEAR": (near * joint.pressure_span, "a pressure this near to a bound lies on it [Pa]"),
+        "MET": (met, "greatest miss of a met target, over the torque or stiffness scale [-]"),
+        "NEAR": (near * joint.pressure_span, "distance to a bound at which a pressure lies on it [Pa]"),
     }
 
 
@@ -106,7 +106,7 @@ def model_files(functions: Functions, single: bool) -> Files:
         return {}
     heads = "\n".join(f"{c_text.prototype(f)}; /* {about} */" for f, about in functions)
     bodies = "\n\n".join(c_text.function(f, about, single) for f, about in functions)
-    about = "The joint's formulas, written by CasADi for this joint."
+    about = "The joint's formulas, derived by CasADi."
     return {
         "src/model.h": text.header("ANT_MODEL_H", about, heads, ["antagonist.h"]),
         "src/model.c": f'/* {about} */\n#include "model.h"\n\n#include "real.h"\n\n{bodies}\n',

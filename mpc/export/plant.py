@@ -21,7 +21,7 @@ _PLAIN = (
 def real_plant(process: Plant | RealPlant) -> RealPlant:
     """Return `process` as a real plant that C can simulate.
 
-    Raises InvalidInput for faults, and for readings that are old or off.
+    Raises InvalidInput for faults, a torque profile, delayed readings and pressure offsets.
     """
     real = RealPlant(process) if isinstance(process, Plant) else process
     if real.faults:
@@ -37,13 +37,13 @@ def real_plant(process: Plant | RealPlant) -> RealPlant:
 
 
 def plant_files(process: Plant | RealPlant, dt: float, directory: str = "") -> Files:
-    """Return the C files of a plant that goes on by `dt` [s] at a time, to be put into `directory`."""
+    """Return the C files of a plant with steps of `dt` [s], with paths below `directory`."""
     real = real_plant(process)
     heads, bodies = [], []
     for function, about in _functions(real):
         heads.append(f"{c_text.prototype(function)}; /* {about} */")
         bodies.append(c_text.function(function, about, single=False))
-    about = "The plant's formulas, written by CasADi for this plant."
+    about = "The plant's formulas, derived by CasADi."
     body = f'/* {about} */\n#include "plant_model.h"\n\n#include <math.h>\n\n' + "\n\n".join(bodies) + "\n"
     head = text.header("ANT_PLANT_MODEL_H", about, _PLAIN + "\n" + "\n".join(heads), ["math.h"])
     return dict(copied("plant", directory)) | {
@@ -67,7 +67,7 @@ def _functions(real: RealPlant) -> Functions:
     return [
         (
             dense("plant_begin", {"start": start}, {"full": begun}),
-            "the state to begin in, from theta, rate, P1, P2",
+            "the initial state, from theta, rate, P1, P2",
         ),
         (
             dense("plant_step", {"full": full, "u": u, "d": d, "h": h}, {"later": later}),
@@ -78,11 +78,11 @@ def _functions(real: RealPlant) -> Functions:
 
 
 def _numbers(real: RealPlant, dt: float) -> str:
-    """Return plant_numbers.h, with the dead time cut into samples as Python's experiment does."""
+    """Return plant_numbers.h, with the dead time divided into samples as in the Python simulation."""
     pieces, waiting = delayed(real.dead_time, dt)
     numbers: Numbers = {
         "PLANT_STATES": (NX + real.friction.size, "numbers of the state"),
-        "PLANT_WAITING": (waiting, "commands on their way between two samples"),
+        "PLANT_WAITING": (waiting, "commands in transit between two samples"),
         "PLANT_PIECES": (len(pieces), "of a sample in which the command is another"),
         "PLANT_SUBSTEPS": (real.substeps(dt, FINE), "steps of integration in each of them"),
         "PLANT_DT": (dt, "sample time [s]"),
@@ -97,7 +97,7 @@ def _numbers(real: RealPlant, dt: float) -> str:
 
 
 def start_of(real: RealPlant) -> Array:
-    """Return a state (4,) to begin in: at rest in the middle of the joint range, with both pressures in mid supply."""
+    """Return the initial state (4,): at rest in the middle of the joint range, with both pressures in mid supply."""
     joint = real.nominal.joint
     low, high = joint.pressure_limits
     middle = float(np.mean(joint.angle_range))

@@ -57,7 +57,7 @@ def config(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
 
 
 def demonstration(names: str, rows: Table, single: bool, skipped: bool = False) -> str:
-    """Return src/demonstration.h with `rows` of `names`, which main.c shows unless they are `skipped`."""
+    """Return src/demonstration.h with `rows` of `names`, which main.c prints unless they are `skipped`."""
     count = f"enum {{ ANT_DEMONSTRATIONS = {0 if skipped else len(rows)} }};"
     body = f"{count}\n\n/* {names} */\nstatic {table('ANT_DEMONSTRATION', rows, single)}"
     return header("ANT_DEMONSTRATION_H", "Options of main.c.", body, ["antagonist.h"])

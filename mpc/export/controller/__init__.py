@@ -1,1 +1,1 @@
-"""The controller and the observer of a joint as C: sizes, numbers, friction, the solver of the QP, demonstrations."""
+"""Export of controller and observer of a joint as C: sizes, numbers, friction, QP solver and demonstrations."""

@@ -15,11 +15,11 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 
 _PLACES = (0.2, 0.5, 0.8)  # of the joint range
-_SHARES = ((0.0, 0.3), (0.1, 0.7), (50.0, 0.4))  # torque [N·m], the last too much; share of the stiffness interval
+_SHARES = ((0.0, 0.3), (0.1, 0.7), (50.0, 0.4))  # torque [N·m], the last out of reach; share of the stiffness interval
 
 
 def targets(joint: AntagonistJoint) -> Array:
-    """Return rows (θ, K, T) of targets to demonstrate the allocation with."""
+    """Return target rows (θ, K, T) of the allocation demonstration."""
     left, right = joint.angle_range
     rows = []
     for place in _PLACES:
@@ -30,12 +30,12 @@ def targets(joint: AntagonistJoint) -> Array:
 
 
 def allocation_table(joint: AntagonistJoint, single: bool, skipped: bool = False) -> str:
-    """Return the header with the targets of the demonstration, with none of them if it is `skipped`."""
+    """Return the header with the demonstration targets, or with none if the demonstration is `skipped`."""
     return text.demonstration("theta [rad], K [N*m/rad], T [N*m]", targets(joint), single, skipped)
 
 
 def allocation_lines(joint: AntagonistJoint) -> Iterator[str]:
-    """Yield the lines that main.c prints about the targets of the demonstration."""
+    """Yield the lines that main.c prints for the demonstration targets."""
     for theta, K, T in targets(joint).tolist():
         a = allocate(theta, K, T, joint=joint)
         yield (
@@ -49,14 +49,14 @@ _SWING = 0.15  # of the joint range
 
 
 def control_numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
-    """Return what settings.h defines for the demonstration."""
+    """Return the definitions of the demonstration in settings.h."""
     left, right = plant.joint.angle_range
     middle = round((left + right) / 2, 6)
     K = round(float(np.mean(stiffness_interval(middle, 0.0, joint=plant.joint))), 4)
     x = plant.at_rest(middle, K)
     return {
         "DEMO_MIDDLE": (middle, "the demonstration's angle [rad]"),
-        "DEMO_SWING": (round(_SWING * (right - left), 4), "and how far it swings [rad]"),
+        "DEMO_SWING": (round(_SWING * (right - left), 4), "amplitude of its motion [rad]"),
         "DEMO_K": (K, "[N*m/rad]"),
         "DEMO_P1": (float(x[2]), "[Pa]"),
         "DEMO_P2": (float(x[3]), "[Pa]"),
@@ -66,7 +66,7 @@ def control_numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
 def control_lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
     """Yield the lines that the demonstration prints."""
     plant, dt, known = controller.plant, controller.dt, controller.compensation
-    driver = replace(controller)  # the same anew: the one that was given keeps its memory
+    driver = replace(controller)  # a fresh copy, so that the state of the given controller is kept
     own = KalmanObserver(plant, dt, observer.noise, known, observer.tolerance, compiled=False)
     turned = plant.discrete(dt)
     middle, swing, K, *P = (float(value) for value, _ in control_numbers(plant).values())

@@ -1,7 +1,7 @@
-"""The exported code needs of what rubs: which model it is, its elements, and what the state makes of them.
+"""Friction of an exported controller: the kind of model, its elements and its dependence on the state.
 
-Every model that C knows is T_f = strength · Σ k_i m_i, its memories m_i moved by the angle, in springs within widths
-that `scale` widens; `mpc/export/c/mpc/friction.c` moves them.
+Both supported models are T_f = strength · Σ k_i m_i. The angle moves the memories m_i, each bounded by a half width
+that `scale` multiplies; `mpc/export/c/mpc/friction.c` moves them.
 """
 
 from collections.abc import Iterator
@@ -25,24 +25,24 @@ _NEVER = 1e30  # [rad], in place of an infinite width
 
 
 def check_friction(friction: Hysteresis) -> None:
-    """Raise `InvalidInput` for a model of friction that C does not know."""
+    """Raise `InvalidInput` for a friction model without a C implementation."""
     if not isinstance(friction, Friction | MaxwellSlip):
         raise InvalidInput(
-            f"a controller that is told of {type(friction).__name__} cannot be exported: the exported one knows Dahl's "
-            "Friction and MaxwellSlip"
+            f"a controller with friction {type(friction).__name__} cannot be exported: the C code supports "
+            "Dahl's Friction and MaxwellSlip"
         )
 
 
 def friction_sizes(friction: Hysteresis) -> Numbers:
-    """Return the sizes of what friction remembers."""
+    """Return the sizes of the friction memory."""
     return {
-        "SLIPS": (int(isinstance(friction, MaxwellSlip)), "whether friction is Maxwell slip; else it is Dahl's"),
-        "ELEMENTS": (friction.size, "numbers that friction remembers"),
+        "SLIPS": (int(isinstance(friction, MaxwellSlip)), "1 for Maxwell slip, 0 for Dahl's friction"),
+        "ELEMENTS": (friction.size, "numbers in the friction memory"),
     }
 
 
 def friction_numbers(friction: Hysteresis) -> Numbers:
-    """Return the numbers of the model."""
+    """Return the parameters of the model."""
     if isinstance(friction, Friction):
         return {
             "FRICTION": (friction.mu, "mu [-]"),
@@ -57,18 +57,18 @@ def friction_tables(friction: Hysteresis) -> Iterator[tuple[str, str, Array]]:
     if isinstance(friction, MaxwellSlip):
         widths = np.array([_NEVER if r == inf else r for r in friction.widths])
         unit = "-" if friction.elastic else "N*m/rad"
-        yield "ANT_SPRINGS", f"of the elements of Maxwell slip [{unit}]", np.array(friction.springs)
-        yield "ANT_WIDTHS", "their half widths where P1 + P2 = 5 bar [rad]", widths
+        yield "ANT_SPRINGS", f"stiffnesses of the Maxwell-slip elements [{unit}]", np.array(friction.springs)
+        yield "ANT_WIDTHS", "their half widths at P1 + P2 = 5 bar [rad]", widths
 
 
 def friction_function(friction: Hysteresis, plant: Plant) -> tuple["Function", str]:
-    """Return the CasADi function from the state to the two numbers that press, and what it computes."""
+    """Return the CasADi function from the state to the two load numbers of friction, and its description."""
     import casadi as ca
 
     x = ca.SX.sym("x", NX)
     press, scale = (ca.densify(ca.SX(value)) for value in _of_state(friction, Contact(plant, x)))
     function = ca.Function("friction", [x], [press, scale], ["x"], ["press", "scale"])
-    return function, "pull [N*m] for Dahl's friction, or what springs are multiplied by; scale of their widths"
+    return function, "pull [N*m] for Dahl's friction, or the factor of the springs; scale of their widths"
 
 
 def _of_state(friction: Hysteresis, contact: Contact) -> tuple[Value, Value]:

@@ -1,4 +1,4 @@
-"""The README of the exported files is written here."""
+"""README of the exported files."""
 
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export.controller.recursions import items_in
@@ -12,8 +12,8 @@ _HEAD = (
 # A pneumatic-muscle joint in C
 
 Exported from the Python package `antagonist`, in {precision} precision, for: {joint}.
-Plain C99; no heap, no global state, nothing but `math.h`, every loop bounded. `antagonist.h` is the header to read; all
-units are SI. Written for this joint: {written}.
+Plain C99 without a heap or global state; it needs only `math.h`, and every loop is bounded. Start with `antagonist.h`;
+all units are SI. Generated for this joint: {written}.
 The other files are the same for every joint.
 
 """
@@ -23,49 +23,50 @@ The other files are the same for every joint.
 ## Allocation
 
 `ant_allocate` gives the pressures for a torque and a stiffness at an angle: the global optimum in closed form, as
-`allocator.allocate(..., method="exact")` does. What makes no sense (NaN, K <= 0, an angle beyond a turn) is answered by
+`allocator.allocate(..., method="exact")` does. For invalid input (NaN, K <= 0, an angle beyond a turn) it returns
 `ANT_BAD_INPUT` and pressures within the supply. {cost}
 {single}"""
 )
 
 _COST = {
-    "tondu": """A call costs at most 7 square roots, some 40
+    "tondu": """A call costs at most 7 square roots, about 40
 divisions and 4 steps of Newton's method; there is no other loop.
 """,
     "affine": """A call costs one evaluation of the
-joint's formulas (`src/model.c`) and some dozen operations; there is no loop.
+joint's formulas (`src/model.c`) and about a dozen operations; there is no loop.
 """,
 }
 
 _SINGLE = """
-In single precision the pressures differ from those of double precision by about 1e-6 of the supply; where torque and
-stiffness hardly tell two pairs of pressures apart (a lever near its dead point) by more, in what they give by no more.
+In single precision the pressures differ from those of double precision by about 1e-6 of the supply. The difference is
+greater where torque and stiffness hardly depend on the pressures (a lever near its dead point), but the resulting
+torque and stiffness differ by no more.
 """
 
 _CONTROL = """
 ## Control
 
-`ant_step` is a whole step of `mpc.TrackingMPC` behind `mpc.KalmanObserver`: observer, disturbance torque, dead time,
-friction and dead band, references brought within reach, the QP, its certificate, the fallback ladder, the limits; with
-the same statuses and rungs. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. A sensor that is
-silent reads NaN. All memory is in `ant_controller`, which is best made static. There is no clock: in place of a time
-budget `iteration_limit` bounds what solves the QP where sweeps do not; 0 leaves the QP out, and the next rungs answer.
+`ant_step` is a whole step of `mpc.TrackingMPC` behind `mpc.KalmanObserver`, with the same statuses and rungs: observer,
+disturbance torque, dead time, friction and dead band, references brought within reach, the QP, its certificate, the
+fallback ladder and the limits. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. Pass NaN for a
+missing sensor reading. All memory is in `ant_controller`, which should be static. There is no clock: instead of a time
+budget, `iteration_limit` bounds the solver behind the sweeps; 0 skips the QP, and the next rungs of the ladder answer.
 
 The plant that it controls: {plant}.
 
-Its weights, the prices of the slacks, the slew and the least force can be tuned while it runs, without a compiler:
+Its weights, slack prices, slew limit and least force can be tuned while it runs, without a compiler:
 
     antagonist export --tuning --out tuning.txt --errors theta=0.1,rate=0.3{options}
 
-writes the {count} numbers of an `ant_tuning` (with the terminal cost that belongs to the weights), for the options that
-this directory was exported with otherwise. `build/demonstration tuning.txt` shows what they do. On the board hand them
-to `ant_tuning_from`, which refuses those of another plant or sample time, and the tuning to `ant_tune`, after
-`ant_reset`, or between two steps. N, the sample time, the supply, the joint range and the observer are the build's.
+writes the {count} numbers of an `ant_tuning` (with the terminal cost of the weights). Give it the other options of this
+export, too. `build/demonstration tuning.txt` shows their effect. On the board, pass them to `ant_tuning_from`, which
+refuses those of another plant or sample time, and pass the tuning to `ant_tune` after `ant_reset` or between two steps.
+N, the sample time, the supply, the joint range and the observer cannot be tuned.
 
-The QP is solved as it is, sample by sample, as in Python and by the same text (`src/recursions.c` is printed from it):
-a sweep of Riccati recursions from the guess that those bounds of the slew bind which bound in the last sample, or two
-if the joint was thrown aside, and a certificate in one more pass. Where a few of them do not bind, or others do, these
-are exchanged one after the other, each with two passes; that is the usual case where limits bind.
+The QP is solved sample by sample, as in Python (`src/recursions.c` is printed from the Python source): a sweep of
+Riccati recursions starts from the slew bounds that were active in the last sample (two sweeps if the joint was thrown
+aside), and one more pass computes the certificate. If the active set differs in a few bounds, these are exchanged one
+after the other, each with two passes; that is the usual case where limits bind.
 {rest}
 
 Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
@@ -76,20 +77,20 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | its derivatives | {slopes} | {usual_slopes} |
 | allocations | {allocations} | {allocations} |
 | sweeps, backward and forward | {sweeps} | {qps} |
-| exchanges of what binds | {exchanges} | 0 to 10 |
+| exchanges of active bounds | {exchanges} | 0 to 10 |
 {worst}
 | Newton steps on the recursions, where the QP fails | {faces} | 0 |
 {single}"""
 
 _REST = {
     "double": """\
-What they do not settle an interior point on the recursions solves, whose answer is proved, too. Time and memory grow
-with N, not with its cube.""",
+If this fails, an interior-point method on the same recursions solves the QP, with a certificate as well. Time and
+memory grow with N, not with its cube.""",
     "single": """\
-What they do not settle DAQP's core solves (`src/daqp`, MIT), a dual active-set method, on the QP in dense form
-(`src/condense.c`), and what it says is checked before it is used: single precision has too few digits for an interior
-point. Its time grows with the cube of N; at N = 20 such a step takes about ten times as long as the usual one. Of the
-rows DAQP is given those that an answer has broken, at most 4 N; where that is not enough the softened QP answers.""",
+If this fails, the core of DAQP (`src/daqp`, MIT), a dual active-set method, solves the condensed QP
+(`src/condense.c`), and its answer is checked before use: single precision has too few digits for an interior-point
+method. Its time grows with the cube of N; at N = 20 such a step takes about ten times as long as the usual one. DAQP
+receives only rows that an answer has violated, at most 4 N; if these do not suffice, the softened QP answers.""",
 }
 
 _WORST = {
@@ -101,16 +102,16 @@ _WORST = {
 }
 
 _CONTROL_SINGLE = """
-In single precision commands differ by about 1e-5 of the supply. Where prices far apart meet (weights much sharper than
-`Weights.calm()`, and references far beyond what the joint can do) the certificate refuses more answers of the QP than
-in double precision; the softened QP then answers, with nearly the same commands.
+In single precision commands differ by about 1e-5 of the supply. With costs of very different magnitude (weights much
+sharper than `Weights.calm()`, and references far out of reach) the certificate refuses more answers of the QP than in
+double precision; the softened QP then answers, with nearly the same commands.
 """
 
 
 def readme(
     joint: AntagonistJoint, kernel: str, single: bool, printed: list[str], controller: TrackingMPC | None = None
 ) -> str:
-    """Return the README; `printed` is what the demonstration prints according to Python."""
+    """Return the README; `printed` is the expected output of the demonstration, computed in Python."""
     muscles = " and ".join(type(muscle).__name__ for muscle in (joint.agonist, joint.antagonist))
     written = ["antagonist_config.h", "src/joint.h", "src/demonstration.h"]
     written += ["src/model.c"] if kernel == "affine" or controller else []
@@ -155,7 +156,7 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         worst=worst,
         stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
         usual_stages=delay + (qps + 1) * N,
-        slopes=qps * N + 4,  # the observer's, with a belief for every sensor that repeats itself
+        slopes=qps * N + 4,  # the observer's, with one estimate per sensor that may repeat itself
         usual_slopes=qps * N + 1,
         allocations=N + 1,
         faces=10 * 4 * moves,

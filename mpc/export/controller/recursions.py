@@ -1,4 +1,4 @@
-"""The solver of a step's QP is printed as C here, from the text that Python runs: `recursions.h` and `recursions.c`."""
+"""QP solver of a step as C (`recursions.h`, `recursions.c`), printed from the Python source that runs in Python."""
 
 from allocator.compilation.jit import Function
 from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions, with_called
@@ -6,14 +6,14 @@ from mpc.export import text
 
 _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
 _SIDE = "signed char"
-_SINGLE = {"PUSHES": 0.5, "BREAKS": 1e-7, "ROW_BREAKS": 1e-5, "FLAT": 1e-5}  # what rounding is, of float32
-_ITEMS = {True: 24, False: 12}  # by single precision: no more than what follows has memory for anyway
+_SINGLE = {"PUSHES": 0.5, "BREAKS": 1e-7, "ROW_BREAKS": 1e-5, "FLAT": 1e-5}  # rounding tolerances of float32
+_ITEMS = {True: 24, False: 12}  # by single precision; the following stages have no memory for more
 
 
 def recursion_files(single: bool) -> dict[str, str]:
-    """Return the files of the solver, which are the same for every joint; sizes stand in antagonist_config.h.
+    """Return the files of the solver, which are the same for every joint; antagonist_config.h defines the sizes.
 
-    In single precision there is no interior point: it would not come near enough to the solution.
+    In single precision there is no interior-point method, because it would not be accurate enough.
     """
     from mpc.tracking.compiled import commands
     from mpc.tracking.compiled.structured_qp import certificate, newton, rows, solve
@@ -26,7 +26,7 @@ def recursion_files(single: bool) -> dict[str, str]:
     structs, items = _structs(), items_in(single)
     numbers = {"ITEMS": items, "LAST": items - 1} | (_SINGLE if single else {})
     made = c_functions(with_called(entries), _kinds(structs), single, names, numbers)
-    about = "The QP of a step, solved sample by sample; printed from Python's text of it."
+    about = "The QP of a step, solved sample by sample; printed from the Python source."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
     body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', MIN_AND_MAX, made.body])
     return {
@@ -36,7 +36,7 @@ def recursion_files(single: bool) -> dict[str, str]:
 
 
 def items_in(single: bool) -> int:
-    """Return how many items an exchange of what holds has at most (`structured_qp.responses`)."""
+    """Return the maximum number of items in an exchange of active bounds (`structured_qp.responses`)."""
     return _ITEMS[single]
 
 
@@ -49,7 +49,7 @@ def _given(*sizes: str | int, element: str = REAL) -> ArrayKind:
 
 
 def _structs() -> dict[str, StructKind]:
-    """Return what C has for the named tuples, those that are parts of others before these."""
+    """Return the C structs of the named tuples, each after the structs that it contains."""
     per_x, per_y, per_u = _array(_AFTER, 4), _array(_AFTER, 3), _array(_N, 2)
     row, lines = _array(_AFTER, 12), ("b", "t", "multiplier", "W", "residual", "push", "dt", "change")
     made: dict[str, dict[str, Kind]] = {
@@ -119,7 +119,7 @@ def _structs() -> dict[str, StructKind]:
 
 
 def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
-    """Return what arguments are, by their names in all functions."""
+    """Return the kinds of arguments, by their names in all functions."""
     sweep, rows, factors = structs["sweep"].fields, structs["rows"].fields, structs["factors"].fields
     items, per_u = structs["items"].fields, sweep["gv"]
     reals: tuple[str, ...] = (

@@ -1,4 +1,4 @@
-"""The exported code needs of a controller and its observer sizes, numbers, tables and the model."""
+"""Sizes, numbers, tables and model of an exported controller and its observer."""
 
 import numpy as np
 
@@ -28,11 +28,11 @@ from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp import certified, softened
 
-_GAP = 1e-3  # in single precision it cannot be bounded as closely as in `mpc.tracking.qp.certified`
+_GAP = 1e-3  # in single precision the bound is looser than in `mpc.tracking.qp.certified`
 
 
 def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
-    """Check that controller and observer belong together, and that nothing is asked that C cannot do."""
+    """Check that controller and observer match, and that C supports their settings. Raises `InvalidInput`."""
     if controller.budget is not None:
         raise InvalidInput(
             f"a controller with a budget of {controller.budget:g} s cannot be exported: the exported one has no clock; "
@@ -53,18 +53,18 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
     """Return the sizes that antagonist_config.h defines."""
     blocks, known, dt = len(controller.problem.blocks), controller.compensation, controller.dt
     return {
-        "HORIZON": (controller.N, "samples that the controller looks ahead"),
+        "HORIZON": (controller.N, "horizon in samples"),
         "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
         "DELAY": (known.delay(dt), "dead time in samples"),
         "AGE": (known.age(dt), "age of the angle's readings in samples"),
-        "AHEAD": (controller.ahead, "samples of reference wanted after the present one"),
-        "ITEMS": (items_in(single), "changes of what is held, at most, that are made one after the other"),
-        "QP_ITERATIONS": (qp_iterations(controller, single), "most iterations of the QP solver at a time"),
+        "AHEAD": (controller.ahead, "samples of reference after the present one"),
+        "ITEMS": (items_in(single), "maximum number of items in an exchange of active bounds"),
+        "QP_ITERATIONS": (qp_iterations(controller, single), "maximum iterations of the QP solver per QP"),
     } | friction_sizes(controller.compensation.friction)
 
 
 def qp_iterations(controller: TrackingMPC, single: bool) -> int:
-    """Return the bound of DAQP's iterations in a QP; in double precision the interior point's."""
+    """Return the maximum iterations per QP: of DAQP, or in double precision of the interior-point method."""
     from mpc.tracking.compiled.structured_qp.interior import MOST
 
     limits = 2 * len(controller.problem.blocks) + 2 + 6 * controller.N
@@ -72,7 +72,7 @@ def qp_iterations(controller: TrackingMPC, single: bool) -> int:
 
 
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
-    """Return all files beyond the allocation's but the model."""
+    """Return the controller's files except those of the allocation and the model."""
     files = dict(copied("mpc", "src/")) | dict(copied("tuning", "src/"))
     files |= dict(copied("dense" if single else "interior", "src/"))
     files |= dict(copied("daqp", "src/daqp/")) if single else {}
@@ -94,7 +94,7 @@ def control_files(controller: TrackingMPC, observer: KalmanObserver, single: boo
 
 
 def model_functions(controller: TrackingMPC) -> Functions:
-    """Return the CasADi functions of the plant and its friction, and what each computes."""
+    """Return the CasADi functions of the plant and its friction, each with its description."""
     import casadi as ca
 
     plant, dt = controller.plant, controller.dt
@@ -119,17 +119,17 @@ def model_functions(controller: TrackingMPC) -> Functions:
         friction_function(controller.compensation.friction, plant),
         (
             dense("expansion", state, {"q": ca.SX(ca.vertcat(*plant.expansion(x)))}),
-            "what swelling takes [Pa/s]",
+            "pressure loss by expansion of the muscles [Pa/s]",
         ),
     ]
 
 
 def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Numbers:
     plant, known, ladder = controller.plant, controller.compensation, controller.ladder
-    late = 1 + (1e-4 if single else 1e-9)  # of a time that is summed from samples
+    late = 1 + (1e-4 if single else 1e-9)  # rounding of a time that is summed from samples
     dt = controller.dt
     return (
-        {"CHARGE": (softened.COMMAND, "price of commands beyond the supply when softened [1/bar^2]")}
+        {"CHARGE": (softened.COMMAND, "price of commands beyond the supply in the softened QP [1/bar^2]")}
         | tuning_constants(controller)
         | friction_numbers(known.friction)
         | _rest(controller)
@@ -137,52 +137,55 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
         | {
             "DT": (dt, "sample time [s]"),
             "BAR": (BAR, "[Pa]"),
-            "ITERATIONS": (controller.iterations, "QPs in a step"),
-            "PATIENCE": (controller.patience * late, "for which the angle may be predicted [s]"),
-            "HOLDING": (ladder.holding, "for which pressures are held on the last rung [s]"),
-            "VENTING": (ladder.venting, "how fast they fall then [Pa/s]"),
+            "ITERATIONS": (controller.iterations, "QPs per step"),
+            "PATIENCE": (controller.patience * late, "longest time without a measured angle [s]"),
+            "HOLDING": (ladder.holding, "time that the last rung holds the pressures [s]"),
+            "VENTING": (ladder.venting, "rate at which they fall afterwards [Pa/s]"),
             "PRIMAL": (
                 certified.PRIMAL_TOLERANCE,
-                "by which an answer may break a limit [bar], [rad], [N]",
+                "tolerated violation of a limit [bar], [rad], [N]",
             ),
-            "GAP": (_GAP, "to the least cost, of what the moves gain, in single precision [-]"),
-            "ACCURACY": (certified.ACCURACY, "from an answer's changes to the solution's at most [bar]"),
+            "GAP": (_GAP, "tolerated gap to the optimum over the gain of the moves, in single precision [-]"),
+            "ACCURACY": (certified.ACCURACY, "greatest distance of an answer's changes to the solution's [bar]"),
             "LAZY": (
                 1e-5 if single else certified.LAZY_TOLERANCE,
-                "below which a row that was left out counts as kept",
+                "violation below which an omitted row counts as satisfied",
             ),
-            "ROUNDS": (softened.ROUNDS, "most rounds of the softened QP"),
-            "LONG": (2**30, "samples, from which on they are not counted any more"),
+            "ROUNDS": (softened.ROUNDS, "maximum rounds of the softened QP"),
+            "LONG": (2**30, "samples, upper end of every counter"),
             "INERTIA": (plant.inertia, "[kg*m^2]"),
             "DAMPING": (plant.damping, "[N*m*s/rad]"),
             "GRAVITY": (plant.gravity_torque, "m g l [N*m]"),
-            "JITTER": (compensation.JITTER, "motions below are noise of the angle [rad]"),
+            "JITTER": (compensation.JITTER, "smaller motions count as angle noise [rad]"),
             "CORRECTED": (preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
-            "DEAD_BAND": (known.dead_band, "of the regulators, total [Pa]"),
-            "SOFT": (compensation.SOFT, "over which the inverse of the dead band changes sides [Pa]"),
-            "TOLERANCE": (observer.tolerance, "for which a sensor may be silent or frozen [s]"),
+            "DEAD_BAND": (known.dead_band, "total dead band of the regulators [Pa]"),
+            "SOFT": (compensation.SOFT, "smoothing width of the dead-band inverse [Pa]"),
+            "TOLERANCE": (observer.tolerance, "longest time that a sensor may be silent or frozen [s]"),
             "TOLERANCE_END": (observer.tolerance * late, "the same, rounded up [s]"),
             "SIGMAS": (gating.SIGMAS, "standard deviations beyond which a reading is rejected"),
-            "ROUGH": (gating.ROUGH, "standard deviations of the noise within which none is"),
-            "MOST_TURNS": (gating.MOST_TURNS, "by which an encoder may be off"),
-            "NEAR_A_TURN": (gating.NEAR_A_TURN, "what is off by whole turns is that near without them [rad]"),
+            "ROUGH": (gating.ROUGH, "standard deviations of the noise within which no reading is rejected"),
+            "MOST_TURNS": (gating.MOST_TURNS, "upper bound of the whole turns of an encoder error"),
+            "NEAR_A_TURN": (
+                gating.NEAR_A_TURN,
+                "distance from the expected angle up to which whole turns are removed [rad]",
+            ),
             "GATE_GROWTH": (
                 observer.dt / observer.gate.widening,
-                "of the width of a gate that rejects, in a sample [-]",
+                "growth per sample of the width of a gate that rejects [-]",
             ),
-            "MAX_SPEED": (observer.gate.max_speed, "that an estimate may have [rad/s]"),
-            "MAX_TORQUE": (observer.gate.max_torque, "and from outside [N*m]"),
-            "HESITATION": (observer.rivalry.hesitation, "samples for which a rival has to explain what is rejected"),
+            "MAX_SPEED": (observer.gate.max_speed, "greatest estimated speed [rad/s]"),
+            "MAX_TORQUE": (observer.gate.max_torque, "greatest estimated disturbance torque [N*m]"),
+            "HESITATION": (observer.rivalry.hesitation, "samples in which a rival has to explain rejected readings"),
             "GATE_PATIENCE": (observer.rivalry.patience, "the same after a jump"),
             "CROSSING": (observer.rivalry.crossing, "samples without a rejection after which there is no rival"),
-            "FIRST": (kalman.FIRST, "samples in which what is rejected may as well be right"),
-            "REPEATED": (rivalry.ONCE * observer.dt, "for which an angle repeats where the joint turns round [s]"),
-            "COARSEST": (kalman.COARSEST, "step of an encoder at most [rad]"),
-            "LEARNING": (observer.dt / OFFSET_TIME, "share of an innovation by which a pressure's offset moves"),
-            "SETTLED": (SETTLED, "a pressure this near to its command shows its offset [Pa]"),
-            "MOST_OFFSET": (observer.noise.offset, "of a pressure sensor against its regulator [Pa]"),
-            "ENCODER_NOISE": (observer.noise.theta, "standard deviation of the angle's noise at least [rad]"),
-            "DOUBT": (gating.DOUBT, "standard deviations at which a repeated reading is not believed"),
+            "FIRST": (kalman.FIRST, "first samples, in which rejected readings may be right"),
+            "REPEATED": (rivalry.ONCE * observer.dt, "longest repetition of an angle reading at a reversal [s]"),
+            "COARSEST": (kalman.COARSEST, "greatest resolution step of an encoder [rad]"),
+            "LEARNING": (observer.dt / OFFSET_TIME, "share of an innovation that is added to a pressure offset"),
+            "SETTLED": (SETTLED, "distance to the command within which a pressure shows its offset [Pa]"),
+            "MOST_OFFSET": (observer.noise.offset, "greatest offset of a pressure sensor to its regulator [Pa]"),
+            "ENCODER_NOISE": (observer.noise.theta, "least standard deviation of the angle noise [rad]"),
+            "DOUBT": (gating.DOUBT, "standard deviations from which a repeated reading is rejected"),
         }
     )
 
@@ -194,27 +197,27 @@ def _rest(controller: TrackingMPC) -> Numbers:
         "REST_SAME_THETA": (resting.SAME[0], "a preview that varies less is constant [rad]"),
         "REST_SAME_K": (resting.SAME[1], "[N*m/rad]"),
         "REST_DWELL": (rules.dwell, "samples of constant preview before a rest"),
-        "REST_START": (resting.START, "mean error to rest at then [rad]"),
+        "REST_START": (resting.START, "greatest mean error at the start of a rest [rad]"),
         "REST_GROWTH": (resting.GROWTH * controller.dt, "growth of that per sample [rad]"),
-        "REST_MEAN": (resting.MEAN, "its bound [rad]"),
-        "REST_SWING": (resting.SWING, "peak to peak, the most to rest at [rad]"),
-        "REST_FAR": (resting.FAR, "errors from where on the time counts anew [rad]"),
-        "REST_RINGING": (resting.RINGING, "to both sides, of a joint without the friction that it should have [rad]"),
-        "REST_DEAD_ZONE": (resting.DEAD_ZONE, "errors below are left [rad]"),
-        "REST_STILL": (resting.STILL, "peak to peak over half a period of a joint that does not move [rad]"),
+        "REST_MEAN": (resting.MEAN, "upper bound of that [rad]"),
+        "REST_SWING": (resting.SWING, "greatest peak-to-peak motion for a rest [rad]"),
+        "REST_FAR": (resting.FAR, "errors above restart the dwell time [rad]"),
+        "REST_RINGING": (resting.RINGING, "errors to both sides that show missing friction [rad]"),
+        "REST_DEAD_ZONE": (resting.DEAD_ZONE, "smaller errors are not corrected [rad]"),
+        "REST_STILL": (resting.STILL, "greatest peak-to-peak motion over half a period of a still joint [rad]"),
         "REST_FIRST": (resting.FIRST, "gain of the first correction, of the stiffness [-]"),
         "REST_STIFFEST": (resting.STIFFEST, "the greatest one [-]"),
-        "REST_RESOLUTION": (resting.RESOLUTION, "to which the effect of a correction is known [rad]"),
-        "REST_OVERSHOOT": (resting.OVERSHOOT, "that a correction may have [rad]"),
-        "REST_MOST": (resting.MOST, "of a correction [Pa]"),
-        "REST_JOLT": (resting.JOLT, "from the predicted angle: a push [rad]"),
-        "REST_UNUSUAL": (resting.UNUSUAL, "times the usual error of the prediction: a push [-]"),
-        "REST_PUSH": (resting.PUSH, "from the mean angle: a push [rad]"),
-        "REST_EDGE": (resting.EDGE, "by which the regulators' way to their edges may turn the joint [rad]"),
-        "REST_LEAK": (resting.LEAK, "of a pressure from where it is held [Pa]"),
-        "REST_PRESSURE_NOISE": (resting.NOISE, "of a pressure's mean [Pa]"),
-        "REST_SETTLING": (rules.settling, "samples for which a correction acts"),
-        "REST_QUARTER_LEAST": (float(rules.shortest), "samples of a quarter of the joint's period"),
+        "REST_RESOLUTION": (resting.RESOLUTION, "accuracy of a correction's known effect [rad]"),
+        "REST_OVERSHOOT": (resting.OVERSHOOT, "greatest overshoot of a correction [rad]"),
+        "REST_MOST": (resting.MOST, "greatest correction [Pa]"),
+        "REST_JOLT": (resting.JOLT, "distance from the predicted angle that shows a push [rad]"),
+        "REST_UNUSUAL": (resting.UNUSUAL, "multiple of the usual prediction error that shows a push [-]"),
+        "REST_PUSH": (resting.PUSH, "distance from the mean angle that shows a push [rad]"),
+        "REST_EDGE": (resting.EDGE, "greatest rotation by regulators that cross their dead band [rad]"),
+        "REST_LEAK": (resting.LEAK, "distance of a held pressure that shows a leak [Pa]"),
+        "REST_PRESSURE_NOISE": (resting.NOISE, "noise of a mean pressure [Pa]"),
+        "REST_SETTLING": (rules.settling, "settling time of a correction in samples"),
+        "REST_QUARTER_LEAST": (float(rules.shortest), "quarter of the joint's period in samples, least and greatest"),
         "REST_QUARTER_MOST": (float(rules.longest), ""),
     }
 
@@ -227,17 +230,17 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
         ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", inverse.slopes[0]),
         ("ANT_D2", "and its second derivative [1/s^2]", inverse.slopes[1]),
         ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
-        ("ANT_KEPT", "what is left of a pressure's error after a sample [-]", inverse.alpha),
+        ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", inverse.alpha),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
         ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(observer.filter.Q)),
         ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(observer.filter.Q_rest)),
         ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(observer.filter.R)),
-        ("ANT_GATE_LOWER", "least of theta, P1, P2 that a sensor can say", np.array(observer.gate.lower)),
-        ("ANT_GATE_UPPER", "and the greatest", np.array(observer.gate.upper)),
-        ("ANT_GATE_FLOOR", "readings this near to what is expected are believed", np.array(observer.gate.floor)),
-        ("ANT_GATE_JUMP", "those farther off only after a jump's patience", np.array(observer.gate.jump)),
-        ("ANT_UNSURE", "variance of a belief that knows little but the readings", np.diag(observer.filter.unsure)),
-        ("ANT_COVARIANCE", "of the observer's first belief", observer.filter.stationary),
+        ("ANT_GATE_LOWER", "least possible readings of theta, P1, P2", np.array(observer.gate.lower)),
+        ("ANT_GATE_UPPER", "greatest possible readings", np.array(observer.gate.upper)),
+        ("ANT_GATE_FLOOR", "distances from expected readings that are accepted", np.array(observer.gate.floor)),
+        ("ANT_GATE_JUMP", "distances accepted only after a jump's patience", np.array(observer.gate.jump)),
+        ("ANT_UNSURE", "variance of an estimate from the readings alone", np.diag(observer.filter.unsure)),
+        ("ANT_COVARIANCE", "initial covariance of the observer", observer.filter.stationary),
         *friction_tables(controller.compensation.friction),
     ]

@@ -1,8 +1,8 @@
-"""The tuning is what a user sets on the bench: weights, prices of the slacks, slew and least force, as numbers in C.
+"""Tuning of an exported controller on the bench: weights, slack prices, slew and least force, as numbers for C.
 
-The terminal cost belongs to the weights, and takes an algebraic Riccati equation of the plant at the sample time: it is
-made here, and C takes all numbers together, in the order of `ant_tuning`. Before them stand two that must be those of
-the build: the sample time, and a number of the plant.
+The terminal cost follows from the weights by an algebraic Riccati equation of the plant at the sample time. Python
+solves it, and C takes all numbers together, in the order of `ant_tuning`. Two numbers precede them and must equal those
+of the build: the sample time, and a number of the plant.
 """
 
 from dataclasses import replace
@@ -23,11 +23,11 @@ from mpc.tracking.compiled.factory import setting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
 
-Entry = tuple[str, Array]  # what the numbers are, and these
+Entry = tuple[str, Array]  # description and values
 
 
 def plant_number(plant: Plant, dt: float) -> float:
-    """Return a number that tells whether a tuning was made for the same plant: how it moves in a sample, all in one."""
+    """Return a number that identifies the plant of a tuning: a weighted sum of its motion in one sample."""
     (left, right), most = plant.joint.angle_range, plant.joint.pressure_limits[1]
     x = np.array([left + 0.6 * (right - left), 1.0, 0.4 * most, 0.7 * most])
     moved = np.array(plant.discrete(dt)(x, [0.8 * most, 0.5 * most], 0.3)).ravel() - x
@@ -57,13 +57,13 @@ def tuning_numbers(controller: TrackingMPC, single: bool) -> list[Entry]:
 
 
 def tuning_definition(controller: TrackingMPC, single: bool) -> str:
-    """Return the definition of `ANT_TUNING`, what the build begins with."""
+    """Return the definition of `ANT_TUNING`, the initial tuning of the build."""
     lines = [f"    /* {what} */\n    {_listed(values, single)}," for what, values in tuning_numbers(controller, single)]
     return "\n".join(["const ant_tuning ANT_TUNING = {", *lines, "};"])
 
 
 def _listed(values: Array, single: bool) -> str:
-    """Return an initialiser; that of a single number stands without braces."""
+    """Return an initialiser; a single number has no braces."""
     if values.ndim == 2:
         return "{" + ",\n     ".join(_listed(row, single) for row in values) + "}"
     listed = ", ".join(number(value, single) for value in values.tolist())
@@ -71,12 +71,12 @@ def _listed(values: Array, single: bool) -> str:
 
 
 def tuning_constants(controller: TrackingMPC) -> Numbers:
-    """Return what the build defines to know its tunings by."""
+    """Return the definitions by which the build recognises its tunings."""
     return {"PLANT": (plant_number(controller.plant, controller.dt), "a tuning's second number, see tuning.c")}
 
 
 def tuning_text(controller: TrackingMPC, single: bool) -> str:
-    """Return the numbers for `ant_tuning_from` as text, one a line, with what they are behind `#`."""
+    """Return the numbers for `ant_tuning_from` as text, one per line, with descriptions after `#`."""
     entries = [
         ("sample time [s], that of the build", np.array([controller.dt])),
         ("of the plant, that of the build", np.array([plant_number(controller.plant, controller.dt)])),
@@ -90,21 +90,21 @@ def tuning_text(controller: TrackingMPC, single: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-_ERRORS = {"theta": DEG, "omega": DEG, "K": 1.0, "u": BAR, "rate": BAR}  # weights by errors, in units of SI's
+_ERRORS = {"theta": DEG, "omega": DEG, "K": 1.0, "u": BAR, "rate": BAR}  # SI value of the unit of each error
 
 
 def write_tuning(path: str | PathLike[str], controller: TrackingMPC, *, precision: str = "double") -> None:
-    """Write a tuning for a build that has been exported: its controller goes on with other weights, without a compiler.
+    """Write a tuning that gives an exported controller other weights without a compiler.
 
-    `controller` is that of the build but for `weights`, `min_force` and the plant's `slew`, in the build's `precision`;
-    `N` and everything else stay those of the build. The numbers are for `ant_tuning_from`, one a line. Raises
-    `MissingBackend` for an unknown precision, `CannotWrite`.
+    `controller` may differ from that of the build only in `weights`, `min_force` and the plant's `slew`; `precision` is
+    that of the build. The file has one number per line, for `ant_tuning_from`. Raises `MissingBackend` for an unknown
+    precision, `CannotWrite`.
     """
     write_text(path, tuning_text(controller, is_single(precision)))
 
 
 def weights_from(errors: str) -> Weights:
-    """Return the export's weights with some changed: "theta=0.1,rate=0.3", the errors that cost one half.
+    """Return the default weights of the export, some changed by errors that cost one half: "theta=0.1,rate=0.3".
 
     Units are degrees, degrees/s, N·m/rad, bar and bar/s. Raises `InvalidInput`.
     """

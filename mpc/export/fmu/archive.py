@@ -1,4 +1,4 @@
-"""FMUs of FMI 3.0: both descriptions in XML, sources, and binaries of this machine's compiler."""
+"""Archives of FMI 3.0 units: both descriptions in XML, the sources, and a binary for this machine."""
 
 import hashlib
 import platform
@@ -17,7 +17,7 @@ from mpc.export.building import compile_c, write
 from mpc.export.fmu.variables import UNITS, Variable, variables_header
 from mpc.export.parts import Files, copied
 
-_TIME = "0"  # the reference of the time; the variables are counted from 1 on
+_TIME = "0"  # reference of the time; variables are numbered from 1
 
 
 class Model(NamedTuple):
@@ -102,14 +102,14 @@ def _written(root: ElementTree.Element) -> str:
 
 
 _INCLUDES = (".", "src")
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same FMU of the same model, whenever it is made
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # fixed, so that the same model gives the same file
 _SUFFIXES = {"linux": ".so", "darwin": ".dylib"}
 
 
 def packed(model: Model, own: Files, path: Path, binary: bool) -> Path:
-    """Write the FMU of `model`, whose `own` C files are given, to `path`.
+    """Write the FMU of `model`, with its `own` C files, to `path`.
 
-    Raises `InvalidInput` for another suffix than .fmu, `CannotWrite`, and `MissingBackend` without a C compiler unless
+    Raises `InvalidInput` for a suffix other than .fmu, `CannotWrite`, and `MissingBackend` without a C compiler unless
     `binary` is false.
     """
     if path.suffix != ".fmu":

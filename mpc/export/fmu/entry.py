@@ -1,4 +1,4 @@
-"""`export_plant_fmu` and `export_controller_fmu` write FMUs for Simulink, Modelica and whatever else reads FMI 3.0."""
+"""Functions `export_plant_fmu` and `export_controller_fmu`: FMUs for Simulink, Modelica and other FMI 3.0 tools."""
 
 from os import PathLike
 from pathlib import Path
@@ -29,11 +29,11 @@ def export_plant_fmu(
 ) -> Path:
     """Write `process` as the FMU `out`, and return its path.
 
-    A step of `dt` [s] is that of `simulate`, to the last bit where the compiler keeps to IEEE 754; longer steps have to
-    be multiples of it, commands are held meanwhile. Its outputs are without the noise of a `RealPlant`. `x0` (4,) is
-    where it begins unless the simulation says otherwise: θ [rad], ω [rad/s], P1, P2 [Pa]; by default at rest in the
-    middle of the joint range. Without a C compiler `source_only` is for tools that compile the sources themselves.
-    Raises `InvalidInput` (for faults and a torque profile too), `CannotWrite`, `MissingBackend`.
+    A step of `dt` [s] equals that of `simulate`, to the last bit if the compiler follows IEEE 754. Longer steps must be
+    multiples of `dt`; commands are held meanwhile. The outputs have no sensor noise. `x0` (4,) is the default initial
+    state: θ [rad], ω [rad/s], P1, P2 [Pa]; if None, at rest in the middle of the joint range. `source_only` needs no C
+    compiler; the importing tool compiles the sources. Raises `InvalidInput` (also for faults and a torque profile),
+    `CannotWrite`, `MissingBackend`.
     """
     real, dt = real_plant(process), checks.positive("dt", dt, "s")
     x = start_of(real) if x0 is None else np.asarray(x0, float)
@@ -54,8 +54,8 @@ def export_controller_fmu(
 ) -> Path:
     """Write `controller` behind `observer` as the FMU `out`, and return its path.
 
-    By default they are those of `mpc.export.export`, in double precision. A step takes the readings and references that
-    are set at its begin, and its commands are meant to be sent then. Raises as `mpc.export.export` does.
+    By default they are those of `mpc.export.export`, in double precision. A step uses the readings and references set
+    at its beginning, and its commands are for that time. Raises the errors of `mpc.export.export`.
     """
     controller, observer = pair(None, controller, observer)
     x0 = start_of(real_plant(controller.plant))

@@ -1,4 +1,4 @@
-"""The variables of an FMU are listed once: modelDescription.xml and the table in C are made of the same list."""
+"""Variables of an FMU: one list from which modelDescription.xml and the table in C are made."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -15,23 +15,23 @@ _SET = {"input": 2, "parameter": 1, "output": 0}
 
 
 class Variable(NamedTuple):
-    """A variable is a number of an FMU, or a row of numbers."""
+    """Variable of an FMU: a number, or a row of numbers."""
 
     name: str
     causality: str  # "input", "parameter" or "output"
     unit: str | None  # one of `UNITS`; None: an integer
     about: str
-    start: float | Sequence[float] = 0.0  # of an output it is computed
-    finite: bool = False  # NaN and infinity are refused; else its unit knows what to do
+    start: float | Sequence[float] = 0.0  # ignored for outputs, which are computed
+    finite: bool = False  # NaN and infinity are refused; otherwise the unit handles them
 
     @property
     def starts(self) -> tuple[float, ...]:
-        """Return the values that it starts with."""
+        """Start values."""
         return tuple(float(value) for value in np.atleast_1d(self.start))
 
     @property
     def is_row(self) -> bool:
-        """A variable is a row if it starts with several values."""
+        """Whether the variable is a row of numbers."""
         return np.ndim(self.start) == 1
 
 
@@ -73,7 +73,7 @@ def plant_variables(real: RealPlant, x0: Array) -> list[Variable]:
 
 
 def controller_variables(controller: TrackingMPC, x0: Array) -> list[Variable]:
-    """Return the variables of a controller and its observer, for a joint that begins at rest in `x0` (4,)."""
+    """Return the variables of a controller and its observer, with the initial state `x0` (4,), at rest."""
     theta, _, P1, P2 = map(float, x0)
     K = float(controller.plant.stiffness(x0))
     samples = controller.ahead + 1
@@ -113,7 +113,7 @@ def variables_header(variables: Sequence[Variable], dt: float, token: str) -> st
 
 
 def _placed(variables: Sequence[Variable]) -> Iterator[tuple[Variable, int]]:
-    """Yield the variables and where their values begin."""
+    """Yield the variables and the positions of their first values."""
     first = 0
     for variable in variables:
         yield variable, first

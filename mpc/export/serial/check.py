@@ -11,7 +11,7 @@ from mpc.bench.device import DeviceLost, NoAnswer
 from mpc.bench.devices.serial_line import BoardInfo, SerialDevice
 from mpc.bench.devices.serial_protocol import State
 
-_MARGIN = 0.1  # [s] beyond the watchdog's time in which it has to have acted
+_MARGIN = 0.1  # [s] after the watchdog's time, by which it must have acted
 _LOST = 0.01  # share of the exchanges that may be lost
 
 
@@ -21,20 +21,20 @@ class Examination:
 
     info: BoardInfo
     exchanges: int
-    read: Array  # round trips [s] of those that were answered
+    read: Array  # round trips [s] of the answered ones
     write: Array
     unanswered: int
-    late: int  # answers that came after their time
-    damaged_here: int  # stretches of what came that were no frame
+    late: int  # answers after their time limit
+    damaged_here: int  # received byte sequences that were no frame
     damaged_there: int
-    clock: float  # how much faster than the host's clock the board's goes [-]
+    clock: float  # relative rate error of the board's clock against the host's, positive if fast [-]
     obeyed_late: bool  # whether it still took commands after the watchdog's time
-    tripped: bool  # whether it said that the watchdog had acted
-    greeted: bool  # whether a new session ended that
+    tripped: bool  # whether it reported that the watchdog had acted
+    greeted: bool  # whether a new session ended the safe state
 
     @property
     def faults(self) -> list[str]:
-        """Return the faults of the board, a sentence each; none if it may be used."""
+        """Return the faults of the board, one sentence each; none if it may be used."""
         lost = self.unanswered / (2 * self.exchanges)
         found = [
             (lost > _LOST, f"{100 * lost:.2g} % of the requests were not answered in time"),
@@ -61,7 +61,7 @@ class Examination:
 
 
 def examine(connect: Callable[[], SerialDevice], exchanges: int = 500) -> Examination:
-    """Return the examination of the board that `connect` opens, with its least pressure as the only command.
+    """Return the examination of the board that `connect` opens; only its least pressure is commanded.
 
     Raises `DeviceError`.
     """
@@ -95,7 +95,7 @@ def examine(connect: Callable[[], SerialDevice], exchanges: int = 500) -> Examin
 
 
 def _timed(exchange: Callable[[], object]) -> float | None:
-    """Return how long the exchange took [s]; None if it failed."""
+    """Return the duration of the exchange [s], or None if it failed."""
     began = time.perf_counter()
     try:
         exchange()
@@ -105,7 +105,7 @@ def _timed(exchange: Callable[[], object]) -> float | None:
 
 
 def _after_silence(device: SerialDevice, low: float) -> tuple[bool, bool]:
-    """Return whether the board obeyed, and whether it said that its watchdog had acted."""
+    """Return whether the board obeyed, and whether it reported that its watchdog had acted."""
     for _ in range(10):
         try:
             device.write(low, low)

@@ -92,7 +92,7 @@ def bench_check_command(
     with SimulatedBoard() if device is None else nullcontext() as board:
         address = board.port if isinstance(board, SimulatedBoard) else str(device).removeprefix(_SCHEME)
         if device is None:
-            say(console, f"simulated board: the exported C, compiled here, behind {address}")
+            say(console, f"simulated board: the exported C, compiled on this machine, behind {address}")
         found = examine(lambda: open_serial(address, timeout), exchanges)
     for line in found.lines():
         say(console, line)

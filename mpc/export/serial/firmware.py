@@ -1,6 +1,6 @@
-"""The firmware of a board on a serial line: its safety, its files, and those that simulate the board on a PC.
+"""Firmware of a board on a serial line: its safety, its files, and files that simulate the board on a PC.
 
-protocol.h is printed from the tables of `mpc.bench.devices.serial_protocol`.
+protocol.h is generated from the tables of `mpc.bench.devices.serial_protocol`.
 """
 
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 
-_LONGEST = 1e3  # [s] of a watchdog; the board's clock begins anew after 4295 s
+_LONGEST = 1e3  # [s] of a watchdog; the board's clock wraps after 4295 s
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class Safety:
     """Behaviour of a board without messages from its host."""
 
     watchdog: float = 0.2  # silence after which the pressures fall [s]
-    fall: float = 1 * BAR  # how fast the higher of them falls [Pa/s]; 0: they are held, inf: at once
+    fall: float = 1 * BAR  # rate at which the higher one falls [Pa/s]; 0: both are held, inf: at once
 
     def __post_init__(self) -> None:
-        """Check both. Raises InvalidInput."""
+        """Check both values. Raises InvalidInput."""
         watchdog = checks.positive("watchdog", self.watchdog, "s")
         if not 1e-3 <= watchdog <= _LONGEST:
             raise InvalidInput(f"watchdog = {watchdog:g} s has to be between 0.001 and {_LONGEST:g} s")
@@ -50,20 +50,20 @@ class Safety:
             raise InvalidInput(f"fall = {fall:g} Pa/s has to be 0 (hold), inf (at once) or 100 Pa/s at least")
 
 
-_SAMPLES = 3  # that a watchdog waits for at least
-_SPARE = 32  # samples of reference that the host may be ahead of what the controller needs
-PLANT_DT = 1e-3  # [s] by which the simulated plant goes on
+_SAMPLES = 3  # least silence before a watchdog acts
+_SPARE = 32  # samples of reference that the host may send beyond the horizon
+PLANT_DT = 1e-3  # [s] step of the simulated plant
 
 
 def firmware_files(limits: tuple[float, float], safety: Safety, controller: TrackingMPC | None = None) -> Files:
     """Return the board's own files, for commands within `limits` [Pa]; with a `controller` it follows references.
 
-    Raises `InvalidInput` for a watchdog that a host could not keep quiet, saying something every sample.
+    Raises `InvalidInput` for a watchdog that trips although the host sends a message every sample.
     """
     if controller is not None and safety.watchdog < _SAMPLES * controller.dt:
         raise InvalidInput(
             f"watchdog = {safety.watchdog:g} s has to be {_SAMPLES} samples of {controller.dt:g} s or more: a host "
-            "that says something every sample may be a little late"
+            "that sends a message every sample may be a little late"
         )
     files = {
         name: content for name, content in copied("serial", "serial/") if controller is not None or "follow" not in name
@@ -76,13 +76,13 @@ def firmware_files(limits: tuple[float, float], safety: Safety, controller: Trac
 
 
 def simulation_files(process: Plant | RealPlant, x0: ArrayLike) -> Files:
-    """Return what makes a program for the PC of a board's files, with `process` under it, which begins in `x0` (4,)."""
+    """Return the additional files of a simulated board, with the plant `process` and its initial state `x0` (4,)."""
     numbers = ", ".join(number(float(value), single=False) for value in np.asarray(x0))
     start = f"#define ANT_START {{{numbers}}} /* theta [rad], its rate [rad/s], P1, P2 [Pa] */"
     return {
         **dict(copied("simulated", "simulated/")),
         **plant_files(real_plant(process), PLANT_DT, "simulated/"),
-        "simulated/start.h": text.header("ANT_START_H", "Where the simulated joint begins.", start),
+        "simulated/start.h": text.header("ANT_START_H", "Initial state of the simulated joint.", start),
     }
 
 
@@ -91,14 +91,16 @@ def _config(limits: tuple[float, float], safety: Safety, controller: TrackingMPC
     numbers: Numbers = {
         "LOW": (float(low), "least command [Pa]"),
         "HIGH": (float(high), "greatest command [Pa]"),
-        "FALL": (safety.fall, "how fast the higher pressure falls in the safe state; 0: both are held [Pa/s]"),
+        "FALL": (safety.fall, "rate at which the higher pressure falls in the safe state; 0: both are held [Pa/s]"),
     }
     lines = [text.defines(numbers, single=True)]
-    lines.append(_whole("WATCHDOG_US", round(safety.watchdog * 1e6), "silence of the host after which they do [us]"))
+    lines.append(
+        _whole("WATCHDOG_US", round(safety.watchdog * 1e6), "silence of the host that leads to the safe state [us]")
+    )
     if controller is not None:
-        lines.append("#define ANT_BOARD_CONTROLS /* it has the controller */")
+        lines.append("#define ANT_BOARD_CONTROLS /* the board has the controller */")
         lines.append(_whole("TICK_US", round(controller.dt * 1e6), "sample time of the controller [us]"))
-        lines.append(_whole("ROOM", controller.ahead + 1 + _SPARE, "samples of reference that it can hold"))
+        lines.append(_whole("ROOM", controller.ahead + 1 + _SPARE, "samples of reference that the board can hold"))
     body = "\n".join(lines).replace("ANT_INFINITY", "INFINITY")
     return text.header("ANT_CONFIG_H", "Choices at export.", body, ["math.h"] if "INFINITY" in body else [])
 
@@ -108,7 +110,7 @@ def _whole(name: str, value: int, meaning: str) -> str:
 
 
 def protocol_header() -> str:
-    """Return protocol.h: constants, and where the fields of every frame lie."""
+    """Return protocol.h: constants, and the positions of the fields of every frame."""
     parts = [
         _defines("version and sizes [bytes, samples]", _sizes()),
         *(_enumerated(kind) for kind in (protocol.Kind, protocol.State, protocol.Refusal)),
@@ -116,7 +118,7 @@ def protocol_header() -> str:
         *(_layout(kind.name, fields) for kind, fields in protocol.LAYOUTS.items()),
         _layout("SAMPLE", protocol.SAMPLE),
     ]
-    about = "The line protocol, printed from the tables that the host runs by. Offsets count from a body's begin."
+    about = "The line protocol, generated from the host's tables. Offsets count from the beginning of a body."
     return text.header("ANT_PROTOCOL_H", about, "\n".join(parts))
 
 
@@ -134,7 +136,7 @@ def _defines(about: str, values: dict[str, int]) -> str:
 
 
 def _enumerated(kind: type[IntEnum]) -> str:
-    """Return a C enumeration; its first lines of documentation are Python's."""
+    """Return a C enumeration, with the first line of the Python docstring as its comment."""
     about = (kind.__doc__ or "").splitlines()[0]
     name = kind.__name__
     members = ",\n".join(f"    ANT_{name.upper()}_{member.name} = {member.value}" for member in kind)
@@ -142,7 +144,7 @@ def _enumerated(kind: type[IntEnum]) -> str:
 
 
 def _layout(name: str, fields: Iterable[Field]) -> str:
-    """Return where `fields` lie, and how many bytes they are."""
+    """Return the positions of `fields`, and their total number of bytes."""
     lines, at = [], 0
     for field in fields:
         lines.append(f"    ANT_{name}_{field.name.upper()} = {at}, /* {field.type}, {field.meaning} */")
@@ -160,30 +162,28 @@ It talks to `mpc.bench.devices.serial_line.SerialDevice` and to `antagonist run 
 project's `docs/serial.md` documents the line protocol (version {version}).
 
 **Yours to fill in** are the five functions of `port.c`: `read_sensors`, `write_valves`, a microsecond clock, and the
-bytes of the UART. `port.h` says what is asked of them, `config.h` what was chosen at export: commands within {low:g} to
+bytes of the UART. `port.h` documents them, and `config.h` has the choices at export: commands within {low:g} to
 {high:g} Pa, a watchdog of {watchdog:g} s, after which {fall}.
-Call `ant_board_poll` as often as you can, as `main.c` does; it never waits.
+Call `ant_board_poll` as often as possible, as `main.c` does; it never waits.
 {pace}
     {cc} serial/*.c{sources} -lm -o firmware
 
-compiles it for the PC, to see that it does; with your microcontroller's compiler it is the same line.
+compiles it for the PC as a check; your microcontroller's compiler takes the same line.
 
-**A board to try hosts on**, the same C behind a pseudo-terminal of Linux, with a simulated joint under it:
+**A simulated board** for tests of hosts, the same C behind a pseudo-terminal of Linux, with a simulated joint:
 
     {cc} -Isimulated simulated/*.c {shared}{sources} -lm -o simulated_board
     ./simulated_board
 
 It prints the name of its port, e.g. `/dev/pts/3`; `antagonist bench-check serial:/dev/pts/3` examines it as it does a
-real one. `antagonist bench-check` alone does all of this by itself.
+real one. `antagonist bench-check` without a port does all of this.
 """
 
 _TERMINAL = "a terminal: it sends the sensor readings and sets the valves to the host's commands"
-_CONTROLLER = (
-    "a board with the whole controller on it, which the host sends references alone (and, if it likes, commands)"
-)
+_CONTROLLER = "a board with the whole controller; the host sends only references (and, optionally, commands)"
 _PACE = """\
-A step of the controller is to be taken every {dt:g} s, and bytes that arrive meanwhile have to wait in the buffer
-behind `receive_byte`: {bytes} bytes of it are enough at 115200 baud.
+The controller takes a step every {dt:g} s. Bytes that arrive meanwhile wait in the buffer behind `receive_byte`:
+{bytes} bytes are enough at 115200 baud.
 """
 
 
@@ -225,17 +225,17 @@ def export_board(
     Parameters
     ----------
     process
-        The plant under the simulated board; its joint's supply is what commands have to lie within. By default the
-        controller's plant, or `Plant()`.
+        Plant of the simulated board; commands have to lie within its supply. By default the controller's plant, or
+        `Plant()`.
     controller, observer
-        The controller on the board; without one it is a terminal.
+        Controller on the board; without one the board is a terminal.
     safety
         Behaviour of the board without a host, by default `Safety()`.
     precision
-        Of the controller, "double" or "single".
+        Precision of the controller, "double" or "single".
     x0
-        State (4,) that the simulated plant begins in: θ [rad], ω [rad/s], P1, P2 [Pa]; by default at rest in the middle
-        of the joint range.
+        Initial state (4,) of the simulated plant: θ [rad], ω [rad/s], P1, P2 [Pa]; by default at rest in the middle of
+        the joint range.
 
     Raises
     ------

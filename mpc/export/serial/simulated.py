@@ -1,4 +1,4 @@
-"""A simulated board is the exported firmware compiled for this PC, behind a pseudo-terminal, with a joint under it.
+"""Simulated board: the exported firmware compiled for this PC, behind a pseudo-terminal, with a simulated joint.
 
 with SimulatedBoard() as board, SerialDevice(board.port) as device:
     device.read()
@@ -38,8 +38,8 @@ class SimulatedBoard:
     ) -> None:
         """Describe the board, see `export_board`.
 
-        With a `step` [s] the board's clock stands still, and goes on by it at every command: the host may be as fast as
-        it likes. Raises `InvalidInput` for settings that C does not support.
+        With a `step` [s] the board's clock advances only by that step at every command, so the host need not keep real
+        time. Raises `InvalidInput` for settings that C does not support.
         """
         self.files = board_files(process, controller, observer, safety or Safety(), x0=x0)
         self._controls, self._step, self._flags = controller is not None, step, flags
@@ -59,7 +59,7 @@ class SimulatedBoard:
                 stderr=subprocess.PIPE,
                 text=True,
             )
-            assert self._process.stdout is not None  # a pipe was asked for
+            assert self._process.stdout is not None  # because stdout is a pipe
             self.port = self._process.stdout.readline().strip()
             if not self.port:
                 raise AntagonistError(f"the simulated board did not begin: {self.stop()}")
@@ -76,11 +76,11 @@ class SimulatedBoard:
 
     @property
     def pid(self) -> int:
-        """Return the number of the board's process, 0 if it does not run."""
+        """Process id of the board, 0 if it does not run."""
         return 0 if self._process is None else self._process.pid
 
     def hang(self, torque: float) -> bool:
-        """Hang a weight of this torque [N·m], positive where it pulls θ down; it hangs when this returns True."""
+        """Apply a weight of this torque [N·m], positive if it pulls θ down; return whether the board confirms it."""
         if self._process is None or self._process.stdin is None or self._process.stdout is None:
             raise AntagonistError("the simulated board does not run: use it as a context, `with board:`")
         self._process.stdin.write(f"{-float(torque)!r}\n")
@@ -93,14 +93,14 @@ class SimulatedBoard:
         if process is None:
             return ""
         try:
-            return process.communicate("", timeout=5)[1]  # it ends when its standard input does
+            return process.communicate("", timeout=5)[1]  # the board ends with its standard input
         except subprocess.TimeoutExpired:
             process.kill()
             return process.communicate()[1]
 
 
 def compiled(directory: Path, controls: bool, flags: tuple[str, ...]) -> Path:
-    """Return the simulated board that was made of the files in `directory`. Raises `MissingBackend`."""
+    """Compile the simulated board from the files in `directory` and return its path. Raises `MissingBackend`."""
     shared = [directory / "serial" / f"{name}.c" for name in ("board", "frames")]
     if controls:
         shared += [directory / "serial" / "follow.c", *sorted((directory / "src").glob("*.c"))]
