@@ -47,7 +47,7 @@ def clock() -> tuple[int, int]:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def seconds_at(typing: object, address: "Type", name: "Type") -> "Lowering":
-    """Return the time of the clock at this address [s], 0.0 if that is 0."""
+    """Return the time of the clock at this address [s], or 0.0 if the address is 0."""
 
     def generate(
         context: "BaseContext", builder: "IRBuilder", signature: "Signature", given: "Sequence[Value]"
@@ -67,7 +67,7 @@ def seconds_at(typing: object, address: "Type", name: "Type") -> "Lowering":
 
 
 def opener(record: type) -> "Dispatcher":
-    """Return address ↦ the record (`mpc.codegen.records`) that stands there, for compiled code."""
+    """Return address ↦ the record (`mpc.codegen.records`) at that address, for compiled code."""
     return _pointer(from_dtype(dtype_of(record)))
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def function(f: "Function", comment: str, single: bool) -> str:
     """Write the CasADi function `f` (SX, dense) as the C function `ant_model_<name>`; `comment` describes it.
 
-    Inputs and outputs are arrays by the names in `f`, matrices row by row as the caller made them. Raises InvalidInput
+    Inputs and outputs are arrays with the names in `f`, matrices by rows as the caller made them. Raises InvalidInput
     for an operation that has no C counterpart.
     """
     try:

@@ -60,8 +60,8 @@ def steps(
     """
     import casadi as ca
 
-    registers: dict[int, str | float] = {}  # what CasADi's work vector holds: an expression, or a number
-    inverse: dict[str | float, str | float] = {}  # of what divides
+    registers: dict[int, str | float] = {}  # CasADi's work vector: expressions or numbers
+    inverse: dict[str | float, str | float] = {}  # of divisors
     used = 0
 
     def operand(value: str | float) -> str:
@@ -134,8 +134,8 @@ _MATH_OF_TWO = ("atan2", "hypot", "copysign")
 _C_ONLY = ("fabs", "floor", "ceil")
 _C_ONLY_OF_TWO = ("pow", "fmod", "remainder", "fmin", "fmax")
 
-_R = "np.fmod({0}, {1})"  # what the multiple of {1} next towards 0 leaves of {0}
-_REMAINDER = (  # what the nearest one leaves, of two the even one
+_R = "np.fmod({0}, {1})"  # remainder of {0} after division by {1}, rounded towards 0
+_REMAINDER = (  # remainder after division, rounded to nearest, ties to even
     f"{_R} if abs({_R}) < abs({{1}}) - abs({_R}) else {_R} - math.copysign({{1}}, {{0}}) "
     f"if abs({_R}) > abs({{1}}) - abs({_R}) else {_R} - 2.0 * np.fmod(0.5 * ({{0}} - {_R}), {{1}})"
 )
@@ -151,9 +151,9 @@ PYTHON = Language(
         **{f"OP_{name.upper()}": f"math.{name}({{0}})" for name in _MATH},
         **{f"OP_{name.upper()}": f"math.{name}({{0}}, {{1}})" for name in _MATH_OF_TWO},
         "OP_FMOD": "np.fmod({0}, {1})",
-        "OP_REMAINDER": _REMAINDER,  # numba has none
+        "OP_REMAINDER": _REMAINDER,  # which numba does not have
         "OP_FABS": "abs({0})",
-        "OP_FLOOR": "np.floor({0})",  # that of `math` is an integer, which infinity is not
+        "OP_FLOOR": "np.floor({0})",  # `math.floor` returns an integer and fails for infinity
         "OP_CEIL": "np.ceil({0})",
         "OP_SIGN": "1.0 if {0} > 0.0 else -1.0 if {0} < 0.0 else {0}",
         "OP_LT": "1.0 if {0} < {1} else 0.0",
@@ -163,7 +163,7 @@ PYTHON = Language(
         "OP_NOT": "1.0 if {0} == 0.0 else 0.0",
         "OP_AND": "1.0 if {0} != 0.0 and {1} != 0.0 else 0.0",
         "OP_OR": "1.0 if {0} != 0.0 or {1} != 0.0 else 0.0",
-        "OP_FMIN": "{0} if {0} < {1} or {1} != {1} else {1}",  # of a number and NaN the number, as in C
+        "OP_FMIN": "{0} if {0} < {1} or {1} != {1} else {1}",  # a number wins over NaN, as in C
         "OP_FMAX": "{0} if {0} > {1} or {1} != {1} else {1}",
         "OP_IF_ELSE_ZERO": "{1} if {0} != 0.0 else 0.0",
     },

@@ -11,7 +11,7 @@ from allocator.compilation.cache import keep
 if config.DISABLE_JIT:
     raise ImportError("numba is told not to compile")
 
-KEPT = "antagonist_"  # begins the names of the modules whose compiled code is kept: hashes of all that it is made from
+KEPT = "antagonist_"  # prefix of modules with cached code; a hash of all their sources follows
 F = TypeVar("F", bound=Callable[..., object])
 _OPTIONS: dict[str, object] = {"error_model": "numpy", "fastmath": {"contract"}}
 _INNER: dict[str, object] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # they take long to compile
@@ -23,9 +23,9 @@ _FLAT: dict[str, object] = {"_nrt": False}
 def compiled(function: F) -> F:
     """Compile `function` when it is first called.
 
-    numba notices changes in the file of a function, but not in those of the functions that it calls. Results are
-    therefore kept on disk only for modules that `mpc.codegen.modules` names. Raises an `OSError` if one that should be
-    kept cannot be written.
+    numba notices changes in the file of a function, but not in the files of functions that it calls. Results are
+    therefore cached on disk only for modules that `mpc.codegen.modules` names. Raises an `OSError` if the cache cannot
+    be written.
     """
     made: F = njit(**_OPTIONS)(function)
     return keep(made) if function.__module__.startswith(KEPT) else made

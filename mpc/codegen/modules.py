@@ -1,4 +1,4 @@
-"""Modules of compiled functions: a template and formulas as one Python module, written once and found again.
+"""Modules of compiled functions: a template and formulas as one cached Python module.
 
 numba keeps compiled code next to its source file and checks no other file to decide whether that code is up to date.
 All kept code therefore comes from modules in the user's cache directory, named by the hash of everything that they are
@@ -28,7 +28,7 @@ _MPC = Path(__file__).parents[1]
 
 
 def with_formulas(template: Path, formulas: str) -> str:
-    """Return the text of a template with the formulas, and what they import, in their place."""
+    """Return the text of a template with the formulas and their imports inserted."""
     lines = template.read_text(encoding="utf-8").splitlines(keepends=True)
     start = next(i for i, line in enumerate(lines) if line.startswith("FORMULAS"))
     return "".join([*lines[:start], formulas, *lines[start + 2 :]])
@@ -36,7 +36,7 @@ def with_formulas(template: Path, formulas: str) -> str:
 
 @cache
 def imported(text: str) -> ModuleType:
-    """Return the module of this text, from the cache directory if it is there."""
+    """Return the module of this text, from the cache directory if it is cached."""
     version = f"{KEPT}{_hash(_surroundings(), numba.__version__, length=8)}_"
     name = version + _hash(text, length=24)
     directory = _directory()
@@ -48,7 +48,7 @@ def imported(text: str) -> ModuleType:
         clear_stale(directory, KEPT, version)
     module = ModuleType(name)
     module.__file__ = str(file)
-    sys.modules[name] = module  # numba looks for it there when it loads what it kept
+    sys.modules[name] = module  # where numba looks when it loads cached code
     try:
         exec(compile(text, str(file), "exec"), vars(module))
     except BaseException:
@@ -71,7 +71,7 @@ def _holds(file: Path, text: str) -> bool:
 
 @cache
 def _surroundings() -> str:
-    """Return all the project's code that may be compiled into a module."""
+    """Return the project code that may be compiled into a module."""
     files = [
         *sorted(_MPC.glob("*/compiled/**/*.py")),
         *sorted((_MPC / "arm").glob("*/compiled/*.py")),

@@ -16,7 +16,7 @@ from mpc.codegen.graphs import PYTHON, Output, Untranslatable, steps
 if TYPE_CHECKING:
     from casadi import Function
 
-_LONGEST = 1500  # operations that numba compiles in bearable time
+_LONGEST = 1500  # operations that numba compiles in acceptable time
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Source:
     """The source of a Python function and the numbers that it takes."""
 
     text: str  # of a function of scalars and of `c`, which returns the tuple of its outputs, columns first
-    c: Array  # the numbers [as they come in the graph]
+    c: Array  # the numbers, in the order of the graph
 
 
 def translated(name: str, function: "Function", first: int = 0) -> Source:

@@ -1,8 +1,7 @@
 """Records of fixed size that Python and compiled code read in place by the names of their fields.
 
 A class states names and shapes once. `dtype_of` makes its NumPy dtype, and `mpc.codegen.addresses.opener` the function
-that opens such a record in compiled code. A `Piece` is the place of an array whose length is known only when it is
-made.
+that opens such a record in compiled code. A `Piece` is the address of an array of variable length.
 """
 
 from typing import Annotated, TypeAlias, get_args, get_origin, get_type_hints

@@ -144,7 +144,7 @@ class _Text:
         return part if len(shape) == 1 else f"{part}.reshape({', '.join(shape)})"
 
     def _taken(self, length: str) -> tuple[str, str]:
-        """Return the slice of the next part, of so many numbers."""
+        """Return the slice of the next part, of `length` numbers."""
         count = len(self.lines)
         self.lines.append(f"    _{count + 1} = _{count} + {length}\n")
         self._lengths.append(length)
