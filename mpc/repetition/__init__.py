@@ -1,1 +1,1 @@
-"""Learning of one motion by repeating it: iterative corrections of the reference that a controller is given."""
+"""Iterative learning of one motion: corrections of a controller's reference from repetition to repetition."""

@@ -15,10 +15,10 @@ from mpc.repetition.update import Update, designed, passed, power_of, rested, re
 from mpc.trials.motions.reference import Reference
 from mpc.trials.motions.trajectories import min_jerk
 
-NOISE = 0.03  # relative change of an RMS error that counts as none
+NOISE = 0.03  # relative change of an RMS error below which it counts as unchanged
 PATIENCE = 3  # repetitions in a row without gain, after which learning ends
 GROWTH = 2  # repetitions in a row with growth, after which learning ends
-_LEAST_GROWTH = 0.5  # of the power of the best error: a greater increase is growth, however great the noise
+_LEAST_GROWTH = 0.5  # of the power of the best error: a greater increase is growth at any noise
 FADE = 0.25  # [s] over which a correction sets in if the reference has no first rest
 _LEAST_REST = 1.0  # [s] of a rest from which noise is estimated
 _LEAST_OF_SEVERAL = 1.5  # corrects the bias of the least of several estimated powers
@@ -40,8 +40,8 @@ class Repetition(NamedTuple):
 
     rms: float  # error after the first rest, over all joints [rad]
     worst: float  # [rad]
-    correction: Array  # (M, …) [rad] that it was done with
-    gain: float  # of the update that made that; 0 of the first
+    correction: Array  # (M, …) [rad] during this repetition
+    gain: float  # of the update before this repetition; 0 for the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,8 @@ class Learner:
     """Learner of the correction of one motion, see `mpc.repetition.update`.
 
     Give `reference` to the controller, then call `learn` with the measured angles of the repetition, until `done`;
-    `reason` says why it has ended. The first repetition is uncorrected unless a correction is given. After it the
-    update is designed, and errors that do not return are filtered out of each further one. If the error grows by more
+    `reason` states why it has ended. The first repetition is uncorrected unless a correction is given. After it the
+    update is designed; each later one filters out errors that do not return. If the error grows by more
     than noise, the next repetition starts again from the best correction with half the gain. Learning ends after two
     repetitions in a row with growth, or three without gain.
 
@@ -112,7 +112,7 @@ class Learner:
         self.reason = Reason.RUNNING
         self._best, self._base, self._grown, self._idle, self._caution, self._gain = 0, 0, 0, 0, 1.0, 0.0
         self._errors: list[Array] = []
-        self._noises: list[Array] = []  # powers (f,) of what did not return
+        self._noises: list[Array] = []  # powers (f,) of errors that did not return
 
     @property
     def done(self) -> bool:
@@ -176,7 +176,7 @@ class Learner:
             self._best = last
         if rms**2 > ((1 + NOISE) * before) ** 2 + doubt:
             self._grown, self._caution, self._base = self._grown + 1, self._caution / 2, self._best
-            self._noises.pop()  # growth is blamed on the update, not on noise
+            self._noises.pop()  # growth is attributed to the update, not to noise
         else:
             self._grown, self._base = 0, last
         self._idle = self._idle + 1 if rms > (1 - NOISE) * before else 0
@@ -189,8 +189,8 @@ class Learner:
     def _noise(self) -> Array:
         """Power (f,) of the errors that do not return.
 
-        It is the least of all repetitions, since a wrong response adds to each; before the second one, that of the
-        second half of the first rest.
+        It is the least of all repetitions, since a wrong response adds to each. Before the second repetition it is that
+        of the second half of the first rest.
         """
         if self._noises:
             return np.asarray(np.minimum(_LEAST_OF_SEVERAL * np.min(self._noises, axis=0), self._noises[-1]))
@@ -216,7 +216,7 @@ class Learner:
             self.reason = Reason.UNKNOWN
 
     def _updated(self) -> Array:
-        """Return the next correction; in the tail, where no error is known, the last error is held."""
+        """Return the next correction; the last error is held in the tail, where no error is known."""
         assert self.update is not None
         size, count, model = self._next.shape[0], self.course.count, self._responses[0]
         H = returning(self._counted(self._errors[self._base]), model, self.dt, self._noise)

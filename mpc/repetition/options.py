@@ -114,7 +114,7 @@ class RepeatOptions:
         angle_limits: tuple[Array | float, Array | float],
         controller: str,
     ) -> "Learner":
-        """Return the learner of --repeat. Raises `InvalidInput` for a controller that is too slow to try out."""
+        """Return the learner of --repeat. Raises `InvalidInput` if the controller is too slow for trial runs."""
         from mpc.repetition.learner import Learner
 
         assert self.repeat is not None

@@ -99,7 +99,7 @@ def played(
 
 
 def on_time(t: Array, read: Array, age: float) -> Array:
-    """Return angles (M, n) at the times `t` (M,) [s] from readings that are `age` [s] old; a reading may be missing."""
+    """Return angles (M, n) at the times `t` (M,) [s] from readings of `age` [s], some of which may be missing."""
     columns = []
     for column in read.T:
         seen = np.isfinite(column)

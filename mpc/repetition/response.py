@@ -1,12 +1,12 @@
-"""Responses of a closed loop from the angles that it is asked for to the angles that it has.
+"""Responses of a closed loop from its reference angles to its actual angles.
 
-Where no limit binds, the loop at rest is linear. The asked angle is moved by a small smooth bump b(t) of known
-spectrum; the response of the joints, divided by that of the bump, is
+The loop at rest is linear if no limit binds. A small smooth bump b(t) of known spectrum is added to the reference. The
+spectrum of the joints' response, divided by that of the bump, is
 
     T(iω) = Θ(iω)/B(iω),      (n, n) of n joints
 
-The controller previews the bump before it is asked for, so T includes the effect of preview: its phase may lead. The
-loop's own doubt is a set of responses: on the model at several postures, and on draws from its posterior.
+The controller previews the bump, so the phase of T may lead. A set of responses describes the uncertainty of the loop:
+on the model at several postures, and on draws from its posterior.
 """
 
 from collections.abc import Iterable, Sequence
@@ -38,14 +38,14 @@ class Response:
     """Response of a loop at one posture."""
 
     frequency: Array  # (f,) [Hz]
-    T: NDArray[np.complex128]  # (f, n, n) from asked angles to angles [-]
+    T: NDArray[np.complex128]  # (f, n, n) from reference angles to angles [-]
 
 
 def response(process: Process, controller: Controller, observer: Observer, theta: Array, K: Array) -> Response:
     """Return the response of a loop at rest at the angles `theta` () or (n,) [rad] with the stiffness `K` [N·m/rad].
 
-    The `process` and the compensation of `controller` and `observer` have to be without friction and dead band. Both
-    are used and reset; rest mode is off meanwhile.
+    The `process` and the compensation of `controller` and `observer` must have no friction and no dead band.
+    `controller` and `observer` are used and reset; rest mode is off meanwhile.
     """
     dt = controller.dt
     t = dt * np.arange(round((SETTLE + LISTEN) / dt) + 1.0)
@@ -69,7 +69,7 @@ def response(process: Process, controller: Controller, observer: Observer, theta
             controller.rest = rests
         controller.reset()
         observer.reset()
-    answer = np.stack([one - quiet for one in loud], axis=-1)  # (M, n, n), columns by the joint that was asked
+    answer = np.stack([one - quiet for one in loud], axis=-1)  # (M, n, n), columns by the joint with the bump
     frequency = np.arange(0.0, min(HIGHEST, 0.4 / dt), STEP)
     waves = np.exp(-2j * np.pi * np.outer(frequency, t))  # (f, M)
     return Response(frequency, np.asarray(np.tensordot(waves, answer, 1) / (waves @ bump)[:, None, None], complex))
@@ -109,9 +109,9 @@ def postures(reference: Reference) -> list[tuple[Array, Array]]:
 def doubted(
     given: Iterable[Response], gains: Sequence[float] = (0.85, 1.15), ages: Sequence[float] = (-0.015, 0.015)
 ) -> tuple[Response, ...]:
-    """Return the responses, and each with other gains and with angles that come later by `ages` [s].
+    """Return the responses, and variants of each with other gains and with angles delayed by `ages` [s].
 
-    It stands for a posterior where there is none to draw from.
+    They replace draws if there is no posterior.
     """
     known = tuple(given)
     more = [

@@ -1,6 +1,6 @@
 """Update of a correction between two repetitions of a motion, and its design.
 
-The controller is given the reference θ* + c. After repetition j, with the error e_j = θ* - θ,
+The controller tracks the reference θ* + c. After repetition j, with the error e_j = θ* - θ,
 
     c_{j+1} = Q [c_j + γ H_j e_j(t + δ)],      |Q(iω)| = 1/(1 + (ω/ω_c)⁴), zero phase                     (1)
 
@@ -14,15 +14,15 @@ minimise the error that (2) predicts for the worst response of a set, noise of t
 keep the left side below `MOST` for each response. The largest left side is the guaranteed rate.
 
 Errors that do not return cannot be learned: with a gain of one, those of a repetition would be added to the next. Their
-power N(ω) follows from the first rest at first, and from repetitions later: the part of an error that (2) does not
-explain is n_{j+1} - n_j, and the error of the response. Wiener's filter with spectral over-subtraction (Berouti,
-Schwartz & Makhoul, ICASSP 1979), since the spectrum of one repetition scatters, has the gain
+power N(ω) is estimated from the first rest, and later from repetitions: the part of an error that (2) does not explain
+is n_{j+1} - n_j plus the error of the response. The spectrum of one repetition scatters, so Wiener's filter is used
+with spectral over-subtraction (Berouti, Schwartz & Makhoul, ICASSP 1979). Its gain is
 
     H_j(ω) = max(0, 1 - α N/|E_j|²)                                                                       (3)
 
-at each frequency: errors that return are learned as fast as before, others not at all.
+at each frequency: errors that return are learned at full speed, others not at all.
 
-Q filters the correction alone; a reference that is filtered as a whole would lose its own high frequencies.
+Q filters only the correction; filtering the whole reference would remove its own high frequencies.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.repetition.response import Response
 
-MOST = 0.9  # of the rate that is guaranteed: errors fall by a tenth at least
+MOST = 0.9  # bound of the guaranteed rate: errors fall by a tenth at least
 GAINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 LEADS = tuple(0.01 * i for i in range(-2, 15))  # [s]
 CUTOFFS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # [Hz]
@@ -52,13 +52,13 @@ class Update:
     gain: float  # γ [-]
     lead: float  # δ [s]
     cutoff: float  # of Q, where it is one half [Hz]
-    rate: float  # by which errors fall in a repetition at least, at all frequencies of all responses [-]
+    rate: float  # greatest ratio of errors per repetition, at all frequencies of all responses [-]
     predicted: tuple[float, ...]  # RMS error by repetition for the worst response, in units of the first [-]
 
     def applied(self, correction: Array, error: Array, dt: float) -> Array:
         """Return the next correction (M, n) [rad] from the present one and the errors (M, n) [rad] of every `dt`.
 
-        Equation (1), of which `error` has passed H. The last error counts as that of all later times.
+        By equation (1); `error` has already passed through H. The last error is held for all later times.
         """
         t = dt * np.arange(error.shape[0])
         led = np.stack([np.interp(t + self.lead, t, column) for column in error.T], axis=1)
@@ -80,7 +80,7 @@ def filtered(values: Array, cutoff: float, dt: float) -> Array:
 
 
 def designed(responses: Sequence[Response], error: Array, dt: float, repetitions: int) -> Update:
-    """Return the update for a loop with one of these `responses`, whose first errors (M, n) [rad] are known.
+    """Return the update for a loop with one of these `responses`, from its first errors (M, n) [rad].
 
     Raises `InvalidInput` if no update is guaranteed to converge.
     """
@@ -96,7 +96,7 @@ def designed(responses: Sequence[Response], error: Array, dt: float, repetitions
             Q = 1 / (1 + (frequency / cutoff) ** 4)
             rate = float((Q * norm).max())
             if rate > MOST:
-                break  # and so do the wider ones
+                break  # and greater cut-offs as well
             rms = _predicted(Q, left, first, repetitions)
             spread = (Q * np.linalg.norm(learned, axis=(-2, -1))) ** 2 / (1 - (Q * norm) ** 2)
             heard = np.sqrt((white * spread).sum(axis=1))  # of the worst response
@@ -113,13 +113,13 @@ def designed(responses: Sequence[Response], error: Array, dt: float, repetitions
 
 
 def returning(error: Array, response: Response, dt: float, noise: Array | float) -> Array:
-    """Return H (f,) of errors (M, n) [rad] by (3), `noise` (f,) being the power of those that do not return."""
+    """Return H (f,) of errors (M, n) [rad] by (3); `noise` (f,) is the power of errors that do not return."""
     spectrum, white = _spectrum(error, response.frequency, dt)
     return np.maximum(1 - OVER * np.maximum(noise, white) / np.maximum(_banded(spectrum), 1e-300), 0.0)
 
 
 def passed(error: Array, frequency: Array, H: Array, dt: float) -> Array:
-    """Return errors (M, n) [rad] through a filter without phase of gain `H` (f,); the ends go on beyond themselves."""
+    """Return errors (M, n) [rad] through a zero-phase filter of gain `H` (f,), continued at both ends."""
     size = len(error)
     padded = np.pad(error, ((size, size), (0, 0)), mode="edge")
     gains = np.interp(np.fft.rfftfreq(3 * size, dt), frequency, H)
@@ -127,7 +127,7 @@ def passed(error: Array, frequency: Array, H: Array, dt: float) -> Array:
 
 
 def rested(error: Array, response: Response, dt: float, count: int) -> Array:
-    """Return the power (f,) of errors (M, n) [rad] of a rest, about their line, as `count` samples of them have it."""
+    """Return the power (f,) of errors (M, n) [rad] of a rest, without their linear trend, scaled to `count` samples."""
     from scipy.signal import detrend
 
     power = _banded(_spectrum(detrend(error, axis=0), response.frequency, dt)[0])
@@ -135,9 +135,9 @@ def rested(error: Array, response: Response, dt: float, count: int) -> Array:
 
 
 def unforeseen(response: Response, before: Array, error: Array, change: Array, dt: float) -> Array:
-    """Return the power (f,) of errors (M, n) [rad] that the ones before and the change of correction do not explain.
+    """Return the power (f,) of errors (M, n) [rad] not explained by the previous ones and the change of correction.
 
-    It is half of what is left, as both repetitions have some: an upper bound while the response is not the loop's.
+    It is half the power of the remainder, since both repetitions contribute: an upper bound if the response is wrong.
     """
     f = response.frequency
     old, new, shift = (_spectrum(values, f, dt)[0] for values in (before, error, change))
