@@ -1,7 +1,7 @@
 """Plant of a `MotionFit`: the file that holds it, and the errors of that file over the log.
 
-Everything that was fitted is in the file. Where the log does not show inertia or damping, the file has those of the
-caller, or else of `Plant()`, unless the log contradicts them: then they are too small to be seen in it.
+The file holds all fitted numbers. If the log does not show inertia or damping, the file has the caller's values, or
+those of `Plant()`. If the log contradicts these, the file has values too small to be seen in it.
 """
 
 from collections.abc import Mapping
@@ -47,9 +47,8 @@ class Replay(NamedTuple):
 def replay(path: str | PathLike[str], log: MotionLog) -> Replay:
     """Run the plant in the file `path` over the pressures of `log`, from the first angle on.
 
-    The plant is what `Plant.load` and `Compensation.load` return, as commands, controllers and observers take it. The
-    encoder's zero and whether the pressures of the log are commands stand in the file's table [source].
-    Raises `InvalidFile`.
+    The plant is loaded by `Plant.load` and `Compensation.load`, as for commands, controllers and observers. The file's
+    table [source] holds the encoder's zero, and whether the pressures of the log are commands. Raises `InvalidFile`.
     """
     real = RealPlant.of(Plant.load(path, scale_needed=False), Compensation.load(path, scale_needed=False))
     table = Table.read(path).table("source")
@@ -73,10 +72,10 @@ def replay(path: str | PathLike[str], log: MotionLog) -> Replay:
 
 
 _REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "filling")
-_LEAST_BAND = 100.0  # [Pa] less is none
+_LEAST_BAND = 100.0  # [Pa] below which there is none
 _SHORTEST = 0.25  # samples of the log, below which no lag is seen
-_UNSEEN = 0.5  # samples of the log: time constants of damping, and half of it of inertia, that no log shows
-_CONTRADICTED = 1.05  # growth of the error from which on the log contradicts an inertia
+_UNSEEN = 0.5  # samples of the log: invisible time constant of damping; half of it for inertia
+_CONTRADICTED = 1.05  # growth of the error above which the log contradicts an inertia
 
 
 @dataclass(frozen=True)
@@ -87,14 +86,14 @@ class IdentifiedPlant:
     run: Replay  # of this file, over the log that it was fitted to
     errors: Errors  # of this file over the log [rad]
     last: Errors  # of this file over the last 40 % of the log
-    held_out: Errors  # over the last 40 %, of a file made in the same way of the first 60 % alone
+    held_out: Errors  # over the last 40 %, of a file made in the same way from the first 60 % alone
     assumed: tuple[str, ...]  # numbers of [plant] that the log does not show
 
     @classmethod
     def of(cls, fit: MotionFit, known: Mapping[str, object] | None = None) -> Self:
-        """Return the plant of `fit`; `known` are inertia, damping and slew that count where the log shows none.
+        """Return the plant of `fit`; `known` has inertia, damping and slew, used if the log does not show them.
 
-        Raises `InvalidInput` if the fit was not given a joint.
+        Raises `InvalidInput` if the fit has no joint.
         """
         rows, early = fit.log.settled, fit.early
         unseen = _Written(fit, fit.moving_early, dict(known or {}), rows & early).best
@@ -153,7 +152,7 @@ class _Written:
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """The numbers of inertia and damping that the log does not show; next to an inertia no damping is a finding."""
+        """Those of inertia and damping that the log does not show; zero damping with an inertia counts as shown."""
         names = () if self.moving.inertia else ("damping", "inertia")
         return tuple(name for name in names if not getattr(self.moving, name))
 
