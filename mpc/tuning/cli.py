@@ -102,7 +102,7 @@ def tune_command(
 
 
 def _describe(tuned: "Tuned", console: "Console") -> None:
-    """Print before and after."""
+    """Print the figures before and after."""
     from rich.table import Table
 
     table = Table("", "before", "after", title=f"{tuned.tuning.controller}: 80 % quantiles over the draws")
@@ -142,5 +142,5 @@ def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor |
 
 
 def _deaf() -> None:
-    """Leave interrupts to the process that this one works for."""
+    """Ignore interrupts, which the parent process handles."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

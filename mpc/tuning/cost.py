@@ -4,9 +4,9 @@
                      + STIFFNESS · RMS error of K over K
     objective      = 80 % quantile over the draws of that, subject to M_s ≤ 2
 
-M_s is the greatest on the model over the postures of the tour, or the 80 % quantile over the draws if that is more. A
-loop beyond the limit is charged `BEYOND` (1 - limit/M_s): it is worse than any useful loop within, and better the less
-it is beyond. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
+M_s is the greatest value on the model over the postures of the tour, or the 80 % quantile over the draws if that is
+greater. A loop beyond the limit is charged `BEYOND` (1 - limit/M_s), which makes it worse than any useful loop within
+the limit and grows with the excess. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
 """
 
 from collections.abc import Mapping
@@ -32,8 +32,8 @@ QUANTILE = 0.8
 CHATTER = 0.1  # [°] per bar/s
 STIFFNESS = 2.0  # [°] per 100 % of K
 BEYOND = 50.0  # [°]
-FAR = 1.5  # M_s over the limit, from which on a loop is not simulated
-THROWN = 45.0  # [°] that a leg costs at most: the joint is thrown about
+FAR = 1.5  # ratio of M_s to the limit from which a loop is not simulated
+THROWN = 45.0  # [°] greatest cost of a leg, for a joint that is thrown about
 
 
 class Figures(NamedTuple):
@@ -104,7 +104,7 @@ def _quantile(values: object) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A loop to be tuned: the settings of its defaults, and the draws that it is judged on."""
+    """A loop to be tuned: its default settings, and the draws on which it is evaluated."""
 
     controller: str
     settings: Settings
@@ -113,7 +113,7 @@ class Problem:
     tour: Tour
     limit: float = ROBUST  # of M_s
     seed: int = 0
-    key: str = field(default_factory=lambda: uuid4().hex)  # by which another process knows it again
+    key: str = field(default_factory=lambda: uuid4().hex)  # identifies the problem in another process
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Problem) and self.key == other.key
@@ -165,6 +165,6 @@ def figures(run: Run, tour: Tour) -> Figures:
 
 
 def _rms(error: np.ndarray) -> float:
-    """Return the root of the mean square; that of a joint that is thrown about if it is more, or not finite."""
+    """Return the root mean square, or `THROWN` if it is greater or not finite."""
     value = float(np.sqrt(np.mean(error**2)))
     return min(value, THROWN) if value < inf else THROWN

@@ -1,10 +1,10 @@
-"""Draws of real plants from the posterior of a fit: plants that the file of a fitted plant may well stand for.
+"""Draws of real plants from the posterior of a fit.
 
 Each number is the file's value times exp(σ z), z ~ N(0, 1). σ is a spread: that of the file's 95 % intervals (table
-[intervals], written by `antagonist fit-motion`), never below `LEAST`, for the model is never exact; without intervals
-it is the usual spread of data sheets. All draws together are a Latin hypercube, so that few of them fill the posterior.
+[intervals], written by `antagonist fit-motion`), never below `LEAST`, since no model is exact; without intervals
+it is the usual spread of data sheets. The draws form a Latin hypercube, so that a few of them cover the posterior.
 
-The file's dead time and the age of its readings differ alike, as the loop feels their sum.
+Dead time and reading age of the file vary by the same factor, as only their sum affects the loop.
 """
 
 from collections.abc import Mapping
@@ -55,7 +55,7 @@ class Spreads:
     dead_time: float = 0.25
     dead_band: float = 0.25
     volume: float = 0.15  # of the gas
-    hysteresis: tuple[float, float] = (0.5, 1.2)  # share of the friction that is told, or of `width` if none is
+    hysteresis: tuple[float, float] = (0.5, 1.2)  # share of the known friction, or of `width` if none is known
     width: float = 4 * DEG  # of a usual hysteresis loop [rad]
     offset: float = 0.03 * BAR  # of the pressure sensors at most [Pa]
     payload: tuple[float, float] = (6 * DEG, 15 * DEG)  # torque of a payload over the stiffness [rad]
@@ -63,7 +63,7 @@ class Spreads:
     pressure_noise: float = 0.01 * BAR  # [Pa]
 
     def __post_init__(self) -> None:
-        """Check."""
+        """Check the numbers and ranges."""
         for f in fields(self):
             value = getattr(self, f.name)
             for one in value if isinstance(value, tuple) else (value,):
@@ -97,7 +97,7 @@ class Spreads:
 
 
 def draws(plant: Plant, known: Compensation, n: int, seed: int, spreads: Spreads) -> tuple[RealPlant, ...]:
-    """Return `n` real plants that `plant` and its compensation `known` may stand for; without payload."""
+    """Return `n` real plants, without payload, drawn about `plant` and its compensation `known`."""
     unit = qmc.LatinHypercube(_NUMBERS, rng=np.random.default_rng([seed, 33])).random(n)
     friction = MaxwellSlip.of_width(plant, spreads.width) if known.friction.absent else known.friction
     return tuple(_drawn(plant, known, friction, row, spreads) for row in unit)

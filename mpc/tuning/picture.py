@@ -10,8 +10,8 @@ from mpc.tuning.result import Tuned
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MOST_PEAK = 3.0  # shown of M_s, in its limit; greater peaks and loops that do not settle stand at the edge
-_MOST_ERROR = 3.0  # shown of the cost, in the greater of before and after
+_MOST_PEAK = 3.0  # greatest M_s shown, over its limit; greater peaks and unsettled loops are drawn at the edge
+_MOST_ERROR = 3.0  # greatest cost shown, over the greater of before and after
 
 
 def plot_tuned(tuned: Tuned, figure: "Figure | None" = None) -> "Figure":

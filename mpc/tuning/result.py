@@ -85,9 +85,9 @@ class Tuned:
 
 
 def with_tuning(path: FilePath, tuning: Tuning) -> str:
-    """Return the text of a plant's file with the table [tuning], in the place of one that it has.
+    """Return the text of a plant's file with the table [tuning], which replaces an existing one.
 
-    Raises `InvalidFile` if that one is not written as a table of its own.
+    Raises `InvalidFile` if the existing one is not a table of its own.
     """
     Table.read(path)
     text = Path(path).read_text(encoding="utf-8-sig")

@@ -1,7 +1,7 @@
-"""Margins of one loop on its model and on draws of real plants, by compiled runs where there are some.
+"""Margins of one loop on its model and on draws of real plants, by compiled runs where available.
 
-It is the experiment of `mpc.trials.margins`, made shorter: the plant rests, one angle reading is disturbed, and S is
-the Fourier transform of the change of the readings. The plants slide, and their regulators move.
+A shorter version of the experiment in `mpc.trials.margins`: the plant rests, one angle reading is disturbed, and S is
+the Fourier transform of the change of the readings. Friction and dead bands are left out.
 """
 
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ from mpc.tuning.tour import Tour
 from mpc.yardsticks.baselines import Baseline
 
 SETTLE, LISTEN = 1.0, 3.5  # [s] before the disturbed reading and after it
-_SILENT = 1e-3  # [Pa] of noise: an observer takes readings that repeat exactly for frozen ones
-_UNEQUAL = 1 + 1e-12  # a force gain of 1 would make another formula, to be compiled for itself
+_SILENT = 1e-3  # [Pa] noise, since an observer rejects exactly repeated readings as frozen
+_UNEQUAL = 1 + 1e-12  # a force gain of exactly 1 would need a formula compiled separately
 
 
 class Listening:
-    """Runs that tell the margins of loops on a model and on draws: each plant with and without a disturbed reading."""
+    """Runs for the margins of loops on a model and on draws: each plant with and without a disturbed reading."""
 
     def __init__(self, settings: Settings, draws: Sequence[RealPlant], tour: Tour) -> None:
         plant, self.dt = settings.plant, settings.dt

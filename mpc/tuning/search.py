@@ -1,9 +1,9 @@
-"""`tune`: search for the numbers of a loop that make its objective least, by an evolution strategy.
+"""Function `tune`: search for the parameters of a loop that minimise its objective, by an evolution strategy.
 
-CMA-ES of the library pycma (Hansen, arXiv:1604.00772) over the logarithms of the numbers, from the defaults on. Only
-the order of the objectives counts for it, and the charge beyond the limit of M_s keeps that order (`mpc.tuning.cost`).
-The defaults are the first evaluation, so the answer is never worse than they are. All draws and points follow from
-the seed, whatever runs them.
+CMA-ES of the library pycma (Hansen, arXiv:1604.00772) searches over the logarithms of the numbers, from the defaults.
+It uses only the order of the objectives, which the charge beyond the limit of M_s preserves (`mpc.tuning.cost`). The
+defaults are the first evaluation, so the answer is never worse than they are. The seed determines all draws and
+points, for any executor.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -25,9 +25,9 @@ from mpc.tuning.draws import Spreads, draws, payloads
 from mpc.tuning.result import Tuned
 from mpc.tuning.tour import Tour
 
-EVALUATIONS, DRAWS = 60, 8  # some minutes on two cores
+EVALUATIONS, DRAWS = 60, 8  # a few minutes on two cores
 _STEP = 0.5  # standard deviation of the first points [-], of logarithms: a factor of 1.6
-_OF_RANGE = 0.25  # and at most so much of a range
+_OF_RANGE = 0.25  # and at most this share of a range
 
 Progress = Callable[..., Iterable[Evaluation]]
 
@@ -50,26 +50,26 @@ def tune(
 ) -> Tuned:
     """Return the numbers of a controller and its observer that suit a fitted plant best, and their figures.
 
-    Minimised is the 80 % quantile of the closed-loop cost over draws of real plants, subject to a limit of M_s.
+    The search minimises the 80 % quantile of the closed-loop cost over draws of real plants, subject to a limit of M_s.
 
     Parameters
     ----------
     plant, compensation
         The model and the compensation of controller and observer: `Plant.load` and `Compensation.load`.
     controller
-        Which loop: mpc, lqr, predictive-pid, pid, pi.
+        Kind of loop: mpc, lqr, predictive-pid, pid, pi.
     spreads
-        How far real plants are off, as `Spreads.load` reads it from a file; None: as after data sheets.
+        Deviations of real plants, as read by `Spreads.load` from a file; None: those of data sheets.
     K
         Stiffness [N·m/rad] of the tour; by default the joint's usual one.
     peak
         Limit of M_s, the peak of the sensitivity.
     evaluations, n_draws
-        How many tunings are tried, each on so many real plants.
+        Number of tunings to try, and of real plants to try each on.
     seed
-        Of draws, sensors' noise and search.
+        Seed of draws, sensor noise and search.
     dt, horizon
-        Sample time [s] and samples that the MPC looks ahead.
+        Sample time [s] and horizon of the MPC in samples.
     executor
         Any `concurrent.futures.Executor` to run on, e.g. a `ProcessPoolExecutor`, or `distributed.Client(...)
         .get_executor()` for a Dask cluster (extra `antagonist[dask]`). None: in this thread.
@@ -79,7 +79,7 @@ def tune(
     Raises
     ------
     InvalidInput
-        For counts below 1 (of evaluations below 2), and a limit of M_s of 1 or less, which no loop keeps.
+        For `evaluations` below 2, `n_draws` below 1, and a `peak` of 1 or less, which no loop keeps.
     MissingBackend
         For a controller that cannot be tuned.
     """
@@ -110,7 +110,7 @@ def _searched(problem: Problem, evaluations: int, executor: Executor | None) -> 
     options: dict[str, Any] = {
         "bounds": [low, high],
         "CMA_stds": np.minimum(1.0, _OF_RANGE / _STEP * (high - low)),
-        "seed": np.nan,  # leave NumPy's own generator alone
+        "seed": np.nan,  # do not seed NumPy's global generator
         "randn": lambda *shape: random.standard_normal(shape),
         "verbose": -9,
         "verb_log": 0,
@@ -145,7 +145,7 @@ def _each(problem: Problem, tunings: list[Tuning], executor: Executor | None) ->
 
 @lru_cache(maxsize=1)
 def _kept(problem: Problem) -> Problem:
-    """Return the problem that is equal to this one, with its compiled functions."""
+    """Return the equal problem of an earlier call, with its compiled functions."""
     return problem
 
 

@@ -1,7 +1,7 @@
-"""Tour: the reference on which loops are tuned, in legs that are judged one by one.
+"""Reference on which loops are tuned, in legs that are evaluated one by one.
 
-A sine, a movement of least jerk there and back, and shaped steps, at rest and in motion, come before a payload and once
-more with it. One run so has every figure of `mpc.trials.motions.trajectories` in a third of the time.
+A sine, a minimum-jerk movement there and back, and shaped steps, at rest and in motion, come before a payload and again
+with it. One run thus gives every figure of `mpc.trials.motions.trajectories` in a third of the time.
 """
 
 from typing import NamedTuple
@@ -15,9 +15,9 @@ from mpc.trials.motions.reference import Reference
 from mpc.trials.motions.trajectories import min_jerk, usual_stiffness, usual_swing
 
 MOTIONS = ("sine", "min-jerk", "steps")
-LEAD = 1.5  # [s] rest to begin with
+LEAD = 1.5  # [s] initial rest
 REST = 1.2  # [s] before the payload, and at the end
-SETTLE = 1.5  # [s] after the payload has come
+SETTLE = 1.5  # [s] after the payload is added
 _STILL = 0.8  # [s] at the end of a rest, in which commands should stand still
 
 
@@ -32,7 +32,7 @@ class Tour(NamedTuple):
 
     @property
     def postures(self) -> list[tuple[float, float]]:
-        """Pairs (θ [rad], K [N·m/rad]): the middle, and half the way to either end."""
+        """Pairs (θ [rad], K [N·m/rad]): the middle, and half-way to either end."""
         swing = float(np.abs(self.reference.theta).max())
         return [(share * swing, self.K) for share in (-0.5, 0.0, 0.5)]
 
