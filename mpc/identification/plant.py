@@ -216,7 +216,7 @@ _HEADER = (
     "# Plant fitted to the log of a moving joint by `antagonist fit-motion`. The errors in [source] are RMS errors of",
     "# the angle when a file is loaded and simulated over the log, without any measured angle but the first:",
     "# rms_deg: this file, all rows but the first two seconds; it was fitted to them",
-    "# rms_last_40_percent_deg: this file, the last 40 % of the rows; it was fitted to them, too",
-    "# held_out_rms_deg: a file made in the same way of the first 60 % alone, over the last 40 %",
+    "# rms_last_40_percent_deg: this file, the last 40 % of the rows; it was also fitted to them",
+    "# held_out_rms_deg: a file made in the same way from the first 60 % alone, over the last 40 %",
     "",
 )

@@ -119,7 +119,7 @@ class RepeatOptions:
 
         assert self.repeat is not None
         if controller == _SLOW:
-            raise InvalidInput(f"--repeat: {_SLOW} is too slow to find out its response; take mpc")
+            raise InvalidInput(f"--repeat: {_SLOW} is too slow for trial runs of its response; take mpc")
         shift = None if begun is None else begun.shift
         return Learner(reference, responses(), dt, self.repeat, correction=shift, angle_limits=angle_limits)
 
@@ -148,8 +148,8 @@ def report(
 
     console.print(_table(learner))
     if learner.update is not None:
-        rate = f"{100 * learner.update.rate:.0f} % or less at every frequency, but for what the low-pass keeps out"
-        say(console, f"first update: {learner.update}; on all plants that were reckoned with errors fall to {rate}")
+        rate = f"{100 * learner.update.rate:.0f} % or less at every frequency that the low-pass lets through"
+        say(console, f"first update: {learner.update}; on all plants considered, errors fall to {rate}")
     say(console, f"learned: {learner}")
     errors = tuple(one.rms for one in learner.history)
     Correction(learner.course.wanted, learner.best.correction, owner, errors).save(files[0])
