@@ -12,7 +12,7 @@ _INTERRUPTED = "antagonist: interrupted\n"
 
 
 def main() -> None:
-    """Run the command; an interrupt during loading prints one word."""
+    """Run the command; an interrupt prints one line and exits with 130."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored, as in a background job
         signal.signal(signal.SIGINT, _interrupt)
     try:
@@ -24,7 +24,7 @@ def main() -> None:
 
 def _commands() -> Callable[[], None]:
     """Load the commands, or exit with the name of a missing library."""
-    import allocator  # noqa: F401  # names what is missing from here on
+    import allocator  # noqa: F401  # a missing library is reported by name from this point on
 
     try:
         from mpc.cli import main
@@ -40,8 +40,8 @@ def _commands() -> Callable[[], None]:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt, unless the running code would lose it.
 
-    Callbacks of Python's import locks and the initialisation of some compiled modules do, but loading holds nothing
-    that needs care: leave. CasADi does where it converts its arguments: ask again a moment later.
+    Callbacks of Python's import locks and the initialisation of some compiled modules lose it. Loading holds nothing
+    that needs cleaning up, so exit at once. CasADi loses it while it converts arguments, so interrupt again later.
     """
     if _loading(frame):
         os.write(2, _INTERRUPTED.encode())

@@ -48,13 +48,13 @@ _PLANTS = {
     _REAL: "driving the plant with the effects of a real one",
     _NOMINAL: "driving its own model",
 }
-_REAL_LAG = 0.12  # [s] of a real plant, unless something else is said
+_REAL_LAG = 0.12  # [s] default of a real plant
 _SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap", ".gif", ".mp4")
 _OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".mcap"))
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _OWN_FILM = "tracking.gif"  # of several joints
 _MPC = "mpc"
-_WORTH_SAYING = 5.0  # [% of the steps] at the slew limit: fewer belong to any good controller
+_WORTH_SAYING = 5.0  # [% of the steps] at the slew limit, below which nothing is reported
 
 
 _EPILOG = "\n\n".join(
@@ -203,7 +203,7 @@ def track(
     tested, settings, unknown = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
     settings, tuned = options.tuned(settings._replace(dt=at.dt, N=at.horizon, solver=solver, wait=wait), controller)
     if observer is None and isinstance(tested, Plant):
-        observer = False  # the whole state is measured, and nothing disturbs
+        observer = False  # the whole state is measured, without disturbances
     with Console(stderr=True).status("building the controller"):
         if tested is not nominal and not tuned:
             settings = robust(controller, settings, asked)
@@ -253,7 +253,7 @@ def track(
 
 
 def _refuse(**given: object) -> None:
-    """Insist that options are None, with several joints."""
+    """Refuse options that only one joint has. Raises `InvalidInput` for any that is not None."""
     if option := next((name for name, value in given.items() if value is not None), None):
         raise InvalidInput(
             f"--{option} is for one joint; several joints track their usual stiffness with mpc and its observer"
@@ -273,7 +273,7 @@ def _muscles(plant: "Plant") -> str:
 
 
 def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Reference", console: "Console") -> None:
-    """Print the plant, the trajectory and the errors."""
+    """Print the plant, the trajectory and the errors of the run."""
     from mpc.trials.metrics import metrics
     from mpc.trials.pictures.report import table_of
 
@@ -337,7 +337,7 @@ app.command("init", cls=Command, short_help="write a plant file to edit, for --m
 
 def main() -> None:
     """Run the command `antagonist` and leave Python with its exit code."""
-    os.environ["MPLBACKEND"] = "agg"  # pictures are written; notebooks may want another one
+    os.environ["MPLBACKEND"] = "agg"  # pictures are only written; notebooks may need another back-end
     with warnings.catch_warnings():
         warnings.showwarning = _one_line
         sys.exit(failures.run(app))

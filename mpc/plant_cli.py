@@ -1,4 +1,4 @@
-"""Command `antagonist init`, and the options of a plant; in degrees and bar."""
+"""Command `antagonist init`, and the options of a plant, in degrees and bar."""
 
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -56,9 +56,7 @@ class PlantOptions(MachineOptions):
         float | None,
         typer.Option(help="polytropic exponent of the gas; 1 (slow) to 1.4 (fast), 1.3 by default. Implies --gas"),
     ] = None
-    frequency: Annotated[
-        float | None, typer.Option(help="frequency at which the stiffness is meant [Hz]; isobaric by default")
-    ] = None
+    frequency: Annotated[float | None, typer.Option(help="frequency of the stiffness [Hz]; isobaric by default")] = None
 
     def __post_init__(self) -> None:
         """Refuse implausible values, in the units of the options."""
@@ -72,7 +70,7 @@ class PlantOptions(MachineOptions):
             raise InvalidInput(f"{option} is of the gas, which --no-gas leaves out; drop one of them")
 
     def plant(self, **otherwise: Any) -> "Plant":
-        """Build the plant of a joint; `otherwise` holds what is neither given nor in the file."""
+        """Build the plant of a joint; `otherwise` holds defaults for numbers neither given nor in the file."""
         from allocator.files.toml import Table
         from mpc.model.plant import NUMBERS, Plant
         from mpc.model.storage import numbers_in
@@ -90,7 +88,7 @@ class PlantOptions(MachineOptions):
 
     @property
     def of_several(self) -> bool:
-        """Whether the machine is no joint with two muscles. Raises `InvalidFile` and `MissingBackend`."""
+        """Whether the machine is not one joint with two muscles. Raises `InvalidFile` and `MissingBackend`."""
         from allocator.joint.antagonist import AntagonistJoint
 
         return self.is_mujoco or not isinstance(self.base, AntagonistJoint)
