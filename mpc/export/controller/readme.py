@@ -56,10 +56,10 @@ The plant that it controls: {plant}.
 
 Its weights, slack prices, slew limit and least force can be tuned while it runs, without a compiler:
 
-    antagonist export --tuning --out tuning.txt --errors theta=0.1,rate=0.3{options}
+    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3{options}
 
 writes the {count} numbers of an `ant_tuning` (with the terminal cost of the weights). Give it the other options of this
-export, too. `build/demonstration tuning.txt` shows their effect. On the board, pass them to `ant_tuning_from`, which
+export as well. `build/demonstration tuning.txt` shows their effect. On the board, pass them to `ant_tuning_from`, which
 refuses those of another plant or sample time, and pass the tuning to `ant_tune` after `ant_reset` or between two steps.
 N, the sample time, the supply, the joint range and the observer cannot be tuned.
 

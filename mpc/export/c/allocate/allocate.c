@@ -1,4 +1,4 @@
-/* The exact allocation of one target: what makes no sense is refused, the kernel answers the rest. */
+/* The exact allocation of one target: invalid targets are refused, the kernel answers the others. */
 #include "exact.h"
 #include "joint.h"
 #include "real.h"
@@ -16,7 +16,7 @@ static int sensible(const ant_target *t) {
     return numbers && forces && steps && known && ant_abs(t->theta) <= 2 * ANT_PI && t->K > 0;
 }
 
-/* Where the pressures are now, or the least, as far as there is sense in it: the answer to a question without one. */
+/* The present pressures, or the least ones, as far as they are valid: the answer to an invalid target. */
 static ant_allocation refusal(const ant_target *t, ant_status status) {
     const int now = t->max_step < ANT_INFINITY && isfinite(t->P1_now) && isfinite(t->P2_now);
     ant_allocation a = {ANT_SUPPLY_LO, ANT_SUPPLY_LO, 0, 0, ANT_BAD_INPUT, 0};

@@ -1,4 +1,4 @@
-/* The kernel (kernel.c) asked about a target that makes sense. */
+/* The kernel (kernel.c), for valid targets. */
 #ifndef ANT_EXACT_H
 #define ANT_EXACT_H
 

@@ -1,4 +1,4 @@
-/* Numbers of either precision: functions of math.h for ant_real, and what rounding leaves of "equal". */
+/* Numbers of either precision: functions of math.h for ant_real, and tolerances of equality under rounding. */
 #ifndef ANT_REAL_H
 #define ANT_REAL_H
 

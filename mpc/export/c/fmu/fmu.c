@@ -9,7 +9,7 @@
 
 typedef enum { BEGUN, INITIALISING, STEPPING, OVER } phase;
 
-/* What is kept and restored as the state of an FMU; the memory of the unit follows it. */
+/* The saved and restored state of an FMU; the memory of the unit follows it. */
 typedef struct {
     unsigned long long check; /* of a state that is kept: the hash of all that follows */
     unsigned long long model; /* the hash of the token of the FMU that it belongs to */
@@ -129,7 +129,7 @@ void fmi3FreeInstance(fmi3Instance instance) {
     free(it);
 }
 
-/* Whether the FMU is in this phase, said if it is not. */
+/* Whether the FMU is in this phase; reports an error if not. */
 static int in(instance_data *it, phase wanted, const char *what) {
     if (it->now->phase == wanted) return 1;
     unit_complain(it, "%s is not for this phase of the simulation", what);
@@ -180,7 +180,7 @@ static const unit_variable *variable_of(instance_data *it, fmi3ValueReference re
     return NULL;
 }
 
-/* Whether as many values are there as the variables have. */
+/* Whether the number of values is that of the variables. */
 static int enough(instance_data *it, size_t used, size_t n) {
     if (used == n) return 1;
     unit_complain(it, "the variables have %u values, not %u", (unsigned)used, (unsigned)n);

@@ -1,17 +1,17 @@
-/* What an FMU of this project is: values, a memory, and a step of fixed length. fmu.c is the same for all of them. */
+/* Interface of an FMU of this project: values, a memory, and a step of fixed length. fmu.c is the same for all. */
 #ifndef ANT_UNIT_H
 #define ANT_UNIT_H
 
 #include "fmi3Functions.h"
 #include "unit_variables.h" /* written for this FMU, as modelDescription.xml */
 
-/* Where the values of a variable lie, and when it may be set. */
+/* Position of the values of a variable, and when it may be set. */
 typedef struct {
     int whole; /* an Int32; else Float64 */
     int first; /* of its values */
     int count; /* more than one of an array */
     int set;    /* 0: never, 1: before the simulation begins, 2: always */
-    int finite; /* whether NaN and infinity are refused; else the unit knows what to do */
+    int finite; /* whether NaN and infinity are refused; otherwise the unit handles them */
 } unit_variable;
 
 /* Its own part: plant_unit.c or controller_unit.c. */
@@ -20,7 +20,7 @@ size_t unit_memory_size(void);
 void unit_begin(unit_memory *memory, double *v);   /* once the start values are there */
 int unit_advance(unit_memory *memory, double *v);  /* by UNIT_DT, from inputs to outputs; whether these are numbers */
 
-/* Say what is wrong to whoever simulates; fmi3Error. */
+/* Report an error to the simulator; returns fmi3Error. */
 fmi3Status unit_complain(fmi3Instance instance, const char *format, ...);
 
 #endif /* ANT_UNIT_H */

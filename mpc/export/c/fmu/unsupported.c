@@ -1,9 +1,9 @@
-/* What FMI 3.0 has and a co-simulation of samples has not: other types of variables, other kinds of simulation. Every
- * function has to be there; it says that it does nothing. */
+/* Functions of FMI 3.0 that a sampled co-simulation does not support: other types of variables, other kinds of
+ * simulation. Every function must exist; it reports that it does nothing. */
 #include "unit.h"
 
 #if defined(__GNUC__)
-#pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard's signatures, of which nothing is used */
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* the signatures are the standard's; no argument is used */
 #endif
 
 static fmi3Status refuse(fmi3Instance instance, const char *name) {

@@ -1,4 +1,4 @@
-/* A demonstration; README.md shows what it prints, as computed in Python. */
+/* A demonstration; README.md shows its expected output, computed in Python. */
 #include <stdio.h>
 
 #include "antagonist_governor.h"

@@ -1,4 +1,4 @@
-/* What the sweeps do not settle an interior point solves, in double precision. */
+/* Interior-point method for QPs that the sweeps do not solve, in double precision. */
 #include "control.h"
 
 ant_plan_status ant_persist(ant_controller *c, const ant_real u_last[2], int count, ant_real z[ANT_DECISIONS],

@@ -1,4 +1,4 @@
-/* What ant_allocate works in. */
+/* Work space of ant_allocate. */
 #ifndef ANTAGONIST_MEMORY_H
 #define ANTAGONIST_MEMORY_H
 

@@ -1,4 +1,4 @@
-/* What the controller remembers and works with, of fixed size; included by antagonist.h, written by the controller. */
+/* Memory and workspace of the controller, of fixed size; included by antagonist.h. */
 #ifndef ANTAGONIST_CONTROLLER_H
 #define ANTAGONIST_CONTROLLER_H
 
@@ -7,12 +7,12 @@ enum {
     ANT_DECISIONS = ANT_MOVES + 2, /* and the slacks of joint range and muscle forces */
     ANT_ROWS = 6 * ANT_HORIZON,    /* limits on commands, angle and forces */
     ANT_LIMITS = ANT_DECISIONS + ANT_ROWS,
-    ANT_SLOTS = 4 * ANT_HORIZON /* rows that DAQP is given at most */
+    ANT_SLOTS = 4 * ANT_HORIZON /* greatest number of rows for DAQP */
 };
 #define ANT_TRIANGLE(n) ((n) * ((n) + 1) / 2) /* elements of a triangular matrix */
 
-/* What may be tuned while the program runs; src/tuning.c has the one of the export. The terminal cost belongs to the
- * weights: take numbers that Python has made together, see ant_tuning_from. */
+/* Numbers that can be tuned while the program runs; src/tuning.c has those of the export. The terminal cost depends on
+ * the weights: use sets of numbers from Python, see ant_tuning_from. */
 typedef struct {
     ant_real x[4];      /* weights of theta, its rate, P1, P2 */
     ant_real y[3];      /* of the outputs K, F1, F2 */
@@ -30,33 +30,33 @@ typedef struct {
 } ant_tuning;
 enum { ANT_TUNING_NUMBERS = 2 + sizeof(ant_tuning) / sizeof(ant_real) };
 
-/* What friction remembers of the way of the angle. */
+/* Memory of friction. */
 typedef struct {
     ant_real memory[ANT_ELEMENTS]; /* z [-] of Dahl's model, or the elements' springs [rad] of Maxwell slip */
     ant_real theta;                /* up to which the joint's motion is in it [rad] */
     int known;
 } ant_friction;
 
-/* What is thought of theta [rad], its rate [rad/s], P1, P2 [Pa] and the torque from outside d [N*m]. */
+/* Estimate of theta [rad], its rate [rad/s], P1, P2 [Pa] and the disturbance torque d [N*m]. */
 typedef struct {
     ant_real xi[5];
     ant_real covariance[5][5];
 } ant_belief;
 
-/* What became of a reading. */
+/* Verdict on a reading. */
 typedef enum {
     ANT_BELIEVED = 0,
     ANT_ACCEPTED = 1,   /* after it had been rejected for long enough */
-    ANT_SILENT = 2,     /* there is none */
-    ANT_IMPOSSIBLE = 3, /* beyond what the joint range or the supply allow */
-    ANT_REJECTED = 4,   /* too far from what the motion allows */
+    ANT_SILENT = 2,     /* no reading */
+    ANT_IMPOSSIBLE = 3, /* outside the joint range or the supply */
+    ANT_REJECTED = 4,   /* too far from the expected value */
     ANT_FROZEN = 5      /* the sensor repeats itself although the joint moves */
 } ant_verdict;
 
 /* The gate of one sensor. */
 typedef struct {
-    ant_real floor;   /* a reading this near to what is expected is believed */
-    ant_real width;   /* at the first of the rejections that go on */
+    ant_real floor;   /* a reading this near to the expected one is accepted */
+    ant_real width;   /* at the first of consecutive rejections */
     int since;        /* samples since that one, itself included; 0: there are none */
     ant_real refused; /* the last reading that was rejected or frozen, or NaN */
 } ant_gate;
@@ -66,15 +66,15 @@ typedef struct {
     ant_belief belief;
     ant_verdict verdicts[3];
     ant_gate gates[3];
-    int rebuilt;           /* how often the state was not finite and was built anew */
-    ant_belief without[3]; /* what would be thought without a sensor that repeats itself */
+    int rebuilt;           /* number of times that the state was not finite and was rebuilt */
+    ant_belief without[3]; /* estimates without a sensor that repeats itself */
     int repeats[3];        /* whether there is one */
     int frozen[3];
-    ant_belief rival;      /* that believes what the gates reject */
+    ant_belief rival;      /* estimate from the rejected readings */
     int rivalled;          /* whether there is one */
     int explained;         /* samples for which it has explained all readings */
-    int doubted;           /* for how many it has to */
-    int contested[3];      /* sensors that it is about */
+    int doubted;           /* samples for which it has to */
+    int contested[3];      /* sensors whose readings it explains */
     int unrivalled;        /* samples since anything was rejected */
     int samples;           /* since the beginning, up to ANT_FIRST + 1 */
     ant_real noise[3];     /* variances of the sensors */
@@ -86,7 +86,7 @@ typedef struct {
     ant_friction friction;
     ant_real commands[ANT_DELAY + ANT_AGE + 1][2]; /* under way, oldest first [Pa] */
     ant_real held[ANT_AGE + 1][2]; /* readings of pressures until an angle as old comes [Pa] */
-    int holds;                     /* whether there are such */
+    int holds;                     /* whether there are any */
     int begun;
 } ant_observer;
 
@@ -98,7 +98,7 @@ typedef struct {
     ant_real F[ANT_HORIZON + 1][2]; /* [N] */
 } ant_motion;
 
-/* Rest mode: what is known of the last quarters of the joint's free period, and the pressures that are held. */
+/* Rest mode: statistics of the last quarters of the joint's free period, and the held pressures. */
 typedef struct {
     ant_real reference[2];               /* theta [rad] and K [N*m/rad] while they are constant */
     ant_real quarters[4][5];             /* means of the angle's error e [rad], P1, P2 [Pa], least and greatest e */
@@ -113,7 +113,7 @@ typedef struct {
     int known, resting, ringing;
 } ant_rest;
 
-/* A preview and what it asks of the pressures. */
+/* A preview, and the pressures that it requires. */
 typedef struct {
     ant_real x[ANT_HORIZON + 1][4]; /* theta within the joint range [rad], its rate, the pressures [Pa] */
     ant_real y[ANT_HORIZON + 1][3]; /* the reachable stiffness nearest to the asked one [N*m/rad], no force */
@@ -205,7 +205,7 @@ typedef struct {
 } ant_qp;
 
 typedef struct {
-    /* Of DAQP, in double precision of the interior point; may be set, 0 leaves the QP out; ant_reset sets
+    /* Limit for DAQP, or in double precision for the interior-point method. 0 skips the QP; ant_reset sets
      * ANT_QP_ITERATIONS. */
     int iteration_limit;
 
@@ -227,8 +227,8 @@ typedef struct {
 
     ant_feed feed;
     ant_motion motion;         /* of the commands that are tried */
-    ant_real d[ANT_AHEAD + 1]; /* torque from outside and of friction [N*m] */
-    ant_real stay[ANT_AHEAD + 1]; /* the angle in place of references that make no sense [rad] */
+    ant_real d[ANT_AHEAD + 1]; /* disturbance and friction torque [N*m] */
+    ant_real stay[ANT_AHEAD + 1]; /* the angle, in place of invalid references [rad] */
     ant_qp qp;
 } ant_controller;
 

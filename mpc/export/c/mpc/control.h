@@ -9,7 +9,7 @@
 
 /* friction.c */
 typedef struct {
-    ant_real strength, scale; /* what multiplies the torque of the memory, and its widths */
+    ant_real strength, scale; /* factors of the memory's torque and of its widths */
 } ant_contact;
 ant_contact ant_contact_at(const ant_real x[4]);
 void ant_friction_follow(ant_friction *f, ant_real theta, ant_contact c);                  /* to theta */
@@ -18,31 +18,31 @@ ant_real ant_friction_torque(const ant_real memory[ANT_ELEMENTS], ant_contact c)
 ant_real ant_after_dead_band(ant_real u, ant_real P);   /* command less the dead band [Pa] */
 ant_real ant_inverse_dead_band(ant_real v, ant_real P); /* its inverse, smooth [Pa] */
 
-/* gating.c: which readings are believed */
+/* gating.c: which readings are accepted */
 void ant_gate_reset(ant_gate *g);
-void ant_gate_frozen(ant_gate *g, ant_real read); /* the sensor is frozen and says that */
-ant_verdict ant_first_verdict(int sensor, ant_real read); /* by what the sensor can say alone */
+void ant_gate_frozen(ant_gate *g, ant_real read); /* the sensor is frozen at this reading */
+ant_verdict ant_first_verdict(int sensor, ant_real read); /* by the range of the sensor alone */
 ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real expected, ant_real variance);
-ant_real ant_gate_width(const ant_gate *g, ant_real variance);                       /* how far off a reading may be */
-ant_real ant_unwrapped(ant_real theta, ant_real expected, ant_real within); /* less whole turns, if that is near */
+ant_real ant_gate_width(const ant_gate *g, ant_real variance);                     /* greatest deviation of a reading */
+ant_real ant_unwrapped(ant_real theta, ant_real expected, ant_real within); /* without whole turns, if that is near */
 
 /* filter.c: xi = (theta, rate, P1, P2, d) */
 extern const int ANT_MEASURED[3]; /* places of the sensors in xi */
-void ant_within(ant_real xi[5]);  /* to the nearest that is possible */
-ant_contact ant_contact_of(const ant_belief *b); /* in the nearest state that the muscles' formulas are made for */
+void ant_within(ant_real xi[5]);  /* to the nearest possible state */
+ant_contact ant_contact_of(const ant_belief *b); /* in the nearest state within the range of the muscle formulas */
 void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_real Q[5]); /* by the k-th commands */
 void ant_correct(const ant_observer *o, ant_belief *b, const ant_real read[3], const int there[3]);
 ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int sensor);
 int ant_sound(const ant_belief *b); /* finite, and no variance negative */
-void ant_unsure(ant_belief *b, const ant_real read[3], const int there[3]); /* at the readings, little certain */
+void ant_unsure(ant_belief *b, const ant_real read[3], const int there[3]); /* at the readings, with great variance */
 
-/* A measured pressure as a command to start from: a gauge may read less than none. What is no number is the least. */
+/* A measured pressure as an initial command. A gauge may read below zero; NaN becomes the least command. */
 static inline ant_real ant_commandable(ant_real P) {
     const ant_real least = ANT_SUPPLY_LO < 0 ? ANT_SUPPLY_LO : 0;
     return P > least ? P : least;
 }
 
-/* Moves commands within the slew limit and the supply. */
+/* Move commands within the slew limit and the supply. */
 static inline void ant_limited(ant_real step, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
     ant_limit(ANT_SUPPLY_LO, ANT_SUPPLY_HI, step, u_last, 1, u);
 }
@@ -51,18 +51,18 @@ static inline void ant_limited(ant_real step, const ant_real u_last[2], ant_real
 int ant_finite(const ant_real *numbers, int n);
 int ant_rollout(const ant_real x0[4], const ant_real *d, ant_motion *m); /* under m->u; whether all is finite */
 
-/* preview.c: when a command acts, and against what friction */
+/* preview.c: the time at which a command acts, and the friction then */
 typedef struct {
     ant_real x[4];                 /* the state then */
     const ant_real *theta, *K, *d; /* ANT_HORIZON + 1 samples from then on */
     int measured;                  /* whether all of the state was */
-    ant_real seen[4];              /* the state now, where it was */
+    ant_real seen[4];              /* the state now, where measured */
     ant_real expected;             /* the angle that was predicted for now [rad]; NaN at first */
-    int lost;                      /* whether the angle has not been for too long */
-    int refused;                   /* whether the references cannot be meant: those here are substitutes */
+    int lost;                      /* whether the angle has been missing for too long */
+    int refused;                   /* whether the references are invalid: theta and K are substitutes */
 } ant_task;
 void ant_preview(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task);
-void ant_send(ant_controller *c, ant_plan *plan, ant_real side); /* side: of the dead band, 0 if it is not known */
+void ant_send(ant_controller *c, ant_plan *plan, ant_real side); /* side: of the dead band, 0 if unknown */
 
 /* rest.c */
 int ant_rest_follow(ant_rest *r, const ant_task *task); /* at every sample: whether to rest, at r->p */
@@ -77,26 +77,26 @@ typedef struct {
     ant_qp_errors errors;
     ant_qp_bounded bounded;
     const ant_real (*u)[2]; /* [bar] */
-    ant_qp_point at;        /* what is found */
+    ant_qp_point at;        /* the solution */
     ant_qp_work work;
     ant_qp_active active;
 } ant_structured;
 ant_structured ant_structured_of(ant_qp *qp);
 int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last[2]); /* whether all is finite */
-void ant_expect_shifted(ant_controller *c); /* that what bound in the last sample's QP binds one sample earlier */
+void ant_expect_shifted(ant_controller *c); /* the active set of the last QP, one sample earlier */
 void ant_deviate(const ant_controller *c, const ant_structured *s, const ant_real u_last[2]); /* sets the errors */
 ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS], int *iterations);
-void ant_decisions(const ant_qp *qp, ant_real z[ANT_DECISIONS]); /* of what is found */
+void ant_decisions(const ant_qp *qp, ant_real z[ANT_DECISIONS]); /* of the solution */
 
-/* persistent.c, in single precision qp.c: what the sweeps did not settle; count is of rows that it seems to need */
+/* persistent.c, in single precision qp.c: QPs that the sweeps did not solve; count: rows that are probably needed */
 ant_plan_status ant_persist(ant_controller *c, const ant_real u_last[2], int count, ant_real z[ANT_DECISIONS],
                             int *iterations);
 
 /* softened.c */
-/* Whether something better than z = 0 was found. */
+/* Returns whether a point better than z = 0 was found. */
 int ant_soften(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS]);
 
-/* ladder.c */
+/* fallback.c */
 void ant_shift(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);
 void ant_hold(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);
 void ant_remember(ant_controller *c, ant_rung rung);

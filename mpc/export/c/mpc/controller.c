@@ -58,7 +58,7 @@ static outcome resting_at(const ant_controller *c, const ant_real u_last[2], ant
     return (outcome){ANT_PLAN_RESTING, 1, ANT_RUNG_ALLOCATION, 0};
 }
 
-/* Commands of this rung, which nothing was optimised for, into c->motion, and what they do; whether it bears. */
+/* Writes the commands of this rung, which are not optimised, and their motion to c->motion; whether it is usable. */
 static int try_rung(ant_controller *c, ant_rung rung, const ant_task *task, const outcome *o, const ant_real u_last[2]) {
     ant_motion *m = &c->motion;
     if (rung == ANT_RUNG_HOLD)
@@ -77,7 +77,7 @@ static int try_rung(ant_controller *c, ant_rung rung, const ant_task *task, cons
     return ant_rollout(task->x, task->d, m);
 }
 
-/* No motion at all, as everything was at the second sample of the last plan, or where there is none from the state. */
+/* No motion: the second sample of the last plan is held, or the state if there is no plan. */
 static void stationary(ant_controller *c, const ant_task *task) {
     for (int k = 0; k <= ANT_HORIZON; k++) {
         memcpy(c->motion.x[k], c->begun ? c->last.x[1] : task->x, sizeof c->motion.x[k]);

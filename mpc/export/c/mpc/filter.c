@@ -2,7 +2,7 @@
  *
  *     xi_{k+1} = (f_d(x_k, commands that act, d_k - T_f), d_k) + w_k,    w ~ (0, Q),      sensors' noise ~ (0, R)
  *
- * d is a random walk, so that nothing of a constant torque is left in the end. The plant is evaluated only within the
+ * d is a random walk, so that a constant torque leaves no error in the end. The plant is evaluated only within the
  * joint range and the supply; beyond, its slope there is continued. */
 #include <string.h>
 

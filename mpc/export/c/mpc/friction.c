@@ -1,6 +1,6 @@
-/* What rubs remembers the way of the angle: T_f = strength * sum of k_i m_i, where strength comes from the state.
- * By Dahl's model there is one m' = (omega - |omega| m)/presliding; by Maxwell slip each m_i follows the angle within
- * a width, which grows with P1 + P2. And the dead band of the pressure regulators. */
+/* Friction with a memory of the angle, T_f = strength * sum of k_i m_i, where strength depends on the state; and the
+ * dead band of the pressure regulators. Dahl's model has one m' = (omega - |omega| m)/presliding; by Maxwell slip each
+ * m_i follows the angle within a width, which grows with P1 + P2. */
 #include "control.h"
 #include "model.h"
 #include "tables.h"

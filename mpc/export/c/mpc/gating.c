@@ -1,6 +1,6 @@
-/* Which readings are believed: innovation gating within physical bounds. A reading is rejected that is farther from what
- * is expected than ANT_SIGMAS standard deviations and the steps of an encoder; from the first rejection on the width
- * grows by itself, not with the variance of a belief that does without the sensor. */
+/* Innovation gating within physical bounds. A reading is rejected if it is farther from the expected one than
+ * ANT_SIGMAS standard deviations and the steps of an encoder. From the first rejection on the width grows at a fixed
+ * rate, not with the variance of an estimate without the sensor. */
 #include "control.h"
 #include "tables.h"
 

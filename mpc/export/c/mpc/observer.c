@@ -1,8 +1,8 @@
-/* From readings to the state and the torque from outside: the filter of filter.c behind the gates of gating.c.
+/* State and disturbance torque from readings: the filter of filter.c behind the gates of gating.c.
  *
- * A sensor may be silent, frozen or not believed for ANT_TOLERANCE seconds; after that what it should measure is NaN
- * until it speaks again. A sensor that repeats itself may be frozen or at rest: a belief that does without it decides.
- * While readings are rejected a rival belief uses them; once it has explained them for long enough it takes over. */
+ * A sensor may be silent, frozen or rejected for ANT_TOLERANCE seconds; after that its quantity is NaN until a reading
+ * is accepted again. A sensor that repeats itself may be frozen or at rest: an estimate without it decides. While
+ * readings are rejected, a rival estimate uses them; once it has explained them for long enough, it takes over. */
 #include <string.h>
 
 #include "control.h"
@@ -48,13 +48,13 @@ static void remember(ant_observer *o, const ant_real sent[2]) {
         if (can_be_sent(i, sent[i])) o->commands[newest][i] = sent[i];
 }
 
-/* Whether a reading is too far from what is predicted without it. */
+/* Whether a reading is too far from the value predicted without it. */
 static int doubtful(const ant_observer *o, const ant_belief *predicted, int sensor, ant_real read) {
     const ant_real error = read - predicted->xi[ANT_MEASURED[sensor]];
     return error * error > ANT_DOUBT * ANT_DOUBT * ant_innovation_variance(o, predicted, sensor);
 }
 
-/* What is thought without a sensor that repeats itself; if that contradicts it for long enough, it is frozen. */
+/* Updates the estimate without a sensor that repeats itself; if it contradicts the sensor for long, that is frozen. */
 static void suspect(ant_observer *o, int i, const ant_belief *previous, ant_belief *expected,
                     const ant_real read[3], const int others[3]) {
     if (!o->repeats[i]) o->without[i] = *previous;
@@ -71,7 +71,7 @@ static void suspect(ant_observer *o, int i, const ant_belief *previous, ant_beli
     ant_correct(o, &o->without[i], read, others);
 }
 
-/* What is expected without the sensors that are frozen; notes which are. */
+/* Predicts the readings without the frozen sensors, and marks these. */
 static void without_frozen(ant_observer *o, const ant_belief *previous, ant_belief *expected, const ant_real said[3],
                            const ant_real read[3]) {
     int others[3], repeated[3];
@@ -90,7 +90,7 @@ static void without_frozen(ant_observer *o, const ant_belief *previous, ant_beli
     }
 }
 
-/* Whether the readings used are as near to what the rival expects as true ones are. */
+/* Whether the rival predicts the readings used as well as true ones. */
 static int explains(const ant_observer *o, const ant_real read[3], const int used[3]) {
     for (int i = 0; i < 3; i++) {
         const ant_real variance = ant_innovation_variance(o, &o->rival, i);
@@ -120,7 +120,7 @@ static void challenge(ant_observer *o, const ant_belief *expected, const ant_rea
     ant_unsure(&o->rival, read, rejected);
 }
 
-/* Leaves in `expected` what a rival expects that has explained the rejected readings for long enough. */
+/* Writes to `expected` the prediction of a rival that has explained the rejected readings for long enough. */
 static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[3]) {
     int rejected[3], used[3], any = 0, contested = 0;
     ant_real repeating = 0;
@@ -159,7 +159,7 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
     memset(o->repeats, 0, sizeof o->repeats);
 }
 
-/* A state from the readings, where the filter has none that is finite. */
+/* A state from the readings if that of the filter is not finite. */
 static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real read[3], const int there[3]) {
     if (o->rebuilt < ANT_LONG) o->rebuilt++;
     end_rivalry(o);
@@ -172,7 +172,7 @@ static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real 
     ant_unsure(&o->belief, read, there);
 }
 
-/* From what was thought a sample ago to what is thought now. */
+/* From the last estimate to the present one. */
 static void go_on(ant_observer *o, const ant_real said[3]) {
     const ant_belief previous = o->belief;
     ant_belief expected = o->belief;
@@ -225,7 +225,7 @@ static void answer(const ant_observer *o, const ant_real said[3], ant_real x[4],
     }
 }
 
-/* An encoder's readings change by whole steps: the least change so far is its step, if it has one. */
+/* Readings of an encoder change by whole steps: the least change so far is its step, if any. */
 static void learn_step(ant_observer *o, ant_real change) {
     if (change > 0 && change < o->step) {
         const ant_real fine = ANT_ENCODER_NOISE, steps = change / ANT_F(sqrt)(12), rough = steps > fine ? steps : fine;

@@ -1,6 +1,6 @@
 /* A command given now acts after the dead time. Until then the joint follows the commands under way; their motion
  * gives the state in which the new command begins to act. The torque on the way and beyond contains the friction of the
- * intended motion. What is sent is the inverse of the dead band at what should act, within its limits. */
+ * intended motion. The command is the inverse of the dead band at the pressure that should act, within its limits. */
 #include <string.h>
 
 #include "control.h"
@@ -19,7 +19,7 @@ static void expect(ant_controller *c, const ant_real x[4]) {
     c->predicted = 1;
 }
 
-/* The state to start from: what is missing, or no joint can have, is what was expected. */
+/* The initial state: missing or impossible numbers are replaced by the expected ones. */
 static void state(ant_controller *c, const ant_real measured[4], ant_task *task) {
     const ant_real otherwise[4] = {(ANT_LEFT + ANT_RIGHT) / 2, 0, ANT_SUPPLY_LO, ANT_SUPPLY_LO};
     task->measured = 1;

@@ -1,5 +1,5 @@
-/* Rest mode: where the reference is constant the commands come to rest. The pressures are held at the mean of the
- * hunting, both regulators on the same edge of their dead bands; an angle that is left over is corrected by a sampled
+/* Rest mode: the commands come to rest if the reference is constant. The pressures are held at the mean of the
+ * hunting, both regulators on the same edge of their dead bands; the remaining angle error is corrected by a sampled
  * integral with a dead zone; a preview that changes, a sensor that is silent, or a push ends the rest. */
 #include <string.h>
 
@@ -8,7 +8,7 @@
 
 enum { QUARTERS = 4, HALF = 2 }; /* of the joint's free period */
 enum { SWINGS = QUARTERS + HALF }; /* a load that throws the joint off is in QUARTERS of them */
-enum { E, P1, P2, LOW, HIGH };   /* what is known of each: means, least and greatest e */
+enum { E, P1, P2, LOW, HIGH };   /* numbers of each: means, least and greatest e */
 
 typedef struct {
     ant_real mean, low, high; /* of e [rad] */
@@ -50,7 +50,7 @@ static int pushed(const ant_rest *r, const ant_real seen[4], ant_real expected) 
     if (!r->resting) return 0;
     const summary last = summed(r, QUARTERS);
     const ant_real away = ant_abs(seen[0] - r->reference[0] - last.mean);
-    const ant_real least = ANT_REST_JOLT * (r->ringing ? 2 : 1); /* friction that is not there is predicted, too */
+    const ant_real least = ANT_REST_JOLT * (r->ringing ? 2 : 1); /* the prediction contains the missing friction */
     const ant_real unusual = ANT_REST_UNUSUAL * r->usual, jolt = unusual > least ? unusual : least;
     return ant_abs(seen[0] - expected) > jolt || away > ANT_REST_PUSH + last.high - last.low + r->free;
 }

@@ -12,7 +12,7 @@
 
 enum { N = ANT_HORIZON, CHANGES = 4 * ANT_MOVES, SUPPLY = 4, RANGE = 8, FORCES = 10, ALL = 12 }; /* rows, see rows.py */
 
-static const ant_real HELD = ANT_R(1e20); /* curvature of what stays where it is */
+static const ant_real HELD = ANT_R(1e20); /* curvature of a held command */
 
 typedef struct {
     ant_structured q;
@@ -28,7 +28,7 @@ static ant_real breach(const softened *s, int k, int row) {
     return s->q.work.rows.residual[k][row] - s->q.work.rows.b[k][row];
 }
 
-/* Gradient, rows and what these push at the point. */
+/* Gradient, rows and their charges at the point. */
 static void differentiate(const softened *s) {
     const ant_qp_work *w = &s->q.work;
     ant_gradients(&s->q.path, &s->q.errors, &s->q.setting.cost, &s->q.at, w->gx, w->gv);

@@ -1,4 +1,4 @@
-/* A plant to try controllers on, as `mpc.RealPlant` simulates it; in double precision whatever the controller is in. */
+/* A plant for tests of controllers, as in `mpc.RealPlant`; in double precision with any controller. */
 #ifndef ANT_PLANT_H
 #define ANT_PLANT_H
 
@@ -8,7 +8,7 @@
 enum { ANT_PLANT_QUEUE = ANT_PLANT_WAITING + 1 };
 
 typedef struct {
-    double full[ANT_PLANT_STATES];      /* theta [rad], its rate [rad/s], P1, P2 [Pa], what friction remembers */
+    double full[ANT_PLANT_STATES];      /* theta [rad], its rate [rad/s], P1, P2 [Pa], the memory of friction */
     double waiting[ANT_PLANT_QUEUE][2]; /* commands on their way, oldest first [Pa] */
 } ant_plant;
 

@@ -71,7 +71,7 @@ static void answer_info(const ant_board *b) {
     answer(b, ANT_KIND_INFO, payload, ANT_INFO_BYTES);
 }
 
-/* What READING and TRACKING begin with. */
+/* The common beginning of READING and TRACKING. */
 static void put_measured(const ant_board *b, uint8_t *body) {
     const ant_sensors s = read_sensors();
     ant_put_u32(body + ANT_READING_T, clock_us());
@@ -119,7 +119,7 @@ static void greet(ant_board *b, const uint8_t *request) {
     b->session = ant_get_u16(request + ANT_HEADER_SESSION);
     b->sequence = ant_get_u16(request + ANT_HEADER_SEQUENCE);
     if (obeys(b)) b->moved = clock_us();
-    b->state = ANT_STATE_READY; /* in which the pressures fall, until there is a command */
+    b->state = ANT_STATE_READY; /* the pressures fall in it until a command arrives */
     answer_info(b);
 }
 
@@ -226,7 +226,7 @@ static void watch(ant_board *b) {
     const uint32_t now = clock_us();
     if (!obeys(b) || now - b->heard <= ANT_WATCHDOG_US) return;
     b->state = ANT_STATE_TRIPPED;
-    b->moved = now; /* the fall begins here */
+    b->moved = now; /* the fall begins now */
 }
 
 void ant_board_begin(ant_board *b) {

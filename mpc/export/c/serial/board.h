@@ -26,7 +26,7 @@ typedef struct {
 /* Begin, with both muscles at the least pressure. */
 void ant_board_begin(ant_board *board);
 
-/* To be called again and again, as often as can be: what has arrived is answered, and time goes on. */
+/* Call as often as possible: it answers received bytes and advances time. */
 void ant_board_poll(ant_board *board);
 
 #endif /* ANT_BOARD_H */

@@ -1,4 +1,4 @@
-/* References in, plans out. The last reference holds where no other has come. */
+/* References in, plans out. The last reference holds until another arrives. */
 #include "follow.h"
 
 #include <math.h>

@@ -16,15 +16,15 @@ typedef struct {
     uint32_t have;                      /* samples that have come, and so the number of the next one */
     uint32_t sample;                    /* that is followed now */
     uint32_t due;                       /* when the next one is [us] */
-    int running;                        /* whether there were enough to begin */
+    int running;                        /* whether there were enough samples to begin */
 } ant_follower;
 
 void ant_follower_begin(ant_follower *f);
 
-/* Take n samples from number `first` on; those that have come already are passed over. 0, or the reason to refuse. */
+/* Take n samples from number `first` on, skipping those already received. Returns 0, or the reason for a refusal. */
 int ant_follower_take(ant_follower *f, uint32_t first, const uint8_t *samples, uint32_t n);
 
-/* A step of the controller if it is time for one; whether there was one, and f->plan is new. */
+/* Take a step of the controller if one is due; returns whether it did and f->plan is new. */
 int ant_follower_step(ant_follower *f);
 
 #endif /* ANT_FOLLOW_H */

@@ -47,7 +47,7 @@ static uint32_t crc32(const uint8_t *bytes, size_t n) {
     return crc ^ 0xFFFFFFFF;
 }
 
-/* Undo the stuffing in place; the length of what it was made of, or 0 where there was none. */
+/* Undo the stuffing in place; the decoded length, or 0 if the frame is invalid. */
 static size_t unstuff(uint8_t *bytes, size_t n) {
     size_t from = 0, to = 0;
     while (from < n) {

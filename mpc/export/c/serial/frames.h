@@ -9,12 +9,12 @@
 
 enum { ANT_LINE_BYTES = ANT_LONGEST + 3 }; /* of a frame on the line at most */
 
-/* What has arrived since the last zero. */
+/* Bytes received since the last zero. */
 typedef struct {
     uint8_t bytes[ANT_LONGEST + 1];
     size_t n;
-    int lost;         /* more than any frame can be */
-    uint16_t damaged; /* stretches that were no frame */
+    int lost;         /* longer than any frame */
+    uint16_t damaged; /* byte sequences that were no frame */
 } ant_receiver;
 
 /* Take a byte; the length of the payload that it ends, less the CRC, which is then in r->bytes; 0 if it ends none. */

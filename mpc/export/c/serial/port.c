@@ -1,4 +1,4 @@
-/* Yours to fill in. As it stands it measures nothing, moves nothing and hears nothing. */
+/* Functions to fill in. As exported they measure nothing, move nothing and receive nothing. */
 #include "port.h"
 
 #include <math.h>

@@ -1,12 +1,12 @@
-/* What a board is asked for: five functions, of which port.c has empty ones to fill in. All are called from
- * ant_board_poll, one after the other; none may wait. */
+/* The five functions of a board; port.c has empty ones to fill in. All are called from ant_board_poll, one after the
+ * other; none may wait. */
 #ifndef ANT_PORT_H
 #define ANT_PORT_H
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* What the sensors say; NAN for what is not measured, or not to be believed. */
+/* Sensor readings; NAN if missing or unreliable. */
 typedef struct {
     float theta;  /* joint angle [rad] */
     float P1, P2; /* gauge pressures of agonist and antagonist [Pa] */
@@ -17,13 +17,13 @@ ant_sensors read_sensors(void);
 /* Set both regulators [Pa], within the supply's limits in config.h. */
 void write_valves(float P1, float P2);
 
-/* A clock that never stops and begins anew after 2^32 [us]. */
+/* A clock that never stops and wraps after 2^32 [us]. */
 uint32_t clock_us(void);
 
 /* The next byte that has arrived, 0 to 255, or -1: from a buffer that an interrupt fills, 512 bytes or more. */
 int receive_byte(void);
 
-/* Send these bytes, or put them where an interrupt sends them from. */
+/* Send these bytes, or queue them for an interrupt that sends them. */
 void send_bytes(const uint8_t *bytes, size_t n);
 
 #endif /* ANT_PORT_H */

@@ -48,7 +48,7 @@ static double uniform(void) {
 
 static double normal(void) { return sqrt(-2 * log(uniform())) * cos(6.283185307179586 * uniform()); }
 
-/* The plant up to now; a process that was stopped for longer than a second has not been there. */
+/* The plant up to now; pauses of the process longer than a second do not count. */
 static void catch_up(void) {
     if (now() - simulated > 1) simulated = now() - 1;
     while (simulated + ANT_PLANT_DT <= now() + 1e-9) {
@@ -118,7 +118,7 @@ static const char *open_line(void) {
     return name;
 }
 
-/* Read what has come on the standard input; whether it goes on. */
+/* Read the standard input; whether to go on. */
 static int listen(void) {
     static char said[32];
     static size_t n;

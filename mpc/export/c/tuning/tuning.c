@@ -1,4 +1,4 @@
-/* What may be tuned while the program runs: checked, and read from numbers. */
+/* Tuning while the program runs: checks, and reading from numbers. */
 #include <string.h>
 
 #include "control.h"
@@ -27,6 +27,6 @@ static int near(ant_real a, ant_real b, ant_real share) { return ant_abs(a - b) 
 int ant_tuning_from(const ant_real *numbers, int count, ant_tuning *t) {
     if (count != ANT_TUNING_NUMBERS) return 0;
     if (!near(numbers[0], ANT_DT, ANT_R(1e-6)) || !near(numbers[1], ANT_PLANT, ANT_R(1e-4))) return 0;
-    memcpy(t, numbers + 2, sizeof *t); /* it holds nothing but ant_real */
+    memcpy(t, numbers + 2, sizeof *t); /* all its fields are ant_real */
     return 1;
 }

@@ -1,4 +1,4 @@
-/* Reads what `antagonist export --tuning` has written, on machines that have files. */
+/* Reads files of `antagonist export tuning`, on machines that have files. */
 #ifndef ANT_TUNING_FILE_H
 #define ANT_TUNING_FILE_H
 

@@ -32,7 +32,7 @@ static ant_status at_posture(const ant_target *t, ant_memory *o) {
     return outside ? ANT_OUTSIDE_JOINT_RANGE : (ant_status)status;
 }
 
-/* Fill in the rows, level after level; what is not asked for has a row of zeros, which asks for nothing. */
+/* Fill in the rows, level after level; an entry that is free has a row of zeros. */
 static void rows(const ant_target *t, ant_memory *o) {
     const int torque_first = t->priority == ANT_TORQUE_FIRST;
     for (int i = 0; i < ANT_JOINTS; i++) o->y[i] = t->T[i];
@@ -50,7 +50,7 @@ static void rows(const ant_target *t, ant_memory *o) {
     o->ends[1] = ANT_ROWS;
 }
 
-/* The status of pressures that give a->T and a->K: what is missed, unless a posture or a muscle has a graver one. */
+/* The status of pressures that give a->T and a->K: the missed target, unless a posture or a muscle has a graver one. */
 static ant_status judged(const ant_memory *o, const ant_allocation *a, ant_status given) {
     int missed = ANT_EXACT;
     for (int i = 0; i < ANT_ROWS; i++) {

@@ -63,7 +63,7 @@ int ant_sensible(const ant_target *t) {
     return numbers && forces && t->max_step > 0 && known && (!whole || ant_positive_definite(t->K));
 }
 
-/* The pressures now, as far as there is sense in them: the answer to a question without one. */
+/* The present pressures, as far as they are valid: the answer to an invalid target. */
 void ant_refuse(const ant_target *t, ant_allocation *a) {
     for (int j = 0; j < ANT_MUSCLES; j++) a->P[j] = ant_clip(t->P_now[j], ANT_SUPPLY_LO, ANT_HI[j]);
     for (int i = 0; i < ANT_JOINTS; i++) a->T[i] = 0;
