@@ -116,7 +116,9 @@ def markdown(rested: list[tuple[str, list[Rested]]], cost: list[Cost]) -> Iterat
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.closed_loop.rests", description=(__doc__ or "")[:76])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.closed_loop.rests", description=(__doc__ or "").partition(".")[0]
+    )
     parser.add_argument("--out", type=Path, default=RESULT)
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()

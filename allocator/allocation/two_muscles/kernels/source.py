@@ -26,7 +26,6 @@ from math import inf, pi, sqrt
 from allocator.allocation.status import CLOSED_FORM, Status
 from allocator.joint.limits import Limit
 
-# After changing one of these elsewhere, touch this file: numba's cache would keep the old value
 MET = CLOSED_FORM.met  # of the torque or stiffness scale: a target missed by less is met
 _NEWTON_STEPS = 4
 _TURN = 2 * pi
