@@ -56,7 +56,7 @@ def control_numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
     x = plant.at_rest(middle, K)
     return {
         "DEMO_MIDDLE": (middle, "the demonstration's angle [rad]"),
-        "DEMO_SWING": (round(_SWING * (right - left), 4), "amplitude of its motion [rad]"),
+        "DEMO_SWING": (round(_SWING * (right - left), 4), "length of its motion [rad]"),
         "DEMO_K": (K, "[N*m/rad]"),
         "DEMO_P1": (float(x[2]), "[Pa]"),
         "DEMO_P2": (float(x[3]), "[Pa]"),
