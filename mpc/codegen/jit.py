@@ -14,9 +14,9 @@ if config.DISABLE_JIT:
 KEPT = "antagonist_"  # prefix of modules with cached code; a hash of all their sources follows
 F = TypeVar("F", bound=Callable[..., object])
 _OPTIONS: dict[str, object] = {"error_model": "numpy", "fastmath": {"contract"}}
-_INNER: dict[str, object] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # they take long to compile
+_INNER: dict[str, object] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # wrappers are slow to compile
 
-_COUNTED: dict[str, object] = {"_nrt": True}  # whoever calls
+_COUNTED: dict[str, object] = {"_nrt": True}  # references are counted
 _FLAT: dict[str, object] = {"_nrt": False}
 
 

@@ -59,8 +59,8 @@ typedef enum { ANT_TORQUE_FIRST = 0, ANT_STIFFNESS_FIRST = 1 } ant_priority;
 
 typedef struct {
     ant_real theta;     /* joint angle [rad] */
-    ant_real K;         /* stiffness wanted, positive [N*m/rad] */
-    ant_real T;         /* torque wanted [N*m] */
+    ant_real K;         /* desired stiffness, positive [N*m/rad] */
+    ant_real T;         /* desired torque [N*m] */
     ant_real min_force; /* least muscle force [N]; -INFINITY: cables may be slack */
     ant_real max_force; /* greatest muscle force [N]; INFINITY: no limit */
     ant_real P1_now;    /* pressures now [Pa], for max_step */

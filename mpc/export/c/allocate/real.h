@@ -18,15 +18,15 @@
 #define ANT_NAN ((ant_real)NAN)
 #define ANT_PI ANT_R(3.14159265358979323846)
 
-/* A function that is in the code once where size is asked for and floating point costs calls: gcc takes those for free
- * and would copy it to wherever it is used. */
+/* A function that is not inlined when optimising for size without an FPU for double: gcc counts floating-point calls as
+ * free and would inline it everywhere. */
 #if defined(__GNUC__) && defined(__OPTIMIZE_SIZE__) && !defined(ANT_SINGLE)
 #define ANT_ONCE static __attribute__((noinline))
 #else
 #define ANT_ONCE static
 #endif
 
-/* x within [lo, hi]; NaN becomes lo, and hi where the two are in the wrong order */
+/* x within [lo, hi]; NaN becomes lo; hi if lo > hi */
 static inline ant_real ant_clip(ant_real x, ant_real lo, ant_real hi) {
     const ant_real raised = x > lo ? x : lo;
     return raised < hi ? raised : hi;

@@ -1,13 +1,12 @@
-/* A solver's word is not taken. Multipliers (positive at an upper, negative at a lower limit) prove how good a z is:
- * with the gradient of the Lagrangian r = H z + f + multipliers_z + A^T multipliers_A its cost exceeds the least by at
- * most
+/* Certificate of an answer z from multipliers (positive at an upper, negative at a lower limit), which does not rely on
+ * the solver's status: with the gradient of the Lagrangian r = H z + f + multipliers_z + A^T multipliers_A its cost
+ * exceeds the least by at most
  *
  *     gap = r^T H^-1 r/2 + sum of |multiplier_i (limit_i - value_i)|,      H = R^T R,
  *
- * which has to be small next to what the moves gain: single precision cannot tell more closely.
+ * which has to be small against the gain of the moves: single precision cannot resolve less.
  *
- * A limit that is missed in its last digits alone is not counted against z: the slacks' prices would make much of
- * it. */
+ * A violation in the last digits of a limit is not counted, since the slacks' prices would amplify it. */
 #include <float.h>
 
 #include "dense.h"
@@ -17,17 +16,17 @@ static const ant_real LAST_DIGITS = 8 * FLT_EPSILON;
 typedef struct {
     ant_real pushes[ANT_DECISIONS]; /* multipliers_z + A^T multipliers_A */
     ant_real gap;
-    ant_real rounding; /* what last digits can make of the gap */
+    ant_real rounding; /* error of the gap by rounding */
     ant_real violation;
 } account;
 
 static void add(account *a, const ant_qp *qp, const ant_real *z, int limit, ant_real value, ant_real push) {
     const ant_bound at = ant_bound_of(qp, limit);
-    ant_real row[ANT_DECISIONS] = {0}, size = 0; /* of what the value is summed from */
+    ant_real row[ANT_DECISIONS] = {0}, size = 0; /* of the summands of the value */
     if (!(at.lower - value <= a->violation)) a->violation = at.lower - value;
     if (!(value - at.upper <= a->violation)) a->violation = value - at.upper;
     const ant_real bound = push > 0 ? at.upper : at.lower;
-    if (push == 0 || !isfinite(bound)) return; /* there is nothing to push against at infinity */
+    if (push == 0 || !isfinite(bound)) return; /* no bound, no push */
     if (limit < ANT_DECISIONS)
         row[limit] = 1;
     else

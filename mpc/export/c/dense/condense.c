@@ -29,7 +29,7 @@ static void add(ant_qp *qp, int used, ant_real root, ant_real row[ANT_MOVES], an
     ant_rotate_in(ANT_MOVES, used, qp->work.dense.R, qp->work.dense.v, row, root * r);
 }
 
-/* gradient G: what the moves do to something that depends on the state. */
+/* gradient G: derivative by the moves of a function of the state. */
 static void through(const ant_real gradient[4], const ant_real (*G)[ANT_MOVES], ant_real row[ANT_MOVES]) {
     for (int j = 0; j < ANT_MOVES; j++)
         row[j] = gradient[0] * G[0][j] + gradient[1] * G[1][j] + gradient[2] * G[2][j] + gradient[3] * G[3][j];
@@ -51,7 +51,7 @@ static void add_state(ant_qp *qp, const ant_feed *feed, int k) {
     }
 }
 
-/* The rates of the commands away from the feed-forward: of what begins at sample k only its own move changes them. */
+/* Rates of the commands relative to the feed-forward: those at sample k depend on the move that begins there. */
 static void begin_with_rates(ant_qp *qp, const ant_feed *feed, const ant_real e_last[2]) {
     memset(qp->work.dense.R, 0, sizeof qp->work.dense.R);
     for (int b = 0; b < ANT_BLOCKS; b++)

@@ -7,7 +7,7 @@
 /* condense.c */
 int ant_condense(ant_controller *c, const ant_real u_last[2]); /* whether all is finite */
 
-/* least_squares.c: R (n, n) upper triangular by rows, |R z + v|^2/2 the cost of what was rotated in */
+/* least_squares.c: R (n, n) upper triangular by rows, |R z + v|^2/2 the cost of the rows rotated in */
 static inline int ant_at(int n, int i) { return i * n - i * (i - 1) / 2 - i; } /* row i begins there, less i */
 /* Adds |row z + r|^2/2; neither row nor R, but for its diagonal, may have anything behind the `used` first columns. */
 void ant_rotate_in(int n, int used, ant_real *R, ant_real *v, ant_real *row, ant_real r); /* row is used up */

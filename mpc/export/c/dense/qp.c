@@ -5,7 +5,7 @@
  *
  * by DAQP (D. Arnstrom, src/daqp), a dual active-set method that finds the exact solution in a finite number of
  * iterations, every one a rank-one update. DAQP takes the problem as the least distance |u|, u = R z + v. Rows seldom
- * bind: each is left out until a solution breaks it, from where the method goes on. */
+ * bind: each is left out until a solution violates it; then the method continues with the row. */
 #include <string.h>
 
 #include "dense.h"
@@ -62,7 +62,7 @@ static void set_limit(ant_solver *s, int id, ant_real *m, int first, ant_real lo
     s->dupper[id] = isfinite(upper) ? upper * s->scaling[id] + shift : FAR;
 }
 
-/* Row i joins: its m is the row times R^-1, whose rows have been scaled. */
+/* Row i joins: its m is the row times the scaled R^-1. */
 static void let_in(const ant_qp *qp, ant_solver *s, int i) {
     ant_real row[ANT_DECISIONS], *m = s->M[s->rows];
     const int id = ANT_DECISIONS + s->rows;
@@ -167,7 +167,7 @@ static void point(const ant_qp *qp, const ant_solver *s, DAQPWorkspace *work, an
     work->reuse_ind = 0; /* DAQP's scratch was used */
 }
 
-/* Lets in the rows that z breaks: how many; -1: there is no place for them. */
+/* Lets in the rows that z violates. Returns their number, or -1 if there is no room for them. */
 static int widen(const ant_qp *qp, ant_solver *s, const ant_real z[ANT_DECISIONS]) {
     ant_real values[ANT_ROWS];
     const int before = s->rows;

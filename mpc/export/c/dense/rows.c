@@ -8,7 +8,7 @@
 enum { N = ANT_HORIZON, THETA = ANT_MOVES, FORCE = ANT_MOVES + 1 }; /* the slacks s and s_F */
 enum { COMMANDS = 2 * N, UPPER = COMMANDS + N, LOWER = UPPER + N }; /* one behind the last of each kind */
 
-/* What the moves do to slope dx_{k+1}: back from there to the sample where each begins. */
+/* Derivative of slope dx_{k+1} by the moves: backwards from there to the sample where each begins. */
 static void through(const ant_qp *qp, int k, const ant_real slope[4], ant_real row[ANT_DECISIONS]) {
     ant_real p[4], w[2] = {0, 0};
     memcpy(p, slope, sizeof p);

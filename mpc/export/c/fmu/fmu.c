@@ -48,7 +48,7 @@ static unsigned long long check_of(const state *s) {
     return hash_of((const unsigned char *)s + sizeof s->check, state_size() - sizeof s->check);
 }
 
-/* Whether the bytes are a state of this FMU as it was kept. */
+/* Whether the bytes are an unchanged state of this FMU. */
 static int is_state(const void *bytes) {
     state head;
     memcpy(&head, bytes, sizeof head);
@@ -187,7 +187,7 @@ static int enough(instance_data *it, size_t used, size_t n) {
     return 0;
 }
 
-/* Copy the values of the variables; *used counts them even where there is no room. */
+/* Copy the values of the variables; *used counts them even if there is no room. */
 static int get(instance_data *it, const fmi3ValueReference references[], size_t n, int whole, double *reals,
                fmi3Int32 *integers, size_t room) {
     size_t used = 0;

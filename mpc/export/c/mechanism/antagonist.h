@@ -41,8 +41,8 @@ typedef enum { ANT_TORQUE_FIRST = 0, ANT_STIFFNESS_FIRST = 1 } ant_priority;
 
 typedef struct {
     ant_real q[ANT_JOINTS];      /* posture [rad] */
-    ant_real T[ANT_JOINTS];      /* torques wanted [N*m] */
-    ant_real K[ANT_STIFFNESSES]; /* stiffness wanted [N*m/rad]; NAN: any */
+    ant_real T[ANT_JOINTS];      /* desired torques [N*m] */
+    ant_real K[ANT_STIFFNESSES]; /* desired stiffness [N*m/rad]; NAN: any */
     ant_real min_force;          /* least muscle force [N]; -INFINITY: cables may be slack */
     ant_real max_force;          /* greatest muscle force [N]; INFINITY: no limit */
     ant_real P_now[ANT_MUSCLES]; /* pressures now [Pa], for max_step and nearest */

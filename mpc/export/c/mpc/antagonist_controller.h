@@ -106,7 +106,7 @@ typedef struct {
     ant_real p[2];                       /* pressures that are held [Pa] */
     ant_real began[2];                   /* pressures when the rest began, or as they were corrected [Pa] */
     ant_real side;                       /* edge of the dead band, 1 or -1 */
-    ant_real torque, error, free;        /* the last correction [N*m], what it was for, how far it may turn [rad] */
+    ant_real torque, error, free;        /* the last correction [N*m], its error and greatest rotation [rad] */
     ant_real usual; /* how far the angle was from its prediction in the last period or so, without a rest [rad] */
     int samples, quarter, in_sum;        /* of constant preview; of a quarter; in the one that runs */
     int counted, swings, since;          /* quarters seen; in which e swung; since the last correction */
@@ -116,7 +116,7 @@ typedef struct {
 /* A preview, and the pressures that it requires. */
 typedef struct {
     ant_real x[ANT_HORIZON + 1][4]; /* theta within the joint range [rad], its rate, the pressures [Pa] */
-    ant_real y[ANT_HORIZON + 1][3]; /* the reachable stiffness nearest to the asked one [N*m/rad], no force */
+    ant_real y[ANT_HORIZON + 1][3]; /* reachable stiffness nearest to the reference [N*m/rad], no force */
     ant_real u[ANT_HORIZON][2];     /* commands, unlimited [Pa] */
     ant_real moved[3];
     int finite;

@@ -112,7 +112,7 @@ static void report(ant_controller *c, ant_plan *plan) {
 
 static ant_plan_status status_of(const outcome *o, ant_rung rung, int measured) {
     if (o->status != ANT_PLAN_OPTIMAL) return o->status;
-    if (rung != ANT_RUNG_QP) return ANT_PLAN_NOT_FINITE; /* what the QP's commands would do */
+    if (rung != ANT_RUNG_QP) return ANT_PLAN_NOT_FINITE; /* the QP was solved, but its predicted motion is not finite */
     return measured ? ANT_PLAN_OPTIMAL : ANT_PLAN_NO_MEASUREMENT;
 }
 

@@ -1,4 +1,4 @@
-/* The exported controller with its own model as the joint: what main.c shows of control. */
+/* Demonstration of control in main.c: the exported controller with its own model as the joint. */
 #ifndef ANT_DEMONSTRATION_CONTROL_H
 #define ANT_DEMONSTRATION_CONTROL_H
 

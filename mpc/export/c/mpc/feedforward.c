@@ -1,7 +1,7 @@
-/* The commands that would follow a preview exactly, if the model were right and nothing limited: the motion needs the
- * torque T = J theta'' + b theta' + m g l sin theta - d, the allocation makes pressures of it, and the lag over a
- * sample, P_{k+1} = alpha P_k + (1 - alpha) (u_k - tau q_k), is inverted for the commands; q is what the swelling
- * muscles take, its mean over the sample being that of both ends. */
+/* Commands that follow a preview exactly if the model is right and no limit binds. The motion needs the torque
+ * T = J theta'' + b theta' + m g l sin theta - d, the allocation converts it to pressures, and the lag over a sample,
+ * P_{k+1} = alpha P_k + (1 - alpha) (u_k - tau q_k), is inverted for the commands. q is the pressure loss by expansion
+ * of the muscles; its mean over the sample is the mean of both ends. */
 #include "control.h"
 #include "model.h"
 #include "tables.h"

@@ -3,7 +3,7 @@
  *     minimise   cost without rows + sum of charge_i max(0, breach_i)^2/2     over    lower <= v <= upper
  *
  * Of the limits only the slew is hard. An active set of bounds, each charging the rows that the last one broke, until
- * they repeat; the minimum with the bounds held is a Newton step of the recursions. What counts is the best point met:
+ * they repeat; the minimum with the bounds held is a Newton step of the recursions. The result is the best point met:
  * it is allowed, and better than to go on with v = 0. */
 #include <string.h>
 

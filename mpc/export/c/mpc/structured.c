@@ -1,4 +1,4 @@
-/* The QP of a step as it is, sample by sample, with what recursions.c takes; and its solution. */
+/* The QP of a step, sample by sample, with the arguments of recursions.c; and its solution. */
 #include <string.h>
 
 #include "control.h"

@@ -1,4 +1,4 @@
-/* The plant goes on by a sample; its equations are in plant_model.c, written by CasADi. */
+/* A step of the plant; its equations are in plant_model.c, derived by CasADi. */
 #include "plant.h"
 
 #include <math.h>

@@ -15,7 +15,7 @@ typedef struct {
     ant_state state;
     uint16_t session, sequence; /* of the last request */
     uint32_t heard;             /* when the last command came [us] */
-    uint32_t commands;          /* how many have come */
+    uint32_t commands;          /* number received */
     uint32_t moved;             /* when the valves were last set [us] */
     float u[2];                 /* to these pressures [Pa] */
 #ifdef ANT_BOARD_CONTROLS

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-/* a float of another size would not come across */
+/* a float of another size could not be transmitted */
 typedef char ant_float_is_binary32[sizeof(float) == 4 ? 1 : -1];
 
 uint16_t ant_get_u16(const uint8_t *at) { return (uint16_t)(at[0] | (uint16_t)(at[1] << 8)); }

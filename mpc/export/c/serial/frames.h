@@ -23,7 +23,7 @@ size_t ant_receive(ant_receiver *r, uint8_t byte);
 /* Write the frame of the payload, at most ANT_LONGEST - ANT_CRC_BYTES of it, to `line`; its length. */
 size_t ant_frame(const uint8_t *payload, size_t n, uint8_t line[ANT_LINE_BYTES]);
 
-/* Numbers in a payload, little endian wherever this runs. A float is what IEEE 754 calls binary32. */
+/* Numbers in a payload, little endian on every machine. A float is an IEEE 754 binary32. */
 uint16_t ant_get_u16(const uint8_t *at);
 uint32_t ant_get_u32(const uint8_t *at);
 float ant_get_f32(const uint8_t *at);

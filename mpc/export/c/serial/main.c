@@ -1,4 +1,4 @@
-/* The board's main loop. A hardware watchdog, if there is one, is best fed here. */
+/* The board's main loop; feed a hardware watchdog in it. */
 #include "board.h"
 
 int main(void) {

@@ -1,8 +1,8 @@
 /* The board on a PC: the same board.c and frames.c behind a pseudo-terminal, with a simulated plant under them.
  *
  * It prints the terminal's name and ends when its standard input does; a line there is a torque from outside [N*m], which
- * it prints when it acts. With an argument, a time in seconds, its clock stands still and goes on by that time at every
- * command: as fast as the host asks, and the same at every run. */
+ * it prints when it acts. With an argument, a time in seconds, its clock advances only by that time at every
+ * command: at the pace of the host, and the same in every run. */
 #define _XOPEN_SOURCE 600 /* NOLINT: asks the C library for pseudo-terminals */
 
 #include <errno.h>
@@ -23,8 +23,8 @@ static ant_board board;
 static ant_plant plant;
 static double u[2];
 static double torque;    /* from outside [N*m] */
-static double simulated; /* how far the plant has come [s] */
-static double step;      /* by which time goes on at every command, or 0: the PC's clock [s] */
+static double simulated; /* time up to which the plant is simulated [s] */
+static double step;      /* advance of the clock at every command, or 0: the PC's clock [s] */
 static double stepped;   /* the clock in that case [s] */
 static uint32_t commands; /* that the clock has gone on for */
 static int line = -1;    /* the board's end of the pseudo-terminal */
@@ -80,11 +80,11 @@ uint32_t clock_us(void) { return (uint32_t)(uint64_t)(now() * 1e6 + 0.5); }
 int receive_byte(void) {
     static uint8_t bytes[256];
     static ssize_t n, at;
-    if (step > 0 && board.commands != commands) return -1; /* what comes after a command is heard at the next time */
+    if (step > 0 && board.commands != commands) return -1; /* bytes after a command are received at the next time */
     if (at == n) {
         at = 0;
         n = read(line, bytes, sizeof bytes);
-        if (n < 0) n = 0; /* there is none; or nobody has opened the other end yet */
+        if (n < 0) n = 0; /* no byte, or the other end is not open yet */
     }
     return at < n ? bytes[at++] : -1;
 }
@@ -92,7 +92,7 @@ int receive_byte(void) {
 void send_bytes(const uint8_t *bytes, size_t n) {
     while (n) {
         const ssize_t sent = write(line, bytes, n);
-        if (sent < 0) return; /* nobody reads: the host will miss an answer */
+        if (sent < 0) return; /* no reader: the host will miss an answer */
         bytes += sent;
         n -= (size_t)sent;
     }

@@ -33,8 +33,8 @@ int unit_advance(unit_memory *memory, double *v) {
         reference.theta[k] = (ant_real)v[UNIT_THETA_REF + k];
         reference.K[k] = (ant_real)v[UNIT_K_REF + k];
     }
-    ant_tune(&memory->controller, &ANT_TUNING); /* a state may come from another process, with its addresses */
+    ant_tune(&memory->controller, &ANT_TUNING); /* a state of another process contains its addresses */
     ant_step(&memory->controller, &reading, &reference, &memory->plan);
     show(&memory->plan, v);
-    return 1; /* whatever comes in, the controller's status tells */
+    return 1; /* for any input: the controller's status reports problems */
 }

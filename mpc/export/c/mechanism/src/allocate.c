@@ -1,4 +1,4 @@
-/* One target: made into least squares, solved by the kernel, and judged by the pressures that come out. */
+/* One target: converted to least squares, solved by the kernel, and its status computed from the pressures. */
 #include "mechanism.h"
 #include "model.h"
 #include "real.h"
