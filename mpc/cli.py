@@ -52,7 +52,7 @@ _REAL_LAG = 0.12  # [s] default of a real plant
 _SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap", ".gif", ".mp4")
 _OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".mcap"))
 _OWN_NAMES = ("tracking.png", "tracking.csv")
-_OWN_FILM = "tracking.gif"  # of several joints
+_OWN_FILM = "tracking.gif"  # for several joints
 _MPC = "mpc"
 _WORTH_SAYING = 5.0  # [% of the steps] at the slew limit, below which nothing is reported
 
@@ -77,7 +77,7 @@ def track(
         typer.Argument(
             help="sine (the default), min-jerk, chirp, steps, stiffness-step, stiffness-ramps, together, jumps, "
             "or a CSV; a CSV has the columns t,theta_deg,stiffness. Standard trajectories are smaller on a "
-            "joint with less room. Of several joints: circle (the default), reach, hold, draw (arm26), or a "
+            "joint with less room. For several joints: circle (the default), reach, hold, draw (arm26), or a "
             "CSV of angles or of the hand's path and of stiffness"
         ),
     ] = None,
@@ -86,14 +86,14 @@ def track(
         list[Path] | None,
         typer.Option(
             help="a .png, .gif, .mp4, .csv, .npz or .mcap to write, or a directory; may be repeated. A directory "
-            "gets tracking.png and tracking.csv, and of several joints tracking.gif. Only one joint has .npz "
+            "gets tracking.png and tracking.csv, and for several joints tracking.gif. Only one joint has .npz "
             "and .mcap"
         ),
     ] = None,
     solver: Annotated[
         str | None,
         typer.Option(
-            help="QP or NLP solver; of mpc riccati (default), daqp or a solver of qpsolvers, e.g. osqp; of nmpc "
+            help="QP or NLP solver; for mpc riccati (default), daqp or a solver of qpsolvers, e.g. osqp; for nmpc "
             "ipopt or fatrop"
         ),
     ] = None,
@@ -102,8 +102,8 @@ def track(
         typer.Option(
             help="plant to drive: other (the default), real or nominal; other: muscles of another force law and "
             "the effects of real. real: wrong muscle strengths, hysteresis, dead time, dead band, sensors "
-            "with steps and noise. nominal: the controller's model. Of several joints nominal (the default), "
-            "or real: muscles 5 % off, noisy sensors, 20 ms dead time"
+            "with steps and noise. nominal: the controller's model. For several joints nominal (the default), "
+            "or real: 5 % force error, noisy sensors, 20 ms dead time"
         ),
     ] = None,
     controller: Annotated[
@@ -116,7 +116,7 @@ def track(
         ),
     ] = None,
     payload: Annotated[
-        float, typer.Option(help="unmodelled load from half-way on [N·m]; of several joints on the first one")
+        float, typer.Option(help="unmodelled load from half-way on [N·m]; with several joints on the first one")
     ] = 0.0,
     seed: Annotated[int, typer.Option(help="seed of the sensor noise")] = 0,
     amplitude: Annotated[

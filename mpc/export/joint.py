@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 Numbers = dict[str, tuple[float | int, str]]  # name: value, description
 _BELOW_POLE = 1 - 1e-6  # of the pole: up to there forces are finite in either precision
-_GRID = 181  # angles at which affine muscles are checked
+_GRID = 181  # number of angles at which affine muscles are checked
 
 
 class Kernel(NamedTuple):

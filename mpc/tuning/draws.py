@@ -103,7 +103,7 @@ def draws(plant: Plant, known: Compensation, n: int, seed: int, spreads: Spreads
     return tuple(_drawn(plant, known, friction, row, spreads) for row in unit)
 
 
-_NUMBERS = 14  # that differ between draws
+_NUMBERS = 14  # numbers that differ between draws
 
 
 def _drawn(plant: Plant, known: Compensation, friction: Hysteresis, row: np.ndarray, s: Spreads) -> RealPlant:

@@ -1,5 +1,5 @@
-/* The board answers one request after the other. Only WRITE and FOLLOW move the valves, as long as the host keeps sending
- * them: if it is silent for ANT_WATCHDOG_US, the pressures fall and it has to start a new session. */
+/* The board answers one request after the other. Only WRITE and FOLLOW move the valves, as long as the host keeps
+ * sending them: if it is silent for ANT_WATCHDOG_US, the pressures fall and it has to start a new session. */
 #include "board.h"
 
 #include <math.h>
