@@ -20,7 +20,7 @@ def test_ipopt_s_first_commands_are_those_of_the_qp(benchmark_module):
     K = np.array([[12.0, 4.6], [4.6, 9.5]])
     x = ARM.at_rest((0.1, 0.2), K)
     x[0] += 1e-4
-    ours, theirs = TrackingMPC(ARM, N=5, iterations=5), ipopt.nonlinear(ARM, N=5)
+    ours, theirs = TrackingMPC(ARM, N=5, iterations=5, compiled=False), ipopt.nonlinear(ARM, N=5, compiled=False)
     for _ in range(2):
         plans = [controller.step(x, (0.1, 0.2), K) for controller in (ours, theirs)]
     np.testing.assert_allclose(plans[0].u, plans[1].u, atol=50.0)  # Pa
