@@ -43,6 +43,7 @@ _DEGREE = 2
 _SMOOTH = 1e-3  # λ over the mean weight of a coefficient
 _RIDGE = 1e-9
 _PULLS = 0.02  # of the greatest coefficient
+_OTHER, _CALIBRATED = 0.035, 0.023  # of the greatest force: RMS errors at another length, without and with a reading
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ class ForceSurface:
     rms: float  # of the table [N]
     scale: float = 1.0  # a_L/a_0 of another length   (S1)
     strength: float = 1.0  # s of another muscle   (S2)
+    doubt: float = 0.0  # standard deviation over the greatest force [-] from applying it to another muscle
 
     @classmethod
     def fit(
@@ -103,6 +105,15 @@ class ForceSurface:
         rows = _rows(P.ravel(), at.ravel(), self.pressure_knots, self.contraction_knots)
         return np.asarray(self.strength * self.scale * (rows @ self.coefficients.ravel()).reshape(P.shape))
 
+    @property
+    def std(self) -> float:
+        """Standard deviation of the force [N], from the fit and from applying it to another muscle.
+
+        The second part was seen on one pair of muscles (`benchmarks.real`); others may differ more.
+        """
+        factor = self.strength * self.scale
+        return float(factor * np.hypot(self.rms, self.doubt * self.coefficients.max()))
+
     def slope(self, pressure: ArrayLike, contraction: ArrayLike) -> Array:
         """Return ∂F/∂ε (…) [N]."""
         P, eps = np.broadcast_arrays(np.asarray(pressure, float), np.asarray(contraction, float))
@@ -119,7 +130,7 @@ class ForceSurface:
             raise InvalidInput(
                 f"end length {end_length:g} has to be less than both lengths, {measured:g} and {other:g}"
             )
-        return replace(self, scale=(1 - end_length / other) / (1 - end_length / measured))
+        return replace(self, scale=(1 - end_length / other) / (1 - end_length / measured), doubt=_OTHER)
 
     def calibrated(self, pressure: float, contraction: float, force: float) -> Self:
         """Return the surface of a muscle with the force `force` [N] at one pressure [Pa] and contraction [-]   (S2)
@@ -131,7 +142,7 @@ class ForceSurface:
             raise InvalidInput(
                 f"a surface of {here:g} N is not calibrated by a muscle of {force:g} N: both have to pull"
             )
-        return replace(self, strength=self.strength * force / here)
+        return replace(self, strength=self.strength * force / here, doubt=_CALIBRATED)
 
 
 def _knots(x: Array, count: int) -> Array:

@@ -63,6 +63,8 @@ def test_one_reading_tells_the_strength_of_another_muscle():
     ratio = 400.0 / float(found.force(6 * BAR, 0.0))
     np.testing.assert_allclose(other.force(3 * BAR, at), ratio * found.force(3 * BAR, at))
     np.testing.assert_allclose(other.slope(3 * BAR, at), ratio * found.slope(3 * BAR, at))
+    assert surface().std == pytest.approx(surface().rms)
+    assert 0.023 * 400 < other.std < found.std
     with pytest.raises(InvalidInput, match="a muscle of -1 N: both have to pull"):
         found.calibrated(6 * BAR, 0.0, -1.0)
 
