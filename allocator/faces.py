@@ -7,8 +7,8 @@ The `__init__.py` of such a package imports its public names for type checkers o
     else:
         __all__, __getattr__, __dir__ = face(__name__, __file__)
 
-`face` reads this list, so that `dir()`, tab completion and `from mpc import *` show the same names. Sub-packages are
-imported on first use too, as in `mpc.export`.
+`face` reads this list, so that `dir()`, tab completion and `from mpc import *` show the same names. Sub-packages such
+as `mpc.export` are also imported on first use.
 """
 
 import ast

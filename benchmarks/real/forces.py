@@ -8,7 +8,7 @@ four lengths of the same laboratory, 20 and 30 cm among them: at no contraction 
 In brackets is the share of the errors that twice the surface's stated standard deviation covers; that doubt was set on
 these two muscles. Where one reading is seen it is the mean force of the held-out length at no contraction and 6 bar.
 The last row is no prediction: three numbers, of force, contraction and pressure, are fitted to the held-out length
-itself, which shows how far a law of one length serves at another at all.
+itself, as a lower bound for laws of this form.
 """
 
 import csv

@@ -11,7 +11,6 @@ for CasADi symbols. Slack muscles (F < 0) keep their model's force; the metrics 
 """
 
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
 from itertools import product
 from math import inf, sqrt
 from os import PathLike
@@ -364,7 +363,12 @@ class Plant:
         The substeps h are equal, with h · `fastest_rate` ≤ `resolution`. The error is about resolution⁴/120 of the
         change: 5e-4 at 0.5, 1e-9 at 0.02.
         """
-        return _discrete(self, dt, self.substeps(dt, resolution))
+        import casadi as ca
+
+        x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+        rate = ca.Function("rate", [x, u, d], [ca.vertcat(*self.rate(x, u, d))])  # built once, not for every stage
+        later = integrated(lambda x, t: rate(x, u, d), x, dt, self.substeps(dt, resolution))
+        return ca.Function("discrete", [x, u, d], [later], ["x", "u", "d"], ["x_next"])
 
     def as_control_system(self) -> "NonlinearIOSystem":
         """Return the plant for python-control: inputs (P1_command, P2_command, d), outputs (the states, K)."""
@@ -391,13 +395,3 @@ def _number(name: str, value: object, unit: str, *, positive: bool) -> float:
     if positive and number <= 0:
         raise InvalidInput(f"{name} = {number:g} {unit} has to be positive and finite")
     return number
-
-
-@lru_cache(maxsize=16)
-def _discrete(plant: Plant, dt: float, substeps: int) -> "Function":
-    import casadi as ca
-
-    x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-    rate = ca.Function("rate", [x, u, d], [ca.vertcat(*plant.rate(x, u, d))])  # built once, not for every stage
-    later = integrated(lambda x, t: rate(x, u, d), x, dt, substeps)
-    return ca.Function("discrete", [x, u, d], [later], ["x", "u", "d"], ["x_next"])

@@ -215,7 +215,7 @@ def _left(response: Array) -> float:
 
 def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float | None) -> Margins:
     """Return the margins at one posture."""
-    response = _response(controller, observer, theta, K, listen or SHORT)
+    response = _response(controller, observer, theta, K, SHORT if listen is None else listen)
     if listen is None and not _left(response) < _SILENT:
         response = _response(controller, observer, theta, K, LISTEN)
     return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], controller.dt)

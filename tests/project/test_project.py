@@ -21,6 +21,18 @@ def test_importing_allocate_loads_numpy_and_nothing_heavy():
     assert done.stdout.strip() == "[] True"
 
 
+def test_the_command_handles_interrupts_before_numpy_is_loaded():
+    code = "import sys, mpc.__main__; print([m for m in ('numpy', 'typer') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_sub_packages_are_imported_on_first_use():
+    code = "import allocator, mpc; print(allocator.joint.__name__, mpc.export.__name__, hasattr(mpc, 'nothing'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["allocator.joint", "mpc.export", "False"]
+
+
 def test_importing_allocate_loads_at_most_three_times_as_many_modules_as_numpy():
     def modules(line):
         code = f"import sys; before = len(sys.modules); {line}; print(len(sys.modules) - before)"

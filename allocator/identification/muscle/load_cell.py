@@ -6,7 +6,7 @@ readings are those beyond a reading that is not above their own median. That med
 square of those that differ from it is its zero noise σ0, also for readings cut off at zero: half of a normal
 distribution has the same mean square as the whole.
 
-The variance of a reading is that of Rocke & Lorenzato (Technometrics 37:176-184, 1995), σ² = a² + (ρF)², here with a ≥
+The variance of a reading is that of Rocke & Lorenzato (Technometrics 37:176-184, 1995), σ² = a² + (ρF)², with a ≥
 σ0. Its two numbers maximise the likelihood of the residuals of a polynomial in contraction and pressure, so they are
 the same for every model. Without zero noise all weights are unchanged.
 

@@ -137,12 +137,11 @@ class ForceSurface:
 
         Raises `InvalidInput` if this surface or that muscle does not pull.
         """
-        here = float(self.force(pressure, contraction))
-        if min(here, force) <= 0:
-            raise InvalidInput(
-                f"a surface of {here:g} N is not calibrated by a muscle of {force:g} N: both have to pull"
-            )
-        return replace(self, strength=self.strength * force / here, doubt=_CALIBRATED)
+        P, eps = checks.pressure("pressure", pressure), checks.contraction("contraction", contraction)
+        own, read = float(self.force(P, eps)), checks.number("force", force, "N")
+        if min(own, read) <= 0:
+            raise InvalidInput(f"a surface of {own:g} N is not calibrated by a muscle of {read:g} N: both have to pull")
+        return replace(self, strength=self.strength * read / own, doubt=_CALIBRATED)
 
 
 def _knots(x: Array, count: int) -> Array:

@@ -13,7 +13,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.weights import Weights
 from mpc.trials.loops import Settings, loop, sliding_margins
-from mpc.trials.margins import margins
+from mpc.trials.margins import LISTEN, margins
 
 pytestmark = pytest.mark.compiles
 
@@ -60,6 +60,21 @@ def test_the_sensitivity_is_what_an_injected_sine_meets(parts, found):
     for frequency in (0.7, 2.0, found.peak_frequency, 8.0):
         expected = np.interp(frequency, found.frequency, np.abs(found.S))
         assert injected(parts, frequency) == pytest.approx(expected, rel=0.05)
+
+
+def test_the_short_response_gives_the_margins_of_the_long_one(parts, found):
+    [long] = margins(*parts, [POSTURE], listen=LISTEN)
+    assert found.sensitivity_peak == pytest.approx(long.sensitivity_peak, rel=1e-3)
+    assert found.gain_margin == pytest.approx(long.gain_margin, rel=5e-3)
+    assert found.delay_margin == pytest.approx(long.delay_margin, rel=2e-2)
+    assert (found.S != long.S).any()  # the tail after two seconds is left out
+
+
+def test_a_loop_that_has_not_decayed_is_listened_to_longer():
+    heavy = Settings(replace(PLANT, inertia=2.0), DT, compensation=TOLD, weights=Weights.calm(8.0))
+    parts = loop("mpc", heavy)
+    [found], [long] = margins(*parts, [POSTURE]), margins(*parts, [POSTURE], listen=LISTEN)
+    np.testing.assert_array_equal(found.S, long.S)
 
 
 def rings(parts, delay):

@@ -259,7 +259,7 @@ def test_a_plan_followed_at_the_bench_gives_the_accuracy_it_promised(all_twins, 
     assert angle[::2] == pytest.approx([s.falling for s in plan.setpoints], abs=1e-6)
     errors = []
     given = {"geometry": joint.geometry, "start": joint.agonist, "choices": False}
-    for seed in range(2):
+    for seed in range(4):
         theta = angle + 0.5 * DEG * np.random.default_rng([77, seed]).standard_normal(angle.size)
         fit = fit_joint(theta, P1, P2, torque=T, direction=way, **given)
         P = np.array([2.0, 3.0, 4.0]) * BAR

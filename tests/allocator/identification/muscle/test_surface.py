@@ -67,6 +67,10 @@ def test_one_reading_tells_the_strength_of_another_muscle():
     assert 0.023 * 400 < other.std < found.std
     with pytest.raises(InvalidInput, match="a muscle of -1 N: both have to pull"):
         found.calibrated(6 * BAR, 0.0, -1.0)
+    with pytest.raises(InvalidInput, match="force"):
+        found.calibrated(6 * BAR, 0.0, np.nan)
+    with pytest.raises(InvalidInput, match="if bar was meant"):
+        found.calibrated(6.0, 0.0, 400.0)
 
 
 def test_what_tells_no_surface_is_refused():
