@@ -242,7 +242,9 @@ def fit_arm(
         Terms of the law of each joint, see `allocator.identification.arm.law`; by default those that improve the
         prediction.
     progress
-        Called with a word before each step. Raises
+        Called with a word before each step.
+
+    Raises
     ------
     InvalidInput
         For episodes shorter than a free run, and for joints that hardly move.

@@ -12,6 +12,9 @@ from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
 class CallableDevice:
     """Device that reads by one function and writes by another.
 
+    A function that raises `NoAnswer` misses a sample. `DeviceLost` ends a loop by a vent, any other exception by the
+    safe stop, after which the loop raises it again.
+
     Parameters
     ----------
     read
@@ -25,9 +28,6 @@ class CallableDevice:
         Called at the end.
     clock
         Clock for readings without a time of their own; that of the loop.
-
-    A function that raises `NoAnswer` misses a sample. `DeviceLost` ends a loop by a vent, any other exception by the
-    safe stop, after which the loop raises it again.
     """
 
     def __init__(
