@@ -45,8 +45,10 @@ def register(callees: Iterable[Function], *, inline: bool, unaliased: bool = Fal
     """Register functions that compiled ones may call by their plain names; arguments as in `compiled`."""
     from numba.extending import register_jitable
 
+    from allocator.compilation.linked import INNER
+
     for function in callees:
-        register_jitable(forceinline=inline, _nrt=not unaliased, **_OPTIONS)(function)
+        register_jitable(forceinline=inline, _nrt=not unaliased, **_OPTIONS, **INNER)(function)
 
 
 def _unaliased() -> type:

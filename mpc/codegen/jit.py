@@ -7,6 +7,7 @@ from numba import config, njit
 
 from allocator.calculus import Array
 from allocator.compilation.cache import keep
+from allocator.compilation.linked import INNER
 
 if config.DISABLE_JIT:
     raise ImportError("numba is told not to compile")
@@ -14,7 +15,6 @@ if config.DISABLE_JIT:
 KEPT = "antagonist_"  # prefix of modules with cached code; a hash of all their sources follows
 F = TypeVar("F", bound=Callable[..., object])
 _OPTIONS: dict[str, object] = {"error_model": "numpy", "fastmath": {"contract"}}
-_INNER: dict[str, object] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # wrappers are slow to compile
 
 _COUNTED: dict[str, object] = {"_nrt": True}  # references are counted
 _FLAT: dict[str, object] = {"_nrt": False}
@@ -39,7 +39,7 @@ def exactly(function: F) -> F:
 
 def inlined(function: F) -> F:
     """Compile `function` as a part of the compiled functions that call it; Python cannot call it."""
-    made: F = njit(**_COUNTED, **_INNER, **_OPTIONS)(function)
+    made: F = njit(**_COUNTED, **INNER, **_OPTIONS)(function)
     return made
 
 
@@ -54,13 +54,13 @@ def compiled_flat(function: F) -> F:
 
 def inlined_flat(function: F) -> F:
     """Compile a `function` that neither makes nor returns arrays as `inlined` does."""
-    made: F = njit(**_FLAT, **_INNER, **_OPTIONS)(function)
+    made: F = njit(**_FLAT, **INNER, **_OPTIONS)(function)
     return made
 
 
 def merged(function: F) -> F:
     """Compile `function` of numbers into its only caller, so that no tuple of results passes through memory."""
-    made: F = njit(forceinline=True, **_FLAT, **_INNER, **_OPTIONS)(function)
+    made: F = njit(forceinline=True, **_FLAT, **INNER, **_OPTIONS)(function)
     return made
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from allocator.calculus import Array
+from allocator.compilation.linked import INNER
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import translated
@@ -94,7 +95,7 @@ def _register() -> None:
         for name, function in vars(part).items():
             if not isinstance(function, FunctionType) or function.__module__ != part.__name__ or name.startswith("_"):
                 continue
-            register_jitable(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+            register_jitable(error_model="numpy", **INNER)(function)
 
 
 @cache

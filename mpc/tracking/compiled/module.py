@@ -11,6 +11,7 @@ from numba.extending import register_jitable
 from allocator.allocation.two_muscles import kernels as compiled
 from allocator.allocation.two_muscles.kernels.choice import JointKernel, coefficients, kernel_of
 from allocator.calculus import Array
+from allocator.compilation.linked import INNER
 from allocator.units import BAR
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import translated
@@ -63,7 +64,7 @@ def _register() -> None:
     """Register the functions of the rest mode with numba; Python runs them unchanged."""
     for function in vars(resting).values():
         if isinstance(function, FunctionType) and function.__module__ == resting.__name__:
-            register_jitable(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)(function)
+            register_jitable(error_model="numpy", _nrt=False, **INNER)(function)
 
 
 def solve_module() -> ModuleType:

@@ -1,0 +1,47 @@
+"""Functions that are only linked into others compute the same, and have no machine code of their own."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from allocator.compilation.linked import INNER, Linked
+
+
+@njit(**INNER)
+def squares(n):
+    if n < 0:
+        raise ValueError("negative")
+    made = np.empty(n)
+    for i in range(n):
+        made[i] = float(i) ** 2
+    return made
+
+
+@njit(**INNER)
+def total(n):
+    return squares(n).sum()
+
+
+@njit
+def mean(n):
+    return total(n) / n
+
+
+def test_nested_functions_compute_what_python_computes():
+    assert mean(7) == np.mean(np.arange(7.0) ** 2)
+
+
+def test_an_exception_comes_through():
+    with pytest.raises(ValueError, match="negative"):
+        mean(-1)
+
+
+def test_only_the_outermost_has_machine_code():
+    mean(3)
+    inner, outer = (next(iter(f.overloads.values())).library for f in (total, mean))
+    assert isinstance(inner, Linked)
+    names = [f.name for f in inner.get_defined_functions()]
+    assert names
+    assert all(inner.get_pointer_to_function(name) == 0 for name in names)
+    assert not isinstance(outer, Linked)
+    assert any(outer.get_pointer_to_function(f.name) for f in outer.get_defined_functions())
