@@ -14,7 +14,7 @@ from benchmarks.felt.hidden import Hidden, hidden, measured, shaken
 from mpc import RealPlant
 from mpc.bench.measuring.experiment import Tones
 from mpc.model.friction.dahl import Friction
-from mpc.model.real_plant import RealExperiment
+from mpc.model.real_experiment import RealExperiment
 
 SHARE, RELAXING = 0.8, 0.8  # spring [K], frequency [Hz]
 

@@ -11,7 +11,8 @@ from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
 from mpc.model.experiment import FINE
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.real_plant import RealPlant, delayed
+from mpc.model.real_experiment import delayed
+from mpc.model.real_plant import RealPlant
 
 _PLAIN = (
     "typedef double ant_real;\n#define ANT_F(function) function\n#define ANT_NAN NAN\n#define ANT_INFINITY INFINITY\n"

@@ -24,6 +24,7 @@ from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides, without jumps due to noise
+USUAL_DEAD_TIME = 0.02  # [s] of an arm's regulators
 _LONGEST = 10.0  # [s] of a dead time and of an age
 _ALIKE = 0.05  # relative difference of two lags below which one lag represents both
 JITTER = 0.03 * DEG  # smaller motions count as noise of the angle
@@ -89,6 +90,18 @@ class Compensation:
             return replace(known, **told)
         except InvalidInput as error:
             raise InvalidFile(path, f"[regulators]: {error}") from None
+
+    @classmethod
+    def of_arm(cls, path: str | PathLike[str] | None = None) -> Self:
+        """Return the regulators and sensors in an arm's file; the dead time is 0.02 s if none is given.
+
+        Raises `InvalidFile`.
+        """
+        told = {"dead_time": USUAL_DEAD_TIME} | ({} if path is None else stored_regulators(path))
+        try:
+            return cls(**told)
+        except InvalidInput as error:
+            raise InvalidFile(str(path), f"[regulators]: {error}") from None
 
     @property
     def summary(self) -> str:

@@ -16,32 +16,26 @@ turns in one direction; each step begins with the memory of the previous one.
 """
 
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
-from math import ceil, inf, isfinite, prod, sqrt
-from typing import TYPE_CHECKING, Any, Self
+from math import inf
+from typing import Any, Self
 
 import numpy as np
 
-from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.joint.gas import complex_share
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
-from mpc.codegen.buffered import Buffered
-from mpc.model.compensation import Compensation, check_regulators
-from mpc.model.experiment import FINE
+from mpc.model.compensation import Compensation
 from mpc.model.faults import Fault
 from mpc.model.friction.contact import Contact, Hysteresis
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
 from mpc.model.gas import trapped
 from mpc.model.integration import integrated
-from mpc.model.plant import MOST_SUBSTEPS, NU, NX, Plant
-
-if TYPE_CHECKING:
-    from casadi import Function
+from mpc.model.plant import NU, Plant
+from mpc.model.real_experiment import RealExperiment, check_effects, own_lags, own_substeps, regulated
 
 
 @dataclass(frozen=True)
@@ -66,25 +60,8 @@ class RealPlant:
 
     def __post_init__(self) -> None:
         """Check the effects."""
-        for name, unit in _UNITS:
-            value = float(getattr(self, name))
-            if not (value >= 0 and isfinite(value)):
-                raise InvalidInput(f"{name} = {value:g} {unit} has to be 0 or more, and finite")
-            object.__setattr__(self, name, value)
-        check_regulators(self)
-        offsets = tuple(checks.number("pressure_offset", offset, "Pa") for offset in self.pressure_offset)
-        if len(offsets) != NU or max(map(abs, offsets)) > BAR:
-            raise InvalidInput(f"pressure_offset = {self.pressure_offset} Pa has to be two numbers within ±1e5 Pa")
-        object.__setattr__(self, "pressure_offset", offsets)
+        check_effects(self)
         object.__setattr__(self, "friction", friction_of(self.friction))
-        object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
-        if len(self.force_gains) != NU or not all(isfinite(g) and g >= 0 for g in self.force_gains):
-            raise InvalidInput(f"force_gains = {self.force_gains} have to be two numbers of 0 or more [-]")
-        times = [t for t, _ in self.torque_profile]
-        if not np.isfinite(np.array(self.torque_profile, float)).all() or times != sorted(times):
-            raise InvalidInput(
-                f"torque_profile = {self.torque_profile} has to be finite pairs (s, N·m), times in order"
-            )
 
     @classmethod
     def of(cls, plant: Plant, known: Compensation, **effects: Any) -> Self:
@@ -212,15 +189,7 @@ class RealPlant:
         return after, remembered(after)
 
     def _pressure_rates(self, x: Value, u: Value) -> list[Value]:
-        import casadi as ca
-
-        rest = self.dead_band / 2
-        error = [u[i] - x[2 + i] for i in range(NU)]
-        passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
-        rates = [
-            0.0 if shut else ca.fmin(ca.fmax(self._pull(e, *lags), -self.flow), self.flow)
-            for e, lags, shut in zip(passed, self.lags, self.shut, strict=True)
-        ]
+        rates = regulated(self, [u[i] - x[2 + i] for i in range(NU)])
         if self.nominal.gas is None:
             return rates
         return [rate - q for rate, q in zip(rates, self.nominal.expansion(x, self.force_gains), strict=True)]
@@ -228,172 +197,24 @@ class RealPlant:
     @property
     def lags(self) -> tuple[tuple[float, float], ...]:
         """Time constants [s] of the rising and the falling pressure of each muscle."""
-        nominal, own = self.nominal.lags, (self.lag_up, self.lag_down)
-        mean = sqrt(prod(nominal))
-        return tuple((_of(own[0], lag, mean), _of(own[1], lag, mean)) for lag in nominal)
-
-    @staticmethod
-    def _pull(e: Value, up: float, down: float) -> Value:
-        """Return the rate [Pa/s] of a pressure with the error `e` [Pa] and its lags [s]."""
-        import casadi as ca
-
-        return e / up if up == down else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
+        return own_lags(self)
 
     def substeps(self, dt: float, resolution: float) -> int:
         """Return the number of equal steps over `dt` [s] of the nominal plant, or more if its own lags are shorter.
 
         Raises `InvalidInput` like that of the nominal plant.
         """
-        least, shortest = self.nominal.substeps(dt, resolution), min(min(lags) for lags in self.lags)
-        steps = dt / shortest / resolution
-        if steps > MOST_SUBSTEPS:
-            raise InvalidInput(
-                f"lag_up or lag_down = {shortest:.3g} s is so short that dt = {dt:g} s would take {steps:.3g} steps of "
-                f"integration, over {MOST_SUBSTEPS}; omit such a short lag or give 1e-3 s"
-            )
-        return max(least, ceil(steps))
+        return own_substeps(self, dt, resolution)
+
+    @property
+    def frictions(self) -> tuple[Hysteresis, ...]:
+        """Friction of the only joint."""
+        return (self.friction,)
 
     def at_rest(self, theta: float, K: float) -> Array:
         """Return the nominal plant's state at rest (4,), from which this plant drifts until it settles."""
         return self.nominal.at_rest(theta, K)
 
-    def begin(self, dt: float, x0: Array, seed: int) -> "RealExperiment":
+    def begin(self, dt: float, x0: Array, seed: int) -> RealExperiment:
         """Begin an experiment from `x0` (4,) with commands every `dt` [s] and the `seed` of the sensors' noise."""
         return RealExperiment(self, dt, x0, seed)
-
-
-def _of(own: float | None, nominal: float, mean: float) -> float:
-    """Return the lag [s] of a muscle from its `nominal` one, their `mean`, and the `own` one of both."""
-    return nominal if own is None else own * (nominal / mean)
-
-
-def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
-    """Return the pieces [s] of a sample of `dt` [s] by acting command, oldest first, and the number of delayed
-    commands.
-
-    There are two pieces if the dead time is not a whole number of samples: the older command acts in the first one.
-    """
-    whole = int(dead_time / dt * (1 + 1e-12))
-    late = dead_time - whole * dt
-    pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
-    return pieces, whole + len(pieces) - 1
-
-
-def outside_torque(profile: tuple[tuple[float, float], ...], t: float) -> float:
-    """Return the torque [N·m] of a `torque_profile` at the time `t` [s]; 0 before its beginning."""
-    return next((torque for start, torque in reversed(profile) if t >= start - 1e-9), 0.0)
-
-
-class RealExperiment:
-    """Experiment on a `RealPlant`, with its state, its sensors and the time."""
-
-    def __init__(self, real: RealPlant, dt: float, x0: Array, seed: int) -> None:
-        self.real, self.dt = real, dt
-        self._noise = np.random.default_rng(seed)
-        self._full = np.append(x0, real.friction.begun(float(x0[0])))  # with the friction's memory
-        self._sample = 0
-        self._said = np.full(NX, np.nan)  # readings of the previous sample
-        self._pieces, waiting = delayed(real.dead_time, dt)
-        self._waiting = [np.array(x0[2:])] * waiting  # delayed commands, oldest first
-        remembered = int(real.reading_age / dt) + 2 if real.reading_age else 0
-        self._angles = [float(x0[0])] * remembered  # of the last samples, oldest first
-        # by the shares of the forces that reach the joint, and the shut valves
-        self._integrators = {((1.0, 1.0), real.shut): Buffered(_integrator(real, dt))}
-
-    @property
-    def x(self) -> Array:
-        """True state (4,)."""
-        return self._full[:NX].copy()
-
-    def measure(self) -> Array:
-        """Read the sensors (4,): θ, NaN for the unmeasured velocity, P1, P2. Every call draws new noise."""
-        return self.read(self._noise.standard_normal(NU))
-
-    def read(self, noise: Array) -> Array:
-        """Read the sensors (4,) with the `noise` (2,) of the pressure sensors in standard deviations."""
-        _, _, *P = self.x
-        step, theta = self.real.encoder, self._angle_then
-        read = step * np.round(theta / step) if step else theta
-        y = np.array([read, np.nan, *(P + np.array(self.real.pressure_offset) + self.real.pressure_noise * noise)])
-        for fault in self._faults:
-            y = fault.read(y + fault.offset(self._sample * self.dt), self._said)
-        self._said = y
-        return y
-
-    @property
-    def _angle_then(self) -> float:
-        """Angle [rad] at the time of the present reading, interpolated linearly between samples."""
-        if not self._angles:
-            return float(self._full[0])
-        whole, part = divmod(self.real.reading_age / self.dt, 1.0)
-        now, before = self._angles[-1 - int(whole)], self._angles[-2 - int(whole)]
-        return now + part * (before - now)
-
-    @property
-    def _faults(self) -> list[Fault]:
-        t = self._sample * self.dt
-        return [fault for fault in self.real.faults if fault.active(t)]
-
-    @property
-    def memory(self) -> Array:
-        """State of the experiment (n,) without the time: `x`, friction's memory, delayed commands, and angles to be
-        read.
-        """
-        return np.concatenate([self._full, *self._waiting, self._angles])
-
-    def recall(self, memory: Array, sample: int) -> None:
-        """Set the state to a `memory` (n,), at the `sample` since the beginning."""
-        there, angles = self._full.size, memory.size - len(self._angles)
-        self._full, self._sample = np.array(memory[:there]), sample
-        self._waiting = list(np.reshape(memory[there:angles], (-1, NU)))
-        self._angles = memory[angles:].tolist()
-
-    def advance(self, u: Array, d: float = 0.0) -> None:
-        """Advance by one sample with the commands `u` (2,) [Pa] given now, and a torque `d` [N·m] added to the plant's
-        own.
-        """
-        t = self._sample * self.dt
-        d += outside_torque(self.real.torque_profile, t)
-        self._waiting.append(np.array(u))
-        for command, duration in zip(self._waiting, self._pieces, strict=False):
-            for fault in self._faults:
-                command = fault.effective(command, self._full[2:NX])
-            self._full = self._integrate(self._full, command, d, duration)[0][0]
-        self._waiting.pop(0)
-        self._angles = [*self._angles, float(self._full[0])][1:] if self._angles else []
-        self._sample += 1
-
-    @property
-    def _integrate(self) -> Buffered:
-        faults, (g1, g2) = self._faults, self.real.force_gains
-        pulling = (
-            prod((fault.pulling[0] for fault in faults), start=1.0),
-            prod((fault.pulling[1] for fault in faults), start=1.0),
-        )
-        gas = self.real.nominal.gas is not None  # without it a stuck valve's command is its constant pressure
-        one, two = (own or (gas and any(fault.shut[i] for fault in faults)) for i, own in enumerate(self.real.shut))
-        shut = one, two
-        if (pulling, shut) not in self._integrators:
-            broken = replace(self.real, force_gains=(g1 * pulling[0], g2 * pulling[1]), shut=shut)
-            self._integrators[pulling, shut] = Buffered(_integrator(broken, self.dt))
-        return self._integrators[pulling, shut]
-
-
-@lru_cache(maxsize=16)
-def _integrator(real: RealPlant, dt: float) -> "Function":
-    """Return (x, u, d, duration) ↦ x, for at most one sample, in the fine steps of `simulate` for a `Plant`."""
-    import casadi as ca
-
-    n = NX + real.friction.size
-    full, u, d, duration = ca.SX.sym("x", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("duration")
-    given = full, u, d, duration
-    step = ca.Function("step", given, [ca.vertcat(*real.stepped(full[:NX], full[NX:], u, d, duration))])
-    substeps, later = real.substeps(dt, FINE), full
-    for _ in range(substeps):
-        later = step(later, u, d, duration / substeps)
-    return ca.Function("real", given, [later])
-
-
-_UNITS = (
-    ("dead_time", "s"), ("dead_band", "Pa"), ("encoder", "rad"), ("reading_age", "s"), ("pressure_noise", "Pa")
-)  # fmt: skip

@@ -23,7 +23,8 @@ from allocator.errors import InvalidInput
 from mpc.codegen.buffered import Buffered
 from mpc.model.experiment import FINE
 from mpc.model.plant import INPUTS, NU, NX, STATES, Plant
-from mpc.model.real_plant import RealExperiment, RealPlant
+from mpc.model.real_experiment import RealExperiment
+from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator, Observer
 from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from math import inf, pi
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.experiment import Experiment
 from mpc.model.friction.dahl import Friction
 from mpc.model.machine import Machine
+from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
@@ -248,41 +249,13 @@ def _response(controller: BaseController, observer: Observer, theta: Value, K: V
 
 def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:
     """Return a function that begins the controller's model at `x`, with its known dead time and reading age."""
-    plant, told, dt, n = controller.plant, controller.compensation, controller.dt, controller.plant.n
-    if isinstance(plant, Arm):
-        exact = plant.begin(dt, x, 0)
-
-        def begin_arm() -> Experiment:
-            exact.x = x
-            return _Late(exact, n, [x[2 * n :]] * told.delay(dt), [x[:n]] * told.age(dt))
-
-        return begin_arm
-    trial = RealPlant(plant, dead_time=told.dead_time, reading_age=told.reading_age).begin(dt, x, 0)
+    plant, told, dt = controller.plant, controller.compensation, controller.dt
+    real: Any = RealArm if isinstance(plant, Arm) else RealPlant
+    trial = real(plant, dead_time=told.dead_time, reading_age=told.reading_age).begin(dt, x, 0)
     start = trial.memory
 
     def begin() -> Experiment:
         trial.recall(start, 0)
-        return trial
+        return trial  # type: ignore[no-any-return]
 
     return begin
-
-
-class _Late:
-    """Exact experiment with delayed commands and readings of angles, stored oldest first."""
-
-    def __init__(self, exact: Experiment, n: int, commands: list[Array], angles: list[Array]) -> None:
-        self._exact, self._n, self._commands, self._angles = exact, n, commands, angles
-
-    @property
-    def x(self) -> Array:
-        return self._exact.x
-
-    def measure(self) -> Array:
-        y, n = self._exact.measure(), self._n
-        self._angles.append(y[:n].copy())
-        y[:n] = self._angles.pop(0)
-        return y
-
-    def advance(self, u: Array, d: Value = 0.0) -> None:
-        self._commands.append(u)
-        self._exact.advance(self._commands.pop(0), d)

@@ -14,7 +14,8 @@ from allocator.calculus import Array
 from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
-from mpc.model.real_plant import RealExperiment, RealPlant
+from mpc.model.real_experiment import RealExperiment
+from mpc.model.real_plant import RealPlant
 
 STEP = 1e-3  # of its time base [s]
 _VENTED = 0.0  # [Pa]

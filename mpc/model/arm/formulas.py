@@ -1,5 +1,6 @@
 """Formulas of an arm in CasADi symbols: statics, outputs, acceleration, and the motion over a sample."""
 
+from collections.abc import Sequence
 from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -114,13 +115,25 @@ def gas_motion(arm: "Arm") -> "Function":
     """Return the function (x, u, d) ↦ x' of an arm with gas, `mpc.model.gas` muscle by muscle   (G3)"""
     import casadi as ca
 
-    s, mechanism, n = arm.statics, arm.mechanism, arm.n
-    omega, u, d = ca.SX.sym("omega", n), ca.SX.sym("u", arm.m), ca.SX.sym("d", n)
-    length, L = symbolic_lengths(mechanism.routes, s.q), mechanism.routes.rest_length
-    speed, rates = ca.jacobian(length, s.q) @ omega, []
-    for j, muscle in enumerate(mechanism.muscles):
-        side = OneMuscle(muscle, "muscle", L[j], 1 - length[j] / L[j], 1.0, 0.0, 1.0, mechanism.gas)
-        rates.append((u[j] - s.P[j]) / float(arm.lags[j]) + fall(side, s.P[j]) * speed[j])
+    s = arm.statics
+    omega, u, d = ca.SX.sym("omega", arm.n), ca.SX.sym("u", arm.m), ca.SX.sym("d", arm.n)
+    rates = [(u[j] - s.P[j]) / float(arm.lags[j]) + rise for j, rise in enumerate(rises(arm, omega))]
     x = ca.vertcat(s.q, omega, s.P)
     alpha = acceleration(s, arm.bodies)(s.q, omega, s.P, d)
     return ca.Function("motion", [x, u, d], [ca.vertcat(omega, alpha, *rates)])
+
+
+def rises(arm: "Arm", omega: "SX", gains: Sequence[float] | None = None) -> list["SX"]:
+    """Return the rise of each pressure [Pa/s] by the motion `omega`, of muscles `gains` (m,) as strong as their models.
+
+    Expressions of the symbols of `arm.statics`.
+    """
+    import casadi as ca
+
+    s, mechanism = arm.statics, arm.mechanism
+    length, L = symbolic_lengths(mechanism.routes, s.q), mechanism.routes.rest_length
+    speed, found = ca.jacobian(length, s.q) @ omega, []
+    for j, (muscle, gain) in enumerate(zip(mechanism.muscles, gains or (1.0,) * arm.m, strict=True)):
+        side = OneMuscle(muscle, "muscle", L[j], 1 - length[j] / L[j], 1.0, 0.0, 1.0, mechanism.gas)
+        found.append(fall(side, s.P[j], gain) * speed[j])
+    return found

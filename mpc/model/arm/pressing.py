@@ -1,5 +1,7 @@
 """Loads on the sliding surfaces of an arm's joints, which scale the torques of friction models."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from allocator.calculus import Array
@@ -7,6 +9,9 @@ from allocator.mechanism.formulas import symbolic_lengths
 from mpc.codegen.buffered import Buffered
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 CROSSES = 1e-9  # [m] of an arm, above which its muscle crosses the joint
 
@@ -19,9 +24,8 @@ class Pressing:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        crossing = (np.abs(arm.mechanism.arms(about_the_middle(arm))) > CROSSES).any(axis=0)  # (m, n)
-        self._shares = 2 * crossing / np.maximum(crossing.sum(axis=0), 1)
-        self._formulas = None if arm.unformulated else self._buffered()
+        self._shares = _shares(arm)
+        self._formulas = None if arm.unformulated else Buffered(symbolic_pressing(arm))
 
     def __call__(self, x: Array) -> Array:
         """Return the loads (n, 3) [N·m], [Pa], [N·m/rad] in the state `x` (2n + m,)."""
@@ -31,12 +35,20 @@ class Pressing:
         pulled = np.abs(mechanism.arms(q)).T @ np.maximum(mechanism.forces(q, P), 0.0)
         return np.stack([pulled, P @ self._shares, np.diag(mechanism.stiffness(q, P))], axis=1)
 
-    def _buffered(self) -> Buffered:
-        import casadi as ca
 
-        arm, s, x = self._arm, self._arm.statics, ca.SX.sym("x", self._arm.size)
-        arms = ca.jacobian(symbolic_lengths(arm.mechanism.routes, s.q), s.q)
-        pulled = ca.fabs(arms).T @ ca.fmax(s.forces, 0.0)
-        loads = ca.horzcat(pulled, ca.DM(self._shares).T @ s.P, ca.diag(s.stiffness)).T
-        of_state = ca.Function("loads", [s.q, s.P], [loads])(x[: arm.n], x[2 * arm.n :])
-        return Buffered(ca.Function("pressing", [x], [ca.densify(of_state)]))
+def symbolic_pressing(arm: Arm) -> "Function":
+    """Return the CasADi function x ↦ (3, n) of the loads at every joint of an arm with formulas."""
+    import casadi as ca
+
+    s, x = arm.statics, ca.SX.sym("x", arm.size)
+    arms = ca.jacobian(symbolic_lengths(arm.mechanism.routes, s.q), s.q)
+    pulled = ca.fabs(arms).T @ ca.fmax(s.forces, 0.0)
+    loads = ca.horzcat(pulled, ca.DM(_shares(arm)).T @ s.P, ca.diag(s.stiffness)).T
+    of_state = ca.Function("loads", [s.q, s.P], [loads])(x[: arm.n], x[2 * arm.n :])
+    return ca.Function("pressing", [x], [ca.densify(of_state)])
+
+
+def _shares(arm: Arm) -> Array:
+    """Return the shares (m, n) of the pressures in twice the mean pressure at each joint."""
+    crossing = (np.abs(arm.mechanism.arms(about_the_middle(arm))) > CROSSES).any(axis=0)  # (m, n)
+    return np.asarray(2 * crossing / np.maximum(crossing.sum(axis=0), 1))

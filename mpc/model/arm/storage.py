@@ -8,6 +8,9 @@ length = [0.31, 0.34]
 lag = 0.1                      # of the regulators [s], one or one per muscle
 slew = 500000.0                # [Pa/s]
 gas = true                     # model the machine's gas; optional
+
+and those of the regulators, the sensors and a tuning, as in the file of a joint (`mpc.model.storage`,
+`mpc.trials.tuned`).
 """
 
 from dataclasses import fields

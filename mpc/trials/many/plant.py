@@ -20,7 +20,8 @@ from mpc.model.experiment import FINE
 from mpc.model.faults import Fault, WrongReadings
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.real_plant import RealPlant, delayed, outside_torque
+from mpc.model.real_experiment import delayed, outside_torque
+from mpc.model.real_plant import RealPlant
 from mpc.trials.simulation import Process
 
 if TYPE_CHECKING:

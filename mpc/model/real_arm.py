@@ -1,0 +1,158 @@
+"""Simulated arm with effects of real ones that the prediction model lacks, the counterpart of `RealPlant`.
+
+    q' = ω,   s M(q) ω' = τ(q, P) - s (C(q, ω) + g(q)) - b D ω - T_f + d(t),   τ = Σ_j r_j g_j max(F_j, 0)
+    P_j' = dz(u_j(t - t_dead) - P_j)/τ_j within ± flow - κ (P_j + p_a) V_j'/V_j^eff, the last term with gas only
+    measured: q(t - t_age) rounded to the encoder's step, P_j + o_j + noise; not ω
+
+Masses differ from the nominal ones by a factor s, damping by b, the muscles' strengths by g_j; a slack cable does not
+push. The friction T_f of each joint, regulators and sensors are those of `mpc.model.real_plant`.
+"""
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from math import inf
+from typing import TYPE_CHECKING, Any, Self
+
+from allocator import checks
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
+from allocator.mechanism.formulas import symbolic_lengths
+from mpc.model.arm.formulas import rises
+from mpc.model.arm.model import Arm
+from mpc.model.arm.pressing import symbolic_pressing
+from mpc.model.compensation import Compensation
+from mpc.model.faults import Fault
+from mpc.model.friction.contact import Hysteresis, Pressed
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import friction_of
+from mpc.model.integration import integrated
+from mpc.model.real_experiment import RealExperiment, check_effects, own_lags, own_substeps, regulated
+
+if TYPE_CHECKING:
+    from casadi import Function
+
+
+@dataclass(frozen=True)
+class RealArm:
+    """Nominal arm with model errors, friction, delays and faults added. Immutable; SI units.
+
+    Raises `InvalidInput` for an arm without formulas, and for implausible effects.
+    """
+
+    nominal: Arm
+    force_gains: tuple[float, ...] = ()  # g (m,) [-]; by default 1
+    friction: Hysteresis | tuple[Hysteresis, ...] = field(default_factory=Friction)  # of all joints, or of each
+    mass: float = 1.0  # s [-]
+    damping: float = 1.0  # b [-]
+    dead_time: float = 0.0  # t_dead of the commands [s]
+    dead_band: float = 0.0  # [Pa], total
+    lag_up: float | None = None  # time constants of rising and falling pressures [s], as in `RealPlant`
+    lag_down: float | None = None
+    flow: float = inf  # fastest change of a pressure [Pa/s]
+    encoder: float = 0.0  # step [rad]
+    reading_age: float = 0.0  # t_age of the angles' readings [s]
+    pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
+    pressure_offset: tuple[float, ...] = ()  # o (m,), added to the readings [Pa]; by default 0
+    torque_profile: tuple[tuple[float, tuple[float, ...]], ...] = ()  # (from time [s] on, external torques (n,) [N·m])
+    shut: tuple[bool, ...] = ()  # valves (m,) that stay shut for any command
+    faults: tuple[Fault, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the effects and fill in the defaults."""
+        if not isinstance(self.nominal, Arm):
+            raise InvalidInput(f"RealArm: nominal is a {type(self.nominal).__name__}; expected an Arm")
+        if missing := self.nominal.unformulated:
+            raise InvalidInput(f"RealArm: an arm that differs from its model needs formulas, and {missing}")
+        m, n = self.nominal.m, self.nominal.n
+        for name, usual in (("force_gains", 1.0), ("pressure_offset", 0.0), ("shut", False)):
+            object.__setattr__(self, name, tuple(getattr(self, name)) or (usual,) * m)
+        given = self.friction if isinstance(self.friction, tuple) else (self.friction,) * n
+        if len(given) != n:
+            raise InvalidInput(f"RealArm: {len(given)} frictions for n = {n} joints; give one, or one each")
+        object.__setattr__(self, "friction", tuple(map(friction_of, given)))
+        for name in ("mass", "damping"):
+            object.__setattr__(self, name, checks.positive(f"RealArm: {name}", getattr(self, name), "-"))
+        check_effects(self)
+
+    @classmethod
+    def of(cls, arm: Arm, known: Compensation, **effects: Any) -> Self:
+        """Return `arm` with the `known` friction and regulators, and further `effects` by name."""
+        told = {name: value for name, value in vars(known).items() if name != "frictions"}
+        return cls(arm, **(told | {"friction": known.of_joints(arm.n)} | effects))
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out the formulas, which cannot be pickled; each process creates them for itself."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    @property
+    def frictions(self) -> tuple[Hysteresis, ...]:
+        """Friction of each joint."""
+        assert isinstance(self.friction, tuple)  # after __post_init__
+        return self.friction
+
+    @property
+    def lags(self) -> tuple[tuple[float, float], ...]:
+        """Time constants [s] of the rising and the falling pressure of each muscle."""
+        return own_lags(self)
+
+    def substeps(self, dt: float, resolution: float) -> int:
+        """Return the number of equal steps over `dt` [s] of the nominal arm, or more if its own lags are shorter."""
+        return own_substeps(self, dt, resolution)
+
+    def at_rest(self, q: Any, K: Any) -> Array:
+        """Return the nominal arm's state at rest (2n + m,), from which this arm drifts until it settles."""
+        return self.nominal.at_rest(q, K)
+
+    def begin(self, dt: float, x0: Array, seed: int) -> RealExperiment:
+        """Begin an experiment from `x0` (2n + m,) with commands every `dt` [s] and the `seed` of the sensors' noise."""
+        return RealExperiment(self, dt, x0, seed)
+
+    def along(self, x: Array) -> tuple[Array, Array]:
+        """Return the true stiffness (M, k, k) and muscle forces (M, m) [N] in the states `x` (M, 2n + m)."""
+        return self.nominal.along(x, self.force_gains)
+
+    # --- the equations ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def rate(self) -> "Function":
+        """CasADi function (x, u, d, T_f) ↦ x' of the acting commands, the external torques and the friction."""
+        import casadi as ca
+
+        arm, s, bodies = self.nominal, self.nominal.statics, self.nominal.bodies
+        omega, d, T_f = (ca.SX.sym(name, arm.n) for name in ("omega", "d", "T_f"))
+        u: Value = ca.SX.sym("u", arm.m)
+        slope = ca.jacobian(symbolic_lengths(arm.mechanism.routes, s.q), s.q)
+        F = ca.DM(self.force_gains) * ca.fmax(s.forces, 0.0)
+        rubbing = ca.DM(bodies.damping) * omega
+        resisting = self.mass * (bodies.bias(s.q, omega) - rubbing) + self.damping * rubbing + T_f
+        alpha = ca.solve(self.mass * bodies.mass_matrix(s.q), -slope.T @ F - resisting + d)
+        filling: Value = ca.vertcat(*regulated(self, ca.vertsplit(u - s.P)))
+        if arm.gas is not None:
+            filling += ca.if_else(F > 0, ca.vertcat(*rises(arm, omega, self.force_gains)), 0.0)
+        x = ca.vertcat(s.q, omega, s.P)
+        return ca.Function("rate", [x, u, d, T_f], [ca.cse(ca.densify(ca.vertcat(omega, alpha, filling)))])
+
+    @cached_property
+    def _pressing(self) -> "Function":
+        return symbolic_pressing(self.nominal)
+
+    def stepped(self, x: Value, memory: Value, u: Value, d: Value, h: Value) -> tuple[Value, Value]:
+        """Return `x` (2n + m,) and the frictions' `memory` after a fine step of `h` [s], CasADi symbols."""
+        import casadi as ca
+
+        begins = [sum(one.size for one in self.frictions[:i]) for i in range(self.nominal.n)]
+
+        def rubbed(now: Value) -> list[tuple[Hysteresis, Value, Pressed]]:
+            """Return friction, memory and loads of each joint after the motion from `x` to `now`."""
+            loads, found = ca.horzsplit(self._pressing(now)), []
+            for i, (one, begin) in enumerate(zip(self.frictions, begins, strict=True)):
+                at: Value = loads[i]
+                load = Pressed(at[0], at[1], at[2])
+                found.append((one, one.moved(memory[begin : begin + one.size], now[i] - x[i], load), load))
+            return found
+
+        def rate(now: Value, t: Value) -> Value:
+            return self.rate(now, u, d, ca.vertcat(*(one.torque(kept, load) for one, kept, load in rubbed(now))))
+
+        after = integrated(rate, x, h, 1)
+        return after, ca.vertcat(*(kept for _, kept, _ in rubbed(after)))

@@ -1,0 +1,235 @@
+"""Simulated machines with effects of real ones: their experiment, and the effects that joints and arms share.
+
+A `RealPlant` and a `RealArm` have a nominal machine (n joints, m muscles) and the same effects, see
+`mpc.model.real_plant`: force gains, friction at the joints, regulators with two lags, a dead band, a flow limit and a
+dead time, sensors with steps, offsets, noise and age, and faults.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from math import ceil, isfinite, prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from allocator import checks
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
+from allocator.units import BAR
+from mpc.codegen.buffered import Buffered
+from mpc.model.compensation import check_regulators
+from mpc.model.experiment import FINE
+from mpc.model.faults import Fault
+from mpc.model.plant import MOST_SUBSTEPS
+
+if TYPE_CHECKING:
+    from casadi import Function
+
+
+def check_effects(real: Any) -> None:
+    """Check the common effects of a machine and convert them to floats. Raises `InvalidInput`."""
+    m = real.nominal.m
+    for name, unit in _UNITS:
+        value = float(getattr(real, name))
+        if not (value >= 0 and isfinite(value)):
+            raise InvalidInput(f"{name} = {value:g} {unit} has to be 0 or more, and finite")
+        object.__setattr__(real, name, value)
+    check_regulators(real)
+    offsets = tuple(checks.number("pressure_offset", offset, "Pa") for offset in real.pressure_offset)
+    if len(offsets) != m or max(map(abs, offsets)) > BAR:
+        raise InvalidInput(f"pressure_offset = {real.pressure_offset} Pa has to be m = {m} numbers within ±1e5 Pa")
+    object.__setattr__(real, "pressure_offset", offsets)
+    object.__setattr__(real, "force_gains", tuple(float(g) for g in real.force_gains))
+    if len(real.force_gains) != m or not all(isfinite(g) and g >= 0 for g in real.force_gains):
+        raise InvalidInput(f"force_gains = {real.force_gains} have to be m = {m} numbers of 0 or more [-]")
+    times = [t for t, _ in real.torque_profile]
+    finite = all(isfinite(t) and np.isfinite(torque).all() for t, torque in real.torque_profile)
+    if not finite or times != sorted(times):
+        raise InvalidInput(f"torque_profile = {real.torque_profile} has to be finite pairs (s, N·m), times in order")
+
+
+def own_lags(real: Any) -> tuple[tuple[float, float], ...]:
+    """Return the time constants [s] of the rising and the falling pressure of each muscle.
+
+    `lag_up` and `lag_down` are the geometric means of all muscles, whose ratios are those of the nominal lags.
+    """
+    nominal, own = real.nominal.lags, (real.lag_up, real.lag_down)
+    mean = prod(nominal) ** (1 / len(nominal))
+    up, down = (tuple(float(lag if one is None else one * (lag / mean)) for lag in nominal) for one in own)
+    return tuple(zip(up, down, strict=True))
+
+
+def own_substeps(real: Any, dt: float, resolution: float) -> int:
+    """Return the number of equal steps over `dt` [s] of the nominal machine, or more for shorter lags.
+
+    Raises `InvalidInput` like that of the nominal machine.
+    """
+    least: int = real.nominal.substeps(dt, resolution)
+    shortest = min(map(min, own_lags(real)))
+    steps = dt / shortest / resolution
+    if steps > MOST_SUBSTEPS:
+        raise InvalidInput(
+            f"lag_up or lag_down = {shortest:.3g} s is so short that dt = {dt:g} s would take {steps:.3g} steps of "
+            f"integration, over {MOST_SUBSTEPS}; omit such a short lag or give 1e-3 s"
+        )
+    return max(least, ceil(steps))
+
+
+def regulated(real: Any, error: Sequence[Value]) -> list[Value]:
+    """Return the rates of the pressures [Pa/s] by regulators with these errors [Pa], CasADi symbols."""
+    import casadi as ca
+
+    def pull(e: Value, up: float, down: float) -> Value:
+        return e / up if up == down else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
+
+    rest = real.dead_band / 2
+    passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
+    return [
+        0.0 if shut else ca.fmin(ca.fmax(pull(e, *lags), -real.flow), real.flow)
+        for e, lags, shut in zip(passed, own_lags(real), real.shut, strict=True)
+    ]
+
+
+def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
+    """Return the pieces [s] of a sample of `dt` [s] by acting command, oldest first, and the number of delayed
+    commands.
+
+    There are two pieces if the dead time is not a whole number of samples: the older command acts in the first one.
+    """
+    whole = int(dead_time / dt * (1 + 1e-12))
+    late = dead_time - whole * dt
+    pieces = [late, dt - late] if late > 1e-9 * dt else [dt]
+    return pieces, whole + len(pieces) - 1
+
+
+def outside_torque(profile: Sequence[tuple[float, Any]], t: float) -> Any:
+    """Return the torque [N·m] of a `torque_profile` at the time `t` [s]; 0 before its beginning."""
+    return next((torque for start, torque in reversed(profile) if t >= start - 1e-9), 0.0)
+
+
+class RealExperiment:
+    """Experiment on a `RealPlant` or a `RealArm`, with its state, its sensors and the time."""
+
+    def __init__(self, real: Any, dt: float, x0: Array, seed: int) -> None:
+        self.real, self.dt = real, dt
+        nominal = real.nominal
+        self._n, self._m, self._size = nominal.n, nominal.m, nominal.size
+        self._noise = np.random.default_rng(seed)
+        theta = np.array(x0[: self._n])
+        begun = (np.atleast_1d(one.begun(at)) for one, at in zip(real.frictions, theta.tolist(), strict=True))
+        self._full = np.concatenate([x0, *begun])  # with the frictions' memories
+        self._sample = 0
+        self._said = np.full(self._size, np.nan)  # readings of the previous sample
+        self._pieces, waiting = delayed(real.dead_time, dt)
+        self._waiting = [np.array(x0[2 * self._n :])] * waiting  # delayed commands, oldest first
+        remembered = int(real.reading_age / dt) + 2 if real.reading_age else 0
+        self._angles = [theta] * remembered  # of the last samples, oldest first
+        # by the shares of the forces that reach the joints, and the shut valves
+        self._integrators = {((1.0,) * self._m, real.shut): Buffered(integrator(real, dt))}
+
+    @property
+    def x(self) -> Array:
+        """True state (2n + m,)."""
+        return self._full[: self._size].copy()
+
+    def measure(self) -> Array:
+        """Read the sensors (2n + m,): angles, NaN for the velocities, pressures. Every call draws new noise."""
+        return self.read(self._noise.standard_normal(self._m))
+
+    def read(self, noise: Array) -> Array:
+        """Read the sensors (2n + m,) with the `noise` (m,) of the pressure sensors in standard deviations."""
+        step, theta, P = self.real.encoder, self._angles_then, self._full[2 * self._n : self._size]
+        read = step * np.round(theta / step) if step else theta
+        P = P + np.array(self.real.pressure_offset) + self.real.pressure_noise * noise
+        y = np.concatenate([read, np.full(self._n, np.nan), P])
+        for fault in self._faults:
+            y = fault.read(y + fault.offset(self._sample * self.dt), self._said)
+        self._said = y
+        return y
+
+    @property
+    def _angles_then(self) -> Array:
+        """Angles (n,) [rad] at the time of the present reading, interpolated linearly between samples."""
+        if not self._angles:
+            return self._full[: self._n]
+        whole, part = divmod(self.real.reading_age / self.dt, 1.0)
+        now, before = self._angles[-1 - int(whole)], self._angles[-2 - int(whole)]
+        return np.asarray(now + part * (before - now))
+
+    @property
+    def _faults(self) -> list[Fault]:
+        t = self._sample * self.dt
+        return [fault for fault in self.real.faults if fault.active(t)]
+
+    @property
+    def memory(self) -> Array:
+        """State of the experiment without the time: `x`, the frictions' memories, delayed commands, and angles to be
+        read.
+        """
+        return np.concatenate([self._full, *self._waiting, *self._angles])
+
+    def recall(self, memory: Array, sample: int) -> None:
+        """Set the state to a `memory`, at the `sample` since the beginning."""
+        there, angles = self._full.size, memory.size - self._n * len(self._angles)
+        self._full, self._sample = np.array(memory[:there]), sample
+        self._waiting = list(np.reshape(memory[there:angles], (-1, self._m)))
+        self._angles = list(np.reshape(memory[angles:], (-1, self._n)))
+
+    def advance(self, u: Array, d: Value = 0.0) -> None:
+        """Advance by one sample with the commands `u` (m,) [Pa] given now, and a torque `d` [N·m], (n,) for an arm,
+        added to the machine's own.
+        """
+        torque = np.add(d, outside_torque(self.real.torque_profile, self._sample * self.dt))
+        self._waiting.append(np.array(u))
+        for command, duration in zip(self._waiting, self._pieces, strict=False):
+            for fault in self._faults:
+                command = fault.effective(command, self._full[2 * self._n : self._size])
+            self._full = self._integrate(self._full, command, torque, duration)[0][0]
+        self._waiting.pop(0)
+        self._angles = [*self._angles, self._full[: self._n].copy()][1:] if self._angles else []
+        self._sample += 1
+
+    @property
+    def _integrate(self) -> Buffered:
+        real, faults = self.real, self._faults
+        pulling = tuple(prod((fault.pulling[i] for fault in faults), start=1.0) for i in range(self._m))
+        gas = real.nominal.gas is not None  # without it a stuck valve's command is its constant pressure
+        shut = tuple(own or (gas and any(fault.shut[i] for fault in faults)) for i, own in enumerate(real.shut))
+        if (pulling, shut) not in self._integrators:
+            gains = tuple(g * share for g, share in zip(real.force_gains, pulling, strict=True))
+            broken = replace(real, force_gains=gains, shut=shut)
+            self._integrators[pulling, shut] = Buffered(integrator(broken, self.dt))
+        return self._integrators[pulling, shut]
+
+
+def integrator(real: Any, dt: float) -> "Function":
+    """Return (x, u, d, duration) ↦ x, for at most one sample, in the fine steps of `simulate` for a nominal machine.
+
+    Machines that differ only in their sensors, delays, loads and faults share it.
+    """
+    others: dict[str, Any] = dict.fromkeys(("dead_time", "reading_age", "encoder", "pressure_noise"), 0.0)
+    others |= {"pressure_offset": (0.0,) * real.nominal.m, "torque_profile": (), "faults": ()}
+    return _integrator(replace(real, **others), dt)
+
+
+@lru_cache(maxsize=64)
+def _integrator(real: Any, dt: float) -> "Function":
+    import casadi as ca
+
+    nominal = real.nominal
+    size = nominal.size
+    n = size + sum(friction.size for friction in real.frictions)
+    full, u, d = ca.SX.sym("x", n), ca.SX.sym("u", nominal.m), ca.SX.sym("d", nominal.n)
+    duration = ca.SX.sym("duration")
+    given = full, u, d, duration
+    step = ca.Function("step", given, [ca.vertcat(*real.stepped(full[:size], full[size:], u, d, duration))])
+    substeps, later = real.substeps(dt, FINE), full
+    for _ in range(substeps):
+        later = step(later, u, d, duration / substeps)
+    return ca.Function("real", given, [later])
+
+
+_UNITS = (
+    ("dead_time", "s"), ("dead_band", "Pa"), ("encoder", "rad"), ("reading_age", "s"), ("pressure_noise", "Pa")
+)  # fmt: skip
