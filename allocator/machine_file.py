@@ -77,8 +77,8 @@ _GEOMETRIES: Mapping[str, type[geometry.Geometry]] = {
 }
 _ROUTES: Mapping[str, type[Routes]] = {kind.__name__: kind for kind in (Pulleys, Sites, Tables)}
 _PAIR = ("agonist", "antagonist")
-_TABLES = ("machine", "routes", "muscle", "gas", "source", "plant")
-_OF_A_JOINT = "covariance", "hysteresis", "regulators", "sensors", "intervals", "tuning", "measured"
+_TABLES = ("machine", "routes", "muscle", "gas", "source", "plant", "regulators", "sensors", "intervals", "tuning")
+_OF_A_JOINT = "covariance", "hysteresis", "measured"
 _OF_MORE = ("bodies",)
 _LIMITS = ("pressure_limits", "min_contraction", "angle_limits")
 _UNITS = "SI units: Pa, m, rad, N"

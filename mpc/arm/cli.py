@@ -17,12 +17,14 @@ if TYPE_CHECKING:
     from allocator.mechanism.endpoint import Endpoint
     from mpc.arm.mujoco_plant import MujocoPlant
     from mpc.model.arm.model import Arm
+    from mpc.model.compensation import Compensation
     from mpc.plant_cli import PlantOptions
     from mpc.repetition.response import Response
+    from mpc.trials.loops import Settings
     from mpc.trials.motions.reference import Reference
 
 _NOMINAL, _REAL = "nominal", "real"
-_REAL_EFFECTS = {"dead_time": 0.02, "encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
+_SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a real plant
 _JOINTS, _HAND = _TRACKED = "joints", "hand"
 _MPC, _CIRCLE = "mpc", "circle"
 _MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults for a model's muscles
@@ -73,7 +75,7 @@ def track_arm(
     from mpc.arm.payload import arriving
     from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
-    from mpc.trials.margins import margins as margins_of
+    from mpc.trials.loops import margins_in_words, sliding_margins
     from mpc.trials.metrics import metrics
     from mpc.trials.motions.corrections import Owner, compared, digest_of
     from mpc.trials.pictures.animation import ENDINGS, check_film
@@ -92,7 +94,7 @@ def track_arm(
     if more.catch and (learned or not isinstance(arm.bodies, Bodies)):
         raise InvalidInput("--catch is for one run of a --machine in the plane, such as arm26, without --repeat")
     with Console(stderr=True).status("building the controller"):
-        controller, observer = _loop(arm, plant, dt, horizon, wait)
+        controller, observer, settings, tuned = _loop(options, arm, plant, dt, horizon, wait)
 
     load = repeated.load or (f"payload {payload:g} N·m" if payload else "")
     owner = Owner(arm.summary, digest_of(_text_of(options), more.stiffness_of, more.hand), _MPC, load)
@@ -136,15 +138,17 @@ def track_arm(
         say(console, note)
     say(console, f"trajectory: {asked.name}, {asked.duration:g} s")
     console.print(table_of(done, metrics(done)))
+    if tuned:
+        say(console, tuned)
     if learned and practice is not None:
         report(practice.learner, owner, practice.first.theta, practice.best.theta, learned, console)
     elif begun is not None:
         say(console, f"played: {begun.summary}")
-    if plant == _REAL and controller.implementation == "compiled":
-        for sentence in margins_of(controller, observer, [asked.middle])[0].sentences:
+    if plant == _REAL:
+        for sentence in margins_in_words(_MPC, settings, asked, controller):
             say(console, sentence)
     if margins is not None:
-        plot_margins(margins_of(controller, observer), margins, f"mpc, {arm.summary}")
+        plot_margins(sliding_margins(_MPC, settings), margins, f"mpc, {arm.summary}")
         files = [*files, margins]
     if filmed:
         say(console, f"filmed by {film.by}")
@@ -180,7 +184,9 @@ def _machine(
     effects: dict[str, Any] = {"pressure_limits": arm.mechanism.pressure_limits, "gas": arm.gas}
     if kind == _REAL:
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
-        effects |= {"force_gains": 1 + _OFF * signs, **_REAL_EFFECTS}
+        known = _known(options)
+        effects |= {"dead_time": known.dead_time, "dead_band": known.dead_band}
+        effects |= {"force_gains": 1 + _OFF * signs, **_SENSORS}
     plant = MujocoPlant(model, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, nominal=arm, **of_tendons, **effects)
     return arm, plant, hand, notes
 
@@ -225,20 +231,28 @@ def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
     return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
 
 
-def _loop(arm: "Arm", kind: str, dt: float, horizon: int, wait: bool) -> tuple[Any, Any]:
-    """Return a controller and its observer, which `wait` for compilation."""
+def _known(options: "PlantOptions") -> "Compensation":
+    """Return the regulators of the machine's file, or the usual ones. The plant's sensors read without a delay."""
     from mpc.model.compensation import Compensation
-    from mpc.observer.filter import CALM_NOISE
-    from mpc.observer.kalman import KalmanObserver
-    from mpc.tracking.controller import TrackingMPC
-    from mpc.tracking.weights import CALM
 
-    if kind == _NOMINAL:
-        return TrackingMPC(arm, dt=dt, N=horizon, wait=wait), KalmanObserver(arm, dt, wait=wait)
-    delay = _REAL_EFFECTS["dead_time"]
-    known = Compensation(dead_time=delay)
-    observer = KalmanObserver(arm, dt, CALM_NOISE, known, wait=wait)
-    return TrackingMPC(arm, dt=dt, N=horizon, weights=CALM, compensation=known, wait=wait), observer
+    return replace(Compensation.of_arm(options.file), reading_age=0.0)
+
+
+def _loop(
+    options: "PlantOptions", arm: "Arm", kind: str, dt: float, horizon: int, wait: bool
+) -> "tuple[Any, Any, Settings, str]":
+    """Return a controller and its observer, which `wait` for compilation, their settings, and a sentence on the file's
+    tuning or "".
+    """
+    from mpc.observer.filter import CALM_NOISE
+    from mpc.tracking.weights import CALM
+    from mpc.trials.loops import Settings, loop
+
+    settings = Settings(arm, dt, horizon, wait=wait)
+    if kind == _REAL:
+        settings = settings._replace(compensation=_known(options), weights=CALM, noise=CALM_NOISE)
+    settings, tuned = options.tuned(settings, _MPC)
+    return *loop(_MPC, settings), settings, tuned
 
 
 def _responses(

@@ -32,7 +32,7 @@ from mpc.yardsticks.nonlinear import NonlinearMPC
 class Settings(NamedTuple):
     """Settings of all loops."""
 
-    plant: Plant  # the model
+    plant: Any  # the model, a `Plant`, or an `Arm` for mpc
     dt: float = 0.01  # [s]
     N: int = 20  # horizon [samples]
     compensation: Compensation = Compensation()
@@ -49,29 +49,36 @@ def _mpc(s: Settings) -> Controller:
 
 
 def _nmpc(s: Settings) -> Controller:
-    return NonlinearMPC(s.plant, s.dt, s.N, s.weights, s.solver or "ipopt", compensation=s.compensation)
+    return NonlinearMPC(_joint(s), s.dt, s.N, s.weights, s.solver or "ipopt", compensation=s.compensation)
+
+
+def _joint(s: Settings) -> Plant:
+    """Return the model of a joint. Raises `InvalidInput` for an arm."""
+    if not isinstance(s.plant, Plant):
+        raise InvalidInput(f"this controller is for one joint; an arm with n = {s.plant.n} joints has mpc")
+    return s.plant
 
 
 def _pid(s: Settings) -> Controller:
-    return PIDControl(s.plant, s.dt, s.compensation, s.gains)
+    return PIDControl(_joint(s), s.dt, s.compensation, s.gains)
 
 
 def _pi(s: Settings) -> Controller:
-    return PIControl(s.plant, s.dt, s.compensation, s.gains)
+    return PIControl(_joint(s), s.dt, s.compensation, s.gains)
 
 
 def _predictive_pid(s: Settings) -> Controller:
-    return PredictivePIDControl(s.plant, s.dt, s.compensation, s.gains)
+    return PredictivePIDControl(_joint(s), s.dt, s.compensation, s.gains)
 
 
 def _lqr(s: Settings) -> Controller:
     # it does not predict the slew limit, and with the MPC's own weight it would always be at it
     weights = replace(s.weights, rate=4 * s.weights.rate)
-    return LQRControl(s.plant, s.dt, s.compensation, weights)
+    return LQRControl(_joint(s), s.dt, s.compensation, weights)
 
 
 def _feed_forward(s: Settings) -> Controller:
-    return FeedForwardControl(s.plant, s.dt, s.compensation)
+    return FeedForwardControl(_joint(s), s.dt, s.compensation)
 
 
 CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
@@ -102,7 +109,7 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
     if watched if observer is None else observer:
         s = settings
         return build(s), KalmanObserver(s.plant, s.dt, s.noise, s.compensation, wait=s.wait)
-    return build(settings), Differentiator(settings.dt)
+    return build(settings), Differentiator(settings.dt, settings.plant.n)
 
 
 def robust(name: str, settings: Settings, reference: Reference | None = None) -> Settings:

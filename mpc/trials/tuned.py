@@ -85,12 +85,13 @@ class Tuning:
         errors = {name: n[f"{name}_error"] ** -2 for name in ("theta", "omega", "rate") if f"{name}_error" in n}
         noises = {name: n[key] for name, key in (("theta", "theta_noise"), ("d_walk", "d_walk")) if key in n}
         gains = {name: n[name] for name in _GAIN_UNITS if name in n}
-        friction = settings.compensation.friction.share(n["friction_share"])
+        known, share = settings.compensation, n["friction_share"]
+        frictions = tuple(one.share(share) for one in known.frictions)
         return settings._replace(
             weights=replace(settings.weights, **errors),
             noise=replace(settings.noise, **noises),
             gains=replace(PIDGains(1.0, 0.0, 0.0, 0.0), **gains) if gains else settings.gains,
-            compensation=replace(settings.compensation, friction=friction),
+            compensation=replace(known, friction=known.friction.share(share), frictions=frictions),
         )
 
     @property

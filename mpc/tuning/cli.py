@@ -1,4 +1,4 @@
-"""Command `antagonist tune`: the numbers of a control loop for one fitted plant."""
+"""Command `antagonist tune`: the numbers of a control loop for one fitted plant or arm."""
 
 import os
 import signal
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,27 +18,35 @@ from allocator.shell.printing import AsJSON, print_json, say
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from mpc.model.compensation import Compensation
+    from mpc.tuning.cost import Evaluation
+    from mpc.tuning.draws import Spreads
     from mpc.tuning.result import Tuned
 
 _KEPT = ".before-tuning"  # suffix of a copy's name
 
 
 def tune_command(
-    plant: Annotated[Path, typer.Argument(help="TOML file of the plant, from fit-motion, fit-joint or init")],
+    machine: Annotated[
+        str, typer.Option(help="TOML file of a plant or an arm, from fit-motion, fit-joint or init; or arm26, arm48")
+    ],
     out: Annotated[
         Path | None, typer.Option(help="TOML file to write the plant with its table [tuning] to, for --machine")
     ] = None,
     in_place: Annotated[
         bool,
-        typer.Option("--in-place", help=f"write [tuning] into PLANT itself; a copy PLANT{_KEPT} is kept"),
+        typer.Option("--in-place", help=f"write [tuning] into the machine's file itself; a copy FILE{_KEPT} is kept"),
     ] = False,
-    controller: Annotated[str, typer.Option(help="mpc, lqr, predictive-pid, pid or pi")] = "mpc",
+    controller: Annotated[str, typer.Option(help="mpc, lqr, predictive-pid, pid or pi; mpc for an arm")] = "mpc",
     evaluations: Annotated[int, typer.Option(help="number of tunings to try")] = 60,
     draws: Annotated[int, typer.Option(help="number of real plants that each tuning is tried on")] = 8,
     peak: Annotated[float, typer.Option(help="limit of M_s, the peak of the sensitivity")] = 2.0,
     seed: Annotated[int, typer.Option(help="seed of draws, noise and search")] = 0,
+    judge: Annotated[
+        int | None, typer.Option(help="seed of further draws to report both tunings on, for figures of unseen plants")
+    ] = None,
     stiffness: Annotated[
-        float | None, typer.Option(help="stiffness of the trial runs [N·m/rad]; by default the joint's usual one")
+        float | None, typer.Option(help="stiffness of a joint's trial runs [N·m/rad]; by default its usual one")
     ] = None,
     dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
     horizon: Annotated[int, typer.Option(help="horizon of mpc, in samples")] = 20,
@@ -52,7 +60,7 @@ def tune_command(
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
-    """Tune a controller and its observer for a fitted plant, in closed loops with plants drawn from its posterior.
+    """Tune a controller and its observer for a fitted plant or arm, in closed loops with machines drawn about it.
 
     Plants are drawn within the 95 % intervals of the file (table [intervals] of fit-motion), or within the usual errors
     of data sheets. The search minimises the 80 % quantile of the closed-loop cost over a sine, movements and steps,
@@ -62,18 +70,23 @@ def tune_command(
     from rich.console import Console
     from rich.progress import track
 
-    from mpc.model.compensation import Compensation
-    from mpc.model.plant import Plant
-    from mpc.tuning.draws import Spreads
+    from mpc.model.arm.bodies import BODIES
+    from mpc.model.arm.model import Arm
+    from mpc.model.arm.storage import save_arm
     from mpc.tuning.search import tune
 
     check_ending("--plot", plot, IMAGES)
     if in_place and out is not None:
         raise InvalidInput("--in-place and --out: give one of the two")
-    copy = plant.with_name(plant.name + _KEPT) if in_place else None
+    plant = None if machine in BODIES else Path(machine)
+    if in_place and plant is None:
+        raise InvalidInput(f"--in-place is for a file, and {machine} is a name; give --out FILE")
+    copy = plant.with_name(plant.name + _KEPT) if in_place and plant is not None else None
     claim(out, plot, copy, inputs=(plant,), force=force)
     console = Console(stderr=as_json)
-    model, known, spreads = Plant.load(plant), Compensation.load(plant), Spreads.load(plant)
+    model, known, spreads = _read(machine, plant)
+    if stiffness is not None and isinstance(model, Arm):
+        raise InvalidInput("--stiffness is for one joint; an arm is tuned with its usual stiffness")
     say(console, f"plant: {model.summary}" + f"; {known.summary}" * bool(known.summary))
     with _executor(workers, scheduler) as executor:
         tuned = tune(
@@ -81,15 +94,18 @@ def tune_command(
             n_draws=draws, seed=seed, dt=dt, horizon=horizon, executor=executor,
             progress=lambda found, total: track(found, "tuning", total, console=console, transient=True),
         )  # fmt: skip
+    judged = None if judge is None else tuned.judged(judge)
     if as_json:
-        print_json(tuned.to_dict())
+        print_json(tuned.to_dict(judged))
     else:
-        _describe(tuned, console)
-    if copy is not None:
+        _describe(tuned, judged, console)
+    if copy is not None and plant is not None:
         copy.write_bytes(plant.read_bytes())
     target = plant if in_place else out
     if target is not None:
-        tuned.save(plant, target)
+        if plant is None:
+            save_arm(model, target)
+        tuned.save(plant or target, target)
         say(console, f"written: {target}" + f", with a copy of the file before in {copy}" * in_place)
     else:
         say(console, "not written: give --out FILE, or --in-place")
@@ -101,14 +117,35 @@ def tune_command(
         say(console, f"written: {plot}")
 
 
-def _describe(tuned: "Tuned", console: "Console") -> None:
-    """Print the figures before and after."""
+def _read(machine: str, file: Path | None) -> "tuple[Any, Compensation, Spreads]":
+    """Return a plant or an arm, its known effects and its spreads. Raises `InvalidFile` and `InvalidInput`."""
+    from allocator.machine_file import load_machine
+    from allocator.mechanism import Mechanism
+    from mpc.model.arm.model import Arm
+    from mpc.model.arm.storage import load_arm
+    from mpc.model.compensation import Compensation
+    from mpc.model.plant import Plant
+    from mpc.tuning.draws import Spreads
+
+    if file is None:
+        return Arm.machine(machine), Compensation.of_arm(), Spreads()
+    if file.suffix == ".xml":
+        raise InvalidInput(f"--machine {machine} is a MuJoCo model; tune it in Python by mpc.tune(Arm.from_mjcf(…))")
+    spreads = Spreads.load(file)
+    if isinstance(load_machine(file), Mechanism):
+        return load_arm(file), Compensation.of_arm(file), spreads
+    return Plant.load(file), Compensation.load(file), spreads
+
+
+def _describe(tuned: "Tuned", judged: "tuple[Evaluation, Evaluation] | None", console: "Console") -> None:
+    """Print the figures before and after, on the draws of the search and on others."""
     from rich.table import Table
 
-    table = Table("", "before", "after", title=f"{tuned.tuning.controller}: 80 % quantiles over the draws")
-    for row in tuned.rows():
-        table.add_row(*row)
-    console.print(table)
+    for words, pair in (("the draws", None), ("draws of the other seed", judged))[: 1 if judged is None else 2]:
+        table = Table("", "before", "after", title=f"{tuned.tuning.controller}: 80 % quantiles over {words}")
+        for row in tuned.rows(pair):
+            table.add_row(*row)
+        console.print(table)
     say(console, tuned.tuning.summary)
     if tuned.warning:
         say(console, f"beware: {tuned.warning}")

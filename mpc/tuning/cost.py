@@ -4,6 +4,8 @@
                      + STIFFNESS · RMS error of K over K
     objective      = 80 % quantile over the draws of that, subject to M_s ≤ 2
 
+For an arm the errors are those of the worst joint, and the Frobenius norm of the error of K over that of K.
+
 M_s is the greatest value on the model over the postures of the tour, or the 80 % quantile over the draws if that is
 greater. A loop beyond the limit is charged `BEYOND` (1 - limit/M_s), which makes it worse than any useful loop within
 the limit and grows with the excess. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
@@ -13,18 +15,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 from uuid import uuid4
 
 import numpy as np
 
+from allocator import checks
+from allocator.calculus import Array, Value
 from allocator.units import BAR, DEG
-from mpc.model.real_plant import RealPlant
 from mpc.trials.loops import Settings
 from mpc.trials.many.loop import Compiled, Loop, outcomes
 from mpc.trials.margins import ROBUST, Margins
 from mpc.trials.simulation import Run
 from mpc.trials.tuned import Tuning
+from mpc.tuning.draws import Real, Spreads, draws, payloads
 from mpc.tuning.robustness import Listening, quick_loop
 from mpc.tuning.tour import Tour
 
@@ -108,12 +112,27 @@ class Problem:
 
     controller: str
     settings: Settings
-    draws: tuple[RealPlant, ...]
-    payloads: tuple[float, ...]  # [N·m], of each draw
+    draws: tuple[Real, ...]
+    payloads: tuple[Value, ...]  # [N·m], of each draw; (n,) for an arm
     tour: Tour
+    spreads: Spreads  # of the draws
     limit: float = ROBUST  # of M_s
     seed: int = 0
     key: str = field(default_factory=lambda: uuid4().hex)  # identifies the problem in another process
+
+    @classmethod
+    def of(
+        cls, controller: str, settings: Settings, tour: Tour, n: int, seed: int, spreads: Spreads, limit: float
+    ) -> Self:
+        """Return the problem with `n` draws of the `seed` about the plant of the settings."""
+        plants = draws(settings.plant, settings.compensation, n, seed, spreads)
+        loads = payloads(n, seed, tour.K, spreads)
+        return cls(controller, settings, plants, loads, tour, spreads, limit, seed)
+
+    def redrawn(self, seed: int) -> Self:
+        """Return the same problem with as many draws of another seed."""
+        parts = self.controller, self.settings, self.tour, len(self.draws)
+        return self.of(*parts, checks.count("seed", seed, least=0), self.spreads, self.limit)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Problem) and self.key == other.key
@@ -122,10 +141,11 @@ class Problem:
         return hash(self.key)
 
     @cached_property
-    def plants(self) -> tuple[RealPlant, ...]:
+    def plants(self) -> tuple[Real, ...]:
         """The draws with their payloads."""
-        at = self.tour.loaded
-        return tuple(replace(p, torque_profile=((at, T),)) for p, T in zip(self.draws, self.payloads, strict=True))
+        at, pairs = self.tour.loaded, zip(self.draws, self.payloads, strict=True)
+        loads: list[tuple[Real, Any]] = [(draw, ((at, T),)) for draw, T in pairs]
+        return tuple(replace(draw, torque_profile=profile) for draw, profile in loads)
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out compiled functions."""
@@ -160,11 +180,13 @@ def figures(run: Run, tour: Tour) -> Figures:
     error = (run.theta - run.theta_ref)[:-1] / DEG
     rms = {name: _rms(error[leg]) for name, leg in tour.legs.items()}
     moving = [np.abs(np.diff(run.u[rest], axis=0)).mean() / run.dt / BAR for rest in tour.rests]
-    K_error = (run.K - run.K_ref)[tour.legs["sine"].start :] / tour.K
+    from_first = slice(min(leg.start for leg in tour.legs.values()), None)
+    missed, wanted = (K[from_first].reshape(len(K[from_first]), -1) for K in (run.K - run.K_ref, run.K_ref))
+    K_error = np.linalg.norm(missed, axis=1) / np.linalg.norm(wanted, axis=1)
     return Figures(rms, float(np.mean(moving)), _rms(K_error))
 
 
-def _rms(error: np.ndarray) -> float:
-    """Return the root mean square, or `THROWN` if it is greater or not finite."""
-    value = float(np.sqrt(np.mean(error**2)))
+def _rms(error: Array) -> float:
+    """Return the root mean square of `error` (M, …), of the worst joint, or `THROWN` if greater or not finite."""
+    value = float(np.sqrt(np.mean(error**2, axis=0)).max())
     return min(value, THROWN) if value < inf else THROWN

@@ -1,31 +1,36 @@
-"""Draws of real plants from the posterior of a fit.
+"""Draws of real plants and arms from the posterior of a fit.
 
 Each number is the file's value times exp(σ z), z ~ N(0, 1). σ is a spread: that of the file's 95 % intervals (table
 [intervals], written by `antagonist fit-motion`), never below `LEAST`, since no model is exact; without intervals
 it is the usual spread of data sheets. The draws form a Latin hypercube, so that a few of them cover the posterior.
 
-Dead time and reading age of the file vary by the same factor, as only their sum affects the loop.
+Dead time and reading age of the file vary by the same factor, as only their sum affects the loop. The muscles of an arm
+differ in strength and in the offsets of their sensors; all of them share the factors of lags, gas and dead time, and
+all links those of masses and damping.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import hypot
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
 from allocator import checks
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.files.text import FilePath
 from allocator.files.toml import Table
 from allocator.muscles import Muscle
 from allocator.units import BAR, DEG
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.contact import Hysteresis
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.plant import Plant
+from mpc.model.machine import Machine
+from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
 
 LEAST = 0.05  # relative error of any fitted number
@@ -39,6 +44,10 @@ _INTERVALS = {  # of `MotionFit.parameters`, by the spreads that they give
     "dead_band": ("dead_band",),
     "volume": ("volume",),
 }
+
+
+_LOGARITHMIC = "strength", "inertia", "damping", "volume", "dead_time", "dead_band"
+_FACTORS = {"lag_up": "lag", "lag_down": "lag"} | {name: name for name in _LOGARITHMIC}  # spreads of drawn factors
 
 
 @dataclass(frozen=True)
@@ -96,55 +105,92 @@ class Spreads:
         return cls.of(table.entries)
 
 
-def draws(plant: Plant, known: Compensation, n: int, seed: int, spreads: Spreads) -> tuple[RealPlant, ...]:
-    """Return `n` real plants, without payload, drawn about `plant` and its compensation `known`."""
-    unit = qmc.LatinHypercube(_NUMBERS, rng=np.random.default_rng([seed, 33])).random(n)
-    friction = MaxwellSlip.of_width(plant, spreads.width) if known.friction.absent else known.friction
-    return tuple(_drawn(plant, known, friction, row, spreads) for row in unit)
+Real: TypeAlias = RealPlant | RealArm
+"""Machines that differ from a model."""
 
 
-_NUMBERS = 14  # numbers that differ between draws
+def draws(plant: Machine, known: Compensation, n: int, seed: int, spreads: Spreads) -> tuple[Real, ...]:
+    """Return `n` real machines, without payload, drawn about `plant` and its compensation `known`.
+
+    Raises `InvalidInput` for an arm without formulas.
+    """
+    places = _places(plant.m)
+    unit = qmc.LatinHypercube(places["venting"].stop, rng=np.random.default_rng([seed, 33])).random(n)
+    widths = (MaxwellSlip.of_width(plant, spreads.width, joint=i) for i in range(plant.n))
+    friction = tuple(widths) if known.frictionless else known.of_joints(plant.n)
+    return tuple(
+        _drawn(plant, known, friction, {name: row[at] for name, at in places.items()}, spreads) for row in unit
+    )
 
 
-def _drawn(plant: Plant, known: Compensation, friction: Hysteresis, row: np.ndarray, s: Spreads) -> RealPlant:
-    """Return the plant at one point (14,) of the unit cube."""
-    u, z = row.tolist(), ndtri(row)
+def _places(m: int) -> dict[str, slice]:
+    """Return the places of the numbers that differ between draws, in a row of a hypercube, for `m` muscles."""
+    sizes = {"strength": m, "inertia": 1, "damping": 1, "lag_up": 1, "lag_down": 1, "volume": 1, "hysteresis": 1}
+    sizes |= {"dead_time": 1, "dead_band": 1, "offset": m, "unused": 1, "venting": 1}  # unused: its place is a seed's
+    ends = np.cumsum([0, *sizes.values()]).tolist()
+    return {name: slice(begin, end) for name, begin, end in zip(sizes, ends[:-1], ends[1:], strict=True)}
 
-    def factor(i: int, sigma: float) -> float:
-        return float(np.exp(sigma * z[i]))
 
-    volume = factor(6, s.volume)
+def _drawn(
+    plant: Machine, known: Compensation, friction: tuple[Hysteresis, ...], unit: Mapping[str, Array], s: Spreads
+) -> Real:
+    """Return the machine at one point of the unit cube, by the names of `_places`."""
+    factors = {name: np.exp(getattr(s, of) * ndtri(unit[name])).tolist() for name, of in _FACTORS.items()}
+    (inertia,), (damping,), (volume,) = (factors[name] for name in ("inertia", "damping", "volume"))
+    share = s.hysteresis[0] + (s.hysteresis[1] - s.hysteresis[0]) * float(unit["hysteresis"][0])
+    friction = tuple(one.share(share) for one in friction)
+    effects = _effects(plant, known, factors, unit, s)
+    if isinstance(plant, Arm):
+        return RealArm(_swelling(plant, volume), friction=friction, mass=inertia, damping=damping, **effects)
     joint = plant.joint
     if plant.gas is not None:
         length, muscles = joint.geometry.rest_length, (joint.agonist, joint.antagonist)
         agonist, antagonist = (_holding(muscle, volume, length) for muscle in muscles)
         joint = replace(joint, agonist=agonist, antagonist=antagonist)
+    own = replace(plant, joint=joint, inertia=plant.inertia * inertia, damping=plant.damping * damping)
+    return RealPlant(own, friction=friction[0], **effects)
+
+
+def _effects(
+    plant: Machine, known: Compensation, factors: Mapping[str, list[float]], unit: Mapping[str, Array], s: Spreads
+) -> dict[str, Any]:
+    """Return the strengths of the muscles, the regulators and the sensors of a draw."""
     up, down = (own or float(np.mean(plant.lags)) for own in (known.lag_up, known.lag_down))
     if known.lag_down is None:
-        down *= 1 + 0.5 * u[13]  # venting takes longer
-    inertia, damping = plant.inertia * factor(2, s.inertia), plant.damping * factor(3, s.damping)
-    return RealPlant(
-        replace(plant, joint=joint, inertia=inertia, damping=damping),
-        force_gains=(factor(0, s.strength), factor(1, s.strength)),
-        friction=friction.share(s.hysteresis[0] + (s.hysteresis[1] - s.hysteresis[0]) * u[7]),
-        dead_time=known.dead_time * factor(8, s.dead_time),
-        reading_age=known.reading_age * factor(8, s.dead_time),
-        dead_band=known.dead_band * factor(9, s.dead_band),
-        lag_up=up * factor(4, s.lag),
-        lag_down=down * factor(5, s.lag),
-        flow=known.flow,
-        encoder=s.encoder,
-        pressure_noise=s.pressure_noise,
-        pressure_offset=(s.offset * (2 * u[10] - 1), s.offset * (2 * u[11] - 1)),
-    )
+        down *= 1 + 0.5 * float(unit["venting"][0])  # venting takes longer
+    return {
+        "force_gains": tuple(factors["strength"]),
+        "dead_time": known.dead_time * factors["dead_time"][0],
+        "reading_age": known.reading_age * factors["dead_time"][0],
+        "dead_band": known.dead_band * factors["dead_band"][0],
+        "lag_up": up * factors["lag_up"][0],
+        "lag_down": down * factors["lag_down"][0],
+        "flow": known.flow,
+        "encoder": s.encoder,
+        "pressure_noise": s.pressure_noise,
+        "pressure_offset": tuple((s.offset * (2 * unit["offset"] - 1)).tolist()),
+    }
 
 
-def payloads(n: int, seed: int, K: float, spreads: Spreads) -> tuple[float, ...]:
-    """Return the torque [N·m] of a payload for each of `n` draws at the stiffness `K` [N·m/rad], of either sign."""
-    unit = qmc.LatinHypercube(1, rng=np.random.default_rng([seed, 34])).random(n)[:, 0]
+def payloads(n: int, seed: int, K: Value, spreads: Spreads) -> tuple[Value, ...]:
+    """Return the torque [N·m] of a payload for each of `n` draws at the stiffness `K` [N·m/rad], of either sign.
+
+    For an arm with the joints' stiffness `K` (n, n) they are torques (n,), K times a turn of every joint.
+    """
+    joints = len(np.atleast_2d(K))
+    unit = qmc.LatinHypercube(joints, rng=np.random.default_rng([seed, 34])).random(n)
     low, high = spreads.payload
-    signs = np.where(np.arange(n) % 2, -1.0, 1.0)
-    return tuple((K * signs * (low + (high - low) * unit)).tolist())
+    signs = 1 - 2.0 * (np.arange(n)[:, None] >> np.arange(joints) & 1)
+    turns = signs * (low + (high - low) * unit)
+    return tuple((K * turns[:, 0]).tolist() if np.ndim(K) == 0 else map(tuple, (turns @ K).tolist()))
+
+
+def _swelling(arm: Arm, factor: float) -> Arm:
+    """Return the arm with `factor` times its volumes of gas at rest, if it has gas."""
+    if arm.gas is None:
+        return arm
+    muscles = zip(arm.mechanism.muscles, arm.mechanism.routes.rest_length, strict=True)
+    return replace(arm, mechanism=replace(arm.mechanism, muscles=tuple(_holding(one, factor, L) for one, L in muscles)))
 
 
 def _holding(muscle: Muscle, factor: float, rest_length: float) -> Muscle:

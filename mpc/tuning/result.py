@@ -1,6 +1,7 @@
 """Result of a tuning: every evaluation, before and after, as a table and as a plant's file."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,6 @@ from allocator.files.toml import Table
 from allocator.presentation.tables import html_table
 from mpc.trials.tuned import TABLE, Tuning
 from mpc.tuning.cost import Evaluation, Problem
-from mpc.tuning.tour import MOTIONS
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +47,23 @@ class Tuned:
             "shorten the dead time"
         )
 
-    def rows(self) -> list[tuple[str, str, str]]:
-        """Return name, figure before and figure after, in words; errors are 80 % quantiles over the draws."""
-        before, after = _words(self.before), _words(self.after)
+    def judged(self, seed: int) -> tuple[Evaluation, Evaluation]:
+        """Return the evaluations of the defaults and of the tuning on as many draws of another `seed`."""
+        other = self.problem.redrawn(seed)
+        return other.evaluated(self.before.tuning, always=True), other.evaluated(self.tuning, always=True)
+
+    def rows(self, pair: tuple[Evaluation, Evaluation] | None = None) -> list[tuple[str, str, str]]:
+        """Return name, figure before and figure after, in words; errors are 80 % quantiles over the draws.
+
+        A `pair` replaces before and after, such as that of `judged`.
+        """
+        before, after = (_words(one, self.problem.tour.motions) for one in pair or (self.before, self.after))
         return [(name, before[name], after[name]) for name in before]
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the result: numbers in SI units, and figures before and after."""
-        return {
+    def to_dict(self, judged: tuple[Evaluation, Evaluation] | None = None) -> dict[str, object]:
+        """Return the result: numbers in SI units, and figures before and after, also those of `judged` if given."""
+        others = {} if judged is None else {"judged": {"before": _figures(judged[0]), "after": _figures(judged[1])}}
+        return others | {
             "controller": self.tuning.controller,
             "tuning": dict(self.tuning.numbers),
             "evaluations": len(self.evaluations),
@@ -99,13 +108,13 @@ def with_tuning(path: FilePath, tuning: Tuning) -> str:
     return made
 
 
-def _words(e: Evaluation) -> dict[str, str]:
-    motions = {
-        f"{name}, RMS before / with load [°]": f"{e.rms(name):.2f} / {e.rms(f'{name} loaded'):.2f}" for name in MOTIONS
+def _words(e: Evaluation, motions: Sequence[str]) -> dict[str, str]:
+    legs = {
+        f"{name}, RMS before / with load [°]": f"{e.rms(name):.2f} / {e.rms(f'{name} loaded'):.2f}" for name in motions
     }
     return {
         "cost, 80 % quantile [°]": f"{e.error:.2f}",
-        **motions,
+        **legs,
         "load comes, RMS [°]": f"{e.rms('load'):.2f}",
         "commands at rest [bar/s]": f"{e.chatter:.2f}",
         "stiffness error, RMS [%]": f"{100 * e.K_error:.1f}",

@@ -1,16 +1,21 @@
 """Margins of one loop on its model and on draws of real plants, by compiled runs where available.
 
-A shorter version of the experiment in `mpc.trials.margins`: the plant rests, one angle reading is disturbed, and S is
-the Fourier transform of the change of the readings. Friction and dead bands are left out.
+A shorter version of the experiment in `mpc.trials.margins`: the plant rests, one angle reading is disturbed, for an arm
+that of each joint in turn, and S is the Fourier transform of the change of the readings. Friction and dead bands are
+left out.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
+from allocator.calculus import Array
+from mpc.model.arm.model import Arm
 from mpc.model.faults import WrongReadings
 from mpc.model.friction.dahl import Friction
+from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
@@ -18,10 +23,13 @@ from mpc.trials.loops import Settings, loop
 from mpc.trials.many.loop import Compiled, Loop, outcomes
 from mpc.trials.margins import DELTA, Margins, linear
 from mpc.trials.motions.reference import Reference
+from mpc.tuning.draws import Real
 from mpc.tuning.tour import Tour
 from mpc.yardsticks.baselines import Baseline
 
+RealT = TypeVar("RealT", bound=Real)
 SETTLE, LISTEN = 1.0, 3.5  # [s] before the disturbed reading and after it
+_OF_AN_ARM = 0.5, 2.0  # [s], since its runs take longer
 _SILENT = 1e-3  # [Pa] noise, since an observer rejects exactly repeated readings as frozen
 _UNEQUAL = 1 + 1e-12  # a force gain of exactly 1 would need a formula compiled separately
 
@@ -29,16 +37,19 @@ _UNEQUAL = 1 + 1e-12  # a force gain of exactly 1 would need a formula compiled 
 class Listening:
     """Runs for the margins of loops on a model and on draws: each plant with and without a disturbed reading."""
 
-    def __init__(self, settings: Settings, draws: Sequence[RealPlant], tour: Tour) -> None:
+    def __init__(self, settings: Settings, draws: Sequence[Real], tour: Tour) -> None:
         plant, self.dt = settings.plant, settings.dt
-        self._places = [*tour.postures, *[(0.0, tour.K)] * len(draws)]
+        self._settle, self._listen = _OF_AN_ARM if isinstance(plant, Arm) else (SETTLE, LISTEN)
+        self._places = [*tour.postures, *[tour.postures[len(tour.postures) // 2]] * len(draws)]
         known = replace(settings.compensation, lag_up=None, lag_down=None)
-        model = sliding(RealPlant.of(plant, known, force_gains=(_UNEQUAL, _UNEQUAL)))
-        nominal = len(self._places) - len(draws)
+        real: Any = RealArm if isinstance(plant, Arm) else RealPlant
+        model: Real = sliding(real.of(plant, known, force_gains=(_UNEQUAL,) * plant.m))
+        nominal = len(tour.postures)
         plants = [model] * nominal + [sliding(draw) for draw in draws]
-        bump = WrongReadings(SETTLE, SETTLE + settings.dt, (0,), DELTA, added=True)
-        pairs = {plant: (plant, replace(plant, faults=(bump,))) for plant in plants}
-        self._pairs = [pairs[plant] for plant in plants]
+        window, sizes = (self._settle, self._settle + settings.dt), {"joints": plant.n, "muscles": plant.m}
+        bumps = [WrongReadings(*window, (i,), DELTA, added=True, **sizes) for i in range(plant.n)]
+        groups = {id(plant): (plant, *(replace(plant, faults=(bump,)) for bump in bumps)) for plant in plants}
+        self._groups = [groups[id(plant)] for plant in plants]
         self._nominal = nominal
         self._made = Compiled()
 
@@ -46,20 +57,30 @@ class Listening:
         """Return the margins on the model by posture, and M_s of each draw, of the loop called `name`."""
         controller, observer = quick_loop(name, settings._replace(compensation=linear(settings.compensation)))
         controller.rest = False
-        samples = round((SETTLE + LISTEN) / self.dt)
+        samples, each = round((self._settle + self._listen) / self.dt), settings.plant.n + 1
         t = np.asarray(self.dt * np.arange(samples + 1), float)
         loops = []
-        for (theta, K), pair in zip(self._places, self._pairs, strict=True):
-            reference, x0 = Reference(t, np.full_like(t, theta), np.full_like(t, K)), settings.plant.at_rest(theta, K)
-            loops += [Loop(0, plant, controller, reference, observer, x0, 0) for plant in pair]
-        found = [one.run for _, one in outcomes(loops, True, self._made.for_others()) if one.run is not None]
-        first = round(SETTLE / self.dt)
+        for (theta, K), group in zip(self._places, self._groups, strict=True):
+            held = (np.broadcast_to(value, (t.size, *np.shape(value))) for value in (theta, K))
+            reference, x0 = Reference(t, next(held), next(held)), settings.plant.at_rest(theta, K)
+            loops += [Loop(0, plant, controller, reference, observer, x0, 0) for plant in group]
+        runs = [one.run for _, one in outcomes(loops, True, self._made.for_others()) if one.run is not None]
         heard: list[Margins] = []
-        for place, (plant, _), quiet, loud in zip(self._places, self._pairs, found[::2], found[1::2], strict=True):
-            moved, sample = (loud.theta - quiet.theta)[first:-1] / DELTA, np.arange(samples - first)
-            read = np.interp(sample - plant.reading_age / self.dt, sample, moved)  # as old as the readings are
-            heard.append(Margins.of(*place, read + (sample == 0), self.dt))
+        for i, (place, group) in enumerate(zip(self._places, self._groups, strict=True)):
+            quiet, *loud = (run.theta for run in runs[i * each : (i + 1) * each])
+            response = self._response(quiet, loud, group[0].reading_age)
+            heard.append(Margins.of(*place, response if np.ndim(place[0]) else response[:, 0, 0], self.dt))
         return tuple(heard[: self._nominal]), tuple(m.sensitivity_peak for m in heard[self._nominal :])
+
+    def _response(self, quiet: Array, loud: Sequence[Array], reading_age: float) -> Array:
+        """Return the readings (samples, n, n) [-] of each joint by the one whose reading is disturbed by 1."""
+        first = round(self._settle / self.dt)
+        sample = np.arange(len(quiet) - 1 - first)
+        moved = [(one - quiet)[first:-1].reshape(sample.size, -1) / DELTA for one in loud]
+        late = sample - reading_age / self.dt  # as old as the readings are
+        read = np.apply_along_axis(lambda one: np.interp(late, sample, one), 0, np.stack(moved, axis=-1))
+        read[0] += np.eye(len(loud))
+        return np.asarray(read)
 
 
 def quick_loop(name: str, settings: Settings) -> tuple[BaseController, Observer]:
@@ -69,10 +90,12 @@ def quick_loop(name: str, settings: Settings) -> tuple[BaseController, Observer]
     return controller.compile() if isinstance(controller, Baseline) else controller, observer
 
 
-def sliding(real: RealPlant) -> RealPlant:
-    """Return a real plant without nonlinear effects: friction, dead band, steps of the encoder, unequal lags."""
-    one, two = (float(np.mean(lags)) for lags in real.lags)
-    return replace(
-        real, nominal=replace(real.nominal, lag=(one, two)), lag_up=None, lag_down=None, flow=np.inf, dead_band=0.0,
-        friction=Friction(), encoder=0.0, pressure_noise=_SILENT, pressure_offset=(0.0, 0.0), torque_profile=(),
-    )  # fmt: skip
+def sliding(real: RealT) -> RealT:
+    """Return a real machine without nonlinear effects: friction, dead band, steps of the encoder, unequal lags."""
+    lags = tuple(float(np.mean(lags)) for lags in real.lags)
+    effects: dict[str, Any] = {
+        "lag_up": None, "lag_down": None, "flow": np.inf, "dead_band": 0.0, "friction": Friction(), "encoder": 0.0,
+        "pressure_noise": _SILENT, "pressure_offset": (0.0,) * real.nominal.m, "torque_profile": (),
+    }  # fmt: skip
+    nominal: Any = real.nominal
+    return replace(real, nominal=replace(nominal, lag=lags), **effects)

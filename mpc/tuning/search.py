@@ -14,14 +14,16 @@ from typing import Any
 import numpy as np
 
 from allocator import checks
-from allocator.errors import InvalidInput
+from allocator.calculus import Value
+from allocator.errors import InvalidInput, MissingBackend
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
-from mpc.model.plant import Plant
+from mpc.model.machine import Machine
 from mpc.trials.loops import Settings, robust
 from mpc.trials.margins import ROBUST
 from mpc.trials.tuned import Tuning, parameters_of
 from mpc.tuning.cost import Evaluation, Problem
-from mpc.tuning.draws import Spreads, draws, payloads
+from mpc.tuning.draws import Spreads
 from mpc.tuning.result import Tuned
 from mpc.tuning.tour import Tour
 
@@ -33,12 +35,12 @@ Progress = Callable[..., Iterable[Evaluation]]
 
 
 def tune(
-    plant: Plant,
+    plant: Machine,
     compensation: Compensation | None = None,
     *,
     controller: str = "mpc",
     spreads: Spreads | None = None,
-    K: float | None = None,
+    K: Value | None = None,
     peak: float = ROBUST,
     evaluations: int = EVALUATIONS,
     n_draws: int = DRAWS,
@@ -48,20 +50,22 @@ def tune(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Return the numbers of a controller and its observer that suit a fitted plant best, and their figures.
+    """Return the numbers of a controller and its observer that suit a fitted plant or arm best, and their figures.
 
-    The search minimises the 80 % quantile of the closed-loop cost over draws of real plants, subject to a limit of M_s.
+    The search minimises the 80 % quantile of the closed-loop cost over draws of real machines, subject to a limit of
+    M_s. The loops of an arm are not compiled as a whole, so that its evaluations take several times as long.
 
     Parameters
     ----------
     plant, compensation
-        The model and the compensation of controller and observer: `Plant.load` and `Compensation.load`.
+        The model, a `Plant` or an `Arm` with formulas, and the compensation of controller and observer:
+        `Plant.load` and `Compensation.load`. By default a joint's own hysteresis is known.
     controller
-        Kind of loop: mpc, lqr, predictive-pid, pid, pi.
+        Kind of loop: mpc, lqr, predictive-pid, pid, pi; of an arm mpc.
     spreads
         Deviations of real plants, as read by `Spreads.load` from a file; None: those of data sheets.
     K
-        Stiffness [N·m/rad] of the tour; by default the joint's usual one.
+        Stiffness [N·m/rad] of the tour, a matrix (k, k) for an arm; by default the machine's usual one.
     peak
         Limit of M_s, the peak of the sensitivity.
     evaluations, n_draws
@@ -79,7 +83,8 @@ def tune(
     Raises
     ------
     InvalidInput
-        For `evaluations` below 2, `n_draws` below 1, and a `peak` of 1 or less, which no loop keeps.
+        For `evaluations` below 2, `n_draws` below 1, a `peak` of 1 or less, which no loop keeps, and an arm without
+        formulas.
     MissingBackend
         For a controller that cannot be tuned.
     """
@@ -88,12 +93,14 @@ def tune(
     if not (peak := checks.number("peak", peak, "-")) > 1:
         raise InvalidInput(f"peak = {peak:g} has to be above 1: no loop that feeds back keeps such an M_s")
     parameters_of(controller)
+    if isinstance(plant, Arm) and controller != "mpc":
+        raise MissingBackend("controller to tune for an arm", controller, ("mpc",))
     spreads = Spreads() if spreads is None else spreads
-    known = Compensation.of(plant.joint) if compensation is None else compensation
+    own = Compensation() if isinstance(plant, Arm) else Compensation.of(plant.joint)
+    known = own if compensation is None else compensation
     settings = robust(controller, Settings(plant, dt, horizon, known))
-    tour = Tour.of(plant.joint, dt, None if K is None else checks.positive("K", K, "N·m/rad"))
-    plants, loads = draws(plant, known, n, seed, spreads), payloads(n, seed, tour.K, spreads)
-    problem = Problem(controller, settings, plants, loads, tour, peak, seed)
+    tour = Tour.of(plant, dt, K if K is None or isinstance(plant, Arm) else checks.positive("K", K, "N·m/rad"))
+    problem = Problem.of(controller, settings, tour, n, seed, spreads, peak)
     found = _searched(problem, evaluations, executor)
     return Tuned(problem, tuple(found if progress is None else progress(found, total=evaluations)))
 

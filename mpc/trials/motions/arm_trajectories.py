@@ -31,8 +31,8 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
     for others on pulleys; otherwise the stiffness at middle pressures, ± 10 %. Raises `InvalidInput`.
     """
     frequency = checks.positive("frequency", frequency, "Hz")
-    swings, w = _swings(arm, size * np.resize(_SWING, arm.n) * DEG), 2 * np.pi * frequency
-    middle, K_of = _middle(arm), usual_stiffness(arm)
+    swings, w = usual_swings(arm, size), 2 * np.pi * frequency
+    middle, K_of = middle_of(arm), usual_stiffness(arm)
 
     def at(t: Array) -> tuple[Array, Array]:
         phase = w * t[:, None] + np.arange(arm.n) * np.pi / 2
@@ -53,7 +53,7 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
     Raises `InvalidInput`.
     """
     seconds, rest = checks.positive("seconds", seconds, "s"), checks.positive("rest", rest, "s")
-    ends, middle = _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG), _middle(arm)
+    ends, middle = _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG), middle_of(arm)
     K_of, period = usual_stiffness(arm), seconds + rest
 
     def at(t: Array) -> tuple[Array, Array]:
@@ -69,7 +69,7 @@ def reach(arm: Arm, seconds: float = 1.0, rest: float = 1.5) -> Reference:
 
 def hold(arm: Arm, seconds: float = 4.0) -> Reference:
     """Return a constant posture. Raises `InvalidInput`."""
-    posture = _middle(arm) + _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG)
+    posture = middle_of(arm) + _swings(arm, np.resize([20.0, -15.0], arm.n) * DEG)
     K = tracked_stiffness(arm, posture[None], usual_stiffness(arm)(posture[None]))[0]
     return Reference.of("hold", seconds, lambda t: (np.tile(posture, (t.size, 1)), np.tile(K, (t.size, 1, 1))))
 
@@ -131,11 +131,17 @@ def usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
     return lambda q: np.tile(K, (len(q), 1, 1))
 
 
+def usual_swings(arm: Arm, size: float = 1.0) -> Array:
+    """Return swings (n,) [rad] of ±23°, ±17°, … times `size`, or less if the arm would not hold itself."""
+    return _swings(arm, size * np.resize(_SWING, arm.n) * DEG)
+
+
 def _on_pulleys(arm: Arm) -> bool:
     return isinstance(arm.mechanism.routes, Pulleys)
 
 
-def _middle(arm: Arm) -> Array:
+def middle_of(arm: Arm) -> Array:
+    """Return the middle (n,) [rad] of the ranges of the joints."""
     low, high = arm.angle_limits
     return np.asarray((low + high) / 2)
 
@@ -145,7 +151,7 @@ def _swings(arm: Arm, wanted: Array) -> Array:
 
     Raises `InvalidInput` for an arm that does not hold itself in the middle of its ranges.
     """
-    (low, high), middle, K_of = arm.angle_limits, _middle(arm), usual_stiffness(arm)
+    (low, high), middle, K_of = arm.angle_limits, middle_of(arm), usual_stiffness(arm)
     swings = np.clip(wanted, -_MOST * (high - low) / 2, _MOST * (high - low) / 2)
     least = np.linalg.eigvalsh(K_of(middle[None]))[0, 0]
     if not least > 0:

@@ -68,7 +68,7 @@ def test_a_file_without_intervals_has_the_usual_spreads(tmp_path):
 
 
 def test_every_leg_of_the_tour_begins_and_ends_at_rest_without_the_others():
-    tour = Tour.of(PLANT.joint, 0.01)
+    tour = Tour.of(PLANT, 0.01)
     theta, legs = tour.reference.theta, list(tour.legs.values())
     assert set(tour.legs) == {*MOTIONS, "load", *(f"{name} loaded" for name in MOTIONS)}
     for leg in legs:

@@ -60,6 +60,16 @@ def test_the_seed_decides_and_not_who_runs_it(tuned):
 
 
 @pytest.mark.compiles
+def test_a_tuning_is_judged_on_as_many_draws_of_another_seed(tuned):
+    before, after = tuned.judged(77)
+    assert (before.tuning, after.tuning) == (tuned.before.tuning, tuned.tuning)
+    assert len(before.draws) == len(after.draws) == FEW["n_draws"]
+    assert before.draws != tuned.before.draws
+    assert tuned.judged(FEW["seed"])[0].error == tuned.before.error
+    assert [row[1] for row in tuned.rows((before, after))] != [row[1] for row in tuned.rows()]
+
+
+@pytest.mark.compiles
 def test_margins_of_compiled_runs_are_those_of_the_readable_loop(tuned):
     settings = tuned.tuning.applied(tuned.problem.settings)
     two = replace(settings.compensation, lag_up=0.08, lag_down=0.14, flow=5 * BAR, reading_age=0.01)
@@ -103,8 +113,10 @@ def test_the_command_writes_a_plant_that_track_takes(tmp_path):
     before = mine.read_text()
     out, picture = tmp_path / "tuned.toml", tmp_path / "tuning.png"
     small = ["--evaluations", "2", "--draws", "1", "--workers", "1"]
-    result = CliRunner().invoke(app, ["tune", str(mine), "--out", str(out), "--plot", str(picture), *small])
+    files = ["--out", str(out), "--plot", str(picture), "--judge", "9"]
+    result = CliRunner().invoke(app, ["tune", "--machine", str(mine), *files, *small])
     assert result.exit_code == 0, result.output
+    assert "draws of the other seed" in result.output
     assert "M_s on model and draws" in result.output
     assert mine.read_text() == before
     assert out.read_text().startswith(before)
@@ -115,7 +127,7 @@ def test_the_command_writes_a_plant_that_track_takes(tmp_path):
     assert "mpc tuned for this plant: theta error" in tracked.output
     other = CliRunner().invoke(app, ["track", "steps", "--machine", str(out), "--controller", "pid", "--force", *files])
     assert "tuned for this plant" not in other.output
-    result = CliRunner().invoke(app, ["tune", str(mine), "--in-place", *small])
+    result = CliRunner().invoke(app, ["tune", "--machine", str(mine), "--in-place", *small])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "plant.toml.before-tuning").read_text() == before
     assert Tuning.load(mine) == Tuning.load(out)
@@ -128,9 +140,11 @@ def test_a_dask_cluster_gives_the_same_answer(tuned, tmp_path):
     mine = tmp_path / "plant.toml"
     save_plant(mine, PLANT.joint, {"inertia": 0.05, "gas": True})
     small = ["--evaluations", "3", "--draws", "1", "--json"]
-    here = CliRunner().invoke(app, ["tune", str(mine), *small, "--workers", "1"])
+    here = CliRunner().invoke(app, ["tune", "--machine", str(mine), *small, "--workers", "1"])
     with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        there = CliRunner().invoke(app, ["tune", str(mine), *small, "--scheduler", cluster.scheduler_address])
+        there = CliRunner().invoke(
+            app, ["tune", "--machine", str(mine), *small, "--scheduler", cluster.scheduler_address]
+        )
     assert here.exit_code == there.exit_code == 0, there.output
     assert json.loads(there.stdout) == json.loads(here.stdout)
 
@@ -170,6 +184,6 @@ def test_wrong_inputs_are_one_sentence(tmp_path):
         (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "give one of the two"),
         (["--plot", str(tmp_path / "a.txt")], "ending"),
     ):
-        result = CliRunner().invoke(app, ["tune", str(mine), *arguments])
+        result = CliRunner().invoke(app, ["tune", "--machine", str(mine), *arguments])
         assert result.exit_code != 0
         assert said in str(result.exception) + result.output
