@@ -20,7 +20,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.presentation.tables import number
-from mpc.arm.learning.environment import ReachEnvironment, ReachVectorEnvironment
+from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
 from mpc.arm.learning.variation import Variation
 from mpc.model.arm.model import Arm
@@ -43,11 +43,11 @@ class Examined(NamedTuple):
     error: Array  # in the last half second, mean over it (N,) [°]
 
 
-def run(env: ReachVectorEnvironment, W: Array, seed: int) -> Examined:
+def run(env: ArmVectorEnvironment, W: Array, seed: int) -> Examined:
     """Return the results of policies `W` (P, a, s + 1), each on an equal share of the arms, in one episode."""
     seen, _ = env.reset(seed=seed)
     low, high = env.single_observation_space.low, env.single_observation_space.high
-    samples, late = env.reachers.task.samples, round(0.5 / env.reachers.task.dt)
+    samples, late = env.episodes.task.samples, round(0.5 / env.episodes.task.dt)
     returned, error = np.zeros(env.num_envs), np.zeros(env.num_envs)
     for k in range(samples):
         s = (2 * seen - low - high) / (high - low)
@@ -60,7 +60,7 @@ def run(env: ReachVectorEnvironment, W: Array, seed: int) -> Examined:
 
 def learn(actions: str, seed: int, generations: int) -> Array:
     """Return the mean policy (a, s + 1) after `generations`."""
-    env, rng = ReachVectorEnvironment(POPULATION * EPISODES, task(actions)), np.random.default_rng(seed)
+    env, rng = ArmVectorEnvironment(POPULATION * EPISODES, task(actions)), np.random.default_rng(seed)
     shape = env.single_action_space.shape[0], env.single_observation_space.shape[0] + 1
     mean, spread = np.zeros(shape), np.full(shape, SPREAD)
     for g in range(generations):
@@ -75,7 +75,7 @@ def compare(seeds: int, generations: int) -> None:
     print(f"{generations} generations of {POPULATION} policies on {EPISODES} arms each")
     print("| actions | seed | return | median error at last [°] | 90 % [°] | seconds |\n|---|---|---|---|---|---|")
     for actions in KINDS:
-        examiner = ReachVectorEnvironment(EXAMINED, task(actions))
+        examiner = ArmVectorEnvironment(EXAMINED, task(actions))
         shape = examiner.single_action_space.shape[0], examiner.single_observation_space.shape[0] + 1
         found = []
         for seed in [-1, *range(seeds)]:
@@ -111,7 +111,7 @@ def samples_per_second(asked: Reaching, size: int) -> float:
 
     A single arm has its own environment.
     """
-    env = ReachEnvironment(asked) if size == 1 else ReachVectorEnvironment(size, asked)
+    env = ArmEnvironment(asked) if size == 1 else ArmVectorEnvironment(size, asked)
     env.reset(seed=0)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(10)]
