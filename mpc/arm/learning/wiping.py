@@ -49,11 +49,12 @@ class Wiping(Task):
                 f"wiping is along a line in a plane, with two coordinates of the hand, not {self.varied.hand.text}"
             )
         for name, unit in (("stroke", "m"), ("force", "N")):
-            low, high = checks.real(name, getattr(self, name), unit)
+            low, high = checks.limits(name, getattr(self, name), unit)
             if not low < high or (name == "force" and low <= 0):
                 raise InvalidInput(
                     f"{name} = ({low:g}, {high:g}) {unit} has to be a range, such as {getattr(Wiping, name)}"
                 )
+            object.__setattr__(self, name, (low, high))
         for name, unit in (("period", "s"), ("scale", "m")):
             checks.positive(name, getattr(self, name), unit)
         checks.not_negative("clearance", self.clearance, "m")

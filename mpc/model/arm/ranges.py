@@ -90,7 +90,7 @@ def followed(arm: "Arm", hand: Endpoint, path: Array) -> Array:
     starts = np.vstack([arm.middle, about_the_middle(arm)])
     found: list[Array] = []
     for k, x in enumerate(path):
-        reached = [_posture(arm, hand, x, q) for q in (found[-1:] or starts)]
+        reached = (_posture(arm, hand, x, q) for q in (found[-1:] or starts))
         missed, q = next((one for one in reached if one[0] <= _NEAR), (np.inf, starts[0]))
         if missed > _NEAR:
             missed, q = min((_nearest(arm, hand, x, q) for q in (*found[-1:], *starts[:4])), key=lambda one: one[0])
