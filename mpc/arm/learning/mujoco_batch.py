@@ -2,13 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import atan2
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
+from mpc.arm.drawing import DRAWN, row
 from mpc.arm.learning.plant import RESOLUTION, Touch, VariedArm, views
+from mpc.arm.learning.wall import Wall
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
+
+_SIZE, _SEEN_THROUGH = (0.01, 0.25, 0.04), "0.35 0.5 0.65 0.6"  # [m] halves of a drawn wall, and its colour
 
 
 class MujocoBatch:
@@ -68,9 +73,18 @@ class WalledPlant(MujocoPlant):
 
 
 def plant_of(varied: VariedArm) -> WalledPlant:
-    """Return the nominal arm on MuJoCo, without the wall."""
+    """Return the nominal arm on MuJoCo; a wall is drawn and touches nothing."""
     arm, limits = varied.arm, varied.arm.mechanism.pressure_limits
     text = to_mjcf(arm.mechanism, arm.bodies)
+    if varied.wall is not None and varied.hand.dim == 2:
+        text = text.replace("</worldbody>", f"{_drawn(varied.wall)}</worldbody>")
     plant = WalledPlant(text, arm.mechanism.muscles, pressure_limits=limits, lag=arm.lags, gas=varied.gas)
     plant.model.opt.timestep = min(plant.model.opt.timestep, RESOLUTION / varied.fastest_rate)
     return plant
+
+
+def _drawn(wall: Wall) -> str:
+    """Return the geom of a wall in the plane."""
+    (x, y), behind = wall.normal, wall.offset + _SIZE[0]
+    place = f'pos="{row(behind * x, behind * y, 0.0)}" euler="{row(0.0, 0.0, atan2(y, x))}" size="{row(*_SIZE)}"'
+    return f'<geom class="{DRAWN}" type="box" {place} rgba="{_SEEN_THROUGH}"/>'

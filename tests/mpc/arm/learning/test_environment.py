@@ -13,6 +13,7 @@ from benchmarks.arm.unmodelled import machine
 from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness, governor_of
 from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
+from mpc.arm.learning.task import Task
 from mpc.arm.learning.variation import Variation
 from mpc.arm.learning.wiping import Wiping
 from mpc.governor import PressureGovernor
@@ -216,3 +217,36 @@ def test_an_environment_shows_itself_or_says_which_gl_is_missing():
         env.step(np.ones(6))
     assert (env.render() != picture).any(axis=-1).sum() > 500  # pixels: it has moved, and reddened
     env.close()
+
+
+class Braking(Task):
+    """A task that the library does not have: to come to rest from a posture, as an observed rate asks."""
+
+    unit = "rad²/s²"
+    asked_range = np.array([[0.0], [2.0]])
+
+    def draw(self, count, rng):
+        return np.zeros((count, self.arm.n)), rng.uniform(0.5, 1.5, (count, 1))
+
+    def asked(self, goal, sample):
+        return goal * np.exp(-sample[:, None])
+
+    def judge(self, size):
+        def judged(batch, goal, sample):
+            speed = np.linalg.norm(batch.omega, axis=1)
+            return speed**2, {"speed_rad_s": speed}
+
+        return judged
+
+
+@pytest.mark.slow
+def test_tasks_of_one_s_own_have_environments():
+    task = Braking(ARM, effort=0.0)
+    check_env(ArmEnvironment(task), skip_render_check=True)
+    env = ArmVectorEnvironment(3, task)
+    seen, info = env.reset(seed=0)
+    assert seen.shape == (3, 2 + 2 + 6 + 6 + 1)
+    assert (info["speed_rad_s"] == 0).all()
+    later, reward, *_, info = env.step(np.ones((3, 6)))
+    assert later[:, -1] == pytest.approx(seen[:, -1] * np.exp(-1))
+    assert reward == pytest.approx(-(info["speed_rad_s"] ** 2))

@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
 from allocator import InvalidInput
 from allocator.mechanism.endpoint import Endpoint
 from allocator.units import BAR
-from mpc.arm.learning.mujoco_batch import MujocoBatch
+from mpc.arm.learning.mujoco_batch import MujocoBatch, plant_of
 from mpc.arm.learning.plant import ArmBatch, Touch, VariedArm
 from mpc.arm.learning.variation import Variation
 from mpc.arm.learning.wall import Wall
@@ -131,8 +132,6 @@ def test_a_damped_wall_never_gives_more(damping):
 
 def stepped(varied, x0, P, duration, step=5e-5):
     """Angles, velocities and forces at every ms of MuJoCo's own steps, with the wall as `xfrc_applied` at the hand."""
-    import mujoco
-
     mechanism, bodies, wall = varied.arm.mechanism, varied.arm.bodies, varied.wall
     model = mujoco.MjModel.from_xml_string(to_mjcf(mechanism, bodies, timestep=step))
     data, normal, found = mujoco.MjData(model), np.array([*wall.normal, 0.0]), []
@@ -159,7 +158,6 @@ def test_mujoco_s_own_steps_move_the_arm_alike(damping, tolerance):
 
     The step in a damper's force at a touch makes the error of our Runge–Kutta steps one of first order.
     """
-    pytest.importorskip("mujoco")
     varied = walled(3000.0, damping)
     P = np.array([3.0, 2.0, 2.5, 3.0, 2.5, 2.0]) * BAR
     batch, touch = ArmBatch(varied, 1, 0.001), Touch(varied, 1)
@@ -197,6 +195,18 @@ def test_batches_on_mujoco_and_compiled_meet_the_same_wall():
         pressed += touch(batches[0].q, batches[0].omega, values).force > 0
     assert (pressed > 0).all()
     assert np.abs(batches[0].q - batches[1].q).max() < 1e-4
+
+
+def test_a_wall_is_drawn_where_it_is_and_touches_nothing():
+    varied = walled()
+    model = plant_of(varied).model
+    box = model.geom(np.flatnonzero(model.geom_type == int(mujoco.mjtGeom.mjGEOM_BOX))[0])
+    assert np.dot(box.pos, [*SKEW, 0.0]) - box.size[0] == pytest.approx(varied.wall.offset)
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, box.quat)
+    assert turn[::3] == pytest.approx([*SKEW, 0.0])  # its first axis is the normal
+    assert box.contype[0] == box.conaffinity[0] == 0
+    assert model.nbody == plant_of(VariedArm(ARM)).model.nbody
 
 
 # --- what may be asked ------------------------------------------------------------------------------------------------
