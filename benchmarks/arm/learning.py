@@ -12,7 +12,6 @@ measures the samples of the environments per second of a core's time instead.
 """
 
 import argparse
-from dataclasses import replace
 from time import perf_counter, process_time
 from typing import NamedTuple
 
@@ -22,7 +21,9 @@ from allocator.calculus import Array
 from allocator.presentation.tables import number
 from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
+from mpc.arm.learning.task import Task
 from mpc.arm.learning.variation import Variation
+from mpc.arm.learning.wiping import Wiping
 from mpc.model.arm.model import Arm
 
 POPULATION, ELITE, EPISODES, EXAMINED = 40, 8, 6, 256
@@ -96,17 +97,18 @@ def compare(seeds: int, generations: int) -> None:
 
 
 def speed() -> None:
-    print("| machine | actions | dynamics | arms at a time | samples/s of a core |\n|---|---|---|---|---|")
-    for name in ("arm26", "arm48"):
+    print("| task | machine | actions | dynamics | arms at a time | samples/s of a core |\n|---|---|---|---|---|---|")
+    for kind, name in ((Reaching, "arm26"), (Wiping, "arm26"), (Reaching, "arm48")):
         for actions in KINDS:
             for dynamics, sizes in (("compiled", (1, 64, 512)), ("mujoco", (1,))):
-                asked = replace(task(actions), arm=Arm.machine(name), dt=0.01, dynamics=dynamics)
+                asked = kind(Arm.machine(name), actions, variation=task(actions).variation, dynamics=dynamics)
                 for size in sizes:
                     rate = samples_per_second(asked, size)
-                    print(f"| {name} | {actions} | {dynamics} | {size} | {rate:.0f} |", flush=True)
+                    told = f"{kind.__name__} | {name} | {actions} | {dynamics} | {size}"
+                    print(f"| {told} | {rate:.0f} |", flush=True)
 
 
-def samples_per_second(asked: Reaching, size: int) -> float:
+def samples_per_second(asked: Task, size: int) -> float:
     """Return the greatest rate of several stretches, in the time of one core, as the machine may be busy.
 
     A single arm has its own environment.

@@ -109,20 +109,19 @@ def test_an_episode_repeats_by_its_seed_and_many_are_one():
     assert number["force_N"] > 0
 
 
-def pressed(share, depth):
-    """Force [N] of a hand at rest with a reference `depth` [m] behind the wall, and that by K_x."""
-    env = environment(actions="posture-stiffness", push=0.0)
+def pressed(share, depth, size=1, **options):
+    """Forces (size,) [N] of hands at rest with a reference `depth` [m] behind the wall, and that by K_x."""
+    env = environment(size, actions="posture-stiffness", push=0.0, **options)
     env.reset(seed=0)
     episodes, task = env.episodes, env.episodes.task
     (low, high), q = ARM.angle_limits, task.postures(depth, np.zeros(1))[0]
     action = np.array([*(2 * (q - low) / (high - low) - 1), share, share])
-    env.step(action)
     P = episodes.action.pressures(action[None])
-    for _ in range(4000):  # until it rests
-        episodes.batch.advance(P, np.zeros((1, 2)))
+    for _ in range(4000):  # until they rest
+        episodes.batch.advance(np.repeat(P, size, axis=0), np.zeros((size, 2)))
     K_x = HAND.stiffness(q, ARM.mechanism.stiffness(q, P[0]))  # isobaric
     compliance = np.linalg.inv(K_x)[0, 0] + 1 / task.wall.stiffness  # of the hand, free along the wall, and the wall
-    return float(episodes.judged()[1]["force_N"][0]), depth / compliance
+    return episodes.judged()[1]["force_N"], depth / compliance
 
 
 @pytest.mark.slow
@@ -130,13 +129,26 @@ def test_a_stiffer_hand_presses_harder_by_its_stiffness():
     """1 mm behind the surface all forces are those of the isobaric K_x but for 1 %, while no muscle is slack."""
     forces = []
     for share in (0.0, 0.4, 0.8):
-        force, expected = pressed(share, 0.001)
+        (force,), expected = pressed(share, 0.001)
         assert force == pytest.approx(expected, rel=0.02)
         forces.append(force)
     assert (np.diff(forces) > 0.05).all()  # [N]
-    soft, expected = pressed(-0.5, 0.001)  # muscles at the limit of slackness
+    (soft,), expected = pressed(-0.5, 0.001)  # muscles at the limit of slackness
     assert soft == pytest.approx(expected, rel=0.1)
     assert soft < forces[0]
+
+
+@pytest.mark.slow
+def test_a_softer_hand_keeps_its_force_at_walls_of_unknown_place():
+    """Both press with 2 N on the nominal wall, the softer hand from further behind it."""
+    spread, stiffness = [], []
+    for share in (0.0, 0.8):
+        stiffness.append(pressed(share, 0.001)[1] / 0.001)
+        forces, _ = pressed(share, 2.0 / stiffness[-1], 60, variation=Variation(wall_offset=0.001))
+        assert forces.mean() == pytest.approx(2.0, rel=0.1)
+        spread.append(forces.std())
+    assert spread[1] / spread[0] == pytest.approx(stiffness[1] / stiffness[0], rel=0.15)
+    assert spread[1] > 1.4 * spread[0]
 
 
 @pytest.mark.parametrize(
