@@ -11,9 +11,10 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
 
-from allocator import Limit, Status
+from allocator import Limit, Status, report_joint
 from allocator.muscles import MODELS, AffineMuscle
 from mpc import PlanStatus, Rung
+from mpc.explorer.saved import saved_page
 
 ROOT = Path(__file__).parents[2]
 REPORTS = "benchmarks/results"
@@ -40,6 +41,7 @@ def on_files(files: Files, config: Any) -> Files:
             uri = _site_uri(file.relative_to(ROOT).as_posix())
             files.append(File.generated(config, uri, abs_src_path=str(file)))
     files.append(File.generated(config, "changes.md", abs_src_path=str(ROOT / "CHANGELOG.md")))
+    files.append(File.generated(config, "guides/explorer_page.html", content=saved_page(report_joint())))
     return files
 
 

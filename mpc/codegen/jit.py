@@ -10,7 +10,7 @@ from allocator.compilation.cache import keep
 from allocator.compilation.linked import INNER
 
 if config.DISABLE_JIT:
-    raise ImportError("numba is told not to compile")
+    raise ImportError("compilation is switched off by NUMBA_DISABLE_JIT")
 
 KEPT = "antagonist_"  # prefix of modules with cached code; a hash of all their sources follows
 F = TypeVar("F", bound=Callable[..., object])

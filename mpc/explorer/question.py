@@ -122,12 +122,15 @@ class Answer:
         """Joint of the question."""
         return self.question.joint(self.base)
 
-    def state(self) -> dict[str, object]:
-        """Return pressures, their results, the active limit, and both muscles."""
+    def state(self, reach: tuple[float, float] | None = None) -> dict[str, object]:
+        """Return pressures, their results, the active limit, and both muscles.
+
+        `reach` has the ends of the feasible stiffnesses [N·m/rad] at the angle and the torque if they are known.
+        """
         asked = self.question
         a = allocate(asked.theta * DEG, asked.stiffness, asked.torque, joint=self.joint, stiffness=asked.meant)
         theta = float(a.theta)
-        low, high = stiffness_interval(theta, asked.torque, joint=self.joint, stiffness=asked.meant)
+        low, high = reach or stiffness_interval(theta, asked.torque, joint=self.joint, stiffness=asked.meant)
         return {
             "theta": theta / DEG,
             "pressures": [a.P1 / BAR, a.P2 / BAR],
@@ -171,7 +174,7 @@ class Answer:
 
 def three(joint: AntagonistJoint, theta: float, P1: float, P2: float) -> dict[str, float | None]:
     """Return the backbone's stiffness, that felt by ±2° and that with shut valves [N·m/rad]; None for unknown gas."""
-    shut = float(joint.stiffness(theta, P1, P2, "shut")) if _has_gas(joint) else None
+    shut = _shut(joint, theta, P1, P2)
     found = {
         "backbone": float(joint.stiffness(theta, P1, P2)),
         "felt": float(joint.stiffness(theta, P1, P2, amplitude=_PUSH)),
@@ -242,8 +245,12 @@ def _numbers(geometry: Geometry) -> dict[str, float]:
 
 def _has_gas(joint: AntagonistJoint) -> bool:
     """Return whether the volume of both muscles is known, so that valves may be shut."""
+    return _shut(joint, sum(joint.angle_range) / 2, *2 * (joint.pressure_limits[1],)) is not None
+
+
+def _shut(joint: AntagonistJoint, theta: float, P1: float, P2: float) -> float | None:
+    """Return the stiffness with shut valves [N·m/rad], or None where the gas is unknown or its model does not hold."""
     try:
-        joint.stiffness(sum(joint.angle_range) / 2, *2 * (joint.pressure_limits[1],), valves="shut")
+        return float(joint.stiffness(theta, P1, P2, "shut"))
     except InvalidInput:
-        return False
-    return True
+        return None

@@ -115,3 +115,9 @@ def test_a_lever_is_drawn_from_its_own_lengths_which_its_muscles_have():
     assert (geometry["anchor"], geometry["lever"]) == (pytest.approx(165.5), pytest.approx(60.0))
     far = np.hypot(geometry["anchor"], geometry["lever"])
     assert [muscle["length"] for muscle in found["muscles"]] == pytest.approx([far + geometry["offset"]] * 2)
+
+
+def test_a_posture_where_the_gas_model_does_not_hold_has_an_answer():
+    found = Answer(Question(theta=-120.0, stiffness=0.5, torque=-15.0), report_joint()).state()["three"]
+    assert found["shut"] is None
+    assert found["backbone"] > 0

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from allocator import AntagonistJoint, Lever, named_muscle, report_joint
+from allocator import AntagonistJoint, Lever, allocate, named_muscle, report_joint
 from mpc import Plant, TrackingMPC, simulate, sine
 from mpc.cli import app
 from mpc.explorer.server import HOST, frames, server
@@ -150,3 +150,40 @@ def test_the_page_works_in_a_browser():
             assert page.evaluate(f"{unlabelled}.length") == 0
             assert said == []
         browser.close()
+
+
+@pytest.mark.tools
+@pytest.mark.slow
+def test_a_saved_page_answers_without_the_server(tmp_path, monkeypatch):
+    from playwright.sync_api import sync_playwright
+
+    assert CHROMIUM is not None, "a Chromium is needed: apt install chromium"
+    for name, steps in (("_ANGLES", 8), ("_STIFFNESSES", 8), ("_TORQUES", 6)):
+        monkeypatch.setattr(f"mpc.explorer.saved.{name}", steps)
+    assert CliRunner().invoke(app, ["explore", "--save", str(tmp_path / "page.html")]).exit_code == 0
+    with sync_playwright() as driver:
+        page = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS).new_page()
+        said = []
+        page.on("console", lambda message: said.append(message.text))
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto((tmp_path / "page.html").as_uri())
+        page.wait_for_selector("body[data-ready]", state="attached")
+        for name, value in (("theta", "28"), ("stiffness", "6.6"), ("torque", "4")):
+            page.fill(f"#{name}", value)
+            page.press(f"#{name}", "Enter")
+        target = [float(page.input_value(f"#{name}")) for name in ("theta", "stiffness", "torque")]
+        answer = allocate(math.radians(target[0]), *target[1:])
+        shown = [float(page.inner_text(f"#P{i}")) for i in (1, 2)]
+        assert shown == pytest.approx([answer.P1 / 1e5, answer.P2 / 1e5], abs=1e-5)
+        assert float(page.inner_text("#K")) == pytest.approx(answer.K, abs=1e-4)
+        page.click("#map", position={"x": 60, "y": 60})  # a target out of reach
+        page.wait_for_function("document.getElementById('status').className === 'missed'")
+        assert not page.is_visible("#valves")
+        assert said == []
+
+
+def test_a_saved_page_is_not_written_over_another_file(tmp_path):
+    (tmp_path / "page.html").write_text("mine")
+    result = CliRunner().invoke(app, ["explore", "--save", str(tmp_path / "page.html")])
+    assert "--force" in str(result.exception)
+    assert (tmp_path / "page.html").read_text() == "mine"
