@@ -64,7 +64,7 @@ class VariedArm:
             if not isinstance(value, kinds):
                 raise InvalidInput(f"{name} is a {type(value).__name__}; expected an {kinds}")
         if self.wall is not None and len(self.wall.normal) != self.hand.dim:
-            raise InvalidInput(f"Wall: normal has {len(self.wall.normal)} coordinates, {self.hand.text}")
+            raise InvalidInput(f"Wall: normal has {len(self.wall.normal)} coordinates; it meets {self.hand.text}")
 
     @property
     def hand(self) -> Endpoint:
