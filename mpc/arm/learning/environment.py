@@ -130,7 +130,7 @@ class ArmVectorEnvironment(VectorEnv[Any, Any, Any]):
 
 
 def _spaces(episodes: Episodes) -> tuple[Box, Box]:
-    low, high = episodes.seen_range.astype(np.float32)
+    low, high = (end.astype(np.float32) for end in episodes.seen_range)
     actions = Box(-1.0, 1.0, (episodes.action.size,), np.float32)
     return actions, Box(low, high, dtype=np.float32)
 

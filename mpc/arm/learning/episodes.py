@@ -26,10 +26,11 @@ class Episodes:
         self.batch: Batch = _BATCHES[task.dynamics](varied, size, task.dt)
         self.action = KINDS[task.actions](arm)
         self.governor = governor_of(arm, task.dt, task.delay) if governor is None else governor
-        self.seen_range = task.seen_range
+        self.seen_range = tuple(task.seen_range)
         n, m = arm.n, arm.m
-        self.goal = task.draw(size, np.random.default_rng(0))[1]  # any, before `begin`
+        self.goal = task.draw(size, np.random.default_rng(0))[1]  # (N, g), any before `begin`
         self.push, self.sample = np.zeros((size, n)), np.zeros(size, np.int64)
+        self.asked = task.asked(self.goal, self.sample)  # (N, a)
         self._price = task.effort / (m * arm.mechanism.pressure_limits[1] ** 2)  # of the sum of P²
         self._encoders = np.zeros((2, size, n))  # now and one sample before
         self._waiting = np.zeros((task.delay + 1, size, m))  # commands, the newest first
@@ -47,6 +48,7 @@ class Episodes:
         self.goal[which] = goal
         self.push[which] = task.push * rng.standard_normal((count, arm.n))
         self.sample[which] = 0
+        self.asked = task.asked(self.goal, self.sample)
         self._waiting[:, which] = x[:, 2 * arm.n :]
         self._encoders[:, which] = self._rounded(start)
 
@@ -71,18 +73,18 @@ class Episodes:
         self._encoders[1] = self._encoders[0]
         self._encoders[0] = self._rounded(batch.q)
         self.sample += 1
+        self.asked = self.task.asked(self.goal, self.sample)
 
     def judged(self) -> tuple[Array, dict[str, Array]]:
         """Return the rewards (N,) of the present sample, and the task's numbers (N,) for `info`."""
         batch = self.batch
-        cost, info = self.judge(batch, self.goal, self.sample)
+        cost, info = self.judge(batch, self.asked)
         return -cost - self._price * np.einsum("ij,ij->i", batch.P, batch.P), info
 
     def observe(self, rng: np.random.Generator) -> Seen:
         """Return the observations (N, 2n + 2m + a) with new noise."""
         P = self.batch.P + self.task.pressure_noise * rng.standard_normal(self.batch.P.shape)
-        asked = self.task.asked(self.goal, self.sample)
-        seen = np.concatenate([*self._encoders, P / BAR, self._waiting[0] / BAR, asked], axis=1)
+        seen = np.concatenate([*self._encoders, P / BAR, self._waiting[0] / BAR, self.asked], axis=1)
         return np.asarray(within(seen, *self.seen_range), np.float32)
 
     def _rounded(self, q: Array) -> Array:

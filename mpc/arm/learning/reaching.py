@@ -50,7 +50,7 @@ class Reaching(Task):
         return _judged
 
 
-def _judged(batch: Batch, goal: Array, sample: Samples) -> tuple[Array, dict[str, Array]]:
-    error = batch.q - goal
+def _judged(batch: Batch, asked: Array) -> tuple[Array, dict[str, Array]]:
+    error = batch.q - asked
     square = np.einsum("ij,ij->i", error, error)
     return square, {"error_rad": np.sqrt(square)}

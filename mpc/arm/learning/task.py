@@ -46,8 +46,8 @@ class Batch(Protocol):
         """Advance all arms by a sample under the commands `u` (N, m) [Pa] and the torques `d` (N, n) [N·m]."""
 
 
-Judge: TypeAlias = Callable[[Batch, Array, Samples], tuple[Array, dict[str, Array]]]
-"""Function (batch, goals (N, g), samples since the beginning (N,)) ↦ costs (N,) and the numbers (N,) of `info`."""
+Judge: TypeAlias = Callable[[Batch, Array], tuple[Array, dict[str, Array]]]
+"""Function (batch, targets (N, a)) ↦ costs (N,) of the present sample, and the numbers (N,) of `info`."""
 
 
 @dataclass(frozen=True)

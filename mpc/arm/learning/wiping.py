@@ -101,22 +101,24 @@ class Wiping(Task):
 
     def asked(self, goal: Array, sample: Samples) -> Array:
         """Return (s*, s*', N*) (N, 3) [m], [m/s], [N]."""
-        (a, b), rate = self.stroke, 2 * np.pi / self.period
+        (a, b), rate, asked = self.stroke, 2 * np.pi / self.period, np.empty((len(goal), 3))
         phase = rate * self.dt * sample + goal[:, 0]
-        half = (b - a) / 2
-        return np.stack([(a + b) / 2 + half * np.sin(phase), half * rate * np.cos(phase), goal[:, 1]], axis=1)
+        asked[:, 0] = (a + b) / 2 + (b - a) / 2 * np.sin(phase)
+        asked[:, 1] = (b - a) / 2 * rate * np.cos(phase)
+        asked[:, 2] = goal[:, 1]
+        return asked
 
     def judge(self, size: int) -> Judge:
         """Return the costs of `size` arms. Raises `InvalidInput` if the hand does not reach the stroke."""
         _ = self._beginnings
         touch, axes, surface = Touch(self.varied, size), self.axes.T, self.varied.places["wall"].start
 
-        def judged(batch: Batch, goal: Array, sample: Samples) -> tuple[Array, dict[str, Array]]:
+        def judged(batch: Batch, asked: Array) -> tuple[Array, dict[str, Array]]:
             x, force, _ = touch(batch.q, batch.omega, batch.v)
             across, along = (x @ axes).T
-            gap = np.maximum(batch.v[:, surface] - across, 0.0)
-            square = (along - self.asked(goal, sample)[:, 0]) ** 2 + gap**2
-            cost = square / self.scale**2 + (force / goal[:, 1] - 1) ** 2
-            return cost, {"error_m": np.sqrt(square), "force_N": force, "asked_N": goal[:, 1]}
+            gap, wanted = np.maximum(batch.v[:, surface] - across, 0.0), asked[:, 2]
+            square = (along - asked[:, 0]) ** 2 + gap**2
+            cost = square / self.scale**2 + (force / wanted - 1) ** 2
+            return cost, {"error_m": np.sqrt(square), "force_N": force, "asked_N": wanted}
 
         return judged

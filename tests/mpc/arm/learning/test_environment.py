@@ -232,7 +232,7 @@ class Braking(Task):
         return goal * np.exp(-sample[:, None])
 
     def judge(self, size):
-        def judged(batch, goal, sample):
+        def judged(batch, asked):
             speed = np.linalg.norm(batch.omega, axis=1)
             return speed**2, {"speed_rad_s": speed}
 
