@@ -81,6 +81,19 @@ def test_the_wall_s_torques_are_those_of_the_hand_s_force():
     assert touched.torque == pytest.approx(HAND.torque(q, -force[:, None] * normal), rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
+def test_compiled_and_evaluated_hands_meet_the_same_wall():
+    varied, none = walled(3000.0, 30.0), (np.zeros((1, 6)), np.zeros((1, 2)))
+    batches = [thrown(varied, dt=0.01, compiled=compiled) for compiled in (True, False)]
+    touch, forces = Touch(varied, 1), []
+    for _ in range(12):
+        for batch in batches:
+            batch.advance(*none)
+        forces.append(touch(batch.q, batch.omega, batch.v).force[0])
+    assert max(forces) > 5
+    assert batches[0].x == pytest.approx(batches[1].x, rel=1e-9, abs=1e-9)
+
+
 def test_a_wall_out_of_reach_changes_nothing():
     free, far = VariedArm(ARM), VariedArm(ARM, wall=Wall(offset=2.0))
     batches = [ArmBatch(varied, 1, 0.01, compiled=False) for varied in (free, far)]
