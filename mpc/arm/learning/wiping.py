@@ -25,10 +25,10 @@ class Wiping(Task):
     a and b of the stroke, its velocity [m/s], and the force N* [N]; φ and N* are drawn for every episode. The arm
     begins at s*(0), at rest, with a clearance from the nominal wall. The cost of a sample is
 
-        ((s - s*)² + gap²)/scale² + (N/N* - 1)² [-]
+        ((s - s*)² + gap²)/scale² + ((N - N*)/N_max)² [-]
 
-    with the gap between hand and surface [m]. `info` has the distance "error_m" of the hand from the place asked for
-    [m], and the forces "force_N" N and "asked_N" N* [N]. Force and wall are not observed.
+    with the gap between hand and surface [m] and the greatest N*. `info` has the distance "error_m" of the hand from the
+    place asked for [m], and the forces "force_N" N and "asked_N" N* [N]. Force and wall are not observed.
     """
 
     wall: Wall = field(default_factory=Wall)
@@ -36,7 +36,7 @@ class Wiping(Task):
     period: float = 2.0  # T of a stroke there and back [s]
     force: tuple[float, float] = (1.0, 4.0)  # least and greatest N* [N]
     clearance: float = 0.01  # [m]
-    scale: float = 0.02  # distance that costs as much as a missing touch [m]
+    scale: float = 0.03  # distance that costs as much as the force error N_max [m]
     push: float = 0.1  # standard deviation of the unknown torque on every joint [N·m]
 
     unit: ClassVar[str] = "-"
@@ -118,7 +118,7 @@ class Wiping(Task):
             across, along = (x @ axes).T
             gap, wanted = np.maximum(batch.v[:, surface] - across, 0.0), asked[:, 2]
             square = (along - asked[:, 0]) ** 2 + gap**2
-            cost = square / self.scale**2 + (force / wanted - 1) ** 2
+            cost = square / self.scale**2 + ((force - wanted) / self.force[1]) ** 2
             return cost, {"error_m": np.sqrt(square), "force_N": force, "asked_N": wanted}
 
         return judged

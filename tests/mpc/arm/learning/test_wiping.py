@@ -70,7 +70,7 @@ def test_targets_follow_a_sine_with_their_velocity():
 
 def test_costs_are_those_of_path_force_and_effort():
     """In numbers of the endpoint; every arm has its own wall."""
-    env = environment(20, variation=VARIED, effort=0.1, scale=0.03)
+    env = environment(20, variation=VARIED, effort=0.1, scale=0.05, force=(1.0, 3.0))
     env.reset(seed=0)
     batch = env.episodes.batch
     rng = np.random.default_rng(0)
@@ -85,7 +85,7 @@ def test_costs_are_those_of_path_force_and_effort():
     distance = np.hypot(x[:, 1] - seen[:, -3], np.minimum(depth, 0))
     assert info["force_N"] == pytest.approx(force, rel=1e-6, abs=1e-9)
     assert info["error_m"] == pytest.approx(distance, abs=1e-6)
-    cost = (distance / 0.03) ** 2 + (force / seen[:, -1] - 1) ** 2 + 0.1 * np.mean((batch.P / 5e5) ** 2, axis=1)
+    cost = (distance / 0.05) ** 2 + ((force - seen[:, -1]) / 3.0) ** 2 + 0.1 * np.mean((batch.P / 5e5) ** 2, axis=1)
     assert reward == pytest.approx(-cost, rel=1e-4)
 
 
