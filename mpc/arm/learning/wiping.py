@@ -27,8 +27,8 @@ class Wiping(Task):
 
         ((s - s*)² + gap²)/scale² + ((N - N*)/N_max)² [-]
 
-    with the gap between hand and surface [m] and the greatest N*. `info` has the distance "error_m" of the hand from the
-    place asked for [m], and the forces "force_N" N and "asked_N" N* [N]. Force and wall are not observed.
+    with the gap between hand and surface [m] and the greatest N*. `info` has the distance "error_m" of the hand
+    from the place asked for [m], and the forces "force_N" N and "asked_N" N* [N]. Force and wall are not observed.
     """
 
     wall: Wall = field(default_factory=Wall)
