@@ -1,4 +1,4 @@
-"""Formulas of a mechanism in CasADi symbols: muscle lengths, targets over pressures, the Jacobian of a hand.
+"""Formulas of a mechanism in CasADi symbols: muscle lengths, targets over pressures, the position of a hand.
 
 Their values equal those of `allocator.mechanism.routes`, and CasADi differentiates them to any order.
 """
@@ -67,18 +67,23 @@ def map_function(mechanism: Mechanism) -> "Function":
     )
 
 
+def symbolic_position(endpoint: Endpoint, q: "SX") -> "SX":
+    """Return the position x (dim, 1) of an endpoint as a formula of the CasADi column `q` (n, 1)."""
+    import casadi as ca
+
+    point: Any = endpoint.kinematics
+    if not isinstance(point, LinkagePoint):
+        return ca.SX(point.column(q))
+    R, origin = _frames(point.linkage.links, q)[point.site.link]
+    x = ca.SX(origin + R @ ca.DM(point.site.position))
+    return ca.vertcat(*(x["xyz".index(axis)] for axis in point.axes))
+
+
 def symbolic_jacobian(endpoint: Endpoint, q: "SX") -> "SX":
     """Return J = ∂x/∂q (dim, n) of an endpoint as a formula of the CasADi column `q` (n, 1)."""
     import casadi as ca
 
-    point: Any = endpoint.kinematics
-    if isinstance(point, LinkagePoint):
-        R, origin = _frames(point.linkage.links, q)[point.site.link]
-        x = ca.SX(origin + R @ ca.DM(point.site.position))
-        x = ca.vertcat(*(x["xyz".index(axis)] for axis in point.axes))
-    else:
-        x = point.column(q)
-    return ca.densify(ca.jacobian(x, q))
+    return ca.densify(ca.jacobian(symbolic_position(endpoint, q), q))
 
 
 def _pulleys(routes: Pulleys, q: "SX") -> list["SX | float"]:

@@ -12,7 +12,6 @@ measures the samples of the environments per second of a core's time instead.
 """
 
 import argparse
-from dataclasses import replace
 from time import perf_counter, process_time
 from typing import NamedTuple
 
@@ -20,9 +19,11 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.presentation.tables import number
-from mpc.arm.learning.environment import ReachEnvironment, ReachVectorEnvironment
+from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
+from mpc.arm.learning.task import Task
 from mpc.arm.learning.variation import Variation
+from mpc.arm.learning.wiping import Wiping
 from mpc.model.arm.model import Arm
 
 POPULATION, ELITE, EPISODES, EXAMINED = 40, 8, 6, 256
@@ -43,11 +44,11 @@ class Examined(NamedTuple):
     error: Array  # in the last half second, mean over it (N,) [°]
 
 
-def run(env: ReachVectorEnvironment, W: Array, seed: int) -> Examined:
+def run(env: ArmVectorEnvironment, W: Array, seed: int) -> Examined:
     """Return the results of policies `W` (P, a, s + 1), each on an equal share of the arms, in one episode."""
     seen, _ = env.reset(seed=seed)
     low, high = env.single_observation_space.low, env.single_observation_space.high
-    samples, late = env.reachers.task.samples, round(0.5 / env.reachers.task.dt)
+    samples, late = env.episodes.task.samples, round(0.5 / env.episodes.task.dt)
     returned, error = np.zeros(env.num_envs), np.zeros(env.num_envs)
     for k in range(samples):
         s = (2 * seen - low - high) / (high - low)
@@ -60,7 +61,7 @@ def run(env: ReachVectorEnvironment, W: Array, seed: int) -> Examined:
 
 def learn(actions: str, seed: int, generations: int) -> Array:
     """Return the mean policy (a, s + 1) after `generations`."""
-    env, rng = ReachVectorEnvironment(POPULATION * EPISODES, task(actions)), np.random.default_rng(seed)
+    env, rng = ArmVectorEnvironment(POPULATION * EPISODES, task(actions)), np.random.default_rng(seed)
     shape = env.single_action_space.shape[0], env.single_observation_space.shape[0] + 1
     mean, spread = np.zeros(shape), np.full(shape, SPREAD)
     for g in range(generations):
@@ -75,7 +76,7 @@ def compare(seeds: int, generations: int) -> None:
     print(f"{generations} generations of {POPULATION} policies on {EPISODES} arms each")
     print("| actions | seed | return | median error at last [°] | 90 % [°] | seconds |\n|---|---|---|---|---|---|")
     for actions in KINDS:
-        examiner = ReachVectorEnvironment(EXAMINED, task(actions))
+        examiner = ArmVectorEnvironment(EXAMINED, task(actions))
         shape = examiner.single_action_space.shape[0], examiner.single_observation_space.shape[0] + 1
         found = []
         for seed in [-1, *range(seeds)]:
@@ -96,22 +97,23 @@ def compare(seeds: int, generations: int) -> None:
 
 
 def speed() -> None:
-    print("| machine | actions | dynamics | arms at a time | samples/s of a core |\n|---|---|---|---|---|")
-    for name in ("arm26", "arm48"):
+    print("| task | machine | actions | dynamics | arms at a time | samples/s of a core |\n|---|---|---|---|---|---|")
+    for kind, name in ((Reaching, "arm26"), (Wiping, "arm26"), (Reaching, "arm48")):
         for actions in KINDS:
             for dynamics, sizes in (("compiled", (1, 64, 512)), ("mujoco", (1,))):
-                asked = replace(task(actions), arm=Arm.machine(name), dt=0.01, dynamics=dynamics)
+                asked = kind(Arm.machine(name), actions, variation=task(actions).variation, dynamics=dynamics)
                 for size in sizes:
                     rate = samples_per_second(asked, size)
-                    print(f"| {name} | {actions} | {dynamics} | {size} | {rate:.0f} |", flush=True)
+                    told = f"{kind.__name__} | {name} | {actions} | {dynamics} | {size}"
+                    print(f"| {told} | {rate:.0f} |", flush=True)
 
 
-def samples_per_second(asked: Reaching, size: int) -> float:
+def samples_per_second(asked: Task, size: int) -> float:
     """Return the greatest rate of several stretches, in the time of one core, as the machine may be busy.
 
     A single arm has its own environment.
     """
-    env = ReachEnvironment(asked) if size == 1 else ReachVectorEnvironment(size, asked)
+    env = ArmEnvironment(asked) if size == 1 else ArmVectorEnvironment(size, asked)
     env.reset(seed=0)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(10)]

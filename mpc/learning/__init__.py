@@ -6,12 +6,15 @@ from allocator.faces import face
 
 if TYPE_CHECKING:
     from mpc.arm.learning.actions import Governor as Governor
-    from mpc.arm.learning.environment import ReachEnvironment as ReachEnvironment
-    from mpc.arm.learning.environment import ReachVectorEnvironment as ReachVectorEnvironment
+    from mpc.arm.learning.environment import ArmEnvironment as ArmEnvironment
+    from mpc.arm.learning.environment import ArmVectorEnvironment as ArmVectorEnvironment
     from mpc.arm.learning.plant import ArmBatch as ArmBatch
     from mpc.arm.learning.plant import VariedArm as VariedArm
     from mpc.arm.learning.reaching import Reaching as Reaching
+    from mpc.arm.learning.task import Task as Task
     from mpc.arm.learning.variation import Variation as Variation
+    from mpc.arm.learning.wall import Wall as Wall
+    from mpc.arm.learning.wiping import Wiping as Wiping
     from mpc.repetition.learner import Learner as Learner
     from mpc.repetition.learner import Reason as Reason
     from mpc.repetition.picture import plot_learning as plot_learning

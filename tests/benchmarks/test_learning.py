@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.arm import learning
-from mpc.arm.learning.environment import ReachVectorEnvironment
+from mpc.arm.learning.environment import ArmVectorEnvironment
 
 
 @pytest.mark.slow
 def test_a_few_generations_are_better_than_none():
-    examiner = ReachVectorEnvironment(64, learning.task("pressures"))
+    examiner = ArmVectorEnvironment(64, learning.task("pressures"))
     found = learning.learn("pressures", 0, 8)
     assert (learning.learn("pressures", 1, 1) == learning.learn("pressures", 1, 1)).all()
     none, learned = (learning.run(examiner, W[None], learning.UNSEEN).returned for W in (0 * found, found))

@@ -1,13 +1,19 @@
 """Batch of arms on MuJoCo's bodies: slower than `ArmBatch`, but an independent implementation."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from math import atan2
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from mpc.arm.learning.plant import VariedArm, views
+from mpc.arm.drawing import DRAWN, row
+from mpc.arm.learning.plant import RESOLUTION, Touch, VariedArm, views
+from mpc.arm.learning.wall import Wall
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
+
+_SIZE, _SEEN_THROUGH = (0.01, 0.25, 0.04), "0.35 0.5 0.65 0.6"  # [m] halves of a drawn wall, and its colour
 
 
 class MujocoBatch:
@@ -20,6 +26,10 @@ class MujocoBatch:
         self.x, self.v = np.zeros((size, arm.size)), np.tile(varied.nominal, (size, 1))
         self.q, self.omega, self.P = views(self.x, arm.n)
         self.plants = [plant_of(varied) for _ in range(size)]
+        if varied.wall is not None:
+            touch = Touch(varied, 1)
+            for plant, v in zip(self.plants, self.v, strict=True):
+                plant.touch = lambda q, omega, v=v: touch(q, omega, v).torque[0]
         model = self.plants[0].model
         self._nominal = model.body_mass.copy(), model.body_inertia.copy(), model.dof_damping.copy()
 
@@ -46,8 +56,35 @@ class MujocoBatch:
             x[:] = np.concatenate([plant.q, plant.omega, plant.P])
 
 
-def plant_of(varied: VariedArm) -> MujocoPlant:
-    """Return the nominal arm on MuJoCo."""
+class WalledPlant(MujocoPlant):
+    """Plant with a load that depends on the motion, such as the torques of a wall."""
+
+    touch: Callable[[Array, Array], Array] | None = None  # (q, omega) (n,) ↦ torques (n,) [N·m]
+
+    def _rates(self, P: Array, brake: Array | None = None, shut: bool = False) -> tuple[Array, Array]:
+        """Return q'' (nv,) and P' (m,) in the state of `data`."""
+        if self.touch is None:
+            return super()._rates(P, brake, shut)
+        constant, self._load = self._load, self._load.copy()
+        self._load[self._speeds] += self.touch(self.q, self.omega)
+        rates = super()._rates(P, brake, shut)
+        self._load = constant
+        return rates
+
+
+def plant_of(varied: VariedArm) -> WalledPlant:
+    """Return the nominal arm on MuJoCo; a wall is drawn and touches nothing."""
     arm, limits = varied.arm, varied.arm.mechanism.pressure_limits
     text = to_mjcf(arm.mechanism, arm.bodies)
-    return MujocoPlant(text, arm.mechanism.muscles, pressure_limits=limits, lag=arm.lags, gas=varied.gas)
+    if varied.wall is not None and varied.hand.dim == 2:
+        text = text.replace("</worldbody>", f"{_drawn(varied.wall)}</worldbody>")
+    plant = WalledPlant(text, arm.mechanism.muscles, pressure_limits=limits, lag=arm.lags, gas=varied.gas)
+    plant.model.opt.timestep = min(plant.model.opt.timestep, RESOLUTION / varied.fastest_rate)
+    return plant
+
+
+def _drawn(wall: Wall) -> str:
+    """Return the geom of a wall in the plane."""
+    (x, y), behind = wall.normal, wall.offset + _SIZE[0]
+    place = f'pos="{row(behind * x, behind * y, 0.0)}" euler="{row(0.0, 0.0, atan2(y, x))}" size="{row(*_SIZE)}"'
+    return f'<geom class="{DRAWN}" type="box" {place} rgba="{_SEEN_THROUGH}"/>'

@@ -1,17 +1,18 @@
 """Many simulated arms in one compiled loop; each may differ in strength, lag, mass and muscle parameters.
 
-    q' = ω,   s M(q) ω' = τ(q, P) - s (C(q, ω) + g(q)) - b D ω + τ_stop + d,   τ = Σ_j r_j g_j max(F_j, 0)        (M1)
+    q' = ω,   s M(q) ω' = τ(q, P) - s (C(q, ω) + g(q)) - b D ω + τ_stop - N Jᵀν + d,   τ = Σ_j r_j g_j max(F_j, 0)  (M1)
     P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff, the second term with `gas` only                        (G3)
 
-The factors s, b and g_j, the lags τ_j and the muscles' parameters differ between arms: each has a row of values of a
-`VariedArm`. Beyond the angle limits is an end stop, τ_stop = -I_i (Ω² e + 2Ω ω_i) with the excess e, about as stiff
-relative to the inertia as MuJoCo's.
+The factors s, b and g_j, the lags τ_j, the muscles' parameters and the numbers of the wall differ between arms: each
+has a row of values of a `VariedArm`. Beyond the angle limits is an end stop, τ_stop = -I_i (Ω² e + 2Ω ω_i) with the
+excess e, about as stiff relative to the inertia as MuJoCo's. N is the force of the hand on a wall with the normal ν
+(`mpc.arm.learning.wall`), J the Jacobian of the hand; without a wall N = 0.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -19,11 +20,14 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput, notice
 from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
-from allocator.mechanism.formulas import symbolic_lengths
+from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.formulas import symbolic_lengths, symbolic_position
 from allocator.muscles import Muscle
+from mpc.arm.learning.wall import Wall, pushed_back
 from mpc.codegen.buffered import Buffered
 from mpc.codegen.python_text import filling
 from mpc.model.arm.model import Arm
+from mpc.model.arm.ranges import about_the_middle
 from mpc.model.gas import fall
 from mpc.model.integration import integrated
 from mpc.tracking.qp.step import SlowStep
@@ -35,7 +39,7 @@ Move: TypeAlias = Callable[[Array, Array, Array, Array, float, int], None]
 """Function (x, u, v, d, h, substeps) ↦ None, which advances the states x."""
 
 _STOP = 50.0  # Ω [1/s] of the end stops; MuJoCo's have the same time constant, 0.02 s
-_RESOLUTION = 0.25  # step times the rate of the fastest motion: an error of about 3e-5 of the change
+RESOLUTION = 0.25  # step times the rate of the fastest motion: an error of about 3e-5 of the change
 
 
 @dataclass(frozen=True)
@@ -43,17 +47,32 @@ class VariedArm:
     """Arm with variable numbers.
 
     These are, in this order: the parameters of every distinct muscle, the muscles' gains g (m), lags (m) [s], the
-    factor s of all masses and b of the damping.
+    factor s of all masses and b of the damping, and offset, stiffness and damping of the wall, if there is one.
     """
 
     arm: Arm
     gas: Gas | None = None
+    wall: Wall | None = None  # met by the arm's endpoint, or by the end of the last link if the arm has none
 
     def __post_init__(self) -> None:
         """Check the fields. Raises `InvalidInput`."""
-        for name, value, kinds in (("arm", self.arm, Arm), ("gas", self.gas, Gas | None)):
+        for name, value, kinds in (
+            ("arm", self.arm, Arm),
+            ("gas", self.gas, Gas | None),
+            ("wall", self.wall, Wall | None),
+        ):
             if not isinstance(value, kinds):
                 raise InvalidInput(f"{name} is a {type(value).__name__}; expected an {kinds}")
+        if self.wall is not None and len(self.wall.normal) != self.hand.dim:
+            raise InvalidInput(f"Wall: normal has {len(self.wall.normal)} coordinates; it meets {self.hand.text}")
+
+    @property
+    def hand(self) -> Endpoint:
+        """Point that touches a wall. Raises `InvalidInput` if the arm has no endpoint."""
+        hand = self.arm.endpoint or getattr(self.arm.bodies, "endpoint", None)
+        if hand is None:
+            raise InvalidInput("a wall needs a hand: give the arm an endpoint (Arm(…, endpoint=…))")
+        return hand
 
     @cached_property
     def kinds(self) -> tuple[Muscle, ...]:
@@ -62,9 +81,9 @@ class VariedArm:
 
     @cached_property
     def places(self) -> dict[str, slice]:
-        """Places in a row of values by name: "kind 0", …, "gains", "lags", "mass", "damping"."""
+        """Places in a row of values by name: "kind 0", …, "gains", "lags", "mass", "damping", "wall"."""
         sizes = {f"kind {k}": len(kind.parameters) for k, kind in enumerate(self.kinds)}
-        sizes |= {"gains": self.arm.m, "lags": self.arm.m, "mass": 1, "damping": 1}
+        sizes |= {"gains": self.arm.m, "lags": self.arm.m, "mass": 1, "damping": 1, "wall": 3 * (self.wall is not None)}
         ends = np.cumsum([0, *sizes.values()]).tolist()
         return {name: slice(begin, end) for name, begin, end in zip(sizes, ends[:-1], ends[1:], strict=True)}
 
@@ -72,7 +91,22 @@ class VariedArm:
     def nominal(self) -> Array:
         """Row of values (p,) of the nominal arm."""
         own = [list(kind.parameters.values()) for kind in self.kinds]
-        return np.concatenate([*own, np.ones(self.arm.m), self.arm.lags, [1.0, 1.0]])
+        wall: Array | list[float] = [] if self.wall is None else self.wall.numbers
+        return np.concatenate([*own, np.ones(self.arm.m), self.arm.lags, [1.0, 1.0], wall])
+
+    @cached_property
+    def fastest_rate(self) -> float:
+        """Estimate of the fastest eigenvalue [1/s] of the nominal arm, its end stops and its touch of the wall."""
+        arm = self.arm
+        rates = [arm.fastest_rate, 2 * _STOP if arm.has_stops else 0.0]
+        if self.wall is not None:
+            q = about_the_middle(arm)
+            across = np.array(self.wall.normal) @ self.hand.jacobian(q)
+            moved = np.linalg.solve(arm.bodies.mass_matrix(q), across[..., None])[..., 0]
+            mobility = float(np.einsum("ij,ij->i", across, moved).max())  # ν·J M⁻¹ Jᵀν [1/kg]
+            modes = np.roots([1.0, mobility * self.wall.damping, mobility * self.wall.stiffness])
+            rates.append(float(np.abs(modes).max()))
+        return max(rates)
 
     # --- formulas ---------------------------------------------------------------------------------------------------
 
@@ -98,16 +132,15 @@ class VariedArm:
 
         n, bodies = self.arm.n, self.arm.bodies
         q, omega, P = x[:n], x[n : 2 * n], x[2 * n :]
-        angles = ca.SX.sym("q", n)
-        formula = symbolic_lengths(self.arm.mechanism.routes, angles)
-        at = ca.Function("lengths", [angles], [formula, ca.jacobian(formula, angles)])
-        length, slope = at(q)
+        length, slope = _with_slope(lambda angles: symbolic_lengths(self.arm.mechanism.routes, angles), q)
         mass, damping = v[self.places["mass"]], v[self.places["damping"]]
         F = self.forces(length, P, v)
         pushing = (
             -slope.T @ F - mass * (bodies.coriolis(q, omega) + bodies.gravity_torque(q)) + self._stop(q, omega) + d
         )
         pushing -= damping * ca.DM(bodies.damping) * omega
+        if self.wall is not None:
+            pushing += self.touch(q, omega, v)[2]
         alpha = ca.ldl_solve(pushing, *ca.ldl(mass * bodies.mass_matrix(q)))
         filling = (u - P) / v[self.places["lags"]] - self._falls(length, slope @ omega, P, F, v)
         return ca.vertcat(omega, alpha, filling)
@@ -139,10 +172,21 @@ class VariedArm:
         if self.arm.mechanism.angle_limits is None:
             return ca.SX.zeros(self.arm.n)
         low, high = (ca.DM(limit) for limit in self.arm.angle_limits)
-        over, under = ca.fmax(q - high, 0.0), ca.fmax(low - q, 0.0)
-        up = ca.fmax(_STOP**2 * over + 2 * _STOP * omega * (over > 0), 0.0)
-        down = ca.fmax(_STOP**2 * under - 2 * _STOP * omega * (under > 0), 0.0)
-        return ca.DM(self.inertia) * (down - up)
+        down = pushed_back(q - high, omega, _STOP**2, 2 * _STOP)
+        up = pushed_back(low - q, -omega, _STOP**2, 2 * _STOP)
+        stopping: SX = ca.DM(self.inertia) * (up - down)
+        return stopping
+
+    def touch(self, q: "SX", omega: "SX", v: "SX") -> tuple["SX", "SX", "SX"]:
+        """Return x (dim, 1) [m] of the hand, N (1, 1) [N] on the wall and the torques -N Jᵀν (n, 1) [N·m], symbols."""
+        import casadi as ca
+
+        assert self.wall is not None
+        x, J = _with_slope(lambda angles: symbolic_position(self.hand, angles), q)
+        offset, stiffness, damping = ca.vertsplit(v[self.places["wall"]])
+        normal = ca.DM(self.wall.normal)
+        N = pushed_back(normal.T @ x - offset, normal.T @ (J @ omega), stiffness, damping)
+        return x, N, -N * (J.T @ normal)
 
     @cached_property
     def inertia(self) -> Array:
@@ -177,8 +221,7 @@ class ArmBatch:
         self.x = np.zeros((size, arm.size))
         self.q, self.omega, self.P = views(self.x, arm.n)
         self.v = np.tile(varied.nominal, (size, 1))
-        fastest = max(arm.fastest_rate, 2 * _STOP if arm.mechanism.angle_limits else 0.0)
-        self.substeps = max(int(np.ceil(dt * fastest / _RESOLUTION)), 1)
+        self.substeps = max(int(np.ceil(dt * varied.fastest_rate / RESOLUTION)), 1)
         self._move = _moving(varied) if compiled else _evaluated(varied)
 
     def renew(self, which: Mask) -> None:
@@ -191,9 +234,45 @@ class ArmBatch:
         self._move(self.x, u, self.v, d, self.dt / self.substeps, self.substeps)
 
 
+class Touched(NamedTuple):
+    """Hands at a wall."""
+
+    x: Array  # positions (N, dim) [m]
+    force: Array  # N on the wall (N,) [N]
+    torque: Array  # of the walls on the joints (N, n) [N·m]
+
+
+class Touch:
+    """Function of N arms that evaluates their hands and walls by the formulas of `VariedArm.touch`."""
+
+    def __init__(self, varied: VariedArm, size: int) -> None:
+        """Prepare `size` arms."""
+        import casadi as ca
+
+        n, (x, _, v, _) = varied.arm.n, varied.symbols()
+        q, omega = x[:n], x[n : 2 * n]
+        found = [ca.densify(part) for part in varied.touch(q, omega, v)]
+        self._touch = Buffered(ca.Function("touch", [q, omega, v], found).map(size))
+
+    def __call__(self, q: Array, omega: Array, v: Array) -> Touched:
+        """Return the touch of arms at `q`, `omega` (N, n) with the values `v` (N, p)."""
+        x, force, torque = self._touch(q, omega, v)
+        return Touched(x, force[:, 0], torque)
+
+
 def views(x: Array, n: int) -> tuple[Array, Array, Array]:
     """Return views of the angles (N, n), velocities (N, n) and pressures (N, m) in states `x` (N, 2n + m)."""
     return x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+
+
+def _with_slope(formula: Callable[["SX"], "SX"], q: "SX") -> tuple["SX", "SX"]:
+    """Return the `formula` of the angles and its Jacobian at `q` (n, 1), any expression."""
+    import casadi as ca
+
+    angles = ca.SX.sym("q", q.shape[0])
+    value = formula(angles)
+    at, slope = ca.Function("at", [angles], [value, ca.jacobian(value, angles)])(q)
+    return at, slope
 
 
 def _moving(varied: VariedArm) -> Move:

@@ -27,17 +27,22 @@ class Variation:
     lags: float = 0.0  # of the logarithm of each regulator's time constant [-]
     mass: float = 0.0  # of the logarithm of the factor of all masses [-]
     damping: float = 0.0  # of the logarithm of the damping's factor [-]
+    wall_offset: float = 0.0  # of the wall's offset [m]
+    wall_stiffness: float = 0.0  # of the logarithm of the wall's stiffness [-]
 
     def __post_init__(self) -> None:
         """Check the fields. Raises `InvalidInput`."""
         for field in fields(self)[1:]:
-            width = checks.number(f"Variation: {field.name}", getattr(self, field.name), "-")
+            unit = "m" if field.name == "wall_offset" else "-"
+            width = checks.number(f"Variation: {field.name}", getattr(self, field.name), unit)
             if not 0 <= width <= 1:
                 raise InvalidInput(f"Variation: {field.name} = {width:g} has to lie between 0 and 1, such as 0.05")
             object.__setattr__(self, field.name, width)
 
     def check(self, varied: VariedArm) -> None:
-        """Raise `InvalidInput` unless `fit` has covariances that can be drawn from."""
+        """Raise `InvalidInput` unless `fit` has covariances that can be drawn from, and a varied wall exists."""
+        if varied.wall is None and (self.wall_offset or self.wall_stiffness):
+            raise InvalidInput("Variation: wall_offset and wall_stiffness need a wall, and this arm meets none")
         if self.fit and all(kind.covariance is None for kind in varied.kinds):
             raise InvalidInput("Variation: fit=True, but none of the muscles was fitted: none has a covariance")
         for k, kind in enumerate(varied.kinds):
@@ -59,6 +64,10 @@ class Variation:
         v[:, at["lags"]] *= np.exp(self.lags * rng.standard_normal((size, m)))
         v[:, at["mass"]] *= np.exp(self.mass * rng.standard_normal((size, 1)))
         v[:, at["damping"]] *= np.exp(self.damping * rng.standard_normal((size, 1)))
+        if varied.wall is not None:
+            offset, stiffness, _ = v[:, at["wall"]].T  # views
+            offset += self.wall_offset * rng.standard_normal(size)
+            stiffness *= np.exp(self.wall_stiffness * rng.standard_normal(size))
         return v
 
 

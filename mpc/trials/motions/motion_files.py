@@ -8,9 +8,6 @@
 | `K11`, `K12`, `K22`, … | stiffness of the joints [N·m/rad]; `Kx11`, … [N/m] if that of the hand is tracked |
 
 Entries off the diagonal are 0 without a column. Without any stiffness, it is the usual one of the machine.
-
-The angles of a path follow from Gauss–Newton steps in q on |x(q) - x|². Each sample starts from the one before, so that
-the arm does not change sides.
 """
 
 from collections.abc import Iterator
@@ -24,14 +21,10 @@ from allocator.files.csv_table import Table, read_table
 from allocator.mechanism.endpoint import Endpoint
 from allocator.units import DEG, MM
 from mpc.model.arm.model import Arm
-from mpc.model.arm.ranges import about_the_middle
+from mpc.model.arm.ranges import OutOfReach, followed
 from mpc.trials.files import place_of, refuse
 from mpc.trials.motions.arm_trajectories import tracked_stiffness, usual_stiffness
 from mpc.trials.motions.reference import Reference
-
-_NEAR = 0.1 * MM  # of the path
-_STEPS = 60  # of Gauss and Newton
-_LONGEST = 0.3  # [rad] greatest step
 
 
 def load_motion(path: str | Path, arm: Arm, hand: Endpoint | None = None) -> Reference:
@@ -68,42 +61,10 @@ def _angles(table: Table, arm: Arm, hand: Endpoint | None) -> Array:
 
 def _followed(table: Table, arm: Arm, hand: Endpoint, path: Array) -> Array:
     """Return postures (M, n) with the hand on the `path` (M, dim) [m]. Raises `InvalidFile` if there are none."""
-    starts = np.vstack([arm.middle, about_the_middle(arm)])
-    found: list[Array] = []
-    for k, x in enumerate(path):
-        reached = [_posture(arm, hand, x, q) for q in (found[-1:] or starts)]
-        missed, q = next((one for one in reached if one[0] <= _NEAR), (np.inf, starts[0]))
-        if missed > _NEAR:
-            missed, q = min((_nearest(arm, hand, x, q) for q in (*found[-1:], *starts[:4])), key=lambda one: one[0])
-        if missed > _NEAR:
-            where = ", ".join(f"{value / MM:g}" for value in x)
-            nearest = f"the nearest it comes is {missed / MM:.1f} mm away"
-            said = f"the hand does not reach ({where}) mm within the ranges of the joints; {nearest}"
-            raise InvalidFile(table.path, said, line=table.lines[k])
-        found.append(q)
-    return np.array(found)
-
-
-def _posture(arm: Arm, hand: Endpoint, x: Array, q: Array) -> tuple[float, Array]:
-    """Return the remaining distance of the hand from `x` (dim,) [m], and the posture (n,), sought from `q` on."""
-    for _ in range(_STEPS):
-        place = hand.at(q)
-        off = x - place.position
-        if np.abs(off).max() <= _NEAR / 100:
-            break
-        step = np.linalg.lstsq(place.jacobian, off, rcond=1e-6)[0]
-        step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-12))
-        q = np.clip(q + step, *arm.angle_limits)
-    return float(np.linalg.norm(x - hand.at(q).position)), q
-
-
-def _nearest(arm: Arm, hand: Endpoint, x: Array, q: Array) -> tuple[float, Array]:
-    """Return the results of `_posture`, by a slower method that can move along the ends of the ranges."""
-    from scipy.optimize import least_squares
-
-    q = np.clip(q, *arm.angle_limits)
-    found = least_squares(lambda q: hand.at(q).position - x, q, lambda q: hand.at(q).jacobian, arm.angle_limits)
-    return float(np.linalg.norm(found.fun)), found.x
+    try:
+        return followed(arm, hand, path)
+    except OutOfReach as beyond:
+        raise InvalidFile(table.path, str(beyond), line=table.lines[beyond.sample]) from None
 
 
 def _stiffness(table: Table, arm: Arm, q: Array) -> Array:

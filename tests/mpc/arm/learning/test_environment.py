@@ -11,9 +11,11 @@ from allocator import InvalidInput, MissingBackend, allocate, report_joint
 from allocator.units import BAR
 from benchmarks.arm.unmodelled import machine
 from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness, governor_of
-from mpc.arm.learning.environment import NAME, ReachEnvironment, ReachVectorEnvironment
+from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
 from mpc.arm.learning.reaching import Reaching
+from mpc.arm.learning.task import Task
 from mpc.arm.learning.variation import Variation
+from mpc.arm.learning.wiping import Wiping
 from mpc.governor import PressureGovernor
 from mpc.model.arm.model import Arm
 
@@ -25,15 +27,19 @@ VARIED = Variation(gains=0.05, lags=0.1, mass=0.1, damping=0.2)
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("actions", "dynamics"), [("posture-stiffness", "compiled"), ("pressures", "mujoco")])
-def test_gymnasium_s_checker_finds_nothing(actions, dynamics):
+@pytest.mark.parametrize(("name", "kind"), [("antagonist/Reach-v0", Reaching), ("antagonist/Wipe-v0", Wiping)])
+def test_gymnasium_s_checker_finds_nothing(name, kind, actions, dynamics):
     """Its remarks are warnings, and warnings are errors here. Pictures of it need a GL; see the test of pictures."""
-    task = Reaching(actions=actions, dynamics=dynamics, variation=VARIED)
-    check_env(gymnasium.make(NAME, task=task).unwrapped, skip_render_check=True)
+    task = kind(actions=actions, dynamics=dynamics, variation=VARIED)
+    env = gymnasium.make(name, task=task).unwrapped
+    assert env.episodes.task == task
+    check_env(env, skip_render_check=True)
+    assert isinstance(gymnasium.make(name).unwrapped.episodes.task, kind)
 
 
 def test_an_episode_repeats_by_its_seed():
     task = Reaching(ARM, variation=VARIED, samples=5)
-    twins, seen = [ReachEnvironment(task), ReachEnvironment(task)], []
+    twins, seen = [ArmEnvironment(task), ArmEnvironment(task)], []
     for env in twins:
         env.action_space.seed(1)
         rows = [env.reset(seed=7)[0]]
@@ -44,25 +50,25 @@ def test_an_episode_repeats_by_its_seed():
         assert not terminated
         seen.append(np.array(rows))
     assert (seen[0] == seen[1]).all()
-    assert (twins[0].reachers.batch.v == twins[1].reachers.batch.v).all()
-    assert (ReachEnvironment(task).reset(seed=8)[0] != seen[0][0]).any()
+    assert (twins[0].episodes.batch.v == twins[1].episodes.batch.v).all()
+    assert (ArmEnvironment(task).reset(seed=8)[0] != seen[0][0]).any()
 
 
 def test_many_arms_begin_anew_one_step_after_they_were_cut_off():
-    env = ReachVectorEnvironment(3, Reaching(ARM, samples=4))
+    env = ArmVectorEnvironment(3, Reaching(ARM, samples=4))
     first, _ = env.reset(seed=0)
     assert first in env.observation_space
-    goals = env.reachers.goal.copy()
+    goals = env.episodes.goal.copy()
     for k in range(4):
         _, _, terminated, truncated, info = env.step(env.action_space.sample())
         assert truncated.all() == (k == 3)
         assert not terminated.any()
     assert info["error_rad"].shape == (3,)
-    assert (env.reachers.goal == goals).all()
+    assert (env.episodes.goal == goals).all()
     _, reward, _, truncated, _ = env.step(env.action_space.sample())
     assert (reward == 0).all()
     assert not truncated.any()
-    assert (env.reachers.goal != goals).all()
+    assert (env.episodes.goal != goals).all()
     again, _ = env.reset(seed=0)
     assert (again == first).all()
 
@@ -70,11 +76,11 @@ def test_many_arms_begin_anew_one_step_after_they_were_cut_off():
 def test_many_arms_are_one_arm_many_times():
     """Without noise and variation each moves as alone."""
     task = Reaching(ARM, pressure_noise=0.0, push=0.0)
-    many, one = ReachVectorEnvironment(4, task), ReachEnvironment(task)
+    many, one = ArmVectorEnvironment(4, task), ArmEnvironment(task)
     many.reset(seed=0)
     one.reset(seed=0)
-    one.reachers.batch.x[0], one.reachers.goal[0] = many.reachers.batch.x[2], many.reachers.goal[2]
-    one.reachers._encoders[:, 0] = many.reachers._encoders[:, 2]
+    one.episodes.batch.x[0], one.episodes.goal[0] = many.episodes.batch.x[2], many.episodes.goal[2]
+    one.episodes._encoders[:, 0] = many.episodes._encoders[:, 2]
     for action in np.random.default_rng(0).uniform(-1, 1, (5, 6)):
         rows, rewards, *_ = many.step(np.tile(action, (4, 1)))
         row, reward, *_ = one.step(action)
@@ -83,29 +89,29 @@ def test_many_arms_are_one_arm_many_times():
 
 
 def test_what_is_seen_is_what_a_rig_sees():
-    env = ReachEnvironment(Reaching(ARM, encoder=1e-3, pressure_noise=0.05 * BAR, push=0.0, samples=1000))
+    env = ArmEnvironment(Reaching(ARM, encoder=1e-3, pressure_noise=0.05 * BAR, push=0.0, samples=1000))
     before, _ = env.reset(seed=3)
     errors = []
     for _ in range(300):
         seen, _, _, _, info = env.step(np.zeros(6))
-        batch = env.reachers.batch
+        batch = env.episodes.batch
         assert seen[:2] == pytest.approx(1e-3 * np.round(batch.q[0] / 1e-3), abs=1e-7)
         assert seen[2:4] == pytest.approx(before[:2], abs=0)
         assert seen[10:16] == pytest.approx(info["u_Pa"] / BAR, rel=1e-6)
-        assert seen[16:] == pytest.approx(env.reachers.goal[0], rel=1e-6)
+        assert seen[16:] == pytest.approx(env.episodes.goal[0], rel=1e-6)
         errors.append(seen[4:10] - batch.P[0] / BAR)
         before = seen
     assert np.std(errors) == pytest.approx(0.05, rel=0.06)
 
 
 def test_commands_arrive_late_and_no_faster_than_the_slew():
-    env = ReachEnvironment(Reaching(replace(ARM, slew=10 * BAR), delay=2))
+    env = ArmEnvironment(Reaching(replace(ARM, slew=10 * BAR), delay=2))
     env.reset(seed=0)
     full, step = np.ones(6), 0.1 * BAR
     for k in range(1, 4):
         assert env.step(full)[4]["u_Pa"] == pytest.approx([2.5 * BAR + k * step] * 6)
         arrived = 2.5 * BAR + max(k - 2, 0) * step
-        rising = env.reachers.batch.P[0] > 2.5 * BAR + 1
+        rising = env.episodes.batch.P[0] > 2.5 * BAR + 1
         assert rising.all() == (arrived > 2.5 * BAR)
 
 
@@ -116,7 +122,7 @@ def test_a_governor_of_ones_own_has_the_last_word():
         seen.append((q.shape, omega.shape, P.shape, command.shape, previous[0, 0]))
         return np.full_like(command, 2 * BAR)
 
-    env = ReachEnvironment(Reaching(ARM), governor=careful)
+    env = ArmEnvironment(Reaching(ARM), governor=careful)
     env.reset(seed=0)
     assert (env.step(np.ones(6))[4]["u_Pa"] == 2 * BAR).all()
     env.step(np.ones(6))
@@ -125,8 +131,8 @@ def test_a_governor_of_ones_own_has_the_last_word():
 
 
 def test_by_default_a_governor_keeps_the_joints_in_range():
-    env = ReachVectorEnvironment(2, Reaching(ARM))
-    governor = env.reachers.governor
+    env = ArmVectorEnvironment(2, Reaching(ARM))
+    governor = env.episodes.governor
     assert isinstance(governor, PressureGovernor)
     assert governor.lag == pytest.approx(ARM.lags + 0.01)  # dead time counts as lag
     steep = replace(ARM.mechanism, muscles=(report_joint().agonist,) * 6)
@@ -162,11 +168,11 @@ def test_postures_and_stiffnesses_become_the_allocation_s_pressures():
 
 
 def test_an_arm_settles_where_its_action_says():
-    env = ReachEnvironment(Reaching(ARM, "posture-stiffness", push=0.0))
+    env = ArmEnvironment(Reaching(ARM, "posture-stiffness", push=0.0))
     env.reset(seed=5)
     action = np.array([0.3, -0.4, 0.0, 0.0])
     env.step(action)
-    batch, P = env.reachers.batch, env.reachers.action.pressures(action[None])
+    batch, P = env.episodes.batch, env.episodes.action.pressures(action[None])
     for _ in range(1500):
         batch.advance(P, np.zeros((1, 2)))
     assert batch.q[0] == pytest.approx(action[:2] * np.deg2rad(60), abs=1e-4)
@@ -189,12 +195,14 @@ def test_wrong_tasks_are_refused(options, error, sentence):
 
 def test_unknown_render_modes_are_refused():
     with pytest.raises(InvalidInput, match="rgb_array"):
-        ReachEnvironment(render_mode="human")
+        ArmEnvironment(Reaching(ARM), render_mode="human")
 
 
 @pytest.mark.slow
 def test_an_environment_shows_itself_or_says_which_gl_is_missing():
-    env = gymnasium.make(NAME, task=Reaching(ARM, dynamics="mujoco"), render_mode="rgb_array").unwrapped
+    env = gymnasium.make(
+        "antagonist/Reach-v0", task=Reaching(ARM, dynamics="mujoco"), render_mode="rgb_array"
+    ).unwrapped
     env.reset(seed=0)
     picture, said = None, ""
     try:
@@ -209,3 +217,36 @@ def test_an_environment_shows_itself_or_says_which_gl_is_missing():
         env.step(np.ones(6))
     assert (env.render() != picture).any(axis=-1).sum() > 500  # pixels: it has moved, and reddened
     env.close()
+
+
+class Braking(Task):
+    """A task that the library does not have: to come to rest from a posture, as an observed rate asks."""
+
+    unit = "rad²/s²"
+    asked_range = np.array([[0.0], [2.0]])
+
+    def draw(self, count, rng):
+        return np.zeros((count, self.arm.n)), rng.uniform(0.5, 1.5, (count, 1))
+
+    def asked(self, goal, sample):
+        return goal * np.exp(-sample[:, None])
+
+    def judge(self, size):
+        def judged(batch, asked):
+            speed = np.linalg.norm(batch.omega, axis=1)
+            return speed**2, {"speed_rad_s": speed}
+
+        return judged
+
+
+@pytest.mark.slow
+def test_tasks_of_one_s_own_have_environments():
+    task = Braking(ARM, effort=0.0)
+    check_env(ArmEnvironment(task), skip_render_check=True)
+    env = ArmVectorEnvironment(3, task)
+    seen, info = env.reset(seed=0)
+    assert seen.shape == (3, 2 + 2 + 6 + 6 + 1)
+    assert (info["speed_rad_s"] == 0).all()
+    later, reward, *_, info = env.step(np.ones((3, 6)))
+    assert later[:, -1] == pytest.approx(seen[:, -1] * np.exp(-1))
+    assert reward == pytest.approx(-(info["speed_rad_s"] ** 2))
