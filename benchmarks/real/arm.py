@@ -30,7 +30,6 @@ class ArmScores(NamedTuple):
     joints: tuple[Score, ...]
     in_time: Array  # RMS error (parts, m) of fifths of the held-out episodes in the order of time
     last: Array  # RMS error (m,) of the last sample
-    usual: Array  # median over the episodes of their RMS errors (m,)
 
 
 MODELS: dict[str, Callable[[Sequence[Episode]], ArmModel]] = {
@@ -57,9 +56,7 @@ def judge(split: str, name: str, model: ArmModel, episodes: Sequence[Episode]) -
     )
     parts = np.array_split(np.arange(len(error)), _DRIFT_PARTS)
     in_time = np.sqrt([np.mean(error[part] ** 2, axis=(0, 1)) for part in parts])
-    of_each = [np.sqrt(np.mean(error[windows.episode == e] ** 2, axis=(0, 1))) for e in np.unique(windows.episode)]
-    last = np.sqrt(np.mean(error[:, -1] ** 2, axis=0))
-    return ArmScores(split, name, joints, in_time, last, np.median(of_each, axis=0))
+    return ArmScores(split, name, joints, in_time, np.sqrt(np.mean(error[:, -1] ** 2, axis=0)))
 
 
 def compare(episodes: Sequence[Episode], models: Sequence[str]) -> list[ArmScores]:
@@ -99,9 +96,6 @@ def table(scores: Sequence[ArmScores]) -> list[str]:
                 for j, last in zip(s.joints, s.last, strict=True)
             ]
             lines.append(f"| {s.model} | {' | '.join(cells)} |")
-        lines += ["", "Median over the episodes of their RMS errors [°].", ""]
-        lines += [f"| model | {head} |", f"|---{'|---' * m}|"]
-        lines += [f"| {s.model} | {' | '.join(f'{x:.2f}' for x in s.usual)} |" for s in mine]
         lines += ["", "RMS error [°] of fifths of the held-out free runs in the order of time: drift would grow.", ""]
         lines += [f"| model | {head} |", f"|---{'|---' * m}|"]
         for s in mine:
