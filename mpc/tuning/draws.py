@@ -126,7 +126,7 @@ def draws(plant: Machine, known: Compensation, n: int, seed: int, spreads: Sprea
 def _places(m: int) -> dict[str, slice]:
     """Return the places of the numbers that differ between draws, in a row of a hypercube, for `m` muscles."""
     sizes = {"strength": m, "inertia": 1, "damping": 1, "lag_up": 1, "lag_down": 1, "volume": 1, "hysteresis": 1}
-    sizes |= {"dead_time": 1, "dead_band": 1, "offset": m, "unused": 1, "venting": 1}  # unused: its place is a seed's
+    sizes |= {"dead_time": 1, "dead_band": 1, "offset": m, "unused": 1, "venting": 1}  # unused: keeps a seed's plants
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(begin, end) for name, begin, end in zip(sizes, ends[:-1], ends[1:], strict=True)}
 

@@ -12,7 +12,7 @@ from allocator.errors import InvalidInput
 from mpc.arm.learning.plant import Touch, VariedArm
 from mpc.arm.learning.task import Batch, Judge, Samples, Task
 from mpc.arm.learning.wall import Wall
-from mpc.model.arm.ranges import OutOfReach, followed
+from mpc.model.arm.hand_paths import OutOfReach, followed
 
 _POINTS = 21  # of the table of postures along the wall
 
