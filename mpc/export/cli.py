@@ -161,7 +161,6 @@ def firmware_command(
 def tuning_command(
     out: Annotated[Path, typer.Option(help="file to write")],
     options: ControllerOptions,
-    precision: Precision = "double",
     force: Force = False,
 ) -> None:
     """Write a file that retunes an exported controller without a compiler."""
@@ -170,11 +169,8 @@ def tuning_command(
     from mpc.export.controller.tuning import write_tuning
 
     claim(out, inputs=options.files, force=force)
-    write_tuning(out, options.built().controller, precision=precision)
-    say(
-        Console(),
-        f"written: {out}, for a build of the same plant in {precision} precision; its README describes its use",
-    )
+    write_tuning(out, options.built().controller)
+    say(Console(), f"written: {out}, for a build of the same plant; its README describes its use")
 
 
 def _margins(built: "Built") -> "Margins":

@@ -57,7 +57,7 @@ The plant that it controls: {plant}.
 
 Its weights, slack prices, slew limit and least force can be tuned while it runs, without a compiler:
 
-    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3{options}
+    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3
 
 writes the {count} numbers of an `ant_tuning` (with the terminal cost of the weights). Give it the other options of this
 export as well. `build/demonstration tuning.txt` shows their effect. On the board, pass them to `ant_tuning_from`, which
@@ -116,10 +116,8 @@ def _control(controller: TrackingMPC, single: bool) -> str:
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps = controller.ahead - N, controller.iterations
     moves = 2 * blocks
-    single_only = " --precision single" if single else ""
     return _CONTROL.format(
-        options=single_only,
-        count=2 + sum(values.size for _, values in tuning_numbers(controller, single)),
+        count=2 + sum(values.size for _, values in tuning_numbers(controller)),
         dt=controller.dt,
         plant=controller.plant.summary,
         N=N,
