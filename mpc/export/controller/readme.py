@@ -111,7 +111,7 @@ def readme(
 
 
 def _control(controller: TrackingMPC, single: bool) -> str:
-    from mpc.tracking.compiled.structured_qp.exchange import AGAIN
+    from mpc.tracking.compiled.structured_qp.exchange import AGAIN, CROWDED
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps = controller.ahead - N, controller.iterations
@@ -122,7 +122,7 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         plant=controller.plant.summary,
         N=N,
         moves=moves,
-        items=items_in(blocks, single) - 2,
+        items=min(CROWDED, items_in(blocks, single) - 2),
         each=EXCHANGES,
         rows=6 * N,
         sweeps=qps * (1 + AGAIN + EXCHANGES * moves),

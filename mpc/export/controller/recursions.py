@@ -109,19 +109,6 @@ def _structs() -> dict[str, StructKind]:
 def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     """Return the kinds of arguments, by their names in all functions."""
     sweep, items = structs["sweep"].fields, structs["items"].fields
-    reals = (
-        "low",
-        "high",
-        "step",
-        "unit",
-        "left",
-        "right",
-        "least",
-        "share",
-        "entering",
-        "by",
-        "w",
-    )
     return {
         **structs,
         **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
@@ -135,5 +122,4 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         **{"z": items["z"], "pushes": items["r"]},
         **{"commands": sweep["gv"], "states": _given(_AFTER, 4), "forces": _given(_AFTER, 2), "beyond": _array(2)},
         "starts": _given(_BLOCKS, element=INT),
-        **dict.fromkeys(reals, REAL),
     }

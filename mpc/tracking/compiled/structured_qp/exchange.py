@@ -52,7 +52,7 @@ from mpc.tracking.compiled.structured_qp.sizes import (
 )
 from mpc.tracking.compiled.structured_qp.stage import advance
 
-CROWDED = 32  # items for a new sweep
+CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
