@@ -166,6 +166,7 @@ def choose_terms(law: JointLaw, windows: Windows, tell: Callable[[str], object] 
 _MEMBERS = 5
 _MOVES = (0.5 * DEG, 5 * DEG)  # between a joint that rests, one that moves, and one that moves far
 _COVERED = 0.95
+_NOTHING = 1e-6  # weight of a step without errors
 _FEWER = 2  # every so many windows choose the terms
 
 
@@ -177,15 +178,21 @@ class Bands:
 
     @classmethod
     def of(cls, predicted: Array, start: Array, error: Array) -> "Bands":
-        """Return the quantiles of errors (w, h, m) of free runs (w, h, m) from angles (w, m), all in rad."""
+        """Return the quantiles of errors (w, h, m) of free runs (w, h, m) from angles (w, m), all in rad.
+
+        Widths do not decrease along a run: they are the isotonic regression of the quantiles of each step.
+        """
+        from scipy.optimize import isotonic_regression
+
         kind, (_, h, m) = _kind(predicted, start), error.shape
         widths = np.zeros((m, len(_MOVES) + 1, h))
         for j in range(m):
             for move in range(len(_MOVES) + 1):
-                for t in range(h):
-                    near = np.abs(error[:, max(t - 2, 0) : t + 3, j])[kind[:, max(t - 2, 0) : t + 3, j] == move]
-                    before = widths[j, move, t - 1] if t else 0.0
-                    widths[j, move, t] = max(before, np.quantile(near, _COVERED)) if near.size else before
+                steps = [slice(max(t - 2, 0), t + 3) for t in range(h)]
+                near = [np.abs(error[:, step, j])[kind[:, step, j] == move] for step in steps]
+                quantiles = [np.quantile(errors, _COVERED) if errors.size else 0.0 for errors in near]
+                weights = [max(errors.size, _NOTHING) for errors in near]
+                widths[j, move] = isotonic_regression(quantiles, weights=weights).x
         return cls(widths)
 
     def around(self, predicted: Array, start: Array) -> Array:
@@ -208,6 +215,7 @@ class ArmFit:
     laws: tuple[JointLaw, ...]
     members: tuple[Array, ...]  # of each joint (5, n)
     full: float  # pressure that is 1 in the laws
+    left_out: Array  # free runs (w, h, m) [rad] of the fitted windows, each by the fit without its episode
     bands: Bands
 
     def predict(self, windows: Windows) -> tuple[Array, Array]:
@@ -264,18 +272,20 @@ def fit_arm(
         laws.append(law)
         tell(f"joint {j + 1}: {', '.join(law.terms) or 'no further terms'}")
         members.append(np.stack([fit_law(law, windows.only(~out)) for out in left_out]))
-    return ArmFit(assignment, tuple(laws), tuple(members), full, _bands(tuple(laws), tuple(members), windows))
+    predicted = _left_out(laws, members, windows)
+    bands = Bands.of(predicted, windows.q[:, 1], predicted - windows.future)
+    return ArmFit(assignment, tuple(laws), tuple(members), full, predicted, bands)
 
 
 def _members(laws: Sequence[JointLaw], members: Sequence[Array]) -> dict[int, tuple[JointLaw, Array]]:
     return {law.joint: (law, x) for law, x in zip(laws, members, strict=True)}
 
 
-def _bands(laws: Sequence[JointLaw], members: Sequence[Array], windows: Windows) -> Bands:
+def _left_out(laws: Sequence[JointLaw], members: Sequence[Array], windows: Windows) -> Array:
     predicted = np.empty_like(windows.future)
     for i, out in enumerate(folds(windows, _MEMBERS)):
         part = windows.only(out)
         one = _members(laws, [x[i : i + 1] for x in members])
         runs = run(one, part.q, part.v, part.p, part.step)
         predicted[out] = np.stack([runs[j][0] for j in range(len(laws))], axis=-1)
-    return Bands.of(predicted, windows.q[:, 1], predicted - windows.future)
+    return predicted
