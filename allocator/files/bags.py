@@ -27,8 +27,19 @@ _NANO = 1e-9
 FORMAT = "%.9g"  # of numbers in a table
 _WANTED = re.compile(r"(\w+)=(/?[\w/]+)((?:\.\w+|\[\d+\])+)(?::(\w+))?")
 _STEP = re.compile(r"\.(\w+)|\[(\d+)\]")
-_UNITS = {"theta": "rad", "force": "N", "torque": "Nm", "contraction": "ratio", "direction": "", "slack": ""}
-_UNITS |= dict.fromkeys(("length", "shortening", "rest_length"), "m")  # others are pressures
+_UNITS = {
+    "theta": "rad",
+    "q": "rad",
+    "speed": "rad_s",
+    "v": "rad_s",
+    "force": "N",
+    "torque": "Nm",
+    "contraction": "ratio",
+    "direction": "",
+    "slack": "",
+}
+_UNITS |= dict.fromkeys(("length", "shortening", "rest_length"), "m") | dict.fromkeys(("speed", "v"), "rad_s")
+_UNITS["q"] = "rad"  # others are pressures
 _RECORDINGS = (".bag", ".mcap")
 _MOST_SHOWN = 12
 _USAGE = "the unit where it is not SI, several with blanks between them"
@@ -55,7 +66,7 @@ class Quantity(NamedTuple):
                 raise InvalidInput(f"--topics {part}: expected NAME=/topic.field[0]:unit, {_USAGE}")
             name, topic, path, unit = match.groups()
             steps = tuple(field or int(index) for field, index in _STEP.findall(path))
-            found.append(cls(name, topic, steps, unit or _UNITS.get(name, "Pa")))
+            found.append(cls(name, topic, steps, unit or _UNITS.get(name.rstrip("0123456789"), "Pa")))
         if len({q.name for q in found}) < len(found):
             raise InvalidInput(f"--topics {text}: a quantity is given twice")
         if not found:

@@ -18,11 +18,13 @@ from allocator.identification.headers import UNITS
 from allocator.units import BAR, DEG, MM
 
 GAP = 1.0  # [s] without a row, which ends a stretch of a log
+UNEVEN = 0.05  # standard deviation of the steps over their median, above which rows are resampled at even times
+MOST_ROWS = 15_000  # of longer logs every second, third … row is used
 _BETWEEN = 10.0  # [s] put between two recordings
 _PLAUSIBLE_STEP = (1e-4, 0.5)  # [s] between rows
 _LEAST_DURATION = 1.0  # [s]
-_LEAST_ROWS = 20  # of a recording after which the clock begins anew
-_PRESSURES = ("pressure1", "pressure2", "measured1", "measured2", "pressure")
+_LEAST_ROWS = 30  # of a recording after which the clock begins anew
+_PRESSURES = ("pressure", "measured")
 _LEAST = {"theta": 2 * DEG, "force": 20.0, "contraction": 0.02, "length": 6 * MM, "shortening": 6 * MM}  # of a spike
 _LONGEST = 3  # rows of a spike, or of stamps that are late
 _USUAL = 5.0  # times the jump and return exceeded by 3 % of the rows
@@ -75,7 +77,7 @@ def in_succession(times: Sequence[Array]) -> list[Array]:
 def _recordings(t: Array) -> tuple[list[int] | None, Mask]:
     """Return the rows in which the clock begins, and the mask (n,) of rows not later than an earlier one since then.
 
-    The rows are None if the times are in no order: if a recording would have a few rows or last less than a second.
+    The rows are None if the times are in no order, i.e. if a recording would have a few rows only.
     """
     begins, late = [0], np.zeros(t.size, bool)
     while True:
@@ -85,7 +87,7 @@ def _recordings(t: Array) -> tuple[list[int] | None, Mask]:
         late[begins[-1] : begins[-1] + again] = behind[:again]
         if again == since.size:
             return begins, late
-        if again < _LEAST_ROWS or since[:again].max() - since[0] < GAP:
+        if again < _LEAST_ROWS:
             return None, late
         begins.append(begins[-1] + again)
 
@@ -146,6 +148,19 @@ def stretches(t: Array) -> list[slice]:
     return [slice(first, last) for first, last in zip([0, *ends[:-1]], ends, strict=True)]
 
 
+def evenly(t: Array) -> bool:
+    """Return whether times (n,) [s] are even enough for a filter with a constant step."""
+    steps = np.diff(t)
+    return bool(steps.std() <= UNEVEN * np.median(steps))
+
+
+def even_times(t: Array, step: float | None = None) -> Array:
+    """Return even times [s] from the first to the last of t (n,), with this step [s] or its median, or a longer one."""
+    if step is None:
+        step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / MOST_ROWS)
+    return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
+
+
 def long_stretches(measured: Measured, least: float) -> Measured:
     """Return the parts of a log without a gap of more than 1 s that last `least` [s] or more.
 
@@ -170,13 +185,22 @@ def long_stretches(measured: Measured, least: float) -> Measured:
 
 def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, list[int]]:
     """Return the rows of spikes by column with any; those of pressures [Pa] include drop-outs."""
-    masks = {q: pressure_spikes(t, a) if q in _PRESSURES else _jumps(t, a, _LEAST[q]) for q, a in columns.items()}
+    kinds = {q: _kind(q) for q in columns}
+    masks = {
+        q: pressure_spikes(t, a) if kinds[q] in _PRESSURES else _jumps(t, a, _LEAST[kinds[q]])
+        for q, a in columns.items()
+    }
     return {quantity: np.flatnonzero(mask).tolist() for quantity, mask in masks.items() if mask.any()}
 
 
 def _spikes(measured: Measured) -> dict[str, list[int]]:
-    columns = {q: a for q, a in measured.values.items() if q in _PRESSURES or q in _LEAST}
+    columns = {q: a for q, a in measured.values.items() if _kind(q) in _PRESSURES or _kind(q) in _LEAST}
     return spikes_of(measured.values["time"], columns)
+
+
+def _kind(quantity: str) -> str:
+    """Return the quantity without its number."""
+    return quantity.rstrip("0123456789")
 
 
 def _once(measured: Measured) -> Measured:

@@ -71,12 +71,17 @@ def test_a_folder_of_ones_own_is_read(tmp_path):
     e = mpi_arm()[0]
     names = "time_s," + ",".join(f"q{i}_rad" for i in range(1, 5)) + "," + ",".join(f"p{i}" for i in range(1, 9))
     rows = np.concatenate([0.0104 * np.arange(len(e.q))[:, None], e.q, e.p], axis=1)
-    np.savetxt(tmp_path / "one.csv", rows, delimiter=",", header=names, comments="", fmt="%.12g")
-    (own,) = folder(tmp_path)
-    np.testing.assert_allclose(own.q, e.q)
-    assert windows_of([own])[0].future.shape[1:] == (40, 4)
-    (tmp_path / "two.csv").write_text("time_s,q1_rad,p1\n0,0,0\n")
-    with pytest.raises(InvalidFile, match="columns p2 expected"):
+    for k in range(10):
+        np.savetxt(tmp_path / f"{k}.csv", rows, delimiter=",", header=names, comments="", fmt="%.12g")
+    own = folder(tmp_path)
+    assert [one.name for one in own] == [str(k) for k in range(10)]
+    np.testing.assert_allclose(own[0].q, e.q)
+    assert windows_of(own)[0].future.shape[1:] == (40, 4)
+    (tmp_path / "9.csv").unlink()
+    with pytest.raises(InvalidFile, match=r"9 \*.csv in this folder, 10 or more"):
+        folder(tmp_path)
+    (tmp_path / "9.csv").write_text("time_s,q1_rad,p1\n0,0,0\n")
+    with pytest.raises(InvalidFile, match=r"9\.csv: has no column for pressure2 among time_s, q1_rad, p1"):
         folder(tmp_path)
 
 

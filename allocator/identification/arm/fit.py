@@ -98,6 +98,7 @@ _DIFFERENCE = 3e-4  # of a usual size
 _ITERATIONS = 40
 _BETTER = 0.98  # of the error on left-out episodes, required of a further term
 _FOLDS = 3
+_PIECES = 3  # of a log with few episodes, for each fit
 
 
 def fit_law(law: JointLaw, windows: Windows, start: Array | None = None) -> Array:
@@ -131,8 +132,11 @@ def joint_error(law: JointLaw, x: Array, windows: Windows) -> float:
 
 
 def folds(windows: Windows, count: int) -> list[NDArray[np.bool_]]:
-    """Return the windows (w,) left out of each of `count` fits: whole episodes, in turn."""
+    """Return the windows (w,) left out of each of `count` fits: whole episodes in turn, or pieces if they are few."""
     names = list(dict.fromkeys(windows.episode.tolist()))
+    if len(names) < 2 * count:
+        pieces = np.arange(len(windows.q)) * _PIECES * count // len(windows.q)
+        return [pieces % count == i for i in range(count)]
     turn = {name: i % count for i, name in enumerate(names)}
     which = np.array([turn[name] for name in windows.episode.tolist()])
     return [which == i for i in range(count)]
@@ -258,8 +262,8 @@ def fit_arm(
         For episodes shorter than a free run, and for joints that hardly move.
     """
     tell = progress or (lambda step: None)
-    assignment = assign_muscles(episodes)
     windows = Windows.cut(episodes, horizon, every)
+    assignment = assign_muscles(episodes)
     full = float(np.abs(windows.p).max())
     windows = windows._replace(p=windows.p / full)
     few = windows.only(np.arange(len(windows.q)) % _FEWER == 0)

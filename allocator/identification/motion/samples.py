@@ -28,6 +28,10 @@ from allocator.identification.columns import read_columns
 from allocator.identification.outliers import some
 from allocator.identification.recording import (
     GAP,
+    MOST_ROWS,
+    UNEVEN,
+    even_times,
+    evenly,
     in_succession,
     in_time,
     long_stretches,
@@ -51,8 +55,6 @@ _SPEED_OVER = 0.3  # [s] over which a speed is measured
 _SAME_SPEED = 0.9  # squared cosine between v and sign(v); 1 on ramps, 0.81 on a sine, less with steps
 _MEDIAN_OVER = 0.25  # [s]
 _SHOWN = 10  # spikes that are listed
-_UNEVEN = 0.05  # standard deviation of the steps over their median, above which rows are resampled at even times
-_MOST_ROWS = 15_000  # of longer logs every second, third … row is used
 _WANTED = (("time",), ("theta",), ("pressure1",), ("pressure2",))
 _MEASURED = ("measured1", "measured2")
 
@@ -93,7 +95,7 @@ class MotionLog:
         log._check_excitation()
         log = log._even()
         log = log._without_noise() if medians else log
-        every = -(-log.n // _MOST_ROWS)
+        every = -(-log.n // MOST_ROWS)
         return log if every == 1 else log.thinned(every)
 
     def thinned(self, every: int) -> Self:
@@ -165,14 +167,14 @@ class MotionLog:
     def _even(self) -> Self:
         """Return the log with rows at even times: angles interpolated linearly, pressures of the previous row.
 
-        Inertia and damping are a filter with a constant step. A row that is late by less than `_UNEVEN` steps, e.g. by
+        Inertia and damping are a filter with a constant step. A row that is late by less than `UNEVEN` steps, e.g. by
         rounding of its stamp, counts as punctual; otherwise its commands would come a step later.
         """
         if all(evenly(self.t[part]) for part in self.parts):
             return self
-        step = max(self.step, sum(float(np.ptp(self.t[part])) for part in self.parts) / _MOST_ROWS)
+        step = max(self.step, sum(float(np.ptp(self.t[part])) for part in self.parts) / MOST_ROWS)
         t = np.concatenate([even_times(self.t[part], step) for part in self.parts])
-        before = np.searchsorted(self.t, t + _UNEVEN * step, side="right") - 1
+        before = np.searchsorted(self.t, t + UNEVEN * step, side="right") - 1
         return replace(self, t=t, theta=np.interp(t, self.t, self.theta), P1=self.P1[before], P2=self.P2[before])
 
     def _without_noise(self) -> Self:
@@ -259,19 +261,6 @@ class MotionLog:
             elif abs(theta - end) > least:
                 turns, way, end = turns + (way != 0), 1 if theta > end else -1, theta
         return turns
-
-
-def evenly(t: Array) -> bool:
-    """Return whether times (n,) [s] are even enough for a filter with a constant step."""
-    steps = np.diff(t)
-    return bool(steps.std() <= _UNEVEN * np.median(steps))
-
-
-def even_times(t: Array, step: float | None = None) -> Array:
-    """Return even times [s] from the first to the last of t (n,), with this step [s] or its median, or a longer one."""
-    if step is None:
-        step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
-    return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
 
 
 def read_motion_log(
