@@ -4,7 +4,8 @@ numba's own cache trusts its files. A file truncated by a power failure makes ev
 process, and a flipped bit is executed. This cache has one file per argument signature, and each file begins with the
 hash of the rest. Code whose hash does not match is compiled again; code that cannot be written is used without being
 cached; each warns once. Files are written atomically and there is no index, so concurrent writers do not disturb each
-other. A process that needs code which another one is compiling waits for it. A directory that other users may write to is refused, because its files are executed.
+other. A process that needs code which another one is compiling waits for it. A directory that other users may write to
+is refused, because its files are executed.
 """
 
 import gc
