@@ -49,10 +49,6 @@ def tuning_numbers(controller: TrackingMPC, single: bool) -> list[Entry]:
         ("greatest change of a command in a sample [Pa]", np.array([limits.step])),
         ("least force of the muscles [N]", np.array([limits.min_force])),
     ]
-    if single:
-        kinds = "state", "outputs", "commands [1/Pa]", "rate of the commands [s/Pa]"
-        entries += [(f"roots of the weights: {what}", np.sqrt(w)) for what, w in zip(kinds, problem.rows, strict=True)]
-        entries += [("factor of the terminal cost, rows", problem.L)]
     return entries
 
 
