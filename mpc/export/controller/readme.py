@@ -81,8 +81,8 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | exchanges of active limits | {exchanges} | 0 to 10 |
 
 The bounds are those of the loops and hold for any input. The bound of the exchanges is `ANT_EXCHANGES`, {each} per move
-and QP; a smaller one may be set in `antagonist_config.h`. Far fewer are needed: `python -m benchmarks.speed.worst_cases`
-searches states, references and limits for QPs with many exchanges, and prints the greatest number.
+and QP; a smaller one may be set in `antagonist_config.h`. `python -m benchmarks.speed.worst_cases` searches states,
+references and limits for QPs with many exchanges, and prints the greatest number.
 {single}"""
 
 _CONTROL_SINGLE = """
