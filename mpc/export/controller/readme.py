@@ -49,8 +49,8 @@ _CONTROL = """
 disturbance torque, dead time, friction and dead band, references brought within reach, the QP, its certificate, the
 fallback ladder and the limits. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. Pass NaN for a
 missing sensor reading. All memory is in `ant_controller`, which should be static. There is no clock: instead of a time
-budget, `exchange_limit` bounds the exchanges of a QP, and the macro `ANT_EXCHANGES` bounds them at compile time. At
-the bound the commands are within slew and supply, `plan.status` is `ANT_PLAN_UNSOLVED`, and `plan.gap` bounds their
+budget, `exchange_limit` bounds the exchanges of a QP, and `ANT_EXCHANGES` bounds them at compile time. At the bound
+the commands are within slew and supply, `plan.status` is `ANT_PLAN_UNSOLVED`, and `plan.gap` bounds their
 suboptimality (primal cost minus dual cost).
 
 The plant that it controls: {plant}.
@@ -81,8 +81,8 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | exchanges of active limits | {exchanges} | 0 to 10 |
 
 The bounds are those of the loops and hold for any input. The bound of the exchanges is `ANT_EXCHANGES`, {each} per move
-and QP; a smaller one may be set when compiling. Far fewer are needed: `python -m benchmarks.speed.worst_cases` searches
-states, references and limits for QPs with many exchanges, and its report lists the greatest numbers.
+and QP; a smaller one may be set in `antagonist_config.h`. `python -m benchmarks.speed.worst_cases` searches states,
+references and limits for QPs with many exchanges, and prints the greatest number.
 {single}"""
 
 _CONTROL_SINGLE = """
