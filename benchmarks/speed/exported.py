@@ -47,7 +47,7 @@ class Row(NamedTuple):
     c_step_worst: float
     python_allocation: float
     c_allocation: float
-    qp_iterations_worst: int
+    qp_exchanges_worst: int
     m4f_instructions: float  # of a step, median
     m4f_instructions_worst: float
     m4f_code: int
@@ -99,7 +99,7 @@ def _check(made: Path, done: Record, precision: str) -> None:
 
 
 def _times(program: Path, samples: Array, runner: tools.Runner = tools.run) -> Array:
-    return replayed(program, samples, ("step", "allocation", "iterations"), runner)
+    return replayed(program, samples, ("step", "allocation", "exchanges"), runner)
 
 
 def _m4f(made: Path, samples: Array) -> tuple[float, float, int, int, int]:
@@ -133,13 +133,13 @@ def report(rows: Sequence[Row], steps: int) -> str:
         f"A closed loop of {steps} samples on the real plant with faults and an observer; C gave Python's commands to",
         f"{_AGREE['double']:g} (double) and {_AGREE['single']:g} (single) of the supply before anything was timed.",
         "Processor time of this machine; a step includes observer, feed-forward and QP.\n",
-        "| N | precision | Python step | C step | worst | times faster | Python `allocate` | C | most QP iterations |",
+        "| N | precision | Python step | C step | worst | times faster | Python `allocate` | C | most QP exchanges |",
         "|--:|---|--:|--:|--:|--:|--:|--:|--:|",
     ]
     lines += [
         f"| {r.horizon} | {r.precision} | {r.python_step * 1e3:.2f} ms | {r.c_step * 1e6:.0f} µs "
         f"| {r.c_step_worst * 1e6:.0f} µs | {r.python_step / r.c_step:.0f} | {r.python_allocation * 1e6:.0f} µs "
-        f"| {r.c_allocation * 1e9:.0f} ns | {r.qp_iterations_worst} |"
+        f"| {r.c_allocation * 1e9:.0f} ns | {r.qp_exchanges_worst} |"
         for r in rows
     ]
     lines += [

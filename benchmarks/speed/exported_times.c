@@ -59,9 +59,9 @@ int main(int argc, char **argv) {
             reference.theta[k] = (ant_real)in[4 + k];
             reference.K[k] = (ant_real)in[4 + ANT_AHEAD + 1 + k];
         }
-        controller.iteration_limit = in[3] != 0 ? 0 : ANT_QP_ITERATIONS;
+        controller.exchange_limit = in[3] != 0 ? 0 : ANT_EXCHANGES;
         const double step = time_of_step(&reading);
-        const double out[3] = {step, time_of_allocation(), plan.iterations};
+        const double out[3] = {step, time_of_allocation(), plan.exchanges};
         if (fwrite(out, sizeof out, 1, to) != 1) return 2;
     }
     return fclose(from) || fclose(to);

@@ -89,8 +89,7 @@ ant_allocation ant_allocate(const ant_target *target);
 /* Status of a plan. */
 typedef enum {
     ANT_PLAN_OPTIMAL = 0,        /* the QP was solved, and its optimality conditions were checked */
-    ANT_PLAN_UNSOLVED = 1,       /* the QP solver gave up, or reached its bound of iterations */
-    ANT_PLAN_REFUSED = 2,        /* the QP solver's answer was not optimal and was refused */
+    ANT_PLAN_UNSOLVED = 1,       /* the QP's bound of exchanges was reached, see `gap` */
     ANT_PLAN_NO_MEASUREMENT = 3, /* part of the state was not measured: the predicted one was used in its place */
     ANT_PLAN_NOT_FINITE = 4,     /* the prediction left the range of numbers */
     ANT_PLAN_BLIND = 7,          /* the angle has not been measured for too long to trust its prediction */
@@ -101,7 +100,7 @@ typedef enum {
 /* Which step of the fallback ladder gave the plan, best first. */
 typedef enum {
     ANT_RUNG_QP = 0,
-    ANT_RUNG_SOFTENED = 1,   /* the QP with its limits softened, all but the slew */
+    ANT_RUNG_SOFTENED = 1,   /* commands within slew and supply that are not proved optimal */
     ANT_RUNG_PREVIOUS = 2,   /* the previous plan went on */
     ANT_RUNG_ALLOCATION = 3, /* the closed-form allocation, approached as the limits allow */
     ANT_RUNG_HOLD = 4        /* the pressures are held, and let out slowly if this lasts */
@@ -129,7 +128,8 @@ typedef struct {
     ant_real slack;       /* how far x leaves the joint range at worst [rad] */
     ant_real slack_force; /* how far a muscle force falls below the least one at worst [N] */
     ant_real moved[3];    /* how far references were moved at worst: angle [rad], stiffness [N*m/rad], torque [N*m] */
-    int iterations;       /* of the QP solver */
+    ant_real gap;         /* bound of the cost of the commands minus that of the QP's solution; 0 if proved */
+    int exchanges;        /* of the QP */
 } ant_plan;
 
 #include "antagonist_controller.h" /* ant_controller: memory and workspace, of fixed size */

@@ -14,7 +14,7 @@ from mpc.export.controller.friction import (
     friction_sizes,
     friction_tables,
 )
-from mpc.export.controller.recursions import items_in, recursion_files
+from mpc.export.controller.recursions import EXCHANGES, items_in, recursion_files
 from mpc.export.controller.tuning import tuning_constants, tuning_definition
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
@@ -26,9 +26,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import preview, resting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.qp import certified, softened
-
-_GAP = 1e-3  # in single precision the bound is looser than in `mpc.tracking.qp.certified`
+from mpc.tracking.qp import certified
 
 
 def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
@@ -58,24 +56,17 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
         "DELAY": (known.delay(dt), "dead time in samples"),
         "AGE": (known.age(dt), "age of the angle's readings in samples"),
         "AHEAD": (controller.ahead, "samples of reference after the present one"),
-        "ITEMS": (items_in(single), "maximum number of items in an exchange of active bounds"),
-        "QP_ITERATIONS": (qp_iterations(controller, single), "maximum iterations of the QP solver per QP"),
+        "ITEMS": (items_in(blocks, single), "maximum number of limits that differ from those of a sweep"),
+        "EXCHANGES": (
+            EXCHANGES * 2 * blocks,
+            "maximum number of exchanges in a QP; may be set smaller",
+        ),
     } | friction_sizes(controller.compensation.friction)
-
-
-def qp_iterations(controller: TrackingMPC, single: bool) -> int:
-    """Return the maximum iterations per QP: of DAQP, or in double precision of the interior-point method."""
-    from mpc.tracking.compiled.structured_qp.interior import MOST
-
-    limits = 2 * len(controller.problem.blocks) + 2 + 6 * controller.N
-    return 5 * limits if single else MOST
 
 
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
     """Return the controller's files except those of the allocation and the model."""
     files = dict(copied("mpc", "src/")) | dict(copied("tuning", "src/"))
-    files |= dict(copied("dense" if single else "interior", "src/"))
-    files |= dict(copied("daqp", "src/daqp/")) if single else {}
     files |= recursion_files(single)
     files["antagonist_controller.h"] = files.pop("src/antagonist_controller.h")
     numbers = text.defines(_numbers(controller, observer, single), single)
@@ -108,10 +99,9 @@ def model_functions(controller: TrackingMPC) -> Functions:
     state, stage = {"x": x}, {"x": x, "u": u, "d": d}
     return [
         (dense("stage", stage, {"later": later}), "the state after a sample"),
-        (dense("slopes", stage, {"A": A, "B": B}), "its derivatives by x (4, 4) and u (4, 2)"),
         (
-            dense("observed", stage, {"later": later, "A": A, "by_d": by_d}),
-            "the state, and derivatives by x and d",
+            dense("slopes", stage, {"later": later, "A": A, "B": B, "by_d": by_d}),
+            "the same with its derivatives by x (4, 4), u (4, 2) and d (4)",
         ),
         (dense("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
         (dense("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
@@ -129,8 +119,7 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
     late = 1 + (1e-4 if single else 1e-9)  # rounding of a time that is summed from samples
     dt = controller.dt
     return (
-        {"CHARGE": (softened.COMMAND, "price of commands beyond the supply in the softened QP [1/bar^2]")}
-        | tuning_constants(controller)
+        tuning_constants(controller)
         | friction_numbers(known.friction)
         | _rest(controller)
         | control_numbers(plant)
@@ -141,17 +130,7 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             "PATIENCE": (controller.patience * late, "longest time without a measured angle [s]"),
             "HOLDING": (ladder.holding, "time that the last rung holds the pressures [s]"),
             "VENTING": (ladder.venting, "rate at which they fall afterwards [Pa/s]"),
-            "PRIMAL": (
-                certified.PRIMAL_TOLERANCE,
-                "tolerated violation of a limit [bar], [rad], [N]",
-            ),
-            "GAP": (_GAP, "tolerated gap to the optimum over the gain of the moves, in single precision [-]"),
             "ACCURACY": (certified.ACCURACY, "greatest distance of an answer's changes to the solution's [bar]"),
-            "LAZY": (
-                1e-5 if single else certified.LAZY_TOLERANCE,
-                "violation below which an omitted row counts as satisfied",
-            ),
-            "ROUNDS": (softened.ROUNDS, "maximum rounds of the softened QP"),
             "LONG": (2**30, "samples, upper end of every counter"),
             "INERTIA": (plant.inertia, "[kg*m^2]"),
             "DAMPING": (plant.damping, "[N*m*s/rad]"),

@@ -8,6 +8,8 @@ from mpc.codegen.jit import inlined
 from mpc.tracking.compiled.records import Bounded, Errors, Indices, Path, Reference, Setting
 from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
 
+HUGE = 1e30  # no bound
+
 
 @inlined
 def limit(low: float, high: float, step: float, before: Array, unit: float, commands: Array) -> None:
@@ -37,16 +39,33 @@ def excess(left: float, right: float, least: float, states: Array, forces: Array
 
 
 @inlined
-def slew_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> None:
-    """Set the bounds of the changes by slew; v = 0 is feasible despite rounding."""
-    starts, step = setting.starts, setting.bounds.step
-    lower, upper, there = bounded
-    lower[:], upper[:], there[:] = 0.0, 0.0, False
-    for k in starts:
+def new_bounded(N: int) -> Bounded:
+    """Return uninitialised bounds."""
+    ends = np.empty((4, N + 1, NU))
+    return Bounded(ends[0], ends[1], ends[2], ends[3], np.empty(N, np.bool_))
+
+
+@inlined
+def change_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> None:
+    """Set the bounds of changes and commands of every block by slew and supply.
+
+    v = 0 is feasible despite rounding, and commands outside the supply need not return at once.
+    """
+    bounds, N, there = setting.bounds, u.shape[0], bounded.there
+    bounded.lower[:], bounded.upper[:], bounded.low[:], bounded.high[:], there[:] = 0.0, 0.0, -HUGE, HUGE, False
+    for k in setting.starts:
         there[k] = True
-        for i in range(NU):
-            change = u[k, i] - (u[k - 1, i] if k > 0 else last[0, i] / BAR)
-            lower[k, i], upper[k, i] = min(-step - change, 0.0), max(step - change, 0.0)
+    for i in range(NU):
+        start = 0
+        bounded.upper[N, i] = HUGE if i < 2 else 0.0  # of the slacks
+        for k in range(N):
+            if there[k]:
+                start = k
+                change = u[k, i] - (u[k - 1, i] if k > 0 else last[0, i] / BAR)
+                bounded.lower[k, i] = min(-bounds.step - change, 0.0)
+                bounded.upper[k, i] = max(bounds.step - change, 0.0)
+            bounded.low[start, i] = max(bounded.low[start, i], min(bounds.low - u[k, i], 0.0))
+            bounded.high[start, i] = min(bounded.high[start, i], max(bounds.high - u[k, i], 0.0))
 
 
 @inlined
@@ -88,3 +107,13 @@ def deviations(path: Path, u: Array, reference: Reference, last: Array, errors: 
         end[NX + i] = previous
     for i in range(NX):
         end[i] = x[N, i]
+
+
+@inlined
+def finite(array: Array) -> bool:
+    """Return whether all numbers of `array` (m, n) are finite."""
+    for row in array:
+        for value in row:
+            if not np.isfinite(value):
+                return False
+    return True

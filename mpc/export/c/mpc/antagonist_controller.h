@@ -2,14 +2,7 @@
 #ifndef ANTAGONIST_CONTROLLER_H
 #define ANTAGONIST_CONTROLLER_H
 
-enum {
-    ANT_MOVES = 2 * ANT_BLOCKS,    /* changes of the commands that the QP decides */
-    ANT_DECISIONS = ANT_MOVES + 2, /* and the slacks of joint range and muscle forces */
-    ANT_ROWS = 6 * ANT_HORIZON,    /* limits on commands, angle and forces */
-    ANT_LIMITS = ANT_DECISIONS + ANT_ROWS,
-    ANT_SLOTS = 4 * ANT_HORIZON /* greatest number of rows for DAQP */
-};
-#define ANT_TRIANGLE(n) ((n) * ((n) + 1) / 2) /* elements of a triangular matrix */
+enum { ANT_MOVES = 2 * ANT_BLOCKS }; /* changes of the commands that the QP decides */
 
 /* Numbers that can be tuned while the program runs; src/tuning.c has those of the export. The terminal cost depends on
  * the weights: use sets of numbers from Python, see ant_tuning_from. */
@@ -23,10 +16,6 @@ typedef struct {
     ant_real curvature; /* that the charge on a change gives the cost [1/bar^2] */
     ant_real step;      /* greatest change of a command in a sample [Pa] */
     ant_real min_force; /* least force of the muscles [N] */
-#ifdef ANT_SINGLE       /* for the dense QP, in SI units */
-    ant_real root_x[4], root_y[3], root_e[2], root_rate[2]; /* roots of the weights */
-    ant_real terminal[6][6];                                /* L, the terminal cost is |L xi|^2/2 */
-#endif
 } ant_tuning;
 enum { ANT_TUNING_NUMBERS = 2 + sizeof(ant_tuning) / sizeof(ant_real) };
 
@@ -122,92 +111,36 @@ typedef struct {
     int finite;
 } ant_feed;
 
-#ifdef ANT_SINGLE
-/* Workspace of DAQP. */
-typedef struct {
-    ant_real Rinv[ANT_TRIANGLE(ANT_DECISIONS)], v[ANT_DECISIONS], M[ANT_SLOTS][ANT_DECISIONS];
-    ant_real dupper[ANT_DECISIONS + ANT_SLOTS], dlower[ANT_DECISIONS + ANT_SLOTS], scaling[ANT_DECISIONS + ANT_SLOTS];
-    ant_real lam[ANT_DECISIONS + 1], lam_star[ANT_DECISIONS + 1], D[ANT_DECISIONS + 1];
-    ant_real xldl[ANT_DECISIONS + 1], zldl[ANT_DECISIONS + 1], L[ANT_TRIANGLE(ANT_DECISIONS + 1)];
-    ant_real u[ANT_DECISIONS], x[ANT_DECISIONS];
-    int sense[ANT_DECISIONS + ANT_SLOTS], WS[ANT_DECISIONS + 1];
-    int row_of[ANT_SLOTS], rows; /* that have been let in */
-    unsigned char in[ANT_ROWS];
-} ant_solver;
-
-/* minimise |R z + v|^2/2 over the moves and the price of the slacks, within bounds and rows; see src/qp.c. Moves count
- * in bar, slacks in rad and N. */
-typedef struct {
-    ant_real R[ANT_TRIANGLE(ANT_MOVES)]; /* upper triangle by rows */
-    ant_real v[ANT_MOVES];
-    ant_real lower[ANT_MOVES], upper[ANT_MOVES];
-    union {
-        ant_real G[2][4][ANT_MOVES]; /* dx/dz at a sample and the next */
-        ant_solver solver;
-    } work;
-} ant_dense;
-#endif
-
-/* Workspace of the sweeps; see src/recursions.h. */
+/* Workspace of the QP: sweeps and exchange; see src/recursions.h. */
 typedef struct {
     ant_real x[ANT_HORIZON + 1][4], y[ANT_HORIZON + 1][3], e[ANT_HORIZON][2], change[ANT_HORIZON][2], end[6]; /* errors */
+    ant_real lower[ANT_HORIZON + 1][2], upper[ANT_HORIZON + 1][2], low[ANT_HORIZON + 1][2], high[ANT_HORIZON + 1][2];
     ant_real xi[ANT_HORIZON + 1][6], v[ANT_HORIZON][2], sigma[2];
     ant_real R[ANT_HORIZON][2][6], D[ANT_HORIZON][3], g[ANT_HORIZON][2], feedback[ANT_HORIZON][2][7];
-    ant_real gx[ANT_HORIZON + 1][6], gv[ANT_HORIZON][2], r[ANT_HORIZON][2];
-    ant_real inverse[ANT_HORIZON][3];
-    signed char held[ANT_HORIZON][2];
-} ant_sweeps;
-
-/* Workspace of the active set; see src/recursions.h. */
-typedef struct {
-    ant_real lower[ANT_HORIZON + 1][2], upper[ANT_HORIZON + 1][2], z[ANT_HORIZON + 1][2], r[ANT_HORIZON + 1][2];
-    ant_real dz[ANT_HORIZON + 1][2], dr[ANT_HORIZON + 1][2], b[ANT_HORIZON + 1][12], value[ANT_HORIZON + 1][12];
-    ant_real xi[ANT_HORIZON + 1][6], first[ANT_HORIZON][2];
-    ant_real other_xi[ANT_HORIZON + 1][6], other_v[ANT_HORIZON][2], other_sigma[2];
+    ant_real gx[ANT_HORIZON + 1][6], gv[ANT_HORIZON][2], inverse[ANT_HORIZON][3];
+    ant_real by_xi[ANT_HORIZON + 1][6], by_v[ANT_HORIZON][2]; /* differences */
+    ant_real z[ANT_HORIZON + 1][2], r[ANT_HORIZON + 1][2], dz[ANT_HORIZON + 1][2], dr[ANT_HORIZON + 1][2];
+    ant_real answer[ANT_HORIZON + 1][6];
     ant_real item_z[ANT_ITEMS][ANT_HORIZON + 1][2], item_r[ANT_ITEMS][ANT_HORIZON + 1][2];
     ant_real K[ANT_ITEMS][ANT_ITEMS], L[ANT_ITEMS][ANT_ITEMS], multiplier[ANT_ITEMS], step[ANT_ITEMS];
     ant_real item_p[6];
     int kind[ANT_ITEMS], sample[ANT_ITEMS], muscle[ANT_ITEMS], side[ANT_ITEMS], order[ANT_ITEMS], known[1];
-    signed char base[ANT_HORIZON + 1][2], held[ANT_HORIZON + 1][2];
-} ant_exchange;
+    signed char base[ANT_HORIZON + 1][2], held[ANT_HORIZON + 1][2], guessed[ANT_HORIZON + 1][2], there[ANT_HORIZON];
+} ant_work;
 
-/* Workspace of a Newton step; see src/recursions.h. */
-typedef struct {
-    int span[ANT_HORIZON + 1][2];
-    ant_real b[ANT_HORIZON + 1][12], t[ANT_HORIZON + 1][12], multiplier[ANT_HORIZON + 1][12], W[ANT_HORIZON + 1][12];
-    ant_real residual[ANT_HORIZON + 1][12], push[ANT_HORIZON + 1][12], dt[ANT_HORIZON + 1][12];
-    ant_real change[ANT_HORIZON + 1][12];
-    ant_real border[ANT_HORIZON][2][2], border_sigma[3];
-    ant_real xi[ANT_HORIZON + 1][6], v[ANT_HORIZON][2], sigma[2]; /* the step */
-    ant_real first[ANT_HORIZON][2], origin_x[ANT_HORIZON + 1][6], origin_v[ANT_HORIZON][2];
-} ant_iteration;
-
-/* The QP of a step, sample by sample: its linear model along a motion, commands in bar, and the bounds of the slew. */
+/* The QP of a step, sample by sample: its linear model along a motion, and commands in bar. */
 typedef struct {
     const ant_tuning *tuning;
-    ant_motion motion; /* of z = 0 */
+    ant_motion motion; /* of no change */
     ant_real u[ANT_HORIZON][2], y[ANT_HORIZON + 1][3];
     ant_real A[ANT_HORIZON][4][4], B[ANT_HORIZON][4][2], slope[ANT_HORIZON + 1][3][4];
-    ant_real lower[ANT_HORIZON][2], upper[ANT_HORIZON][2];
-    signed char there[ANT_HORIZON], guess[ANT_MOVES]; /* which changes there are; which of their bounds bind */
-    union {
-        struct {
-            ant_sweeps sweeps;
-            union {
-                ant_exchange exchange;
-                ant_iteration iteration;
-            } work;
-        } structured;
-#ifdef ANT_SINGLE
-        ant_dense dense;
-#endif
-    } work;
+    signed char guess[ANT_MOVES]; /* active limits of the changes */
+    ant_work work;
 } ant_qp;
 
 typedef struct {
-    /* Limit for DAQP, or in double precision for the interior-point method. 0 skips the QP; ant_reset sets
-     * ANT_QP_ITERATIONS. */
-    int iteration_limit;
+    /* Bound of the exchanges in a QP, at most ANT_EXCHANGES; ant_reset sets ANT_EXCHANGES. */
+    int exchange_limit;
 
     ant_observer observer;
     ant_friction friction;

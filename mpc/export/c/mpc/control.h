@@ -71,30 +71,10 @@ int ant_rest_follow(ant_rest *r, const ant_task *task); /* at every sample: whet
 void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed);
 
 /* structured.c: the QP of a step, sample by sample, as recursions.c takes it */
-typedef struct {
-    ant_qp_setting setting;
-    ant_qp_path path;
-    ant_qp_errors errors;
-    ant_qp_bounded bounded;
-    const ant_real (*u)[2]; /* [bar] */
-    ant_qp_point at;        /* the solution */
-    ant_qp_work work;
-    ant_qp_active active;
-} ant_structured;
-ant_structured ant_structured_of(ant_qp *qp);
-int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last[2]); /* whether all is finite */
-void ant_expect_shifted(ant_controller *c); /* the active set of the last QP, one sample earlier */
-void ant_deviate(const ant_controller *c, const ant_structured *s, const ant_real u_last[2]); /* sets the errors */
-ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS], int *iterations);
-void ant_decisions(const ant_qp *qp, ant_real z[ANT_DECISIONS]); /* of the solution */
-
-/* persistent.c, in single precision qp.c: QPs that the sweeps did not solve; count: rows that are probably needed */
-ant_plan_status ant_persist(ant_controller *c, const ant_real u_last[2], int count, ant_real z[ANT_DECISIONS],
-                            int *iterations);
-
-/* softened.c */
-/* Returns whether a point better than z = 0 was found. */
-int ant_soften(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS]);
+int ant_linearise(ant_controller *c, const ant_task *task); /* whether all is finite */
+void ant_expect_shifted(ant_controller *c); /* the active limits of the last QP, one sample earlier */
+/* Sets the solution, or changes within slew and supply; counts in plan. */
+ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_MOVES], ant_plan *plan);
 
 /* fallback.c */
 void ant_shift(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]);

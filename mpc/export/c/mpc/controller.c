@@ -8,11 +8,10 @@ typedef struct {
     ant_plan_status status;
     int found; /* whether u of `rung` was */
     ant_rung rung;
-    int iterations;
 } outcome;
 
 /* u + E z, within the limits. */
-static void move(ant_real step, ant_real u[ANT_HORIZON][2], const ant_real z[ANT_DECISIONS], const ant_real u_last[2]) {
+static void move(ant_real step, ant_real u[ANT_HORIZON][2], const ant_real z[ANT_MOVES], const ant_real u_last[2]) {
     ant_real sum[2] = {0, 0};
     for (int k = 0, b = 0; k < ANT_HORIZON; k++) {
         const int begins = b < ANT_BLOCKS && ANT_STARTS[b] == k;
@@ -25,23 +24,26 @@ static void move(ant_real step, ant_real u[ANT_HORIZON][2], const ant_real z[ANT
     ant_limited(step, u_last, u);
 }
 
-/* The commands after ANT_ITERATIONS QPs, or up to one that failed; the softened QP's if it was the first. */
-static outcome optimise(ant_controller *c, const ant_task *task, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
-    outcome o = {ANT_PLAN_OPTIMAL, 0, ANT_RUNG_QP, 0};
-    ant_real z[ANT_DECISIONS] = {0};
+/* The commands after ANT_ITERATIONS QPs, or up to one that failed; unproved ones if it was the first. */
+static outcome optimise(ant_controller *c, const ant_task *task, const ant_real u_last[2], ant_real u[ANT_HORIZON][2],
+                        ant_plan *plan) {
+    outcome o = {ANT_PLAN_OPTIMAL, 0, ANT_RUNG_QP};
+    ant_real z[ANT_MOVES] = {0};
     ant_shift(c, u_last, u);
     for (int round = 0; round < ANT_ITERATIONS; round++) {
-        int iterations = 0;
+        const ant_real gap = plan->gap;
         memcpy(c->qp.motion.u, u, sizeof c->qp.motion.u);
-        const int finite = ant_linearise(c, task, u_last);
+        const int finite = ant_linearise(c, task);
         if (round == 0) ant_expect_shifted(c);
-        const ant_plan_status status = finite ? ant_solve(c, u_last, z, &iterations) : ANT_PLAN_NOT_FINITE;
-        o.iterations += iterations;
+        const ant_plan_status status = finite ? ant_solve(c, u_last, z, plan) : ANT_PLAN_NOT_FINITE;
         if (status != ANT_PLAN_OPTIMAL) {
-            if (o.found) break;
+            if (o.found) {
+                plan->gap = gap;
+                break;
+            }
             o.status = status;
             o.rung = ANT_RUNG_SOFTENED;
-            o.found = finite && ant_soften(c, u_last, z);
+            o.found = finite;
             if (o.found) move(c->qp.tuning->step, u, z, u_last);
             break;
         }
@@ -55,7 +57,7 @@ static outcome optimise(ant_controller *c, const ant_task *task, const ant_real 
 static outcome resting_at(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
     for (int k = 0; k < ANT_HORIZON; k++) memcpy(u[k], c->rest.p, sizeof u[k]);
     ant_limited(c->qp.tuning->step, u_last, u);
-    return (outcome){ANT_PLAN_RESTING, 1, ANT_RUNG_ALLOCATION, 0};
+    return (outcome){ANT_PLAN_RESTING, 1, ANT_RUNG_ALLOCATION};
 }
 
 /* Writes the commands of this rung, which are not optimised, and their motion to c->motion; whether it is usable. */
@@ -126,11 +128,13 @@ void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
     else
         ant_feed_forward(&task, c->qp.tuning->min_force, &c->feed);
     ant_real best[ANT_HORIZON][2];
-    const outcome halted = {task.refused ? ANT_PLAN_BAD_INPUT : ANT_PLAN_BLIND, 0, ANT_RUNG_QP, 0};
+    const outcome halted = {task.refused ? ANT_PLAN_BAD_INPUT : ANT_PLAN_BLIND, 0, ANT_RUNG_QP};
     const int rests = ANT_RESTS && ant_rest_follow(&c->rest, &task), halts = task.refused || task.lost;
+    plan->exchanges = 0;
+    plan->gap = 0;
     const outcome o = halts   ? halted
                       : rests ? resting_at(c, u_last, best)
-                              : optimise(c, &task, u_last, best);
+                              : optimise(c, &task, u_last, best, plan);
     plan->rung = descend(c, &task, &o, u_last, best);
     ant_remember(c, plan->rung);
     if (!task.refused && c->feed.finite) {
@@ -138,7 +142,7 @@ void ant_control(ant_controller *c, const ant_real x[4], ant_real d, const ant_r
         c->starred = 1;
     }
     plan->status = status_of(&o, plan->rung, task.measured);
-    plan->iterations = o.iterations;
+    if (plan->rung > ANT_RUNG_SOFTENED) plan->gap = ANT_INFINITY;
     report(c, plan);
     ant_send(c, plan, rests ? c->rest.side : 0);
 }
@@ -152,6 +156,6 @@ void ant_step(ant_controller *c, const ant_reading *reading, const ant_reference
 
 void ant_reset(ant_controller *c) {
     memset(c, 0, sizeof *c);
-    c->iteration_limit = ANT_QP_ITERATIONS;
+    c->exchange_limit = ANT_EXCHANGES;
     c->qp.tuning = &ANT_TUNING;
 }

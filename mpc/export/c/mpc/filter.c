@@ -51,14 +51,14 @@ ant_contact ant_contact_of(const ant_belief *b) {
 }
 
 void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_real Q[5]) {
-    ant_real A[4][4], by_d[4], later[4], near[4];
+    ant_real A[4][4], B[4][2], by_d[4], later[4], near[4];
     ant_real *xi = b->xi;
     ant_within(xi);
     nearest(xi, near);
     const ant_real acting[2] = {ant_after_dead_band(o->commands[k][0], xi[2]),
                                 ant_after_dead_band(o->commands[k][1], xi[3])};
     const ant_real torque = xi[4] - ant_friction_torque(o->friction.memory, ant_contact_at(near));
-    ant_model_observed(near, acting, &torque, later, A[0], by_d);
+    ant_model_slopes(near, acting, &torque, later, A[0], B[0], by_d);
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < 4; j++) later[i] += A[i][j] * (xi[j] - near[j]);
     memcpy(xi, later, sizeof later);

@@ -14,10 +14,6 @@ int ant_tune(ant_controller *c, const ant_tuning *t) {
     good = good && positive(t->slack, 4, 0) && positive(&t->step, 1, 0) && positive(&t->min_force, 1, 1);
     good = good && positive(&t->curvature, 1, 0) && ant_finite(t->end[0], 36);
     for (int i = 0; i < 6; i++) good = good && t->end[i][i] > 0;
-#ifdef ANT_SINGLE
-    good = good && positive(t->root_x, 4, 1) && positive(t->root_y, 3, 1) && positive(t->root_e, 2, 0);
-    good = good && positive(t->root_rate, 2, 0) && ant_finite(t->terminal[0], 36);
-#endif
     if (good) c->qp.tuning = t;
     return good;
 }

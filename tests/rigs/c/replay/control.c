@@ -6,7 +6,7 @@
 #include "settings.h"
 #include "tuning_file.h"
 
-enum { BOUND = ANT_ITERATIONS * ANT_QP_ITERATIONS };
+enum { BOUND = ANT_ITERATIONS * ANT_EXCHANGES };
 
 static ant_controller controller;
 static double in[4 + 2 * (ANT_AHEAD + 1)];
@@ -21,13 +21,13 @@ int main(int argc, char **argv) {
         const ant_reading reading = {(ant_real)in[0], (ant_real)in[1], (ant_real)in[2]};
         static ant_reference reference;
         static ant_plan plan;
-        controller.iteration_limit = in[3] != 0 ? 0 : ANT_QP_ITERATIONS;
+        controller.exchange_limit = in[3] != 0 ? 0 : ANT_EXCHANGES;
         for (int k = 0; k <= ANT_AHEAD; k++) {
             reference.theta[k] = (ant_real)in[4 + k];
             reference.K[k] = (ant_real)in[4 + ANT_AHEAD + 1 + k];
         }
         ant_step(&controller, &reading, &reference, &plan);
-        if (plan.iterations > BOUND || (controller.iteration_limit == 0 && plan.iterations > 0)) return 3;
+        if (plan.exchanges > BOUND || (controller.exchange_limit == 0 && plan.exchanges > 0)) return 3;
         const ant_verdict *verdicts = controller.observer.verdicts;
         const double out[12] = {plan.u[0][0], plan.u[0][1],     plan.status,   plan.rung,
                                 plan.slack,   plan.slack_force, plan.moved[0], plan.moved[1],
