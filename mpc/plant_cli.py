@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 _LAGS = ("lag_up", "lag_down")
-DEFAULT_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # of a MuJoCo model
+_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults of a MuJoCo model
 
 
 @dataclass(frozen=True)
@@ -121,13 +121,18 @@ class PlantOptions(MachineOptions):
         from allocator.muscles.catalogue import named_muscle
         from mpc.model.arm.reading import read_arm
 
-        muscles = [replace(named_muscle(name), **self.volumes) for name in self.muscle or [DEFAULT_MUSCLE]]
+        muscles = [replace(named_muscle(name), **self.volumes) for name in self.mujoco_muscles]
         lengths, eps = self.rest_lengths, self.contractions
         if lengths is not None:
             lengths, eps = [length * MM for length in lengths], eps or [_CONTRACTION]
         supply = {} if self.supply is None else {"pressure_limits": (0.0, self.supply * BAR)}
         one = muscles[0] if len(muscles) == 1 else muscles
         return read_arm(str(self.machine), one, _one_or_all(lengths), None, _one_or_all(eps), hand=hand, **supply)
+
+    @property
+    def mujoco_muscles(self) -> list[str]:
+        """Names of a MuJoCo model's muscles, one for all or one each."""
+        return self.muscle or [_MUSCLE]
 
     def mujoco_arm(self, read: "Read") -> "Arm":
         """Return the arm of a MuJoCo model that was read, with its regulators and gas as given."""

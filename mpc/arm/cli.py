@@ -11,7 +11,6 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import within
 from allocator.shell.printing import say
 from allocator.units import BAR, DEG
-from mpc.plant_cli import DEFAULT_MUSCLE
 from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
@@ -205,7 +204,7 @@ def _from_mujoco(
 ) -> "tuple[Any, Arm, Endpoint | None, list[str], dict[str, Any]]":
     """Read the arm of a MuJoCo model. Raises the errors of `PlantOptions.mujoco`."""
     read = options.mujoco(more.hand)
-    notes = [f"muscles: {', '.join(options.muscle or [DEFAULT_MUSCLE])}"]
+    notes = [f"muscles: {', '.join(options.mujoco_muscles)}"]
     if read.hand is not None:
         coordinates = getattr(read.hand.kinematics, "axes", "")
         notes.append(f"hand: {read.hand_name} ({', '.join(coordinates)})")
