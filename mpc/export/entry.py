@@ -8,8 +8,9 @@ from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
 from mpc.export.building import check, write
 from mpc.export.controller.demonstration import allocation_lines, allocation_table, control_lines
+from mpc.export.controller.model import joint_functions
 from mpc.export.controller.readme import readme
-from mpc.export.controller.sizes import check_pair, control_files, model_functions, sizes_of
+from mpc.export.controller.sizes import check_pair, control_files, sizes_of
 from mpc.export.joint import kernel_of
 from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
 from mpc.model.compensation import Compensation
@@ -114,7 +115,7 @@ def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: 
     joint = controller.plant.joint
     kernel = kernel_of(joint)
     printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))
-    functions = kernel_functions(joint, kernel) + model_functions(controller)
+    functions = kernel_functions(joint, kernel) + joint_functions(controller)
     return {
         **_allocation(joint, single),
         **control_files(controller, observer, single),
