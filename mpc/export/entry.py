@@ -1,4 +1,4 @@
-"""Function `export`: allocation and controller of a joint as a directory of C files."""
+"""Function `export`: allocation and controller of a joint or an arm as a directory of C files."""
 
 from os import PathLike
 from pathlib import Path
@@ -7,12 +7,15 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
 from mpc.export.building import check, write
+from mpc.export.controller.arm import arm_controller_files, check_arm
 from mpc.export.controller.demonstration import allocation_lines, allocation_table, control_lines
 from mpc.export.controller.model import joint_functions
 from mpc.export.controller.readme import readme
 from mpc.export.controller.sizes import check_pair, control_files, sizes_of
 from mpc.export.joint import kernel_of
-from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
+from mpc.export.mechanism import export_mechanism
+from mpc.export.parts import PRECISIONS, Files, allocation_files, copied, is_single, kernel_functions, model_files
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.observer.kalman import KalmanObserver
@@ -36,9 +39,9 @@ def export(
     Parameters
     ----------
     joint
-        Joint of the allocation; by default that of the controller, or of the report.
+        Joint of the allocation; by default that of the controller, or of the report. Not for an arm.
     controller, observer
-        For "mpc": the controller with its plant, settings and compensation, and its observer; by default those for
+        For "mpc": the controller of a `Plant` or an `Arm` with its compensation, and its observer; by default those for
         `Plant(joint)` with N = 10, the joint's own hysteresis or friction and `Weights.calm()`.
     what
         "allocate", "mpc" or "all". "mpc" includes the allocation, without its demonstration.
@@ -48,8 +51,9 @@ def export(
     Raises
     ------
     InvalidInput
-        For a joint without a closed-form allocation, a controller and an observer that do not match, and a directory
-        that is not empty. Nothing is written then.
+        For a joint without a closed-form allocation, an arm without formulas, with gas, a hand or muscles that are not
+        affine, a controller and an observer that do not match, and a directory that is not empty. Nothing is written
+        then.
     MissingBackend
         For an unknown `what` or `precision`.
     """
@@ -57,11 +61,36 @@ def export(
         raise MissingBackend("part to export", what, WHAT)
     single = is_single(precision)
     check(Path(out))
+    if controller is not None and isinstance(controller.plant, Arm):
+        return _export_arm(out, joint, controller, observer, what, single)
     if what == "allocate":
         joint = _joint(joint, None if controller is None else controller.plant.joint)
         return write(_allocation(joint, single), out)
     controller, observer = pair(joint, controller, observer)
     return write(controller_files(controller, observer, single, alone=what == "mpc"), out)
+
+
+def _export_arm(
+    out: str | PathLike[str],
+    joint: AntagonistJoint | None,
+    controller: TrackingMPC,
+    observer: KalmanObserver | None,
+    what: str,
+    single: bool,
+) -> Path:
+    check_arm(controller.plant)
+    if joint is not None:
+        raise InvalidInput("joint is for a controller of one joint; an arm's allocation is that of its mechanism")
+    if what == "allocate":
+        return export_mechanism(out, controller.plant.mechanism, precision=PRECISIONS[single])
+    observer = observer or _observer(controller)
+    check_pair(controller, observer)
+    return write(arm_controller_files(controller, observer, single, alone=what == "mpc"), out)
+
+
+def _observer(controller: TrackingMPC) -> KalmanObserver:
+    known = controller.compensation
+    return KalmanObserver(controller.plant, controller.dt, compensation=known, compiled=controller.compiled)
 
 
 def default_controller(
@@ -90,10 +119,7 @@ def pair(
     joint = _joint(joint, None if controller is None else controller.plant.joint)
     if controller is None:
         controller = default_controller(Plant(joint))
-    if observer is None:
-        observer = KalmanObserver(
-            controller.plant, controller.dt, compensation=controller.compensation, compiled=controller.compiled
-        )
+    observer = observer or _observer(controller)
     check_pair(controller, observer)
     return controller, observer
 
