@@ -14,7 +14,7 @@ from mpc.export.controller.readme import readme
 from mpc.export.controller.sizes import check_pair, control_files, sizes_of
 from mpc.export.joint import kernel_of
 from mpc.export.mechanism import export_mechanism
-from mpc.export.parts import PRECISIONS, Files, allocation_files, copied, is_single, kernel_functions, model_files
+from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
@@ -61,36 +61,13 @@ def export(
         raise MissingBackend("part to export", what, WHAT)
     single = is_single(precision)
     check(Path(out))
-    if controller is not None and isinstance(controller.plant, Arm):
-        return _export_arm(out, joint, controller, observer, what, single)
+    if what == "allocate" and controller is not None and isinstance(controller.plant, Arm):
+        return export_mechanism(out, controller.plant.mechanism, precision=precision)
     if what == "allocate":
         joint = _joint(joint, None if controller is None else controller.plant.joint)
         return write(_allocation(joint, single), out)
     controller, observer = pair(joint, controller, observer)
     return write(controller_files(controller, observer, single, alone=what == "mpc"), out)
-
-
-def _export_arm(
-    out: str | PathLike[str],
-    joint: AntagonistJoint | None,
-    controller: TrackingMPC,
-    observer: KalmanObserver | None,
-    what: str,
-    single: bool,
-) -> Path:
-    check_arm(controller.plant)
-    if joint is not None:
-        raise InvalidInput("joint is for a controller of one joint; an arm's allocation is that of its mechanism")
-    if what == "allocate":
-        return export_mechanism(out, controller.plant.mechanism, precision=PRECISIONS[single])
-    observer = observer or _observer(controller)
-    check_pair(controller, observer)
-    return write(arm_controller_files(controller, observer, single, alone=what == "mpc"), out)
-
-
-def _observer(controller: TrackingMPC) -> KalmanObserver:
-    known = controller.compensation
-    return KalmanObserver(controller.plant, controller.dt, compensation=known, compiled=controller.compiled)
 
 
 def default_controller(
@@ -116,10 +93,17 @@ def pair(
     joint: AntagonistJoint | None, controller: TrackingMPC | None, observer: KalmanObserver | None
 ) -> tuple[TrackingMPC, KalmanObserver]:
     """Return controller and observer, by default those of `export`. Raises `InvalidInput`; see `export`."""
-    joint = _joint(joint, None if controller is None else controller.plant.joint)
-    if controller is None:
-        controller = default_controller(Plant(joint))
-    observer = observer or _observer(controller)
+    if controller is not None and isinstance(controller.plant, Arm):
+        if joint is not None:
+            raise InvalidInput("joint is for a controller of one joint; leave it away for that of an arm")
+        check_arm(controller.plant)
+    else:
+        joint = _joint(joint, None if controller is None else controller.plant.joint)
+        controller = controller or default_controller(Plant(joint))
+    if observer is None:
+        observer = KalmanObserver(
+            controller.plant, controller.dt, compensation=controller.compensation, compiled=controller.compiled
+        )
     check_pair(controller, observer)
     return controller, observer
 
@@ -138,6 +122,8 @@ def _allocation(joint: AntagonistJoint, single: bool) -> Files:
 
 def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
     """Return the files of allocation and controller; `alone` leaves the demonstration of the allocation out."""
+    if isinstance(controller.plant, Arm):
+        return arm_controller_files(controller, observer, single, alone)
     joint = controller.plant.joint
     kernel = kernel_of(joint)
     printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))

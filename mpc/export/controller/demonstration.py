@@ -49,13 +49,21 @@ SAMPLES, SHOWN = 100, 10
 _SWING, _FARTHEST = 0.15, 0.5  # of the joint range, and [rad]
 
 
+def arm_at_rest(arm: Arm) -> tuple[Array, Array]:
+    """Return the state (2n + m,) of an arm at rest in the middle of its ranges, and its target stiffness (k, k), that
+    of all pressures in the middle of theirs.
+    """
+    middle, half = np.round(arm.middle, 6), np.full(arm.m, np.mean(arm.pressure_limits))
+    K = np.round(arm.tracked_stiffness(np.concatenate([middle, np.zeros(arm.n), half])), 4)
+    return arm.at_rest(middle, K), K
+
+
 def control_tables(plant: Machine) -> list[tuple[str, str, Array]]:
     """Return the tables of the demonstration: a motion about the middle of the ranges at constant stiffness."""
     middle, span = np.round(np.atleast_1d(plant.middle), 6), np.subtract(*plant.angle_limits[::-1])
     if isinstance(plant, Arm):
-        half = np.full(plant.m, np.mean(plant.pressure_limits))
-        K = np.round(plant.tracked_stiffness(np.concatenate([middle, np.zeros(plant.n), half])), 4)
-        x, entries = plant.at_rest(middle, K), K[np.triu_indices(plant.tracked)]
+        x, K = arm_at_rest(plant)
+        entries = K[np.triu_indices(plant.tracked)]
     else:
         mean = round(float(np.mean(stiffness_interval(middle[0], 0.0, joint=plant.joint))), 4)
         x, entries = plant.at_rest(middle[0], mean), np.array([mean])

@@ -9,7 +9,7 @@ import pytest
 from allocator import InvalidInput
 from allocator.units import BAR, DEG
 from mpc import Arm, Compensation, KalmanObserver, PlanStatus, Rung, TrackingMPC, Weights
-from mpc.export import export
+from mpc.export import export, export_controller_fmu
 from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
@@ -19,6 +19,7 @@ from mpc.tracking.qp.solvers import Riccati
 from mpc.trials.motions.arm_trajectories import circle, reach
 
 from ...rigs import toolchain as tools
+from ...rigs.fmus import Stepped
 from ...rigs.needs import needs
 from ...rigs.replay import CONTROL, answered, record, replayed
 
@@ -200,6 +201,23 @@ def test_the_demonstration_of_three_joints_and_seven_muscles_prints_python_s_num
     printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration"))
     assert printed in (directory / "README.md").read_text()
     assert printed.count("rung 0") == 10
+
+
+@needs_gcc
+@pytest.mark.compiles
+def test_the_fmu_of_the_controller_gives_python_s_commands(faulty_loop, tmp_path):
+    controller, observer, samples, wanted = faulty_loop
+    path = export_controller_fmu(tmp_path / "arm.fmu", controller, observer)
+    ahead, commands = 2 * (controller.ahead + 1), [f"u{i}" for i in range(1, 7)]
+    names = "theta1", "theta2", *(f"P{i}" for i in range(1, 7))
+    steps = 300  # up to the first sample in which the solver gives up
+    with Stepped(path, tmp_path / "unpacked", controller.dt) as stepped:
+        for sample, answer in zip(samples[:steps], wanted, strict=False):
+            rows = {"theta_ref": sample[9 : 9 + ahead], "K_ref": sample[9 + ahead :]}
+            stepped.set(**dict(zip(names, sample, strict=False)), **rows)
+            stepped.step()
+            np.testing.assert_allclose(stepped.get(*commands), answer[U], atol=1e-8 * SPAN)
+            assert stepped.get("status", "rung") == answer[VERDICT].tolist()
 
 
 @needs_qemu
