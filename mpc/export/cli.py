@@ -148,17 +148,35 @@ def governor_command(out: Out, options: PlantOptions, precision: Precision = "do
 
 @export_app.command("fmu", cls=Command, short_help="plant and controller of a joint as FMUs")
 @grouped
-def fmu_command(out: Out, options: ControllerOptions) -> None:
+def fmu_command(
+    out: Out,
+    options: ControllerOptions,
+    platforms: Annotated[
+        str | None,
+        typer.Option(
+            help="platforms of the binaries, all or names such as x86_64-linux,x86_64-windows; by default this "
+            "machine's. Others need the package ziglang"
+        ),
+    ] = None,
+    source_only: Annotated[
+        bool, typer.Option("--source-only", help="write no binaries; the importing tool compiles the sources")
+    ] = False,
+) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
     from mpc.export.building import check
     from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
+    from mpc.export.fmu.platforms import PLATFORMS, checked
     from mpc.model.real_plant import RealPlant
 
+    if source_only and platforms is not None:
+        raise InvalidInput("--source-only and --platforms: give one of the two")
+    named = None if platforms is None else PLATFORMS if platforms == "all" else platforms.split(",")
+    on = () if source_only else checked(named)
     built = options.built()
     check(out)
-    export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()))
-    export_controller_fmu(out / "controller.fmu", built.controller, built.observer)
-    _say(built, out, "tools that read FMI 3.0 import them")
+    export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()), platforms=on)
+    export_controller_fmu(out / "controller.fmu", built.controller, built.observer, platforms=on)
+    _say(built, out, f"tools that read FMI 3.0 import them; binaries: {', '.join(on) or 'none'}")
 
 
 @export_app.command("firmware", cls=Command, short_help="firmware of a board on a serial line")
@@ -184,7 +202,6 @@ def firmware_command(
 def tuning_command(
     out: Annotated[Path, typer.Option(help="file to write")],
     options: ControllerOptions,
-    precision: Precision = "double",
     force: Force = False,
 ) -> None:
     """Write a file that retunes an exported controller without a compiler."""
@@ -193,11 +210,8 @@ def tuning_command(
     from mpc.export.controller.tuning import write_tuning
 
     claim(out, inputs=options.files, force=force)
-    write_tuning(out, options.built().controller, precision=precision)
-    say(
-        Console(),
-        f"written: {out}, for a build of the same plant in {precision} precision; its README describes its use",
-    )
+    write_tuning(out, options.built().controller)
+    say(Console(), f"written: {out}, for a build of the same plant; its README describes its use")
 
 
 def _margins(built: "Built") -> "Margins":

@@ -23,10 +23,9 @@ def joint_functions(controller: TrackingMPC) -> Functions:
     state, stage = {"x": x}, {"x": x, "u": u, "d": d}
     return [
         (dense("stage", stage, {"later": later}), "the state after a sample"),
-        (dense("slopes", stage, {"A": A, "B": B}), "its derivatives by x (4, 4) and u (4, 2)"),
         (
-            dense("observed", stage, {"later": later, "A": A, "by_d": by_d}),
-            "the state, and derivatives by x and d",
+            dense("slopes", stage, {"later": later, "A": A, "B": B, "by_d": by_d}),
+            "the same with its derivatives by x (4, 4), u (4, 2) and d (4)",
         ),
         (dense("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
         (dense("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),

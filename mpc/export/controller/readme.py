@@ -77,7 +77,7 @@ The plant that it controls: {plant}.
 
 Its weights, slack prices, slew limit and least force can be tuned while it runs, without a compiler:
 
-    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3{options}
+    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3
 
 writes the {count} numbers of an `ant_tuning` (with the terminal cost of the weights). Give it the other options of this
 export as well. `build/demonstration tuning.txt` shows their effect. On the board, pass them to `ant_tuning_from`, which
@@ -137,21 +137,19 @@ def arm_readme(controller: TrackingMPC, single: bool, printed: list[str]) -> str
 
 
 def _control(controller: TrackingMPC, single: bool) -> str:
-    from mpc.tracking.compiled.structured_qp.exchange import AGAIN
+    from mpc.tracking.compiled.structured_qp.exchange import AGAIN, CROWDED
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps = controller.ahead - N, controller.iterations
     n, m = controller.plant.n, controller.plant.m
     moves = m * blocks
-    single_only = " --precision single" if single else ""
     return _CONTROL.format(
-        options=single_only,
-        count=2 + sum(values.size for _, values in tuning_numbers(controller, single)),
+        count=2 + sum(values.size for _, values in tuning_numbers(controller)),
         dt=controller.dt,
         plant=controller.plant.summary,
         N=N,
         moves=moves,
-        items=items_in(moves, single) - 2,
+        items=min(CROWDED, items_in(moves, single) - 2),
         each=EXCHANGES,
         rows=2 * (n + m) * N,
         sweeps=qps * (1 + AGAIN + EXCHANGES * moves),

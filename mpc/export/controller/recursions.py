@@ -123,17 +123,6 @@ def _structs(arm: bool) -> dict[str, StructKind]:
 def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     """Return the kinds of arguments, by their names in all functions."""
     sweep, items = structs["sweep"].fields, structs["items"].fields
-    reals = (
-        "low",
-        "high",
-        "step",
-        "unit",
-        "least",
-        "share",
-        "entering",
-        "by",
-        "w",
-    )
     return {
         **structs,
         **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
@@ -149,5 +138,4 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         "starts": _given(_BLOCKS, element=INT),
         **{"free": _array(_M, element=_SIDE), "charges": _given(_M)},
         **dict.fromkeys(("left", "right", "limits"), structs["bounds"].fields["left"]),
-        **dict.fromkeys(reals, REAL),
     }

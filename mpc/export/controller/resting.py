@@ -56,4 +56,4 @@ def _kinds(memory: StructKind, rules: StructKind) -> dict[str, Kind]:
     preview, matrices = f"{_N} * {_SAMPLES}", f"{_N} * {_N} * {_SAMPLES}"
     given = {"theta": preview, "stiffness": matrices, "seen": "ANT_STATES", "expected": _N, "slopes": f"{_N} * {_M}"}
     arrays = {name: ArrayKind(REAL, (size,), True) for name, size in given.items()}
-    return {"m": memory, "k": rules, **arrays, "mean": REAL, "own": REAL}
+    return {"m": memory, "k": rules, **arrays}

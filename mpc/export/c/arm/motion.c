@@ -113,12 +113,14 @@ void ant_model_stage(const ant_real *x, const ant_real *u, const ant_real *d, an
     ant_advance(x, u, d, later, NULL);
 }
 
-void ant_model_observed(const ant_real *x, const ant_real *u, const ant_real *d, ant_real *later, ant_real *A,
-                        ant_real *by_d) {
+void ant_model_slopes(const ant_real *x, const ant_real *u, const ant_real *d, ant_real *later, ant_real *A,
+                      ant_real *B, ant_real *by_d) {
     ant_slopes slopes;
     ant_advance(x, u, d, later, &slopes);
     for (int i = 0; i < S; i++) {
         for (int j = 0; j < S; j++) A[i * S + j] = i < ANT_MOVING ? slopes[i][j] : i == j ? ANT_KEPT[i - ANT_MOVING] : 0;
+        for (int j = 0; j < M; j++)
+            B[i * M + j] = i < ANT_MOVING ? slopes[i][S + j] : i - ANT_MOVING == j ? 1 - ANT_KEPT[j] : 0;
         for (int j = 0; j < N; j++) by_d[i * N + j] = i < ANT_MOVING ? slopes[i][ANT_BY_D + j] : 0;
     }
 }

@@ -17,9 +17,9 @@ typedef ant_real ant_slopes[ANT_MOVING][ANT_COLUMNS];
 void ant_advance(const ant_real x[ANT_STATES], const ant_real u[ANT_MUSCLES], const ant_real d[ANT_JOINTS],
                  ant_real later[ANT_STATES], ant_slopes *slopes);
 
-/* As the printed formulas of a joint: the next state, and with its derivatives by x and d. */
+/* As the printed formulas of a joint: the next state, and with its derivatives by x, u and d. */
 void ant_model_stage(const ant_real *x, const ant_real *u, const ant_real *d, ant_real *later);
-void ant_model_observed(const ant_real *x, const ant_real *u, const ant_real *d, ant_real *later, ant_real *A,
-                        ant_real *by_d);
+void ant_model_slopes(const ant_real *x, const ant_real *u, const ant_real *d, ant_real *later, ant_real *A,
+                      ant_real *B, ant_real *by_d);
 
 #endif /* ANT_MOTION_H */

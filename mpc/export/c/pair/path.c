@@ -28,9 +28,10 @@ void ant_in_units(ant_qp_memory *w) { (void)w; } /* errors are in those of the m
 
 int ant_linearise(ant_controller *c, const ant_task *task) {
     ant_qp *qp = &c->qp;
+    ant_real later[4], by_d[4];
     if (!ant_rollout(task->x, task->d, &qp->motion) || !c->feed.finite) return 0;
     for (int k = 0; k < ANT_HORIZON; k++) {
-        ant_model_slopes(qp->motion.x[k], qp->motion.u[k], task->d[k], qp->A[k][0], qp->B[k][0]);
+        ant_model_slopes(qp->motion.x[k], qp->motion.u[k], task->d[k], later, qp->A[k][0], qp->B[k][0], by_d);
         ant_model_gradients(qp->motion.x[k + 1], qp->slope[k + 1][0], qp->slope[k + 1][1]);
         for (int i = 0; i < 2; i++) {
             for (int j = 0; j < 4; j++) qp->B[k][j][i] *= ANT_BAR;
