@@ -12,6 +12,7 @@ import inspect
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from inspect import isbuiltin
 
 from allocator.compilation.jit import Function
 from allocator.compilation.printer.array_expressions import Expressions
@@ -322,7 +323,7 @@ def with_called(functions: Sequence[Function]) -> list[Function]:
             continue
         found[node.name] = function
         called = [n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
-        left += [names[name] for name in dict.fromkeys(called) if name in names]
+        left += [names[name] for name in dict.fromkeys(called) if not isbuiltin(names.get(name, abs))]
     return [*found.values()]
 
 

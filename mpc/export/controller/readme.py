@@ -3,7 +3,7 @@
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export.controller.recursions import EXCHANGES, items_in
 from mpc.export.controller.tuning import tuning_numbers
-from mpc.export.parts import BUILD, build_words
+from mpc.export.parts import BUILD, build_words, machine_words
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = (
@@ -25,6 +25,26 @@ The other files are the same for every joint.
 `allocator.allocate(..., method="exact")` does. For invalid input (NaN, K <= 0, an angle beyond a turn) it returns
 `ANT_BAD_INPUT` and pressures within the supply. {cost}
 {single}"""
+)
+
+_ARM = (
+    """\
+# An arm of pneumatic muscles in C
+
+Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
+({muscles}). Plain C99 without a heap or global state; it needs only `math.h`, and every loop is bounded. Start with
+`antagonist.h`; all units are SI. Generated for this arm: `antagonist_config.h`, `src/mechanism.h`, `src/model.c`,
+`src/recursions.c`, `src/settings.h`, `src/tables.c`, `src/demonstration.h`. The other files are the same for every arm.
+
+"""
+    + BUILD
+    + """\
+
+## Allocation
+
+`ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
+`allocator.allocate` does.
+"""
 )
 
 _COST = {
@@ -110,21 +130,28 @@ def readme(
     return head if controller is None else head + _control(controller, single)
 
 
+def arm_readme(controller: TrackingMPC, single: bool, printed: list[str]) -> str:
+    """Return the README of an arm's controller; `printed` is the expected output of the demonstration."""
+    head = _ARM.format(**build_words(single, printed), **machine_words(controller.plant.mechanism))
+    return head + _control(controller, single)
+
+
 def _control(controller: TrackingMPC, single: bool) -> str:
     from mpc.tracking.compiled.structured_qp.exchange import AGAIN, CROWDED
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps = controller.ahead - N, controller.iterations
-    moves = 2 * blocks
+    n, m = controller.plant.n, controller.plant.m
+    moves = m * blocks
     return _CONTROL.format(
         count=2 + sum(values.size for _, values in tuning_numbers(controller)),
         dt=controller.dt,
         plant=controller.plant.summary,
         N=N,
         moves=moves,
-        items=min(CROWDED, items_in(blocks, single) - 2),
+        items=min(CROWDED, items_in(moves, single) - 2),
         each=EXCHANGES,
-        rows=6 * N,
+        rows=2 * (n + m) * N,
         sweeps=qps * (1 + AGAIN + EXCHANGES * moves),
         qps=qps,
         exchanges=qps * EXCHANGES * moves,

@@ -17,7 +17,8 @@ from allocator.files.atomic import write_text
 from allocator.shell.options import numbers, within
 from allocator.units import BAR, DEG
 from mpc.export.joint import Numbers
-from mpc.model.plant import Plant
+from mpc.model.arm.model import Arm
+from mpc.model.machine import Machine
 from mpc.tracking.compiled.factory import setting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
@@ -25,20 +26,22 @@ from mpc.tracking.weights import Weights
 Entry = tuple[str, Array]  # description and values
 
 
-def plant_number(plant: Plant, dt: float) -> float:
+def plant_number(plant: Machine, dt: float) -> float:
     """Return a number that identifies the plant of a tuning: a weighted sum of its motion in one sample."""
-    (left, right), most = plant.joint.angle_range, plant.joint.pressure_limits[1]
-    x = np.array([left + 0.6 * (right - left), 1.0, 0.4 * most, 0.7 * most])
-    moved = np.array(plant.discrete(dt)(x, [0.8 * most, 0.5 * most], 0.3)).ravel() - x
-    return float(moved @ [1.0, 2.0, 1 / BAR, 2 / BAR] / dt)
+    (left, right), most, n, m = map(np.atleast_1d, plant.angle_limits), plant.pressure_limits[1], plant.n, plant.m
+    x = np.concatenate([left + 0.6 * (right - left), np.ones(n), most * np.linspace(0.4, 0.7, m)])
+    moved = np.array(plant.discrete(dt)(x, most * np.linspace(0.8, 0.5, m), np.full(n, 0.3))).ravel() - x
+    weights = np.concatenate([1.0 + np.arange(n), 2.0 + np.arange(n), (1.0 + np.arange(m)) / BAR])
+    return float(moved @ weights / dt)
 
 
 def tuning_numbers(controller: TrackingMPC) -> list[Entry]:
     """Return the fields of `ant_tuning`, in their order."""
-    made, problem, limits = setting(controller.problem), controller.problem, controller.limits
+    problem, limits = controller.problem, controller.limits
+    made = setting(problem, in_bar=isinstance(controller.plant, Arm))
     return [
-        ("weights of theta, its rate, P1, P2", made.cost.x),
-        ("of the outputs K, F1, F2", made.cost.y),
+        ("weights of angles, their rates, pressures", made.cost.x),
+        ("of the outputs, stiffness and forces", made.cost.y),
         ("of the commands away from the feed-forward [1/bar^2]", made.cost.e),
         ("and of their changes [1/bar^2]", made.cost.change),
         ("of the state at the end of the horizon, rows", made.cost.end),

@@ -279,8 +279,8 @@ def test_friction_that_c_does_not_know_is_refused_by_its_name(tmp_path):
 @needs_qemu
 def test_a_cortex_m4f_gives_the_pc_s_commands(faulty_loop, exported):
     samples = faulty_loop[2][:150]
-    program = tools.compiled_for_cortex_m4f(exported["single"], CONTROL, "m4.elf")
-    there = replayed(program, samples, runner=tools.run_on_cortex_m4f)
+    program = tools.compiled_for_cortex(exported["single"], CONTROL, "m4.elf")
+    there = replayed(program, samples, runner=tools.run_on_cortex)
     here = replayed(tools.compiled(exported["single"], CONTROL, "vectors"), samples)
     np.testing.assert_array_equal(there[:, [STATUS, RUNG]], here[:, [STATUS, RUNG]])
     assert np.abs(there[:, U] - here[:, U]).max() < 1e-3 * SPAN
