@@ -49,6 +49,8 @@ class ControllerOptions(PlantOptions):
         from mpc.trials.loops import Settings
         from mpc.trials.robust import robust_weights
 
+        if self.of_several:
+            return self._of_arm()
         plant = self.plant()
         kernel_of(plant.joint)  # refuses other joints before any work
         s, tuned = self.tuned(Settings(plant, N=self.horizon, compensation=self.compensation()), "mpc")
@@ -59,6 +61,26 @@ class ControllerOptions(PlantOptions):
             weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, compiled=False)
         controller = default_controller(s.plant, s.N, s.compensation, weights)
         return Built(controller, KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False), tuned)
+
+    def _of_arm(self) -> "Built":
+        """Build controller and observer as `antagonist track --plant real` does, but with the shorter horizon."""
+        from mpc.export.controller.arm import check_arm
+        from mpc.export.controller.tuning import weights_from
+        from mpc.model.compensation import Compensation
+        from mpc.observer.filter import CALM_NOISE
+        from mpc.observer.kalman import KalmanObserver
+        from mpc.tracking.controller import TrackingMPC
+        from mpc.tracking.weights import CALM
+        from mpc.trials.loops import Settings
+
+        arm = self.arm()
+        check_arm(arm)
+        known = Compensation.of_arm(self.file)
+        s = Settings(arm, N=self.horizon, compensation=known, weights=CALM, noise=CALM_NOISE)
+        s, tuned = self.tuned(s, "mpc")
+        weights = s.weights if self.errors is None else weights_from(self.errors)
+        controller = TrackingMPC(arm, s.dt, s.N, weights, compensation=s.compensation, compiled=False)
+        return Built(controller, KalmanObserver(arm, s.dt, s.noise, s.compensation, compiled=False), tuned)
 
 
 class Built(NamedTuple):
@@ -73,11 +95,12 @@ class Built(NamedTuple):
 def _group() -> None:
     """Write C99 for a microcontroller or a real-time PC, or FMUs.
 
-    `allocation` and `governor` take any --machine, the other commands one joint with two muscles.
+    `allocation` and `governor` take any --machine, `controller` and `tuning` one joint with two muscles or an arm, the
+    other commands one joint.
     """
 
 
-@export_app.command("controller", cls=Command, short_help="controller, observer and allocation of a joint as C")
+@export_app.command("controller", cls=Command, short_help="controller, observer and allocation as C")
 @grouped
 def controller_command(
     out: Out,
@@ -87,7 +110,7 @@ def controller_command(
         bool, typer.Option("--alone", help="leave the demonstration of the allocation out of main.c")
     ] = False,
 ) -> None:
-    """Write controller, observer and allocation of a joint as plain C99, without a heap."""
+    """Write controller, observer and allocation of a joint or an arm as plain C99, without a heap."""
     from mpc.export.entry import export
 
     built = options.built()
@@ -179,7 +202,6 @@ def firmware_command(
 def tuning_command(
     out: Annotated[Path, typer.Option(help="file to write")],
     options: ControllerOptions,
-    precision: Precision = "double",
     force: Force = False,
 ) -> None:
     """Write a file that retunes an exported controller without a compiler."""
@@ -188,11 +210,8 @@ def tuning_command(
     from mpc.export.controller.tuning import write_tuning
 
     claim(out, inputs=options.files, force=force)
-    write_tuning(out, options.built().controller, precision=precision)
-    say(
-        Console(),
-        f"written: {out}, for a build of the same plant in {precision} precision; its README describes its use",
-    )
+    write_tuning(out, options.built().controller)
+    say(Console(), f"written: {out}, for a build of the same plant; its README describes its use")
 
 
 def _margins(built: "Built") -> "Margins":

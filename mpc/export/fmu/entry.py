@@ -9,11 +9,13 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput
+from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.entry import controller_files, pair
 from mpc.export.fmu.archive import Model, packed
 from mpc.export.fmu.variables import controller_variables, plant_variables
 from mpc.export.parts import copied
 from mpc.export.plant import plant_files, real_plant, start_of
+from mpc.model.arm.model import Arm
 from mpc.model.plant import NX, Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
@@ -61,8 +63,9 @@ def export_controller_fmu(
     addition to the errors of `mpc.export.export`.
     """
     controller, observer = pair(None, controller, observer)
-    x0 = start_of(real_plant(controller.plant))
-    about = f"model predictive controller and observer of a pneumatic-muscle joint: {controller.plant.summary}"
+    plant = controller.plant
+    x0 = arm_at_rest(plant)[0] if isinstance(plant, Arm) else start_of(real_plant(plant))
+    about = f"model predictive controller and observer of pneumatic muscles: {plant.summary}"
     model = Model("antagonist_controller", about, controller.dt, controller_variables(controller, x0))
     files = controller_files(controller, observer, False, alone=True)
     own = {name: content for name, content in files.items() if name not in _DEMONSTRATION}
