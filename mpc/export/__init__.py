@@ -4,9 +4,9 @@
     export("joint_in_c", controller=TrackingMPC(plant, N=10), precision="single")
 
 The code needs only math.h and no heap, and every loop is bounded. The C files of this package (in `c/`) are copied
-unchanged. The others are generated: tables of constants, the model from CasADi's graph, and the allocation kernel and
-the QP solver from the source that Python runs. The solver consists of Riccati sweeps and a dual active-set method on
-the same recursions.
+unchanged. The others are generated: tables of constants, the model from CasADi's graph, and the allocation kernel, the
+rest mode and the QP solver from the source that Python runs. The solver consists of Riccati sweeps and a dual
+active-set method on the same recursions.
 """
 
 from typing import TYPE_CHECKING

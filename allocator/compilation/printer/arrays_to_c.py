@@ -12,6 +12,7 @@ import inspect
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from inspect import isbuiltin
 
 from allocator.compilation.jit import Function
 from allocator.compilation.printer.array_expressions import Expressions
@@ -117,7 +118,7 @@ class _Function(Expressions):
     """One function, line by line."""
 
     def __init__(self, unit: _Unit, node: ast.FunctionDef) -> None:
-        known = {argument.arg: unit.kinds.get(argument.arg, INT) for argument in node.args.args}
+        known = {argument.arg: _kind_of(argument, unit.kinds) for argument in node.args.args}
         nodes = [*ast.walk(node)]
         loops = {n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)}
         super().__init__(unit, known, loops)
@@ -322,7 +323,7 @@ def with_called(functions: Sequence[Function]) -> list[Function]:
             continue
         found[node.name] = function
         called = [n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
-        left += [names[name] for name in dict.fromkeys(called) if name in names]
+        left += [names[name] for name in dict.fromkeys(called) if not isbuiltin(names.get(name, abs))]
     return [*found.values()]
 
 
@@ -332,6 +333,12 @@ def _asks_for_a_size(node: ast.AST) -> bool:
         case ast.Call(ast.Name("len"), [_]) | ast.Attribute(_, "shape" | "size"):
             return True
     return False
+
+
+def _kind_of(argument: ast.arg, kinds: Kinds) -> Kind:
+    """Return the kind of an argument: by its annotation `float`, else by its name, else an integer."""
+    real = isinstance(argument.annotation, ast.Name) and argument.annotation.id == "float"
+    return REAL if real else kinds.get(argument.arg, INT)
 
 
 def _parsed(function: Function) -> ast.FunctionDef:

@@ -3,7 +3,7 @@
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export.controller.recursions import EXCHANGES, items_in
 from mpc.export.controller.tuning import tuning_numbers
-from mpc.export.parts import BUILD, build_words
+from mpc.export.parts import BUILD, build_words, machine_words
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = (
@@ -25,6 +25,26 @@ The other files are the same for every joint.
 `allocator.allocate(..., method="exact")` does. For invalid input (NaN, K <= 0, an angle beyond a turn) it returns
 `ANT_BAD_INPUT` and pressures within the supply. {cost}
 {single}"""
+)
+
+_ARM = (
+    """\
+# An arm of pneumatic muscles in C
+
+Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
+({muscles}). Plain C99 without a heap or global state; it needs only `math.h`, and every loop is bounded. Start with
+`antagonist.h`; all units are SI. Generated for this arm: `antagonist_config.h`, `src/mechanism.h`, `src/model.c`,
+`src/recursions.c`, `src/settings.h`, `src/tables.c`, `src/demonstration.h`. The other files are the same for every arm.
+
+"""
+    + BUILD
+    + """\
+
+## Allocation
+
+`ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
+`allocator.allocate` does.
+"""
 )
 
 _COST = {
@@ -49,15 +69,15 @@ _CONTROL = """
 disturbance torque, dead time, friction and dead band, references brought within reach, the QP, its certificate, the
 fallback ladder and the limits. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. Pass NaN for a
 missing sensor reading. All memory is in `ant_controller`, which should be static. There is no clock: instead of a time
-budget, `exchange_limit` bounds the exchanges of a QP, and the macro `ANT_EXCHANGES` bounds them at compile time. At
-the bound the commands are within slew and supply, `plan.status` is `ANT_PLAN_UNSOLVED`, and `plan.gap` bounds their
+budget, `exchange_limit` bounds the exchanges of a QP, and `ANT_EXCHANGES` bounds them at compile time. At the bound
+the commands are within slew and supply, `plan.status` is `ANT_PLAN_UNSOLVED`, and `plan.gap` bounds their
 suboptimality (primal cost minus dual cost).
 
 The plant that it controls: {plant}.
 
 Its weights, slack prices, slew limit and least force can be tuned while it runs, without a compiler:
 
-    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3{options}
+    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3
 
 writes the {count} numbers of an `ant_tuning` (with the terminal cost of the weights). Give it the other options of this
 export as well. `build/demonstration tuning.txt` shows their effect. On the board, pass them to `ant_tuning_from`, which
@@ -81,8 +101,8 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | exchanges of active limits | {exchanges} | 0 to 10 |
 
 The bounds are those of the loops and hold for any input. The bound of the exchanges is `ANT_EXCHANGES`, {each} per move
-and QP; a smaller one may be set when compiling. Far fewer are needed: `python -m benchmarks.speed.worst_cases` searches
-states, references and limits for QPs with many exchanges, and its report lists the greatest numbers.
+and QP; a smaller one may be set in `antagonist_config.h`. `python -m benchmarks.speed.worst_cases` searches states,
+references and limits for QPs with many exchanges, and prints the greatest number.
 {single}"""
 
 _CONTROL_SINGLE = """
@@ -110,23 +130,28 @@ def readme(
     return head if controller is None else head + _control(controller, single)
 
 
+def arm_readme(controller: TrackingMPC, single: bool, printed: list[str]) -> str:
+    """Return the README of an arm's controller; `printed` is the expected output of the demonstration."""
+    head = _ARM.format(**build_words(single, printed), **machine_words(controller.plant.mechanism))
+    return head + _control(controller, single)
+
+
 def _control(controller: TrackingMPC, single: bool) -> str:
-    from mpc.tracking.compiled.structured_qp.exchange import AGAIN
+    from mpc.tracking.compiled.structured_qp.exchange import AGAIN, CROWDED
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps = controller.ahead - N, controller.iterations
-    moves = 2 * blocks
-    single_only = " --precision single" if single else ""
+    n, m = controller.plant.n, controller.plant.m
+    moves = m * blocks
     return _CONTROL.format(
-        options=single_only,
-        count=2 + sum(values.size for _, values in tuning_numbers(controller, single)),
+        count=2 + sum(values.size for _, values in tuning_numbers(controller)),
         dt=controller.dt,
         plant=controller.plant.summary,
         N=N,
         moves=moves,
-        items=items_in(blocks, single) - 2,
+        items=min(CROWDED, items_in(moves, single) - 2),
         each=EXCHANGES,
-        rows=6 * N,
+        rows=2 * (n + m) * N,
         sweeps=qps * (1 + AGAIN + EXCHANGES * moves),
         qps=qps,
         exchanges=qps * EXCHANGES * moves,

@@ -1,12 +1,15 @@
 """Limits of commands, their deviations from the reference, and their changes by decisions."""
 
+from typing import Any
+
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import inlined
 from mpc.tracking.compiled.records import Bounded, Errors, Indices, Path, Reference, Setting
-from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, NX, NXI, NY
+from mpc.tracking.compiled.structured_qp.stage import first_of
 
 HUGE = 1e30  # no bound
 
@@ -26,16 +29,17 @@ def limit(low: float, high: float, step: float, before: Array, unit: float, comm
 
 
 @inlined
-def excess(left: float, right: float, least: float, states: Array, forces: Array, beyond: Array) -> None:
-    """Set `beyond` (2,) to the excursions of a motion from the joint range [rad] and below the least force [N].
+def excess(left: Any, right: Any, least: float, states: Array, forces: Array, beyond: Array) -> None:
+    """Set `beyond` (2,) to the excursions of a motion from the joint ranges [rad] and below the least force [N].
 
     The first state does not count for the force.
     """
     beyond[0] = beyond[1] = 0.0
     for k in range(states.shape[0]):
-        beyond[0] = max(beyond[0], left - states[k, 0], states[k, 0] - right)
-        if k > 0:
-            beyond[1] = max(beyond[1], least - forces[k, 0], least - forces[k, 1])
+        for i in range(JOINTS):
+            beyond[0] = max(beyond[0], first_of(left, i) - states[k, i], states[k, i] - first_of(right, i))
+        for i in range(NU if k > 0 else 0):
+            beyond[1] = max(beyond[1], least - forces[k, i])
 
 
 @inlined

@@ -153,14 +153,16 @@ def _structured(problem: TrackingProblem) -> "StructuredQP | None":
         return None
 
 
-def setting(problem: TrackingProblem) -> "Setting":
-    """Return the constants of `problem` for the compiled functions."""
+def setting(problem: TrackingProblem, in_bar: bool = False) -> "Setting":
+    """Return the constants of `problem` for the compiled functions; `in_bar` counts the states' pressures in bar."""
     from mpc.tracking.compiled.records import Bounds, Cost, Setting
 
     rows, limits, L = problem.rows, problem.limits, problem.L
-    units = np.array([1, 1, 1, 1, BAR, BAR])
+    states = rows.x.size
+    units = np.ones(states + rows.e.size)
+    units[states - rows.e.size if in_bar else states :] = BAR
     end = (L.T @ L) * np.outer(units, units)
-    cost = Cost(rows.x, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / problem.dt**2, end)
+    cost = Cost(rows.x * units[:states] ** 2, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / problem.dt**2, end)
     low, high = limits.pressure
     bounds = Bounds(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
     w = problem.weights

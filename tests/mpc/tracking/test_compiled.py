@@ -373,9 +373,10 @@ def test_the_time_of_a_settled_step_is_that_of_its_solution():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["report", "sarosi-lever"])
+@pytest.mark.parametrize("name", ["report", "substeps, gravity, blocks"])
 def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
-    plant = Plant(joint=joints[name], gravity_torque=0.8, lag=(0.1, 0.03))
+    name, options, *_ = CASES[name]  # which are compiled for other tests, too
+    plant = Plant(joint=joints[name], **options)
     readable = InverseDynamics(plant, 0.04, 8, 5.0)
     compiled = CompiledFeedForward(module.compiled_plant(plant, 0.04), readable)
     far = 1.2 * joints[name].angle_range[1]

@@ -2,55 +2,26 @@
 #include <string.h>
 
 #include "control.h"
-#include "model.h"
 #include "tables.h"
 
-static ant_qp_setting setting_of(const ant_tuning *t) {
-    const ant_qp_setting made = {
-        {t->x, t->y, t->e, t->change, t->end},
-        {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, t->step / ANT_BAR, ANT_LEFT, ANT_RIGHT, t->min_force},
-        t->curvature,
-        ANT_EXCHANGES,
-        ANT_ACCURACY,
-        t->slack,
-        ANT_STARTS,
-    };
-    return made;
-}
-
-int ant_linearise(ant_controller *c, const ant_task *task) {
-    ant_qp *qp = &c->qp;
-    if (!ant_rollout(task->x, task->d, &qp->motion) || !c->feed.finite) return 0;
-    for (int k = 0; k < ANT_HORIZON; k++) {
-        ant_model_slopes(qp->motion.x[k], qp->motion.u[k], &task->d[k], qp->A[k][0], qp->B[k][0]);
-        ant_model_gradients(qp->motion.x[k + 1], qp->slope[k + 1][0], qp->slope[k + 1][1]);
-        for (int i = 0; i < 2; i++) {
-            for (int j = 0; j < 4; j++) qp->B[k][j][i] *= ANT_BAR;
-            qp->u[k][i] = qp->motion.u[k][i] / ANT_BAR;
-            qp->y[k + 1][1 + i] = qp->motion.F[k + 1][i];
-        }
-        qp->y[k + 1][0] = qp->motion.K[k + 1];
-    }
-    return ant_finite(qp->A[0][0], 16 * ANT_HORIZON) && ant_finite(qp->B[0][0], 8 * ANT_HORIZON) &&
-           ant_finite(qp->slope[1][0], 12 * ANT_HORIZON);
-}
-
 void ant_expect_shifted(ant_controller *c) {
+    enum { m = ANT_MUSCLES };
     for (int b = 0; b + 1 < ANT_BLOCKS; b++)
-        if (ANT_STARTS[b + 1] == ANT_STARTS[b] + 1) memcpy(c->qp.guess + 2 * b, c->qp.guess + 2 * b + 2, 2);
+        if (ANT_STARTS[b + 1] == ANT_STARTS[b] + 1) memcpy(c->qp.guess + m * b, c->qp.guess + m * b + m, m);
 }
 
-ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_MOVES], ant_plan *plan) {
+ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[ANT_MUSCLES], ant_real z[ANT_MOVES],
+                          ant_plan *plan) {
     ant_qp *qp = &c->qp;
-    ant_work *w = &qp->work;
-    const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
-    const ant_real last[2][2] = {{u_last[0], u_last[1]}, {star[0], star[1]}};
-    const ant_qp_reference reference = {(const ant_real(*)[4])c->feed.x, (const ant_real(*)[3])c->feed.y,
-                                        (const ant_real(*)[2])c->feed.u};
-    const ant_qp_setting setting = setting_of(qp->tuning);
-    const ant_qp_path path = {(const ant_real(*)[4])qp->motion.x, (const ant_real(*)[3])qp->y,
-                              (const ant_real(*)[4][4])qp->A, (const ant_real(*)[4][2])qp->B,
-                              (const ant_real(*)[3][4])qp->slope};
+    ant_qp_memory *w = &qp->work;
+    ant_real last[2][ANT_MUSCLES];
+    memcpy(last[0], u_last, sizeof last[0]);
+    memcpy(last[1], c->starred ? c->u_star : c->feed.u[0], sizeof last[1]);
+    const ant_qp_reference reference = {(const ant_real(*)[ANT_STATES])c->feed.x,
+                                        (const ant_real(*)[ANT_OUTPUTS])c->feed.y,
+                                        (const ant_real(*)[ANT_MUSCLES])c->feed.u};
+    const ant_qp_setting setting = ant_setting_of(qp->tuning);
+    const ant_qp_path path = ant_path_of(qp);
     const ant_qp_errors errors = {w->x, w->y, w->e, w->change, w->end};
     const ant_qp_bounded bounded = {w->lower, w->upper, w->low, w->high, w->there};
     const ant_qp_point at = {w->xi, w->v, w->sigma};
@@ -59,11 +30,13 @@ ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real 
                                   {w->item_z, w->item_r, w->K, w->kind, w->sample, w->muscle, w->side, w->multiplier,
                                    w->step, w->L, w->order, w->known, w->item_p}};
     const int limit = c->exchange_limit < ANT_EXCHANGES ? c->exchange_limit : ANT_EXCHANGES;
-    ant_deviations(&path, (const ant_real(*)[2])qp->u, &reference, last, &errors);
-    ant_change_bounds(&setting, (const ant_real(*)[2])qp->u, last, &bounded);
+    ant_deviations(&path, (const ant_real(*)[ANT_MUSCLES])qp->u, &reference, (const ant_real(*)[ANT_MUSCLES])last,
+                   &errors);
+    ant_in_units(w);
+    ant_change_bounds(&setting, (const ant_real(*)[ANT_MUSCLES])qp->u, (const ant_real(*)[ANT_MUSCLES])last, &bounded);
     const ant_settle_numbers found =
         ant_settle(&path, &errors, &setting, &bounded, qp->guess, &at, &sweep, &active, limit);
-    for (int b = 0; b < ANT_BLOCKS; b++) memcpy(z + 2 * b, w->v[ANT_STARTS[b]], sizeof w->v[0]);
+    for (int b = 0; b < ANT_BLOCKS; b++) memcpy(z + ANT_MUSCLES * b, w->v[ANT_STARTS[b]], sizeof w->v[0]);
     plan->exchanges += found._1;
     plan->gap = found._0 ? 0 : found._2;
     return found._0 ? ANT_PLAN_OPTIMAL : ANT_PLAN_UNSOLVED;

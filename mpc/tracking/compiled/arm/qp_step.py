@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from allocator.units import BAR
 from mpc.model.arm.model import Arm
 from mpc.tracking.compiled.arm.module import CompiledArm, solve_module
+from mpc.tracking.compiled.factory import setting
 from mpc.tracking.compiled.structured_qp.structured import shifted
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.linearise import Linearisation, Motion
-from mpc.tracking.qp.certified import ACCURACY
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.step import PreviousSample, QPAnswer, dense_answer, structured_answer
@@ -117,15 +116,11 @@ class SizedQP:
 
     def __init__(self, arm: Arm, dt: float, problem: TrackingProblem) -> None:
         self._settle: Any = solve_module(arm).settle_path
-        limits, rows, weights = problem.limits, problem.rows, problem.weights
-        units = np.concatenate([np.ones(2 * arm.n), np.full(2 * arm.m, BAR)])  # pressures count in bar
+        made = setting(problem, in_bar=True)
+        low, high, step, *angles, min_force = made.bounds
         self._setting = (
-            rows.x * units[: arm.size] ** 2, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / dt**2,
-            (problem.L.T @ problem.L) * np.outer(units, units),
-            np.array([*limits.pressure, limits.step, limits.min_force * BAR]) / BAR, np.array(limits.theta, float),
-            np.array([problem.curvature, inf, ACCURACY]),
-            np.array([weights.slack, weights.slack_square, weights.slack_force, weights.slack_force_square]),
-            problem.starts.astype(np.int64), np.exp(-dt / arm.lags),
+            *made.cost, np.array([low, high, step, min_force]), np.array(angles, float),
+            np.array([made.curvature, made.exchanges, made.accuracy]), made.slack, made.starts, np.exp(-dt / arm.lags),
         )  # fmt: skip
         self.guess = np.zeros(arm.m * len(problem.blocks), np.int8)  # active limits
         self._answer, self.exchanges = np.zeros(self.guess.size + 1), 0

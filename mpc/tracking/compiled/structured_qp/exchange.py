@@ -13,23 +13,18 @@ Optimization and Engineering 7, 2006). With CROWDED items, or before there is no
 present set as its base with the multipliers unchanged; only soft rows and slacks remain items.
 """
 
-from typing import NamedTuple
-
-import numpy as np
-
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.commands import HUGE
-from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting, Signs
-from mpc.tracking.compiled.structured_qp.certificate import gap, lagrangian, over, priced, soften
-from mpc.tracking.compiled.structured_qp.gradient import adjoint, gradients
+from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
+from mpc.tracking.compiled.structured_qp.active import Active, direct, end, lead_on, take_base, walk
+from mpc.tracking.compiled.structured_qp.certificate import gap, lagrangian, over
+from mpc.tracking.compiled.structured_qp.interrupted import interrupted
 from mpc.tracking.compiled.structured_qp.responses import (
-    SPARE,
     Items,
     copy_item,
     find_item,
     name_item,
-    new_items,
     remove,
     respond,
     solve_items,
@@ -42,44 +37,18 @@ from mpc.tracking.compiled.structured_qp.sizes import (
     FREE,
     GONE,
     HIGH,
-    LOWER,
     NU,
     NX,
-    NXI,
     RANGE,
     SUPPLY,
     UPPER,
 )
-from mpc.tracking.compiled.structured_qp.stage import advance
 
-CROWDED = 32  # items for a new sweep
+CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
 FLAT = 1e-10  # [-] of its terms: less counts as no slope
-
-
-class Active(NamedTuple):
-    """Active set and the point at which it holds; the last lines are those of the slacks."""
-
-    held: Signs  # (N + 1, 2) of the sweep's base, held now
-    guess: Signs  # (N + 1, 2) the active set
-    z: Array  # (N + 1, 2) changes and slacks
-    r: Array  # (N + 1, 2) gradient of the Lagrangian without the multipliers of what is held
-    dz: Array  # (N + 1, 2)
-    dr: Array  # (N + 1, 2)
-    xi: Array  # (N + 1, 6)
-    items: Items
-
-
-@inlined
-def new_active(N: int, blocks: int) -> Active:
-    """Return an uninitialised active set."""
-    sides, numbers = np.empty((2, N + 1, NU), np.int8), np.empty((4, N + 1, NU))
-    return Active(
-        sides[0], sides[1], numbers[0], numbers[1], numbers[2], numbers[3], np.empty((N + 1, NXI)),
-        new_items(N, blocks * NU + SPARE),
-    )  # fmt: skip
 
 
 @inlined
@@ -92,20 +61,6 @@ def begin(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Po
     backward(path, setting.cost, bounded, at, sweep)
     forward(path, sweep, at, a.r)
     take_base(setting, 0, at, sweep, a)
-
-
-@inlined_flat
-def take_base(setting: Setting, size: int, at: Point, sweep: Sweep, a: Active) -> None:
-    """Take the result of a sweep, and the gradient by the slacks without rows."""
-    N = at.v.shape[0]
-    for k in range(N):
-        for i in range(NU):
-            a.held[k, i], a.z[k, i] = sweep.held[k, i], at.v[k, i]
-    for i in range(NU):
-        slack = i < 2
-        a.r[N, i] = setting.slack[2 * i] + setting.slack[2 * i + 1] * at.sigma[i] if slack else 0.0
-        a.held[N, i] = LOWER if not slack or find_item(GONE, N, i, size, a.items) < 0 else FREE
-        sweep.held[N, i] = LOWER
 
 
 @inlined
@@ -161,42 +116,6 @@ def exchanged(
             violation -= share * slope
             size = leave(path, setting.slack, sweep, size, q, k, i, a)
     return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a)
-
-
-@inlined
-def interrupted(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active
-) -> float:  # fmt: skip
-    """Set the point to the changes within slew and supply, with the slacks that they need, or to the origin if that
-    costs less; return the bound of its suboptimality, the primal cost minus the dual one. Costs are relative to that of
-    the origin without slacks.
-    """
-    lead_on(path, at, a)
-    dual = priced(setting, at) - gap(path, errors, setting, bounded, size, a.held, at, a.items, sweep)
-    at.xi[:], at.v[:] = 0.0, 0.0
-    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    adjoint(path, sweep.gx, sweep.gv, a.dr)
-    origin = soften(path, setting, at)
-    lead_on(path, at, a)
-    dual += increase(path, errors, setting, a.dr, at, sweep)
-    end(path, bounded, size, at, sweep, a)
-    primal = soften(path, setting, at) + increase(path, errors, setting, a.dr, at, sweep)
-    if not primal < origin:
-        at.xi[:], at.v[:] = 0.0, 0.0
-        primal = soften(path, setting, at)
-    return float(max(primal - dual, 0.0))
-
-
-@inlined
-def increase(path: Path, errors: Errors, setting: Setting, first: Array, at: Point, sweep: Sweep) -> float:
-    """Return the cost of the changes minus that of the origin, where the gradient is `first`."""
-    total = 0.0
-    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    adjoint(path, sweep.gx, sweep.gv, sweep.g)
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
-            total += 0.5 * (first[k, i] + sweep.g[k, i]) * at.v[k, i]
-    return total
 
 
 @inlined_flat
@@ -330,18 +249,6 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
 
 
 @inlined_flat
-def lead_on(path: Path, at: Point, a: Active) -> None:
-    """Set the point to that of the changes."""
-    N = path.A.shape[0]
-    for k in range(N):
-        for i in range(NU):
-            at.v[k, i] = a.z[k, i]
-            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
-        advance(path.A, path.B, k, at.xi)
-    at.sigma[0], at.sigma[1] = a.z[N, 0], a.z[N, 1]
-
-
-@inlined_flat
 def find_step(size: int, a: Active) -> float:
     """Set the direction for a multiplier of the entering item, and return the decrease of its violation per unit."""
     items, K, last = a.items, a.items.K, a.items.kind.size - 1
@@ -354,22 +261,6 @@ def find_step(size: int, a: Active) -> float:
         terms += abs(items.step[q] * K[last, q])
     direct(size, True, a)
     return slope if slope > FLAT * terms else 0.0
-
-
-@inlined_flat
-def direct(size: int, enters: bool, a: Active) -> None:
-    """Set the direction to the sum of the items' responses times their steps, plus that of the entering item."""
-    items, dz, dr, last = a.items, a.dz, a.dr, a.items.kind.size - 1
-    for k in range(dz.shape[0]):
-        for i in range(NU):
-            dz[k, i] = items.z[last, k, i] if enters else 0.0
-            dr[k, i] = items.r[last, k, i] if enters else 0.0
-    for q in range(size):
-        step = items.step[q]
-        for k in range(dz.shape[0]):
-            for i in range(NU):
-                dz[k, i] += step * items.z[q, k, i]
-                dr[k, i] += step * items.r[q, k, i]
 
 
 @inlined_flat
@@ -394,18 +285,6 @@ def longest(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> tuple[int, 
 
 
 @inlined_flat
-def walk(size: int, share: float, entering: float, a: Active) -> None:
-    """Move by this share of the direction."""
-    for q in range(size):
-        a.items.multiplier[q] += share * a.items.step[q]
-    a.items.multiplier[a.items.kind.size - 1] += entering
-    for k in range(a.z.shape[0]):
-        for i in range(NU):
-            a.z[k, i] += share * a.dz[k, i]
-            a.r[k, i] += share * a.dr[k, i]
-
-
-@inlined_flat
 def enter(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
     """Let the entering item hold, and return the number of items then."""
     items, last = a.items, a.items.kind.size - 1
@@ -427,27 +306,3 @@ def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: 
         return remove(size, q, a.items)
     add_gone(path, slack, sweep, k, i, size, a)
     return size + 1
-
-
-@inlined_flat
-def end(path: Path, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active) -> None:
-    """Set the point to the result of the active set, within slew and supply, and `guess` to the set."""
-    N, items = path.A.shape[0], a.items
-    for k in range(N):
-        for i in range(NU):
-            a.guess[k, i] = a.held[k, i]
-    for q in range(size):
-        kind, sample, muscle = items.kind[q], items.sample[q], items.muscle[q]
-        if kind != GONE and kind < RANGE and sample < N and a.guess[sample, muscle] == FREE:
-            a.guess[sample, muscle] = items.side[q] * (UPPER if kind == BOUND else HIGH)
-    for k in range(N):
-        for i in range(NU):
-            v, w, held = a.z[k, i], at.xi[k, NX + i], a.guess[k, i]
-            if held != FREE:
-                v = end_of(bounded, held, k, i) - (w if abs(held) == HIGH else 0.0)
-            v = min(max(v, bounded.low[k, i] - w), bounded.high[k, i] - w)
-            at.v[k, i] = min(max(v, bounded.lower[k, i]), bounded.upper[k, i])
-            at.xi[k + 1, NX + i] = w + at.v[k, i]
-        advance(path.A, path.B, k, at.xi)
-    for i in range(2):
-        at.sigma[i] = max(a.z[N, i], 0.0)

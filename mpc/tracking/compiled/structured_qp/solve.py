@@ -22,7 +22,8 @@ from mpc.tracking.compiled.records import (
     path_in,
     setting_in,
 )
-from mpc.tracking.compiled.structured_qp.exchange import Active, begin, exchanged, new_active
+from mpc.tracking.compiled.structured_qp.active import Active, new_active
+from mpc.tracking.compiled.structured_qp.exchange import begin, exchanged
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, take_set
 from mpc.tracking.compiled.structured_qp.sizes import NU, NXI
 

@@ -106,9 +106,9 @@ def changed(slope: Array, k: int, m: int, xi: Array) -> float:
 
 
 @merged
-def first_of(limit: float, i: int) -> float:
+def first_of(limits: float, i: int) -> float:
     """Return the limit of the joint `i`, the only one."""
-    return limit
+    return limits
 
 
 @inlined

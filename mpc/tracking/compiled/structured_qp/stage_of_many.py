@@ -255,9 +255,9 @@ def choose(
 
 
 @inlined_flat
-def turn_inside_out(a: Array, k: int, free: Mask, least: Array) -> None:
-    """Turn a[k] (m, m) into the inverse of its `free` part, 0 elsewhere: the greatest pivot first, none less than its
-    own charge (J. H. Goodnight's sweep, The American Statistician 33, 1979).
+def turn_inside_out(inverse: Array, k: int, free: Mask, charges: Array) -> None:
+    """Turn inverse[k] (m, m) into the inverse of its `free` part, 0 elsewhere: the greatest pivot first, none less than
+    its own charge (J. H. Goodnight's sweep, The American Statistician 33, 1979).
     """
     left = 0
     for i in range(NU):
@@ -266,20 +266,20 @@ def turn_inside_out(a: Array, k: int, free: Mask, least: Array) -> None:
     while left:
         p = -1
         for i in range(NU):
-            if left >> i & 1 and (p < 0 or a[k, i, i] > a[k, p, p]):
+            if left >> i & 1 and (p < 0 or inverse[k, i, i] > inverse[k, p, p]):
                 p = i
         left &= ~(1 << p)
-        share = 1.0 / max(a[k, p, p], least[p])
+        share = 1.0 / max(inverse[k, p, p], charges[p])
         for i in range(NU):
             if free[i] and i != p:
-                factor = a[k, i, p] * share
+                factor = inverse[k, i, p] * share
                 for j in range(NU):
                     if j != p:
-                        a[k, i, j] -= factor * a[k, p, j]
-                a[k, i, p] = factor
+                        inverse[k, i, j] -= factor * inverse[k, p, j]
+                inverse[k, i, p] = factor
         for j in range(NU):
-            a[k, p, j] *= share
-        a[k, p, p] = -share
+            inverse[k, p, j] *= share
+        inverse[k, p, p] = -share
     for i in range(NU):
         for j in range(NU):
-            a[k, i, j] = -a[k, i, j] if free[i] and free[j] else 0.0
+            inverse[k, i, j] = -inverse[k, i, j] if free[i] and free[j] else 0.0
