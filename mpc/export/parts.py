@@ -1,6 +1,6 @@
 """Parts of an export: unchanged C files of this package, and files generated for the joint."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -101,14 +101,24 @@ def kernel_functions(joint: AntagonistJoint, kernel: Kernel) -> Functions:
     return [(sides_function(joint), "theta [rad] to the muscles at theta, see kernel.c")]
 
 
+<<<<<<< HEAD
 def model_files(functions: Functions, single: bool, name: str = "model") -> Files:
     """Return model.h and model.c with these CasADi functions, if there are any, or files of another `name`."""
+=======
+def model_files(functions: Functions, single: bool, includes: Sequence[str] = ()) -> Files:
+    """Return model.h, which includes other headers, and model.c with these CasADi functions, if there are any."""
+>>>>>>> main
     if not functions:
         return {}
     heads = "\n".join(f"{c_text.prototype(f)}; /* {about} */" for f, about in functions)
     bodies = "\n\n".join(c_text.function(f, about, single) for f, about in functions)
-    about = "The joint's formulas, derived by CasADi."
+    about = "The machine's formulas, derived by CasADi."
     return {
+<<<<<<< HEAD
         f"src/{name}.h": text.header(f"ANT_{name.upper()}_H", about, heads, ["antagonist.h"]),
         f"src/{name}.c": f'/* {about} */\n#include "{name}.h"\n\n#include "real.h"\n\n{bodies}\n',
+=======
+        "src/model.h": text.header("ANT_MODEL_H", about, heads, ["antagonist.h", *includes]),
+        "src/model.c": f'/* {about} */\n#include "model.h"\n\n#include "real.h"\n\n{bodies}\n',
+>>>>>>> main
     }
