@@ -46,7 +46,16 @@ def _elementary(name: str) -> Callable[[Value], Value]:
     return function
 
 
-exp, log, sqrt, sin, cos = map(_elementary, ("exp", "log", "sqrt", "sin", "cos"))
+exp, log, sqrt, sin, cos, tanh = map(_elementary, ("exp", "log", "sqrt", "sin", "cos", "tanh"))
+
+
+def least(x: Value, y: Value) -> Value:
+    """Return the lesser of two floats, arrays or CasADi symbols, element by element."""
+    if is_symbol(x) or is_symbol(y):
+        import casadi
+
+        return casadi.fmin(x, y)
+    return np.minimum(x, y)
 
 
 def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
