@@ -24,11 +24,12 @@ _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as sma
 
 def is_symbol(x: Value) -> bool:
     """Return whether `x` is a CasADi expression (recognised without importing CasADi)."""
-    return _of_casadi(type(x))
+    kind: type[object] = type(x)
+    return _of_casadi(kind)
 
 
 @cache
-def _of_casadi(kind: type) -> bool:
+def _of_casadi(kind: type[object]) -> bool:
     return kind.__module__.partition(".")[0] == "casadi"
 
 
