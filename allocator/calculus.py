@@ -6,7 +6,7 @@ differentiation for symbols.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -24,7 +24,12 @@ _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as sma
 
 def is_symbol(x: Value) -> bool:
     """Return whether `x` is a CasADi expression (recognised without importing CasADi)."""
-    return type(x).__module__.partition(".")[0] == "casadi"
+    return _of_casadi(type(x))
+
+
+@cache
+def _of_casadi(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "casadi"
 
 
 def _elementary(name: str) -> Callable[[Value], Value]:

@@ -7,6 +7,7 @@ import typer
 
 from allocator.allocate_cli import allocate_command
 from allocator.feasibility.cli import map_command
+from allocator.identification.arm.cli import fit_arm_command
 from allocator.identification.bag_cli import bag_command
 from allocator.identification.joint.cli import fit_joint_command, plan_joint_command
 from allocator.identification.muscle.cli import fit_command
@@ -83,6 +84,7 @@ app.command("fit", cls=Command, short_help="fit a muscle to measured forces")(fi
 app.command("fit-joint", cls=Command, short_help="identify a joint from angles and pressures at rest")(
     fit_joint_command
 )
+app.command("fit-arm", cls=Command, short_help="find muscles and motion of an arm from its log")(fit_arm_command)
 app.command("bag", cls=Command, short_help="convert topics of a ROS bag to a CSV log")(bag_command)
 app.command("plan-joint", cls=Command, short_help="plan the measurement for fit-joint")(plan_joint_command)
 app.command("map", cls=Command, short_help="draw the feasible angles, stiffnesses and torques")(map_command)

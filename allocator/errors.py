@@ -104,6 +104,7 @@ _INSTALL = {  # arguments of pip, by the library
     "scipy": "scipy",
     "serial": "'antagonist[serial]'",
     "typer": "typer rich",
+    "ziglang": "'antagonist[fmu]'",
 }
 
 

@@ -19,9 +19,9 @@ import numpy as np
 
 from allocator import BAR, DEG, AntagonistJoint, Pulley
 from allocator.calculus import increasing_root
-from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from allocator.muscles import SAROSI_DMSP_20_400N
 from mpc import Plant, RealPlant
-from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.model import MaxwellSlip
 
 HERE = Path(__file__).parent
 JOINT = AntagonistJoint(Pulley(0.40, 0.02, 0.1375), SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N, friction=0.03)

@@ -31,7 +31,7 @@ from mpc.identification.cli import fit_motion_command
 from mpc.plant_cli import LoopOptions, PlantOptions, init_command
 from mpc.repetition.options import RepeatOptions, progress, report
 from mpc.trials.motions.trajectories import TRAJECTORIES
-from mpc.tuning.cli import tune_command
+from mpc.tuning_cli import tune_command
 
 if TYPE_CHECKING:
     from rich.console import Console

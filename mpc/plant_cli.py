@@ -11,10 +11,11 @@ from allocator.errors import InvalidInput
 from allocator.shell.machine_options import OF_ONE_JOINT, MachineOptions
 from allocator.shell.options import numbers, within
 from allocator.shell.outputs import Force, claim
-from allocator.units import BAR
+from allocator.units import BAR, MM
 
 if TYPE_CHECKING:
     from mpc.model.arm.model import Arm
+    from mpc.model.arm.reading import Read
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
     from mpc.trials.loops import Settings
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _LAGS = ("lag_up", "lag_down")
+_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults of a MuJoCo model
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,10 @@ class PlantOptions(MachineOptions):
         typer.Option(help="polytropic exponent of the gas; 1 (slow) to 1.4 (fast), 1.3 by default. Implies --gas"),
     ] = None
     frequency: Annotated[float | None, typer.Option(help="frequency of the stiffness [Hz]; isobaric by default")] = None
+    tuning: Annotated[
+        str | None,
+        typer.Option(help="TOML file with the table [tuning] of the controller; by default the machine's file"),
+    ] = None
 
     def __post_init__(self) -> None:
         """Refuse implausible values, in the units of the options."""
@@ -98,10 +104,41 @@ class PlantOptions(MachineOptions):
         from mpc.model.arm.model import Arm
         from mpc.model.arm.storage import load_arm
 
-        if self.is_mujoco or not self.of_several:
-            raise InvalidInput("this command takes an arm of several joints: --machine arm26, or a file with [bodies]")
+        if self.is_mujoco:
+            return self.mujoco_arm(self.mujoco())
+        if not self.of_several:
+            raise InvalidInput(
+                "this command takes an arm of several joints: --machine arm26, a file with [bodies] or a MuJoCo model"
+            )
         arm = load_arm(self.file) if self.file else Arm.machine(str(self.machine))
         return self.driven(replace(arm, mechanism=self._changed(arm.mechanism)))
+
+    def mujoco(self, hand: str | None = None) -> "Read":
+        """Read the MuJoCo model that --machine names, with the muscles of the options and its `hand`.
+
+        Raises `InvalidFile`, `InvalidInput`, `MissingBackend` and `MissingPackage`.
+        """
+        from allocator.muscles.catalogue import named_muscle
+        from mpc.model.arm.reading import read_arm
+
+        muscles = [replace(named_muscle(name), **self.volumes) for name in self.mujoco_muscles]
+        lengths, eps = self.rest_lengths, self.contractions
+        if lengths is not None:
+            lengths, eps = [length * MM for length in lengths], eps or [_CONTRACTION]
+        supply = {} if self.supply is None else {"pressure_limits": (0.0, self.supply * BAR)}
+        one = muscles[0] if len(muscles) == 1 else muscles
+        return read_arm(str(self.machine), one, _one_or_all(lengths), None, _one_or_all(eps), hand=hand, **supply)
+
+    @property
+    def mujoco_muscles(self) -> list[str]:
+        """Names of a MuJoCo model's muscles, one for all or one each."""
+        return self.muscle or [_MUSCLE]
+
+    def mujoco_arm(self, read: "Read") -> "Arm":
+        """Return the arm of a MuJoCo model that was read, with its regulators and gas as given."""
+        from mpc.model.arm.model import Arm
+
+        return self.driven(Arm(read.mechanism, read.bodies))
 
     def driven(self, arm: "Arm") -> "Arm":
         """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for options of one joint."""
@@ -128,10 +165,16 @@ class PlantOptions(MachineOptions):
         return replace(known, **{n: value for n, value in told.items() if self.lag is None or n not in _LAGS})
 
     def tuned(self, settings: "Settings", controller: str) -> "tuple[Settings, str]":
-        """Return the settings with the file's tuning of this controller, and a sentence about it; "" without one."""
+        """Return the settings with the tuning of this controller, and a sentence about it; "" without one.
+
+        Raises `InvalidInput` for a --tuning without one for this controller.
+        """
         from mpc.trials.tuned import Tuning
 
-        tuning = None if self.file is None else Tuning.load(self.file)
+        file = self.tuning or self.file
+        tuning = None if file is None else Tuning.load(file)
+        if self.tuning and (tuning is None or tuning.controller != controller):
+            raise InvalidInput(f"--tuning {file} has no table [tuning] for {controller}; `antagonist tune` writes one")
         if tuning is None or tuning.controller != controller:
             return settings, ""
         return tuning.applied(settings), tuning.summary
@@ -166,6 +209,10 @@ class PlantOptions(MachineOptions):
         if len(lags) not in (1, m):
             raise InvalidInput(f"--lag {self.lag}: expected one time or {m}, one a muscle")
         return tuple(lags) if len(lags) == m else tuple(lags * m)
+
+
+def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
+    return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
 
 
 @dataclass(frozen=True)

@@ -82,10 +82,10 @@ def _flags() -> int:
 def _held(lock: Path) -> bool:
     """Return whether a process has locked this file."""
     with lock.open("ab") as file:
-        return not _locked(file)
+        return not locked(file)
 
 
-def _locked(file: IO[bytes]) -> bool:
+def locked(file: IO[bytes]) -> bool:
     """Lock `file` until it is closed; return False if another process holds the lock."""
     try:
         if sys.platform == "win32":
@@ -105,7 +105,7 @@ def main() -> None:
     """Do the work pickled on standard input, unless another process is doing it."""
     lock, work, arguments = pickle.load(sys.stdin.buffer)
     with lock.open("ab") as file:
-        if not _locked(file):
+        if not locked(file):
             return
         if hasattr(os, "nice"):
             os.nice(_NICE)

@@ -4,22 +4,25 @@ numba's own cache trusts its files. A file truncated by a power failure makes ev
 process, and a flipped bit is executed. This cache has one file per argument signature, and each file begins with the
 hash of the rest. Code whose hash does not match is compiled again; code that cannot be written is used without being
 cached; each warns once. Files are written atomically and there is no index, so concurrent writers do not disturb each
-other. A directory that other users may write to is refused, because its files are executed.
+other. A process that needs code which another one is compiling waits for it. A directory that other users may write to
+is refused, because its files are executed.
 """
 
+import gc
 import os
 import pickle
 import stat
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
-from time import time
+from time import monotonic, sleep, time
 from types import FunctionType
 from typing import Any, TypeVar
 
 import numba
 from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.serialize import dumps
 
 from allocator.compilation import beside
@@ -30,6 +33,7 @@ F = TypeVar("F")
 _HASH = 32  # bytes of SHA-256
 _DAY = 86400.0  # [s]
 _UNUSED = 7 * _DAY  # [s] without use, after which files of other versions are removed
+_PATIENCE, _LOOK = 120.0, 0.05  # [s] to wait for another process, which may be suspended, and between two looks
 
 
 class Refused(OSError):
@@ -63,12 +67,32 @@ def keep(dispatcher: F, callees: Iterable[Callable[..., object]] = ()) -> F:
     functions = made.py_func, *callees
     others = {function.__code__.co_filename for function in functions} - {made.py_func.__code__.co_filename}
     try:
-        made._cache = _Cache(made.py_func, tuple(sorted(others)), _numbers(functions))
+        cache = _Cache(made.py_func, tuple(sorted(others)), _numbers(functions))
     except RuntimeError as error:
         if "cannot cache function" not in str(error):
             raise
         raise OSError(f"numba finds no directory to keep {made.py_func.__name__} in") from None
+    compile_it = made.compile
+
+    def compile_alone(signature: object) -> object:
+        """Compile for a signature, unless another process does."""
+        with global_compiler_lock, _without_collection(), cache.alone():
+            return compile_it(signature)
+
+    made._cache, made.compile = cache, compile_alone
     return dispatcher
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Suspend garbage collection: compilation makes many objects and little garbage."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
 
 
 def check_own(directory: Path) -> None:
@@ -124,6 +148,26 @@ class _Files:
         with replacing(self._file(key)) as draft:
             draft.write_bytes(sha256(content).digest() + content)
 
+    @contextmanager
+    def claimed(self, key: object) -> Iterator[bool]:
+        """Wait while another process compiles for `key`, and let others wait; yield whether there was one."""
+        lock = self._file(key).with_suffix(".lock")
+        try:
+            file = lock.open("ab")
+        except OSError:  # a read-only directory: everybody compiles
+            yield False
+            return
+        try:
+            with file:
+                end, waited = monotonic() + _PATIENCE, False
+                while not beside.locked(file) and monotonic() < end:
+                    waited = True
+                    sleep(_LOOK)
+                yield waited
+        finally:
+            with suppress(OSError):  # removed, or open in another process of Windows
+                lock.unlink()
+
     def _file(self, key: object) -> Path:
         which = sha256(f"{self._made_from} {key!r}".encode()).hexdigest()[:24]
         return self._directory / f"{self._name}.{which}.kept"
@@ -139,20 +183,37 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
         locator = self._impl.locator
         stamps = [locator.get_source_stamp(), *((s.st_mtime, s.st_size) for s in map(os.stat, others)), numbers]
         self._cache_file = _Files(self.cache_path, self._impl.filename_base, stamps)
+        self._claims = ExitStack()
 
-    def load_overload(self, sig: object, target_context: object) -> object:
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Hold what `load_overload` claims until the end of a compilation."""
+        with ExitStack() as claims:
+            before, self._claims = self._claims, claims
+            try:
+                yield
+            finally:
+                self._claims = before
+
+    def load_overload(self, sig: object, target_context: Any) -> object:
         """Return the cached code for arguments of the types `sig`, or None if there is none or it is damaged.
 
         Raises `beside.NotKept` instead of returning None if compilation is forbidden.
         """
-        try:
-            found = super().load_overload(sig, target_context)
-        except Exception:  # a damaged file can raise anything
-            notice_once(f"compiled code in {self.cache_path} is damaged and is made anew", CacheFault)
-            found = None
+        found = self._loaded(sig, target_context)
         if found is None:
             beside.check_may_compile(self._name)
+            key = self._index_key(sig, target_context.codegen())
+            if self._claims.enter_context(self._cache_file.claimed(key)):
+                found = self._loaded(sig, target_context)
         return found
+
+    def _loaded(self, sig: object, target_context: object) -> object:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # a damaged file can raise anything
+            notice_once(f"compiled code in {self.cache_path} is damaged and is made anew", CacheFault)
+        return None
 
     def save_overload(self, sig: object, data: object) -> None:
         """Cache `data` if possible; warn otherwise."""

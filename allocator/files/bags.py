@@ -27,10 +27,23 @@ _NANO = 1e-9
 FORMAT = "%.9g"  # of numbers in a table
 _WANTED = re.compile(r"(\w+)=(/?[\w/]+)((?:\.\w+|\[\d+\])+)(?::(\w+))?")
 _STEP = re.compile(r"\.(\w+)|\[(\d+)\]")
-_UNITS = {"theta": "rad", "force": "N", "torque": "Nm", "contraction": "ratio", "direction": "", "slack": ""}
-_UNITS |= dict.fromkeys(("length", "shortening", "rest_length"), "m")  # others are pressures
+_UNITS = {
+    "theta": "rad",
+    "q": "rad",
+    "speed": "rad_s",
+    "v": "rad_s",
+    "force": "N",
+    "torque": "Nm",
+    "contraction": "ratio",
+    "direction": "",
+    "slack": "",
+}
+_UNITS |= dict.fromkeys(("length", "shortening", "rest_length"), "m") | dict.fromkeys(("speed", "v"), "rad_s")
+_UNITS["q"] = "rad"  # others are pressures
 _RECORDINGS = (".bag", ".mcap")
 _MOST_SHOWN = 12
+_USAGE = "the unit where it is not SI, several with blanks between them"
+_NO_NUMBER = LookupError, AttributeError, TypeError, ValueError
 
 
 class Quantity(NamedTuple):
@@ -50,25 +63,40 @@ class Quantity(NamedTuple):
         found = []
         for part in text.split():
             if (match := _WANTED.fullmatch(part)) is None:
-                raise InvalidInput(f"--topics {part}: expected NAME=/topic.field[0]:unit, the unit where it is not SI")
+                raise InvalidInput(f"--topics {part}: expected NAME=/topic.field[0]:unit, {_USAGE}")
             name, topic, path, unit = match.groups()
             steps = tuple(field or int(index) for field, index in _STEP.findall(path))
-            found.append(cls(name, topic, steps, unit or _UNITS.get(name, "Pa")))
+            found.append(cls(name, topic, steps, unit or _UNITS.get(name.rstrip("0123456789"), "Pa")))
         if len({q.name for q in found}) < len(found):
             raise InvalidInput(f"--topics {text}: a quantity is given twice")
         if not found:
-            raise InvalidInput("--topics is empty: NAME=/topic.field[0]:unit, several with blanks between them")
+            raise InvalidInput(f"--topics is empty: NAME=/topic.field[0]:unit, {_USAGE}")
         return tuple(found)
 
     def of(self, message: object) -> float:
-        """Return the number. Raises `LookupError` or `AttributeError` if there is none."""
-        value: Any = message
-        for step in self.path:
-            if isinstance(step, int):
-                value = value[step]
-            else:
-                value = value[step] if isinstance(value, dict) else getattr(value, step)
-        return float(value)
+        """Return the number, NaN if the message has none."""
+        try:
+            for step in self.path:
+                message = _inside(message, step)
+            return float(message)  # type: ignore[arg-type]
+        except _NO_NUMBER:
+            return float("nan")
+
+    def without(self, message: object) -> str:
+        """Return the part of a message in which the path ends without a number, in words."""
+        place, rest = self.topic, iter(self.path)
+        for step in rest:
+            try:
+                message = _inside(message, step)
+            except _NO_NUMBER:
+                break
+            place += f"[{step}]" if isinstance(step, int) else f".{step}"
+        return f"{place} has {_shape(message)}"
+
+
+def _inside(message: Any, step: str | int) -> object:
+    """Return a field or an element. Raises one of `_NO_NUMBER` if there is none."""
+    return message[step] if isinstance(step, int) or isinstance(message, dict) else getattr(message, step)
 
 
 class Bag(NamedTuple):
@@ -106,7 +134,7 @@ def opened(path: Path) -> Iterator[Bag]:
 
             yield Bag(topics, messages)
     except AnyReaderError as error:
-        raise InvalidFile(path, f"is no ROS bag that can be read ({error})") from None
+        raise InvalidFile(path, f"is no ROS bag that can be read ({' '.join(str(error).split())})") from None
 
 
 @contextmanager
@@ -135,7 +163,8 @@ def _mcap(path: Path) -> Iterator[Bag]:
 
             yield Bag(topics, messages)
     except McapError as error:
-        raise InvalidFile(path, f"is no MCAP file that can be read ({error or type(error).__name__})") from None
+        what = f"is no MCAP file that can be read ({str(error) or 'it ends too early'})"
+        raise InvalidFile(path, f"{what}; `mcap recover` repairs a broken one") from None
 
 
 class _Decoder:
@@ -169,28 +198,27 @@ class _Decoder:
 
 
 def read_topics(path: Path, quantities: Sequence[Quantity]) -> dict[str, tuple[Array, Array]]:
-    """Return times (n,) [s] and numbers (n,) of each quantity by its name.
+    """Return times (n,) [s] and numbers (n,) of each quantity by its name; NaN of a message without the number.
 
-    Raises `InvalidFile` for an unknown topic, with the existing ones, and for a message without the number.
+    Raises `InvalidFile` for an unknown topic, with the existing ones, and for one that never has the number.
     """
     series = {q.name: (array("q"), array("d")) for q in quantities}
+    last: dict[str, object] = {}  # message of each topic
     with opened(path) as bag:
         for q in quantities:
             if q.topic not in bag.topics or not bag.topics[q.topic][1]:
                 what = "has no messages" if q.topic in bag.topics else "is not in it"
                 raise InvalidFile(path, f"topic {q.topic} {what}; topics: {described(bag)}")
         for topic, time, message in bag.messages([q.topic for q in quantities]):
+            last[topic] = message
             for q in quantities:
-                if q.topic != topic:
-                    continue
-                try:
-                    value = q.of(message)
-                except (LookupError, AttributeError, TypeError, ValueError):
-                    what = f"{q.name}: a message of {topic} has no number there; it has {_shape(message)}"
-                    raise InvalidFile(path, what) from None
-                times, values = series[q.name]
-                times.append(time)
-                values.append(value)
+                if q.topic == topic:
+                    times, values = series[q.name]
+                    times.append(time)
+                    values.append(q.of(message))
+    for q in quantities:
+        if np.isnan(series[q.name][1]).all():
+            raise InvalidFile(path, f"{q.name}: no message has a number there; {q.without(last[q.topic])}")
     begin = min(times[0] for times, _ in series.values())
     return {
         name: (np.asarray((np.frombuffer(times, np.int64) - begin) * _NANO), np.array(values, float))
@@ -206,6 +234,8 @@ def described(bag: Bag) -> str:
 
 
 def _shape(message: object) -> str:
+    if isinstance(message, np.ndarray | list):
+        return f"length {len(message)}"
     fields = message if isinstance(message, dict) else getattr(message, "__dict__", {})
     return ", ".join(name for name in fields if not name.startswith("__")) or "no fields"
 

@@ -1,18 +1,31 @@
 """Text of a file in any of the encodings that spreadsheets and loggers write."""
 
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
-from allocator.errors import InvalidFile
+from allocator.errors import InvalidFile, InvalidInput
 
 FilePath: TypeAlias = str | PathLike[str]
+P = TypeVar("P", bound=FilePath)
 
 _LOOKED_AT = 4096  # bytes inspected to recognise UTF-16
 _PACKED = (b"PK\x03\x04", b"\x1f\x8b")  # first bytes of zip archives (.xlsx) and gzip files
 _LEAST = 4  # least number of characters to recognise it
 _HALF = 0.4  # share of zeros among every second byte, above which it is UTF-16 without a mark
+
+
+def short(paths: Sequence[P]) -> dict[str, P]:
+    """Return the files by their names, or by their whole paths if two of them have the same name.
+
+    Raises `InvalidInput` for a file that is given twice.
+    """
+    if len({Path(path).absolute() for path in paths}) < len(paths):
+        raise InvalidInput(f"a file is given twice: {', '.join(map(str, paths))}")
+    names = [Path(path).name for path in paths]
+    return dict(zip(names if len(set(names)) == len(names) else map(str, paths), paths, strict=True))
 
 
 def read_text(path: FilePath) -> str:

@@ -2,6 +2,7 @@
 
 from allocator.identification.arm.episodes import Episode, Windows
 from allocator.identification.arm.fit import ArmFit, assign_muscles, fit_arm
+from allocator.identification.arm.reading import ArmLog, read_arm_log
 from allocator.identification.joint.fit import compare_joint_models, fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.plotting import plot_joint_fit
@@ -22,6 +23,7 @@ from allocator.identification.trapped_gas import GasFit, fit_gas
 __all__ = [
     "DATASETS",
     "ArmFit",
+    "ArmLog",
     "Dataset",
     "Episode",
     "Fit",
@@ -46,6 +48,7 @@ __all__ = [
     "plot_isobars",
     "plot_joint_fit",
     "rank_models",
+    "read_arm_log",
     "read_joint_log",
     "read_motion_log",
     "read_samples",

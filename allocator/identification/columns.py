@@ -105,16 +105,21 @@ def read_columns(
     notes = table.notes
     if unused:
         notes = (*notes, f"columns not used: {', '.join(table.names[i] for i in unused)}")
-    measured = Measured(table, chosen, values, notes)
-    missing = np.asarray(np.isnan(np.stack(list(values.values()))).any(axis=0))
-    if missing.all():
-        raise InvalidFile(path, f"no row has a number in each of the columns {', '.join(chosen)}")
-    if missing.any():
-        note = f"rows without a number in every column were left out: {measured.lines(missing)}"
-        measured = measured.where(~missing, note)
+    measured = complete(Measured(table, chosen, values, notes))
     for kind in _PLAUSIBLE:
         _check_unit(measured, kind)
     return measured
+
+
+def complete(measured: Measured) -> Measured:
+    """Return the rows with a number in every column. Raises `InvalidFile` if there are none."""
+    missing = np.asarray(np.isnan(np.stack(list(measured.values.values()))).any(axis=0))
+    if missing.all():
+        columns = ", ".join(measured.columns)
+        raise InvalidFile(measured.table.path, f"no row has a number in each of the columns {columns}")
+    if not missing.any():
+        return measured
+    return measured.where(~missing, f"rows without a number in every column were left out: {measured.lines(missing)}")
 
 
 def _table(path: FilePath, skip_rows: int, topics: str | None) -> Table:

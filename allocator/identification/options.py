@@ -1,7 +1,6 @@
 """Options of the commands that read measured data, and their progress display."""
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 T = TypeVar("T")
-P = TypeVar("P", str, Path)
 
 SkipRows = Annotated[
     int, typer.Option("--skip-rows", min=0, help="number of lines to leave out at the beginning of the file")
@@ -36,17 +34,6 @@ def columns_option(example: str) -> OptionInfo:
         "sign, :bar(abs) subtracts the atmosphere, and ignore=NAME leaves a column out"
     )
     return option
-
-
-def short(paths: Sequence[P]) -> dict[str, P]:
-    """Return the files by their names, or by their whole paths if two of them have the same name.
-
-    Raises `InvalidInput` for a file that is given twice.
-    """
-    if len({Path(path).absolute() for path in paths}) < len(paths):
-        raise InvalidInput(f"a file is given twice: {', '.join(map(str, paths))}")
-    names = [Path(path).name for path in paths]
-    return dict(zip(names if len(set(names)) == len(names) else map(str, paths), paths, strict=True))
 
 
 def assigned(option: str, settings: Sequence[str], expected: str) -> dict[str, float]:

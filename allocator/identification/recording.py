@@ -1,27 +1,32 @@
-"""Rows of a log in time: order, unit of the time stamps, gaps, and spikes.
+"""Rows of a log in time: order, restarts of the clock, unit of the time stamps, gaps, and spikes.
 
 A spike is a run of at most three rows that lies on one side of the rows before and after, by far more than usual
 differences, while the rows around lie nearly on a parabola. A commanded pressure may jump and return; it is a spike
 only if it leaves the range of the others, or reads zero for less than 60 ms, which is rare.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
+from allocator.errors import InvalidFile
 from allocator.files.cells import listed
 from allocator.identification.columns import Measured
 from allocator.identification.headers import UNITS
 from allocator.units import BAR, DEG, MM
 
 GAP = 1.0  # [s] without a row, which ends a stretch of a log
+UNEVEN = 0.05  # standard deviation of the steps over their median, above which rows are resampled at even times
+MOST_ROWS = 15_000  # of longer logs every second, third … row is used
+_BETWEEN = 10.0  # [s] put between two recordings
 _PLAUSIBLE_STEP = (1e-4, 0.5)  # [s] between rows
 _LEAST_DURATION = 1.0  # [s]
-_PRESSURES = ("pressure1", "pressure2", "measured1", "measured2", "pressure")
+_LEAST_ROWS = 30  # of a recording after which the clock begins anew
+_PRESSURES = ("pressure", "measured")
 _LEAST = {"theta": 2 * DEG, "force": 20.0, "contraction": 0.02, "length": 6 * MM, "shortening": 6 * MM}  # of a spike
-_LONGEST = 3  # rows of a spike
+_LONGEST = 3  # rows of a spike, or of stamps that are late
 _USUAL = 5.0  # times the jump and return exceeded by 3 % of the rows
 _NEAR = 5  # rows, of which three must be without a jump
 _AROUND = 3.0  # times the scatter of the rows around about their parabola
@@ -34,26 +39,68 @@ _LONGEST_DROP_COMMANDED = 0.06  # [s] of a commanded one
 
 
 def in_time(measured: Measured) -> Measured:
-    """Return the log without repeated rows.
+    """Return the log in the order of time, without repeated rows.
 
-    Raises `InvalidFile`, with lines, for times that decrease or stand still, or are implausible in their unit.
+    Up to three rows in succession that are not later than an earlier row are left out. If the clock begins anew, the
+    rows from there on are a further stretch, as of another file. Raises `InvalidFile`, with lines, for other times that
+    decrease or stand still, and for times that are implausible in their unit.
     """
     measured = _once(measured)
     t = measured.values["time"]
     if t.size < 2:
         return measured
-    steps = np.diff(t)
+    begins, late = _recordings(t)
+    if begins is None:
+        raise _disordered(measured, np.diff(t))
+    if len(begins) > 1:
+        note = f"the clock begins anew in {_at(measured, np.array(begins[1:]))}: {len(begins)} recordings"
+        t = np.concatenate(in_succession(np.split(t, begins[1:])))
+        measured = measured._replace(values={**measured.values, "time": t}, notes=(*measured.notes, note))
+    if late.any():
+        measured = measured.where(
+            ~late, f"rows that are not later than an earlier one were left out: {measured.lines(late)}"
+        )
+    t = measured.values["time"]
+    _check_unit(measured, float(np.median(np.diff(t))), float(t[-1] - t[0]))
+    return measured
+
+
+def in_succession(times: Sequence[Array]) -> list[Array]:
+    """Return the times (n,) [s] of recordings, each counted on from the previous one after a gap."""
+    found: list[Array] = []
+    for t in times:
+        begin = float(found[-1].max()) + _BETWEEN if found else 0.0
+        found.append(t - t[0] + begin)
+    return found
+
+
+def _recordings(t: Array) -> tuple[list[int] | None, Mask]:
+    """Return the rows in which the clock begins, and the mask (n,) of rows not later than an earlier one since then.
+
+    The rows are None if the times are in no order, i.e. if a recording would have a few rows only.
+    """
+    begins, late = [0], np.zeros(t.size, bool)
+    while True:
+        since = t[begins[-1] :]
+        behind = np.concatenate([[False], since[1:] <= np.maximum.accumulate(since)[:-1]])
+        again = next((first for first, last in _runs(behind) if last - first > _LONGEST), since.size)
+        late[begins[-1] : begins[-1] + again] = behind[:again]
+        if again == since.size:
+            return begins, late
+        if again < _LEAST_ROWS:
+            return None, late
+        begins.append(begins[-1] + again)
+
+
+def _disordered(measured: Measured, steps: Array) -> InvalidFile:
+    """Return the error for times that are in no order, by the steps (n - 1,) [s] between them."""
     back, still = (np.flatnonzero(wrong) + 1 for wrong in (steps < 0, steps == 0))
     if back.size:
-        what = (
-            "the rows run backwards in time" if back.size > t.size / 2 else f"time goes back in {_at(measured, back)}"
-        )
-        raise measured.mistake("time", f"{what}: a log is in the order of time, and of one recording", int(back[0]))
-    if still.size:
-        what = f"time stands still in {_at(measured, still)}: the stamps are too coarse, or rows are there twice"
-        raise measured.mistake("time", f"{what}; record finer stamps", int(still[0]))
-    _check_unit(measured, float(np.median(steps)), float(t[-1] - t[0]))
-    return measured
+        reverse = back.size > steps.size / 2
+        what = "the rows run backwards in time" if reverse else f"time goes back in {_at(measured, back)}"
+        return measured.mistake("time", f"{what}: a log is in the order of time", int(back[0]))
+    what = f"time stands still in {_at(measured, still)}: the stamps are too coarse, or rows are there twice"
+    return measured.mistake("time", f"{what}; record finer stamps", int(still[0]))
 
 
 def is_raw(measured: Measured) -> bool:
@@ -101,22 +148,36 @@ def stretches(t: Array) -> list[slice]:
     return [slice(first, last) for first, last in zip([0, *ends[:-1]], ends, strict=True)]
 
 
+def evenly(t: Array) -> bool:
+    """Return whether times (n,) [s] are even enough for a filter with a constant step."""
+    steps = np.diff(t)
+    return bool(steps.std() <= UNEVEN * np.median(steps))
+
+
+def even_times(t: Array, step: float | None = None) -> Array:
+    """Return even times [s] from the first to the last of t (n,), with this step [s] or its median, or a longer one."""
+    if step is None:
+        step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / MOST_ROWS)
+    return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
+
+
 def long_stretches(measured: Measured, least: float) -> Measured:
     """Return the parts of a log without a gap of more than 1 s that last `least` [s] or more.
 
-    A note lists the gaps and the rows left out; the longest part is always kept.
+    If no part is twice as long, those that last half as long as the longest are kept. A note lists the gaps and the
+    rows left out.
     """
     t, lines = measured.values["time"], measured.table.lines
     parts = stretches(t)
     if len(parts) == 1:
         return measured
     durations = [float(t[part.stop - 1] - t[part.start]) for part in parts]
-    kept = [part for part, lasts in zip(parts, durations, strict=True) if lasts >= min(least, max(durations))]
+    kept = [part for part, lasts in zip(parts, durations, strict=True) if lasts >= min(least, max(durations) / 2)]
     keep = np.zeros(t.size, bool)
     for part in kept:
         keep[part] = True
     note = f"the log has gaps of more than {GAP:g} s before {listed([lines[part.start] for part in parts[1:]])}"
-    note += f": {len(kept)} stretches are used" if len(kept) > 1 else f": only one stretch lasts {least:g} s"
+    note += f": {len(kept)} stretches are used" if len(kept) > 1 else ": one stretch is used"
     left = int(t.size - keep.sum())
     note += f"; {left} rows in shorter ones were left out" if left else ""
     return measured.where(keep, note) if left else measured._replace(notes=(*measured.notes, note))
@@ -124,13 +185,22 @@ def long_stretches(measured: Measured, least: float) -> Measured:
 
 def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, list[int]]:
     """Return the rows of spikes by column with any; those of pressures [Pa] include drop-outs."""
-    masks = {q: pressure_spikes(t, a) if q in _PRESSURES else _jumps(t, a, _LEAST[q]) for q, a in columns.items()}
+    kinds = {q: _kind(q) for q in columns}
+    masks = {
+        q: pressure_spikes(t, a) if kinds[q] in _PRESSURES else _jumps(t, a, _LEAST[kinds[q]])
+        for q, a in columns.items()
+    }
     return {quantity: np.flatnonzero(mask).tolist() for quantity, mask in masks.items() if mask.any()}
 
 
 def _spikes(measured: Measured) -> dict[str, list[int]]:
-    columns = {q: a for q, a in measured.values.items() if q in _PRESSURES or q in _LEAST}
+    columns = {q: a for q, a in measured.values.items() if _kind(q) in _PRESSURES or _kind(q) in _LEAST}
     return spikes_of(measured.values["time"], columns)
+
+
+def _kind(quantity: str) -> str:
+    """Return the quantity without its number."""
+    return quantity.rstrip("0123456789")
 
 
 def _once(measured: Measured) -> Measured:

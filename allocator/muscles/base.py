@@ -12,7 +12,7 @@ from which the uniqueness of the inverse follows (see `allocator.closed_form`).
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from os import PathLike
 from typing import ClassVar, Self, TypeAlias
 
@@ -236,12 +236,14 @@ class Muscle(ABC):
     # --- its parameters ---------------------------------------------------------------------------------------------
 
     @classmethod
-    def number_fields(cls) -> dict[str, bool]:
+    @cache
+    def number_fields(cls) -> Mapping[str, bool]:
         """Return every field that holds numbers of the law, and whether it is a row of them."""
         return {f.name: f.type not in (float, "float") for f in fields(cls) if f.metadata.get("role") != "other"}
 
     @classmethod
-    def parameter_fields(cls) -> dict[str, bool]:
+    @cache
+    def parameter_fields(cls) -> Mapping[str, bool]:
         """Return those number fields that are parameters."""
         structure = {f.name for f in fields(cls) if f.metadata.get("role") == "structure"}
         return {name: is_row for name, is_row in cls.number_fields().items() if name not in structure}
@@ -268,7 +270,7 @@ class Muscle(ABC):
     def unchecked(self, values: Sequence[Value]) -> Self:
         """Return a copy with other values of all parameters, unchecked: complex (derivatives) or CasADi symbols."""
         copy = object.__new__(type(self))
-        unchanged = {f.name: getattr(self, f.name) for f in fields(self)}
+        unchanged = {name: getattr(self, name) for name in _names(type(self))}
         for name, value in (unchanged | self._grouped(values) | {"covariance": None}).items():
             object.__setattr__(copy, name, value)
         object.__setattr__(copy, "edges", self.edges)  # numbers, whatever the parameters are
@@ -304,6 +306,12 @@ class Muscle(ABC):
         from allocator.muscles import storage
 
         return storage.load(cls, path)
+
+
+@cache
+def _names(model: type[Muscle]) -> tuple[str, ...]:
+    """Return the names of all fields."""
+    return tuple(f.name for f in fields(model))
 
 
 SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure

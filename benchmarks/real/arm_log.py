@@ -3,6 +3,7 @@
 import csv
 import gzip
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from allocator.errors import InvalidFile
 from allocator.identification.arm.episodes import Episode, Windows
+from allocator.identification.arm.reading import read_arm_log
 
 SAMPLE = Path(__file__).parent / "data" / "mpi_arm.csv.gz"
 HORIZON = 40  # samples of a free run
@@ -18,6 +20,7 @@ LAGS = 3  # rows of the past that models of one step may use
 _FIRST, _EVERY = 8, 10  # rows at which the free runs of an episode begin
 _STEP = 0.0104  # [s]
 _SPEED = 10.0  # [rad/s], unit of the sample's speeds
+_LEAST_FILES = 10
 _STALE = 1  # first rows, which are readings of before
 
 
@@ -34,32 +37,15 @@ def mpi_arm(path: Path = SAMPLE) -> list[Episode]:
 
 
 def folder(path: Path) -> list[Episode]:
-    """Return the episodes of a folder of CSV files, one an episode, in the order of their names.
+    """Return the episodes of a folder of CSV files, one an episode, in the order of their names, see `read_arm_log`.
 
-    Columns: `time_s`; `q1_rad` or `q1_deg` …; as many pairs of pressures `p1`, `p2` … in any unit; speeds `v1_rad_s` …
-    are optional. Raises `InvalidFile` for a folder without files and for files without these columns.
+    Raises `InvalidFile` for a folder without enough files and for files that are no logs of an arm.
     """
     files = sorted(path.glob("*.csv"))
-    if not files:
-        raise InvalidFile(path, "no *.csv in this folder: one file an episode, columns time_s, q1_rad …, p1, p2 …")
-    return [part for file in files for part in _episode(file)]
-
-
-def _episode(path: Path) -> tuple[Episode, ...]:
-    with path.open(encoding="utf-8") as file:
-        header, *rows = csv.reader(line for line in file if not line.startswith("#"))
-    columns = dict(zip((name.strip() for name in header), np.array(rows, float).T, strict=True))
-    joints = [i for i in range(1, len(header)) if f"q{i}_rad" in columns or f"q{i}_deg" in columns]
-    wanted = [f"p{i}" for i in range(1, 2 * len(joints) + 1)]
-    missing = [name for name in ("time_s", *wanted) if name not in columns]
-    if missing or not joints:
-        raise InvalidFile(path, f"columns {', '.join(missing or ['q1_rad'])} expected, found {', '.join(columns)}")
-    q = [columns[f"q{i}_rad"] if f"q{i}_rad" in columns else np.radians(columns[f"q{i}_deg"]) for i in joints]
-    speeds = [columns[f"v{i}_rad_s"] for i in joints if f"v{i}_rad_s" in columns]
-    step = float(np.median(np.diff(columns["time_s"])))
-    pressures = np.stack([columns[name] for name in wanted], axis=1)
-    v = np.stack(speeds, axis=1) if len(speeds) == len(joints) else None
-    return Episode.checked(np.stack(q, axis=1), pressures, step, v=v, name=path.stem)
+    if len(files) < _LEAST_FILES:
+        what = f"{len(files)} *.csv in this folder, {_LEAST_FILES} or more are needed"
+        raise InvalidFile(path, f"{what}: one an episode, columns time [s], q1 [deg] …, p1, p2 …")
+    return [replace(part, name=file.stem) for file in files for part in read_arm_log(file).episodes]
 
 
 def splits(episodes: Sequence[Episode]) -> dict[str, NDArray[np.bool_]]:

@@ -16,6 +16,7 @@ class Score(NamedTuple):
 
     rms: float
     rms_interval: tuple[float, float]
+    median: float  # over episodes, of the RMS errors of each
     nrmse: float  # RMS over the standard deviation of what was measured
     coverage: float  # share of the measurements within the stated 95 % bands; NaN without bands
     sharpness: float  # mean half width of the bands
@@ -29,7 +30,8 @@ class Score(NamedTuple):
         rms = float(np.sqrt(mean_square.mean()))
         wide = np.nan if half is None else float(np.mean(half))
         interval = bootstrap(mean_square, episode, lambda squares: float(np.sqrt(squares.mean())))
-        return cls(rms, interval, rms / float(np.std(measured)), inside, wide)
+        each = [np.sqrt(mean_square[episode == one].mean()) for one in np.unique(episode)]
+        return cls(rms, interval, float(np.median(each)), rms / float(np.std(measured)), inside, wide)
 
 
 def best_in_bold(rows: Sequence[tuple[str, Sequence[str]]], errors: Sequence[Sequence[float]]) -> list[str]:

@@ -1,9 +1,9 @@
 """Exported C against Python: time of a step and of an allocation, worst case, code and memory on a Cortex-M4F.
 
-    python -m benchmarks.speed.exported [--steps 1000] [--horizon 10 --horizon 20] [--out benchmarks/results]
+    python -m benchmarks.speed.exported [--machine arm26] [--steps 1000] [--horizon 10] [--out benchmarks/results]
 
-The test set is a closed loop on the benchmark's real plant with faults; C must give Python's commands on it before
-anything is timed. Needs gcc; without arm-none-eabi-gcc and qemu-system-arm their figures are missing, and the report
+The test set is a closed loop on a joint, or an arm, with faults; C must give Python's commands on it before anything is
+timed. Needs gcc; without arm-none-eabi-gcc and qemu-system-arm their figures are missing, and the report
 notes it.
 """
 
@@ -11,7 +11,7 @@ import argparse
 import csv
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,11 +22,15 @@ import numpy as np
 
 from allocator import allocate
 from allocator.calculus import Array
-from allocator.units import BAR
-from benchmarks.allocators.machine import machine
-from mpc import KalmanObserver, RealPlant, TrackingMPC, Weights, sine
+from allocator.units import BAR, DEG
+from mpc import Arm, Compensation, KalmanObserver, RealPlant, TrackingMPC, Weights, sine
 from mpc.export import export
 from mpc.model.faults import FrozenSensors, SilentSensors, StuckValve, SupplyDrop
+from mpc.model.friction.dahl import Friction
+from mpc.model.machine import Machine
+from mpc.model.real_arm import RealArm
+from mpc.observer.filter import CALM_NOISE
+from mpc.trials.motions.arm_trajectories import circle
 from tests.rigs import toolchain as tools
 from tests.rigs.replay import CONTROL, Record, record, replayed
 
@@ -34,7 +38,7 @@ RESULTS = Path(__file__).parents[1] / "results"
 _TIMES = Path(__file__).with_name("exported_times.c")
 _HORIZONS, _PRECISIONS = (10, 20), ("double", "single")
 _AGREE = {"double": 1e-8, "single": 1e-3}  # of the supply
-_ON_M4F = 100  # steps
+_ON_CHIPS = 100  # steps
 
 
 class Row(NamedTuple):
@@ -47,11 +51,13 @@ class Row(NamedTuple):
     c_step_worst: float
     python_allocation: float
     c_allocation: float
-    qp_iterations_worst: int
+    qp_exchanges_worst: int
     m4f_instructions: float  # of a step, median
     m4f_instructions_worst: float
     m4f_code: int
     m4f_memory: int
+    m7_instructions: float
+    m7_instructions_worst: float
     m4f_allocator_code: int
 
 
@@ -59,7 +65,22 @@ class Disagreement(Exception):
     """C and Python gave different commands."""
 
 
-def loop(horizon: int, steps: int) -> tuple[TrackingMPC, KalmanObserver, Record]:
+def loop(horizon: int, steps: int, machine: str = "") -> tuple[TrackingMPC, KalmanObserver, Record]:
+    return _arm_loop(Arm.machine(machine), horizon, steps) if machine else _joint_loop(horizon, steps)
+
+
+def _arm_loop(arm: Arm, horizon: int, steps: int) -> tuple[TrackingMPC, KalmanObserver, Record]:
+    sizes = {"joints": arm.n, "muscles": arm.m}
+    faults = SilentSensors(1.0, 1.4, (0,), **sizes), FrozenSensors(2.0, 2.4, (2 * arm.n,), **sizes)
+    known = Compensation(Friction.of_width(arm, 2 * DEG), dead_time=0.02, dead_band=0.05 * BAR)
+    process = RealArm.of(arm, known, encoder=0.02 * DEG, pressure_noise=0.02 * BAR, faults=faults)
+    controller = TrackingMPC(arm, N=horizon, compensation=known, weights=Weights.calm())
+    observer = KalmanObserver(arm, controller.dt, CALM_NOISE, known)
+    asked = circle(arm, turns=0.5 * controller.dt * steps)
+    return controller, observer, record(process, controller, observer, asked)
+
+
+def _joint_loop(horizon: int, steps: int) -> tuple[TrackingMPC, KalmanObserver, Record]:
     faults = SilentSensors(1.0, 1.4, (0,)), FrozenSensors(2.0, 2.4, (2,)), StuckValve(4.0, 4.5, 1), SupplyDrop(6.0, 6.3)
     process = replace(RealPlant.standard(torque_profile=((3.0, 1.0),)), faults=faults)
     known = process.known()
@@ -69,50 +90,63 @@ def loop(horizon: int, steps: int) -> tuple[TrackingMPC, KalmanObserver, Record]
     return controller, observer, record(process, controller, observer, reference)
 
 
-def measure(steps: int, horizons: Sequence[int]) -> Iterator[Row]:
+def measure(steps: int, horizons: Sequence[int], machine: str = "") -> Iterator[Row]:
     """Yield a row for every horizon and precision."""
     for horizon in horizons:
-        controller, observer, done = loop(horizon, steps)
+        controller, observer, done = loop(horizon, steps, machine)
         for precision in _PRECISIONS:
             with TemporaryDirectory() as folder:
                 made = export(Path(folder) / "c", controller=controller, observer=observer, precision=precision)
-                _check(made, done, precision)
+                _check(made, done, precision, controller.plant.m)
                 times = _times(tools.compiled(made, _TIMES, "times"), done.samples)
-                m4f = _m4f(made, done.samples)
-                joint = controller.plant.joint
                 yield Row(
                     horizon,
                     precision,
                     float(np.median(done.seconds)),
                     *(float(f(times[:, 0])) for f in (np.median, np.max)),
-                    _median_time(lambda: allocate(0.3, 5.5, 0.05, joint=joint)),  # noqa: B023  # called at once
+                    _median_time(_allocation(controller.plant)),
                     float(np.median(times[:, 1])),
                     int(times[:, 2].max()),
-                    *m4f,
+                    *_on_chips(made, done.samples),
                 )
 
 
-def _check(made: Path, done: Record, precision: str) -> None:
-    got = replayed(tools.compiled(made, CONTROL, "replay"), done.samples)
-    if not (error := np.abs(got - done.answers)[:, :2].max() / (5 * BAR)) < _AGREE[precision]:
+def _check(made: Path, done: Record, precision: str, muscles: int) -> None:
+    got = replayed(tools.compiled(made, CONTROL, "replay"), done.samples, done.answers.shape[1])
+    if not (error := np.abs(got - done.answers)[:, :muscles].max() / (5 * BAR)) < _AGREE[precision]:
         raise Disagreement(f"C in {precision} precision is off by {error:.1e} of the supply")
 
 
 def _times(program: Path, samples: Array, runner: tools.Runner = tools.run) -> Array:
-    return replayed(program, samples, ("step", "allocation", "iterations"), runner)
+    return replayed(program, samples, ("step", "allocation", "exchanges"), runner)
 
 
-def _m4f(made: Path, samples: Array) -> tuple[float, float, int, int, int]:
-    """Return instructions of a step (median, worst), code, memory, code of the allocator alone."""
+def _on_chips(made: Path, samples: Array) -> tuple[float, ...]:
+    """Return the last fields of a `Row`."""
     if not shutil.which(tools.ARM_GCC):
-        return np.nan, np.nan, 0, 0, 0
+        return np.nan, np.nan, 0, 0, 0, np.nan, np.nan
     sizes, whole = tools.sizes(made), tools.linked_size(made)
-    alone = sum(sizes[name].code for name in ("allocate.c", "exact.c", "kernel.c"))
+    alone = sum(size.code for name, size in sizes.items() if name in ("allocate.c", "exact.c", "kernel.c"))
     if not shutil.which(tools.QEMU):
-        return np.nan, np.nan, *whole, alone
-    program = tools.compiled_for_cortex_m4f(made, _TIMES, "times.elf")
-    counted = _times(program, samples[:_ON_M4F], partial(tools.run_on_cortex_m4f, options=("-icount", "shift=0")))
-    return float(np.median(counted[:, 0])), float(counted[:, 0].max()), *whole, alone
+        return np.nan, np.nan, *whole, alone, np.nan, np.nan
+    return *_counted(made, samples, tools.M4F), *whole, alone, *_counted(made, samples, tools.M7)
+
+
+def _counted(made: Path, samples: Array, core: tools.Core) -> tuple[float, float]:
+    """Return instructions of a step, median and worst."""
+    program = tools.compiled_for_cortex(made, _TIMES, "times.elf", core)
+    runner = partial(tools.run_on_cortex, options=("-icount", "shift=0"), core=core)
+    counted = _times(program, samples[:_ON_CHIPS], runner)[:, 0]
+    return float(np.median(counted)), float(counted.max())
+
+
+def _allocation(plant: Machine) -> Callable[[], object]:
+    """Return an allocation in Python to time."""
+    if not isinstance(plant, Arm):
+        return partial(allocate, 0.3, 5.5, 0.05, joint=plant.joint)
+    q, P = plant.middle, np.full(plant.m, 2 * BAR)
+    K, T = plant.mechanism.stiffness(q, P), plant.mechanism.torque(q, P)
+    return partial(allocate, q, K, T, joint=plant.mechanism)
 
 
 def _median_time(work, rounds: int = 7, repeats: int = 50) -> float:
@@ -126,30 +160,33 @@ def _median_time(work, rounds: int = 7, repeats: int = 50) -> float:
     return float(np.median([once() for _ in range(rounds)]))
 
 
-def report(rows: Sequence[Row], steps: int) -> str:
+def report(rows: Sequence[Row], steps: int, machine: str = "") -> str:
+    command = "python -m benchmarks.speed.exported" + f" --machine {machine}" * bool(machine)
+    process = f"a simulated {machine} with friction" if machine else "the real plant"
     lines = [
         "# Exported C against Python\n",
-        "Written by `python -m benchmarks.speed.exported`; the figures are also in `exported.csv`.\n",
-        f"A closed loop of {steps} samples on the real plant with faults and an observer; C gave Python's commands to",
+        f"Written by `{command}`; the figures are also in the CSV file beside it.\n",
+        f"A closed loop of {steps} samples on {process} with faults and an observer; C gave Python's commands to",
         f"{_AGREE['double']:g} (double) and {_AGREE['single']:g} (single) of the supply before anything was timed.",
         "Processor time of this machine; a step includes observer, feed-forward and QP.\n",
-        "| N | precision | Python step | C step | worst | times faster | Python `allocate` | C | most QP iterations |",
+        "| N | precision | Python step | C step | worst | times faster | Python `allocate` | C | most QP exchanges |",
         "|--:|---|--:|--:|--:|--:|--:|--:|--:|",
     ]
     lines += [
         f"| {r.horizon} | {r.precision} | {r.python_step * 1e3:.2f} ms | {r.c_step * 1e6:.0f} µs "
         f"| {r.c_step_worst * 1e6:.0f} µs | {r.python_step / r.c_step:.0f} | {r.python_allocation * 1e6:.0f} µs "
-        f"| {r.c_allocation * 1e9:.0f} ns | {r.qp_iterations_worst} |"
+        f"| {r.c_allocation * 1e9:.0f} ns | {r.qp_exchanges_worst} |"
         for r in rows
     ]
     lines += [
         "\nOn a Cortex-M4F (`arm-none-eabi-gcc -Os`, FPU for single precision); all with newlib-nano; memory",
-        f"with reference and plan; instructions as QEMU's mps2-an386 counts them over {_ON_M4F} steps:\n",
-        "| N | precision | instructions a step | worst | code, whole | static memory | code of the allocator |",
-        "|--:|---|--:|--:|--:|--:|--:|",
+        f"with reference and plan; instructions as QEMU's mps2-an386 (M7: an500) counts them over {_ON_CHIPS} steps:\n",
+        "| N | precision | instructions a step | worst | on an M7 | worst | code | static memory | of the allocator |",
+        "|--:|---|--:|--:|--:|--:|--:|--:|--:|",
     ]
     lines += [
         f"| {r.horizon} | {r.precision} | {_million(r.m4f_instructions)} | {_million(r.m4f_instructions_worst)} "
+        f"| {_million(r.m7_instructions)} | {_million(r.m7_instructions_worst)} "
         f"| {_kib(r.m4f_code)} | {_kib(r.m4f_memory)} | {_kib(r.m4f_allocator_code)} |"
         for r in rows
     ]
@@ -161,7 +198,7 @@ LIMITATIONS = (
     "Times are those of one, shared, virtual machine; the worst case of a test set is no bound. The bounds of all "
     "loops are in the README of the exported files.",
     "QEMU counts instructions, not cycles: flash wait states and multi-cycle instructions come on top.",
-    "In double precision the Cortex-M4F computes in software.",
+    "In double precision the Cortex-M4F computes in software; the M7 has an FPU for it.",
 )
 
 
@@ -175,17 +212,19 @@ def _kib(size: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.speed.exported", description=__doc__)
+    parser.add_argument("--machine", default="", help="a ready-made arm; by default a joint")
     parser.add_argument("--steps", type=int, default=1000, help="samples of the closed loop")
     parser.add_argument("--horizon", type=int, action="append", help="samples; may be repeated")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of exported.md and exported.csv")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the report and its CSV file")
     arguments = parser.parse_args()
     rows = []
-    for row in measure(arguments.steps, arguments.horizon or _HORIZONS):
+    for row in measure(arguments.steps, arguments.horizon or _HORIZONS, arguments.machine):
         rows.append(row)
         print(row, flush=True)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "exported.md").write_text(report(rows, arguments.steps), encoding="utf-8")
-    with (arguments.out / "exported.csv").open("w", newline="", encoding="utf-8") as file:
+    name = "exported" + f"_{arguments.machine}" * bool(arguments.machine)
+    (arguments.out / f"{name}.md").write_text(report(rows, arguments.steps, arguments.machine), encoding="utf-8")
+    with (arguments.out / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([Row._fields, *rows])
 
 

@@ -3,7 +3,8 @@
  * nanosecond (-icount shift=0), by the SysTick timer of 25 MHz. */
 #include <stdio.h>
 
-#include "antagonist.h"
+#include "../../tests/rigs/c/replay/samples.h"
+#include "control.h"
 
 #ifdef __arm__
 #include <stdint.h>
@@ -26,14 +27,14 @@ static double took(void) { return (double)(clock() - began) / CLOCKS_PER_SEC; }
 #endif
 
 static ant_controller controller, copies[REPEATS];
-static double in[4 + 2 * (ANT_AHEAD + 1)];
-static ant_reference reference;
+static double in[ANT_SAMPLE];
+static ant_sample sample;
 static ant_plan plan;
 
-static double time_of_step(const ant_reading *reading) {
+static double time_of_step(void) {
     for (int i = 0; i < REPEATS; i++) copies[i] = controller;
     start();
-    for (int i = 0; i < REPEATS; i++) ant_step(&copies[i], reading, &reference, &plan);
+    for (int i = 0; i < REPEATS; i++) ant_step(&copies[i], &sample.reading, &sample.reference, &plan);
     const double seconds = took() / REPEATS;
     controller = copies[0];
     return seconds;
@@ -41,10 +42,13 @@ static double time_of_step(const ant_reading *reading) {
 
 static double time_of_allocation(void) {
     volatile ant_real sum = 0;
+    static ant_memory memory;
     start();
     for (int i = 0; i < ALLOCATIONS; i++) {
-        const ant_target target = ant_target_of(plan.x[1][0], reference.K[0], (ant_real)0.01 * (ant_real)(i % 10));
-        sum += ant_allocate(&target).P1;
+        const ant_real T[ANT_JOINTS] = {(ant_real)0.01 * (ant_real)(i % 10)};
+        ant_real P[ANT_MUSCLES], left[ANT_JOINTS], K[ANT_STIFFNESSES];
+        ant_held(plan.x[1], sample.reference.K[0], T, 0, &memory, P, left, K);
+        sum += P[0];
     }
     return took() / ALLOCATIONS;
 }
@@ -54,14 +58,10 @@ int main(int argc, char **argv) {
     if (from == NULL || to == NULL) return 1;
     ant_reset(&controller);
     while (fread(in, sizeof in, 1, from) == 1) {
-        const ant_reading reading = {(ant_real)in[0], (ant_real)in[1], (ant_real)in[2]};
-        for (int k = 0; k <= ANT_AHEAD; k++) {
-            reference.theta[k] = (ant_real)in[4 + k];
-            reference.K[k] = (ant_real)in[4 + ANT_AHEAD + 1 + k];
-        }
-        controller.iteration_limit = in[3] != 0 ? 0 : ANT_QP_ITERATIONS;
-        const double step = time_of_step(&reading);
-        const double out[3] = {step, time_of_allocation(), plan.iterations};
+        ant_sample_of(in, &sample);
+        controller.exchange_limit = sample.fails ? 0 : ANT_EXCHANGES;
+        const double step = time_of_step();
+        const double out[3] = {step, time_of_allocation(), plan.exchanges};
         if (fwrite(out, sizeof out, 1, to) != 1) return 2;
     }
     return fclose(from) || fclose(to);

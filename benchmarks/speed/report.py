@@ -81,7 +81,7 @@ LIMITATIONS = (
     "are the faster of consecutive runs. A BLASFEO for this processor is used if `$ACADOS_SOURCE_DIR` has one; the "
     "rest of HPIPM and acados is a generic build, while numba compiles for this processor.",
     "MPC: up to N = 40 the QP's solution takes less than the rest of a step: checks, reference, linear model, "
-    "prediction. In the slowest steps the sweeps leave the QP to the interior point.",
+    "prediction. The slowest steps exchange many active limits.",
     "MPC: under Control only the controller's step is timed, without the observer; under Sample both, on another "
     "plant than IPOPT's. cvxpy is timed without the formulation of the QP.",
 )

@@ -3,8 +3,8 @@
     python -m benchmarks.speed.worst_cases [--number 100000] [--horizon 20]
 
 Every fourth QP is a slight variation of one of the worst so far. Recorded for the structured solver are whether it
-proves its solution, the iterations of its interior point, and the time. One in a hundred is also solved by DAQP, and
-the commands are compared, as is every QP without a proof.
+proves its solution, its exchanges of active limits, and the time. One in a hundred is also solved by DAQP, and the
+commands are compared, as is every QP without a proof.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc import PlanStatus, Plant, TrackingMPC, Weights
-from mpc.tracking.compiled.structured_qp.interior import MOST
+from mpc.tracking.compiled.structured_qp.solve import MOST
 from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import solver
@@ -44,7 +44,7 @@ class Situation(NamedTuple):
 class Hunt:
     """Results of the search."""
 
-    iterations: list[int] = field(default_factory=list)
+    exchanges: list[int] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     unproved: int = 0  # by the structured solver
     unsolved: int = 0  # nor by DAQP
@@ -112,8 +112,8 @@ def hunted(number: int, N: int, seed: int = 0) -> Iterator[Hunt]:
         began = thread_time()
         proved = structured.solved()
         found.seconds.append(thread_time() - began)
-        found.iterations.append(structured.iterations)
-        found.worst = sorted([*found.worst, (structured.iterations, s)], key=lambda one: -one[0])[:KEPT]
+        found.exchanges.append(structured.exchanges)
+        found.worst = sorted([*found.worst, (structured.exchanges, s)], key=lambda one: -one[0])[:KEPT]
         if not proved or n % CHECKED == 0:
             compare(mpc, given, proved, found)
         if (n + 1) % max(number // 10, 1) == 0:
@@ -133,11 +133,11 @@ def compare(mpc: TrackingMPC, given: tuple[Any, ...], proved: bool, found: Hunt)
 
 def said(found: Hunt, N: int) -> str:
     """Return the results in one line."""
-    iterations, micro = np.array(found.iterations), 1e6 * np.array(found.seconds)
+    exchanges, micro = np.array(found.exchanges), 1e6 * np.array(found.seconds)
     p50, p99, p9999 = np.quantile(micro, (0.5, 0.99, 0.9999))
     return (
-        f"N = {N}, {iterations.size} QPs: interior point in {np.mean(iterations > 0):.0%}, iterations at most "
-        f"{iterations.max()} (bound {MOST}), 99 % {np.quantile(iterations, 0.99):.0f}; time {p50:.0f} µs "
+        f"N = {N}, {exchanges.size} QPs: exchanges {np.median(exchanges):.0f} median, "
+        f"{np.quantile(exchanges, 0.99):.0f} 99 %, {exchanges.max()} at most (bound {2 * N * MOST}); time {p50:.0f} µs "
         f"median, {p99:.0f} µs 99 %, {p9999:.0f} µs 99.99 %, {micro.max():.0f} µs at most; without a proof of its own "
         f"{found.unproved}, of those without DAQP's {found.unsolved}; from DAQP at most {max(found.apart):.1e} bar"
     )

@@ -10,7 +10,7 @@ import typer
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import within
 from allocator.shell.printing import say
-from allocator.units import BAR, DEG, MM
+from allocator.units import BAR, DEG
 from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ _NOMINAL, _REAL = "nominal", "real"
 _SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a real plant
 _JOINTS, _HAND = _TRACKED = "joints", "hand"
 _MPC, _CIRCLE = "mpc", "circle"
-_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults for a model's muscles
 _OFF = 0.05  # [-] error of the muscles' forces, on a real plant
 
 
@@ -203,19 +202,9 @@ def _with_bodies(options: "PlantOptions", more: ArmOptions) -> "tuple[Any, Arm, 
 def _from_mujoco(
     options: "PlantOptions", more: ArmOptions
 ) -> "tuple[Any, Arm, Endpoint | None, list[str], dict[str, Any]]":
-    """Read the arm of a MuJoCo model. Raises `InvalidFile`, `InvalidInput`, `MissingBackend` and `MissingPackage`."""
-    from allocator.muscles.catalogue import named_muscle
-    from mpc.model.arm.model import Arm
-    from mpc.model.arm.reading import read_arm
-
-    names, eps, lengths = options.muscle or [_MUSCLE], options.contractions, options.rest_lengths
-    muscles = [replace(named_muscle(name), **options.volumes) for name in names]
-    if lengths is not None:
-        lengths, eps = [length * MM for length in lengths], eps or [_CONTRACTION]
-    supply = {} if options.supply is None else {"pressure_limits": (0.0, options.supply * BAR)}
-    one = muscles[0] if len(muscles) == 1 else muscles
-    read = read_arm(str(options.machine), one, _one_or_all(lengths), None, _one_or_all(eps), hand=more.hand, **supply)
-    notes = [f"muscles: {', '.join(names)}"]
+    """Read the arm of a MuJoCo model. Raises the errors of `PlantOptions.mujoco`."""
+    read = options.mujoco(more.hand)
+    notes = [f"muscles: {', '.join(options.mujoco_muscles)}"]
     if read.hand is not None:
         coordinates = getattr(read.hand.kinematics, "axes", "")
         notes.append(f"hand: {read.hand_name} ({', '.join(coordinates)})")
@@ -224,11 +213,7 @@ def _from_mujoco(
     if read.left_out:
         notes.append(f"not in the controller's model: {read.left_out}")
     rest = {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
-    return read.model, options.driven(Arm(read.mechanism, read.bodies)), read.hand, notes, rest
-
-
-def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
-    return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
+    return read.model, options.mujoco_arm(read), read.hand, notes, rest
 
 
 def _known(options: "PlantOptions") -> "Compensation":

@@ -4,11 +4,9 @@
     export("joint_in_c", controller=TrackingMPC(plant, N=10), precision="single")
 
 The code needs only math.h and no heap, and every loop is bounded. The C files of this package (in `c/`) are copied
-unchanged. The others are generated: tables of constants, the model from CasADi's graph, and the allocation kernel and
-the QP solver from the source that Python runs. The solver consists of Riccati sweeps, an active-set method and an
-interior-point method on the same recursions. Single precision has too few digits for the latter; the core of DAQP
-replaces it, which is exact after finitely many iterations and reports failure. In double precision an iteration of the
-interior-point method would take millions of instructions on a processor with a single-precision FPU.
+unchanged. The others are generated: tables of constants, the model from CasADi's graph, and the allocation kernel, the
+rest mode and the QP solver from the source that Python runs. The solver consists of Riccati sweeps and a dual
+active-set method on the same recursions.
 """
 
 from typing import TYPE_CHECKING

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import sys
 import tempfile
 from os import PathLike
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 from allocator.errors import AntagonistError, InvalidInput, MissingBackend
 from mpc.export.parts import Files
 
-_LONGEST = 300.0  # [s] of compiling
+_LONGEST = 1800.0  # [s] of compiling; Zig builds the C library of a new target first
 
 
 def write(files: Files, out: str | PathLike[str]) -> Path:
@@ -43,17 +44,24 @@ def check(directory: Path) -> None:
 COMPILERS = ("cc", "gcc", "clang")
 
 
-def compiler() -> str:
-    """Return the path of a C compiler. Raises `MissingBackend` if there is none."""
+def compiler(target: str | None = None) -> list[str]:
+    """Return the command of a C compiler, by default this machine's; for a `target` of Zig's, the package ziglang.
+
+    Raises `MissingBackend` if there is none, and `MissingPackage`.
+    """
+    if target is not None:
+        import ziglang  # noqa: F401, refused with the command that installs it
+
+        return [sys.executable, "-m", "ziglang", "cc", "-target", target]
     found = next(filter(None, map(shutil.which, COMPILERS)), None)
     if found is None:
         raise MissingBackend("C compiler", "cc", [*COMPILERS, "after apt install gcc"])
-    return found
+    return [found]
 
 
-def compile_c(what: str, directory: Path, *arguments: str) -> None:
-    """Compile C in `directory`. Raises `AntagonistError`, and `MissingBackend` without a compiler."""
-    command = [compiler(), "-std=c99", *arguments]
+def compile_c(what: str, directory: Path, *arguments: str, target: str | None = None) -> None:
+    """Compile C in `directory`, for this machine or a `target`. Raises `AntagonistError` and those of `compiler`."""
+    command = [*compiler(target), "-std=c99", *arguments]
     done = subprocess.run(command, cwd=directory, capture_output=True, text=True, timeout=_LONGEST)
     if done.returncode:
         raise AntagonistError(f"{what} cannot be compiled: {done.stderr}")

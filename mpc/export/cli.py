@@ -49,6 +49,8 @@ class ControllerOptions(PlantOptions):
         from mpc.trials.loops import Settings
         from mpc.trials.robust import robust_weights
 
+        if self.of_several:
+            return self._of_arm()
         plant = self.plant()
         kernel_of(plant.joint)  # refuses other joints before any work
         s, tuned = self.tuned(Settings(plant, N=self.horizon, compensation=self.compensation()), "mpc")
@@ -59,6 +61,26 @@ class ControllerOptions(PlantOptions):
             weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, compiled=False)
         controller = default_controller(s.plant, s.N, s.compensation, weights)
         return Built(controller, KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False), tuned)
+
+    def _of_arm(self) -> "Built":
+        """Build controller and observer as `antagonist track --plant real` does, but with the shorter horizon."""
+        from mpc.export.controller.arm import check_arm
+        from mpc.export.controller.tuning import weights_from
+        from mpc.model.compensation import Compensation
+        from mpc.observer.filter import CALM_NOISE
+        from mpc.observer.kalman import KalmanObserver
+        from mpc.tracking.controller import TrackingMPC
+        from mpc.tracking.weights import CALM
+        from mpc.trials.loops import Settings
+
+        arm = self.arm()
+        check_arm(arm)
+        known = Compensation.of_arm(self.file)
+        s = Settings(arm, N=self.horizon, compensation=known, weights=CALM, noise=CALM_NOISE)
+        s, tuned = self.tuned(s, "mpc")
+        weights = s.weights if self.errors is None else weights_from(self.errors)
+        controller = TrackingMPC(arm, s.dt, s.N, weights, compensation=s.compensation, compiled=False)
+        return Built(controller, KalmanObserver(arm, s.dt, s.noise, s.compensation, compiled=False), tuned)
 
 
 class Built(NamedTuple):
@@ -73,11 +95,12 @@ class Built(NamedTuple):
 def _group() -> None:
     """Write C99 for a microcontroller or a real-time PC, or FMUs.
 
-    `allocation` and `governor` take any --machine, the other commands one joint with two muscles.
+    `allocation` and `governor` take any --machine, `controller` and `tuning` one joint with two muscles or an arm, the
+    other commands one joint.
     """
 
 
-@export_app.command("controller", cls=Command, short_help="controller, observer and allocation of a joint as C")
+@export_app.command("controller", cls=Command, short_help="controller, observer and allocation as C")
 @grouped
 def controller_command(
     out: Out,
@@ -87,7 +110,7 @@ def controller_command(
         bool, typer.Option("--alone", help="leave the demonstration of the allocation out of main.c")
     ] = False,
 ) -> None:
-    """Write controller, observer and allocation of a joint as plain C99, without a heap."""
+    """Write controller, observer and allocation of a joint or an arm as plain C99, without a heap."""
     from mpc.export.entry import export
 
     built = options.built()
@@ -125,17 +148,35 @@ def governor_command(out: Out, options: PlantOptions, precision: Precision = "do
 
 @export_app.command("fmu", cls=Command, short_help="plant and controller of a joint as FMUs")
 @grouped
-def fmu_command(out: Out, options: ControllerOptions) -> None:
+def fmu_command(
+    out: Out,
+    options: ControllerOptions,
+    platforms: Annotated[
+        str | None,
+        typer.Option(
+            help="platforms of the binaries, all or names such as x86_64-linux,x86_64-windows; by default this "
+            "machine's. Others need the package ziglang"
+        ),
+    ] = None,
+    source_only: Annotated[
+        bool, typer.Option("--source-only", help="write no binaries; the importing tool compiles the sources")
+    ] = False,
+) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
     from mpc.export.building import check
     from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
+    from mpc.export.fmu.platforms import PLATFORMS, checked
     from mpc.model.real_plant import RealPlant
 
+    if source_only and platforms is not None:
+        raise InvalidInput("--source-only and --platforms: give one of the two")
+    named = None if platforms is None else PLATFORMS if platforms == "all" else platforms.split(",")
+    on = () if source_only else checked(named)
     built = options.built()
     check(out)
-    export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()))
-    export_controller_fmu(out / "controller.fmu", built.controller, built.observer)
-    _say(built, out, "tools that read FMI 3.0 import them")
+    export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()), platforms=on)
+    export_controller_fmu(out / "controller.fmu", built.controller, built.observer, platforms=on)
+    _say(built, out, f"tools that read FMI 3.0 import them; binaries: {', '.join(on) or 'none'}")
 
 
 @export_app.command("firmware", cls=Command, short_help="firmware of a board on a serial line")
@@ -161,7 +202,6 @@ def firmware_command(
 def tuning_command(
     out: Annotated[Path, typer.Option(help="file to write")],
     options: ControllerOptions,
-    precision: Precision = "double",
     force: Force = False,
 ) -> None:
     """Write a file that retunes an exported controller without a compiler."""
@@ -170,11 +210,8 @@ def tuning_command(
     from mpc.export.controller.tuning import write_tuning
 
     claim(out, inputs=options.files, force=force)
-    write_tuning(out, options.built().controller, precision=precision)
-    say(
-        Console(),
-        f"written: {out}, for a build of the same plant in {precision} precision; its README describes its use",
-    )
+    write_tuning(out, options.built().controller)
+    say(Console(), f"written: {out}, for a build of the same plant; its README describes its use")
 
 
 def _margins(built: "Built") -> "Margins":

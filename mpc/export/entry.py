@@ -1,4 +1,4 @@
-"""Function `export`: allocation and controller of a joint as a directory of C files."""
+"""Function `export`: allocation and controller of a joint or an arm as a directory of C files."""
 
 from os import PathLike
 from pathlib import Path
@@ -7,11 +7,15 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
 from mpc.export.building import check, write
+from mpc.export.controller.arm import arm_controller_files, check_arm
 from mpc.export.controller.demonstration import allocation_lines, allocation_table, control_lines
+from mpc.export.controller.model import joint_functions
 from mpc.export.controller.readme import readme
-from mpc.export.controller.sizes import check_pair, control_files, model_functions, sizes_of
+from mpc.export.controller.sizes import check_pair, control_files, sizes_of
 from mpc.export.joint import kernel_of
+from mpc.export.mechanism import export_mechanism
 from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.observer.kalman import KalmanObserver
@@ -35,9 +39,9 @@ def export(
     Parameters
     ----------
     joint
-        Joint of the allocation; by default that of the controller, or of the report.
+        Joint of the allocation; by default that of the controller, or of the report. Not for an arm.
     controller, observer
-        For "mpc": the controller with its plant, settings and compensation, and its observer; by default those for
+        For "mpc": the controller of a `Plant` or an `Arm` with its compensation, and its observer; by default those for
         `Plant(joint)` with N = 10, the joint's own hysteresis or friction and `Weights.calm()`.
     what
         "allocate", "mpc" or "all". "mpc" includes the allocation, without its demonstration.
@@ -47,8 +51,9 @@ def export(
     Raises
     ------
     InvalidInput
-        For a joint without a closed-form allocation, a controller and an observer that do not match, and a directory
-        that is not empty. Nothing is written then.
+        For a joint without a closed-form allocation, an arm without formulas, with gas, a hand or muscles that are not
+        affine, a controller and an observer that do not match, and a directory that is not empty. Nothing is written
+        then.
     MissingBackend
         For an unknown `what` or `precision`.
     """
@@ -56,6 +61,8 @@ def export(
         raise MissingBackend("part to export", what, WHAT)
     single = is_single(precision)
     check(Path(out))
+    if what == "allocate" and controller is not None and isinstance(controller.plant, Arm):
+        return export_mechanism(out, controller.plant.mechanism, precision=precision)
     if what == "allocate":
         joint = _joint(joint, None if controller is None else controller.plant.joint)
         return write(_allocation(joint, single), out)
@@ -86,9 +93,13 @@ def pair(
     joint: AntagonistJoint | None, controller: TrackingMPC | None, observer: KalmanObserver | None
 ) -> tuple[TrackingMPC, KalmanObserver]:
     """Return controller and observer, by default those of `export`. Raises `InvalidInput`; see `export`."""
-    joint = _joint(joint, None if controller is None else controller.plant.joint)
-    if controller is None:
-        controller = default_controller(Plant(joint))
+    if controller is not None and isinstance(controller.plant, Arm):
+        if joint is not None:
+            raise InvalidInput("joint is for a controller of one joint; leave it away for that of an arm")
+        check_arm(controller.plant)
+    else:
+        joint = _joint(joint, None if controller is None else controller.plant.joint)
+        controller = controller or default_controller(Plant(joint))
     if observer is None:
         observer = KalmanObserver(
             controller.plant, controller.dt, compensation=controller.compensation, compiled=controller.compiled
@@ -111,10 +122,12 @@ def _allocation(joint: AntagonistJoint, single: bool) -> Files:
 
 def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
     """Return the files of allocation and controller; `alone` leaves the demonstration of the allocation out."""
+    if isinstance(controller.plant, Arm):
+        return arm_controller_files(controller, observer, single, alone)
     joint = controller.plant.joint
     kernel = kernel_of(joint)
     printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))
-    functions = kernel_functions(joint, kernel) + model_functions(controller)
+    functions = kernel_functions(joint, kernel) + joint_functions(controller)
     return {
         **_allocation(joint, single),
         **control_files(controller, observer, single),

@@ -6,7 +6,6 @@ import textwrap
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,11 +31,8 @@ from allocator.mechanism import Mechanism
 from allocator.mechanism.formulas import map_function
 from mpc.export import text
 from mpc.export.building import check, write
-from mpc.export.parts import BUILD, Files, build_words, copied, is_single, machine_words, model_files
-
-if TYPE_CHECKING:
-    pass
-
+from mpc.export.joint import Numbers
+from mpc.export.parts import BUILD, Files, Functions, build_words, copied, is_single, machine_words, model_files
 
 _FREE = 4 * np.pi  # [rad] of a joint without end stops
 _SEED = 19  # of the demonstration's targets
@@ -60,29 +56,40 @@ def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precisio
         raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism")
     single = is_single(precision)
     check(Path(out))
-    return write(_files(mechanism, single), out)
+    files = mechanism_files(mechanism, single) | model_files(mechanism_functions(mechanism), single)
+    return write(
+        files
+        | {
+            "antagonist_config.h": text.config(mechanism_sizes(mechanism), single),
+            "README.md": _readme(mechanism, single),
+        },
+        out,
+    )
 
 
-def _files(mechanism: Mechanism, single: bool) -> Files:
-    functions = [(map_function(mechanism), "q [rad] to the muscles at q and y0 + M P, see allocate.c")]
+def mechanism_functions(mechanism: Mechanism) -> Functions:
+    """Return the CasADi functions of the allocation, with descriptions."""
+    return [(map_function(mechanism), "q [rad] to the muscles at q and y0 + M P, see allocate.c")]
+
+
+def mechanism_files(mechanism: Mechanism, single: bool, alone: bool = False) -> Files:
+    """Return the files of the allocation without model, sizes and README; `alone` leaves its demonstration out."""
     return {
         **dict(copied("mechanism", "")),
         "CMakeLists.txt": dict(copied(".", ""))["CMakeLists.txt"],
         **dict(copied("mechanism/src", "src/")),
         "src/real.h": dict(copied("allocate", ""))["real.h"],
         **kernel_files(single),
-        **model_files(functions, single),
         "src/mechanism.h": _numbers(mechanism, single),
-        "antagonist_config.h": _config(mechanism, single),
-        "src/demonstration.h": text.demonstration("q [rad], T [N*m], K [N*m/rad]", _targets(mechanism), single),
-        "README.md": _readme(mechanism, single),
+        "src/demonstration.h": text.demonstration("q [rad], T [N*m], K [N*m/rad]", _targets(mechanism), single, alone),
     }
 
 
-def _config(mechanism: Mechanism, single: bool) -> str:
+def mechanism_sizes(mechanism: Mechanism) -> Numbers:
+    """Return the sizes that antagonist_config.h defines."""
     n, m = mechanism.n, mechanism.m
     rows = n + n * (n + 1) // 2
-    sizes: dict[str, tuple[float | int, str]] = {
+    return {
         "JOINTS": (n, "n"),
         "MUSCLES": (m, "m"),
         "STIFFNESSES": (rows - n, "entries of a stiffness"),
@@ -91,7 +98,6 @@ def _config(mechanism: Mechanism, single: bool) -> str:
         "LINES": (rows, "of the kernel"),
         "LEVELS": (2, "priorities: the first and the second objective"),
     }
-    return text.config(sizes, single)
 
 
 def _numbers(mechanism: Mechanism, single: bool) -> str:
@@ -100,6 +106,7 @@ def _numbers(mechanism: Mechanism, single: bool) -> str:
     numbers: dict[str, tuple[float | int, str]] = {
         "UNIT": (hi, "pressures are solved for in this unit [Pa]"),
         "SUPPLY_LO": (lo, "[Pa]"),
+        "SUPPLY_HI": (hi, "[Pa]"),
         "MET": (met, "greatest miss of a met target, over the torque or stiffness scale [-]"),
         "BINDS": (binds, "distance to a bound, over the unit, at which a pressure lies on it [-]"),
         "NEAR": (binds * (hi - lo), "the same [Pa]"),
@@ -132,7 +139,7 @@ def _targets(mechanism: Mechanism) -> Array:
     return np.asarray(np.round(rows, 4))
 
 
-def _shown(mechanism: Mechanism) -> list[str]:
+def mechanism_lines(mechanism: Mechanism) -> list[str]:
     """Return the output of the demonstration, computed in Python."""
     lines, n = [], mechanism.n
     for row in _targets(mechanism):
@@ -170,7 +177,7 @@ All memory is in `ant_memory`, of fixed size, which should be static.
 
 def _readme(mechanism: Mechanism, single: bool) -> str:
     return _README.format(
-        **build_words(single, _shown(mechanism)),
+        **build_words(single, mechanism_lines(mechanism)),
         **machine_words(mechanism),
         most=MOST_ROUNDS + MOST_FIRST,
     )

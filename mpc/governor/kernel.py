@@ -29,7 +29,9 @@ motion = potential = FORMULAS
 
 SAFE, MOVED, NOT_KEPT, BAD_INPUT = 0, 1, 2, -1
 CONFLICT, SLACK, OUTSIDE_LIMITS = 5, 6, 9
-ENORMOUS = 1e30  # [Pa], [J], [W] beyond which a number counts as none
+NO_COMMAND = 1e30  # [Pa] from which a command counts as none
+NO_LIMIT = 1e30  # [J] from which the energy is not limited
+MOST_POWER = 1e30  # [W] above that of any arm
 HALVINGS = 4  # of the segment from the backup to the command
 STEPS = 60  # of the bisection that finds the multiplier of the energy
 KEPT = 1e-8  # [-] of a row's size: greatest excess that counts as none
@@ -88,7 +90,7 @@ def govern(rules, q, omega, P, previous, command, safe, memory):
     status = found
     for j in range(len(command)):
         memory.wanted[j] = command[j]
-        if not abs(command[j]) < ENORMOUS:
+        if not abs(command[j]) < NO_COMMAND:
             memory.wanted[j], status = previous[j], BAD_INPUT
     slowed = nearest(rules, q, omega, P, previous, safe, memory)
     for j in range(len(command)):
@@ -140,7 +142,7 @@ def nearest(rules, q, omega, P, previous, safe, memory):
         memory.power[j] = strength * memory.gain[j] * memory.speed[j]
         offset += strength * memory.force[j] * memory.speed[j]
     excess = projected(0.0, safe, memory)
-    if not numbers[ENERGY] < ENORMOUS:
+    if not numbers[ENERGY] < NO_LIMIT:
         return 1
     room = energetic(rules, q, omega, P, previous, memory) - offset
     size = abs(room + offset)
@@ -169,7 +171,7 @@ def nearest(rules, q, omega, P, previous, safe, memory):
 
 def energetic(rules, q, omega, P, previous, memory):
     """Return the power [W] to the greatest energy within the reaction time, in the worst scene."""
-    room = ENORMOUS
+    room = MOST_POWER
     for s in range(rules.counts[4]):
         if s > 0:
             begin(rules, s, q, omega, P, previous, memory)

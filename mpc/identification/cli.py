@@ -12,7 +12,7 @@ from allocator.files import toml
 from allocator.identification.columns import parse_columns
 from allocator.identification.motion.fit import STEPS, fit_motion
 from allocator.identification.motion.result import LABELS, MotionFit
-from allocator.identification.motion.samples import joined, read_motion_log
+from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.options import SkipRows, Topics, clock, columns_option
 from allocator.machine_file import joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
@@ -66,7 +66,7 @@ def fit_motion_command(
     if out is not None and machine is None:
         raise InvalidInput("--out writes a plant with muscles: give its joint with --machine, a file of fit-joint")
     console = Console(stderr=as_json)
-    data = joined([read_motion_log(one, parse_columns(columns), skip_rows=skip_rows, topics=topics) for one in log])
+    data = read_motion_log(log, parse_columns(columns), skip_rows=skip_rows, topics=topics)
     for note in data.notes:
         say(console, note)
     content = None if machine is None else toml.Table.read(machine)

@@ -17,7 +17,7 @@ from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.mechanism.formulas import symbolic_lengths
-from mpc.model.arm.formulas import rises
+from mpc.model.arm.formulas import rises, varied_acceleration
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pressing import symbolic_pressing
 from mpc.model.compensation import Compensation
@@ -118,14 +118,13 @@ class RealArm:
         """CasADi function (x, u, d, T_f) ↦ x' of the acting commands, the external torques and the friction."""
         import casadi as ca
 
-        arm, s, bodies = self.nominal, self.nominal.statics, self.nominal.bodies
+        arm, s = self.nominal, self.nominal.statics
         omega, d, T_f = (ca.SX.sym(name, arm.n) for name in ("omega", "d", "T_f"))
         u: Value = ca.SX.sym("u", arm.m)
         slope = ca.jacobian(symbolic_lengths(arm.mechanism.routes, s.q), s.q)
         F = ca.DM(self.force_gains) * ca.fmax(s.forces, 0.0)
-        rubbing = ca.DM(bodies.damping) * omega
-        resisting = self.mass * (bodies.bias(s.q, omega) - rubbing) + self.damping * rubbing + T_f
-        alpha = ca.solve(self.mass * bodies.mass_matrix(s.q), -slope.T @ F - resisting + d)
+        torque = d - slope.T @ F - T_f
+        alpha = varied_acceleration(arm.bodies, s.q, omega, torque, self.mass, self.damping)
         filling: Value = ca.vertcat(*regulated(self, ca.vertsplit(u - s.P)))
         if arm.gas is not None:
             filling += ca.if_else(F > 0, ca.vertcat(*rises(arm, omega, self.force_gains)), 0.0)

@@ -44,6 +44,7 @@ class Optimised(NamedTuple):
     best: tuple[Rung, Array] | None = None  # commands (N, m) and their rung of the ladder
     motion: Motion | None = None  # under these commands, if already known
     times: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of linearising, condensing, solving [s]
+    gap: float = 0.0  # see `Plan`
 
 
 class BaseController(ABC):
@@ -146,7 +147,9 @@ class BaseController(ABC):
             rung, motion = self.ladder.descend(task.x, found.best, halted is not None, feed.u, u_last, task.d[:-1])
         times = Times(fed - began, *found.times, perf_counter() - began)
         self.ladder.remember(rung, motion, None if task.refused else feed.u[0])
-        return self._plan(situation, found.status, rung, motion, 0.0 if held is None else self.rest_mode.side, times)
+        gap = found.gap if rung in (Rung.QP, Rung.SOFTENED) else inf
+        side = 0.0 if held is None else self.rest_mode.side
+        return self._plan(situation, found.status, rung, motion, side, times, gap)
 
     # --- hooks for subclasses -------------------------------------------------------------------------------------
 
@@ -185,7 +188,14 @@ class BaseController(ABC):
         return Optimised(PlanStatus.RESTING, (Rung.ALLOCATION, u))
 
     def _plan(
-        self, situation: Situation, status: PlanStatus, rung: Rung, motion: Motion, side: float, times: Times
+        self,
+        situation: Situation,
+        status: PlanStatus,
+        rung: Rung,
+        motion: Motion,
+        side: float,
+        times: Times,
+        gap: float,
     ) -> Plan:
         """Return the plan of `motion`; `side` is the edge of the dead band to stay on."""
         task, feed = situation.task, situation.feed
@@ -199,4 +209,5 @@ class BaseController(ABC):
             times,
             self.limits.slackening(motion.F[1:]),
             feed.moved if self.says_moved and not task.refused else None,
+            gap,
         )

@@ -151,7 +151,7 @@ class TrackingMPC(BaseController):
         whole = self._whole
         if whole is None:
             return None
-        one_qp = self.iterations == 1 and isinstance(self._solve, Riccati) and self.rest == whole.rest
+        one_qp = self.iterations == 1 and self._solve == Riccati() and self.rest == whole.rest
         if one_qp and whole.qp_step is self._qp_step and whole.feed_forward is self._feed_forward:
             plan = whole.plan(x, theta_ref, K_ref, d, began, self._deadline(began))
             if plan is not None:
@@ -237,10 +237,10 @@ class TrackingMPC(BaseController):
     # --- the pieces of a step ---------------------------------------------------------------------------------------
 
     def _optimise(self, situation: Situation) -> Optimised:
-        """Return the commands after `iterations` QPs; if one fails, those of the softened QP."""
+        """Return the commands after `iterations` QPs; if the first one fails, unproved ones."""
         task, feed, previous, deadline = situation
         x, d, u = task.x, task.d[:-1], self.ladder.shift(feed.u)
-        best, motion, status, spent = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0)
+        best, motion, status, spent, gap = None, None, PlanStatus.OPTIMAL, (0.0, 0.0, 0.0), 0.0
         for _ in range(self.iterations):
             if perf_counter() > deadline:
                 status = status if best else PlanStatus.LATE
@@ -250,13 +250,16 @@ class TrackingMPC(BaseController):
             if answer.status is not PlanStatus.OPTIMAL:
                 if best is None:
                     best, status = self._softened(answer, previous.u, deadline), answer.status
+                    motion, gap = answer.motion, answer.gap
                 break
             u, motion = answer.u, answer.motion
             best = Rung.QP, u
-        return Optimised(status, best, motion, spent)
+        return Optimised(status, best, motion, spent, gap)
 
     def _softened(self, answer: QPAnswer, u_last: Array, deadline: float) -> tuple[Rung, Array] | None:
-        """Return the solution of the softened QP, if there is time for it and the QP is finite."""
+        """Return unproved commands: of the interrupted solver, or of the softened QP if there is time for it."""
+        if answer.qp is None and answer.status is PlanStatus.UNSOLVED:
+            return Rung.SOFTENED, answer.u
         if answer.qp is None or answer.status in (PlanStatus.LATE, PlanStatus.NOT_FINITE):
             return None
         if (z := softened(answer.qp, deadline)) is None:

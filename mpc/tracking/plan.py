@@ -32,7 +32,7 @@ class Rung(IntEnum):
 
 _RUNGS = {
     Rung.QP: "solved the optimisation problem",
-    Rung.SOFTENED: "solved the QP with its limits softened, all but the slew",
+    Rung.SOFTENED: "took commands within slew and supply that are not proved optimal",
     Rung.PREVIOUS: "went on with the previous plan",
     Rung.ALLOCATION: "commanded the closed-form allocation",
     Rung.HOLD: "held the pressures, and vents them slowly if this lasts",
@@ -107,6 +107,7 @@ class Plan(Deferred):
         default_factory=float
     )  # s_F: greatest shortfall of a force below the least one along x [N]
     moved: Moved | None = field(default_factory=lambda: None)  # None if the controller does not report it
+    gap: float = field(default_factory=float)  # bound of the cost of u minus that of the QP's solution; inf: unknown
 
     def __post_init__(self) -> None:
         """Make the arrays read-only, because the controller continues from them."""

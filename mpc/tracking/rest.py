@@ -40,7 +40,7 @@ from mpc.model.machine import Machine
 from mpc.tracking import resting
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Task
-from mpc.tracking.resting import DWELL, HELD, JOLT, QUARTER, QUARTER_LENGTH, RESTS, RINGS, SIDE, THETA, Rules
+from mpc.tracking.resting import DWELL, HELD, JOLT, QUARTER, Rules
 
 
 class RestMode(Deferred):
@@ -64,10 +64,7 @@ class RestMode(Deferred):
         """Forget the past samples."""
         self.catch_up()
         self.numbers = np.zeros(resting.size(self.plant.n, self.plant.m))  # see `mpc.tracking.resting`
-        memory = self._memory
-        memory.joint[:, THETA] = memory.stiffness[:] = np.nan
-        memory.shared[QUARTER_LENGTH] = 1.0
-        resting.begin(memory)
+        resting.clear(self._memory)
 
     def go_on(self, numbers: Array) -> None:
         """Continue from the `numbers` of a sample computed by compiled code."""
@@ -80,17 +77,17 @@ class RestMode(Deferred):
     @property
     def resting(self) -> bool:
         """Whether the commands rest."""
-        return bool(self.numbers[RESTS] > 0)
+        return resting.holds(self._memory)
 
     @property
     def ringing(self) -> bool:
         """Whether the loop compensates friction that does not exist."""
-        return bool(self.numbers[RINGS] > 0)
+        return resting.rings(self._memory)
 
     @property
     def side(self) -> float:
         """Edge of the dead band, ±1; 0 before the first rest."""
-        return float(self.numbers[SIDE])
+        return resting.side(self._memory)
 
     def pressures(self, task: Task) -> Array | None:
         """Return the pressures (m,) [Pa] to hold, or None without a rest. Has to be called at every sample."""
@@ -98,8 +95,8 @@ class RestMode(Deferred):
         if not (known and resting.constant(m, self.rules, task.theta.ravel(), self._unit * task.K.ravel())):
             resting.begin(m)
         elif resting.decided(m, self.rules, task.seen, task.expected):
-            errors = [resting.due(m, i)[0] for i in range(self.plant.n)]
-            resting.turn(m, *self._slopes(m.joint[:, THETA] + errors, m.muscle[:, HELD]))
+            posture = np.array([resting.angle(m, i) for i in range(self.plant.n)])
+            resting.turn(m, *self._slopes(posture, m.muscle[:, HELD]))
         return m.muscle[:, HELD].copy() if self.resting else None
 
     def _slopes(self, q: Array, P: Array) -> tuple[Array, Array]:

@@ -1,9 +1,9 @@
-"""Rest mode of n joints and m muscles as functions of arrays, for both Python (`mpc.tracking.rest`) and compiled steps.
+"""Rest mode of n joints and m muscles as functions of arrays, for Python (`mpc.tracking.rest`), compiled steps and C.
 
 One flat array holds its state; a `Memory` has views into it.
 """
 
-from math import ceil, inf, pi, sqrt
+from math import ceil, inf, nan, pi, sqrt
 from typing import NamedTuple, TypeAlias
 
 from allocator.calculus import Array
@@ -101,6 +101,48 @@ def memory_in(numbers: Array, n: int, m: int) -> Memory:
     return Memory(numbers[:9], joint, muscle, turned, numbers[c:d].reshape(QUARTERS, m), numbers[d:])
 
 
+def clear(m: Memory) -> None:
+    """Forget everything."""
+    for i in range(len(m.shared)):
+        m.shared[i] = 0.0
+    m.shared[QUARTER_LENGTH] = 1.0
+    for i in range(len(m.joint)):
+        for c in range(TORQUE + 1):
+            m.joint[i, c] = 0.0
+        m.joint[i, THETA] = nan
+    for i in range(len(m.muscle)):
+        m.muscle[i, HELD] = m.muscle[i, BEGAN] = 0.0
+    for i in range(len(m.stiffness)):
+        m.stiffness[i] = nan
+    begin(m)
+
+
+def holds(m: Memory) -> bool:
+    """Return whether the commands rest."""
+    return bool(m.shared[RESTS] > 0)
+
+
+def rings(m: Memory) -> bool:
+    """Return whether the loop compensates friction that does not exist."""
+    return bool(m.shared[RINGS] > 0)
+
+
+def side(m: Memory) -> float:
+    """Return the edge of the dead band, ±1; 0 before the first rest."""
+    return float(m.shared[SIDE])
+
+
+def pressure(m: Memory, i: int) -> float:
+    """Return the held pressure of a muscle [Pa]."""
+    return float(m.muscle[i, HELD])
+
+
+def angle(m: Memory, i: int) -> float:
+    """Return the mean angle of a joint that has to be corrected [rad]."""
+    mean, _ = due(m, i)
+    return float(m.joint[i, THETA] + mean)
+
+
 def begin(m: Memory) -> None:
     """Begin to wait for a rest."""
     s = m.shared
@@ -124,9 +166,9 @@ def begin_quarter(m: Memory) -> None:
 
 def follow(m: Memory, k: Rules, theta: Array, stiffness: Array, entries: int) -> None:
     """Store a moved reference: the first `theta` [rad] and the first `entries` of K [N·m/rad]."""
-    softest = stiffness[0]
-    for i in range(0, entries, int(sqrt(entries) + 0.5) + 1):  # along the diagonal
-        softest = min(softest, stiffness[i])
+    softest, rows = stiffness[0], int(sqrt(entries) + 0.5)
+    for i in range(rows):
+        softest = min(softest, stiffness[i * (rows + 1)])
     for i in range(entries):
         m.stiffness[i] = stiffness[i]
     for i in range(len(m.joint)):
@@ -165,7 +207,7 @@ def decided(m: Memory, k: Rules, seen: Array, expected: Array) -> bool:
     m.shared[SAMPLES] += 1
     if not quarter_ended(m, seen):
         return False
-    if m.shared[RESTS] > 0:
+    if holds(m):
         return to_correct(m, k)
     if m.shared[COUNTED] == QUARTERS:
         check(m, k)
@@ -188,11 +230,11 @@ def pushed(m: Memory, k: Rules, theta: Array, expected: Array) -> bool:
     """Return whether the angles `theta` [rad] disturb a rest, given those `expected` [rad]."""
     if m.shared[RESTS] == 0:
         return False
-    rings = m.shared[RINGS] > 0
+    ringing = rings(m)
     for i in range(len(m.joint)):
         mean, width = swing(m, i, QUARTERS)
         away = abs(theta[i] - m.joint[i, THETA] - mean)
-        least = k.jolt * (2 if rings else 1)  # a ringing joint lacks the predicted friction
+        least = k.jolt * (2 if ringing else 1)  # a ringing joint lacks the predicted friction
         jolt = max(least, UNUSUAL * m.joint[i, USUAL])
         if abs(theta[i] - expected[i]) > jolt or away > PUSH + width + m.joint[i, FREE]:
             return True
@@ -255,16 +297,16 @@ def check(m: Memory, k: Rules) -> None:
     s[SWUNG] = s[SWUNG] + 1 if swung else 0.0
     if s[SWUNG] >= SWINGS:
         s[RINGS] = 1.0
-    rings = s[RINGS] > 0
-    if far and not rings:
+    ringing = rings(m)
+    if far and not ringing:
         s[SAMPLES] = 0.0
-    bound = MEAN if rings else min(START + GROWTH * k.dt * (s[SAMPLES] - k.dwell), FAR)
-    still = rings or s[SAMPLES] >= k.dwell
+    bound = MEAN if ringing else min(START + GROWTH * k.dt * (s[SAMPLES] - k.dwell), FAR)
+    still = ringing or s[SAMPLES] >= k.dwell
     for i in range(len(m.joint)):
         mean, width = swing(m, i, QUARTERS)
         still = still and abs(mean) <= bound and width <= SWING
     if still:
-        rest(m, k, QUARTERS if rings else HALF)
+        rest(m, k, QUARTERS if ringing else HALF)
 
 
 def rest(m: Memory, k: Rules, quarters: int) -> None:
@@ -301,13 +343,15 @@ def to_correct(m: Memory, k: Rules) -> bool:
 
 def zone(m: Memory) -> float:
     """Return the mean error [rad] up to which there is no correction, since each makes a joint ring again."""
-    return DEAD_ZONE * (2 if m.shared[RINGS] > 0 else 1)
+    return DEAD_ZONE * (2 if rings(m) else 1)
 
 
 def due(m: Memory, i: int) -> tuple[float, bool]:
     """Return the mean error of a joint to correct [rad], and whether it swings."""
-    swings = swing(m, i, HALF)[1] >= STILL
-    return swing(m, i, QUARTERS if swings else 1)[0], swings
+    _, width = swing(m, i, HALF)
+    swings = width >= STILL
+    mean, _ = swing(m, i, QUARTERS if swings else 1)
+    return mean, swings
 
 
 def turn(m: Memory, stiffness: Row, slopes: Row) -> None:
@@ -317,7 +361,8 @@ def turn(m: Memory, stiffness: Row, slopes: Row) -> None:
         if not stiffness[i * n + i] > 0:
             return
     for i in range(n):
-        (mean, swings), own = due(m, i), stiffness[i * n + i]
+        mean, swings = due(m, i)
+        own = stiffness[i * n + i]
         g = own if swings or s[RINGS] > 0 else gain(m, i, mean, own)
         m.joint[i, ASKED] = -mean * g if abs(mean) > zone(m) else 0.0
         m.joint[i, ERROR], m.joint[i, FREE] = mean, abs(m.joint[i, ASKED]) / own
@@ -333,7 +378,7 @@ def turn(m: Memory, stiffness: Row, slopes: Row) -> None:
 
 def share(m: Memory, slopes: Row) -> None:
     """Share the torques among pressure changes on the held side, by least squares over one muscle after the other."""
-    n, M, side = len(m.joint), len(m.muscle), m.shared[SIDE]
+    n, M, edge = len(m.joint), len(m.muscle), m.shared[SIDE]
     for j in range(M):
         m.muscle[j, CHANGE] = 0.0
     for _ in range(SWEEPS):
@@ -344,27 +389,27 @@ def share(m: Memory, slopes: Row) -> None:
                 square += slopes[i * M + j] ** 2
             before = m.muscle[j, CHANGE]
             if square > 0:
-                m.muscle[j, CHANGE] = max(before + side * along / square, 0.0)
+                m.muscle[j, CHANGE] = max(before + edge * along / square, 0.0)
             for i in range(n):
-                m.joint[i, TORQUE] -= slopes[i * M + j] * side * (m.muscle[j, CHANGE] - before)
+                m.joint[i, TORQUE] -= slopes[i * M + j] * edge * (m.muscle[j, CHANGE] - before)
 
 
 def raise_held(m: Memory) -> None:
     """Move the held pressures by their changes, all scaled by the same factor if one is too large."""
-    side, largest = m.shared[SIDE], 0.0
+    edge, largest = m.shared[SIDE], 0.0
     for j in range(len(m.muscle)):
         largest = max(largest, m.muscle[j, CHANGE])
     for j in range(len(m.muscle)):
         change = m.muscle[j, CHANGE] * min(1.0, MOST / max(largest, LEAST_CHANGE))
         if change > LEAST_CHANGE:
-            play = min(side * mean_pressure(m, j, HALF), side * m.muscle[j, BEGAN]) - NOISE
-            m.muscle[j, HELD] = m.muscle[j, BEGAN] = side * (max(side * m.muscle[j, HELD], play) + change)
+            play = min(edge * mean_pressure(m, j, HALF), edge * m.muscle[j, BEGAN]) - NOISE
+            m.muscle[j, HELD] = m.muscle[j, BEGAN] = edge * (max(edge * m.muscle[j, HELD], play) + change)
 
 
-def gain(m: Memory, i: int, mean: float, stiffness: float) -> float:
+def gain(m: Memory, i: int, mean: float, own: float) -> float:
     """Return the gain g [N·m/rad] for a joint at standstill with the mean error `mean` [rad]."""
-    g, asked = FIRST * stiffness, m.joint[i, ASKED]
+    g, asked = FIRST * own, m.joint[i, ASKED]
     if asked != 0:
         moved = (mean - m.joint[i, ERROR]) * (1.0 if asked > 0 else -1.0)
-        g = min(max(abs(asked) / (max(moved, 0.0) + RESOLUTION) / 2, stiffness), STIFFEST * stiffness)
-    return min(g, stiffness * (1 + OVERSHOOT / max(abs(mean), RESOLUTION)))
+        g = min(max(abs(asked) / (max(moved, 0.0) + RESOLUTION) / 2, own), STIFFEST * own)
+    return min(g, own * (1 + OVERSHOOT / max(abs(mean), RESOLUTION)))

@@ -1,1 +1,1 @@
-"""Tuning of a control loop for one fitted plant: draws from its posterior, closed-loop cost, search, command `tune`."""
+"""Tuning of a control loop for one fitted plant: draws from its posterior, closed-loop cost, search."""

@@ -16,7 +16,6 @@ from typing import Any, Self, TypeAlias
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from allocator import checks
 from allocator.calculus import Array, Value
@@ -115,12 +114,19 @@ def draws(plant: Machine, known: Compensation, n: int, seed: int, spreads: Sprea
     Raises `InvalidInput` for an arm without formulas.
     """
     places = _places(plant.m)
-    unit = qmc.LatinHypercube(places["venting"].stop, rng=np.random.default_rng([seed, 33])).random(n)
+    unit = _spread(n, places["venting"].stop, [seed, 33])
     widths = (MaxwellSlip.of_width(plant, spreads.width, joint=i) for i in range(plant.n))
     friction = tuple(widths) if known.frictionless else known.of_joints(plant.n)
     return tuple(
         _drawn(plant, known, friction, {name: row[at] for name, at in places.items()}, spreads) for row in unit
     )
+
+
+def _spread(n: int, dimensions: int, seed: list[int]) -> Array:
+    """Return `n` points (n, dimensions) of a Latin hypercube in the unit cube."""
+    from scipy.stats import qmc  # takes a second to import, and only tuning needs it
+
+    return np.asarray(qmc.LatinHypercube(dimensions, rng=np.random.default_rng(seed)).random(n), float)
 
 
 def _places(m: int) -> dict[str, slice]:
@@ -178,7 +184,7 @@ def payloads(n: int, seed: int, K: Value, spreads: Spreads) -> tuple[Value, ...]
     For an arm with the joints' stiffness `K` (n, n) they are torques (n,), K times a turn of every joint.
     """
     joints = len(np.atleast_2d(K))
-    unit = qmc.LatinHypercube(joints, rng=np.random.default_rng([seed, 34])).random(n)
+    unit = _spread(n, joints, [seed, 34])
     low, high = spreads.payload
     signs = 1 - 2.0 * (np.arange(n)[:, None] >> np.arange(joints) & 1)
     turns = signs * (low + (high - low) * unit)

@@ -107,13 +107,29 @@ def test_errors_name_the_topics_and_fields_that_there_are(tmp_path):
     path = write_json(tmp_path / "a.mcap", {"/q": [(0, {"v": 1})], "/p": [(0, {"w": 1})]})
     with pytest.raises(InvalidFile, match=r"topic /r is not in it; topics: /p \(j, 1\), /q \(j, 1\)"):
         read_topics(path, Quantity.parse("theta=/r.v"))
-    with pytest.raises(InvalidFile, match="theta: a message of /p has no number there; it has w"):
+    with pytest.raises(InvalidFile, match="theta: no message has a number there; /p has w"):
         read_topics(path, Quantity.parse("theta=/p.v"))
+    write_json(tmp_path / "c.mcap", {"/q": [(0, {"valves": [{"bar": 1.0}]})]})
+    for field, said in (("valves[1].bar", "/q.valves has length 1"), ("valves[0].p", r"/q.valves\[0\] has bar")):
+        with pytest.raises(InvalidFile, match=said):
+            read_topics(tmp_path / "c.mcap", Quantity.parse(f"theta=/q.{field}"))
     with pytest.raises(InvalidInput, match=r"--topics theta: expected NAME=/topic.field\[0\]:unit"):
         Quantity.parse("theta")
-    (tmp_path / "b.mcap").write_bytes(b"no recording")
-    with pytest.raises(InvalidFile, match="is no MCAP file"):
-        read_topics(tmp_path / "b.mcap", Quantity.parse("theta=/q.v"))
+    for content, said in ((b"no recording", "invalid magic"), (b"", "it ends too early")):
+        (tmp_path / "b.mcap").write_bytes(content)
+        with pytest.raises(InvalidFile, match=rf"is no MCAP file that can be read \(.*{said}.*`mcap recover`"):
+            read_topics(tmp_path / "b.mcap", Quantity.parse("theta=/q.v"))
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / "metadata.yaml").write_text("no: [")
+    with pytest.raises(InvalidFile, match="is no ROS bag that can be read") as refusal:
+        read_topics(tmp_path / "d", Quantity.parse("theta=/q.v"))
+    assert "\n" not in str(refusal.value)
+
+
+def test_messages_without_the_number_are_rows_without_it(tmp_path):
+    rows = [(k * 10**7, {"v": None if k == 3 else k}) for k in range(5)]
+    found = read_topics(write_json(tmp_path / "a.mcap", {"/q": rows}), Quantity.parse("theta=/q.v"))
+    np.testing.assert_array_equal(found["theta"][1], [0, 1, 2, np.nan, 4])
 
 
 def test_the_command_lists_topics_and_writes_a_log(tmp_path):

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from allocator.errors import InvalidFile
+from allocator.units import DEG
 from benchmarks.real.__main__ import section
 from benchmarks.real.arm import compare, table
 from benchmarks.real.arm_log import folder, mpi_arm, splits, windows_of
+from benchmarks.real.arm_models import ArmModel, hold, stack
 from benchmarks.real.scores import Score
 from benchmarks.real.sources import ARM, FORCES
 
@@ -27,9 +29,11 @@ def test_intervals_are_wide_if_the_error_is_one_episode():
     error = np.where(np.arange(40) < 4, 5.0, 0.1)[:, None]
     episode = np.repeat(np.arange(10).astype(str), 4)
     truth = np.arange(40.0)[:, None]
-    low, high = Score.of(truth + error, None, truth, episode).rms_interval
+    score = Score.of(truth + error, None, truth, episode)
+    low, high = score.rms_interval
     assert low < 0.2
     assert high > 1.5
+    assert score.median == pytest.approx(0.1)
 
 
 def test_the_shipped_sample_is_the_one_of_the_scores():
@@ -51,16 +55,33 @@ def test_the_linear_model_has_its_known_error():
     assert "**" in "\n".join(table([hold, arx]))
 
 
+def test_the_stack_weighs_models_by_the_errors_of_left_out_episodes():
+    """Errors of 1 and 2 degrees that are independent: the best weights are 0.8 and 0.2, with an error of 0.9."""
+    episodes = mpi_arm()[:12]
+    windows, past, past_p = windows_of(episodes)
+    truth, rng = windows.future, np.random.default_rng(2)
+    runs = [truth + rng.normal(0, size * DEG, truth.shape) for size in (1, 2)]
+    models = [ArmModel(lambda *_, run=run: (run, None), run) for run in runs]
+    mean, half = stack([hold(episodes), *models], episodes).predict(windows, past, past_p)
+    np.testing.assert_allclose(mean, 0.8 * runs[0] + 0.2 * runs[1], atol=0.1 * DEG)
+    assert np.mean(np.abs(mean - truth) < half) == pytest.approx(0.95, abs=0.01)
+
+
 def test_a_folder_of_ones_own_is_read(tmp_path):
     e = mpi_arm()[0]
     names = "time_s," + ",".join(f"q{i}_rad" for i in range(1, 5)) + "," + ",".join(f"p{i}" for i in range(1, 9))
     rows = np.concatenate([0.0104 * np.arange(len(e.q))[:, None], e.q, e.p], axis=1)
-    np.savetxt(tmp_path / "one.csv", rows, delimiter=",", header=names, comments="", fmt="%.12g")
-    (own,) = folder(tmp_path)
-    np.testing.assert_allclose(own.q, e.q)
-    assert windows_of([own])[0].future.shape[1:] == (40, 4)
-    (tmp_path / "two.csv").write_text("time_s,q1_rad,p1\n0,0,0\n")
-    with pytest.raises(InvalidFile, match="columns p2 expected"):
+    for k in range(10):
+        np.savetxt(tmp_path / f"{k}.csv", rows, delimiter=",", header=names, comments="", fmt="%.12g")
+    own = folder(tmp_path)
+    assert [one.name for one in own] == [str(k) for k in range(10)]
+    np.testing.assert_allclose(own[0].q, e.q)
+    assert windows_of(own)[0].future.shape[1:] == (40, 4)
+    (tmp_path / "9.csv").unlink()
+    with pytest.raises(InvalidFile, match=r"9 \*.csv in this folder, 10 or more"):
+        folder(tmp_path)
+    (tmp_path / "9.csv").write_text("time_s,q1_rad,p1\n0,0,0\n")
+    with pytest.raises(InvalidFile, match=r"9\.csv: has no column for pressure2 among time_s, q1_rad, p1"):
         folder(tmp_path)
 
 

@@ -1,8 +1,9 @@
 """Every muscle that can be made goes through every command, on every kind of joint, in a process of a user.
 
 Each model is fitted by `antagonist fit` to a noisy sample of itself; what it writes, and every muscle of the catalogue,
-goes through allocate, map and export on the kinds of joints in turn. Two models are tracked as well (affine in the
-pressure, and with a kink): a compiler takes 15 s for each pair of a law and a geometry.
+goes through allocate, map and export on the kinds of joints in turn, all on one kind in the same process. Two models
+are tracked as well (affine in the pressure, and with a kink): a compiler takes half a minute for each pair of a law
+and a geometry.
 """
 
 import csv
@@ -22,11 +23,12 @@ from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N
 from allocator.units import BAR, PERCENT
 from mpc.trials.files import load_recording
 
-pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).parents[2]
 COMMANDS, GEOMETRIES = ("allocate", "map", "export"), ("pulley", "lever", "table")
-TRACKED = "AffinePolynomial", "Wickramatunge2010"
+TRACKED = {
+    "AffinePolynomial": "table",
+    "Wickramatunge2010": "pulley",
+}  # and the geometry; the longer law on the shorter
 KNOTS = (3, 12)
 NOISE = 0.02  # of the greatest force
 
@@ -49,60 +51,75 @@ def write_sample(muscle, path):
         writer.writerows(np.stack([eps / PERCENT, P / BAR, F], axis=1).round(5).tolist())
 
 
-def spent(folder, muscle, fitting=None, geometries=GEOMETRIES, tracked=""):
-    """What the commands of such a day came to; the name of the joint that is tracked by "tracked"."""
-    plan = {"fit": fitting, "muscle": muscle, "geometries": geometries, "tracked": tracked}
-    (folder / "day.json").write_text(json.dumps(plan), encoding="utf-8")
+def spent(folder, days):
+    """What the commands of each day came to, one after the other in the same process, by the name of the day."""
+    (folder / "days.json").write_text(json.dumps(days), encoding="utf-8")
+    for name in days:
+        (folder / name).mkdir(exist_ok=True)
     variables = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
     slow = "ignore:a step takes:UserWarning"  # on a machine busy with tests a step may be longer than its sample
     user = [sys.executable, "-W", "error", "-W", slow, str(Path(__file__).with_name("user.py"))]
     ran = subprocess.run(user, cwd=folder, env=variables, capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stderr) == (0, "")
-    return json.loads((folder / "done.json").read_text(encoding="utf-8")) | {"tracked": tracked}
+    return json.loads((folder / "done.json").read_text(encoding="utf-8"))
 
 
-def inspect(folder, done, muscle, geometries=GEOMETRIES):
+def inspect(folder, done, muscle, geometry, tracked):
     """Nothing fails but the export of what has no closed form, or not as far as the report's joint turns."""
     closed = isinstance(muscle, AffineMuscle) and not muscle.limitation  # of some the stiffness cannot be commanded
-    for geometry in geometries:
-        for command in COMMANDS:
-            result = done[f"{geometry} {command}"]
-            where = f"{type(muscle).__name__} on a {geometry}, {command}: {result}"
-            if command == "export" and (not closed or geometry == "pulley") and result["code"] == 2:
-                assert "cannot be exported" in result["err"], where
-                assert len(result["err"].splitlines()) == 1, where
-                continue
-            assert (result["code"], result["err"]) == (0, ""), where
-        assert (folder / f"{geometry}-c" / "antagonist.h").is_file() is (done[f"{geometry} export"]["code"] == 0)
-    if not done["tracked"]:
+    for command in COMMANDS:
+        result = done[command]
+        where = f"{folder.name} on a {geometry}, {command}: {result}"
+        if command == "export" and (not closed or geometry == "pulley") and result["code"] == 2:
+            assert "cannot be exported" in result["err"], where
+            assert len(result["err"].splitlines()) == 1, where
+            continue
+        assert (result["code"], result["err"]) == (0, ""), where
+    assert (folder / f"{geometry}-c" / "antagonist.h").is_file() is (done["export"]["code"] == 0)
+    if not tracked:
         return
-    tracked = done[f"{done['tracked']} track"]
-    assert (tracked["code"], tracked["err"]) == (0, "")
-    assert load_recording(folder / f"{done['tracked']}.npz").implementation == "compiled"
-    [line] = [x for x in tracked["out"].splitlines() if "implementation of the step" in x]
+    assert (done["track"]["code"], done["track"]["err"]) == (0, "")
+    assert load_recording(folder / f"{geometry}.npz").implementation == "compiled"
+    [line] = [x for x in done["track"]["out"].splitlines() if "implementation of the step" in x]
     assert "compiled" in line
 
 
-@pytest.mark.parametrize(("name", "geometry"), list(zip(MODELS, cycle(GEOMETRIES), strict=False)))
-def test_a_fitted_muscle_goes_through_every_command(name, geometry, tmp_path):
-    write_sample(truth(MODELS[name]), tmp_path / "forces.csv")
-    fitting = ["forces.csv", "--model", name, "--out", "my.toml"]
-    done = spent(tmp_path, "my.toml", fitting, [geometry], tracked=geometry if name in TRACKED else "")
-    assert (done["fit"]["code"], done["fit"]["err"]) == (0, "")
-    muscle = Muscle.load(tmp_path / "my.toml")
-    assert type(muscle) is MODELS[name]
-    inspect(tmp_path, done, muscle, [geometry])
+def on(geometry, names, chosen=None):
+    """The names that the turn gives this geometry, or which have chosen it."""
+    turns = {name: (chosen or {}).get(name, turn) for name, turn in zip(names, cycle(GEOMETRIES), strict=False)}
+    return [name for name, turn in turns.items() if turn == geometry]
 
 
-@pytest.mark.parametrize(("name", "geometry"), list(zip(MUSCLES, cycle(GEOMETRIES), strict=False)))
-def test_a_muscle_of_the_catalogue_goes_through_every_command(name, geometry, tmp_path):
-    inspect(tmp_path, spent(tmp_path, name, geometries=[geometry]), MUSCLES[name], [geometry])
-
-
-@pytest.mark.parametrize("knots", KNOTS)
-def test_a_table_of_any_length_goes_through_every_command(knots, tmp_path):
+def table(knots):
+    """A law in a table of as many rows."""
     eps = np.linspace(0.0, 0.26, knots)
-    muscle = TableMuscle(tuple(eps), tuple(SAROSI_DMSP_20_400N.A(eps)), tuple(SAROSI_DMSP_20_400N.B(eps)))
-    muscle.save(tmp_path / "my.toml")
-    geometries = GEOMETRIES if knots == KNOTS[0] else ("pulley",)  # the law is as long as both together
-    inspect(tmp_path, spent(tmp_path, "my.toml", geometries=geometries), muscle, geometries)
+    return TableMuscle(tuple(eps), tuple(SAROSI_DMSP_20_400N.A(eps)), tuple(SAROSI_DMSP_20_400N.B(eps)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_every_muscle_goes_through_every_command(geometry, tmp_path):
+    fitted, published = on(geometry, MODELS, TRACKED), on(geometry, MUSCLES)
+    tables = [f"table-{knots}" for knots in KNOTS if knots == KNOTS[0] or geometry == "pulley"]  # as long as both
+    days = {name: {"muscle": name} for name in published} | {name: {"muscle": "my.toml"} for name in fitted + tables}
+    for name in fitted:
+        (tmp_path / name).mkdir()
+        write_sample(truth(MODELS[name]), tmp_path / name / "forces.csv")
+        days[name]["fit"] = ["forces.csv", "--model", name, "--out", "my.toml"]
+    for name in tables:
+        (tmp_path / name).mkdir()
+        table(int(name.partition("-")[2])).save(tmp_path / name / "my.toml")
+    done = spent(
+        tmp_path, {name: day | {"geometry": geometry, "tracked": name in TRACKED} for name, day in days.items()}
+    )
+    for name in fitted:
+        assert (done[name]["fit"]["code"], done[name]["fit"]["err"]) == (0, "")
+        assert type(Muscle.load(tmp_path / name / "my.toml")) is MODELS[name]
+    for name in days:
+        muscle = MUSCLES[name] if name in published else Muscle.load(tmp_path / name / "my.toml")
+        inspect(tmp_path / name, done[name], muscle, geometry, name in TRACKED)
+
+
+def test_every_muscle_has_a_turn():
+    for names, chosen in ((MODELS, TRACKED), (MUSCLES, {})):
+        assert sorted(name for geometry in GEOMETRIES for name in on(geometry, names, chosen)) == sorted(names)

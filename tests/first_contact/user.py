@@ -1,15 +1,15 @@
-"""A day with a muscle of one's own: fit it, put it on three joints, and try every command, all in one process.
+"""Days with a muscle of one's own: fit it, put it on a joint, and try every command, all in one process.
 
-Called with a directory that holds `day.json`, {"fit": arguments of `antagonist fit` or null, "muscle": the name of a
-muscle or its file, "geometries": names, "tracked": one of them or ""}; it leaves `done.json` there, what
-every command came to by "geometry command".
+Called in a directory that holds `days.json`, by the name of a day {"fit": arguments of `antagonist fit`, or none,
+"muscle": the name of a muscle or its file, "geometry": a name, "tracked": whether it is}; each has a directory of its
+name. It leaves `done.json` there, what every command came to by day and command.
 """
 
 import json
 import sys
 import traceback
 import warnings
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from io import StringIO
 from time import perf_counter
 
@@ -49,34 +49,36 @@ def called(*arguments):
 
 
 def day(plan):
-    """Every command on every joint."""
-    done = {"fit": called("fit", *plan["fit"])} if plan["fit"] else {}
-    muscle = named_muscle(plan["muscle"])
-    for name in plan["geometries"]:
-        geometry = GEOMETRIES[name]
-        joint, given = report_joint(muscle), ["--muscle", plan["muscle"]]
-        if geometry is not None:
-            joint = AntagonistJoint(geometry, muscle, muscle, angle_limits=STOPS)
-            save_machine(joint, f"{name}.toml")
-            given = ["--machine", f"{name}.toml"]
-        K, reachable = usual_stiffness(joint), stiffness_interval(5 * DEG, 0.2, joint=joint)
-        save_reference(sine(amplitude=5 * DEG, K=K, duration=0.3, ramp=0.1), f"{name}.csv")
-        around = ("--theta=-10:10:5", f"--stiffness={0.8 * K:.4g}:{1.2 * K:.4g}:{0.2 * K:.4g}")
-        commands = {
-            "allocate": ("allocate", "--theta", "5", "--torque", "0.2", "--stiffness", f"{np.mean(reachable):.17g}"),
-            "map": ("map", *around, "--out", f"{name}-map.csv"),
-            "export": ("export", "controller", "--out", f"{name}-c", "--errors", "theta=0.1,rate=0.3"),
-        }
-        if name == plan["tracked"]:
-            commands["export"] = commands["export"][:4]  # finds robust weights, which takes 10 s
-            short = ("--plant", "nominal", "--horizon", "10")
-            commands["track"] = ("track", f"{name}.csv", *short, "--out", f"{name}.npz")
-        done |= {f"{name} {command}": called(*arguments, *given) for command, arguments in commands.items()}
-    return done
+    """Every command on the joint."""
+    done = {"fit": called("fit", *plan["fit"])} if "fit" in plan else {}
+    muscle, name = named_muscle(plan["muscle"]), plan["geometry"]
+    geometry = GEOMETRIES[name]
+    joint, given = report_joint(muscle), ["--muscle", plan["muscle"]]
+    if geometry is not None:
+        joint = AntagonistJoint(geometry, muscle, muscle, angle_limits=STOPS)
+        save_machine(joint, f"{name}.toml")
+        given = ["--machine", f"{name}.toml"]
+    K, reachable = usual_stiffness(joint), stiffness_interval(5 * DEG, 0.2, joint=joint)
+    save_reference(sine(amplitude=5 * DEG, K=K, duration=0.3, ramp=0.1), f"{name}.csv")
+    around = ("--theta=-10:10:5", f"--stiffness={0.8 * K:.4g}:{1.2 * K:.4g}:{0.2 * K:.4g}")
+    commands = {
+        "allocate": ("allocate", "--theta", "5", "--torque", "0.2", "--stiffness", f"{np.mean(reachable):.17g}"),
+        "map": ("map", *around, "--out", f"{name}-map.csv"),
+        "export": ("export", "controller", "--out", f"{name}-c", "--errors", "theta=0.1,rate=0.3"),
+    }
+    if plan["tracked"]:
+        commands["export"] = commands["export"][:4]  # finds robust weights, which takes 10 s
+        short = ("--plant", "nominal", "--horizon", "10")
+        commands["track"] = ("track", f"{name}.csv", *short, "--out", f"{name}.npz")
+    return done | {command: called(*arguments, *given) for command, arguments in commands.items()}
 
 
 if __name__ == "__main__":
-    with open("day.json", encoding="utf-8") as file:
-        plan = json.load(file)
+    with open("days.json", encoding="utf-8") as file:
+        plans = json.load(file)
+    done = {}
+    for name, plan in plans.items():
+        with chdir(name):
+            done[name] = day(plan)
     with open("done.json", "w", encoding="utf-8") as file:
-        json.dump(day(plan), file)
+        json.dump(done, file)

@@ -21,6 +21,7 @@ from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of, within
 from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
 from mpc.trials.files import reference_called
+from mpc.trials.motions.reference import Reference
 
 ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # from a data sheet
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
@@ -51,14 +52,23 @@ class Afternoon:
 
     def run(self, plant: Plant, known: Compensation, log: Path) -> Record:
         """Track min-jerk at 100 Hz by the MPC for the identified `plant`."""
-        controller = TrackingMPC(plant, N=20, weights=Weights.calm(), compensation=known)
-        observer = KalmanObserver(plant, controller.dt, compensation=known)
-        with self._board(controller.dt) as board:
+        parts, start = self.loop(plant, known), SoftStart(settle=1.0)
+        with self._board(parts[0].dt) as board:
             device, clock = self._device(board)
-            reference, start = reference_called("min-jerk", None, plant), SoftStart(settle=1.0)
             return RealTimeLoop(
-                device, controller, observer, reference, start=start, watchdog=self._watchdog, log=log, clock=clock
+                device, *parts, self.reference(plant), start=start, watchdog=self._watchdog, log=log, clock=clock
             ).run()
+
+    @staticmethod
+    def loop(plant: Plant, known: Compensation) -> tuple[TrackingMPC, KalmanObserver]:
+        """Return a controller for the identified `plant`, and its observer."""
+        controller = TrackingMPC(plant, N=20, weights=Weights.calm(), compensation=known)
+        return controller, KalmanObserver(plant, controller.dt, compensation=known)
+
+    @staticmethod
+    def reference(plant: Plant) -> Reference:
+        """Return the trajectory that is tracked."""
+        return reference_called("min-jerk", None, plant)
 
     @property
     def _watchdog(self) -> Watchdog:

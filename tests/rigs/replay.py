@@ -31,8 +31,8 @@ CONTROL_COLUMNS = (*PLAN_COLUMNS, "verdict_theta", "verdict_P1", "verdict_P2")
 class Record(NamedTuple):
     """M steps of a loop."""
 
-    samples: Array  # (M, 4 + 2 (ahead + 1)): θ, P1, P2, whether the QP solver must fail, previews of θ and K
-    answers: Array  # (M, 12), CONTROL_COLUMNS
+    samples: Array  # (M, …): angles, pressures, whether the QP solver must fail, previews of θ and of K's triangles
+    answers: Array  # (M, 2m + n + 7): of a joint CONTROL_COLUMNS
     seconds: Array  # (M,) processor time of Python's observer and controller
 
 
@@ -46,7 +46,9 @@ def record(
 ) -> Record:
     """Drive `process` along `reference`; `fails(k)` decides at every step whether the QP solver fails."""
     wanted = reference.resampled(controller.dt)
-    experiment = process.begin(controller.dt, process.at_rest(float(wanted.theta[0]), float(wanted.K[0])), seed)
+    n, triangle = controller.plant.n, np.triu_indices(controller.plant.n)
+    measured = [*range(n), *range(2 * n, controller.plant.size)]
+    experiment = process.begin(controller.dt, process.at_rest(wanted.theta[0], wanted.K[0]), seed)
     controller.reset()
     observer.reset()
     samples, answers, seconds = [], [], []
@@ -54,19 +56,43 @@ def record(
     for k in range(wanted.t.size - 1):
         y, preview, failing = experiment.measure(), wanted.preview(k, controller.ahead), fails(k)
         began = process_time()
-        x, d = observer.estimate(y, y[2:] if u is None else u)
+        x, d = observer.estimate(y, y[2 * n :] if u is None else u)
         plan = controller.step(x, *preview, d)
         seconds.append(process_time() - began)
         u = plan.u[0]
         moved = (0.0, 0.0, 0.0) if plan.moved is None else plan.moved
-        samples.append(np.concatenate([y[[0, 2, 3]], [failing], *preview]))
+        theta, K = preview
+        if n > 1:
+            theta, K = theta.ravel(), K[:, *triangle].ravel()
+        samples.append(np.concatenate([y[measured], [failing], theta, K]))
         answers.append([*u, plan.status, plan.rung, plan.slack, plan.slack_force, *moved, *observer.verdicts])
         experiment.advance(u)
     return Record(np.array(samples), np.array(answers), np.array(seconds))
 
 
-def replayed(program: Path, rows: Array, columns: tuple[str, ...] = CONTROL_COLUMNS, runner: Runner = run) -> Array:
-    """Return the answers (n, len(columns)) of `program` to `rows`."""
+def answered(controller: TrackingMPC, observer: KalmanObserver, samples: Array) -> Array:
+    """Return the commands, status, rung and verdicts (M, 2m + n + 2) of an arm's loop in Python for any `samples`."""
+    n, m, ahead, u = controller.plant.n, controller.plant.m, controller.ahead + 1, None
+    rows, columns = np.triu_indices(n)
+    controller.reset()
+    observer.reset()
+    answers = []
+    for sample in samples:
+        q, P, rest = sample[:n], sample[n : n + m], sample[n + m + 1 :]
+        theta, entries = rest[: ahead * n].reshape(ahead, n), rest[ahead * n :].reshape(ahead, -1)
+        K = np.empty((ahead, n, n))
+        K[:, rows, columns] = K[:, columns, rows] = entries
+        x, d = observer.estimate(np.concatenate([q, np.full(n, np.nan), P]), P if u is None else u)
+        plan = controller.step(x, theta, K, d)
+        u = plan.u[0]
+        answers.append([*u, plan.status, plan.rung, *observer.verdicts])
+    return np.array(answers, float)
+
+
+def replayed(
+    program: Path, rows: Array, columns: tuple[str, ...] | int = CONTROL_COLUMNS, runner: Runner = run
+) -> Array:
+    """Return the answers (n, …) of `program` to `rows`, with these `columns` or so many."""
     rows.tofile(program.parent / "in")
     runner(program, "in", "out")
-    return np.fromfile(program.parent / "out").reshape(-1, len(columns))
+    return np.fromfile(program.parent / "out").reshape(-1, columns if isinstance(columns, int) else len(columns))

@@ -1,4 +1,4 @@
-"""Compilation of exported files with gcc, for this machine and for a Cortex-M4F in QEMU; and their sizes.
+"""Compilation of exported files with gcc, for this machine and for a Cortex-M4F or M7 in QEMU; and their sizes.
 
 For tests and benchmarks only: users of the exported files have their own tool chain.
 """
@@ -12,9 +12,20 @@ from zlib import crc32
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-I.", "-Isrc")
 SANITISED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
-_M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
-CORTEX_M4F = ("-Os", "-ffunction-sections", "-fdata-sections", *_M4F)
 ARM_GCC, ARM_SIZE, QEMU = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm"
+
+
+class Core(NamedTuple):
+    """Processor: flags of the compiler, and the machine of QEMU that has it."""
+
+    flags: tuple[str, ...]
+    machine: str
+
+
+_SMALL = "-Os", "-ffunction-sections", "-fdata-sections", "-mthumb", "-mfloat-abi=hard"
+M4F = Core((*_SMALL, "-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "mps2-an386")
+M7 = Core((*_SMALL, "-mcpu=cortex-m7", "-mfpu=fpv5-d16"), "mps2-an500")  # with an FPU for double precision
+CORTEX_M4F = M4F.flags
 
 Runner = Callable[..., str]
 Args: TypeAlias = tuple[str, ...]
@@ -22,7 +33,7 @@ _BOARD = Path(__file__).parent / "c" / "mps2_an386"
 
 
 class Size(NamedTuple):
-    """Bytes on a Cortex-M4F."""
+    """Bytes on a Cortex-M."""
 
     code: int  # with constants
     memory: int  # static
@@ -36,10 +47,10 @@ def compiled(directory: Path, main: Path, program: str, *flags: str, compiler: s
     return directory / program
 
 
-def compiled_for_cortex_m4f(directory: Path, main: Path, program: str) -> Path:
-    """Compile the same for QEMU's mps2-an386, which reads and writes files of this machine by semihosting."""
+def compiled_for_cortex(directory: Path, main: Path, program: str, core: Core = M4F) -> Path:
+    """Compile the same for QEMU's machine of `core`, which reads and writes files of this machine by semihosting."""
     board = str(_BOARD / "board.c"), "-T", str(_BOARD / "board.ld"), "--specs=rdimon.specs", "-Wl,--gc-sections"
-    return compiled(directory, main, program, *CORTEX_M4F, compiler=ARM_GCC, linked=board)
+    return compiled(directory, main, program, *core.flags, compiler=ARM_GCC, linked=board)
 
 
 def _objects(directory: Path, flags: Args, compiler: str) -> list[Path]:
@@ -62,10 +73,10 @@ def run(program: Path, *arguments: str) -> str:
     return _run([str(program), *arguments], program.parent)
 
 
-def run_on_cortex_m4f(program: Path, *arguments: str, options: tuple[str, ...] = ()) -> str:
-    """Return the same on QEMU's mps2-an386, with further `options` of QEMU."""
+def run_on_cortex(program: Path, *arguments: str, options: tuple[str, ...] = (), core: Core = M4F) -> str:
+    """Return the same on QEMU's machine of `core`, with further `options` of QEMU."""
     names = ",".join(f"arg={argument}" for argument in (program.name, *arguments))
-    command = [QEMU, "-M", "mps2-an386", "-nographic", "-kernel", program.name, *options]
+    command = [QEMU, "-M", core.machine, "-nographic", "-kernel", program.name, *options]
     return _run([*command, "-semihosting-config", f"enable=on,target=native,{names}"], program.parent)
 
 
@@ -74,10 +85,10 @@ def sizes(directory: Path) -> dict[str, Size]:
     return {f"{made.stem}.c": size_of(made) for made in _objects(directory, CORTEX_M4F, ARM_GCC)}
 
 
-def linked_size(directory: Path) -> Size:
+def linked_size(directory: Path, core: Core = M4F) -> Size:
     """Return the size of a program that calls `ant_step` repeatedly, including its part of newlib-nano."""
     smallest = "-Wl,--gc-sections", "--specs=nano.specs", "--specs=nosys.specs", "-Wl,--no-warnings"
-    made = compiled(directory, _BOARD / "step.c", "step.elf", *CORTEX_M4F, compiler=ARM_GCC, linked=smallest)
+    made = compiled(directory, _BOARD / "step.c", "step.elf", *core.flags, compiler=ARM_GCC, linked=smallest)
     return size_of(made)
 
 

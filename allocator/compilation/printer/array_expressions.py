@@ -9,6 +9,7 @@ from allocator.compilation.printer.c_layout import AND, ATOM, CHOICE, INT, LINK,
 from allocator.compilation.printer.python_text import refuse
 
 _EMPTY, _ZEROS = "np.empty", "np.zeros"
+_ELEMENTS = {"np.bool_": "signed char", "np.int8": "signed char"}  # of new arrays; otherwise real
 
 
 class Unit(Protocol):
@@ -85,7 +86,7 @@ class Expressions:
     def of_call(self, called: ast.expr, arguments: Sequence[ast.expr]) -> Kind:
         """Return the kind of a call's value."""
         match called:
-            case ast.Name("sqrt"):
+            case ast.Name("sqrt" | "ceil"):
                 return REAL
             case ast.Name("abs" | "min" | "max"):
                 return self.either(*arguments)
@@ -94,8 +95,9 @@ class Expressions:
             case ast.Attribute(base, "copy"):
                 return ArrayKind(REAL, self.sizes(base))
         if ast.unparse(called) in (_EMPTY, _ZEROS):
-            shape = arguments[0].elts if isinstance(arguments[0], ast.Tuple) else arguments
-            return ArrayKind(REAL, tuple(map(self.text, shape)))
+            shape = arguments[0].elts if isinstance(arguments[0], ast.Tuple) else arguments[:1]
+            element = _ELEMENTS[ast.unparse(arguments[1])] if len(arguments) > 1 else REAL
+            return ArrayKind(element, tuple(map(self.text, shape)))
         return INT
 
     def either(self, *nodes: ast.expr) -> str:
@@ -145,6 +147,8 @@ class Expressions:
                 return f"{self.text(array, ATOM)}[{self.text(place)}]", ATOM
             case ast.UnaryOp(ast.USub(), operand):
                 return f"-{self.text(operand, UNARY)}", UNARY
+            case ast.UnaryOp(ast.Invert(), operand):
+                return f"~{self.text(operand, UNARY)}", UNARY
             case ast.UnaryOp(ast.Not(), operand):
                 return f"!{self.text(operand, UNARY)}", UNARY
             case ast.Call(called, arguments):
@@ -188,6 +192,8 @@ class Expressions:
             "min": f"ant_min{whole}",
             "max": f"ant_max{whole}",
             "sqrt": "ANT_F(sqrt)",
+            "ceil": "ANT_F(ceil)",
+            "int": "(int)",
             "np.isfinite": "isfinite",
         }
         function = made.get(name) or (self.unit.entries.get(name, name) if name in self.unit.nodes else "")

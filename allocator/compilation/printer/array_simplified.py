@@ -27,10 +27,10 @@ class _Simple(ast.NodeTransformer):
         return node
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
-        """Return float(x) as x, and the greatest of three as that of two and one."""
+        """Return float(x) and bool(x) as x, and the greatest of three as that of two and one."""
         self.generic_visit(node)
         match node:
-            case ast.Call(ast.Name("float"), [value], []):
+            case ast.Call(ast.Name("float" | "bool"), [value], []):
                 return value
             case ast.Call(ast.Name("min" | "max") as name, [*most, last], []) if len(most) > 1:
                 return self.visit_Call(_at(node, ast.Call(name, [ast.Call(name, most, []), last], [])))

@@ -11,6 +11,8 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from inspect import isbuiltin
 
 from allocator.compilation.jit import Function
 from allocator.compilation.printer.array_expressions import Expressions
@@ -73,10 +75,17 @@ class _Unit:
         self.constants: dict[str, str] = {}  # definitions by name
         self.heads: dict[str, str] = {}
         self.returns: dict[str, Kind] = {}
+        self._read: dict[str, _Function] = {}
+
+    def _of(self, name: str) -> "_Function":
+        """Return a function whose kinds are known."""
+        if name not in self._read:
+            self._read[name] = _Function(self, self.nodes[name])
+        return self._read[name]
 
     def function(self, name: str) -> str:
         """Return the text of a function, and record its prototype."""
-        made = _Function(self, self.nodes[name])
+        made = self._of(name)
         text = "\n".join(made.lines())
         self.heads[name] = made.head
         return text
@@ -85,7 +94,7 @@ class _Unit:
         """Return the kind of the function's return value, "void" for none."""
         if name not in self.returns:
             self.returns[name] = INT  # placeholder against recursion
-            self.returns[name] = _Function(self, self.nodes[name]).result()
+            self.returns[name] = self._of(name).result()
         return self.returns[name]
 
     def literal(self, value: float) -> str:
@@ -109,20 +118,22 @@ class _Function(Expressions):
     """One function, line by line."""
 
     def __init__(self, unit: _Unit, node: ast.FunctionDef) -> None:
-        known = {argument.arg: unit.kinds.get(argument.arg, INT) for argument in node.args.args}
-        loops = {n.target.id for n in ast.walk(node) if isinstance(n, ast.For) and isinstance(n.target, ast.Name)}
+        known = {argument.arg: _kind_of(argument, unit.kinds) for argument in node.args.args}
+        nodes = [*ast.walk(node)]
+        loops = {n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)}
         super().__init__(unit, known, loops)
         self.node, self.head = node, ""
-        sized = {id(n) for n in ast.walk(node) if _asks_for_a_size(n) for n in ast.walk(n)}
-        loaded = [n for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)]
+        sized = {id(n) for n in nodes if _asks_for_a_size(n) for n in ast.walk(n)}
+        loaded = [n for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)]
         self.read = {n.id for n in loaded if id(n) not in sized}  # C does not ask an array for its length
         self.fresh: set[str] = set()  # variables that are declared where they are first assigned
         self.calls = 0  # calls that return several numbers
+        assignments = [n for n in nodes if isinstance(n, ast.Assign | ast.AugAssign)]
         for _ in range(3):  # until the kinds of all assigned values are known
-            for statement in ast.walk(node):
+            for statement in assignments:
                 if isinstance(statement, ast.Assign):
                     self.note_all(statement)
-                elif isinstance(statement, ast.AugAssign):
+                else:
                     self.note(statement.target, self.kind(statement.value))
 
     def note_all(self, node: ast.Assign) -> None:
@@ -312,7 +323,7 @@ def with_called(functions: Sequence[Function]) -> list[Function]:
             continue
         found[node.name] = function
         called = [n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
-        left += [names[name] for name in dict.fromkeys(called) if name in names]
+        left += [names[name] for name in dict.fromkeys(called) if not isbuiltin(names.get(name, abs))]
     return [*found.values()]
 
 
@@ -324,8 +335,19 @@ def _asks_for_a_size(node: ast.AST) -> bool:
     return False
 
 
+def _kind_of(argument: ast.arg, kinds: Kinds) -> Kind:
+    """Return the kind of an argument: by its annotation `float`, else by its name, else an integer."""
+    real = isinstance(argument.annotation, ast.Name) and argument.annotation.id == "float"
+    return REAL if real else kinds.get(argument.arg, INT)
+
+
 def _parsed(function: Function) -> ast.FunctionDef:
-    function = getattr(function, "py_func", function)  # the source of a numba dispatcher
+    """Return the tree of a function, or of the function that a numba dispatcher compiles."""
+    return _tree(getattr(function, "py_func", function))
+
+
+@cache
+def _tree(function: Function) -> ast.FunctionDef:
     [node] = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     if not isinstance(node, ast.FunctionDef):
         raise Unprintable(f"{function} is no function")

@@ -11,7 +11,17 @@ import numpy as np
 
 REAL, INT = "ant_real", "int"
 LINKS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-SIGNS = {ast.Add: ("+", 12), ast.Sub: ("-", 12), ast.Mult: ("*", 13), ast.Div: ("/", 13), ast.BitOr: ("|", 6)}
+SIGNS = {
+    ast.Add: ("+", 12),
+    ast.Sub: ("-", 12),
+    ast.Mult: ("*", 13),
+    ast.Div: ("/", 13),
+    ast.FloorDiv: ("/", 13),
+    ast.BitOr: ("|", 6),
+    ast.BitAnd: ("&", 8),
+    ast.LShift: ("<<", 11),
+    ast.RShift: (">>", 11),
+}
 CHOICE, OR, AND, FLAGS, LINK, SUM, UNARY, ATOM = 3, 4, 5, 6, 10, 12, 14, 16  # precedences; ATOM: no operator
 
 

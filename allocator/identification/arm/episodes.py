@@ -16,7 +16,8 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 
 _BROKEN = 0.06  # [rad] between the step of an angle and that of its speed; more is a jump of the clock
-_LEAST_ROWS = 10
+LEAST_ROWS = 10
+_SAME_STEP = 0.05
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Episode:
         if v.shape != q.shape:
             raise InvalidInput(f"{name or 'episode'}: speeds {v.shape} for angles {q.shape}")
         whole = cls(q, v, p, step, name)
-        return tuple(whole._part(i, j) for i, j in whole._stretches() if j - i >= _LEAST_ROWS)
+        return tuple(whole._part(i, j) for i, j in whole._stretches() if j - i >= LEAST_ROWS)
 
     def _stretches(self) -> list[tuple[int, int]]:
         error = np.diff(self.q, axis=0) - self.step * (self.v[1:] + self.v[:-1]) / 2
@@ -87,8 +88,14 @@ class Windows(NamedTuple):
     def cut(cls, episodes: Sequence[Episode], steps: int, every: int, *, first: int = 8) -> Self:
         """Return the windows of `steps` steps that begin at row `first` of every stretch and `every` rows later.
 
-        Raises `InvalidInput` if no episode is long enough.
+        Raises `InvalidInput` if no episode is long enough, and for episodes of different arms or steps.
         """
+        for e in episodes:
+            if e.q.shape[1] != episodes[0].q.shape[1] or abs(e.step / episodes[0].step - 1) > _SAME_STEP:
+                raise InvalidInput(
+                    f"{e.name} has {e.q.shape[1]} joints and rows {e.step:g} s apart, {episodes[0].name} has "
+                    f"{episodes[0].q.shape[1]} and {episodes[0].step:g} s: episodes of one arm at one rate expected"
+                )
         found = [(e, i) for e in episodes for i in range(first, len(e.q) - steps, every)]
         if not found:
             raise InvalidInput(f"no episode has the {first + steps + 1} rows that a free run of {steps} steps needs")

@@ -98,6 +98,7 @@ _DIFFERENCE = 3e-4  # of a usual size
 _ITERATIONS = 40
 _BETTER = 0.98  # of the error on left-out episodes, required of a further term
 _FOLDS = 3
+_PIECES = 3  # of a log with few episodes, for each fit
 
 
 def fit_law(law: JointLaw, windows: Windows, start: Array | None = None) -> Array:
@@ -131,8 +132,11 @@ def joint_error(law: JointLaw, x: Array, windows: Windows) -> float:
 
 
 def folds(windows: Windows, count: int) -> list[NDArray[np.bool_]]:
-    """Return the windows (w,) left out of each of `count` fits: whole episodes, in turn."""
+    """Return the windows (w,) left out of each of `count` fits: whole episodes in turn, or pieces if they are few."""
     names = list(dict.fromkeys(windows.episode.tolist()))
+    if len(names) < 2 * count:
+        pieces = np.arange(len(windows.q)) * _PIECES * count // len(windows.q)
+        return [pieces % count == i for i in range(count)]
     turn = {name: i % count for i, name in enumerate(names)}
     which = np.array([turn[name] for name in windows.episode.tolist()])
     return [which == i for i in range(count)]
@@ -166,6 +170,7 @@ def choose_terms(law: JointLaw, windows: Windows, tell: Callable[[str], object] 
 _MEMBERS = 5
 _MOVES = (0.5 * DEG, 5 * DEG)  # between a joint that rests, one that moves, and one that moves far
 _COVERED = 0.95
+_NOTHING = 1e-6  # weight of a step without errors
 _FEWER = 2  # every so many windows choose the terms
 
 
@@ -177,15 +182,21 @@ class Bands:
 
     @classmethod
     def of(cls, predicted: Array, start: Array, error: Array) -> "Bands":
-        """Return the quantiles of errors (w, h, m) of free runs (w, h, m) from angles (w, m), all in rad."""
+        """Return the quantiles of errors (w, h, m) of free runs (w, h, m) from angles (w, m), all in rad.
+
+        Widths do not decrease along a run: they are the isotonic regression of the quantiles of each step.
+        """
+        from scipy.optimize import isotonic_regression
+
         kind, (_, h, m) = _kind(predicted, start), error.shape
         widths = np.zeros((m, len(_MOVES) + 1, h))
         for j in range(m):
             for move in range(len(_MOVES) + 1):
-                for t in range(h):
-                    near = np.abs(error[:, max(t - 2, 0) : t + 3, j])[kind[:, max(t - 2, 0) : t + 3, j] == move]
-                    before = widths[j, move, t - 1] if t else 0.0
-                    widths[j, move, t] = max(before, np.quantile(near, _COVERED)) if near.size else before
+                steps = [slice(max(t - 2, 0), t + 3) for t in range(h)]
+                near = [np.abs(error[:, step, j])[kind[:, step, j] == move] for step in steps]
+                quantiles = [np.quantile(errors, _COVERED) if errors.size else 0.0 for errors in near]
+                weights = [max(errors.size, _NOTHING) for errors in near]
+                widths[j, move] = isotonic_regression(quantiles, weights=weights).x
         return cls(widths)
 
     def around(self, predicted: Array, start: Array) -> Array:
@@ -208,6 +219,7 @@ class ArmFit:
     laws: tuple[JointLaw, ...]
     members: tuple[Array, ...]  # of each joint (5, n)
     full: float  # pressure that is 1 in the laws
+    left_out: Array  # free runs (w, h, m) [rad] of the fitted windows, each by the fit without its episode
     bands: Bands
 
     def predict(self, windows: Windows) -> tuple[Array, Array]:
@@ -250,8 +262,8 @@ def fit_arm(
         For episodes shorter than a free run, and for joints that hardly move.
     """
     tell = progress or (lambda step: None)
-    assignment = assign_muscles(episodes)
     windows = Windows.cut(episodes, horizon, every)
+    assignment = assign_muscles(episodes)
     full = float(np.abs(windows.p).max())
     windows = windows._replace(p=windows.p / full)
     few = windows.only(np.arange(len(windows.q)) % _FEWER == 0)
@@ -264,18 +276,20 @@ def fit_arm(
         laws.append(law)
         tell(f"joint {j + 1}: {', '.join(law.terms) or 'no further terms'}")
         members.append(np.stack([fit_law(law, windows.only(~out)) for out in left_out]))
-    return ArmFit(assignment, tuple(laws), tuple(members), full, _bands(tuple(laws), tuple(members), windows))
+    predicted = _left_out(laws, members, windows)
+    bands = Bands.of(predicted, windows.q[:, 1], predicted - windows.future)
+    return ArmFit(assignment, tuple(laws), tuple(members), full, predicted, bands)
 
 
 def _members(laws: Sequence[JointLaw], members: Sequence[Array]) -> dict[int, tuple[JointLaw, Array]]:
     return {law.joint: (law, x) for law, x in zip(laws, members, strict=True)}
 
 
-def _bands(laws: Sequence[JointLaw], members: Sequence[Array], windows: Windows) -> Bands:
+def _left_out(laws: Sequence[JointLaw], members: Sequence[Array], windows: Windows) -> Array:
     predicted = np.empty_like(windows.future)
     for i, out in enumerate(folds(windows, _MEMBERS)):
         part = windows.only(out)
         one = _members(laws, [x[i : i + 1] for x in members])
         runs = run(one, part.q, part.v, part.p, part.step)
         predicted[out] = np.stack([runs[j][0] for j in range(len(laws))], axis=-1)
-    return Bands.of(predicted, windows.q[:, 1], predicted - windows.future)
+    return predicted

@@ -10,12 +10,13 @@ from rich.table import Table
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.files.text import short
 from allocator.identification.columns import parse_columns
 from allocator.identification.joint.fit import JointComparison, compare_joint_models, fit_joint
 from allocator.identification.joint.reading import JointLog, joined_logs, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
-from allocator.identification.options import SkipRows, Topics, assigned, clock, columns_option, each, print_lines, short
+from allocator.identification.options import SkipRows, Topics, assigned, clock, columns_option, each, print_lines
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.presentation.plotting import save_figure
 from allocator.shell.machine_options import MachineOptions

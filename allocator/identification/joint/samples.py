@@ -114,7 +114,7 @@ class JointSamples:
         """Return (ε, a, a') of agonist and antagonist at the true angles `theta` (n,), and the rest lengths (n,)."""
         columns = np.empty((7, self.n))
         for i, (_, geometry) in enumerate(self.groups):
-            here = self.group == i
+            here = self.group == i if len(self.groups) > 1 else slice(None)
             at = theta[here]
             columns[:3, here], columns[3:6, here] = geometry.agonist(at), geometry.antagonist(at)
             columns[6, here] = geometry.rest_length

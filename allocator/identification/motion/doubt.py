@@ -19,7 +19,7 @@ For the drift, the measured angle is regressed on the predicted one in each piec
 
 A muscle that tires or warms up changes g. The standard deviation of r follows from the spread of the gains about the
 line, so it includes the model error, which differs between pieces. Pieces are the stretches of the log, or eight parts
-of it if there are fewer than four stretches.
+of it if fewer than four stretches have 50 rows to judge.
 """
 
 from collections.abc import Callable, Mapping
@@ -179,6 +179,7 @@ class _Piece(NamedTuple):
 def _pieces(log: MotionLog) -> list[Mask]:
     """Return the settled rows (n,) of each piece."""
     row = np.arange(log.n)
-    if len(log.parts) >= _LEAST_STRETCHES:
-        return [log.settled & (row >= part.start) & (row < part.stop) for part in log.parts]
+    stretches = [log.settled & (row >= part.start) & (row < part.stop) for part in log.parts]
+    if sum(int(rows.sum()) >= _LEAST_ROWS for rows in stretches) >= _LEAST_STRETCHES:
+        return stretches
     return [log.settled & (row * _PIECES // log.n == i) for i in range(_PIECES)]

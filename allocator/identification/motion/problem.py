@@ -31,9 +31,9 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.identification.motion import loops
-from allocator.identification.motion.samples import TAUT_FROM, MotionLog, even_times, evenly
+from allocator.identification.motion.samples import TAUT_FROM, MotionLog
 from allocator.identification.motion.static import Difference, Equilibrium
-from allocator.identification.recording import stretches
+from allocator.identification.recording import even_times, evenly, stretches
 from allocator.joint.hysteresis import FILLED, PrandtlIshlinskii
 from allocator.units import BAR, DEG
 

@@ -14,6 +14,7 @@ same parameters in all of them, and begins each without memory.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
 from typing import Self
 
 import numpy as np
@@ -22,10 +23,16 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.files.text import FilePath
+from allocator.files.text import FilePath, short
 from allocator.identification.columns import read_columns
+from allocator.identification.outliers import some
 from allocator.identification.recording import (
     GAP,
+    MOST_ROWS,
+    UNEVEN,
+    even_times,
+    evenly,
+    in_succession,
     in_time,
     long_stretches,
     refuse_turns,
@@ -40,7 +47,6 @@ _LEAST_ROWS = 200
 _LEAST_TIME = 10.0  # [s]
 _LONGEST_STEP = 0.2  # [s] between rows
 _LEAST_STRETCH = 4.0  # [s] shorter ones hardly last beyond `_FORGOTTEN`
-_BETWEEN = 10.0  # [s] put between two logs
 _FORGOTTEN = 2.0  # [s] for a joint to reach the angle of the first commands
 _LEAST_SWING = 2 * DEG  # from the least to the greatest angle
 _LEAST_MOVE = 0.1 * BAR  # of a pressure
@@ -49,8 +55,6 @@ _SPEED_OVER = 0.3  # [s] over which a speed is measured
 _SAME_SPEED = 0.9  # squared cosine between v and sign(v); 1 on ramps, 0.81 on a sine, less with steps
 _MEDIAN_OVER = 0.25  # [s]
 _SHOWN = 10  # spikes that are listed
-_UNEVEN = 0.05  # standard deviation of the steps over their median, above which rows are resampled at even times
-_MOST_ROWS = 15_000  # of longer logs every second, third … row is used
 _WANTED = (("time",), ("theta",), ("pressure1",), ("pressure2",))
 _MEASURED = ("measured1", "measured2")
 
@@ -91,7 +95,7 @@ class MotionLog:
         log._check_excitation()
         log = log._even()
         log = log._without_noise() if medians else log
-        every = -(-log.n // _MOST_ROWS)
+        every = -(-log.n // MOST_ROWS)
         return log if every == 1 else log.thinned(every)
 
     def thinned(self, every: int) -> Self:
@@ -116,8 +120,12 @@ class MotionLog:
 
     @property
     def settled(self) -> Mask:
-        """Return the rows (n,) that no longer depend on the unknown state at the beginning of their stretch."""
-        return np.concatenate([self.t[part] - self.t[part.start] >= _FORGOTTEN for part in self.parts])
+        """Return the rows (n,) after the first two seconds of their stretch, or after its first half if that is less.
+
+        The others depend on the unknown state at the beginning.
+        """
+        since = [self.t[part] - self.t[part.start] for part in self.parts]
+        return np.concatenate([t >= min(_FORGOTTEN, t[-1] / 2) for t in since])
 
     @property
     def swing(self) -> float:
@@ -159,14 +167,14 @@ class MotionLog:
     def _even(self) -> Self:
         """Return the log with rows at even times: angles interpolated linearly, pressures of the previous row.
 
-        Inertia and damping are a filter with a constant step. A row that is late by less than `_UNEVEN` steps, e.g. by
+        Inertia and damping are a filter with a constant step. A row that is late by less than `UNEVEN` steps, e.g. by
         rounding of its stamp, counts as punctual; otherwise its commands would come a step later.
         """
         if all(evenly(self.t[part]) for part in self.parts):
             return self
-        step = max(self.step, sum(float(np.ptp(self.t[part])) for part in self.parts) / _MOST_ROWS)
+        step = max(self.step, sum(float(np.ptp(self.t[part])) for part in self.parts) / MOST_ROWS)
         t = np.concatenate([even_times(self.t[part], step) for part in self.parts])
-        before = np.searchsorted(self.t, t + _UNEVEN * step, side="right") - 1
+        before = np.searchsorted(self.t, t + UNEVEN * step, side="right") - 1
         return replace(self, t=t, theta=np.interp(t, self.t, self.theta), P1=self.P1[before], P2=self.P2[before])
 
     def _without_noise(self) -> Self:
@@ -255,57 +263,58 @@ class MotionLog:
         return turns
 
 
-def evenly(t: Array) -> bool:
-    """Return whether times (n,) [s] are even enough for a filter with a constant step."""
-    steps = np.diff(t)
-    return bool(steps.std() <= _UNEVEN * np.median(steps))
-
-
-def even_times(t: Array, step: float | None = None) -> Array:
-    """Return even times [s] from the first to the last of t (n,), with this step [s] or its median, or a longer one."""
-    if step is None:
-        step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / _MOST_ROWS)
-    return np.asarray(t[0] + step * np.arange(int((t[-1] - t[0]) / step * (1 + 1e-12)) + 1))
-
-
 def read_motion_log(
-    path: FilePath, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0, topics: str | None = None
+    path: FilePath | Sequence[FilePath],
+    columns: Mapping[str, str] | None = None,
+    *,
+    skip_rows: int = 0,
+    topics: str | None = None,
 ) -> MotionLog:
     """Read the log of a moving joint; `columns` as for `read_joint_log`: ``{"theta": "phi:deg"}``.
 
-    `skip_rows` lines are skipped at the beginning of the file. Rows with a missing reading, a spike, or a drop-out of a
-    pressure are left out. `topics` maps quantities to numbers of a ROS bag or an MCAP file:
+    Several files are one log in the order given, each of one stretch or more. `skip_rows` lines are skipped at the
+    beginning of a file. Rows with a missing reading, a spike, or a drop-out of a pressure are left out. `topics` maps
+    quantities to numbers of a ROS bag or an MCAP file:
     ``"theta=/joint_states.position[0] pressure1=/valves.data[0]:bar …"``. `MotionLog.notes` lists the unused rows.
 
-    Raises `InvalidFile`, with line and column if applicable, also for too little motion.
+    Raises `InvalidFile`, with line and column if applicable, also for too little motion in all files together, and
+    `InvalidInput` if only some files have measured pressures in addition to commands.
     """
+    paths = short([path] if isinstance(path, str | PathLike) else list(path))
+    logs = {name: _read(one, columns, skip_rows, topics) for name, one in paths.items()}
+    log = joined(logs)
+    try:
+        MotionLog.checked(log.t, log.theta, log.P1, log.P2)
+    except InvalidInput as error:
+        raise InvalidFile(some([str(one) for one in paths.values()]), "; ".join((str(error), *log.notes))) from None
+    return log
+
+
+def _read(path: FilePath, columns: Mapping[str, str] | None, skip_rows: int, topics: str | None) -> MotionLog:
     measured = read_columns(path, _WANTED, _MEASURED, columns, skip_rows=skip_rows, topics=topics)
     measured = without_spikes(in_time(measured))
     measured = long_stretches(measured, _LEAST_STRETCH)
     refuse_turns(measured)
     t, theta, P1, P2 = (measured.values[quantity] for (quantity,) in _WANTED)
-    try:
-        MotionLog.checked(t, theta, P1, P2)
-    except InvalidInput as error:
-        raise InvalidFile(path, "; ".join((str(error), *measured.notes))) from None
     there = [measured.values[name] for name in _MEASURED if name in measured.values]
     if len(there) == 1:
         raise InvalidFile(path, f"only one of {' and '.join(_MEASURED)} is there: give both, or neither")
     return MotionLog(t, theta, P1, P2, (there[0], there[1]) if there else None, notes=measured.notes)
 
 
-def joined(logs: Sequence[MotionLog]) -> MotionLog:
-    """Return several logs of one joint as one, each a stretch or more, in the order given.
+def joined(logs: Mapping[str, MotionLog]) -> MotionLog:
+    """Return the logs of one joint, by the names of their files, as one.
 
     Raises `InvalidInput` if only some of them have measured pressures in addition to commands.
     """
-    if len({log.measured is None for log in logs}) > 1:
+    if len(logs) == 1:
+        return next(iter(logs.values()))
+    every = list(logs.values())
+    if len({log.measured is None for log in every}) > 1:
         raise InvalidInput("some of the logs have measured1 and measured2, others not: give all of them, or none")
-    times, end = [], 0.0
-    for log in logs:
-        times.append(log.t - log.t[0] + end)
-        end = float(times[-1][-1]) + _BETWEEN
-    theta, P1, P2 = (np.concatenate([getattr(log, name) for log in logs]) for name in ("theta", "P1", "P2"))
-    pairs = [log.measured for log in logs if log.measured is not None]
+    t = np.concatenate(in_succession([log.t for log in every]))
+    theta, P1, P2 = (np.concatenate([getattr(log, name) for log in every]) for name in ("theta", "P1", "P2"))
+    pairs = [log.measured for log in every if log.measured is not None]
     measured = (np.concatenate([one for one, _ in pairs]), np.concatenate([two for _, two in pairs])) if pairs else None
-    return MotionLog(np.concatenate(times), theta, P1, P2, measured, notes=tuple(n for log in logs for n in log.notes))
+    notes = tuple(f"{name}: {note}" for name, log in logs.items() for note in log.notes)
+    return MotionLog(t, theta, P1, P2, measured, notes=notes)

@@ -11,12 +11,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.files.text import short
 from allocator.identification.columns import parse_columns
 from allocator.identification.muscle.fit import Ranking, rank_models
 from allocator.identification.muscle.reading import DATASETS, read_samples
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples, joined
-from allocator.identification.options import SkipRows, Topics, assigned, columns_option, each, print_lines, short
+from allocator.identification.options import SkipRows, Topics, assigned, columns_option, each, print_lines
 from allocator.muscles import MODELS, Muscle
 from allocator.presentation.plotting import save_figure
 from allocator.shell.options import within

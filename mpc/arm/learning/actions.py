@@ -90,16 +90,16 @@ class PostureAndStiffness:
         warm_up(joint=arm.mechanism)
         self.size, self.arm = 2 * arm.n, arm
         low, high = arm.angle_limits
-        self._middle, self._half = (low + high) / 2, (high - low) / 2
-        least, greatest = arm.mechanism.pressure_box(self._middle, Limits(min_force=0.0))
-        ends = [np.diag(arm.mechanism.stiffness(self._middle, P)) for P in (least, greatest)]
-        self._stiffness = np.log(np.maximum(ends[0], 1e-2 * ends[1])), np.log(ends[1])
+        middle = (low + high) / 2
+        ends = [np.diag(arm.mechanism.stiffness(middle, P)) for P in arm.mechanism.pressure_box(middle, Limits())]
+        softest, stiffest = np.log(np.maximum(ends[0], 1e-2 * ends[1])), np.log(ends[1])
+        self._middle = np.concatenate([middle, (softest + stiffest) / 2])  # (2n,) of angles and ln K
+        self._half = np.concatenate([(high - low) / 2, (stiffest - softest) / 2])
 
     def targets(self, action: Array) -> tuple[Array, Array]:
         """Return postures (N, n) [rad] and diagonals of stiffnesses (N, n) [N·m/rad] of the actions."""
-        n, (least, greatest) = self.arm.n, self._stiffness
-        share = (action[:, n:] + 1) / 2
-        return self._middle + self._half * action[:, :n], np.exp(least + share * (greatest - least))
+        meant = self._middle + self._half * action
+        return meant[:, : self.arm.n], np.exp(meant[:, self.arm.n :])
 
     def pressures(self, action: Array) -> Array:
         """Return the pressures (N, m) [Pa] of the actions, or the nearest feasible ones."""

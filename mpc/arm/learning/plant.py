@@ -26,6 +26,7 @@ from allocator.muscles import Muscle
 from mpc.arm.learning.wall import Wall, pushed_back
 from mpc.codegen.buffered import Buffered
 from mpc.codegen.python_text import filling
+from mpc.model.arm.formulas import varied_acceleration
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
 from mpc.model.gas import fall
@@ -130,18 +131,15 @@ class VariedArm:
         """Return x' (2n + m, 1) of the state `x`, commands `u` [Pa], values `v` and torques `d` [N·m], all symbols."""
         import casadi as ca
 
-        n, bodies = self.arm.n, self.arm.bodies
+        n = self.arm.n
         q, omega, P = x[:n], x[n : 2 * n], x[2 * n :]
         length, slope = _with_slope(lambda angles: symbolic_lengths(self.arm.mechanism.routes, angles), q)
-        mass, damping = v[self.places["mass"]], v[self.places["damping"]]
         F = self.forces(length, P, v)
-        pushing = (
-            -slope.T @ F - mass * (bodies.coriolis(q, omega) + bodies.gravity_torque(q)) + self._stop(q, omega) + d
-        )
-        pushing -= damping * ca.DM(bodies.damping) * omega
+        torque = d - slope.T @ F + self._stop(q, omega)
         if self.wall is not None:
-            pushing += self.touch(q, omega, v)[2]
-        alpha = ca.ldl_solve(pushing, *ca.ldl(mass * bodies.mass_matrix(q)))
+            torque += self.touch(q, omega, v)[2]
+        mass, damping = v[self.places["mass"]], v[self.places["damping"]]
+        alpha = varied_acceleration(self.arm.bodies, q, omega, torque, mass, damping)
         filling = (u - P) / v[self.places["lags"]] - self._falls(length, slope @ omega, P, F, v)
         return ca.vertcat(omega, alpha, filling)
 

@@ -38,7 +38,7 @@ _STEPS = 12  # of Gauss–Newton in the age
 _APART = 0.10  # [-] of the amplitude: tones farther apart are useless
 _RATE = 3.5  # standard errors of an accepted rate dependence
 _RATE_LEAST = 0.06  # [-] of K_felt per decade, below which a rate dependence is irrelevant
-_SOFTENS = 2.5  # standard errors of an accepted lack of softening
+_SOFTENS = 1.2  # standard errors of an accepted lack of softening
 
 
 class Load(NamedTuple):

@@ -99,78 +99,8 @@ typedef struct {
 ant_stiffness ant_stiffness_at(ant_real theta, ant_real P1, ant_real P2, ant_real amplitude);
 
 #ifdef ANT_HORIZON
-/* --- control: angle and stiffness to commanded pressures --------------------------------------------------------- */
-
-/* Status of a plan. */
-typedef enum {
-    ANT_PLAN_OPTIMAL = 0,        /* the QP was solved, and its optimality conditions were checked */
-    ANT_PLAN_UNSOLVED = 1,       /* the QP solver gave up, or reached its bound of iterations */
-    ANT_PLAN_REFUSED = 2,        /* the QP solver's answer was not optimal and was refused */
-    ANT_PLAN_NO_MEASUREMENT = 3, /* part of the state was not measured: the predicted one was used in its place */
-    ANT_PLAN_NOT_FINITE = 4,     /* the prediction left the range of numbers */
-    ANT_PLAN_BLIND = 7,          /* the angle has not been measured for too long to trust its prediction */
-    ANT_PLAN_RESTING = 9,        /* the reference stands still: the pressures are held, and corrected now and then */
-    ANT_PLAN_BAD_INPUT = -1      /* a reference is invalid: the pressures are held */
-} ant_plan_status;
-
-/* Which step of the fallback ladder gave the plan, best first. */
-typedef enum {
-    ANT_RUNG_QP = 0,
-    ANT_RUNG_SOFTENED = 1,   /* the QP with its limits softened, all but the slew */
-    ANT_RUNG_PREVIOUS = 2,   /* the previous plan went on */
-    ANT_RUNG_ALLOCATION = 3, /* the closed-form allocation, approached as the limits allow */
-    ANT_RUNG_HOLD = 4        /* the pressures are held, and let out slowly if this lasts */
-} ant_rung;
-
-/* Sensor readings; NaN if one is missing. */
-typedef struct {
-    ant_real theta;  /* [rad] */
-    ant_real P1, P2; /* [Pa] */
-} ant_reading;
-
-/* References from now on, every ANT_DT seconds: ANT_AHEAD + 1 samples. */
-typedef struct {
-    ant_real theta[ANT_AHEAD + 1]; /* [rad] */
-    ant_real K[ANT_AHEAD + 1];     /* [N*m/rad] */
-} ant_reference;
-
-/* Commands over the horizon, and the predicted motion. */
-typedef struct {
-    ant_real u[ANT_HORIZON][2];     /* commanded pressures [Pa]; u[0] is the pair to send now */
-    ant_real x[ANT_HORIZON + 1][4]; /* theta [rad], its rate [rad/s], P1, P2 [Pa], from the time that u[0] acts */
-    ant_real K[ANT_HORIZON + 1];    /* stiffness [N*m/rad] along x */
-    ant_plan_status status;
-    ant_rung rung;
-    ant_real slack;       /* how far x leaves the joint range at worst [rad] */
-    ant_real slack_force; /* how far a muscle force falls below the least one at worst [N] */
-    ant_real moved[3];    /* how far references were moved at worst: angle [rad], stiffness [N*m/rad], torque [N*m] */
-    int iterations;       /* of the QP solver */
-} ant_plan;
-
-#include "antagonist_controller.h" /* ant_controller: memory and workspace, of fixed size */
-
-/* Reset the controller. Call once before the first step. */
-void ant_reset(ant_controller *controller);
-
-/* One sample: reading and reference in, plan out. Sends nothing; the caller sends plan->u[0] at once. */
-void ant_step(ant_controller *controller, const ant_reading *reading, const ant_reference *reference, ant_plan *plan);
-
-/* Use `tuning` from now on. Call after ant_reset, which restores ANT_TUNING. `tuning` must stay valid at its address.
- * Returns 0, and changes nothing, if a number is not finite, or a weight or price is not positive. */
-extern const ant_tuning ANT_TUNING; /* of the export */
-int ant_tune(ant_controller *controller, const ant_tuning *tuning);
-
-/* Fill in a tuning from the numbers that `antagonist export tuning` writes. Returns 0, and changes nothing, if their
- * count is not ANT_TUNING_NUMBERS, or if they were made for another sample time or another plant. */
-int ant_tuning_from(const ant_real *numbers, int count, ant_tuning *tuning);
-
-/* The two halves of ant_step, for use with another observer. The state x is theta [rad], its rate [rad/s], P1, P2 [Pa],
- * NaN where unknown; d is the disturbance torque [N*m]; sent are the previous commands [Pa]. observer->verdicts has the
- * verdicts on the readings. */
-void ant_estimate(ant_observer *observer, const ant_reading *reading, const ant_real sent[2], ant_real x[4],
-                  ant_real *d);
-void ant_control(ant_controller *controller, const ant_real x[4], ant_real d, const ant_reference *reference,
-                 ant_plan *plan);
+typedef char ant_memory; /* the allocation needs none */
+#include "antagonist_control.h"
 #endif
 
 #ifdef __cplusplus

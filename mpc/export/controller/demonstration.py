@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import cos, pi
+from math import pi
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from allocator import allocate, stiffness_interval
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export import text
-from mpc.model.plant import Plant
+from mpc.model.arm.model import Arm
+from mpc.model.machine import Machine
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 
@@ -45,22 +46,37 @@ def allocation_lines(joint: AntagonistJoint) -> Iterator[str]:
 
 
 SAMPLES, SHOWN = 100, 10
-_SWING = 0.15  # of the joint range
+_SWING, _FARTHEST = 0.15, 0.5  # of the joint range, and [rad]
 
 
-def control_numbers(plant: Plant) -> dict[str, tuple[float | int, str]]:
-    """Return the definitions of the demonstration in settings.h."""
-    left, right = plant.joint.angle_range
-    middle = round((left + right) / 2, 6)
-    K = round(float(np.mean(stiffness_interval(middle, 0.0, joint=plant.joint))), 4)
-    x = plant.at_rest(middle, K)
-    return {
-        "DEMO_MIDDLE": (middle, "the demonstration's angle [rad]"),
-        "DEMO_SWING": (round(_SWING * (right - left), 4), "length of its motion [rad]"),
-        "DEMO_K": (K, "[N*m/rad]"),
-        "DEMO_P1": (float(x[2]), "[Pa]"),
-        "DEMO_P2": (float(x[3]), "[Pa]"),
-    }
+def arm_at_rest(arm: Arm) -> tuple[Array, Array]:
+    """Return the state (2n + m,) of an arm at rest in the middle of its ranges, and its target stiffness (k, k), that
+    of all pressures in the middle of theirs.
+    """
+    middle, half = np.round(arm.middle, 6), np.full(arm.m, np.mean(arm.pressure_limits))
+    K = np.round(arm.tracked_stiffness(np.concatenate([middle, np.zeros(arm.n), half])), 4)
+    return arm.at_rest(middle, K), K
+
+
+def control_tables(plant: Machine) -> list[tuple[str, str, Array]]:
+    """Return the tables of the demonstration: a motion about the middle of the ranges at constant stiffness."""
+    middle, span = np.round(np.atleast_1d(plant.middle), 6), np.subtract(*plant.angle_limits[::-1])
+    if isinstance(plant, Arm):
+        x, K = arm_at_rest(plant)
+        entries = K[np.triu_indices(plant.tracked)]
+    else:
+        mean = round(float(np.mean(stiffness_interval(middle[0], 0.0, joint=plant.joint))), 4)
+        x, entries = plant.at_rest(middle[0], mean), np.array([mean])
+    return [
+        ("ANT_DEMO_MIDDLE", "the demonstration's angles [rad]", middle),
+        (
+            "ANT_DEMO_SWING",
+            "length of its motion [rad]",
+            np.round(np.minimum(_SWING * np.atleast_1d(span), _FARTHEST), 4),
+        ),
+        ("ANT_DEMO_K", "[N*m/rad]", entries),
+        ("ANT_DEMO_P", "pressures at its beginning [Pa]", x[2 * plant.n :]),
+    ]
 
 
 def control_lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator[str]:
@@ -68,21 +84,33 @@ def control_lines(controller: TrackingMPC, observer: KalmanObserver) -> Iterator
     plant, dt, known = controller.plant, controller.dt, controller.compensation
     driver = replace(controller)  # a fresh copy, so that the state of the given controller is kept
     own = KalmanObserver(plant, dt, observer.noise, known, observer.tolerance, compiled=False)
-    turned = plant.discrete(dt)
-    middle, swing, K, *P = (float(value) for value, _ in control_numbers(plant).values())
-    x, u = np.array([middle, 0.0, *P]), np.array(P)
-    waiting, angles = [u] * known.delay(dt), [x[0]] * known.age(dt)
-    samples = [min(k, SAMPLES) for k in range(SAMPLES + driver.ahead)]
-    theta = np.array([middle + swing * (1 - cos(2 * pi * k / SAMPLES)) / 2 for k in samples])
+    turned, n = plant.discrete(dt), plant.n
+    middle, swing, entries, P = (values for _, _, values in control_tables(plant))
+    x, u = np.concatenate([middle, np.zeros(n), P]), P
+    waiting, angles = [u] * known.delay(dt), [middle] * known.age(dt)
+    samples = np.minimum(np.arange(SAMPLES + driver.ahead), SAMPLES)[:, None]
+    theta = middle + swing * (1 - np.cos(2 * pi * samples / SAMPLES)) / 2
+    K = np.broadcast_to(_square(plant, entries), (driver.ahead + 1, *plant.stiffness_shape))
     for k in range(SAMPLES):
-        angles.append(x[0])
-        estimated, d = own.estimate(np.array([angles.pop(0), np.nan, x[2], x[3]]), u)
-        plan = driver.step(estimated, theta[k : k + driver.ahead + 1], np.full(driver.ahead + 1, K), d)
+        angles.append(x[:n])
+        estimated, d = own.estimate(np.concatenate([angles.pop(0), np.full(n, np.nan), x[2 * n :]]), u)
+        ahead = theta[k : k + driver.ahead + 1].reshape(-1, *plant.angle_shape)
+        plan = driver.step(estimated, ahead, K, d)
         u = plan.u[0]
         if k % SHOWN == 0:
+            shown, wanted = ("".join(f" {value:7.4f}" for value in row) for row in (x[:n], theta[k]))
+            sent = "".join(f" {value:8.1f}" for value in u)
             yield (
-                f"sample {k:3d}, theta {x[0]:7.4f} rad of {theta[k]:7.4f}: "
-                f"u1 {u[0]:8.1f} Pa, u2 {u[1]:8.1f} Pa, status {int(plan.status)}, rung {int(plan.rung)}"
+                f"sample {k:3d}, theta{shown} rad of{wanted}: u{sent} Pa, "
+                f"status {int(plan.status)}, rung {int(plan.rung)}"
             )
         waiting.append(u)
-        x = np.array(turned(x, known.after_dead_band(waiting.pop(0), x[2:]), 0.0)).ravel()
+        x = np.array(turned(x, known.after_dead_band(waiting.pop(0), x[2 * n :]), np.zeros(n))).ravel()
+
+
+def _square(plant: Machine, entries: Array) -> Array:
+    """Return the stiffness with these entries of its upper triangle, as the machine takes it."""
+    k = plant.tracked if isinstance(plant, Arm) else 1
+    K = np.zeros((k, k))
+    K[np.triu_indices(k)] = K.T[np.triu_indices(k)] = entries
+    return K.reshape(plant.stiffness_shape)

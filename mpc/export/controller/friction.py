@@ -4,19 +4,22 @@ Both supported models are T_f = strength · Σ k_i m_i. The angle moves the memo
 that `scale` multiplies; `mpc/export/c/mpc/friction.c` moves them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from mpc.export.joint import Numbers
-from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.arm.pressing import symbolic_loads
+from mpc.model.compensation import Compensation
+from mpc.model.friction.contact import Contact, Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.plant import NX, Plant
+from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 
 if TYPE_CHECKING:
     from casadi import Function
@@ -24,54 +27,67 @@ if TYPE_CHECKING:
 _NEVER = 1e30  # [rad], in place of an infinite width
 
 
-def check_friction(friction: Hysteresis) -> None:
-    """Raise `InvalidInput` for a friction model without a C implementation."""
-    if not isinstance(friction, Friction | MaxwellSlip):
+def check_frictions(known: Compensation, n: int) -> None:
+    """Raise `InvalidInput` for friction models of `n` joints without a C implementation, or of different kinds."""
+    frictions = known.of_joints(n)
+    for friction in frictions:
+        if not isinstance(friction, Friction | MaxwellSlip):
+            raise InvalidInput(
+                f"a controller with friction {type(friction).__name__} cannot be exported: the C code supports "
+                "Dahl's Friction and MaxwellSlip"
+            )
+    if len(set(map(type, frictions))) > 1:
         raise InvalidInput(
-            f"a controller with friction {type(friction).__name__} cannot be exported: the C code supports "
-            "Dahl's Friction and MaxwellSlip"
+            "a controller with Dahl's Friction at one joint and MaxwellSlip at another cannot be exported: take one "
+            "kind for all joints"
         )
 
 
-def friction_sizes(friction: Hysteresis) -> Numbers:
+def _slips(frictions: Sequence[Hysteresis]) -> bool:
+    return isinstance(frictions[0], MaxwellSlip)
+
+
+def friction_sizes(frictions: Sequence[Hysteresis]) -> Numbers:
     """Return the sizes of the friction memory."""
     return {
-        "SLIPS": (int(isinstance(friction, MaxwellSlip)), "1 for Maxwell slip, 0 for Dahl's friction"),
-        "ELEMENTS": (friction.size, "numbers in the friction memory"),
+        "SLIPS": (int(_slips(frictions)), "1 for Maxwell slip, 0 for Dahl's friction"),
+        "ELEMENTS": (max(friction.size for friction in frictions), "numbers in the friction memory of a joint"),
     }
 
 
-def friction_numbers(friction: Hysteresis) -> Numbers:
+def friction_numbers(frictions: Sequence[Hysteresis]) -> Numbers:
     """Return the parameters of the model."""
-    if isinstance(friction, Friction):
-        return {
-            "FRICTION": (friction.mu, "mu [-]"),
-            "COULOMB": (friction.coulomb, "[N*m]"),
-            "PRESLIDING": (friction.presliding, "[rad]"),
-        }
-    return {"NEVER": (_NEVER, "half width of an element that never slips [rad]")}
+    return {"NEVER": (_NEVER, "half width of an element that never slips [rad]")} if _slips(frictions) else {}
 
 
-def friction_tables(friction: Hysteresis) -> Iterator[tuple[str, str, Array]]:
-    """Yield the elements of Maxwell slip: name, meaning, values."""
-    if isinstance(friction, MaxwellSlip):
-        widths = np.array([_NEVER if r == inf else r for r in friction.widths])
-        unit = "-" if friction.elastic else "N*m/rad"
-        yield "ANT_SPRINGS", f"stiffnesses of the Maxwell-slip elements [{unit}]", np.array(friction.springs)
-        yield "ANT_WIDTHS", "their half widths at P1 + P2 = 5 bar [rad]", widths
+def friction_tables(frictions: Sequence[Any]) -> Iterator[tuple[str, str, Array]]:
+    """Yield the parameters of every joint's friction: name, meaning, values."""
+    if not _slips(frictions):
+        yield "ANT_PRESLIDING", "presliding of Dahl's friction [rad]", np.array([f.presliding for f in frictions])
+        return
+    springs, widths = np.zeros((2, len(frictions), max(f.size for f in frictions)))
+    widths[:] = _NEVER  # absent elements have no spring
+    for i, friction in enumerate(frictions):
+        springs[i, : friction.size] = friction.springs
+        widths[i, : friction.size] = [_NEVER if r == inf else r for r in friction.widths]
+    unit = "-" if frictions[0].elastic else "N*m/rad"
+    yield "ANT_SPRINGS", f"stiffnesses of the Maxwell-slip elements of each joint [{unit}]", springs
+    yield "ANT_WIDTHS", "their half widths at a mean pressure of 2.5 bar [rad]", widths
 
 
-def friction_function(friction: Hysteresis, plant: Plant) -> tuple["Function", str]:
+def friction_function(known: Compensation, plant: Machine) -> tuple["Function", str]:
     """Return the CasADi function from the state to the two load numbers of friction, and its description."""
     import casadi as ca
 
-    x = ca.SX.sym("x", NX)
-    press, scale = (ca.densify(ca.SX(value)) for value in _of_state(friction, Contact(plant, x)))
-    function = ca.Function("friction", [x], [press, scale], ["x"], ["press", "scale"])
-    return function, "pull [N*m] for Dahl's friction, or the factor of the springs; scale of their widths"
+    x = ca.SX.sym("x", plant.size)
+    loads: Sequence[Any] = [Contact(plant, x)] if isinstance(plant, Plant) else symbolic_loads(plant, x)
+    pairs = [_of_state(friction, load) for friction, load in zip(known.of_joints(plant.n), loads, strict=True)]
+    strength, scale = (ca.densify(ca.SX(ca.vertcat(*each))) for each in zip(*pairs, strict=True))
+    function = ca.Function("friction", [x], ca.cse([strength, scale]), ["x"], ["strength", "scale"])
+    return function, "greatest torque of Dahl's friction [N*m], or the factor of the springs; scale of their widths"
 
 
-def _of_state(friction: Hysteresis, contact: Contact) -> tuple[Value, Value]:
+def _of_state(friction: Any, load: Loads) -> tuple[Value, Value]:
     if isinstance(friction, MaxwellSlip):
-        return friction.strength(contact), friction.scale(contact.filled)
-    return contact.pulled, 1.0
+        return friction.strength(load), friction.scale(load.filled)
+    return friction.most(load), 1.0

@@ -1,10 +1,9 @@
 """README of the exported files."""
 
 from allocator.joint.antagonist import AntagonistJoint
-from mpc.export.controller.recursions import items_in
-from mpc.export.controller.sizes import qp_iterations
+from mpc.export.controller.recursions import EXCHANGES, items_in
 from mpc.export.controller.tuning import tuning_numbers
-from mpc.export.parts import BUILD, build_words
+from mpc.export.parts import BUILD, build_words, machine_words
 from mpc.tracking.controller import TrackingMPC
 
 _HEAD = (
@@ -32,6 +31,26 @@ not called.
 {single}"""
 )
 
+_ARM = (
+    """\
+# An arm of pneumatic muscles in C
+
+Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
+({muscles}). Plain C99 without a heap or global state; it needs only `math.h`, and every loop is bounded. Start with
+`antagonist.h`; all units are SI. Generated for this arm: `antagonist_config.h`, `src/mechanism.h`, `src/model.c`,
+`src/recursions.c`, `src/settings.h`, `src/tables.c`, `src/demonstration.h`. The other files are the same for every arm.
+
+"""
+    + BUILD
+    + """\
+
+## Allocation
+
+`ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
+`allocator.allocate` does.
+"""
+)
+
 _COST = {
     "tondu": """A call costs at most 7 square roots, about 40
 divisions and 4 steps of Newton's method; there is no other loop.
@@ -54,13 +73,15 @@ _CONTROL = """
 disturbance torque, dead time, friction and dead band, references brought within reach, the QP, its certificate, the
 fallback ladder and the limits. Call `ant_reset` once and `ant_step` every {dt:g} s; send `plan.u[0]`. Pass NaN for a
 missing sensor reading. All memory is in `ant_controller`, which should be static. There is no clock: instead of a time
-budget, `iteration_limit` bounds the solver behind the sweeps; 0 skips the QP, and the next rungs of the ladder answer.
+budget, `exchange_limit` bounds the exchanges of a QP, and `ANT_EXCHANGES` bounds them at compile time. At the bound
+the commands are within slew and supply, `plan.status` is `ANT_PLAN_UNSOLVED`, and `plan.gap` bounds their
+suboptimality (primal cost minus dual cost).
 
 The plant that it controls: {plant}.
 
 Its weights, slack prices, slew limit and least force can be tuned while it runs, without a compiler:
 
-    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3{options}
+    antagonist export tuning --out tuning.txt --errors theta=0.1,rate=0.3
 
 writes the {count} numbers of an `ant_tuning` (with the terminal cost of the weights). Give it the other options of this
 export as well. `build/demonstration tuning.txt` shows their effect. On the board, pass them to `ant_tuning_from`, which
@@ -68,10 +89,10 @@ refuses those of another plant or sample time, and pass the tuning to `ant_tune`
 N, the sample time, the supply, the joint range and the observer cannot be tuned.
 
 The QP is solved sample by sample, as in Python (`src/recursions.c` is printed from the Python source): a sweep of
-Riccati recursions starts from the slew bounds that were active in the last sample (two sweeps if the joint was thrown
-aside), and one more pass computes the certificate. If the active set differs in a few bounds, these are exchanged one
-after the other, each with two passes; that is the usual case where limits bind.
-{rest}
+Riccati recursions starts from the slew and supply limits that were active in the last sample, and one more pass
+computes the certificate. If the active set differs, limits are exchanged one after the other, each with two passes (the
+dual active-set method of Goldfarb and Idnani); a new sweep takes the set if more than {items} limits differ. Time and
+memory grow with N, not with its cube.
 
 Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
 
@@ -81,34 +102,17 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | its derivatives | {slopes} | {usual_slopes} |
 | allocations | {allocations} | {allocations} |
 | sweeps, backward and forward | {sweeps} | {qps} |
-| exchanges of active bounds | {exchanges} | 0 to 10 |
-{worst}
-| Newton steps on the recursions, where the QP fails | {faces} | 0 |
+| exchanges of active limits | {exchanges} | 0 to 10 |
+
+The bounds are those of the loops and hold for any input. The bound of the exchanges is `ANT_EXCHANGES`, {each} per move
+and QP; a smaller one may be set in `antagonist_config.h`. `python -m benchmarks.speed.worst_cases` searches states,
+references and limits for QPs with many exchanges, and prints the greatest number.
 {single}"""
-
-_REST = {
-    "double": """\
-If this fails, an interior-point method on the same recursions solves the QP, with a certificate as well. Time and
-memory grow with N, not with its cube.""",
-    "single": """\
-If this fails, the core of DAQP (`src/daqp`, MIT), a dual active-set method, solves the condensed QP
-(`src/condense.c`), and its answer is checked before use: single precision has too few digits for an interior-point
-method. Its time grows with the cube of N; at N = 20 such a step takes about ten times as long as the usual one. DAQP
-receives only rows that an answer has violated, at most 4 N; if these do not suffice, the softened QP answers.""",
-}
-
-_WORST = {
-    "double": "| iterations of the interior point, two Newton steps each | {iterations} | 0 to 10 |\n"
-    "| rounds of the method of multipliers | {turns} | 0 to 5 |",
-    "single": """\
-| Givens rotations (2 to {rotation} multiplications each) in the condensing | {givens} | 0 |
-| iterations of DAQP | {iterations} | 0 to 30 |""",
-}
 
 _CONTROL_SINGLE = """
 In single precision commands differ by about 1e-5 of the supply. With costs of very different magnitude (weights much
-sharper than `Weights.calm()`, and references far out of reach) the certificate refuses more answers of the QP than in
-double precision; the softened QP then answers, with nearly the same commands.
+sharper than `Weights.calm()`, and references far out of reach) some answers of the QP are not proved, unlike in double
+precision, with nearly the same commands.
 """
 
 
@@ -130,39 +134,35 @@ def readme(
     return head if controller is None else head + _control(controller, single)
 
 
+def arm_readme(controller: TrackingMPC, single: bool, printed: list[str]) -> str:
+    """Return the README of an arm's controller; `printed` is the expected output of the demonstration."""
+    head = _ARM.format(**build_words(single, printed), **machine_words(controller.plant.mechanism))
+    return head + _control(controller, single)
+
+
 def _control(controller: TrackingMPC, single: bool) -> str:
-    from mpc.tracking.compiled.structured_qp.exchange import MORE
-    from mpc.tracking.compiled.structured_qp.interior import MOST, SWEEPS
-    from mpc.tracking.compiled.structured_qp.multipliers import TURNS
+    from mpc.tracking.compiled.structured_qp.exchange import AGAIN, CROWDED
 
     N, blocks = controller.N, len(controller.problem.blocks)
-    delay, qps, name = controller.ahead - N, controller.iterations, "single" if single else "double"
-    moves = 2 * blocks
-    worst = _WORST[name].format(
-        givens=qps * (3 * (N - 1) + 2 * N + 6) * moves,
-        rotation=4 * moves,
-        turns=qps * TURNS * MOST,
-        iterations=qps * qp_iterations(controller, single),
-    )
-    single_only = " --precision single" if single else ""
+    delay, qps = controller.ahead - N, controller.iterations
+    n, m = controller.plant.n, controller.plant.m
+    moves = m * blocks
     return _CONTROL.format(
-        options=single_only,
-        count=2 + sum(values.size for _, values in tuning_numbers(controller, single)),
+        count=2 + sum(values.size for _, values in tuning_numbers(controller)),
         dt=controller.dt,
         plant=controller.plant.summary,
         N=N,
         moves=moves,
-        rows=6 * N,
-        rest=_REST[name],
-        sweeps=qps * (2 + (0 if single else SWEEPS * MOST)),
+        items=min(CROWDED, items_in(moves, single) - 2),
+        each=EXCHANGES,
+        rows=2 * (n + m) * N,
+        sweeps=qps * (1 + AGAIN + EXCHANGES * moves),
         qps=qps,
-        exchanges=qps * (items_in(single) + N + MORE),
-        worst=worst,
+        exchanges=qps * EXCHANGES * moves,
         stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
         usual_stages=delay + (qps + 1) * N,
         slopes=qps * N + 4,  # the observer's, with one estimate per sensor that may repeat itself
         usual_slopes=qps * N + 1,
         allocations=N + 1,
-        faces=10 * 4 * moves,
         single=_CONTROL_SINGLE if single else "",
     )

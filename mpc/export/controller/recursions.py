@@ -3,29 +3,24 @@
 from allocator.compilation.jit import Function
 from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions, with_called
 from mpc.export import text
+from mpc.model.arm.model import Arm
+from mpc.model.machine import Machine
 
 _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
+_M, _X, _XI, _Y = "ANT_MUSCLES", "ANT_STATES", "ANT_XI", "ANT_OUTPUTS"
 _SIDE = "signed char"
-_SINGLE = {"PUSHES": 0.5, "BREAKS": 1e-7, "ROW_BREAKS": 1e-5, "FLAT": 1e-5}  # rounding tolerances of float32
-_ITEMS = {True: 24, False: 12}  # by single precision; the following stages have no memory for more
+_SINGLE = {"PUSHES": 0.5, "BREAKS": 1e-6, "ROW_BREAKS": 1e-5, "FLAT": 1e-5}  # rounding tolerances of float32
+EXCHANGES = 16  # at most, per change of a command
+_ITEMS = {True: 28, False: 16}  # by single precision; more would not fit into a microcontroller
 
 
-def recursion_files(single: bool) -> dict[str, str]:
-    """Return the files of the solver, which are the same for every joint; antagonist_config.h defines the sizes.
-
-    In single precision there is no interior-point method, because it would not be accurate enough.
-    """
-    from mpc.tracking.compiled import commands
-    from mpc.tracking.compiled.structured_qp import certificate, newton, rows, solve
-
-    entries: list[Function] = [commands.limit, commands.excess, commands.slew_bounds, commands.deviations, solve.swept]
-    entries += [newton.gradients, newton.adjoint, newton.left_over, newton.factorise, newton.direction]  # softened.c
-    entries += [rows.values, rows.sides, certificate.brought_within]
-    entries += [] if single else [solve.persistent]
-    names = {entry.__name__: f"ant_{entry.__name__}" for entry in entries}
-    structs, items = _structs(), items_in(single)
-    numbers = {"ITEMS": items, "LAST": items - 1} | (_SINGLE if single else {})
-    made = c_functions(with_called(entries), _kinds(structs), single, names, numbers)
+def recursion_files(plant: Machine, single: bool) -> dict[str, str]:
+    """Return the files of the solver, which are the same for every joint; sizes stand in antagonist_config.h."""
+    arm = isinstance(plant, Arm)
+    entries = _of_arm(plant) if isinstance(plant, Arm) else _of_joint()
+    names = {entry.__name__: f"ant_{entry.__name__}" for entry in entries} | {"solve": "ant_settle"}
+    structs = _structs(arm)
+    made = c_functions(with_called(entries), _kinds(structs), single, names, _SINGLE if single else {})
     about = "The QP of a step, solved sample by sample; printed from the Python source."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
     body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', MIN_AND_MAX, made.body])
@@ -35,9 +30,26 @@ def recursion_files(single: bool) -> dict[str, str]:
     }
 
 
-def items_in(single: bool) -> int:
+def _of_joint() -> list[Function]:
+    from mpc.tracking.compiled import commands
+    from mpc.tracking.compiled.structured_qp import solve
+
+    return [commands.limit, commands.excess, commands.change_bounds, commands.deviations, solve.solve]
+
+
+def _of_arm(arm: Arm) -> list[Function]:
+    """Return the same functions for the sizes of an arm."""
+    from mpc.tracking.compiled.arm.module import solve_module
+
+    module = solve_module(arm)
+    return [getattr(module, name) for name in ("limit", "excess", "change_bounds", "deviations", "solve")]
+
+
+def items_in(changes: int, single: bool) -> int:
     """Return the maximum number of items in an exchange of active bounds (`structured_qp.responses`)."""
-    return _ITEMS[single]
+    from mpc.tracking.compiled.structured_qp.responses import SPARE
+
+    return min(changes + SPARE, _ITEMS[single])
 
 
 def _array(*sizes: str | int, element: str = REAL, constant: bool = False) -> ArrayKind:
@@ -48,49 +60,45 @@ def _given(*sizes: str | int, element: str = REAL) -> ArrayKind:
     return _array(*sizes, element=element, constant=True)
 
 
-def _structs() -> dict[str, StructKind]:
+def _structs(arm: bool) -> dict[str, StructKind]:
     """Return the C structs of the named tuples, each after the structs that it contains."""
-    per_x, per_y, per_u = _array(_AFTER, 4), _array(_AFTER, 3), _array(_N, 2)
-    row, lines = _array(_AFTER, 12), ("b", "t", "multiplier", "W", "residual", "push", "dt", "change")
+    line, few, per_xi = _array(_AFTER, _M), "ANT_ITEMS", _array(_AFTER, _XI)
+    sides, numbers, counts = _array(_AFTER, _M, element=_SIDE), _array(few), _array(few, element=INT)
+    per_x, per_y, per_u = _array(_AFTER, _X), _array(_AFTER, _Y), _array(_N, _M)
+    squares, end = _array(_N, *((_M, _M) if arm else ("3",))), _given("ANT_JOINTS") if arm else REAL
+    by_state, by_command = (
+        (_given(_N, "2 * ANT_JOINTS", _XI), _given(_M)) if arm else (_given(_N, _X, _X), _given(_N, _X, _M))
+    )
     made: dict[str, dict[str, Kind]] = {
-        "cost": {"x": _given(4), "y": _given(3), "e": _given(2), "change": _given(2), "end": _given(6, 6)},
-        "bounds": dict.fromkeys(("low", "high", "step", "left", "right", "min_force"), REAL),
+        "cost": {"x": _given(_X), "y": _given(_Y), "e": _given(_M), "change": _given(_M), "end": _given(_XI, _XI)},
+        "bounds": {"low": REAL, "high": REAL, "step": REAL, "left": end, "right": end, "min_force": REAL},
         "path": {
-            "x": _given(_AFTER, 4),
-            "y": _given(_AFTER, 3),
-            "A": _given(_N, 4, 4),
-            "B": _given(_N, 4, 2),
-            "slope": _given(_AFTER, 3, 4),
+            "x": _given(_AFTER, _X),
+            "y": _given(_AFTER, _Y),
+            "A": by_state,
+            "B": by_command,
+            "slope": _given(_AFTER, _Y, _X),
         },
-        "reference": {"x": _given(_AFTER, 4), "y": _given(_AFTER, 3), "u": _given(_N, 2)},
-        "errors": {"x": per_x, "y": per_y, "e": per_u, "change": per_u, "end": _array(6)},
-        "point": {"xi": _array(_AFTER, 6), "v": per_u, "sigma": _array(2)},
-        "bounded": {"lower": per_u, "upper": per_u, "there": _array(_N, element=_SIDE)},
+        "reference": {"x": _given(_AFTER, _X), "y": _given(_AFTER, _Y), "u": _given(_N, _M)},
+        "errors": {"x": per_x, "y": per_y, "e": per_u, "change": per_u, "end": _array(_XI)},
+        "point": {"xi": per_xi, "v": per_u, "sigma": _array(2)},
+        "bounded": {**dict.fromkeys(("lower", "upper", "low", "high"), line), "there": _array(_N, element=_SIDE)},
         "sweep": {
-            "R": _array(_N, 2, 6),
-            "D": _array(_N, 3),
+            "R": _array(_N, _M, _XI),
+            "D": squares,
             "g": per_u,
-            "feedback": _array(_N, 2, 7),
-            "held": _array(_N, 2, element=_SIDE),
-            "gx": _array(_AFTER, 6),
+            "feedback": _array(_N, _M, f"{_XI} + 1"),
+            "held": sides,
+            "gx": per_xi,
             "gv": per_u,
-            "r": per_u,
-            "inverse": _array(_N, 3),
+            "inverse": squares,
+            "xi": per_xi,
+            "v": per_u,
         },
-        "factors": {
-            "R": _array(_N, 2, 6),
-            "feedback": _array(_N, 2, 7),
-            "border": _array(_N, 2, 2),
-            "inverse": _array(_N, 3),
-            "sigma": _array(3),
-        },
-        "rows": {"span": _array(_AFTER, 2, element=INT), **dict.fromkeys(lines, row)},
     }
-    line, few = _array(_AFTER, 2), "ANT_ITEMS"
-    sides, numbers, counts = _array(_AFTER, 2, element=_SIDE), _array(few), _array(few, element=INT)
     made["items"] = {
-        "z": _array(few, _AFTER, 2),
-        "r": _array(few, _AFTER, 2),
+        "z": _array(few, _AFTER, _M),
+        "r": _array(few, _AFTER, _M),
         "K": _array(few, few),
         **dict.fromkeys(("kind", "sample", "muscle", "side"), counts),
         "multiplier": numbers,
@@ -98,66 +106,36 @@ def _structs() -> dict[str, StructKind]:
         "L": _array(few, few),
         "order": counts,
         "known": _array(1, element=INT),
-        "p": _array(6),
+        "p": _array(_XI),
     }
     structs = {name: StructKind(f"ant_qp_{name}", fields, False) for name, fields in made.items()}
     setting: dict[str, Kind] = {"cost": structs["cost"], "bounds": structs["bounds"]}
-    setting |= dict.fromkeys(("curvature", "tolerance", "accuracy"), REAL)
+    setting |= dict.fromkeys(("curvature", "exchanges", "accuracy"), REAL)
     setting |= {"slack": _given(4), "starts": _given(_BLOCKS, element=INT)}
-    work: dict[str, Kind] = {"rows": structs["rows"], "factors": structs["factors"], "by": structs["point"]}
-    work |= {"sweep": structs["sweep"], "gx": _array(_AFTER, 6), "gv": per_u, "r": per_u, "first": per_u}
-    work |= {"origin_x": _array(_AFTER, 6), "origin_v": per_u, "trial": structs["point"]}
-    active: dict[str, Kind] = {"base": sides, "held": sides}
-    active |= dict.fromkeys(("lower", "upper", "z", "r", "dz", "dr"), line)
-    active |= {"b": row, "value": row, "xi": _array(_AFTER, 6), "first": per_u}
-    active |= {"other": structs["point"], "items": structs["items"]}
+    active: dict[str, Kind] = {"held": sides, "guess": sides}
+    active |= dict.fromkeys(("z", "r", "dz", "dr"), line) | {"xi": per_xi, "items": structs["items"]}
     return structs | {
         "active": StructKind("ant_qp_active", active, False),
         "setting": StructKind("ant_qp_setting", setting, False),
-        "work": StructKind("ant_qp_work", work, False),
     }
 
 
 def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
     """Return the kinds of arguments, by their names in all functions."""
-    sweep, rows, factors = structs["sweep"].fields, structs["rows"].fields, structs["factors"].fields
-    items, per_u = structs["items"].fields, sweep["gv"]
-    reals: tuple[str, ...] = (
-        "w",
-        "total",
-        "worst",
-        "product",
-        "share",
-        "mean",
-        "tolerance",
-        "c0",
-        "c1",
-        "entering",
-        "limit",
-    )
-    reals += ("low", "high", "step", "unit", "left", "right", "least")
+    sweep, items = structs["sweep"].fields, structs["items"].fields
     return {
         **structs,
         **{name: structs["path"].fields[name] for name in ("A", "B", "slope")},
-        **{name: sweep[name] for name in ("R", "D", "g", "feedback", "held", "gx", "gv", "r")},
-        **{name: factors[name] for name in ("sigma", "inverse", "border")},
-        **dict.fromkeys(("W", "b", "value", "push"), rows["b"]),
-        **dict.fromkeys(("gradient", "v", "lower", "upper"), per_u),
-        **{
-            "at": structs["point"],
-            "by": structs["point"],
-            "trial": structs["point"],
-            "a": structs["active"],
-            "base": structs["active"].fields["base"],
-            "f": structs["factors"],
-            "xi": _array(_AFTER, 6),
-        },
-        **{"S": _array(6, 6), "SA": _array(6, 6), "P": _array(6, 2), "G": _array(2, 2), "F": sweep["feedback"]},
-        **{"s": _array(6), "p": _array(6), "slack": _given(4), "last": _given(2, 2)},
-        **dict.fromkeys(("e", "charge", "before"), _given(2)),
-        **{"u": _given(_N, 2), "guess": _array(f"2 * {_BLOCKS}", element=_SIDE)},
-        **{"z": items["z"], "pushes": items["r"], "there": structs["bounded"].fields["there"]},
-        **{"commands": per_u, "states": _given(_AFTER, 4), "forces": _given(_AFTER, 2), "beyond": _array(2)},
+        **{name: sweep[name] for name in ("R", "D", "g", "feedback", "held", "gx", "gv", "inverse")},
+        **{"at": structs["point"], "a": structs["active"], "base": sweep["held"], "v": sweep["gv"]},
+        **{"xi": sweep["xi"], **dict.fromkeys(("r", "first"), structs["active"].fields["r"])},
+        **{"S": _array(_XI, _XI), "SA": _array(_XI, _XI), "F": sweep["feedback"]},
+        **{"s": _array(_XI), "p": _array(_XI), "slack": _given(4), "last": _given(2, _M)},
+        **dict.fromkeys(("e", "charge", "before"), _given(_M)),
+        **{"u": _given(_N, _M), "guess": _array(f"{_M} * {_BLOCKS}", element=_SIDE)},
+        **{"z": items["z"], "pushes": items["r"]},
+        **{"commands": sweep["gv"], "states": _given(_AFTER, _X), "forces": _given(_AFTER, _M), "beyond": _array(2)},
         "starts": _given(_BLOCKS, element=INT),
-        **dict.fromkeys(reals, REAL),
+        **{"free": _array(_M, element=_SIDE), "charges": _given(_M)},
+        **dict.fromkeys(("left", "right", "limits"), structs["bounds"].fields["left"]),
     }

@@ -1,4 +1,6 @@
-"""Sizes, numbers, tables and model of an exported controller and its observer."""
+"""Sizes, numbers and tables of an exported controller and its observer."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -6,29 +8,24 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.export import text
-from mpc.export.controller.demonstration import control_numbers
-from mpc.export.controller.friction import (
-    check_friction,
-    friction_function,
-    friction_numbers,
-    friction_sizes,
-    friction_tables,
-)
-from mpc.export.controller.recursions import items_in, recursion_files
+from mpc.export.controller.demonstration import control_tables
+from mpc.export.controller.friction import check_frictions, friction_numbers, friction_sizes, friction_tables
+from mpc.export.controller.recursions import EXCHANGES, items_in, recursion_files
+from mpc.export.controller.resting import rest_rules, resting_files
 from mpc.export.controller.tuning import tuning_constants, tuning_definition
 from mpc.export.joint import Numbers
-from mpc.export.parts import Files, Functions, copied, dense
+from mpc.export.parts import Files, copied
 from mpc.model import compensation
-from mpc.model.plant import NU, NX
+from mpc.model.arm.model import Arm
+from mpc.model.experiment import RESOLUTION
+from mpc.model.machine import Machine
 from mpc.observer import gating, kalman, rivalry
 from mpc.observer.filter import OFFSET_TIME, SETTLED
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking import preview, resting
+from mpc.tracking import preview
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.qp import certified, softened
-
-_GAP = 1e-3  # in single precision the bound is looser than in `mpc.tracking.qp.certified`
+from mpc.tracking.qp import certified
 
 
 def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
@@ -38,7 +35,7 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
             f"a controller with a budget of {controller.budget:g} s cannot be exported: the exported one has no clock; "
             "leave the budget away and bound the iterations of its QP solver instead"
         )
-    if controller.plant.shares is not None:
+    if getattr(controller.plant, "shares", None) is not None:
         raise InvalidInput(
             f"a controller of the {controller.plant.kind.text} cannot be exported: the exported "
             "allocation gives the isobaric one; leave the plant's frequency away"
@@ -46,43 +43,53 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
     for name in ("plant", "dt", "compensation"):
         if getattr(controller, name) != getattr(observer, name):
             raise InvalidInput(f"controller and observer cannot be exported together: their {name} is not the same")
-    check_friction(controller.compensation.friction)
+    check_frictions(controller.compensation, controller.plant.n)
 
 
 def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
     """Return the sizes that antagonist_config.h defines."""
     blocks, known, dt = len(controller.problem.blocks), controller.compensation, controller.dt
+    plant = controller.plant
+    return (
+        {
+            "JOINTS": (plant.n, "n"),
+            "MUSCLES": (plant.m, "m"),
+            "STIFFNESSES": (plant.stiffnesses, "entries of a stiffness"),
+            "HORIZON": (controller.N, "horizon in samples"),
+            "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
+            "DELAY": (known.delay(dt), "dead time in samples"),
+            "AGE": (known.age(dt), "age of the angle's readings in samples"),
+            "AHEAD": (controller.ahead, "samples of reference after the present one"),
+            "ITEMS": (items_in(plant.m * blocks, single), "maximum number of limits that differ from those of a sweep"),
+            "EXCHANGES": (EXCHANGES * plant.m * blocks, "maximum number of exchanges in a QP; may be set smaller"),
+        }
+        | friction_sizes(known.of_joints(plant.n))
+        | _arm_sizes(plant, dt)
+    )
+
+
+def _arm_sizes(plant: Machine, dt: float) -> Numbers:
+    if not isinstance(plant, Arm):
+        return {}
     return {
-        "HORIZON": (controller.N, "horizon in samples"),
-        "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
-        "DELAY": (known.delay(dt), "dead time in samples"),
-        "AGE": (known.age(dt), "age of the angle's readings in samples"),
-        "AHEAD": (controller.ahead, "samples of reference after the present one"),
-        "ITEMS": (items_in(single), "maximum number of items in an exchange of active bounds"),
-        "QP_ITERATIONS": (qp_iterations(controller, single), "maximum iterations of the QP solver per QP"),
-    } | friction_sizes(controller.compensation.friction)
-
-
-def qp_iterations(controller: TrackingMPC, single: bool) -> int:
-    """Return the maximum iterations per QP: of DAQP, or in double precision of the interior-point method."""
-    from mpc.tracking.compiled.structured_qp.interior import MOST
-
-    limits = 2 * len(controller.problem.blocks) + 2 + 6 * controller.N
-    return 5 * limits if single else MOST
+        "ARM": (1, "a machine of any number of joints and muscles"),
+        "SUBSTEPS": (plant.substeps(dt, RESOLUTION), "integration steps per sample"),
+    }
 
 
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:
     """Return the controller's files except those of the allocation and the model."""
     files = dict(copied("mpc", "src/")) | dict(copied("tuning", "src/"))
-    files |= dict(copied("dense" if single else "interior", "src/"))
-    files |= dict(copied("daqp", "src/daqp/")) if single else {}
-    files |= recursion_files(single)
-    files["antagonist_controller.h"] = files.pop("src/antagonist_controller.h")
+    arm = isinstance(controller.plant, Arm)
+    files |= dict(copied("arm" if arm else "pair", "src/"))
+    files |= recursion_files(controller.plant, single) | resting_files(single)
+    for header in ("antagonist_control.h", "antagonist_controller.h"):
+        files[header] = files.pop(f"src/{header}")
     numbers = text.defines(_numbers(controller, observer, single), single)
     files["src/settings.h"] = text.header(
-        "ANT_SETTINGS_H", "The controller's numbers, in SI units.", numbers, ["joint.h"]
+        "ANT_SETTINGS_H", "The controller's numbers, in SI units.", numbers, ["mechanism.h" if arm else "joint.h"]
     )
-    heads, bodies = [], []
+    heads, bodies = ["extern const ant_rest_rules ANT_REST_RULES;"], [rest_rules(controller, single)]
     for name, meaning, values in _tables(controller, observer):
         heads.append(text.table_head(name, meaning, values))
         bodies.append(text.table(name, values, single))
@@ -93,47 +100,13 @@ def control_files(controller: TrackingMPC, observer: KalmanObserver, single: boo
     return files
 
 
-def model_functions(controller: TrackingMPC) -> Functions:
-    """Return the CasADi functions of the plant and its friction, each with its description."""
-    import casadi as ca
-
-    plant, dt = controller.plant, controller.dt
-    x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
-    later = plant.discrete(dt)(x, u, d)
-    A, B, by_d = (ca.jacobian(later, v).T for v in (x, u, d))  # CasADi stores columns, C rows
-    K, F = ca.SX(plant.stiffness(x)), ca.vertcat(*plant.forces(x))
-    C, D = ca.gradient(K, x), ca.jacobian(F, x).T
-    gains = [ca.SX(side.torque_gain(P)) for side, P in zip(plant.joint.sides(x[0]), (x[2], x[3]), strict=True)]
-
-    state, stage = {"x": x}, {"x": x, "u": u, "d": d}
-    return [
-        (dense("stage", stage, {"later": later}), "the state after a sample"),
-        (dense("slopes", stage, {"A": A, "B": B}), "its derivatives by x (4, 4) and u (4, 2)"),
-        (
-            dense("observed", stage, {"later": later, "A": A, "by_d": by_d}),
-            "the state, and derivatives by x and d",
-        ),
-        (dense("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
-        (dense("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
-        (dense("gains", state, {"gains": ca.vertcat(*gains)}), "derivatives of both torques by the pressures"),
-        friction_function(controller.compensation.friction, plant),
-        (
-            dense("expansion", state, {"q": ca.SX(ca.vertcat(*plant.expansion(x)))}),
-            "pressure loss by expansion of the muscles [Pa/s]",
-        ),
-    ]
-
-
 def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Numbers:
     plant, known, ladder = controller.plant, controller.compensation, controller.ladder
     late = 1 + (1e-4 if single else 1e-9)  # rounding of a time that is summed from samples
     dt = controller.dt
     return (
-        {"CHARGE": (softened.COMMAND, "price of commands beyond the supply in the softened QP [1/bar^2]")}
-        | tuning_constants(controller)
-        | friction_numbers(known.friction)
-        | _rest(controller)
-        | control_numbers(plant)
+        tuning_constants(controller)
+        | friction_numbers(known.of_joints(plant.n))
         | {
             "DT": (dt, "sample time [s]"),
             "BAR": (BAR, "[Pa]"),
@@ -141,21 +114,9 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             "PATIENCE": (controller.patience * late, "longest time without a measured angle [s]"),
             "HOLDING": (ladder.holding, "time that the last rung holds the pressures [s]"),
             "VENTING": (ladder.venting, "rate at which they fall afterwards [Pa/s]"),
-            "PRIMAL": (
-                certified.PRIMAL_TOLERANCE,
-                "tolerated violation of a limit [bar], [rad], [N]",
-            ),
-            "GAP": (_GAP, "tolerated gap to the optimum over the gain of the moves, in single precision [-]"),
             "ACCURACY": (certified.ACCURACY, "greatest distance of an answer's changes to the solution's [bar]"),
-            "LAZY": (
-                1e-5 if single else certified.LAZY_TOLERANCE,
-                "violation below which an omitted row counts as satisfied",
-            ),
-            "ROUNDS": (softened.ROUNDS, "maximum rounds of the softened QP"),
             "LONG": (2**30, "samples, upper end of every counter"),
-            "INERTIA": (plant.inertia, "[kg*m^2]"),
-            "DAMPING": (plant.damping, "[N*m*s/rad]"),
-            "GRAVITY": (plant.gravity_torque, "m g l [N*m]"),
+            "RESTS": (int(controller.rests), "whether commands come to rest at a constant reference"),
             "JITTER": (compensation.JITTER, "smaller motions count as angle noise [rad]"),
             "CORRECTED": (preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
             "DEAD_BAND": (known.dead_band, "total dead band of the regulators [Pa]"),
@@ -190,36 +151,20 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
     )
 
 
-def _rest(controller: TrackingMPC) -> Numbers:
-    rules = controller.rest_mode.rules
-    return {
-        "RESTS": (int(controller.rests), "whether commands come to rest at a constant reference"),
-        "REST_SAME_THETA": (resting.SAME[0], "a preview that varies less is constant [rad]"),
-        "REST_SAME_K": (resting.SAME[1], "[N*m/rad]"),
-        "REST_DWELL": (rules.dwell, "samples of constant preview before a rest"),
-        "REST_START": (resting.START, "greatest mean error at the start of a rest [rad]"),
-        "REST_GROWTH": (resting.GROWTH * controller.dt, "growth of that per sample [rad]"),
-        "REST_MEAN": (resting.MEAN, "upper bound of that [rad]"),
-        "REST_SWING": (resting.SWING, "greatest peak-to-peak motion for a rest [rad]"),
-        "REST_FAR": (resting.FAR, "errors above restart the dwell time [rad]"),
-        "REST_RINGING": (resting.RINGING, "errors to both sides that show missing friction [rad]"),
-        "REST_DEAD_ZONE": (resting.DEAD_ZONE, "smaller errors are not corrected [rad]"),
-        "REST_STILL": (resting.STILL, "greatest peak-to-peak motion over half a period of a still joint [rad]"),
-        "REST_FIRST": (resting.FIRST, "gain of the first correction, of the stiffness [-]"),
-        "REST_STIFFEST": (resting.STIFFEST, "the greatest one [-]"),
-        "REST_RESOLUTION": (resting.RESOLUTION, "accuracy of a correction's known effect [rad]"),
-        "REST_OVERSHOOT": (resting.OVERSHOOT, "greatest overshoot of a correction [rad]"),
-        "REST_MOST": (resting.MOST, "greatest correction [Pa]"),
-        "REST_JOLT": (resting.JOLT, "distance from the predicted angle that shows a push [rad]"),
-        "REST_UNUSUAL": (resting.UNUSUAL, "multiple of the usual prediction error that shows a push [-]"),
-        "REST_PUSH": (resting.PUSH, "distance from the mean angle that shows a push [rad]"),
-        "REST_EDGE": (resting.EDGE, "greatest rotation by regulators that cross their dead band [rad]"),
-        "REST_LEAK": (resting.LEAK, "distance of a held pressure that shows a leak [Pa]"),
-        "REST_PRESSURE_NOISE": (resting.NOISE, "noise of a mean pressure [Pa]"),
-        "REST_SETTLING": (rules.settling, "settling time of a correction in samples"),
-        "REST_QUARTER_LEAST": (float(rules.shortest), "quarter of the joint's period in samples, least and greatest"),
-        "REST_QUARTER_MOST": (float(rules.longest), ""),
-    }
+def _integration(plant: Machine, dt: float) -> Iterator[tuple[str, str, Array]]:
+    """Yield the remaining shares of pressure errors at beginning, middle and end of an arm's integration steps."""
+    if isinstance(plant, Arm):
+        times = dt / (count := plant.substeps(dt, RESOLUTION)) * (np.arange(count)[:, None] + [0.0, 0.5, 1.0])
+        yield (
+            "ANT_DECAY",
+            "remaining shares of pressure errors along a sample [-]",
+            np.exp(-times.reshape(-1, 1) / plant.lags),
+        )
+
+
+def _factors(plant: Machine) -> Array:
+    """Return the factors of the entries of svec K."""
+    return plant.entries[2] if isinstance(plant, Arm) else np.ones(1)
 
 
 def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str, str, Array]]:
@@ -235,12 +180,17 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
         ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(observer.filter.Q)),
         ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(observer.filter.Q_rest)),
-        ("ANT_R_NOISE", "variance of the sensors theta, P1, P2", np.diag(observer.filter.R)),
-        ("ANT_GATE_LOWER", "least possible readings of theta, P1, P2", np.array(observer.gate.lower)),
+        ("ANT_LEAST_ANGLE", "ends of the joint ranges [rad]", np.atleast_1d(plant.angle_limits[0])),
+        ("ANT_MOST_ANGLE", "[rad]", np.atleast_1d(plant.angle_limits[1])),
+        ("ANT_SVEC", "factors of a stiffness' entries in the cost [-]", _factors(plant)),
+        ("ANT_R_NOISE", "variance of the sensors of angles and pressures", np.diag(observer.filter.R)),
+        ("ANT_GATE_LOWER", "least possible readings of angles and pressures", np.array(observer.gate.lower)),
         ("ANT_GATE_UPPER", "greatest possible readings", np.array(observer.gate.upper)),
         ("ANT_GATE_FLOOR", "distances from expected readings that are accepted", np.array(observer.gate.floor)),
         ("ANT_GATE_JUMP", "distances accepted only after a jump's patience", np.array(observer.gate.jump)),
         ("ANT_UNSURE", "variance of an estimate from the readings alone", np.diag(observer.filter.unsure)),
         ("ANT_COVARIANCE", "initial covariance of the observer", observer.filter.stationary),
-        *friction_tables(controller.compensation.friction),
+        *control_tables(plant),
+        *_integration(plant, dt),
+        *friction_tables(controller.compensation.of_joints(plant.n)),
     ]

@@ -17,8 +17,8 @@ from allocator.files.atomic import write_text
 from allocator.shell.options import numbers, within
 from allocator.units import BAR, DEG
 from mpc.export.joint import Numbers
-from mpc.export.parts import is_single
-from mpc.model.plant import Plant
+from mpc.model.arm.model import Arm
+from mpc.model.machine import Machine
 from mpc.tracking.compiled.factory import setting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
@@ -26,21 +26,22 @@ from mpc.tracking.weights import Weights
 Entry = tuple[str, Array]  # description and values
 
 
-def plant_number(plant: Plant, dt: float) -> float:
+def plant_number(plant: Machine, dt: float) -> float:
     """Return a number that identifies the plant of a tuning: a weighted sum of its motion in one sample."""
-    (left, right), most = plant.joint.angle_range, plant.joint.pressure_limits[1]
-    x = np.array([left + 0.6 * (right - left), 1.0, 0.4 * most, 0.7 * most])
-    moved = np.array(plant.discrete(dt)(x, [0.8 * most, 0.5 * most], 0.3)).ravel() - x
-    return float(moved @ [1.0, 2.0, 1 / BAR, 2 / BAR] / dt)
+    (left, right), most, n, m = map(np.atleast_1d, plant.angle_limits), plant.pressure_limits[1], plant.n, plant.m
+    x = np.concatenate([left + 0.6 * (right - left), np.ones(n), most * np.linspace(0.4, 0.7, m)])
+    moved = np.array(plant.discrete(dt)(x, most * np.linspace(0.8, 0.5, m), np.full(n, 0.3))).ravel() - x
+    weights = np.concatenate([1.0 + np.arange(n), 2.0 + np.arange(n), (1.0 + np.arange(m)) / BAR])
+    return float(moved @ weights / dt)
 
 
-def tuning_numbers(controller: TrackingMPC, single: bool) -> list[Entry]:
+def tuning_numbers(controller: TrackingMPC) -> list[Entry]:
     """Return the fields of `ant_tuning`, in their order."""
-    made, problem = setting(controller.problem), controller.problem
-    limits = controller.limits
-    entries = [
-        ("weights of theta, its rate, P1, P2", made.cost.x),
-        ("of the outputs K, F1, F2", made.cost.y),
+    problem, limits = controller.problem, controller.limits
+    made = setting(problem, in_bar=isinstance(controller.plant, Arm))
+    return [
+        ("weights of angles, their rates, pressures", made.cost.x),
+        ("of the outputs, stiffness and forces", made.cost.y),
         ("of the commands away from the feed-forward [1/bar^2]", made.cost.e),
         ("and of their changes [1/bar^2]", made.cost.change),
         ("of the state at the end of the horizon, rows", made.cost.end),
@@ -49,16 +50,11 @@ def tuning_numbers(controller: TrackingMPC, single: bool) -> list[Entry]:
         ("greatest change of a command in a sample [Pa]", np.array([limits.step])),
         ("least force of the muscles [N]", np.array([limits.min_force])),
     ]
-    if single:
-        kinds = "state", "outputs", "commands [1/Pa]", "rate of the commands [s/Pa]"
-        entries += [(f"roots of the weights: {what}", np.sqrt(w)) for what, w in zip(kinds, problem.rows, strict=True)]
-        entries += [("factor of the terminal cost, rows", problem.L)]
-    return entries
 
 
 def tuning_definition(controller: TrackingMPC, single: bool) -> str:
     """Return the definition of `ANT_TUNING`, the initial tuning of the build."""
-    lines = [f"    /* {what} */\n    {_listed(values, single)}," for what, values in tuning_numbers(controller, single)]
+    lines = [f"    /* {what} */\n    {_listed(values, single)}," for what, values in tuning_numbers(controller)]
     return "\n".join(["const ant_tuning ANT_TUNING = {", *lines, "};"])
 
 
@@ -75,15 +71,14 @@ def tuning_constants(controller: TrackingMPC) -> Numbers:
     return {"PLANT": (plant_number(controller.plant, controller.dt), "a tuning's second number, see tuning.c")}
 
 
-def tuning_text(controller: TrackingMPC, single: bool) -> str:
+def tuning_text(controller: TrackingMPC) -> str:
     """Return the numbers for `ant_tuning_from` as text, one per line, with descriptions after `#`."""
     entries = [
         ("sample time [s], that of the build", np.array([controller.dt])),
         ("of the plant, that of the build", np.array([plant_number(controller.plant, controller.dt)])),
-        *tuning_numbers(controller, single),
+        *tuning_numbers(controller),
     ]
-    precision = "single" if single else "double"
-    lines = [f"# A tuning for a controller in C, {precision} precision, see ant_tuning_from in antagonist.h"]
+    lines = ["# A tuning for a controller in C, see ant_tuning_from in antagonist.h"]
     for what, values in entries:
         first, *others = (repr(float(value)) for value in np.ravel(values))
         lines += [f"{first}  # {what}", *others]
@@ -93,14 +88,13 @@ def tuning_text(controller: TrackingMPC, single: bool) -> str:
 _ERRORS = {"theta": DEG, "omega": DEG, "K": 1.0, "u": BAR, "rate": BAR}  # SI value of the unit of each error
 
 
-def write_tuning(path: str | PathLike[str], controller: TrackingMPC, *, precision: str = "double") -> None:
+def write_tuning(path: str | PathLike[str], controller: TrackingMPC) -> None:
     """Write a tuning that gives an exported controller other weights without a compiler.
 
-    `controller` may differ from that of the build only in `weights`, `min_force` and the plant's `slew`; `precision` is
-    that of the build. The file has one number per line, for `ant_tuning_from`. Raises `MissingBackend` for an unknown
-    precision, `CannotWrite`.
+    `controller` may differ from that of the build only in `weights`, `min_force` and the plant's `slew`. The file has
+    one number per line, for `ant_tuning_from`, and suits both precisions. Raises `CannotWrite`.
     """
-    write_text(path, tuning_text(controller, is_single(precision)))
+    write_text(path, tuning_text(controller))
 
 
 def weights_from(errors: str) -> Weights:

@@ -1,9 +1,6 @@
-"""Archives of FMI 3.0 units: both descriptions in XML, the sources, and a binary for this machine."""
+"""Archives of FMI 3.0 units: both descriptions in XML, the sources, and binaries."""
 
 import hashlib
-import platform
-import sys
-import tempfile
 import zipfile
 from collections.abc import Iterable, Sequence
 from importlib import metadata
@@ -13,7 +10,7 @@ from xml.etree import ElementTree
 
 from allocator.errors import InvalidInput
 from allocator.files.atomic import replacing
-from mpc.export.building import compile_c, write
+from mpc.export.fmu.platforms import binary, checked
 from mpc.export.fmu.variables import UNITS, Variable, variables_header
 from mpc.export.parts import Files, copied
 
@@ -103,15 +100,15 @@ def _written(root: ElementTree.Element) -> str:
 
 _INCLUDES = (".", "src")
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # fixed, so that the same model gives the same file
-_SUFFIXES = {"linux": ".so", "darwin": ".dylib"}
 
 
-def packed(model: Model, own: Files, path: Path, binary: bool) -> Path:
-    """Write the FMU of `model`, with its `own` C files, to `path`.
+def packed(model: Model, own: Files, path: Path, platforms: Sequence[str] | None) -> Path:
+    """Write the FMU of `model`, with its `own` C files and binaries for the `platforms`, to `path`.
 
-    Raises `InvalidInput` for a suffix other than .fmu, `CannotWrite`, and `MissingBackend` without a C compiler unless
-    `binary` is false.
+    Raises `InvalidInput` for a suffix other than .fmu and for unknown platforms, `CannotWrite`, and `MissingBackend`
+    without a C compiler.
     """
+    platforms = checked(platforms)
     if path.suffix != ".fmu":
         raise InvalidInput(f"out = {path} has to end in .fmu")
     sources = own | dict(copied("fmi3", "")) | dict(copied("fmu", "src/"))
@@ -121,9 +118,7 @@ def packed(model: Model, own: Files, path: Path, binary: bool) -> Path:
     entries = {f"sources/{name}": content.encode() for name, content in sources.items()}
     entries["sources/buildDescription.xml"] = build_description(model, units, _INCLUDES).encode()
     entries["modelDescription.xml"] = model_description(model, token).encode()
-    if binary:
-        name, content = _binary(model, sources, units)
-        entries[name] = content
+    entries |= dict(binary(model.identifier, sources, units, _INCLUDES, on) for on in platforms)
     with replacing(path) as draft, zipfile.ZipFile(draft, "w") as archive:
         for name in sorted(entries):
             archive.writestr(zipfile.ZipInfo(name, _EPOCH), entries[name], zipfile.ZIP_DEFLATED)
@@ -134,17 +129,3 @@ def _token(sources: Files, model: Model) -> str:
     """Return a token that identifies these sources and variables."""
     digest = hashlib.sha256(repr((sorted(sources.items()), model)).encode())
     return digest.hexdigest()
-
-
-def _binary(model: Model, sources: Files, units: list[str]) -> tuple[str, bytes]:
-    """Return the name and the content of the library for this machine."""
-    suffix = _SUFFIXES.get(sys.platform)
-    if suffix is None:
-        raise InvalidInput(f"an FMU is compiled on Linux and macOS only, not on {sys.platform}: say source_only")
-    machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
-    with tempfile.TemporaryDirectory(prefix="antagonist-fmu-") as made:
-        directory = write(sources, Path(made) / "c")
-        library = directory / f"{model.identifier}{suffix}"
-        flags = ["-O2", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-I{name}" for name in _INCLUDES)]
-        compile_c("the FMU", directory, *flags, *units, "-lm", "-o", str(library))
-        return f"binaries/{machine}-{sys.platform}/{library.name}", library.read_bytes()

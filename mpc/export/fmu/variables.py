@@ -8,6 +8,8 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.compilation.printer import number
 from mpc.export import text
+from mpc.model.arm.model import Arm
+from mpc.model.machine import Machine
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.controller import TrackingMPC
 
@@ -73,25 +75,45 @@ def plant_variables(real: RealPlant, x0: Array) -> list[Variable]:
 
 
 def controller_variables(controller: TrackingMPC, x0: Array) -> list[Variable]:
-    """Return the variables of a controller and its observer, with the initial state `x0` (4,), at rest."""
-    theta, _, P1, P2 = map(float, x0)
-    K = float(controller.plant.stiffness(x0))
-    samples = controller.ahead + 1
+    """Return the variables of a controller and its observer, with the initial state `x0` (2n + m,), at rest.
+
+    Rows of references have sample after sample; a stiffness matrix is its upper triangle, row after row.
+    """
+    plant, samples = controller.plant, controller.ahead + 1
+    joints, muscles = _labels(plant)
+    theta, P = x0[: plant.n], x0[2 * plant.n :]
+    K = np.atleast_2d(plant.tracked_stiffness(x0))
+    entries = K[np.triu_indices(len(K))]
+    of_K = "reference of the stiffness" + ", upper triangles" * (plant.n > 1)
     return [
-        Variable("theta", "input", "rad", "measured joint angle; NaN: not measured", theta),
-        Variable("P1", "input", "Pa", "measured pressure of the agonist, gauge; NaN: not measured", P1),
-        Variable("P2", "input", "Pa", "measured pressure of the antagonist, gauge; NaN: not measured", P2),
-        Variable(
-            "theta_ref", "input", "rad", "reference of the angle, now and at the samples to come", [theta] * samples
+        *(
+            Variable(f"theta{i}", "input", "rad", f"measured angle of {name}; NaN: not measured", start)
+            for (i, name), start in zip(joints, theta.tolist(), strict=True)
+        ),
+        *(
+            Variable(f"P{i}", "input", "Pa", f"measured pressure of {name}, gauge; NaN: not measured", start)
+            for (i, name), start in zip(muscles, P.tolist(), strict=True)
         ),
         Variable(
-            "K_ref", "input", "N.m/rad", "reference of the stiffness, now and at the samples to come", [K] * samples
+            "theta_ref", "input", "rad", "reference of the angles, now and at the samples to come",
+            np.tile(theta, samples).tolist(),
         ),
-        Variable("u1", "output", "Pa", "command for the agonist"),
-        Variable("u2", "output", "Pa", "command for the antagonist"),
+        Variable(
+            "K_ref", "input", "N.m/rad", f"{of_K}, now and at the samples to come", np.tile(entries, samples).tolist()
+        ),
+        *(Variable(f"u{i}", "output", "Pa", f"command for {name}") for i, name in muscles),
         Variable("status", "output", None, "of the plan, as PlanStatus"),
         Variable("rung", "output", None, "of the plan, as Rung"),
-    ]
+    ]  # fmt: skip
+
+
+def _labels(plant: Machine) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Return suffixes and names of the joints and of the muscles."""
+    if not isinstance(plant, Arm):
+        return [("", "the joint")], [("1", "the agonist"), ("2", "the antagonist")]
+    mechanism = plant.mechanism
+    joints, muscles = (list(enumerate(names, 1)) for names in (mechanism.joint_names, mechanism.muscle_names))
+    return [(str(i), name) for i, name in joints], [(str(i), name) for i, name in muscles]
 
 
 def variables_header(variables: Sequence[Variable], dt: float, token: str) -> str:

@@ -259,6 +259,8 @@ def board_files(
     x0: ArrayLike | None = None,
 ) -> Files:
     """Return the files of the firmware and of the simulated board; see `export_board`."""
+    if controller is not None and not isinstance(controller.plant, Plant):
+        raise InvalidInput("the firmware is for a board with one joint; export the controller of an arm alone")
     if process is None:
         process = Plant() if controller is None else controller.plant
     real = real_plant(process)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from allocator.calculus import Value
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Routes
 from allocator.mechanism.formulas import has_formulas, symbolic_jacobian, symbolic_lengths
@@ -89,6 +90,16 @@ def acceleration(s: Statics, bodies: MovingBodies) -> "Function":
     omega, d = ca.SX.sym("omega", n), ca.SX.sym("d", n)
     pushing = s.torque - bodies.bias(s.q, omega) + d
     return ca.Function("acceleration", [s.q, omega, s.P, d], [ca.solve(bodies.mass_matrix(s.q), pushing)])
+
+
+def varied_acceleration(bodies: MovingBodies, q: "SX", omega: "SX", torque: "SX", mass: Value, damping: Value) -> "SX":
+    """Return ω' (n, 1) under a `torque` (n, 1) [N·m], with factors of all masses and of the damping. Symbols."""
+    import casadi as ca
+
+    rubbing = ca.DM(bodies.damping) * omega
+    pushing = torque - mass * (bodies.bias(q, omega) - rubbing) - damping * rubbing
+    alpha: SX = ca.ldl_solve(pushing, *ca.ldl(mass * bodies.mass_matrix(q)))
+    return alpha
 
 
 def discrete(arm: "Arm", dt: float, substeps: int) -> "Function":

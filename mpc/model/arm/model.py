@@ -255,13 +255,15 @@ class Arm:
     def along(self, x: Array, gains: ArrayLike = 1.0) -> tuple[Array, Array]:
         """Return the tracked stiffness (M, k, k) and the muscle forces (M, m) [N] in the states `x` (M, 2n + m).
 
-        `gains` [-], a number or (m,), multiply the forces of the muscle models.
+        `gains` [-], a number or (m,), multiply the forces of the muscle models. States of a run are not checked: an
+        arm without stops may turn over.
         """
         q, P = self._held(x)
         gains = np.broadcast_to(np.asarray(gains, float), (self.m,))
-        muscles = zip(self.mechanism.at(q), P.T, gains.tolist(), strict=True)
+        muscles = list(zip(self.mechanism.at(q), P.T, gains.tolist(), strict=True))
         K = sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles)
-        return self.seen(q, np.asarray(K)), gains * self.forces(x)
+        F = np.stack([gain * muscle.force(pressure) for muscle, pressure, gain in muscles], axis=-1)
+        return self.seen(q, np.asarray(K)), F
 
     @property
     def stiffness_text(self) -> str:

@@ -1,6 +1,6 @@
 """Loads on the sliding surfaces of an arm's joints, which scale the torques of friction models."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
 
 if TYPE_CHECKING:
-    from casadi import Function
+    from casadi import SX, Function
 
 CROSSES = 1e-9  # [m] of an arm, above which its muscle crosses the joint
 
@@ -34,6 +34,20 @@ class Pressing:
         mechanism, q, P = self._arm.mechanism, x[: self._arm.n], x[2 * self._arm.n :]
         pulled = np.abs(mechanism.arms(q)).T @ np.maximum(mechanism.forces(q, P), 0.0)
         return np.stack([pulled, P @ self._shares, np.diag(mechanism.stiffness(q, P))], axis=1)
+
+
+class SymbolicLoads(NamedTuple):
+    """Loads at a joint as CasADi expressions."""
+
+    pulled: "SX"  # [N·m]
+    filled: "SX"  # [Pa]
+    stiffness: "SX"  # [N·m/rad]
+
+
+def symbolic_loads(arm: Arm, x: "SX") -> list[SymbolicLoads]:
+    """Return the loads at every joint of an arm with formulas in the state `x` (2n + m,)."""
+    loads = symbolic_pressing(arm)(x)
+    return [SymbolicLoads(*(loads[row, i] for row in range(3))) for i in range(arm.n)]
 
 
 def symbolic_pressing(arm: Arm) -> "Function":

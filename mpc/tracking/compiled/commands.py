@@ -1,12 +1,17 @@
 """Limits of commands, their deviations from the reference, and their changes by decisions."""
 
+from typing import Any
+
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import inlined
 from mpc.tracking.compiled.records import Bounded, Errors, Indices, Path, Reference, Setting
-from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, NX, NXI, NY
+from mpc.tracking.compiled.structured_qp.stage import first_of
+
+HUGE = 1e30  # no bound
 
 
 @inlined
@@ -24,29 +29,47 @@ def limit(low: float, high: float, step: float, before: Array, unit: float, comm
 
 
 @inlined
-def excess(left: float, right: float, least: float, states: Array, forces: Array, beyond: Array) -> None:
-    """Set `beyond` (2,) to the excursions of a motion from the joint range [rad] and below the least force [N].
+def excess(left: Any, right: Any, least: float, states: Array, forces: Array, beyond: Array) -> None:
+    """Set `beyond` (2,) to the excursions of a motion from the joint ranges [rad] and below the least force [N].
 
     The first state does not count for the force.
     """
     beyond[0] = beyond[1] = 0.0
     for k in range(states.shape[0]):
-        beyond[0] = max(beyond[0], left - states[k, 0], states[k, 0] - right)
-        if k > 0:
-            beyond[1] = max(beyond[1], least - forces[k, 0], least - forces[k, 1])
+        for i in range(JOINTS):
+            beyond[0] = max(beyond[0], first_of(left, i) - states[k, i], states[k, i] - first_of(right, i))
+        for i in range(NU if k > 0 else 0):
+            beyond[1] = max(beyond[1], least - forces[k, i])
 
 
 @inlined
-def slew_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> None:
-    """Set the bounds of the changes by slew; v = 0 is feasible despite rounding."""
-    starts, step = setting.starts, setting.bounds.step
-    lower, upper, there = bounded
-    lower[:], upper[:], there[:] = 0.0, 0.0, False
-    for k in starts:
+def new_bounded(N: int) -> Bounded:
+    """Return uninitialised bounds."""
+    ends = np.empty((4, N + 1, NU))
+    return Bounded(ends[0], ends[1], ends[2], ends[3], np.empty(N, np.bool_))
+
+
+@inlined
+def change_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> None:
+    """Set the bounds of changes and commands of every block by slew and supply.
+
+    v = 0 is feasible despite rounding, and commands outside the supply need not return at once.
+    """
+    bounds, N, there = setting.bounds, u.shape[0], bounded.there
+    bounded.lower[:], bounded.upper[:], bounded.low[:], bounded.high[:], there[:] = 0.0, 0.0, -HUGE, HUGE, False
+    for k in setting.starts:
         there[k] = True
-        for i in range(NU):
-            change = u[k, i] - (u[k - 1, i] if k > 0 else last[0, i] / BAR)
-            lower[k, i], upper[k, i] = min(-step - change, 0.0), max(step - change, 0.0)
+    for i in range(NU):
+        start = 0
+        bounded.upper[N, i] = HUGE if i < 2 else 0.0  # of the slacks
+        for k in range(N):
+            if there[k]:
+                start = k
+                change = u[k, i] - (u[k - 1, i] if k > 0 else last[0, i] / BAR)
+                bounded.lower[k, i] = min(-bounds.step - change, 0.0)
+                bounded.upper[k, i] = max(bounds.step - change, 0.0)
+            bounded.low[start, i] = max(bounded.low[start, i], min(bounds.low - u[k, i], 0.0))
+            bounded.high[start, i] = min(bounded.high[start, i], max(bounds.high - u[k, i], 0.0))
 
 
 @inlined
@@ -88,3 +111,13 @@ def deviations(path: Path, u: Array, reference: Reference, last: Array, errors: 
         end[NX + i] = previous
     for i in range(NX):
         end[i] = x[N, i]
+
+
+@inlined
+def finite(array: Array) -> bool:
+    """Return whether all numbers of `array` (m, n) are finite."""
+    for row in array:
+        for value in row:
+            if not np.isfinite(value):
+                return False
+    return True

@@ -20,9 +20,9 @@ from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import FeedForward, FeedForwardOf, InverseDynamics
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import Moved
-from mpc.tracking.qp.certified import ACCURACY, LAZY_TOLERANCE
+from mpc.tracking.qp.certified import ACCURACY
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.solvers import DAQP, Solver
+from mpc.tracking.qp.solvers import Solver
 from mpc.tracking.qp.step import CompilingBeside, PreviousSample, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
@@ -105,16 +105,14 @@ def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: Inverse
     made = compiled_arm(arm, dt)
 
     def build() -> Parts:
-        """Compile now rather than at the arm's first command; DAQP solves some of the QPs."""
+        """Compile now rather than at the arm's first command."""
         step, N = CompiledArmQPStep(arm, dt, made, problem), sum(problem.blocks)
         P = np.full(arm.m, np.mean(problem.limits.pressure))
         x = np.concatenate([arm.middle, np.zeros(arm.n), P])
         K, d = np.diag(np.diag(arm.tracked_stiffness(x))), np.zeros((N + 1, arm.n))
         u, states = np.tile(P, (N, 1)), np.tile(x, (N + 1, 1))
         still = FeedForward(states, np.zeros((N + 1, arm.stiffnesses + arm.m)), u, Moved(0.0, 0.0, 0.0))
-        for solver in (DAQP(), solve):
-            step(x, u, d[:-1], still, PreviousSample(P, P), solver, inf)
-        step.whole_qp()
+        step(x, u, d[:-1], still, PreviousSample(P, P), solve, inf)
         ready = feed_forward.ready()
         linear = arm.mechanism.affine and arm.tracked == arm.n  # torques and K, in the pressures
         feed = CompiledArmFeedForward(arm, made, ready) if linear else ready
@@ -155,16 +153,18 @@ def _structured(problem: TrackingProblem) -> "StructuredQP | None":
         return None
 
 
-def setting(problem: TrackingProblem) -> "Setting":
-    """Return the constants of `problem` for the compiled functions."""
+def setting(problem: TrackingProblem, in_bar: bool = False) -> "Setting":
+    """Return the constants of `problem` for the compiled functions; `in_bar` counts the states' pressures in bar."""
     from mpc.tracking.compiled.records import Bounds, Cost, Setting
 
     rows, limits, L = problem.rows, problem.limits, problem.L
-    units = np.array([1, 1, 1, 1, BAR, BAR])
+    states = rows.x.size
+    units = np.ones(states + rows.e.size)
+    units[states - rows.e.size if in_bar else states :] = BAR
     end = (L.T @ L) * np.outer(units, units)
-    cost = Cost(rows.x, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / problem.dt**2, end)
+    cost = Cost(rows.x * units[:states] ** 2, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / problem.dt**2, end)
     low, high = limits.pressure
     bounds = Bounds(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
     w = problem.weights
     slack = np.array([w.slack, w.slack_square, w.slack_force, w.slack_force_square])
-    return Setting(cost, bounds, problem.curvature, LAZY_TOLERANCE, ACCURACY, slack, problem.starts.astype(np.int64))
+    return Setting(cost, bounds, problem.curvature, inf, ACCURACY, slack, problem.starts.astype(np.int64))

@@ -1,8 +1,8 @@
-"""Compiled form of `mpc.tracking.qp.step`, which takes tens of microseconds instead of hundreds.
+"""Compiled `mpc.tracking.qp.step`: tens of microseconds instead of hundreds.
 
-The structured QP is solved sample by sample (`structured_qp.solve`): by a sweep of Riccati recursions from the guess
-that the bounds active in the last QP bind again, by an exchange of the wrong members of that set, or by an interior
-point. Other solvers get the same dense QP as in the readable step, and so does DAQP if the structured one has no proof.
+The QP is solved sample by sample (`structured_qp.solve`): by a sweep of Riccati recursions with the limits that were
+active in the last QP, and an exchange of those that it held wrongly. Other solvers get the same condensed QP as from
+the readable step.
 """
 
 from time import perf_counter
@@ -15,10 +15,10 @@ from allocator.calculus import Array
 from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.linearise import Motion
-from mpc.tracking.plan import Moved, PlanStatus
+from mpc.tracking.plan import Moved
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.solvers import Riccati, Solver
-from mpc.tracking.qp.step import PreviousSample, QPAnswer, dense_answer
+from mpc.tracking.qp.step import PreviousSample, QPAnswer, dense_answer, structured_answer
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.module import CompiledPlant  # which imports numba
@@ -45,7 +45,7 @@ class CompiledQPStep:
 
     @property
     def active_set(self) -> NDArray[np.int8] | None:
-        """Active set (n,): the signs of the multipliers of the active bounds."""
+        """Active set (n,): the limits at which changes and commands are held."""
         return self.structured.guess.copy()
 
     @active_set.setter
@@ -54,7 +54,7 @@ class CompiledQPStep:
             self.structured.guess[:] = guess
 
     def reset(self) -> None:
-        """Forget which bounds were active."""
+        """Forget which limits were active."""
         self.structured.reset()
 
     def __call__(
@@ -65,22 +65,16 @@ class CompiledQPStep:
         self.structured.take(x, u, d, feed, previous)
         self.linearise()
         linearised = perf_counter()
-        motion = self._rolled_out() if isinstance(solve, Riccati) and self.structured.solved() else None
-        if motion is None:
+        if not isinstance(solve, Riccati):
             return dense_answer(self._problem, self.structured.model, feed, previous, solve, began, deadline)
-        now = perf_counter()
-        if now > deadline:
-            return QPAnswer(PlanStatus.LATE, motion.u, None, None, (linearised - began, 0.0, now - linearised))
-        return QPAnswer(PlanStatus.OPTIMAL, motion.u, motion, None, (linearised - began, 0.0, now - linearised))
+        proved, (_, made) = self.structured.solved(solve.limit), self._arrays.rollout()
+        now, motion = perf_counter(), Motion(made.u, made.x, made.K, made.F)
+        times = linearised - began, 0.0, now - linearised
+        return structured_answer(proved, motion.u, motion, self.structured.gap, times, now > deadline)
 
     def linearise(self) -> None:
         """Linearise about the commands given to the structured QP."""
         self._arrays.linearise()
-
-    def _rolled_out(self) -> Motion | None:
-        """Return the motion of the solution, if it is finite."""
-        finite, made = self._arrays.rollout()
-        return Motion(made.u, made.x, made.K, made.F) if finite else None
 
 
 class CompiledFeedForward:

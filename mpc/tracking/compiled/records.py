@@ -14,7 +14,7 @@ from allocator.calculus import Array, Mask
 from mpc.codegen.views import length_of, viewer
 
 Indices: TypeAlias = NDArray[np.int64]
-Signs: TypeAlias = NDArray[np.int8]  # of multipliers: the bound at which a change is held
+Signs: TypeAlias = NDArray[np.int8]  # the limit at which a change or its command is held, see `sizes`
 
 
 class Cost(NamedTuple):
@@ -44,7 +44,7 @@ class Setting(NamedTuple):
     cost: Cost
     bounds: Bounds
     curvature: float  # c [cost]/[bar]², lower bound of the Hessian's eigenvalues
-    tolerance: float  # of omitted rows [bar], [rad], [N]
+    exchanges: float  # at most, per QP
     accuracy: float  # of an answer [bar]
     slack: Annotated[Array, 4]  # ρ, ρ₂, ρ_F, ρ_F₂
     starts: Indices  # samples at which the commands may leave ū
@@ -87,10 +87,12 @@ class Point(NamedTuple):
 
 
 class Bounded(NamedTuple):
-    """Bounds of the changes by slew."""
+    """Bounds of changes by the slew, of commands by the supply, and of the slacks, in the last line."""
 
-    lower: Array  # (N, 2) [bar]
-    upper: Array  # (N, 2) [bar]
+    lower: Array  # (N + 1, 2) of changes [bar]
+    upper: Array  # (N + 1, 2) [bar]
+    low: Array  # (N + 1, 2) of commands; at the start of a block, for the whole block [bar]
+    high: Array  # (N + 1, 2) [bar]
     there: Mask  # (N,) whether there is a change, at the starts of blocks; else the bounds are 0
 
 

@@ -24,7 +24,7 @@ from mpc.model.compiled_friction import ABSENT, Rubbing, followed, less_friction
 from mpc.model.friction.contact import Pressed
 from mpc.model.integration import NODES, SHARES
 from mpc.model.plant import NU
-from mpc.tracking.compiled.commands import cumulative, excess, limit
+from mpc.tracking.compiled.commands import cumulative, excess, finite, limit
 from mpc.tracking.compiled.records import Bounds, Given, Indices, Path, Reference, given_in, path_in, setting_in
 from mpc.tracking.compiled.sample.calls import settle_at
 from mpc.tracking.compiled.sample.layout import (
@@ -55,7 +55,6 @@ from mpc.tracking.compiled.sample.stages import (
     take,
     under_way,
 )
-from mpc.tracking.compiled.structured_qp.certificate import finite
 from mpc.tracking.resting import HELD, RESTS, RINGS, SIDE, THETA, begin, constant, decided, due, turn
 
 FORMULAS: Any = None

@@ -63,12 +63,20 @@ class DAQP(QPSolver):
 
 @dataclass(frozen=True)
 class Riccati(QPSolver):
-    """Structured solver of a step's QP by Riccati recursions, O(N) in compiled code. It has no options.
+    """Structured solver of a step's QP by Riccati recursions, O(N) in compiled code.
 
-    DAQP solves the dense QP if nothing compiles or the structured solution has no proof.
+    `exchanges` bounds the exchanges of active limits, and thus the time of a step. At the bound the plan's status is
+    UNSOLVED, its commands are within slew and supply, and `Plan.gap` bounds their suboptimality. If nothing compiles,
+    DAQP solves the condensed QP.
     """
 
     name: ClassVar[str] = "riccati"
+    exchanges: int | None = None
+
+    @property
+    def limit(self) -> float:
+        """Greatest number of exchanges; inf: the bound of the solver."""
+        return inf if self.exchanges is None else float(self.exchanges)
 
     def __call__(self, qp: QP, limit: float = inf, /) -> tuple[Array, Array] | None:
         """Propose point (n,) and multipliers (n + m,) of `qp` within `limit` [s]."""

@@ -4,6 +4,7 @@ The readable step calls `mpc.tracking.linearise`, `mpc.tracking.qp.condense` and
 the other; `mpc.tracking.compiled.qp_step` does the same in compiled code.
 """
 
+from math import inf
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -45,10 +46,12 @@ class QPAnswer(NamedTuple):
     """Result of one QP."""
 
     status: PlanStatus
-    u: Array  # (N, 2) optimal commands within the limits if the status is OPTIMAL, else those of the linearisation [Pa]
+    u: Array  # (N, 2) within the limits [Pa]: optimal if the status is OPTIMAL, else those of the interrupted
+    # structured solver, or of the linearisation
     motion: Motion | None  # finite motion under these commands, if already known
     qp: QP | None  # None if there was no need to build it
     times: tuple[float, float, float]  # of linearising, condensing, solving with its proof [s]; 0.0: not needed
+    gap: float = 0.0  # bound of the cost of `u` minus that of the solution; inf: unknown
 
 
 class QPStep(Protocol):
@@ -100,11 +103,11 @@ class ReadableQPStep:
         if self.structured is not None and isinstance(solve, Riccati):
             self.structured.take(x, u, d, feed, previous)
             self.structured.take_model(model)
-            if self.structured.solved():
-                now = perf_counter()
-                u = commands(self.problem, u, np.append(self.structured.z, SLACKS * [0.0]), previous)
-                status = PlanStatus.LATE if now > deadline else PlanStatus.OPTIMAL
-                return QPAnswer(status, u, None, None, (linearised - began, 0.0, now - linearised))
+            proved = self.structured.solved(solve.limit)
+            now, z = perf_counter(), np.append(self.structured.z, SLACKS * [0.0])
+            u = commands(self.problem, u, z, previous)
+            gap, times = self.structured.gap, (linearised - began, 0.0, now - linearised)
+            return structured_answer(proved, u, None, gap, times, now > deadline)
         return dense_answer(self.problem, model, feed, previous, solve, began, deadline)
 
 
@@ -112,7 +115,7 @@ def dense_answer(
     problem: TrackingProblem, model: Linearisation, feed: FeedForward, previous: PreviousSample, solve: Solver,
     began: float, deadline: float
 ) -> QPAnswer:  # fmt: skip
-    """Return the solution by `solve` of the dense QP about `model`; times count from `began` [s]."""
+    """Return the solution of the condensed QP about `model` by `solve`; times count from `began` [s]."""
     linearised = perf_counter()
     qp = condense(problem, model, feed, previous.u, previous.u_star)
     condensed = perf_counter()
@@ -121,7 +124,19 @@ def dense_answer(
     if answer.status is PlanStatus.OPTIMAL:
         u = commands(problem, u, answer.z, previous)
     times = linearised - began, condensed - linearised, perf_counter() - condensed
-    return QPAnswer(answer.status, u, None, qp, times)
+    return QPAnswer(answer.status, u, None, qp, times, 0.0 if answer.status is PlanStatus.OPTIMAL else inf)
+
+
+def structured_answer(
+    proved: bool, u: Array, motion: Motion | None, gap: float, times: tuple[float, float, float], late: bool
+) -> QPAnswer:
+    """Return the answer with the commands `u` of the structured QP."""
+    if not np.isfinite(u).all() or (motion is not None and not motion.finite):
+        return QPAnswer(PlanStatus.NOT_FINITE, u, None, None, times, inf)
+    if late:
+        return QPAnswer(PlanStatus.LATE, u, None, None, times, inf)
+    status, gap = (PlanStatus.OPTIMAL, 0.0) if proved else (PlanStatus.UNSOLVED, gap)
+    return QPAnswer(status, u, motion, None, times, gap)
 
 
 def commands(problem: TrackingProblem, u: Array, z: Array, previous: PreviousSample) -> Array:

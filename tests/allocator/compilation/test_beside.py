@@ -54,7 +54,7 @@ def test_while_a_process_is_at_it_no_other_one_begins_and_its_end_is_seen(tmp_pa
 def test_of_two_that_begin_at_a_time_one_does_the_work(tmp_path):
     lock = tmp_path / "work.lock"
     with lock.open("ab") as file:
-        assert beside._locked(file)
+        assert beside.locked(file)
         beside._start(beside.pickle.dumps((lock, Path.touch, (tmp_path / "made",))), tmp_path)
         assert ended() == 0
     assert [*tmp_path.iterdir()] == [lock]

@@ -1,5 +1,6 @@
 """Compiled code that is kept on disk works whatever becomes of its files, and one line says so."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -8,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
 
-from allocator.compilation import cache
+from allocator.compilation import cache, jit
 from allocator.compilation.cache import Refused, check_own
 from mpc import Plant, TrackingMPC
 from mpc.tracking.compiled import module
@@ -75,13 +77,11 @@ FAULTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS.keys())
-def test_a_damaged_file_is_made_anew_and_one_line_says_so(filled, tmp_path, fault):
+@pytest.mark.parametrize("faults", [tuple(FAULTS)[:3], tuple(FAULTS)[2:]], ids=", ".join)
+def test_damaged_files_are_made_anew_and_one_line_says_so(filled, tmp_path, faults):
     folder = shutil.copytree(filled, tmp_path / "copy")
-    files = [*folder.glob("__pycache__/*.kept")]
-    assert len(files) == 3
-    for file in files:
-        file.write_bytes(fault(file.read_bytes()))
+    for file, fault in zip(folder.glob("__pycache__/*.kept"), faults, strict=True):
+        file.write_bytes(FAULTS[fault](file.read_bytes()))
     first, *said = lines(run(CALL, str(folder)))
     assert first == "[3.0, 6.0, 2.0] 0"
     [line] = said
@@ -102,11 +102,38 @@ def test_a_full_disk_is_said_once_and_leaves_nothing(tmp_path):
 
 
 @pytest.mark.slow
-def test_two_that_write_at_the_same_time_do_not_disturb_each_other(tmp_path):
+def test_of_several_that_need_the_same_code_one_compiles_it(tmp_path):
     (tmp_path / "doubling.py").write_text(DOUBLE)
-    for process in [run(CALL, str(tmp_path)) for _ in range(3)]:
-        assert lines(process)[0].startswith("[3.0, 6.0, 2.0]")
-    assert lines(run(CALL, str(tmp_path))) == ["[3.0, 6.0, 2.0] 3"]
+    firsts = [lines(process)[0] for process in [run(CALL, str(tmp_path)) for _ in range(3)]]
+    assert {first[:-2] for first in firsts} == {"[3.0, 6.0, 2.0]"}
+    assert sum(int(first[-1]) for first in firsts) == 2 * 3  # each signature found by two of them
+    assert not [*tmp_path.glob("__pycache__/*.lock")]
+
+
+def kept(folder, function):
+    """The dispatcher of a function, and where its code is kept."""
+    (folder / "numbers_of.py").write_text(function)
+    names = {}
+    exec(compile(function, folder / "numbers_of.py", "exec"), names)
+    return jit.compiled(names["function"], (), inline=False, unaliased=False), folder / "__pycache__"
+
+
+def test_who_waits_in_vain_compiles_itself(tmp_path, monkeypatch):
+    made, directory = kept(tmp_path, "def function(x):\n    return 3.0 * x\n")
+    monkeypatch.setattr(cache, "_PATIENCE", 0.2)
+    asked = []
+    monkeypatch.setattr(cache.beside, "locked", lambda file: asked.append(Path(file.name)))
+    assert made(2.0) == 6.0
+    assert len(asked) > 2
+    assert {file.parent for file in asked} == {directory}
+
+
+def test_nothing_is_locked_or_uncollected_after_code_that_cannot_be_compiled(tmp_path):
+    made, directory = kept(tmp_path, "def function(x):\n    return x.nothing\n")
+    with pytest.raises(TypingError):
+        made(2.0)
+    assert gc.isenabled()
+    assert not [*directory.iterdir()]
 
 
 @pytest.mark.slow

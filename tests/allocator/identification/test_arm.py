@@ -1,5 +1,7 @@
 """An arm of two joints from its log: which muscles pull, the law of a joint, episodes and bands."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,13 @@ def test_no_episode_is_in_two_folds():
     assert not set(windows.episode[parts[0]]) & set(windows.episode[parts[1]])
 
 
+def test_a_log_in_one_piece_has_folds_too():
+    windows = Windows.cut(EPISODES[:1], 20, 2)
+    parts = folds(windows, 5)
+    assert (np.sum(parts, axis=0) == 1).all()
+    assert min(part.sum() for part in parts) >= len(windows.q) // 6
+
+
 def test_a_jump_of_the_clock_ends_a_stretch():
     e = EPISODES[0]
     late = np.concatenate([e.q[:40], e.q[45:] + 0.3])
@@ -97,6 +106,9 @@ def test_what_is_no_episode_is_refused():
         Episode.checked(np.zeros((5, 2)), np.zeros((5, 3)), STEP)
     with pytest.raises(InvalidInput, match="no episode has the 109 rows"):
         Windows.cut(EPISODES, 100, 10)
+    slow = replace(EPISODES[1], step=2 * STEP)
+    with pytest.raises(InvalidInput, match=r"episode 1 has 2 joints and rows 0.02 s apart, episode 0 has 2 and 0.01 s"):
+        Windows.cut([EPISODES[0], slow], 40, 10)
 
 
 def test_bands_hold_95_percent_of_errors_like_those_they_were_made_of():

@@ -206,7 +206,7 @@ def test_a_german_file_with_stamps_of_a_controller_is_read(written):
         ("timestamp", NANOSECONDS, '--columns "time=timestamp:ns"'),
         ("t [ms]", T, "the log lasts 0.018 s only; s for ms?"),
         ("t [s]", T[::-1], "line 3, column 't [s]': the rows run backwards in time"),
-        ("t [s]", np.where(AT == 300, 1.0, T), "line 302, column 't [s]': time goes back in line 302"),
+        ("t [s]", np.where(AT % 20 < 5, T - 0.3, T), "line 22, column 't [s]': time goes back in lines 22, 42, 62"),
         ("Time", clock("%H:%M:%S"), "line 3, column 'Time': time stands still in lines 3, 4, 5, 6, 7, 8, 9 and"),
     ],
 )
@@ -223,6 +223,38 @@ def test_stretches_between_gaps_are_used_unless_they_are_short_and_that_is_said(
         "the log has gaps of more than 1 s before lines 152 and 602: 2 stretches are used; 150 rows in shorter ones "
         "were left out",
     )
+
+
+def test_rows_that_are_late_are_left_out_and_listed(written):
+    times = np.where(AT == 300, 1.0, np.where((AT == 500) | (AT == 501), T[499], T))
+    log = read_motion_log(written(HEADER + "\n" + lines(times, THETA, P1, P2)))
+    np.testing.assert_allclose(log.theta, THETA[~np.isin(AT, (300, 500, 501))] * DEG, atol=1e-9)
+    assert log.notes == ("rows that are not later than an earlier one were left out: lines 302, 502 and 503",)
+
+
+def test_a_clock_that_begins_anew_begins_a_stretch(written):
+    """Two copies of the log in one file, with the column names again between them."""
+    log = read_motion_log(written(2 * (HEADER + "\n" + BODY)))
+    assert log.parts == (slice(0, N), slice(N, 2 * N))
+    np.testing.assert_allclose(log.theta, np.tile(THETA, 2) * DEG, atol=1e-9)
+    assert f"the clock begins anew in line {N + 3}: 2 recordings" in log.notes
+
+
+def test_episodes_of_90_rows_are_one_log_in_one_file_or_in_many(written, tmp_path):
+    """Each lasts 1.8 s, and the second half is judged, as the state at its beginning is unknown."""
+    whole = read_motion_log(written(HEADER + "\n" + lines(T + 5 * (AT // 90), THETA, P1, P2)))
+    paths = [tmp_path / f"{k}.csv" for k in range(N // 90)]
+    for k, path in enumerate(paths):
+        path.write_text(HEADER + "\n" + lines(*(c[90 * k : 90 * k + 90] for c in (T, THETA, P1, P2))))
+    log = read_motion_log(paths)
+    for one in (whole, log):
+        assert len(one.parts) == N // 90
+        np.testing.assert_allclose(one.theta, THETA * DEG, atol=1e-9)
+        assert one.settled.sum() == N / 2
+    with pytest.raises(InvalidFile, match=r"0.csv, .*1.csv: 180 rows over 3.56 s are too few"):
+        read_motion_log(paths[:2])
+    with pytest.raises(InvalidInput, match="a file is given twice"):
+        read_motion_log([paths[0], paths[0]])
 
 
 # --- damaged readings -----------------------------------------------------------------------------------------------
@@ -283,7 +315,6 @@ def test_a_log_whose_end_was_lost_is_read_to_there(written):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (HEADER + "\n" + BODY + HEADER + "\n" + BODY, f"time goes back in line {N + 3}: a log is in the order of time"),
         (HEADER + "\n" + BODY + "End of measurement\n", f"line {N + 2}: has 1 values under 4 column names"),
         (HEADER.replace("p2", "p1") + "\n" + BODY, "line 1: has two columns of the name 'p1 [bar]'"),
         (HEADER + "\n" + lines(T, (40 * THETA) % 360, P1, P2), "° from the row before, as in line"),

@@ -21,32 +21,22 @@ from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.modbus import ModbusDevice
 from mpc.bench.devices.register_map import RegisterMap
-from mpc.bench.devices.serial_line import SerialDevice
 from mpc.bench.devices.simulated import SimulatedDevice, simulated
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import SoftStart
 from mpc.bench.sweep import Sweep, random_steps, visits_of, within
 from mpc.bench.tracking import Tracking, replay
 from mpc.cli import app
-from mpc.export.serial.firmware import Safety
-from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
 from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.trajectories import point_to_point, shrunk, usual_stiffness
 from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 
-from ...rigs.needs import needs, posix
-
 ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
 HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11), gas=False)
 DT = 0.01
-SERIAL = [
-    pytest.mark.tools,
-    needs("gcc"),
-    posix,
-]
 GEOMETRY = "--pulley", "0.02,0.1375", "--rest-length", "400"
 
 
@@ -82,20 +72,10 @@ def over_modbus(clock):
         yield ModbusDevice.tcp(HOST, terminal.port, patient, clock), joint.hang
 
 
-@contextmanager
-def over_a_serial_line(clock):
-    """The exported firmware behind a pseudo-terminal; its clock goes on by a sample at every command."""
-    joint = simulated(HIDDEN, Compensation())
-    vented = np.array([0.0, 0.0, 0.0, 0.0])
-    with SimulatedBoard(joint, safety=Safety(watchdog=9.0), x0=vented, step=DT) as board:
-        yield SerialDevice(board.port, timeout=9.0, clock=clock), board.hang
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("connected", [over_modbus, pytest.param(over_a_serial_line, marks=SERIAL)])
-def test_the_same_over_a_line_and_the_log_replays(connected, tmp_path):
+def test_the_same_over_modbus_and_the_log_replays(tmp_path):
     clock = SimulatedClock()
-    with connected(clock) as (device, hang):
+    with over_modbus(clock) as (device, hang):
         fitted = identified(device, hang, clock, tmp_path)
         plant, known = Plant.load(fitted), Compensation.load(fitted)
         reference = shrunk(point_to_point, usual_stiffness(plant.joint), plant.joint)

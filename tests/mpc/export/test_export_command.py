@@ -170,3 +170,22 @@ def test_exporting_leaves_the_controller_s_memory_alone(tmp_path):
     export(tmp_path / "c", controller=controller)
     x = first.x[1]
     assert (controller.step(x, 0.2, 7.6).u == other.step(x, 0.2, 7.6).u).all()
+
+
+@needs_gcc
+@pytest.mark.slow
+def test_an_arm_s_controller_is_exported_by_its_name_and_other_products_refuse_it(tmp_path):
+    out = tmp_path / "c"
+    result = invoke("controller", "--machine", "arm26", "--horizon", 3, "--precision", "single", "--out", out)
+    assert result.exit_code == 0, result.output
+    printed = tools.run(tools.compiled(out, Path("main.c"), "demonstration"))
+    assert len(printed.splitlines()) == 14
+    assert "#define ANT_MUSCLES 6" in (out / "antagonist_config.h").read_text()
+    for command, more, why in (
+        ("controller", ["--gas"], "its C has no gas"),
+        ("fmu", [], "one joint"),
+        ("firmware", [], "one joint"),
+    ):
+        result = invoke(command, "--machine", "arm26", "--horizon", 3, "--out", tmp_path / command, *more)
+        assert isinstance(result.exception, InvalidInput), result.output
+        assert why in str(result.exception)

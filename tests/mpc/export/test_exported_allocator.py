@@ -156,7 +156,7 @@ def test_no_sanitizer_finds_anything_on_targets_of_every_size(name, precision, e
 def test_a_cortex_m4f_gives_the_pc_s_answers(name, exported):
     rows, _ = rows_and_answers(JOINTS[name], 40, seed=5, dtype=np.float32)
     directory = exported(name, "single")
-    there = answered(tools.compiled_for_cortex_m4f(directory, ALLOCATE, "m4.elf"), rows, tools.run_on_cortex_m4f)
+    there = answered(tools.compiled_for_cortex(directory, ALLOCATE, "m4.elf"), rows, tools.run_on_cortex)
     here = answered(tools.compiled(directory, ALLOCATE, "vectors", "-O2", "-ffp-contract=off"), rows)
     assert np.abs(there - here)[:, :2].max() < 1e-6 * SPAN
     assert (there[:, 4] != here[:, 4]).mean() < 1e-3

@@ -18,6 +18,9 @@ from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, Sup
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.repetition.update import Update
+from mpc.tracking.compiled.structured_qp.structured import StructuredQP
+from mpc.tracking.qp.solvers import Riccati
+from mpc.tracking.qp.step import ReadableQPStep
 from mpc.trials.motions.corrections import Correction, Owner
 from mpc.trials.motions.trajectories import point_to_point
 
@@ -49,18 +52,13 @@ needs_arm_gcc = needs(tools.ARM_GCC)
 needs_qemu = needs("gcc", tools.ARM_GCC, tools.QEMU)
 
 
-def gives_up(qp, limit=np.inf):
-    """Solve nothing."""
-    return None
-
-
 def recorded(process, controller, observer, reference, failing=()):
-    """A record of the loop in which the controller's solver gives up at the steps `failing`."""
+    """A record of the loop in which the controller's solver may exchange nothing at the steps `failing`."""
 
     usual = controller._solve
 
     def fails(k):
-        controller._solve = gives_up if k in failing else usual
+        controller._solve = Riccati(exchanges=0) if k in failing else usual
         return k in failing
 
     done = record(process, controller, observer, reference, fails)
@@ -170,7 +168,7 @@ def test_single_precision_refuses_few_answers_where_limits_bind_and_commands_the
     got, wanted = limited(tmp_path / "c", "single", settings | {"weights": Weights.calm()}, angle, K)
     differs = (got[:, [STATUS, RUNG]] != wanted[:, [STATUS, RUNG]]).any(axis=1)
     assert differs.mean() <= 0.03
-    assert (got[differs, STATUS] == PlanStatus.REFUSED).all()
+    assert (got[differs, STATUS] == PlanStatus.UNSOLVED).all()
     assert (got[differs, RUNG] == Rung.SOFTENED).all()
     apart = np.abs(got[:, U] - wanted[:, U]).max(axis=1) / SPAN
     assert np.quantile(apart, 0.98) < 1e-3
@@ -181,7 +179,7 @@ def test_single_precision_refuses_few_answers_where_limits_bind_and_commands_the
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_no_sanitizer_finds_anything_and_all_commands_keep_supply_and_slew(precision, faulty_loop, exported):
     samples = faulty_loop[2][290:420].copy()
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(3)
     wild = rng.choice([0.0, np.nan, np.inf, -np.inf, 1e-300, 1e300, -1e300, 0.5, 3e5], (300, 3))
     hit = rng.choice(len(samples), 300)
     garbage = samples[hit]
@@ -281,8 +279,8 @@ def test_friction_that_c_does_not_know_is_refused_by_its_name(tmp_path):
 @needs_qemu
 def test_a_cortex_m4f_gives_the_pc_s_commands(faulty_loop, exported):
     samples = faulty_loop[2][:150]
-    program = tools.compiled_for_cortex_m4f(exported["single"], CONTROL, "m4.elf")
-    there = replayed(program, samples, runner=tools.run_on_cortex_m4f)
+    program = tools.compiled_for_cortex(exported["single"], CONTROL, "m4.elf")
+    there = replayed(program, samples, runner=tools.run_on_cortex)
     here = replayed(tools.compiled(exported["single"], CONTROL, "vectors"), samples)
     np.testing.assert_array_equal(there[:, [STATUS, RUNG]], here[:, [STATUS, RUNG]])
     assert np.abs(there[:, U] - here[:, U]).max() < 1e-3 * SPAN
@@ -324,6 +322,8 @@ def test_a_plant_s_gas_is_in_the_c_as_it_is_in_python(joint, precision, near, tm
     """300 steps at 1 Hz, where the gas makes a quarter of a degree, with a valve that sticks and traps it."""
     process = replace(RealPlant.standard(nominal=Plant(joint, lag=0.12, gas=True)), faults=(StuckValve(1.0, 1.4, 1),))
     controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm(), compiled=False)
+    structured = StructuredQP(controller.problem)  # fails as in C
+    controller._qp_step = ReadableQPStep(controller.problem, controller._predictor, structured)
     reference = sine(20 * DEG, 1.0, K=7.6, duration=3.0, ramp=0.5)
     samples, wanted = recorded(process, controller, observer, reference, failing={150, 151})
     directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)

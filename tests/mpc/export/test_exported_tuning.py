@@ -12,6 +12,7 @@ from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, TrackingMPC, Weigh
 from mpc.cli import app
 from mpc.export import export
 from mpc.export.controller.tuning import tuning_numbers, weights_from, write_tuning
+from mpc.tracking.qp.solvers import Riccati
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs
@@ -43,7 +44,7 @@ def recorded(controller):
     usual = controller._solve
 
     def fails(k):
-        controller._solve = (lambda qp, limit=np.inf: None) if k in {40, 41} else usual
+        controller._solve = Riccati(exchanges=0) if k in {40, 41} else usual
         return k in {40, 41}
 
     reference = sine(amplitude=70 * DEG, K=5.5, frequency=0.6, duration=1.4, ramp=0.3)
@@ -78,7 +79,7 @@ def test_one_build_commands_what_python_commands_with_each_tuning(precision, agr
     own = builds[precision], loops["the build's"].samples
     untuned = None
     for name, settings in TUNINGS.items():
-        write_tuning(tmp_path / "tuning.txt", controller_of(**settings), precision=precision)
+        write_tuning(tmp_path / "tuning.txt", controller_of(**settings))
         done = loops[name]
         got = answers(builds[precision], done.samples, tmp_path / "tuning.txt")
         other = (got[:, 2:4] != done.answers[:, 2:4]).any(axis=1).sum()
@@ -95,14 +96,13 @@ def test_numbers_of_another_build_are_refused(builds, loops, tmp_path):
     program, samples = builds["double"], loops["sharp"].samples[:2]
     good = controller_of()
     wrong = {
-        "precision": (good, "single"),
-        "plant": (controller_of(plant=replace(PLANT, inertia=1.2 * PLANT.inertia)), "double"),
-        "dt": (TrackingMPC(PLANT, N=8, dt=0.02, compensation=KNOWN), "double"),
+        "plant": controller_of(plant=replace(PLANT, inertia=1.2 * PLANT.inertia)),
+        "dt": TrackingMPC(PLANT, N=8, dt=0.02, compensation=KNOWN),
     }
     write_tuning(tmp_path / "good.txt", good)
     assert len(answers(program, samples, tmp_path / "good.txt")) == 2
-    for controller, precision in wrong.values():
-        write_tuning(tmp_path / "wrong.txt", controller, precision=precision)
+    for controller in wrong.values():
+        write_tuning(tmp_path / "wrong.txt", controller)
         with pytest.raises(RuntimeError, match="ended with 4"):
             answers(program, samples, tmp_path / "wrong.txt")
     lines = (tmp_path / "good.txt").read_text().splitlines()
@@ -116,7 +116,7 @@ def test_numbers_of_another_build_are_refused(builds, loops, tmp_path):
 
 
 def test_the_horizon_is_not_among_the_numbers():
-    numbers = [tuning_numbers(controller_of(N=N), True) for N in (5, 12)]
+    numbers = [tuning_numbers(controller_of(N=N)) for N in (5, 12)]
     for short, long in zip(*numbers, strict=True):
         np.testing.assert_allclose(short[1], long[1], rtol=1e-12, err_msg=short[0])
 

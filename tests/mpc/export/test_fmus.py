@@ -13,13 +13,15 @@ import pytest
 from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
-from allocator import AntagonistJoint, Lever, report_joint
-from allocator.errors import CannotWrite, InvalidInput
+from allocator import AntagonistJoint, Lever, errors, report_joint
+from allocator.errors import CannotWrite, InvalidInput, MissingPackage
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc import KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.cli import app
+from mpc.export.building import compiler
 from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
+from mpc.export.fmu.platforms import PLATFORMS, this_machine
 from mpc.model.faults import StuckValve
 from mpc.model.friction.dahl import Friction
 from mpc.tracking.preview import BadNumbers
@@ -260,7 +262,7 @@ def test_a_controller_s_fmu_commands_what_python_commands(tmp_path):
 
 @pytest.mark.slow
 def test_the_sources_in_an_fmu_are_complete_and_compile_without_a_warning(tmp_path):
-    path = export_plant_fmu(tmp_path / "plant.fmu", RealPlant.standard(), source_only=True)
+    path = export_plant_fmu(tmp_path / "plant.fmu", RealPlant.standard(), platforms=())
     with zipfile.ZipFile(path) as archive:
         assert not [name for name in archive.namelist() if name.startswith("binaries")]
         archive.extractall(tmp_path / "fmu")
@@ -272,6 +274,66 @@ def test_the_sources_in_an_fmu_are_complete_and_compile_without_a_warning(tmp_pa
         build = "import sys, fmpy.build; fmpy.build.build_platform_binary(sys.argv[1])"
         subprocess.run([sys.executable, "-c", build, str(tmp_path / "fmu")], check=True, capture_output=True)
         assert list((tmp_path / "fmu" / "binaries").rglob("antagonist_plant.*"))
+
+
+ZIG = """
+import os, sys
+command, target, *arguments = sys.argv[1], sys.argv[sys.argv.index("-target") + 1], *sys.argv
+assert command == "cc" and all(map(os.path.exists, (name for name in arguments if name.endswith(".c"))))
+open(sys.argv[sys.argv.index("-o") + 1], "w").write(target)
+"""
+
+
+@pytest.fixture
+def zig(tmp_path, monkeypatch):
+    """Stand-in for the package ziglang, 100 MB, whose libraries contain the name of their target."""
+    package = tmp_path / "packages" / "ziglang"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "__main__.py").write_text(ZIG)
+    monkeypatch.syspath_prepend(package.parent)
+    monkeypatch.setenv("PYTHONPATH", str(package.parent))
+    monkeypatch.delitem(sys.modules, "ziglang", raising=False)
+    yield
+    sys.modules.pop("ziglang", None)
+
+
+def binaries(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if name.startswith("binaries/")}
+
+
+def test_an_fmu_has_the_binaries_that_were_asked_for(standard, zig, tmp_path):
+    process, own = PLANTS["all effects"][0], this_machine()
+    path = export_plant_fmu(tmp_path / "plant.fmu", process, platforms=(*PLATFORMS, own))
+    found = binaries(path)
+    library = f"binaries/{own}/antagonist_plant.so"
+    assert found.pop(library) == binaries(standard)[library]
+    wanted = {
+        "x86_64-linux": ("x86_64-linux-gnu.2.17", "so"),
+        "aarch64-linux": ("aarch64-linux-gnu.2.17", "so"),
+        "x86_64-windows": ("x86_64-windows-gnu", "dll"),
+        "x86_64-darwin": ("x86_64-macos", "dylib"),
+        "aarch64-darwin": ("aarch64-macos", "dylib"),
+    }
+    assert found == {
+        f"binaries/{name}/antagonist_plant.{suffix}": target.encode()
+        for name, (target, suffix) in wanted.items()
+        if name != own
+    }
+    assert validate_fmu(str(path)) == []
+
+
+def test_other_platforms_need_ziglang_and_known_names(tmp_path, monkeypatch):
+    monkeypatch.delitem(sys.modules, "ziglang", raising=False)
+    with monkeypatch.context() as without:
+        without.setattr(sys, "meta_path", [one for one in sys.meta_path if isinstance(one, errors._NameMissing)])
+        with pytest.raises(MissingPackage, match=r"pip install 'antagonist\[fmu\]'"):
+            compiler("x86_64-windows-gnu")
+    for wrong in (("x86_64-amiga",), "x86_64-linux"):
+        with pytest.raises(InvalidInput, match=r"platforms = .* x86_64-windows"):
+            export_plant_fmu(tmp_path / "plant.fmu", Plant(), platforms=wrong)
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_same_model_makes_the_same_fmu(standard, tmp_path):
@@ -292,7 +354,8 @@ def test_what_cannot_be_an_fmu_is_refused_and_nothing_is_written(tmp_path):
         export_plant_fmu(tmp_path / "plant.fmu", Plant(), x0=[0.0, np.nan, 0.0, 0.0])
     with pytest.raises(InvalidInput, match="no clock"):
         export_controller_fmu(tmp_path / "controller.fmu", TrackingMPC(Plant(), N=3, budget=0.005))
-    for options in (["--precision", "single"], ["--machine", "arm26"]):
+    both, unknown = ["--source-only", "--platforms", "all"], ["--platforms", "x86_64-amiga"]
+    for options in (["--precision", "single"], ["--machine", "arm26"], both, unknown):
         refused = CliRunner().invoke(app, ["export", "fmu", "--out", str(tmp_path / "fmus"), *options])
         assert refused.exit_code
     assert not list(tmp_path.iterdir())
@@ -302,9 +365,16 @@ def test_what_cannot_be_an_fmu_is_refused_and_nothing_is_written(tmp_path):
 
 
 @pytest.mark.slow
-def test_one_command_writes_both(tmp_path):
-    result = CliRunner().invoke(app, ["export", "fmu", "--out", str(tmp_path / "fmus"), "--horizon", "3"])
+@pytest.mark.parametrize(
+    ("more", "wanted"),
+    [([], {this_machine()}), (["--source-only"], set()), (["--platforms", "all"], {*PLATFORMS, this_machine()})],
+    ids=["this machine's", "sources", "all platforms"],
+)
+def test_one_command_writes_both(more, wanted, zig, tmp_path):
+    result = CliRunner().invoke(app, ["export", "fmu", "--out", str(tmp_path / "fmus"), "--horizon", "3", *more])
     assert result.exit_code == 0, result.output
     assert "written: 2 files" in result.output
     for name in ("plant", "controller"):
-        assert validate_fmu(str(tmp_path / "fmus" / f"{name}.fmu")) == []
+        path = tmp_path / "fmus" / f"{name}.fmu"
+        assert validate_fmu(str(path)) == []
+        assert {library.split("/")[1] for library in binaries(path)} == wanted

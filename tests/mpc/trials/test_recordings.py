@@ -21,7 +21,8 @@ PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=(0.1, 0.12), gravity_torque
 
 @pytest.fixture(scope="module")
 def run():
-    return simulate(RealPlant(PLANT, force_gains=(1.05, 0.95)), TrackingMPC(PLANT, N=5), MOVE)
+    controller = TrackingMPC(PLANT, N=5, compiled=False)  # a compiler would take longer than the run
+    return simulate(RealPlant(PLANT, force_gains=(1.05, 0.95)), controller, MOVE)
 
 
 def test_a_recording_comes_back_to_the_last_bit_with_its_plant(run, tmp_path):

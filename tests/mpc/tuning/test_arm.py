@@ -10,12 +10,15 @@ from typer.testing import CliRunner
 from allocator import InvalidInput
 from allocator.errors import MissingBackend
 from allocator.machine_file import load_machine
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from allocator.units import BAR
 from mpc import tune
 from mpc.cli import app
 from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.model.compensation import USUAL_DEAD_TIME, Compensation
 from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.plant_cli import PlantOptions
 from mpc.trials.loops import Settings, loop
 from mpc.trials.margins import margins
 from mpc.trials.tuned import Tuning
@@ -105,11 +108,14 @@ def test_wrong_inputs_are_one_sentence(tmp_path):
     for K in (8.0, np.eye(3)):
         with pytest.raises(InvalidInput, match="K has the shape"):
             Tour.of(ARM, 0.01, K)
-    out = ["--out", str(tmp_path / "tuned.toml")]
+    out, arm = ["--out", str(tmp_path / "tuned.toml")], tmp_path / "arm.toml"
+    save_arm(ARM, arm)
     for arguments, said in (
-        (["--machine", "arm26", "--in-place"], "--in-place is for a file"),
+        (["--machine", "arm26", "--in-place"], "--in-place is for a TOML file"),
         (["--machine", "arm26", "--stiffness", "8", *out], "--stiffness is for one joint"),
-        (["--machine", "arm.xml", *out], "MuJoCo model"),
+        (["--machine", "arm.xml", *out], "arm.xml: does not exist"),
+        (out, "give the machine to tune for"),
+        (["--machine", str(arm), "--lag", "0.2", *out], "is tuned for as it is"),
     ):
         result = CliRunner().invoke(app, ["tune", *arguments])
         assert result.exit_code != 0
@@ -158,3 +164,34 @@ def test_the_command_writes_an_arm_that_track_takes(tmp_path):
     tracked = CliRunner().invoke(app, ["track", "hold", "--machine", str(out), "--plant", "real", *files])
     assert tracked.exit_code == 0, tracked.output
     assert "mpc tuned for this plant: theta error" in tracked.output
+
+
+ELBOW = """<mujoco><worldbody><site name="a" pos="-.3 .05 0"/><site name="b" pos="-.3 -.05 0"/>
+<body><joint name="elbow" axis="0 0 1" damping=".2" range="-45 45"/>
+<geom type="capsule" fromto="0 0 0 .25 0 0" size=".01" mass=".5" contype="0" conaffinity="0"/>
+<site name="c" pos=".05 .05 0"/><site name="d" pos=".05 -.05 0"/></body></worldbody>
+<tendon><spatial name="flexor"><site site="a"/><site site="c"/></spatial>
+<spatial name="extensor"><site site="b"/><site site="d"/></spatial></tendon></mujoco>"""
+
+
+@pytest.mark.slow
+def test_the_tuning_of_a_mujoco_model_is_a_table_for_tracking(tmp_path, monkeypatch, tuned):
+    """The search for arm26 stands in for that for the model, which compiles for minutes."""
+    model, table, given = tmp_path / "elbow.xml", tmp_path / "tuning.toml", []
+    model.write_text(ELBOW, encoding="utf-8")
+    monkeypatch.setattr("mpc.tuning.search.tune", lambda *told, **_: given.extend(told) or tuned)
+    options = ["--machine", str(model), "--rest-length", "300", "--supply", "4", "--lag", "0.2"]
+    result = CliRunner().invoke(app, ["tune", *options, "--workers", "1", "--out", str(table)])
+    assert result.exit_code == 0, result.output
+    arm, known = given
+    wanted = Arm.from_mjcf(ELBOW, SAROSI_DMSP_20_400N, 0.3, contraction=0.1375, pressure_limits=(0.0, 4 * BAR), lag=0.2)
+    assert (arm.mechanism, arm.lag, arm.slew) == (wanted.mechanism, wanted.lag, wanted.slew)
+    np.testing.assert_array_equal(arm.bodies.mass_matrix([0.3]), wanted.bodies.mass_matrix([0.3]))
+    assert known == TOLD
+    assert Tuning.load(table) == tuned.tuning
+    settings, said = PlantOptions(machine=str(model), tuning=str(table)).tuned(Settings(arm), "mpc")
+    assert settings == tuned.tuning.applied(Settings(arm))
+    assert said == tuned.tuning.summary
+    (tmp_path / "empty.toml").touch()
+    with pytest.raises(InvalidInput, match=r"has no table \[tuning\] for mpc"):
+        PlantOptions(machine=str(model), tuning=str(tmp_path / "empty.toml")).tuned(Settings(arm), "mpc")

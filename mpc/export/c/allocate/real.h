@@ -33,5 +33,6 @@ static inline ant_real ant_clip(ant_real x, ant_real lo, ant_real hi) {
 }
 
 static inline ant_real ant_abs(ant_real x) { return x < 0 ? -x : x; }
+static inline int ant_abs_int(int a) { return a < 0 ? -a : a; }
 
 #endif /* ANT_REAL_H */

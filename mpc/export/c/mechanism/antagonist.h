@@ -70,6 +70,10 @@ ant_target ant_target_of(const ant_real q[ANT_JOINTS], const ant_real T[ANT_JOIN
  * optimum, as `allocator.allocate`. `memory` should be static; it may start as zeros. */
 void ant_allocate(const ant_target *target, ant_memory *memory, ant_allocation *allocation);
 
+#ifdef ANT_HORIZON
+#include "antagonist_control.h"
+#endif
+
 #ifdef __cplusplus
 }
 #endif

@@ -2,45 +2,36 @@
 #ifndef ANTAGONIST_CONTROLLER_H
 #define ANTAGONIST_CONTROLLER_H
 
-enum {
-    ANT_MOVES = 2 * ANT_BLOCKS,    /* changes of the commands that the QP decides */
-    ANT_DECISIONS = ANT_MOVES + 2, /* and the slacks of joint range and muscle forces */
-    ANT_ROWS = 6 * ANT_HORIZON,    /* limits on commands, angle and forces */
-    ANT_LIMITS = ANT_DECISIONS + ANT_ROWS,
-    ANT_SLOTS = 4 * ANT_HORIZON /* greatest number of rows for DAQP */
-};
-#define ANT_TRIANGLE(n) ((n) * ((n) + 1) / 2) /* elements of a triangular matrix */
+#include "src/resting.h" /* ant_rest: memory of the rest mode */
+
+enum { ANT_MOVES = ANT_MUSCLES * ANT_BLOCKS }; /* changes of the commands that the QP decides */
 
 /* Numbers that can be tuned while the program runs; src/tuning.c has those of the export. The terminal cost depends on
  * the weights: use sets of numbers from Python, see ant_tuning_from. */
 typedef struct {
-    ant_real x[4];      /* weights of theta, its rate, P1, P2 */
-    ant_real y[3];      /* of the outputs K, F1, F2 */
-    ant_real e[2];      /* of the commands away from the feed-forward [1/bar^2] */
-    ant_real change[2]; /* and of their changes [1/bar^2] */
-    ant_real end[6][6]; /* of xi with commands in bar, the terminal cost is xi^T ... xi/2 */
-    ant_real slack[4];  /* prices rho [1/rad], rho_2 [1/rad^2], rho_F [1/N], rho_F2 [1/N^2] of the slacks */
-    ant_real curvature; /* that the charge on a change gives the cost [1/bar^2] */
-    ant_real step;      /* greatest change of a command in a sample [Pa] */
-    ant_real min_force; /* least force of the muscles [N] */
-#ifdef ANT_SINGLE       /* for the dense QP, in SI units */
-    ant_real root_x[4], root_y[3], root_e[2], root_rate[2]; /* roots of the weights */
-    ant_real terminal[6][6];                                /* L, the terminal cost is |L xi|^2/2 */
-#endif
+    ant_real x[ANT_STATES];       /* weights of the states; of an arm's pressures [1/bar^2] */
+    ant_real y[ANT_OUTPUTS];      /* of the outputs: stiffness and forces */
+    ant_real e[ANT_MUSCLES];      /* of the commands away from the feed-forward [1/bar^2] */
+    ant_real change[ANT_MUSCLES]; /* and of their changes [1/bar^2] */
+    ant_real end[ANT_XI][ANT_XI]; /* of xi with commands in bar, the terminal cost is xi^T ... xi/2 */
+    ant_real slack[4];            /* prices rho [1/rad], rho_2 [1/rad^2], rho_F [1/N], rho_F2 [1/N^2] of the slacks */
+    ant_real curvature;           /* that the charge on a change gives the cost [1/bar^2] */
+    ant_real step;                /* greatest change of a command in a sample [Pa] */
+    ant_real min_force;           /* least force of the muscles [N] */
 } ant_tuning;
 enum { ANT_TUNING_NUMBERS = 2 + sizeof(ant_tuning) / sizeof(ant_real) };
 
-/* Memory of friction. */
+/* Memory of a joint's friction. */
 typedef struct {
     ant_real memory[ANT_ELEMENTS]; /* z [-] of Dahl's model, or the elements' springs [rad] of Maxwell slip */
     ant_real theta;                /* up to which the joint's motion is in it [rad] */
     int known;
 } ant_friction;
 
-/* Estimate of theta [rad], its rate [rad/s], P1, P2 [Pa] and the disturbance torque d [N*m]. */
+/* Estimate of the angles [rad], their rates [rad/s], the pressures [Pa] and the disturbance torques [N*m]. */
 typedef struct {
-    ant_real xi[5];
-    ant_real covariance[5][5];
+    ant_real xi[ANT_BELIEFS];
+    ant_real covariance[ANT_BELIEFS][ANT_BELIEFS];
 } ant_belief;
 
 /* Verdict on a reading. */
@@ -48,7 +39,7 @@ typedef enum {
     ANT_BELIEVED = 0,
     ANT_ACCEPTED = 1,   /* after it had been rejected for long enough */
     ANT_SILENT = 2,     /* no reading */
-    ANT_IMPOSSIBLE = 3, /* outside the joint range or the supply */
+    ANT_IMPOSSIBLE = 3, /* outside the joint ranges or the supply */
     ANT_REJECTED = 4,   /* too far from the expected value */
     ANT_FROZEN = 5      /* the sensor repeats itself although the joint moves */
 } ant_verdict;
@@ -61,174 +52,122 @@ typedef struct {
     ant_real refused; /* the last reading that was rejected or frozen, or NaN */
 } ant_gate;
 
-/* The extended Kalman filter behind its gates; sensors are theta, P1, P2. */
+/* The extended Kalman filter behind its gates; sensors are those of the angles and of the pressures. */
 typedef struct {
     ant_belief belief;
-    ant_verdict verdicts[3];
-    ant_gate gates[3];
-    int rebuilt;           /* number of times that the state was not finite and was rebuilt */
-    ant_belief without[3]; /* estimates without a sensor that repeats itself */
-    int repeats[3];        /* whether there is one */
-    int frozen[3];
-    ant_belief rival;      /* estimate from the rejected readings */
-    int rivalled;          /* whether there is one */
-    int explained;         /* samples for which it has explained all readings */
-    int doubted;           /* samples for which it has to */
-    int contested[3];      /* sensors whose readings it explains */
-    int unrivalled;        /* samples since anything was rejected */
-    int samples;           /* since the beginning, up to ANT_FIRST + 1 */
-    ant_real noise[3];     /* variances of the sensors */
-    ant_real step;         /* the least change of the angle's reading so far [rad] */
-    ant_real read[3];      /* a sample ago */
-    ant_real offset[2];    /* of the pressures' sensors against the regulators [Pa] */
-    ant_real silent[3];    /* for how long [s] */
-    ant_real repeating[3]; /* for how long [s] */
-    ant_friction friction;
-    ant_real commands[ANT_DELAY + ANT_AGE + 1][2]; /* under way, oldest first [Pa] */
-    ant_real held[ANT_AGE + 1][2]; /* readings of pressures until an angle as old comes [Pa] */
-    int holds;                     /* whether there are any */
+    ant_verdict verdicts[ANT_SENSORS];
+    ant_gate gates[ANT_SENSORS];
+    int rebuilt;                     /* number of times that the state was not finite and was rebuilt */
+    ant_belief without[ANT_SENSORS]; /* estimates without a sensor that repeats itself */
+    int repeats[ANT_SENSORS];        /* whether there is one */
+    int frozen[ANT_SENSORS];
+    ant_belief rival;           /* estimate from the rejected readings */
+    int rivalled;               /* whether there is one */
+    int explained;              /* samples for which it has explained all readings */
+    int doubted;                /* samples for which it has to */
+    int contested[ANT_SENSORS]; /* sensors whose readings it explains */
+    int unrivalled;             /* samples since anything was rejected */
+    int samples;                /* since the beginning, up to ANT_FIRST + 1 */
+    ant_real noise[ANT_SENSORS];     /* variances of the sensors */
+    ant_real step[ANT_JOINTS];       /* the least change of each angle's reading so far [rad] */
+    ant_real read[ANT_SENSORS];      /* a sample ago */
+    ant_real offset[ANT_MUSCLES];    /* of the pressures' sensors against the regulators [Pa] */
+    ant_real silent[ANT_SENSORS];    /* for how long [s] */
+    ant_real repeating[ANT_SENSORS]; /* for how long [s] */
+    ant_friction friction[ANT_JOINTS];
+    ant_real commands[ANT_DELAY + ANT_AGE + 1][ANT_MUSCLES]; /* under way, oldest first [Pa] */
+    ant_real held[ANT_AGE + 1][ANT_MUSCLES]; /* readings of pressures until angles as old come [Pa] */
+    int holds;                               /* whether there are any */
     int begun;
 } ant_observer;
 
-/* A motion of the joint under commands. */
+/* A motion under commands. */
 typedef struct {
-    ant_real u[ANT_HORIZON][2]; /* [Pa] */
-    ant_real x[ANT_HORIZON + 1][4];
-    ant_real K[ANT_HORIZON + 1];    /* [N*m/rad] */
-    ant_real F[ANT_HORIZON + 1][2]; /* [N] */
+    ant_real u[ANT_HORIZON][ANT_MUSCLES]; /* [Pa] */
+    ant_real x[ANT_HORIZON + 1][ANT_STATES];
+    ant_real K[ANT_HORIZON + 1][ANT_STIFFNESSES]; /* entries times ANT_SVEC [N*m/rad] */
+    ant_real F[ANT_HORIZON + 1][ANT_MUSCLES];     /* [N] */
 } ant_motion;
-
-/* Rest mode: statistics of the last quarters of the joint's free period, and the held pressures. */
-typedef struct {
-    ant_real reference[2];               /* theta [rad] and K [N*m/rad] while they are constant */
-    ant_real quarters[4][5];             /* means of the angle's error e [rad], P1, P2 [Pa], least and greatest e */
-    ant_real sum[3], low, high;          /* of the quarter that runs */
-    ant_real p[2];                       /* pressures that are held [Pa] */
-    ant_real began[2];                   /* pressures when the rest began, or as they were corrected [Pa] */
-    ant_real side;                       /* edge of the dead band, 1 or -1 */
-    ant_real torque, error, free;        /* the last correction [N*m], its error and greatest rotation [rad] */
-    ant_real usual; /* how far the angle was from its prediction in the last period or so, without a rest [rad] */
-    int samples, quarter, in_sum;        /* of constant preview; of a quarter; in the one that runs */
-    int counted, swings, since;          /* quarters seen; in which e swung; since the last correction */
-    int known, resting, ringing;
-} ant_rest;
 
 /* A preview, and the pressures that it requires. */
 typedef struct {
-    ant_real x[ANT_HORIZON + 1][4]; /* theta within the joint range [rad], its rate, the pressures [Pa] */
-    ant_real y[ANT_HORIZON + 1][3]; /* reachable stiffness nearest to the reference [N*m/rad], no force */
-    ant_real u[ANT_HORIZON][2];     /* commands, unlimited [Pa] */
+    ant_real x[ANT_HORIZON + 1][ANT_STATES]; /* angles within their ranges [rad], rates, the pressures [Pa] */
+    ant_real y[ANT_HORIZON + 1][ANT_OUTPUTS]; /* reachable stiffness nearest to the reference [N*m/rad], no force */
+    ant_real u[ANT_HORIZON][ANT_MUSCLES];     /* commands, unlimited [Pa] */
     ant_real moved[3];
     int finite;
+    ant_memory memory; /* of the allocation */
 } ant_feed;
 
-#ifdef ANT_SINGLE
-/* Workspace of DAQP. */
-typedef struct {
-    ant_real Rinv[ANT_TRIANGLE(ANT_DECISIONS)], v[ANT_DECISIONS], M[ANT_SLOTS][ANT_DECISIONS];
-    ant_real dupper[ANT_DECISIONS + ANT_SLOTS], dlower[ANT_DECISIONS + ANT_SLOTS], scaling[ANT_DECISIONS + ANT_SLOTS];
-    ant_real lam[ANT_DECISIONS + 1], lam_star[ANT_DECISIONS + 1], D[ANT_DECISIONS + 1];
-    ant_real xldl[ANT_DECISIONS + 1], zldl[ANT_DECISIONS + 1], L[ANT_TRIANGLE(ANT_DECISIONS + 1)];
-    ant_real u[ANT_DECISIONS], x[ANT_DECISIONS];
-    int sense[ANT_DECISIONS + ANT_SLOTS], WS[ANT_DECISIONS + 1];
-    int row_of[ANT_SLOTS], rows; /* that have been let in */
-    unsigned char in[ANT_ROWS];
-} ant_solver;
-
-/* minimise |R z + v|^2/2 over the moves and the price of the slacks, within bounds and rows; see src/qp.c. Moves count
- * in bar, slacks in rad and N. */
-typedef struct {
-    ant_real R[ANT_TRIANGLE(ANT_MOVES)]; /* upper triangle by rows */
-    ant_real v[ANT_MOVES];
-    ant_real lower[ANT_MOVES], upper[ANT_MOVES];
-    union {
-        ant_real G[2][4][ANT_MOVES]; /* dx/dz at a sample and the next */
-        ant_solver solver;
-    } work;
-} ant_dense;
+#ifdef ANT_ARM /* a pressure depends only on its own command, but there may be any number */
+typedef ant_real ant_square[ANT_MUSCLES][ANT_MUSCLES];
+#else
+typedef ant_real ant_square[3]; /* entries 00, 01, 11 */
 #endif
 
-/* Workspace of the sweeps; see src/recursions.h. */
+/* Workspace of the QP: sweeps and exchange; see src/recursions.h. */
 typedef struct {
-    ant_real x[ANT_HORIZON + 1][4], y[ANT_HORIZON + 1][3], e[ANT_HORIZON][2], change[ANT_HORIZON][2], end[6]; /* errors */
-    ant_real xi[ANT_HORIZON + 1][6], v[ANT_HORIZON][2], sigma[2];
-    ant_real R[ANT_HORIZON][2][6], D[ANT_HORIZON][3], g[ANT_HORIZON][2], feedback[ANT_HORIZON][2][7];
-    ant_real gx[ANT_HORIZON + 1][6], gv[ANT_HORIZON][2], r[ANT_HORIZON][2];
-    ant_real inverse[ANT_HORIZON][3];
-    signed char held[ANT_HORIZON][2];
-} ant_sweeps;
-
-/* Workspace of the active set; see src/recursions.h. */
-typedef struct {
-    ant_real lower[ANT_HORIZON + 1][2], upper[ANT_HORIZON + 1][2], z[ANT_HORIZON + 1][2], r[ANT_HORIZON + 1][2];
-    ant_real dz[ANT_HORIZON + 1][2], dr[ANT_HORIZON + 1][2], b[ANT_HORIZON + 1][12], value[ANT_HORIZON + 1][12];
-    ant_real xi[ANT_HORIZON + 1][6], first[ANT_HORIZON][2];
-    ant_real other_xi[ANT_HORIZON + 1][6], other_v[ANT_HORIZON][2], other_sigma[2];
-    ant_real item_z[ANT_ITEMS][ANT_HORIZON + 1][2], item_r[ANT_ITEMS][ANT_HORIZON + 1][2];
+    ant_real x[ANT_HORIZON + 1][ANT_STATES], y[ANT_HORIZON + 1][ANT_OUTPUTS]; /* errors */
+    ant_real e[ANT_HORIZON][ANT_MUSCLES], change[ANT_HORIZON][ANT_MUSCLES], end[ANT_XI];
+    ant_real lower[ANT_HORIZON + 1][ANT_MUSCLES], upper[ANT_HORIZON + 1][ANT_MUSCLES];
+    ant_real low[ANT_HORIZON + 1][ANT_MUSCLES], high[ANT_HORIZON + 1][ANT_MUSCLES];
+    ant_real xi[ANT_HORIZON + 1][ANT_XI], v[ANT_HORIZON][ANT_MUSCLES], sigma[2];
+    ant_real R[ANT_HORIZON][ANT_MUSCLES][ANT_XI], g[ANT_HORIZON][ANT_MUSCLES];
+    ant_square D[ANT_HORIZON], inverse[ANT_HORIZON];
+    ant_real feedback[ANT_HORIZON][ANT_MUSCLES][ANT_XI + 1];
+    ant_real gx[ANT_HORIZON + 1][ANT_XI], gv[ANT_HORIZON][ANT_MUSCLES];
+    ant_real by_xi[ANT_HORIZON + 1][ANT_XI], by_v[ANT_HORIZON][ANT_MUSCLES]; /* differences */
+    ant_real z[ANT_HORIZON + 1][ANT_MUSCLES], r[ANT_HORIZON + 1][ANT_MUSCLES];
+    ant_real dz[ANT_HORIZON + 1][ANT_MUSCLES], dr[ANT_HORIZON + 1][ANT_MUSCLES];
+    ant_real answer[ANT_HORIZON + 1][ANT_XI];
+    ant_real item_z[ANT_ITEMS][ANT_HORIZON + 1][ANT_MUSCLES], item_r[ANT_ITEMS][ANT_HORIZON + 1][ANT_MUSCLES];
     ant_real K[ANT_ITEMS][ANT_ITEMS], L[ANT_ITEMS][ANT_ITEMS], multiplier[ANT_ITEMS], step[ANT_ITEMS];
-    ant_real item_p[6];
+    ant_real item_p[ANT_XI];
     int kind[ANT_ITEMS], sample[ANT_ITEMS], muscle[ANT_ITEMS], side[ANT_ITEMS], order[ANT_ITEMS], known[1];
-    signed char base[ANT_HORIZON + 1][2], held[ANT_HORIZON + 1][2];
-} ant_exchange;
+    signed char base[ANT_HORIZON + 1][ANT_MUSCLES], held[ANT_HORIZON + 1][ANT_MUSCLES];
+    signed char guessed[ANT_HORIZON + 1][ANT_MUSCLES], there[ANT_HORIZON];
+} ant_qp_memory;
 
-/* Workspace of a Newton step; see src/recursions.h. */
-typedef struct {
-    int span[ANT_HORIZON + 1][2];
-    ant_real b[ANT_HORIZON + 1][12], t[ANT_HORIZON + 1][12], multiplier[ANT_HORIZON + 1][12], W[ANT_HORIZON + 1][12];
-    ant_real residual[ANT_HORIZON + 1][12], push[ANT_HORIZON + 1][12], dt[ANT_HORIZON + 1][12];
-    ant_real change[ANT_HORIZON + 1][12];
-    ant_real border[ANT_HORIZON][2][2], border_sigma[3];
-    ant_real xi[ANT_HORIZON + 1][6], v[ANT_HORIZON][2], sigma[2]; /* the step */
-    ant_real first[ANT_HORIZON][2], origin_x[ANT_HORIZON + 1][6], origin_v[ANT_HORIZON][2];
-} ant_iteration;
-
-/* The QP of a step, sample by sample: its linear model along a motion, commands in bar, and the bounds of the slew. */
+/* The QP of a step, sample by sample: its linear model along a motion, and commands in bar. Of an arm the pressures count
+ * in bar too: A is of the next angles and rates by the state and the command. */
 typedef struct {
     const ant_tuning *tuning;
-    ant_motion motion; /* of z = 0 */
-    ant_real u[ANT_HORIZON][2], y[ANT_HORIZON + 1][3];
-    ant_real A[ANT_HORIZON][4][4], B[ANT_HORIZON][4][2], slope[ANT_HORIZON + 1][3][4];
-    ant_real lower[ANT_HORIZON][2], upper[ANT_HORIZON][2];
-    signed char there[ANT_HORIZON], guess[ANT_MOVES]; /* which changes there are; which of their bounds bind */
-    union {
-        struct {
-            ant_sweeps sweeps;
-            union {
-                ant_exchange exchange;
-                ant_iteration iteration;
-            } work;
-        } structured;
-#ifdef ANT_SINGLE
-        ant_dense dense;
+    ant_motion motion; /* of no change */
+    ant_real u[ANT_HORIZON][ANT_MUSCLES], y[ANT_HORIZON + 1][ANT_OUTPUTS];
+#ifdef ANT_ARM
+    ant_real A[ANT_HORIZON][2 * ANT_JOINTS][ANT_XI];
+#else
+    ant_real A[ANT_HORIZON][ANT_STATES][ANT_STATES], B[ANT_HORIZON][ANT_STATES][ANT_MUSCLES];
 #endif
-    } work;
+    ant_real slope[ANT_HORIZON + 1][ANT_OUTPUTS][ANT_STATES];
+    signed char guess[ANT_MOVES]; /* active limits of the changes */
+    ant_qp_memory work;
 } ant_qp;
 
 typedef struct {
-    /* Limit for DAQP, or in double precision for the interior-point method. 0 skips the QP; ant_reset sets
-     * ANT_QP_ITERATIONS. */
-    int iteration_limit;
+    /* Bound of the exchanges in a QP, at most ANT_EXCHANGES; ant_reset sets ANT_EXCHANGES. */
+    int exchange_limit;
 
     ant_observer observer;
-    ant_friction friction;
+    ant_friction friction[ANT_JOINTS];
     ant_rest rest;
-    ant_real waiting[ANT_DELAY + 1][2]; /* commands as they will act, oldest first [Pa] */
-    ant_real sent[2];                   /* [Pa] */
-    ant_real expected[4];               /* the state predicted for the next sample */
-    ant_real u_star[2];                 /* feed-forward of the last sample [Pa] */
-    ant_motion last;                    /* the last plan, its commands as they should act */
+    ant_real waiting[ANT_DELAY + 1][ANT_MUSCLES]; /* commands as they will act, oldest first [Pa] */
+    ant_real sent[ANT_MUSCLES];                   /* [Pa] */
+    ant_real expected[ANT_STATES];                /* the state predicted for the next sample */
+    ant_real u_star[ANT_MUSCLES];                 /* feed-forward of the last sample [Pa] */
+    ant_motion last;                              /* the last plan, its commands as they should act */
     int begun;                          /* there is a last plan */
     int predicted;                      /* there is an expected state */
     int starred;                        /* there is a u_star */
-    int seen;                           /* the angle has been measured */
+    int seen;                           /* the angles have been measured */
     int blind;                          /* samples since it was */
     int left;                           /* samples to the end of the last plan that was optimised */
     int held;                           /* samples spent on the last rung */
 
     ant_feed feed;
-    ant_motion motion;         /* of the commands that are tried */
-    ant_real d[ANT_AHEAD + 1]; /* disturbance and friction torque [N*m] */
-    ant_real stay[ANT_AHEAD + 1]; /* the angle, in place of invalid references [rad] */
+    ant_motion motion;                        /* of the commands that are tried */
+    ant_real d[ANT_AHEAD + 1][ANT_JOINTS];    /* disturbance and friction torques [N*m] */
+    ant_real stay[ANT_AHEAD + 1][ANT_JOINTS]; /* the angles, in place of invalid references [rad] */
     ant_qp qp;
 } ant_controller;
 

@@ -5,12 +5,12 @@
 #include "control.h"
 
 /* The last plan moved on by one sample, its new end moving as the feed-forward does. */
-void ant_shift(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
+void ant_shift(const ant_controller *c, const ant_real u_last[ANT_MUSCLES], ant_real u[ANT_HORIZON][ANT_MUSCLES]) {
     enum { last = ANT_HORIZON - 1 };
     memcpy(u, c->feed.u, sizeof c->feed.u);
     if (c->begun) {
         memcpy(u, c->last.u[1], last * sizeof u[0]);
-        for (int i = 0; i < 2; i++) {
+        for (int i = 0; i < ANT_MUSCLES; i++) {
             const ant_real turn = c->feed.u[last][i] - c->feed.u[last - 1][i];
             u[last][i] = c->last.u[last][i] + (isfinite(turn) ? turn : 0);
         }
@@ -18,14 +18,16 @@ void ant_shift(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT
     ant_limited(c->qp.tuning->step, u_last, u);
 }
 
-void ant_hold(const ant_controller *c, const ant_real u_last[2], ant_real u[ANT_HORIZON][2]) {
-    ant_real held[2] = {u_last[0], u_last[1]};
+void ant_hold(const ant_controller *c, const ant_real u_last[ANT_MUSCLES], ant_real u[ANT_HORIZON][ANT_MUSCLES]) {
+    ant_real held[ANT_MUSCLES];
+    memcpy(held, u_last, sizeof held);
     for (int k = 0; k < ANT_HORIZON; k++) {
         if ((ant_real)(c->held + k) * ANT_DT >= ANT_HOLDING) {
-            const ant_real one = held[0] - ANT_SUPPLY_LO, two = held[1] - ANT_SUPPLY_LO, step = ANT_VENTING * ANT_DT;
-            const ant_real higher = one > two ? one : two, fall = step / (higher > step ? higher : step);
-            held[0] -= fall * one;
-            held[1] -= fall * two;
+            const ant_real step = ANT_VENTING * ANT_DT;
+            ant_real highest = step;
+            for (int i = 0; i < ANT_MUSCLES; i++)
+                if (held[i] - ANT_SUPPLY_LO > highest) highest = held[i] - ANT_SUPPLY_LO;
+            for (int i = 0; i < ANT_MUSCLES; i++) held[i] -= step / highest * (held[i] - ANT_SUPPLY_LO);
         }
         memcpy(u[k], held, sizeof held);
     }

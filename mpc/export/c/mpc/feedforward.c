@@ -1,15 +1,17 @@
-/* Commands that follow a preview exactly if the model is right and no limit binds. The motion needs the torque
- * T = J theta'' + b theta' + m g l sin theta - d, the allocation converts it to pressures, and the lag over a sample,
+/* Commands that follow a preview exactly if the model is right and no limit binds. The motion needs the torques
+ * M q'' + C + D q' + g - d, the allocation converts them to pressures, and the lag over a sample,
  * P_{k+1} = alpha P_k + (1 - alpha) (u_k - tau q_k), is inverted for the commands. q is the pressure loss by expansion
  * of the muscles; its mean over the sample is the mean of both ends. */
 #include "control.h"
 #include "model.h"
 #include "tables.h"
 
-/* A derivative of the angle. */
-static ant_real derivative(const ant_real *row, const ant_feed *feed) {
+enum { N = ANT_JOINTS, SAMPLES = ANT_HORIZON + 1 };
+
+/* A derivative of an angle. */
+static ant_real derivative(const ant_real *row, const ant_feed *feed, int joint) {
     ant_real sum = 0;
-    for (int k = 0; k <= ANT_HORIZON; k++) sum += row[k] * feed->x[k][0];
+    for (int k = 0; k < SAMPLES; k++) sum += row[k] * feed->x[k][joint];
     return sum;
 }
 
@@ -17,34 +19,47 @@ static void worst(ant_real *most, ant_real gap) {
     if (ant_abs(gap) > *most) *most = ant_abs(gap);
 }
 
-void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed) {
-    enum { n = ANT_HORIZON + 1 };
+/* Angles within the joint range. */
+static void reachable(const ant_task *task, ant_feed *feed) {
     feed->finite = 1;
     for (int i = 0; i < 3; i++) feed->moved[i] = 0;
-    for (int k = 0; k < n; k++) {
-        feed->x[k][0] = ant_clip(task->theta[k], ANT_LEFT, ANT_RIGHT);
-        worst(&feed->moved[0], task->theta[k] - feed->x[k][0]);
+    for (int k = 0; k < SAMPLES; k++)
+        for (int i = 0; i < N; i++) {
+            feed->x[k][i] = ant_clip(task->theta[k][i], ANT_LEAST_ANGLE[i], ANT_MOST_ANGLE[i]);
+            worst(&feed->moved[0], task->theta[k][i] - feed->x[k][i]);
+        }
+}
+
+/* Pressures at a sample. */
+static void hold(const ant_task *task, ant_real min_force, int k, ant_feed *feed) {
+    ant_real *x = feed->x[k], *y = feed->y[k], alpha[N], T[N];
+    for (int i = 0; i < N; i++) {
+        x[N + i] = derivative(ANT_D1[k], feed, i);
+        alpha[i] = derivative(ANT_D2[k], feed, i);
     }
-    for (int k = 0; k < n; k++) {
-        ant_real *x = feed->x[k], *y = feed->y[k];
-        const ant_real theta = x[0], omega = derivative(ANT_D1[k], feed), alpha = derivative(ANT_D2[k], feed);
-        const ant_real T = ANT_INERTIA * alpha + ANT_DAMPING * omega + ANT_GRAVITY * ANT_F(sin)(theta) - task->d[k];
-        ant_target target = ant_target_of(theta, task->K[k], T);
-        target.min_force = min_force;
-        const ant_allocation held = ant_allocate(&target);
-        x[1] = omega, x[2] = held.P1, x[3] = held.P2;
-        y[0] = held.K, y[1] = y[2] = 0;
-        feed->finite = feed->finite && held.status >= 0;
-        worst(&feed->moved[1], task->K[k] - held.K);
-        worst(&feed->moved[2], T - held.T);
+    ant_model_torque_for(x, x + N, alpha, T);
+    for (int i = 0; i < N; i++) T[i] -= task->d[k][i];
+    ant_real left[N], K[ANT_STIFFNESSES];
+    feed->finite = ant_held(x, task->K[k], T, min_force, &feed->memory, x + 2 * N, left, K) && feed->finite;
+    for (int i = 0; i < N; i++) worst(&feed->moved[2], left[i]);
+    for (int i = 0; i < ANT_STIFFNESSES; i++) {
+        worst(&feed->moved[1], task->K[k][i] - K[i]);
+        y[i] = ANT_SVEC[i] * K[i];
     }
-    ant_real q[2], last[2];
+    for (int i = ANT_STIFFNESSES; i < ANT_OUTPUTS; i++) y[i] = 0;
+}
+
+void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed) {
+    reachable(task, feed);
+    for (int k = 0; k < SAMPLES; k++) hold(task, min_force, k, feed);
+    ant_real q[ANT_MUSCLES], last[ANT_MUSCLES];
     ant_model_expansion(feed->x[0], q);
     for (int k = 0; k < ANT_HORIZON; k++) {
-        for (int i = 0; i < 2; i++) last[i] = q[i];
+        for (int i = 0; i < ANT_MUSCLES; i++) last[i] = q[i];
         ant_model_expansion(feed->x[k + 1], q);
-        for (int i = 0; i < 2; i++)
-            feed->u[k][i] = (feed->x[k + 1][2 + i] - ANT_KEPT[i] * feed->x[k][2 + i]) / (1 - ANT_KEPT[i]) +
-                            ANT_LAG[i] / 2 * (q[i] + last[i]);
+        for (int i = 0; i < ANT_MUSCLES; i++)
+            feed->u[k][i] =
+                (feed->x[k + 1][2 * N + i] - ANT_KEPT[i] * feed->x[k][2 * N + i]) / (1 - ANT_KEPT[i]) +
+                ANT_LAG[i] / 2 * (q[i] + last[i]);
     }
 }

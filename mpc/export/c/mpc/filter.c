@@ -1,105 +1,111 @@
-/* An extended Kalman filter for xi = (theta, rate, P1, P2, d) from theta, P1, P2:
+/* An extended Kalman filter for xi = (q, rates, P, d) of ANT_JOINTS joints and ANT_MUSCLES muscles from q and P:
  *
  *     xi_{k+1} = (f_d(x_k, commands that act, d_k - T_f), d_k) + w_k,    w ~ (0, Q),      sensors' noise ~ (0, R)
  *
- * d is a random walk, so that a constant torque leaves no error in the end. The plant is evaluated only within the
+ * d is a random walk, so that constant torques leave no error in the end. The plant is evaluated only within the
  * joint range and the supply; beyond, its slope there is continued. */
 #include <string.h>
 
 #include "control.h"
-#include "joint.h"
 #include "model.h"
 #include "tables.h"
 
-const int ANT_MEASURED[3] = {0, 2, 3}; /* of xi */
+enum { N = ANT_JOINTS, S = ANT_STATES, B = ANT_BELIEFS };
 
 /* P <- A P A^T + Q, A being the derivative of the plant's sample by x and d, and 1 for d. */
-static void spread(ant_real P[5][5], const ant_real A[4][4], const ant_real by_d[4], const ant_real Q[5]) {
-    ant_real AP[5][5];
-    for (int i = 0; i < 5; i++)
-        for (int j = 0; j < 5; j++) {
-            AP[i][j] = i < 4 ? by_d[i] * P[4][j] : P[4][j];
-            for (int l = 0; l < 4 && i < 4; l++) AP[i][j] += A[i][l] * P[l][j];
+static void spread(ant_real P[B][B], const ant_real A[S][S], const ant_real by_d[S][N], const ant_real Q[B]) {
+    ant_real AP[B][B];
+    for (int i = 0; i < B; i++)
+        for (int j = 0; j < B; j++) {
+            AP[i][j] = i < S ? by_d[i][0] * P[S][j] : P[i][j];
+            for (int l = 1; l < N && i < S; l++) AP[i][j] += by_d[i][l] * P[S + l][j];
+            for (int l = 0; l < S && i < S; l++) AP[i][j] += A[i][l] * P[l][j];
         }
-    for (int i = 0; i < 5; i++)
-        for (int j = 0; j < 5; j++) {
-            P[i][j] = (j < 4 ? by_d[j] * AP[i][4] : AP[i][4]) + (i == j ? Q[i] : 0);
-            for (int l = 0; l < 4 && j < 4; l++) P[i][j] += AP[i][l] * A[j][l];
+    for (int i = 0; i < B; i++)
+        for (int j = 0; j < B; j++) {
+            P[i][j] = (j < S ? by_d[j][0] * AP[i][S] : AP[i][j]) + (i == j ? Q[i] : 0);
+            for (int l = 1; l < N && j < S; l++) P[i][j] += by_d[j][l] * AP[i][S + l];
+            for (int l = 0; l < S && j < S; l++) P[i][j] += AP[i][l] * A[j][l];
         }
 }
 
-void ant_within(ant_real xi[5]) {
-    xi[0] = ant_clip(xi[0], ANT_GATE_LOWER[0], ANT_GATE_UPPER[0]);
-    xi[1] = ant_clip(xi[1], -ANT_MAX_SPEED, ANT_MAX_SPEED);
-    for (int i = 2; i < 4; i++) xi[i] = ant_clip(xi[i], ANT_GATE_LOWER[i - 1], ANT_GATE_UPPER[i - 1]);
-    xi[4] = ant_clip(xi[4], -ANT_MAX_TORQUE, ANT_MAX_TORQUE);
+void ant_within(ant_real xi[B]) {
+    for (int i = 0; i < N; i++) {
+        xi[i] = ant_clip(xi[i], ANT_GATE_LOWER[i], ANT_GATE_UPPER[i]);
+        xi[N + i] = ant_clip(xi[N + i], -ANT_MAX_SPEED, ANT_MAX_SPEED);
+        xi[S + i] = ant_clip(xi[S + i], -ANT_MAX_TORQUE, ANT_MAX_TORQUE);
+    }
+    for (int i = 2 * N; i < S; i++) xi[i] = ant_clip(xi[i], ANT_GATE_LOWER[i - N], ANT_GATE_UPPER[i - N]);
 }
 
 /* The nearest state to xi within the joint range and the supply. */
-static void nearest(const ant_real xi[5], ant_real near[4]) {
-    near[0] = ant_clip(xi[0], ANT_LEFT, ANT_RIGHT);
-    near[1] = xi[1];
-    for (int i = 2; i < 4; i++) near[i] = ant_clip(xi[i], ANT_SUPPLY_LO, ANT_SUPPLY_HI);
+static void nearest(const ant_real xi[B], ant_real near[S]) {
+    for (int i = 0; i < N; i++) {
+        near[i] = ant_clip(xi[i], ANT_LEAST_ANGLE[i], ANT_MOST_ANGLE[i]);
+        near[N + i] = xi[N + i];
+    }
+    for (int i = 2 * N; i < S; i++) near[i] = ant_clip(xi[i], ANT_SUPPLY_LO, ANT_SUPPLY_HI);
 }
 
-ant_contact ant_contact_of(const ant_belief *b) {
-    ant_real xi[5], near[4];
+void ant_contacts_of(const ant_belief *b, ant_contact contacts[N]) {
+    ant_real xi[B], near[S];
     memcpy(xi, b->xi, sizeof xi);
     ant_within(xi);
     nearest(xi, near);
-    return ant_contact_at(near);
+    ant_contacts_at(near, contacts);
 }
 
-void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_real Q[5]) {
-    ant_real A[4][4], by_d[4], later[4], near[4];
+void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_real Q[B]) {
+    ant_real A[S][S], Bu[S][ANT_MUSCLES], by_d[S][N], later[S], near[S], acting[ANT_MUSCLES], torque[N];
+    ant_contact contacts[N];
     ant_real *xi = b->xi;
     ant_within(xi);
     nearest(xi, near);
-    const ant_real acting[2] = {ant_after_dead_band(o->commands[k][0], xi[2]),
-                                ant_after_dead_band(o->commands[k][1], xi[3])};
-    const ant_real torque = xi[4] - ant_friction_torque(o->friction.memory, ant_contact_at(near));
-    ant_model_observed(near, acting, &torque, later, A[0], by_d);
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++) later[i] += A[i][j] * (xi[j] - near[j]);
+    for (int i = 0; i < ANT_MUSCLES; i++) acting[i] = ant_after_dead_band(o->commands[k][i], xi[2 * N + i]);
+    ant_contacts_at(near, contacts);
+    for (int i = 0; i < N; i++) torque[i] = xi[S + i] - ant_friction_torque(o->friction[i].memory, i, contacts[i]);
+    ant_model_slopes(near, acting, torque, later, A[0], Bu[0], by_d[0]);
+    for (int i = 0; i < S; i++)
+        for (int j = 0; j < S; j++) later[i] += A[i][j] * (xi[j] - near[j]);
     memcpy(xi, later, sizeof later);
-    spread(b->covariance, (const ant_real(*)[4])A, by_d, Q);
+    spread(b->covariance, (const ant_real(*)[S])A, (const ant_real(*)[N])by_d, Q);
 }
 
 /* After one reading, by Joseph's form, which stays symmetric and positive. */
 static void correct_one(ant_belief *b, int sensor, ant_real read, ant_real noise) {
-    const int m = ANT_MEASURED[sensor];
-    ant_real gain[5], row[5], LP[5][5];
+    const int m = ant_measured(sensor);
+    ant_real gain[B], row[B], LP[B][B];
     const ant_real variance = b->covariance[m][m] + noise, error = read - b->xi[m];
-    for (int i = 0; i < 5; i++) gain[i] = b->covariance[i][m] / variance;
+    for (int i = 0; i < B; i++) gain[i] = b->covariance[i][m] / variance;
     memcpy(row, b->covariance[m], sizeof row);
-    for (int i = 0; i < 5; i++) {
+    for (int i = 0; i < B; i++) {
         b->xi[i] += gain[i] * error;
-        for (int j = 0; j < 5; j++) LP[i][j] = b->covariance[i][j] - gain[i] * row[j];
+        for (int j = 0; j < B; j++) LP[i][j] = b->covariance[i][j] - gain[i] * row[j];
     }
-    for (int i = 0; i < 5; i++)
-        for (int j = 0; j < 5; j++)
+    for (int i = 0; i < B; i++)
+        for (int j = 0; j < B; j++)
             b->covariance[i][j] = LP[i][j] - LP[i][m] * gain[j] + gain[i] * noise * gain[j];
 }
 
-void ant_correct(const ant_observer *o, ant_belief *b, const ant_real read[3], const int there[3]) {
-    for (int i = 0; i < 3; i++)
+void ant_correct(const ant_observer *o, ant_belief *b, const ant_real read[ANT_SENSORS], const int there[ANT_SENSORS]) {
+    for (int i = 0; i < ANT_SENSORS; i++)
         if (there[i]) correct_one(b, i, read[i], o->noise[i]);
 }
 
 ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int sensor) {
-    const int m = ANT_MEASURED[sensor];
+    const int m = ant_measured(sensor);
     return b->covariance[m][m] + o->noise[sensor];
 }
 
 int ant_sound(const ant_belief *b) {
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < B; i++)
         if (!(b->covariance[i][i] > 0)) return 0;
-    return ant_finite(b->xi, 5) && ant_finite(b->covariance[0], 25);
+    return ant_finite(b->xi, B) && ant_finite(b->covariance[0], B * B);
 }
 
-void ant_unsure(ant_belief *b, const ant_real read[3], const int there[3]) {
+void ant_unsure(ant_belief *b, const ant_real read[ANT_SENSORS], const int there[ANT_SENSORS]) {
     memset(b->covariance, 0, sizeof b->covariance);
-    for (int i = 0; i < 5; i++) b->covariance[i][i] = ANT_UNSURE[i];
-    for (int i = 0; i < 3; i++)
-        if (there[i]) b->xi[ANT_MEASURED[i]] = read[i];
+    for (int i = 0; i < B; i++) b->covariance[i][i] = ANT_UNSURE[i];
+    for (int i = 0; i < ANT_SENSORS; i++)
+        if (there[i]) b->xi[ant_measured(i)] = read[i];
 }

@@ -8,55 +8,66 @@
 #include "control.h"
 #include "tables.h"
 
-static void believed(const ant_observer *o, int used[3]) {
-    for (int i = 0; i < 3; i++) used[i] = o->verdicts[i] <= ANT_ACCEPTED;
+static void believed(const ant_observer *o, int used[ANT_SENSORS]) {
+    for (int i = 0; i < ANT_SENSORS; i++) used[i] = o->verdicts[i] <= ANT_ACCEPTED;
 }
 
-static int can_be_sent(int muscle, ant_real u) { return ant_first_verdict(muscle + 1, u) == ANT_BELIEVED; }
+static int can_be_sent(int muscle, ant_real u) { return ant_first_verdict(ANT_JOINTS + muscle, u) == ANT_BELIEVED; }
 
-/* The first angle that can be one begins; a pressure that is not measured is the one that was sent. */
-static void begin(ant_observer *o, const ant_real said[3], const ant_real sent[2]) {
-    ant_real read[3] = {ant_unwrapped(said[0], (ANT_LEFT + ANT_RIGHT) / 2, ANT_PI), said[1], said[2]};
-    ant_real xi[5] = {read[0], 0, read[1], read[2], 0};
-    int there[3], possible = 1;
-    for (int i = 0; i < 3; i++) {
+static int all(const int there[ANT_JOINTS]) {
+    for (int i = 0; i < ANT_JOINTS; i++)
+        if (!there[i]) return 0;
+    return 1;
+}
+
+/* The first angles that can be ones begin; a pressure that is not measured is the one that was sent. */
+static void begin(ant_observer *o, const ant_real said[ANT_SENSORS], const ant_real sent[ANT_MUSCLES]) {
+    ant_real read[ANT_SENSORS], xi[ANT_BELIEFS] = {0};
+    int there[ANT_SENSORS], possible = 1;
+    for (int i = 0; i < ANT_SENSORS; i++) {
+        read[i] = said[i];
+        if (i < ANT_JOINTS)
+            read[i] = ant_unwrapped(said[i], (ANT_LEAST_ANGLE[i] + ANT_MOST_ANGLE[i]) / 2, ANT_PI);
         o->verdicts[i] = ant_first_verdict(i, read[i]);
         ant_gate_reset(&o->gates[i]);
         o->gates[i].floor = ANT_GATE_FLOOR[i];
         o->noise[i] = ANT_R_NOISE[i];
+        xi[ant_measured(i)] = read[i];
     }
     believed(o, there);
-    for (int i = 1; i < 3; i++) {
-        if (!there[i]) xi[i + 1] = sent[i - 1];
-        possible = possible && ant_first_verdict(i, xi[i + 1]) == ANT_BELIEVED;
+    for (int i = 0; i < ANT_MUSCLES; i++) {
+        ant_real *P = &xi[2 * ANT_JOINTS + i];
+        if (!there[ANT_JOINTS + i]) *P = sent[i];
+        possible = possible && can_be_sent(i, *P);
     }
-    if (!there[0] || !possible) return;
+    if (!all(there) || !possible) return;
     memcpy(o->belief.xi, xi, sizeof xi);
     memcpy(o->belief.covariance, ANT_COVARIANCE, sizeof o->belief.covariance);
     ant_correct(o, &o->belief, read, there);
     for (int k = 0; k <= ANT_DELAY + ANT_AGE; k++)
-        for (int i = 0; i < 2; i++) o->commands[k][i] = can_be_sent(i, sent[i]) ? sent[i] : xi[2 + i];
+        for (int i = 0; i < ANT_MUSCLES; i++)
+            o->commands[k][i] = can_be_sent(i, sent[i]) ? sent[i] : xi[2 * ANT_JOINTS + i];
     o->unrivalled = ANT_CROSSING;
-    o->step = ANT_COARSEST;
+    for (int i = 0; i < ANT_JOINTS; i++) o->step[i] = ANT_COARSEST;
     o->begun = 1;
 }
 
-static void remember(ant_observer *o, const ant_real sent[2]) {
+static void remember(ant_observer *o, const ant_real sent[ANT_MUSCLES]) {
     const int newest = ANT_DELAY + ANT_AGE;
     for (int k = 0; k < newest; k++) memcpy(o->commands[k], o->commands[k + 1], sizeof o->commands[k]);
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < ANT_MUSCLES; i++)
         if (can_be_sent(i, sent[i])) o->commands[newest][i] = sent[i];
 }
 
 /* Whether a reading is too far from the value predicted without it. */
 static int doubtful(const ant_observer *o, const ant_belief *predicted, int sensor, ant_real read) {
-    const ant_real error = read - predicted->xi[ANT_MEASURED[sensor]];
+    const ant_real error = read - predicted->xi[ant_measured(sensor)];
     return error * error > ANT_DOUBT * ANT_DOUBT * ant_innovation_variance(o, predicted, sensor);
 }
 
 /* Updates the estimate without a sensor that repeats itself; if it contradicts the sensor for long, that is frozen. */
 static void suspect(ant_observer *o, int i, const ant_belief *previous, ant_belief *expected,
-                    const ant_real read[3], const int others[3]) {
+                    const ant_real read[ANT_SENSORS], const int others[ANT_SENSORS]) {
     if (!o->repeats[i]) o->without[i] = *previous;
     o->repeats[i] = 1;
     ant_predict_belief(o, &o->without[i], 0, ANT_Q_REST);
@@ -72,17 +83,17 @@ static void suspect(ant_observer *o, int i, const ant_belief *previous, ant_beli
 }
 
 /* Predicts the readings without the frozen sensors, and marks these. */
-static void without_frozen(ant_observer *o, const ant_belief *previous, ant_belief *expected, const ant_real said[3],
-                           const ant_real read[3]) {
-    int others[3], repeated[3];
+static void without_frozen(ant_observer *o, const ant_belief *previous, ant_belief *expected, const ant_real said[ANT_SENSORS],
+                           const ant_real read[ANT_SENSORS]) {
+    int others[ANT_SENSORS], repeated[ANT_SENSORS];
     believed(o, others);
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < ANT_SENSORS; i++) {
         repeated[i] = said[i] == o->read[i];
         o->repeating[i] = repeated[i] ? o->repeating[i] + ANT_DT : 0;
         o->frozen[i] = o->frozen[i] && repeated[i];
         others[i] = others[i] && !repeated[i];
     }
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < ANT_SENSORS; i++) {
         if (repeated[i])
             suspect(o, i, previous, expected, read, others);
         else
@@ -91,12 +102,12 @@ static void without_frozen(ant_observer *o, const ant_belief *previous, ant_beli
 }
 
 /* Whether the rival predicts the readings used as well as true ones. */
-static int explains(const ant_observer *o, const ant_real read[3], const int used[3]) {
-    for (int i = 0; i < 3; i++) {
+static int explains(const ant_observer *o, const ant_real read[ANT_SENSORS], const int used[ANT_SENSORS]) {
+    for (int i = 0; i < ANT_SENSORS; i++) {
         const ant_real variance = ant_innovation_variance(o, &o->rival, i);
         ant_real width = variance > 0 ? ant_gate_width(&o->gates[i], variance) : ANT_NAN;
         if (width < ANT_GATE_JUMP[i]) width = ANT_GATE_JUMP[i];
-        if (used[i] && !(ant_abs(read[i] - o->rival.xi[ANT_MEASURED[i]]) <= width)) return 0;
+        if (used[i] && !(ant_abs(read[i] - o->rival.xi[ant_measured(i)]) <= width)) return 0;
     }
     return 1;
 }
@@ -108,24 +119,24 @@ static void end_rivalry(ant_observer *o) {
 }
 
 /* A rival begins at the readings that are rejected. */
-static void challenge(ant_observer *o, const ant_belief *expected, const ant_real read[3], const int rejected[3]) {
+static void challenge(ant_observer *o, const ant_belief *expected, const ant_real read[ANT_SENSORS], const int rejected[ANT_SENSORS]) {
     o->rival = *expected;
     o->rivalled = 1;
     o->explained = 0;
     o->doubted = ANT_HESITATION;
-    for (int i = 0; i < 3; i++) {
-        const ant_real off = ant_abs(read[i] - expected->xi[ANT_MEASURED[i]]);
+    for (int i = 0; i < ANT_SENSORS; i++) {
+        const ant_real off = ant_abs(read[i] - expected->xi[ant_measured(i)]);
         if (rejected[i] && !(off <= ANT_GATE_JUMP[i])) o->doubted = ANT_GATE_PATIENCE;
     }
     ant_unsure(&o->rival, read, rejected);
 }
 
 /* Writes to `expected` the prediction of a rival that has explained the rejected readings for long enough. */
-static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[3]) {
-    int rejected[3], used[3], any = 0, contested = 0;
+static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[ANT_SENSORS]) {
+    int rejected[ANT_SENSORS], used[ANT_SENSORS], any = 0, contested = 0;
     ant_real repeating = 0;
     believed(o, used);
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < ANT_SENSORS; i++) {
         rejected[i] = o->verdicts[i] == ANT_REJECTED;
         any = any || rejected[i];
         used[i] = used[i] || rejected[i];
@@ -135,7 +146,7 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
     if (!o->rivalled && !any) return;
     if (o->rivalled) ant_predict_belief(o, &o->rival, 0, ANT_Q_NOISE);
     if (!o->rivalled || !explains(o, read, used)) challenge(o, expected, read, rejected);
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < ANT_SENSORS; i++) {
         o->contested[i] = o->contested[i] || rejected[i];
         contested = contested || (used[i] && o->contested[i]);
         if (o->contested[i] && o->repeating[i] > repeating) repeating = o->repeating[i];
@@ -149,7 +160,7 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
         ant_correct(o, &o->rival, read, used);
         return;
     }
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < ANT_SENSORS; i++)
         if (rejected[i]) {
             o->verdicts[i] = ANT_ACCEPTED;
             ant_gate_reset(&o->gates[i]);
@@ -160,12 +171,13 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
 }
 
 /* A state from the readings if that of the filter is not finite. */
-static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real read[3], const int there[3]) {
+static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real read[ANT_SENSORS], const int there[ANT_SENSORS]) {
     if (o->rebuilt < ANT_LONG) o->rebuilt++;
     end_rivalry(o);
     memset(o->repeats, 0, sizeof o->repeats);
-    for (int i = 0; i < 5; i++) {
-        const int kept = i != 1 && i != 4 && isfinite(previous->xi[i]);
+    for (int i = 0; i < ANT_BELIEFS; i++) {
+        const int moves = (ANT_JOINTS <= i && i < 2 * ANT_JOINTS) || i >= ANT_STATES; /* a rate or a disturbance */
+        const int kept = !moves && isfinite(previous->xi[i]);
         o->belief.xi[i] = kept ? previous->xi[i] : 0;
     }
     ant_within(o->belief.xi);
@@ -173,31 +185,38 @@ static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real 
 }
 
 /* From the last estimate to the present one. */
-static void go_on(ant_observer *o, const ant_real said[3]) {
+static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     const ant_belief previous = o->belief;
     ant_belief expected = o->belief;
-    ant_friction_follow(&o->friction, previous.xi[0], ant_contact_of(&previous));
+    ant_contact contacts[ANT_JOINTS];
+    ant_contacts_of(&previous, contacts);
+    for (int i = 0; i < ANT_JOINTS; i++) ant_friction_follow(&o->friction[i], i, previous.xi[i], contacts[i]);
     ant_predict_belief(o, &expected, 0, ANT_Q_NOISE);
-    const ant_real read[3] = {ant_unwrapped(said[0], expected.xi[0], ANT_NEAR_A_TURN), said[1] - o->offset[0],
-                              said[2] - o->offset[1]};
-    int there[3], rested[3];
+    ant_real read[ANT_SENSORS];
+    int there[ANT_SENSORS], rested[ANT_SENSORS], rests = 0;
+    for (int i = 0; i < ANT_JOINTS; i++) read[i] = ant_unwrapped(said[i], expected.xi[i], ANT_NEAR_A_TURN);
+    for (int i = 0; i < ANT_MUSCLES; i++) read[ANT_JOINTS + i] = said[ANT_JOINTS + i] - o->offset[i];
     if (!ant_sound(&expected)) {
-        for (int i = 0; i < 3; i++) o->verdicts[i] = ant_first_verdict(i, said[i]);
+        for (int i = 0; i < ANT_SENSORS; i++) o->verdicts[i] = ant_first_verdict(i, said[i]);
         believed(o, there);
         rebuild(o, &previous, said, there);
         return;
     }
-    for (int i = 0; i < 3; i++)
-        o->verdicts[i] = ant_check_reading(&o->gates[i], i, read[i], expected.xi[ANT_MEASURED[i]],
+    for (int i = 0; i < ANT_SENSORS; i++)
+        o->verdicts[i] = ant_check_reading(&o->gates[i], i, read[i], expected.xi[ant_measured(i)],
                                    ant_innovation_variance(o, &expected, i));
-    for (int i = 0; i < 3; i++) rested[i] = o->verdicts[i] == ANT_ACCEPTED;
-    if (rested[0] || rested[1] || rested[2]) ant_unsure(&expected, read, rested);
+    for (int i = 0; i < ANT_SENSORS; i++) {
+        rested[i] = o->verdicts[i] == ANT_ACCEPTED;
+        rests = rests || rested[i];
+    }
+    if (rests) ant_unsure(&expected, read, rested);
     without_frozen(o, &previous, &expected, said, read);
     rival_or(o, &expected, read);
     believed(o, there);
-    for (int i = 0; i < 2; i++) {
-        const int learns = there[0] && there[1 + i] && ant_abs(o->commands[0][i] - expected.xi[2 + i]) <= ANT_SETTLED;
-        const ant_real error = learns ? read[1 + i] - expected.xi[2 + i] : 0;
+    for (int i = 0; i < ANT_MUSCLES; i++) {
+        const ant_real P = expected.xi[2 * ANT_JOINTS + i];
+        const int learns = all(there) && there[ANT_JOINTS + i] && ant_abs(o->commands[0][i] - P) <= ANT_SETTLED;
+        const ant_real error = learns ? read[ANT_JOINTS + i] - P : 0;
         o->offset[i] = ant_clip(o->offset[i] + ANT_LEARNING * error, -ANT_MOST_OFFSET, ANT_MOST_OFFSET);
     }
     ant_correct(o, &expected, read, there);
@@ -213,49 +232,53 @@ static ant_belief ahead(const ant_observer *o) {
     return ant_sound(&now) ? now : o->belief;
 }
 
-static void answer(const ant_observer *o, const ant_real said[3], ant_real x[4], ant_real *d) {
+static void answer(const ant_observer *o, const ant_real said[ANT_SENSORS], ant_real x[ANT_STATES],
+                   ant_real d[ANT_JOINTS]) {
     const ant_belief now = o->begun ? ahead(o) : o->belief;
-    x[1] = o->begun ? now.xi[1] : ANT_NAN;
-    *d = o->begun ? now.xi[4] : 0;
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < ANT_JOINTS; i++) {
+        x[ANT_JOINTS + i] = o->begun ? now.xi[ANT_JOINTS + i] : ANT_NAN;
+        d[i] = o->begun ? now.xi[ANT_STATES + i] : 0;
+    }
+    for (int i = 0; i < ANT_SENSORS; i++) {
         const int there = o->verdicts[i] <= ANT_ACCEPTED;
-        ant_real known = o->begun ? now.xi[ANT_MEASURED[i]] : said[i];
+        ant_real known = o->begun ? now.xi[ant_measured(i)] : said[i];
         if (o->begun ? o->silent[i] > ANT_TOLERANCE_END : !there) known = ANT_NAN;
-        x[ANT_MEASURED[i]] = known;
+        x[ant_measured(i)] = known;
     }
 }
 
 /* Readings of an encoder change by whole steps: the least change so far is its step, if any. */
-static void learn_step(ant_observer *o, ant_real change) {
-    if (change > 0 && change < o->step) {
+static void learn_step(ant_observer *o, int joint, ant_real change) {
+    if (change > 0 && change < o->step[joint]) {
         const ant_real fine = ANT_ENCODER_NOISE, steps = change / ANT_F(sqrt)(12), rough = steps > fine ? steps : fine;
         const ant_real floor = ANT_ROUGH * rough;
-        o->step = change;
-        o->noise[0] = rough * rough;
-        o->gates[0].floor = floor > ANT_GATE_FLOOR[0] ? floor : ANT_GATE_FLOOR[0];
+        o->step[joint] = change;
+        o->noise[joint] = rough * rough;
+        o->gates[joint].floor = floor > ANT_GATE_FLOOR[joint] ? floor : ANT_GATE_FLOOR[joint];
     }
 }
 
-/* The new angle, with the pressures of when it was read. */
-static void simultaneous(ant_observer *o, const ant_reading *reading, ant_real said[3]) {
-    const ant_real P[2] = {reading->P1, reading->P2};
-    for (int k = 0; k <= ANT_AGE; k++) memcpy(o->held[k], k < ANT_AGE && o->holds ? o->held[k + 1] : P, sizeof P);
+/* The new angles, with the pressures of when they were read. */
+static void simultaneous(ant_observer *o, const ant_reading *reading, ant_real said[ANT_SENSORS]) {
+    for (int k = 0; k <= ANT_AGE; k++)
+        memcpy(o->held[k], k < ANT_AGE && o->holds ? o->held[k + 1] : reading->P, sizeof reading->P);
     o->holds = 1;
-    said[0] = reading->theta;
-    memcpy(said + 1, o->held[0], sizeof o->held[0]);
+    memcpy(said, reading->theta, sizeof reading->theta);
+    memcpy(said + ANT_JOINTS, o->held[0], sizeof o->held[0]);
 }
 
-void ant_estimate(ant_observer *o, const ant_reading *reading, const ant_real sent[2], ant_real x[4], ant_real *d) {
-    ant_real said[3];
+void ant_estimate(ant_observer *o, const ant_reading *reading, const ant_real sent[ANT_MUSCLES], ant_real x[ANT_STATES],
+                  ant_real d[ANT_JOINTS]) {
+    ant_real said[ANT_SENSORS];
     simultaneous(o, reading, said);
     if (o->begun) {
-        learn_step(o, ant_abs(said[0] - o->read[0]));
+        for (int i = 0; i < ANT_JOINTS; i++) learn_step(o, i, ant_abs(said[i] - o->read[i]));
         remember(o, sent);
         go_on(o, said);
     } else {
         begin(o, said, sent);
     }
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < ANT_SENSORS; i++) {
         const ant_real least = o->frozen[i] && o->repeating[i] > o->silent[i] ? o->repeating[i] : o->silent[i];
         o->silent[i] = o->verdicts[i] <= ANT_ACCEPTED ? 0 : least + ANT_DT;
     }

@@ -1,5 +1,5 @@
-/* A command given now acts after the dead time. Until then the joint follows the commands under way; their motion
- * gives the state in which the new command begins to act. The torque on the way and beyond contains the friction of the
+/* A command given now acts after the dead time. Until then the joints follow the commands under way; their motion
+ * gives the state in which the new command begins to act. The torques on the way and beyond contain the friction of the
  * intended motion. The command is the inverse of the dead band at the pressure that should act, within its limits. */
 #include <string.h>
 
@@ -7,80 +7,96 @@
 #include "model.h"
 #include "tables.h"
 
-static int sensible(const ant_reference *r, ant_real d) {
-    for (int k = 0; k <= ANT_AHEAD; k++)
-        if (!(ant_abs(r->theta[k]) <= 2 * ANT_PI) || !isfinite(r->K[k]) || !(r->K[k] > 0)) return 0;
-    return isfinite(d);
+enum { N = ANT_JOINTS };
+
+static int sensible(const ant_reference *r, const ant_real d[N]) {
+    for (int k = 0; k <= ANT_AHEAD; k++) {
+        for (int i = 0; i < N; i++)
+            if (!(ant_abs(r->theta[k][i]) <= 2 * ANT_PI)) return 0;
+        if (!ant_finite(r->K[k], ANT_STIFFNESSES) || !ant_positive_definite(r->K[k])) return 0;
+    }
+    return ant_finite(d, N);
 }
 
-static void expect(ant_controller *c, const ant_real x[4]) {
-    if (!ant_finite(x, 4)) return;
+static void expect(ant_controller *c, const ant_real x[ANT_STATES]) {
+    if (!ant_finite(x, ANT_STATES)) return;
     memcpy(c->expected, x, sizeof c->expected);
     c->predicted = 1;
 }
 
 /* The initial state: missing or impossible numbers are replaced by the expected ones. */
-static void state(ant_controller *c, const ant_real measured[4], ant_task *task) {
-    const ant_real otherwise[4] = {(ANT_LEFT + ANT_RIGHT) / 2, 0, ANT_SUPPLY_LO, ANT_SUPPLY_LO};
+static void state(ant_controller *c, const ant_real measured[ANT_STATES], ant_task *task) {
+    int angles = 1;
     task->measured = 1;
-    for (int i = 0; i < 4; i++) {
-        const ant_real low = i == 1 ? -ANT_MAX_SPEED : ANT_GATE_LOWER[i == 0 ? 0 : i - 1];
-        const ant_real high = i == 1 ? ANT_MAX_SPEED : ANT_GATE_UPPER[i == 0 ? 0 : i - 1];
+    for (int i = 0; i < ANT_STATES; i++) {
+        const int speed = N <= i && i < 2 * N, sensor = i < N ? i : i - N;
+        const ant_real low = speed ? -ANT_MAX_SPEED : ANT_GATE_LOWER[sensor];
+        const ant_real high = speed ? ANT_MAX_SPEED : ANT_GATE_UPPER[sensor];
+        const ant_real otherwise = speed   ? 0
+                                   : i < N ? (ANT_LEAST_ANGLE[i] + ANT_MOST_ANGLE[i]) / 2
+                                           : ANT_SUPPLY_LO;
         const int known = low <= measured[i] && measured[i] <= high;
-        task->x[i] = known ? measured[i] : c->predicted ? c->expected[i] : otherwise[i];
+        task->x[i] = known ? measured[i] : c->predicted ? c->expected[i] : otherwise;
         task->measured = task->measured && known;
-        if (i == 0) c->blind = known ? 0 : c->blind < ANT_LONG ? c->blind + 1 : c->blind;
-        if (i == 0 && known) c->seen = 1;
+        if (i < N) angles = angles && known;
     }
+    c->blind = angles ? 0 : c->blind < ANT_LONG ? c->blind + 1 : c->blind;
+    c->seen = c->seen || angles;
 }
 
 /* References that cannot be meant: to stay. */
-static void substitute(ant_controller *c, const ant_real x[4]) {
-    for (int k = 0; k <= ANT_AHEAD; k++) c->stay[k] = x[0];
+static void substitute(ant_controller *c, const ant_real x[ANT_STATES]) {
+    for (int k = 0; k <= ANT_AHEAD; k++) memcpy(c->stay[k], x, sizeof c->stay[k]);
 }
 
-/* Torque from outside less the friction of a joint that moves on from x as the preview does. */
-static void torques(ant_controller *c, const ant_real x[4], ant_real d, const ant_real *theta) {
-    const ant_real corrected = c->rest.ringing ? 0 : ANT_CORRECTED;
-    ant_contact contact = ant_contact_at(x);
-    ant_real memory[ANT_ELEMENTS], previous = theta[0] + corrected * (x[0] - theta[0]);
-    if (!isfinite(contact.strength)) contact.strength = 0; /* the motion will not be finite, either */
-    ant_friction_follow(&c->friction, x[0], contact);
-    memcpy(memory, c->friction.memory, sizeof memory);
-    c->d[0] = d - ant_friction_torque(memory, contact);
-    for (int k = 1; k <= ANT_AHEAD; k++) {
-        ant_friction_move(memory, theta[k] - previous, contact);
-        previous = theta[k];
-        c->d[k] = d - ant_friction_torque(memory, contact);
+/* Torques from outside less the friction of joints that move on from x as the preview does. */
+static void torques(ant_controller *c, const ant_real x[ANT_STATES], const ant_real d[N], const ant_real (*theta)[N]) {
+    const ant_real corrected = ant_rest_rings(&c->rest) ? 0 : ANT_CORRECTED;
+    ant_contact contacts[N];
+    ant_contacts_at(x, contacts);
+    for (int i = 0; i < N; i++) {
+        ant_real memory[ANT_ELEMENTS], previous = theta[0][i] + corrected * (x[i] - theta[0][i]);
+        if (!isfinite(contacts[i].strength)) contacts[i].strength = 0; /* the motion will not be finite, either */
+        ant_friction_follow(&c->friction[i], i, x[i], contacts[i]);
+        memcpy(memory, c->friction[i].memory, sizeof memory);
+        c->d[0][i] = d[i] - ant_friction_torque(memory, i, contacts[i]);
+        for (int k = 1; k <= ANT_AHEAD; k++) {
+            ant_friction_move(memory, i, theta[k][i] - previous, contacts[i]);
+            previous = theta[k][i];
+            c->d[k][i] = d[i] - ant_friction_torque(memory, i, contacts[i]);
+        }
     }
 }
 
 /* Moves the state on to when a command given now acts. */
-static void wait(ant_controller *c, ant_real x[4]) {
+static void wait(ant_controller *c, ant_real x[ANT_STATES]) {
     for (int k = 0; k < ANT_DELAY; k++) {
-        ant_real later[4];
-        ant_model_stage(x, c->waiting[k], &c->d[k], later);
+        ant_real later[ANT_STATES];
+        ant_model_stage(x, c->waiting[k], c->d[k], later);
         if (k == 0) expect(c, later);
         memcpy(x, later, sizeof later);
     }
 }
 
-void ant_preview(ant_controller *c, const ant_real x[4], ant_real d, const ant_reference *r, ant_task *task) {
+void ant_preview(ant_controller *c, const ant_real x[ANT_STATES], const ant_real d[N], const ant_reference *r,
+                 ant_task *task) {
+    static const ant_real none[N];
     task->refused = !sensible(r, d);
-    task->expected = c->predicted ? c->expected[0] : ANT_NAN;
+    for (int i = 0; i < N; i++) task->expected[i] = c->predicted ? c->expected[i] : ANT_NAN;
     state(c, x, task);
     memcpy(task->seen, task->x, sizeof task->seen);
     if (task->refused) substitute(c, task->x);
-    if (!c->seen && !task->refused) task->x[0] = ant_clip(r->theta[0], ANT_LEFT, ANT_RIGHT);
-    torques(c, task->x, task->refused ? 0 : d, task->refused ? c->stay : r->theta);
+    for (int i = 0; i < N && !c->seen && !task->refused; i++)
+        task->x[i] = ant_clip(r->theta[0][i], ANT_LEAST_ANGLE[i], ANT_MOST_ANGLE[i]);
+    torques(c, task->x, task->refused ? none : d, task->refused ? (const ant_real(*)[N])c->stay : r->theta);
     if (!c->begun) {
-        for (int i = 0; i < 2; i++) c->sent[i] = ant_commandable(task->x[2 + i]);
-        for (int k = 0; k <= ANT_DELAY; k++) memcpy(c->waiting[k], &task->x[2], sizeof c->waiting[k]);
+        for (int i = 0; i < ANT_MUSCLES; i++) c->sent[i] = ant_commandable(task->x[2 * N + i]);
+        for (int k = 0; k <= ANT_DELAY; k++) memcpy(c->waiting[k], &task->x[2 * N], sizeof c->waiting[k]);
     }
     wait(c, task->x);
     task->theta = r->theta + ANT_DELAY;
     task->K = r->K + ANT_DELAY;
-    task->d = c->d + ANT_DELAY;
+    task->d = (const ant_real(*)[N])c->d + ANT_DELAY;
     task->lost = !c->seen || (ant_real)c->blind * ANT_DT > ANT_PATIENCE;
 }
 
@@ -92,9 +108,9 @@ void ant_send(ant_controller *c, ant_plan *plan, ant_real side) {
     memcpy(plan->u, m->u, sizeof plan->u);
     if (ANT_DEAD_BAND > 0) {
         for (int k = 0; k < ANT_HORIZON; k++)
-            for (int i = 0; i < 2; i++) {
+            for (int i = 0; i < ANT_MUSCLES; i++) {
                 const ant_real u = m->u[k][i];
-                plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_inverse_dead_band(u, m->x[k][2 + i]);
+                plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_inverse_dead_band(u, m->x[k][2 * N + i]);
             }
         ant_limited(c->qp.tuning->step, c->sent, plan->u);
     }

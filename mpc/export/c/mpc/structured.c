@@ -2,113 +2,42 @@
 #include <string.h>
 
 #include "control.h"
-#include "model.h"
 #include "tables.h"
 
-static ant_qp_setting setting_of(const ant_tuning *t) {
-    const ant_qp_setting made = {
-        {t->x, t->y, t->e, t->change, t->end},
-        {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, t->step / ANT_BAR, ANT_LEFT, ANT_RIGHT, t->min_force},
-        t->curvature,
-        ANT_LAZY,
-        ANT_ACCURACY,
-        t->slack,
-        ANT_STARTS,
-    };
-    return made;
-}
-
-ant_structured ant_structured_of(ant_qp *qp) {
-    ant_sweeps *s = &qp->work.structured.sweeps;
-    ant_iteration *i = &qp->work.structured.work.iteration;
-    ant_exchange *a = &qp->work.structured.work.exchange;
-    const ant_qp_sweep sweep = {s->R, s->D, s->g, s->feedback, s->held, s->gx, s->gv, s->r, s->inverse};
-    const ant_structured made = {
-        setting_of(qp->tuning),
-        {(const ant_real(*)[4])qp->motion.x, (const ant_real(*)[3])qp->y, (const ant_real(*)[4][4])qp->A,
-         (const ant_real(*)[4][2])qp->B, (const ant_real(*)[3][4])qp->slope},
-        {s->x, s->y, s->e, s->change, s->end},
-        {qp->lower, qp->upper, qp->there},
-        (const ant_real(*)[2])qp->u,
-        {s->xi, s->v, s->sigma},
-        {{i->span, i->b, i->t, i->multiplier, i->W, i->residual, i->push, i->dt, i->change},
-         {s->R, s->feedback, i->border, s->D, i->border_sigma},
-         {i->xi, i->v, i->sigma},
-         sweep,
-         s->gx,
-         s->gv,
-         s->r,
-         i->first,
-         i->origin_x,
-         i->origin_v,
-         {i->origin_x, i->origin_v, i->first[0]}},
-        {a->base,
-         a->held,
-         a->lower,
-         a->upper,
-         a->z,
-         a->r,
-         a->dz,
-         a->dr,
-         a->b,
-         a->value,
-         a->xi,
-         a->first,
-         {a->other_xi, a->other_v, a->other_sigma},
-         {a->item_z, a->item_r, a->K, a->kind, a->sample, a->muscle, a->side, a->multiplier, a->step, a->L, a->order, a->known, a->item_p}}};
-    return made;
-}
-
-void ant_decisions(const ant_qp *qp, ant_real z[ANT_DECISIONS]) {
-    for (int b = 0; b < ANT_BLOCKS; b++)
-        memcpy(z + 2 * b, qp->work.structured.sweeps.v[ANT_STARTS[b]], sizeof qp->work.structured.sweeps.v[0]);
-    z[ANT_MOVES] = z[ANT_MOVES + 1] = 0;
-}
-
-int ant_linearise(ant_controller *c, const ant_task *task, const ant_real u_last[2]) {
-    ant_qp *qp = &c->qp;
-    if (!ant_rollout(task->x, task->d, &qp->motion) || !c->feed.finite) return 0;
-    for (int k = 0; k < ANT_HORIZON; k++) {
-        ant_model_slopes(qp->motion.x[k], qp->motion.u[k], &task->d[k], qp->A[k][0], qp->B[k][0]);
-        ant_model_gradients(qp->motion.x[k + 1], qp->slope[k + 1][0], qp->slope[k + 1][1]);
-        for (int i = 0; i < 2; i++) {
-            for (int j = 0; j < 4; j++) qp->B[k][j][i] *= ANT_BAR;
-            qp->u[k][i] = qp->motion.u[k][i] / ANT_BAR;
-            qp->y[k + 1][1 + i] = qp->motion.F[k + 1][i];
-        }
-        qp->y[k + 1][0] = qp->motion.K[k + 1];
-    }
-    const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
-    const ant_real last[2][2] = {{u_last[0], u_last[1]}, {star[0], star[1]}};
-    const ant_qp_bounded bounded = {qp->lower, qp->upper, qp->there};
-    const ant_qp_setting setting = setting_of(qp->tuning);
-    ant_slew_bounds(&setting, (const ant_real(*)[2])qp->u, last, &bounded);
-    return ant_finite(qp->A[0][0], 16 * ANT_HORIZON) && ant_finite(qp->B[0][0], 8 * ANT_HORIZON) &&
-           ant_finite(qp->slope[1][0], 12 * ANT_HORIZON);
-}
-
 void ant_expect_shifted(ant_controller *c) {
+    enum { m = ANT_MUSCLES };
     for (int b = 0; b + 1 < ANT_BLOCKS; b++)
-        if (ANT_STARTS[b + 1] == ANT_STARTS[b] + 1) memcpy(c->qp.guess + 2 * b, c->qp.guess + 2 * b + 2, 2);
+        if (ANT_STARTS[b + 1] == ANT_STARTS[b] + 1) memcpy(c->qp.guess + m * b, c->qp.guess + m * b + m, m);
 }
 
-void ant_deviate(const ant_controller *c, const ant_structured *s, const ant_real u_last[2]) {
-    const ant_real *star = c->starred ? c->u_star : c->feed.u[0];
-    const ant_real last[2][2] = {{u_last[0], u_last[1]}, {star[0], star[1]}};
-    const ant_qp_reference reference = {(const ant_real(*)[4])c->feed.x, (const ant_real(*)[3])c->feed.y,
-                                        (const ant_real(*)[2])c->feed.u};
-    ant_deviations(&s->path, s->u, &reference, last, &s->errors);
-    memset(s->at.sigma, 0, 2 * sizeof s->at.sigma[0]);
-}
-
-ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[2], ant_real z[ANT_DECISIONS], int *iterations) {
-    const ant_structured s = ant_structured_of(&c->qp);
-    *iterations = 0;
-    if (c->iteration_limit <= 0) return ANT_PLAN_UNSOLVED;
-    ant_deviate(c, &s, u_last);
-    const int count = ant_swept(&s.path, &s.errors, &s.setting, s.u, &s.bounded, c->qp.guess, &s.at, &s.work.sweep,
-                                &s.active);
-    if (count > 0) return ant_persist(c, u_last, count, z, iterations);
-    ant_decisions(&c->qp, z);
-    return ANT_PLAN_OPTIMAL;
+ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[ANT_MUSCLES], ant_real z[ANT_MOVES],
+                          ant_plan *plan) {
+    ant_qp *qp = &c->qp;
+    ant_qp_memory *w = &qp->work;
+    ant_real last[2][ANT_MUSCLES];
+    memcpy(last[0], u_last, sizeof last[0]);
+    memcpy(last[1], c->starred ? c->u_star : c->feed.u[0], sizeof last[1]);
+    const ant_qp_reference reference = {(const ant_real(*)[ANT_STATES])c->feed.x,
+                                        (const ant_real(*)[ANT_OUTPUTS])c->feed.y,
+                                        (const ant_real(*)[ANT_MUSCLES])c->feed.u};
+    const ant_qp_setting setting = ant_setting_of(qp->tuning);
+    const ant_qp_path path = ant_path_of(qp);
+    const ant_qp_errors errors = {w->x, w->y, w->e, w->change, w->end};
+    const ant_qp_bounded bounded = {w->lower, w->upper, w->low, w->high, w->there};
+    const ant_qp_point at = {w->xi, w->v, w->sigma};
+    const ant_qp_sweep sweep = {w->R, w->D, w->g, w->feedback, w->base, w->gx, w->gv, w->inverse, w->by_xi, w->by_v};
+    const ant_qp_active active = {w->held, w->guessed, w->z, w->r, w->dz, w->dr, w->answer,
+                                  {w->item_z, w->item_r, w->K, w->kind, w->sample, w->muscle, w->side, w->multiplier,
+                                   w->step, w->L, w->order, w->known, w->item_p}};
+    const int limit = c->exchange_limit < ANT_EXCHANGES ? c->exchange_limit : ANT_EXCHANGES;
+    ant_deviations(&path, (const ant_real(*)[ANT_MUSCLES])qp->u, &reference, (const ant_real(*)[ANT_MUSCLES])last,
+                   &errors);
+    ant_in_units(w);
+    ant_change_bounds(&setting, (const ant_real(*)[ANT_MUSCLES])qp->u, (const ant_real(*)[ANT_MUSCLES])last, &bounded);
+    const ant_settle_numbers found =
+        ant_settle(&path, &errors, &setting, &bounded, qp->guess, &at, &sweep, &active, limit);
+    for (int b = 0; b < ANT_BLOCKS; b++) memcpy(z + ANT_MUSCLES * b, w->v[ANT_STARTS[b]], sizeof w->v[0]);
+    plan->exchanges += found._1;
+    plan->gap = found._0 ? 0 : found._2;
+    return found._0 ? ANT_PLAN_OPTIMAL : ANT_PLAN_UNSOLVED;
 }

@@ -32,8 +32,8 @@ int ant_follower_take(ant_follower *f, uint32_t first, const uint8_t *samples, u
 static void look_ahead(ant_follower *f) {
     for (uint32_t k = 0; k <= ANT_AHEAD; k++) {
         const uint32_t wanted = f->sample + k, at = (wanted < f->have ? wanted : f->have - 1) % ANT_ROOM;
-        f->window.theta[k] = (ant_real)f->theta[at];
-        f->window.K[k] = (ant_real)f->K[at];
+        f->window.theta[k][0] = (ant_real)f->theta[at];
+        f->window.K[k][0] = (ant_real)f->K[at];
     }
 }
 
@@ -51,7 +51,7 @@ int ant_follower_step(ant_follower *f) {
     f->due += ANT_TICK_US;
     if ((int32_t)(now - f->due) >= 0) f->due = now + ANT_TICK_US; /* late by more than a sample: it is not caught up */
     const ant_sensors s = read_sensors();
-    const ant_reading reading = {(ant_real)s.theta, (ant_real)s.P1, (ant_real)s.P2};
+    const ant_reading reading = {{(ant_real)s.theta}, {(ant_real)s.P1, (ant_real)s.P2}};
     look_ahead(f);
     ant_step(&f->controller, &reading, &f->window, &f->plan);
     return 1;

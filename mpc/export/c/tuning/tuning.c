@@ -10,14 +10,11 @@ static int positive(const ant_real *numbers, int count, int zero_too) {
 }
 
 int ant_tune(ant_controller *c, const ant_tuning *t) {
-    int good = positive(t->x, 4, 1) && positive(t->y, 3, 1) && positive(t->e, 2, 0) && positive(t->change, 2, 0);
+    int good = positive(t->x, ANT_STATES, 1) && positive(t->y, ANT_OUTPUTS, 1);
+    good = good && positive(t->e, ANT_MUSCLES, 0) && positive(t->change, ANT_MUSCLES, 0);
     good = good && positive(t->slack, 4, 0) && positive(&t->step, 1, 0) && positive(&t->min_force, 1, 1);
-    good = good && positive(&t->curvature, 1, 0) && ant_finite(t->end[0], 36);
-    for (int i = 0; i < 6; i++) good = good && t->end[i][i] > 0;
-#ifdef ANT_SINGLE
-    good = good && positive(t->root_x, 4, 1) && positive(t->root_y, 3, 1) && positive(t->root_e, 2, 0);
-    good = good && positive(t->root_rate, 2, 0) && ant_finite(t->terminal[0], 36);
-#endif
+    good = good && positive(&t->curvature, 1, 0) && ant_finite(t->end[0], ANT_XI * ANT_XI);
+    for (int i = 0; i < ANT_XI; i++) good = good && t->end[i][i] > 0;
     if (good) c->qp.tuning = t;
     return good;
 }

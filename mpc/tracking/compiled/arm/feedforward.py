@@ -16,7 +16,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled, inlined
-from mpc.tracking.compiled.structured_qp.certificate import finite
+from mpc.tracking.compiled.commands import finite
 
 FORMULAS: Any = None
 n = m = STIFFNESSES = statics = FORMULAS

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 _STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward"))
 _QP = Path(__file__).parents[1] / "structured_qp"
 _OWN = "mpc.tracking.compiled.structured_qp", "mpc.tracking.compiled.commands"
-_CONDENSE = "sizes", "../commands", "../arm/condense"
+_LIMITS = "sizes", "../commands"
 _SOLUTION = (
-    "sizes", "stage_of_many", "../commands", "newton", "riccati", "rows", "certificate", "responses", "exchange",
-    "active_set", "multipliers", "interior", "solve", "../arm/solve",
+    "sizes", "stage_of_many", "../commands", "gradient", "rows", "riccati", "responses", "certificate", "active",
+    "interrupted", "exchange", "solve", "../arm/solve",
 )  # fmt: skip
 
 
@@ -41,7 +41,7 @@ class CompiledArm(NamedTuple):
 def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
     sizes = f"import math\n\nn, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}\n\n\n"
-    texts, c = {_STEP: f"import math\n\n{_assembled(_CONDENSE, arm)}\n\n", _FEED_FORWARD: sizes}, np.zeros(0)
+    texts, c = {_STEP: f"import math\n\n{_assembled(_LIMITS, arm)}\n\n", _FEED_FORWARD: sizes}, np.zeros(0)
     for name, function in _functions(arm).items():
         source = filling(name, function, c.size)
         texts[_FEED_FORWARD if name == "statics" else _STEP] += f"@inlined\n{source.text}\n\n"

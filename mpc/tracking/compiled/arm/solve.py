@@ -20,7 +20,7 @@ def settle_path(
     slack: Array, starts: Indices, kept: Array, x: Array, S: Array, y: Array, slope: Array, u: Array,
     x_ref: Array, y_ref: Array, u_ref: Array, last: Array, guess: Signs, z: Array,
 ) -> tuple[bool, int]:  # fmt: skip
-    """Return whether `z` (n,) is the QP's proved solution, and the number of iterations of the interior point.
+    """Return whether `z` (n + 1,) is the QP's proved solution, and the number of exchanges; see `settle`.
 
     `bounds` (4,): least and greatest command, greatest change [bar], least force [N]; `ranges` (2, n) of the angles;
     `rest` (3,) the other fields of a `Setting`; `kept` (m,) the remaining share of a pressure's error after a sample.

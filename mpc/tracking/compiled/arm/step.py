@@ -1,7 +1,7 @@
-"""Template of an arm's step: linearisation and the rollout of an answer, with the dense QP of `condense` between them.
+"""Template of an arm's step: linearisation and the rollout of an answer; `solve` has the QP between them.
 
-`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by the sizes of the arm,
-`condense` and the arm's formulas: n joints, m muscles, and functions that fill flat arrays, matrices by columns:
+`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by the sizes of the arm and the
+arm's formulas: n joints, m muscles, and functions that fill flat arrays, matrices by columns:
 
     dynamics         (q, ω, P, d) ↦ M, τ - C - Dω - g + d
     dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter minus M ω', by q, ω and P
@@ -21,17 +21,15 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import compiled, inlined
 from mpc.model.integration import NODES, SHARES
-from mpc.tracking.compiled.arm.condense import keeps_rows, m, n, proved
-from mpc.tracking.compiled.commands import limit
+from mpc.tracking.compiled.commands import finite, limit
 from mpc.tracking.compiled.records import Indices
-from mpc.tracking.compiled.structured_qp.certificate import finite
-from mpc.tracking.compiled.structured_qp.sizes import NX
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, NX
 
 FORMULAS: Any = None
 dynamics = dynamics_slopes = output_slopes = FORMULAS
 
+n, m = JOINTS, NU
 PLACES = 0, 1, 1, 2  # of the stages in `decay`
-SOLVED, ROWS, REFUSED = 0, 1, 2
 
 
 @compiled
@@ -163,28 +161,6 @@ def roll(c: Array, h: float, decay: Array, x0: Array, u: Array, d: Array, x: Arr
     slope = np.empty((n + m) * y.shape[1])  # unused, but avoids the compilation of a second formula
     for k in range(x.shape[0]):
         output_slopes(x[k, :n], x[k, 2 * n :], c, y[k], slope)
-
-
-@compiled
-def finish(
-    c: Array, h: float, decay: Array, bounds: Array, soft: Array, ranges: Array, starts: Indices, risen: Array,
-    x0: Array, d: Array, u_last: Array, u: Array, x: Array, y: Array, slope: Array, G: Array,
-    H: Array, f: Array, lower: Array, upper: Array, z: Array, moved: Array, x_next: Array, y_next: Array,
-) -> int:  # fmt: skip
-    """Return SOLVED and fill in commands and motion if `z` is proved to solve the whole QP; else return the reason.
-
-    `soft` (3,): tolerances of the rows and of the gradient, the least force; `ranges` (2, n).
-    """
-    if not proved(H, f, lower, upper, z, soft[1]):
-        return REFUSED
-    if not keeps_rows(bounds, soft, ranges, starts, risen, u, x, y, slope, G, z, moved):
-        return ROWS
-    for k in range(u.shape[0]):
-        for j in range(m):
-            moved[k, j] += u[k, j]
-    limit(bounds[0], bounds[1], bounds[2], u_last, 1.0, moved)
-    roll(c, h, decay, x0, moved, d, x_next, y_next)
-    return SOLVED if finite(x_next) and finite(y_next) else REFUSED
 
 
 @compiled

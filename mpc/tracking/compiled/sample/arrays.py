@@ -78,7 +78,7 @@ class StepArrays:
         given, path = map(np.zeros, record_lengths(N))
         if structured is not None:
             (numbers, starts, given, path), address = structured.arrays, structured.address
-            z, guess, counted = structured.z, structured.guess, structured.counted
+            z, guess, counted = structured.answer, structured.guess, structured.counted
         self.given: Given = in_python(given_in)(given)
         before = *self.fixed, beyond.friction, numbers, asks, given, path, z, np.zeros(6 * beyond.delay + 4)
         self._inputs = Inputs(*before, starts, counted, guess, np.zeros_like(guess), address, *_CLOCK)

@@ -41,10 +41,10 @@ class Inputs(NamedTuple):
     asked: Array
     given: Array
     buffer: Array
-    z: Array  # (n,) decisions
+    z: Array  # (n + 1,) decisions, and the bound of their suboptimality
     work: Array  # (6 m + 4,) room for m samples of delay
     starts: NDArray[np.int64]  # (blocks,)
-    counted: NDArray[np.int64]  # (1,) iterations of the interior point
+    counted: NDArray[np.int64]  # (1,) exchanges
     guess: NDArray[np.int8]  # (n,)
     kept: NDArray[np.int8]  # (n,) room for the guess
     settle: int  # addresses, see `mpc.tracking.compiled.sample.calls`

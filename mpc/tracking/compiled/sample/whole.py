@@ -178,5 +178,5 @@ def _fields(size: int, out: Array, took: float) -> dict[str, object]:
     return {
         "u": made.sent, "x": made.x, "K": made.K, "status": status, "rung": rung, "slack": slack,
         "times": Times(feed_forward, linearise, 0.0, solve, took), "slack_force": slack_force,
-        "moved": Moved(theta, K, T),
+        "moved": Moved(theta, K, T), "gap": 0.0,
     }  # fmt: skip

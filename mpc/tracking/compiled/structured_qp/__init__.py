@@ -1,1 +1,1 @@
-"""Structured solution of a step's QP, sample by sample: sweeps, interior point, and the proof."""
+"""Structured solution of a step's QP, sample by sample: sweeps, the exchange of limits, and the proof."""

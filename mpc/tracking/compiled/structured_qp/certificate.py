@@ -1,88 +1,117 @@
-"""Certificate that an answer to the QP without its rows solves the whole QP, in one pass.
+"""Certificate that a point within its limits solves the QP, by the multipliers of the active limits, in one pass.
 
-With λ exactly the gradient's pushes at the active bounds, the gap reduces to ½ rᵀH⁻¹r, r being the gradient by the free
-changes. Every change of a command has a cost c of its own, so that no eigenvalue of H is below c, and c
-|z - z*|² ≤ rᵀH⁻¹r ≤ |r|²/c. An answer with |r|/c ≤ ACCURACY is no farther than that from the solution. Sweeps that
-settle reach 2e-9 bar at horizons of 80 samples, so that a refused answer is wrong. The slacks are zero if no soft limit
-is violated without them.
+With the gradient's pushes at the active limits as multipliers λ, the duality gap is ½ rᵀH⁻¹r, where r is the gradient
+by the free changes, plus λ times the distance from each limit. The charge c on each change of a command is a lower
+bound of H's eigenvalues, hence c |z - z*|² ≤ rᵀH⁻¹r ≤ |r|²/c: an answer that passes is no farther than ACCURACY from
+the solution.
 """
 
-import numpy as np
-
-from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
-from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.newton import adjoint, gradients
-from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, JOINTS, NU, NX, STIFFNESSES, SUPPLY
-from mpc.tracking.compiled.structured_qp.stage import advance, changed, first_of
-
-
-@inlined_flat
-def proved(gradient: Array, bounded: Bounded, v: Array, setting: Setting) -> bool:
-    """Return whether the changes `v` (N, 2) are near enough to the solution, from the cost's `gradient` (N, 2) there.
-
-    The changes are within their bounds; those that would leave through a bound push at it.
-    """
-    lower, upper, there = bounded
-    square = 0.0
-    for k in range(there.size):
-        for i in range(NU):
-            g = gradient[k, i]
-            if not lower[k, i] <= v[k, i] <= upper[k, i]:
-                return False
-            pushes = (v[k, i] == lower[k, i] and g >= 0.0) or (v[k, i] == upper[k, i] and g <= 0.0)
-            square += 0.0 if pushes or not there[k] else g * g
-    return square <= (setting.accuracy * setting.curvature) ** 2
+from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting, Signs
+from mpc.tracking.compiled.structured_qp.gradient import adjoint, gradients
+from mpc.tracking.compiled.structured_qp.responses import Items
+from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of
+from mpc.tracking.compiled.structured_qp.rows import row_push, row_side, row_value, slack_of
+from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUND, FREE, HIGH, NU, NX, NXI, RANGE, SUPPLY
 
 
 @inlined
-def confirmed(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, gx: Array, gv: Array, r: Array
-) -> bool:
-    """Return whether the point, within its bounds, is the solution except for the rows."""
-    gradients(path, errors, setting.cost, at, gx, gv)
-    adjoint(path, gx, gv, r)
-    return proved(r, bounded, at.v, setting)
-
-
-@inlined_flat
-def brought_within(path: Path, bounded: Bounded, at: Point) -> None:
-    """Move the changes to within their bounds, and update the rest of the point."""
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
-            at.v[k, i] = min(max(at.v[k, i], bounded.lower[k, i]), bounded.upper[k, i])
-            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
-        advance(path.A, path.B, k, at.xi)
-
-
-@inlined_flat
-def needed(path: Path, setting: Setting, u: Array, at: Point, tolerance: float) -> int:
-    """Return the number of rows of a sample that the QP needs for supply, joint range and least forces.
-
-    Those are the rows of the changes, and more if the linear model violates others by more than `tolerance` at the
-    point; `u` (N, 2) [bar].
+def lagrangian(path: Path, errors: Errors, setting: Setting, size: int, at: Point, items: Items, sweep: Sweep) -> None:
+    """Set `gx` and `gv` of the sweep to the gradient at the point, with the multipliers of the first `size` items and
+    of the entering one.
     """
-    bounds, xi, count = setting.bounds, at.xi, BOUNDS
-    for k in range(u.shape[0]):
-        for i in range(NU):  # pressures outside the supply may return later
-            w = xi[k + 1, NX + i]
-            if not min(bounds.low - u[k, i], 0.0) - tolerance <= w <= max(bounds.high - u[k, i], 0.0) + tolerance:
-                count = SUPPLY
-            F = path.y[k + 1, STIFFNESSES + i] + changed(path.slope, k + 1, STIFFNESSES + i, xi)
-            if not F >= bounds.min_force - tolerance:
-                return ALL
-        for i in range(JOINTS):
-            left, right = first_of(bounds.left, i), first_of(bounds.right, i)
-            if not left - tolerance <= path.x[k + 1, i] + xi[k + 1, i] <= right + tolerance:
-                return ALL
-    return count
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    for q in range(size):
+        pushed(path, q, items, sweep)
+    if items.multiplier[items.kind.size - 1] > 0.0:
+        pushed(path, items.kind.size - 1, items, sweep)
+
+
+@inlined_flat
+def pushed(path: Path, q: int, items: Items, sweep: Sweep) -> None:
+    """Add the multiplier of the item `q` to the gradient of the Lagrangian."""
+    k, i, kind, multiplier, p = items.sample[q], items.muscle[q], items.kind[q], items.multiplier[q], items.p
+    if k >= sweep.gv.shape[0]:
+        return
+    if kind >= RANGE:
+        for j in range(NXI):
+            p[j] = 0.0
+        row_push(path.slope, k, kind, multiplier, p)
+        for j in range(NXI):
+            sweep.gx[k + 1, j] += p[j]
+    elif kind == SUPPLY:
+        sweep.gx[k + 1, NX + i] += items.side[q] * multiplier
+    elif kind == BOUND:
+        sweep.gv[k, i] += items.side[q] * multiplier
+
+
+@inlined_flat
+def over(path: Path, setting: Setting, bounded: Bounded, q: int, items: Items, at: Point) -> float:
+    """Return the violation of the limit of the item `q`; negative within the limit."""
+    k, i, kind, above = items.sample[q], items.muscle[q], items.kind[q], items.side[q] > 0
+    if kind >= RANGE:
+        beyond = row_value(path.slope, k, kind, at.xi) - row_side(path, setting.bounds, k, kind)
+        return float(beyond - at.sigma[slack_of(kind)])
+    if kind == SUPPLY:
+        w = at.xi[k + 1, NX + i]
+        return float(w - bounded.high[k, i] if above else bounded.low[k, i] - w)
+    v = at.sigma[i] if k == at.v.shape[0] else at.v[k, i]
+    return float(v - bounded.upper[k, i] if above else bounded.lower[k, i] - v)
 
 
 @inlined
-def finite(array: Array) -> bool:
-    """Return whether all numbers of `array` (m, n) are finite."""
-    for row in array:
-        for value in row:
-            if not np.isfinite(value):
-                return False
-    return True
+def gap(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, held: Signs, at: Point, items: Items,
+    sweep: Sweep
+) -> float:  # fmt: skip
+    """Return the bound of the cost of the point minus the dual cost.
+
+    The multipliers are those of the items, and the gradient's at the limits `held` (N + 1, 2).
+    """
+    slack, total, square = setting.slack, 0.0, 0.0
+    c0, c1 = slack[0] + slack[1] * at.sigma[0], slack[2] + slack[3] * at.sigma[1]
+    lagrangian(path, errors, setting, size, at, items, sweep)
+    for q in range(size):
+        kind, multiplier = items.kind[q], items.multiplier[q]
+        if kind >= SUPPLY:
+            total += abs(multiplier * over(path, setting, bounded, q, items, at))
+        if kind >= RANGE:
+            c0 -= multiplier if slack_of(kind) == 0 else 0.0
+            c1 -= multiplier if slack_of(kind) == 1 else 0.0
+    adjoint(path, sweep.gx, sweep.gv, sweep.g)
+    for i in range(NU):
+        later = 0.0  # multipliers of the commands held from here on
+        for k in range(at.v.shape[0] - 1, -1, -1):
+            if not bounded.there[k]:
+                continue
+            g, v, side = sweep.g[k, i] + later, at.v[k, i], held[k, i]
+            pushes = (v == bounded.lower[k, i] and g >= 0.0) or (v == bounded.upper[k, i] and g <= 0.0)
+            if side != FREE and side * g <= 0.0:
+                later -= g if abs(side) == HIGH else 0.0
+                total += abs(g * ((at.xi[k + 1, NX + i] if abs(side) == HIGH else v) - end_of(bounded, side, k, i)))
+            elif not pushes:
+                square += g * g
+    c0 = 0.0 if at.sigma[0] == 0.0 and c0 > 0.0 else c0
+    c1 = 0.0 if at.sigma[1] == 0.0 and c1 > 0.0 else c1
+    square = square / setting.curvature + c0 * c0 / slack[1] + c1 * c1 / slack[3]
+    return float(total + 0.5 * square)
+
+
+@inlined_flat
+def soften(path: Path, setting: Setting, at: Point) -> float:
+    """Set the slacks to the least ones of the point, and return their cost."""
+    at.sigma[0], at.sigma[1] = 0.0, 0.0
+    for k in range(path.A.shape[0]):
+        for kind in range(RANGE, ALL):
+            which, value = slack_of(kind), row_value(path.slope, k, kind, at.xi)
+            at.sigma[which] = max(at.sigma[which], value - row_side(path, setting.bounds, k, kind))
+    return priced(setting, at)
+
+
+@inlined_flat
+def priced(setting: Setting, at: Point) -> float:
+    """Return the cost of the slacks."""
+    price = 0.0
+    for i in range(2):
+        price += (setting.slack[2 * i] + 0.5 * setting.slack[2 * i + 1] * at.sigma[i]) * at.sigma[i]
+    return price

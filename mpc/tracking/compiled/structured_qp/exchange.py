@@ -1,278 +1,308 @@
-"""Exchange of a sweep's held bounds, one after the other, until they are those of the solution.
+"""Exchange of a sweep's held limits, one after the other, until they are those of the solution.
 
-First, changes that are pushed away from their bounds are released. Then violated bounds and rows enter, each with a
-multiplier t up to
+First, changes that are pushed away from their limits are released. Then violated limits enter, each with a multiplier t
+up to
 
     full        that at which it holds:  t = violation / (-a·dz)
     partial     that at which another multiplier changes its sign: the other one leaves, and this one enters again
 
-(D. Goldfarb and A. Idnani, Mathematical Programming 27, 1983.) Every step raises the dual cost. `responses` has the
-responses to the items.
+(D. Goldfarb and A. Idnani, Mathematical Programming 27, 1983.) Every step raises the dual cost, so no set occurs twice
+and the method terminates. A solution always exists, because v = 0 is within slew and supply and the other limits have
+slacks. `responses` has the responses to the items, a Schur complement of the sweep (R. A. Bartlett and L. T. Biegler,
+Optimization and Engineering 7, 2006). With CROWDED items, or before there is no room for more, a new sweep takes the
+present set as its base with the multipliers unchanged; only soft rows and slacks remain items.
 """
 
-from typing import NamedTuple
-
 from allocator.calculus import Array
-from mpc.codegen.jit import inlined_flat, merged
-from mpc.tracking.compiled.records import Path, Point, Setting, Signs
+from mpc.codegen.jit import inlined, inlined_flat
+from mpc.tracking.compiled.commands import HUGE
+from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
+from mpc.tracking.compiled.structured_qp.active import Active, direct, end, lead_on, take_base, walk
+from mpc.tracking.compiled.structured_qp.certificate import gap, lagrangian, over
+from mpc.tracking.compiled.structured_qp.interrupted import interrupted
 from mpc.tracking.compiled.structured_qp.responses import (
-    BOUND,
-    GONE,
-    ITEMS,
-    LAST,
     Items,
-    compare,
     copy_item,
+    find_item,
+    name_item,
     remove,
     respond,
     solve_items,
 )
-from mpc.tracking.compiled.structured_qp.riccati import Sweep
-from mpc.tracking.compiled.structured_qp.rows import WIDTH, values
-from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUNDS, FORCE, FREE, LOWER, NU, NX, SUPPLY, UPPER
-from mpc.tracking.compiled.structured_qp.stage import advance
+from mpc.tracking.compiled.structured_qp.riccati import BREAKS, Sweep, backward, end_of, forward
+from mpc.tracking.compiled.structured_qp.rows import row_side, row_value, slack_of, width
+from mpc.tracking.compiled.structured_qp.sizes import (
+    ALL,
+    BOUND,
+    FREE,
+    GONE,
+    HIGH,
+    NU,
+    NX,
+    RANGE,
+    SUPPLY,
+    UPPER,
+)
 
-MORE = 16  # steps beyond one per sample, at most
+CROWDED = 16  # items for a new sweep
+AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
-BREAKS = 1e-12  # [bar], [rad], [N]: less violates no bound
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
 FLAT = 1e-10  # [-] of its terms: less counts as no slope
-HUGE = 1e30  # no bound, and no end of a step
 
 
-class Active(NamedTuple):
-    """Active set and the point at which it holds; the last lines are those of the slacks."""
-
-    base: Signs  # (N + 1, 2) held in the sweep's solution
-    held: Signs  # (N + 1, 2) held now
-    lower: Array  # (N + 1, 2)
-    upper: Array  # (N + 1, 2)
-    z: Array  # (N + 1, 2) changes and slacks
-    r: Array  # (N + 1, 2) gradient of the Lagrangian without the bounds' multipliers
-    dz: Array  # (N + 1, 2)
-    dr: Array  # (N + 1, 2)
-    b: Array  # (N + 1, 12) of the rows
-    value: Array  # (N + 1, 12) of the rows
-    xi: Array  # (N + 1, 6)
-    first: Array  # (N, 2) gradient of the cost at the origin
-    other: Point  # a point for comparison
-    items: Items
+@inlined
+def begin(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
+    """Begin at the result of a sweep."""
+    items, last = a.items, a.items.kind.size - 1
+    at.xi[:], at.v[:], at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0.0, 0.0, 0
+    items.kind[last], items.sample[last], items.muscle[last], items.side[last] = BOUND, 0, 0, 0
+    lagrangian(path, errors, setting, 0, at, items, sweep)
+    backward(path, setting.cost, bounded, at, sweep)
+    forward(path, sweep, at, a.r)
+    take_base(setting, 0, at, sweep, a)
 
 
-@merged
-def let_go(path: Path, setting: Setting, sweep: Sweep, a: Active) -> int:
-    """Release changes that are pushed away from their bounds, and return the number of items; -1: too many."""
-    size, least, items = 0, PUSHES * setting.accuracy * setting.curvature, a.items
-    while size >= 0:
-        worst, sample, muscle = least, -1, 0
-        for k in range(a.r.shape[0]):
-            for i in range(NU):
-                push = pushes_in_vain(k, i, a)
-                if push > worst:
-                    worst, sample, muscle = push, k, i
-        if sample < 0:
-            return size
-        size = add_gone(path, setting.slack, sweep, sample, muscle, size, a)
-        if size > 0:
-            for q in range(size):
-                items.step[q] = -a.r[items.sample[q], items.muscle[q]]
-            solve_items(size, items)
-            direct(size, False, a)
-            walk(size, 1.0, 0.0, a)
-    return -1
-
-
-@merged
-def pushes_in_vain(k: int, i: int, a: Active) -> float:
-    """Return the push of a held change away from its bound."""
-    if a.held[k, i] == FREE or not a.lower[k, i] < a.upper[k, i]:
-        return 0.0
-    return float(-a.r[k, i] if a.held[k, i] == LOWER else a.r[k, i])
-
-
-@inlined_flat
-def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> int:
-    """Release a change of the base, add its item, and return the number of items; -1: too many."""
-    items = a.items
-    if size == LAST:
-        return -1
-    a.held[k, i] = FREE
-    items.kind[size], items.sample[size], items.muscle[size], items.side[size] = GONE, k, i, 0
-    items.multiplier[size] = 0.0
-    respond(path, sweep, a.base, slack, size, items, a.xi)
-    compare(path, size, size, items, a.xi)
-    return size + 1
-
-
-@merged
-def exchanged(path: Path, setting: Setting, sweep: Sweep, begun: int, at: Point, a: Active) -> int:
-    """Let violated bounds and rows enter until there are none, and return the number of items, `begun` at first; -1: no
-    solution found.
+@inlined
+def exchanged(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active, limit: int
+) -> tuple[bool, int, float]:  # fmt: skip
+    """Move from the result of `begin` to the solution, in at most `limit` exchanges; return whether it is proved, the
+    number of exchanges, and the bound of its suboptimality.
     """
-    size, steps, items, violation = begun, 0, a.items, 0.0
-    while size >= 0 and steps < path.A.shape[0] + MORE:
-        if violation == 0.0:
-            violation = most_broken(path, size, at, a)
-            if violation == 0.0:
-                return size
-            respond(path, sweep, a.base, setting.slack, LAST, items, a.xi)
-            compare(path, size, LAST, items, a.xi)
-            items.multiplier[LAST] = 0.0
-        slope = find_step(size, a)
-        q, k, i = longest(size, a)
-        share, full = items.step[LAST], violation / slope if slope > 0.0 else HUGE
+    most, taken = 0.5 * setting.curvature * setting.accuracy**2, limit
+    size, tries, enters, violation, items = 0, 0, False, 0.0, a.items
+    last = items.kind.size - 1
+    for step in range(limit):
+        if size == last - 1 or crowd(path, size, items) >= CROWDED:
+            size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
+            if size >= last - 1:
+                taken = step
+                break
+            violation = max(over(path, setting, bounded, last, items, at), 0.0)
+        if not enters:
+            if let_go(path, setting, bounded, size, sweep, a):
+                size += 1
+                continue
+            violation = most_broken(path, setting, bounded, size, at, a)
+            items.multiplier[last] = 0.0
+            if violation > 0.0:
+                respond(path, setting.slack, sweep, size, last, items, a.xi)
+                enters = True
+            else:
+                end(path, bounded, size, at, sweep, a)
+                found = gap(path, errors, setting, bounded, size, a.held, at, items, sweep)
+                if found <= most:
+                    return True, step, found
+        q, k, i, share, full = -1, 0, 0, HUGE, HUGE
+        if enters:
+            slope = find_step(size, a)
+            q, k, i = longest(bounded, size, sweep, a)
+            share, full = items.step[last], violation / slope if slope > 0.0 else HUGE
         if not min(share, full) < HUGE:
-            return -1
+            if tries == AGAIN:
+                taken = step
+                break
+            tries += 1
+            enters = False
+            items.multiplier[last] = 0.0
+            size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
+            continue
         walk(size, min(share, full), min(share, full), a)
-        steps += 1
         if full <= share:
-            violation = 0.0
-            size = enter(size, a)
+            size, enters = enter(bounded, size, sweep, a), False
+            items.multiplier[last] = 0.0
         else:
             violation -= share * slope
             size = leave(path, setting.slack, sweep, size, q, k, i, a)
-    return -1
+    return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a)
 
 
-@merged
-def most_broken(path: Path, size: int, at: Point, a: Active) -> float:
+@inlined_flat
+def crowd(path: Path, size: int, items: Items) -> int:
+    """Return the number of items that a new sweep would take."""
+    number = 0
+    for q in range(size):
+        number += 1 if items.kind[q] < RANGE and items.sample[q] < path.A.shape[0] else 0
+    return number
+
+
+@inlined
+def rebased(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, enters: bool, at: Point, sweep: Sweep,
+    a: Active
+) -> int:  # fmt: skip
+    """Make the present set the base of a new sweep, with the multipliers of soft rows unchanged; return the number of
+    items then. This removes the rounding errors of gradients and violations.
+    """
+    N, items, last = path.A.shape[0], a.items, a.items.kind.size - 1
+    size = absorbed(size, sweep, a)
+    lead_on(path, at, a)
+    lagrangian(path, errors, setting, size, at, items, sweep)
+    backward(path, setting.cost, bounded, at, sweep)
+    forward(path, sweep, at, a.r)
+    take_base(setting, size, at, sweep, a)
+    for q in range(size):
+        respond(path, setting.slack, sweep, q, q, items, a.xi)
+        if items.kind[q] >= RANGE:
+            a.r[N, slack_of(items.kind[q])] -= items.multiplier[q]
+    if enters:
+        respond(path, setting.slack, sweep, size, last, items, a.xi)
+        if items.kind[last] >= RANGE:
+            a.r[N, slack_of(items.kind[last])] -= items.multiplier[last]
+    for q in range(size):
+        k, i, gone = items.sample[q], items.muscle[q], items.kind[q] == GONE
+        items.step[q] = -a.r[k, i] if gone else -over(path, setting, bounded, q, items, at)
+    items.known[0] = 0
+    solve_items(size, items)
+    direct(size, False, a)
+    walk(size, 1.0, 0.0, a)
+    for q in range(size):
+        items.multiplier[q] = max(items.multiplier[q], 0.0)
+    lead_on(path, at, a)
+    return size
+
+
+@inlined_flat
+def absorbed(size: int, sweep: Sweep, a: Active) -> int:
+    """Let the sweep hold the held changes and commands, one limit each, and return the number of remaining items."""
+    N, items, kept = sweep.v.shape[0], a.items, 0
+    for k in range(N):
+        for i in range(NU):
+            sweep.held[k, i] = a.held[k, i]
+    for q in range(size):
+        kind, sample, muscle = items.kind[q], items.sample[q], items.muscle[q]
+        if sample < N and kind == GONE:
+            continue
+        if sample < N and kind < RANGE and sweep.held[sample, muscle] == FREE:
+            sweep.held[sample, muscle] = items.side[q] * (UPPER if kind == BOUND else HIGH)
+            continue
+        name_item(q, kept, items)
+        kept += 1
+    return kept
+
+
+@inlined_flat
+def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Sweep, a: Active) -> bool:
+    """Release the change with the greatest push away from its limit, and return whether there is one."""
+    worst, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, -1, 0, a.items
+    for k in range(a.r.shape[0]):
+        for i in range(NU):
+            if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
+                pushed = -a.r[k, i] if a.held[k, i] < 0 else a.r[k, i]
+                if pushed > worst:
+                    worst, sample, muscle = pushed, k, i
+    if sample < 0:
+        return False
+    add_gone(path, setting.slack, sweep, sample, muscle, size, a)
+    for q in range(size + 1):
+        items.step[q] = -a.r[items.sample[q], items.muscle[q]] if items.kind[q] == GONE else 0.0
+    solve_items(size + 1, items)
+    direct(size + 1, False, a)
+    walk(size + 1, 1.0, 0.0, a)
+    return True
+
+
+@inlined_flat
+def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> None:
+    """Release a change of the base, which becomes the next item."""
+    items = a.items
+    a.held[k, i] = FREE
+    items.kind[size], items.sample[size], items.muscle[size], items.side[size] = GONE, k, i, 0
+    items.multiplier[size] = 0.0
+    respond(path, slack, sweep, size, size, items, a.xi)
+
+
+@inlined_flat
+def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: Point, a: Active) -> float:
     """Set the entering item to the most violated bound, or row if there is none, and return the violation, 0.0 without
     any.
     """
     N, worst, violation, items = path.A.shape[0], 0.0, 0.0, a.items
+    last = items.kind.size - 1
+    lead_on(path, at, a)
     for k in range(N + 1):
         for i in range(NU):
-            if a.held[k, i] == FREE:
-                below, above = a.lower[k, i] - a.z[k, i], a.z[k, i] - a.upper[k, i]
-                over, width = max(below, above), WIDTH[0] if k < N else WIDTH[SUPPLY if i == 0 else FORCE]
-                if over > max(worst * width, BREAKS):
-                    violation, worst = over, over / width
-                    items.kind[LAST], items.sample[LAST], items.muscle[LAST] = BOUND, k, i
-                    items.side[LAST] = LOWER if below > above else UPPER
+            for kind in range(BOUND, RANGE):
+                if not bounded.lower[k, i] < bounded.upper[k, i] or (kind == SUPPLY and k == N):
+                    continue
+                v = at.xi[k + 1, NX + i] if kind == SUPPLY else a.z[k, i]
+                below = (bounded.low[k, i] if kind == SUPPLY else bounded.lower[k, i]) - v
+                above = v - (bounded.high[k, i] if kind == SUPPLY else bounded.upper[k, i])
+                broken, wide = max(below, above), width(kind)
+                if not broken > max(worst * wide, BREAKS) or abs(a.held[k, i]) == (UPPER if kind == BOUND else HIGH):
+                    continue
+                if find_item(kind, k, i, size, items) < 0:
+                    violation, worst = broken, broken / wide
+                    items.kind[last], items.sample[last], items.muscle[last] = kind, k, i
+                    items.side[last] = -1 if below > above else 1
     if violation > 0.0:
         return violation
-    lead_on(path, at, a)
-    values(path, at, ALL, a.value)
     for k in range(N):
-        for j in range(BOUNDS, ALL):
-            over = a.value[k, j] - a.b[k, j]
-            if over > max(worst * WIDTH[j], ROW_BREAKS) and not is_item(k, j, size, items):
-                violation, worst = over, over / WIDTH[j]
-                items.kind[LAST], items.sample[LAST], items.muscle[LAST] = j, k, 0
+        for kind in range(RANGE, ALL):
+            broken, wide = row_value(path.slope, k, kind, at.xi) - row_side(path, setting.bounds, k, kind), width(kind)
+            broken -= at.sigma[slack_of(kind)]
+            if broken > max(worst * wide, ROW_BREAKS) and find_item(kind, k, 0, size, items) < 0:
+                violation, worst = broken, broken / wide
+                items.kind[last], items.sample[last], items.muscle[last], items.side[last] = kind, k, 0, 1
     return violation
 
 
-@merged
-def is_item(k: int, j: int, size: int, items: Items) -> bool:
-    """Return whether the row j of the sample k is one of the items."""
-    found = False
-    for q in range(size):
-        if items.kind[q] == j and items.sample[q] == k:
-            found = True
-    return found
-
-
-@merged
-def lead_on(path: Path, at: Point, a: Active) -> None:
-    """Set the point to that of the changes."""
-    N = path.A.shape[0]
-    for k in range(N):
-        for i in range(NU):
-            at.v[k, i] = a.z[k, i]
-            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
-        advance(path.A, path.B, k, at.xi)
-    at.sigma[0], at.sigma[1] = a.z[N, 0], a.z[N, 1]
-
-
-@merged
+@inlined_flat
 def find_step(size: int, a: Active) -> float:
     """Set the direction for a multiplier of the entering item, and return the decrease of its violation per unit."""
-    items, K = a.items, a.items.K
+    items, K, last = a.items, a.items.K, a.items.kind.size - 1
     for q in range(size):
-        items.step[q] = -K[q, LAST]
+        items.step[q] = -K[q, last]
     solve_items(size, items)
-    slope, terms = -K[LAST, LAST], abs(K[LAST, LAST])
+    slope, terms = -K[last, last], abs(K[last, last])
     for q in range(size):
-        slope -= items.step[q] * K[LAST, q]
-        terms += abs(items.step[q] * K[LAST, q])
+        slope -= items.step[q] * K[last, q]
+        terms += abs(items.step[q] * K[last, q])
     direct(size, True, a)
     return slope if slope > FLAT * terms else 0.0
 
 
 @inlined_flat
-def direct(size: int, enters: bool, a: Active) -> None:
-    """Set the direction to the sum of the items' responses times their steps, plus that of the entering item."""
-    items, dz, dr = a.items, a.dz, a.dr
-    for k in range(dz.shape[0]):
-        for i in range(NU):
-            dz[k, i] = items.z[LAST, k, i] if enters else 0.0
-            dr[k, i] = items.r[LAST, k, i] if enters else 0.0
-    for q in range(size):
-        step = items.step[q]
-        for k in range(dz.shape[0]):
-            for i in range(NU):
-                dz[k, i] += step * items.z[q, k, i]
-                dr[k, i] += step * items.r[q, k, i]
-
-
-@merged
-def longest(size: int, a: Active) -> tuple[int, int, int]:
+def longest(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> tuple[int, int, int]:
     """Set the last `step` to the length of the direction up to which no multiplier changes its sign; return the
-    blocking one: the number of an item, or ITEMS and a held change.
+    blocking one: the number of an item, or -1 and a held change.
     """
-    items, share, first, sample, muscle = a.items, HUGE, ITEMS, 0, 0
+    items, share, first, sample, muscle = a.items, HUGE, -1, 0, 0
     for q in range(size):
-        step, multiplier = items.step[q], items.multiplier[q]
+        step, multiplier = items.step[q], max(items.multiplier[q], 0.0)
         if items.kind[q] != GONE and step < 0.0 and multiplier < -share * step:
             share, first = -multiplier / step, q
     for k in range(a.r.shape[0]):
         for i in range(NU):
-            if a.held[k, i] != FREE and a.base[k, i] != FREE and a.lower[k, i] < a.upper[k, i]:
-                sign = 1.0 if a.held[k, i] == LOWER else -1.0
-                push, change = max(sign * a.r[k, i], 0.0), sign * a.dr[k, i]
-                if change < 0.0 and push < -share * change:
-                    share, first, sample, muscle = -push / change, ITEMS, k, i
-    items.step[LAST] = share
+            if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
+                sign = 1.0 if a.held[k, i] < 0 else -1.0
+                pushed, change = max(sign * a.r[k, i], 0.0), sign * a.dr[k, i]
+                if change < 0.0 and pushed < -share * change:
+                    share, first, sample, muscle = -pushed / change, -1, k, i
+    items.step[items.kind.size - 1] = share
     return first, sample, muscle
 
 
 @inlined_flat
-def walk(size: int, share: float, entering: float, a: Active) -> None:
-    """Move by this share of the direction."""
-    for q in range(size):
-        a.items.multiplier[q] += share * a.items.step[q]
-    a.items.multiplier[LAST] += entering
-    for k in range(a.z.shape[0]):
-        for i in range(NU):
-            a.z[k, i] += share * a.dz[k, i]
-            a.r[k, i] += share * a.dr[k, i]
-
-
-@merged
-def enter(size: int, a: Active) -> int:
-    """Let the entering item hold, and return the number of items then; -1: too many."""
-    items = a.items
-    k, i, side = items.sample[LAST], items.muscle[LAST], items.side[LAST]
-    if items.kind[LAST] == BOUND:
-        a.held[k, i] = side
-        a.z[k, i] = a.lower[k, i] if side == LOWER else a.upper[k, i]
-        if a.base[k, i] != FREE:
-            a.r[k, i] = -side * items.multiplier[LAST]
-            for q in range(size):
-                if items.kind[q] == GONE and items.sample[q] == k and items.muscle[q] == i:
-                    return remove(size, q, items)
-    if size == LAST:
-        return -1
-    copy_item(LAST, size, size, items)
+def enter(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
+    """Let the entering item hold, and return the number of items then."""
+    items, last = a.items, a.items.kind.size - 1
+    kind, k, i, above = items.kind[last], items.sample[last], items.muscle[last], items.side[last]
+    if kind < RANGE and a.held[k, i] == FREE and abs(sweep.held[k, i]) == (UPPER if kind == BOUND else HIGH):
+        a.held[k, i] = above * (UPPER if kind == BOUND else HIGH)
+        a.r[k, i] = -above * items.multiplier[last]
+        if kind == BOUND:
+            a.z[k, i] = end_of(bounded, a.held[k, i], k, i)
+        return remove(size, find_item(GONE, k, i, size, items), items)
+    copy_item(last, size, size, items)
     return size + 1
 
 
-@merged
+@inlined_flat
 def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: int, a: Active) -> int:
-    """Release the item `q`, or for ITEMS the change `i` of the sample k; return the number of items; -1: too many."""
-    items = a.items
-    if q == ITEMS:
-        return add_gone(path, slack, sweep, k, i, size, a)
-    if items.kind[q] == BOUND:
-        a.held[items.sample[q], items.muscle[q]] = FREE
-    return remove(size, q, items)
+    """Release the item `q`, or for -1 the change `i` of the sample k; return the number of items."""
+    if q >= 0:
+        return remove(size, q, a.items)
+    add_gone(path, slack, sweep, k, i, size, a)
+    return size + 1

@@ -10,7 +10,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, merged
 from mpc.tracking.compiled.records import Cost, Signs
-from mpc.tracking.compiled.structured_qp.sizes import FREE
+from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH
 
 
 @merged
@@ -33,8 +33,10 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
 
 
 @merged
-def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array) -> None:
-    """Set S to M + R[k]ᵀ F[k], the cost-to-go after v is chosen by the feedback F[k] (2, …)."""
+def decided(A: Array, B: Array, k: int, SA: Array, R: Array, D: Array, F: Array, held: Signs, S: Array) -> None:
+    """Set S to the cost-to-go after v is chosen by the feedback F[k] (2, …): M + R[k]ᵀ F[k], and the terms of held
+    commands.
+    """
     for i in range(6):
         r0, r1 = R[k, 0, i], R[k, 1, i]
         if i < 4:
@@ -45,6 +47,10 @@ def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array)
         else:
             for j in range(i, 6):
                 S[i, j] = R[k, i - 4, j] + r0 * F[k, 0, j] + r1 * F[k, 1, j]
+    for i in range(2):
+        if abs(held[k, i]) == HIGH:
+            for j in range(4 + i, 6):
+                S[4 + i, j] -= R[k, i, j] + D[k, i] * F[k, 0, j] + D[k, 1 + i] * F[k, 1, j]
     for i in range(6):
         for j in range(i):  # asymmetric rounding would grow from sample to sample
             S[i, j] = S[j, i]
@@ -100,9 +106,9 @@ def changed(slope: Array, k: int, m: int, xi: Array) -> float:
 
 
 @merged
-def first_of(limit: float, i: int) -> float:
+def first_of(limits: float, i: int) -> float:
     """Return the limit of the joint `i`, the only one."""
-    return limit
+    return limits
 
 
 @inlined
@@ -112,28 +118,9 @@ def new_squares(N: int) -> Array:
 
 
 @merged
-def entry(D: Array, k: int, i: int, j: int) -> float:
-    """Return an entry of D[k]."""
-    return float(D[k, i + j])
-
-
-@merged
 def times(D: Array, k: int, i: int, v: Array) -> float:
     """Return line `i` of D[k] times v[k]."""
     return float(D[k, i] * v[k, 0] + D[k, 1 + i] * v[k, 1])
-
-
-@merged
-def along(border: Array, k: int, j: int, v: Array) -> float:
-    """Return column `j` of `border`[k] times v[k]."""
-    return float(border[k, 0, j] * v[k, 0] + border[k, 1, j] * v[k, 1])
-
-
-@merged
-def turned(inverse: Array, k: int, z: Array, c: int) -> None:
-    """Turn z[c, k] into -D⁻¹ z[c, k]."""
-    g0, g1 = z[c, k, 0], z[c, k, 1]
-    z[c, k, 0], z[c, k, 1] = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
 
 
 @merged
@@ -143,13 +130,23 @@ def clear(z: Array, pushes: Array, c: int, k: int) -> None:
 
 
 @merged
-def gone_back(inverse: Array, R: Array, k: int, c: int, p: Array, z: Array, pushes: Array) -> None:
-    """Set pushes[c, k] to the gradient by the changes, z[c, k] to the response, and add its effect to `p` (6,)."""
-    g0, g1 = p[4], p[5]
-    v0, v1 = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
-    z[c, k, 0], z[c, k, 1], pushes[c, k, 0], pushes[c, k, 1] = v0, v1, g0, g1
+def answered(
+    R: Array, D: Array, inverse: Array, base: Signs, k: int, c: int, gone: int, p: Array, z: Array, pushes: Array
+) -> None:
+    """Set z[c, k] to the response at ξ = 0 to the gradient pushes[c, k] by the changes, with 1 for the released change
+    `gone` (-1: none), and carry `p` (6,) back over it.
+    """
+    g0, g1 = pushes[c, k, 0], pushes[c, k, 1]
+    d0, d1 = 1.0 if gone == 0 else 0.0, 1.0 if gone == 1 else 0.0
+    f0, f1 = g0 + D[k, 0] * d0 + D[k, 1] * d1, g1 + D[k, 1] * d0 + D[k, 2] * d1
+    v0, v1 = d0 - inverse[k, 0] * f0 - inverse[k, 1] * f1, d1 - inverse[k, 1] * f0 - inverse[k, 2] * f1
+    z[c, k, 0], z[c, k, 1] = v0, v1
     for i in range(6):
         p[i] += R[k, 0, i] * v0 + R[k, 1, i] * v1
+    if abs(base[k, 0]) == HIGH:
+        p[4] -= g0 + D[k, 0] * v0 + D[k, 1] * v1
+    if abs(base[k, 1]) == HIGH:
+        p[5] -= g1 + D[k, 1] * v0 + D[k, 2] * v1
 
 
 @merged
@@ -170,37 +167,23 @@ def gone_along(
 
 
 @merged
-def answered(inverse: Array, feedback: Array, k: int, v: Array, p: Array) -> None:
-    """Turn v[k], a gradient, into -D⁻¹ v[k], and add the effect of that to `p` (6,)."""
-    g0, g1 = v[k, 0], v[k, 1]
-    v[k, 0], v[k, 1] = -inverse[k, 0] * g0 - inverse[k, 1] * g1, -inverse[k, 1] * g0 - inverse[k, 2] * g1
-    for i in range(6):
-        p[i] += feedback[k, 0, i] * g0 + feedback[k, 1, i] * g1
-
-
-@merged
-def led_back(R: Array, feedback: Array, k: int, s: Array) -> None:
-    """Add to `s` (6,) the effect of the feedback's changes at ξ = 0."""
+def led_back(R: Array, D: Array, g: Array, feedback: Array, held: Signs, k: int, s: Array) -> None:
+    """Carry `s` (6,) back over the changes of the feedback at ξ = 0."""
     f0, f1 = feedback[k, 0, 6], feedback[k, 1, 6]
     for i in range(6):
         s[i] += R[k, 0, i] * f0 + R[k, 1, i] * f1
-
-
-@merged
-def fed_back(inverse: Array, R: Array, k: int, feedback: Array) -> None:
-    """Set the feedback[k] to -D⁻¹ R[k]."""
-    a, b, c = -inverse[k, 0], -inverse[k, 1], -inverse[k, 2]
-    for j in range(6):
-        feedback[k, 0, j] = a * R[k, 0, j] + b * R[k, 1, j]
-        feedback[k, 1, j] = b * R[k, 0, j] + c * R[k, 1, j]
+    if abs(held[k, 0]) == HIGH:
+        s[4] -= g[k, 0] + D[k, 0] * f0 + D[k, 1] * f1
+    if abs(held[k, 1]) == HIGH:
+        s[5] -= g[k, 1] + D[k, 1] * f0 + D[k, 2] * f1
 
 
 @merged
 def choose(
     R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
 ) -> None:
-    """Set D, its inverse and the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those held;
-    `charge` (2,) is the cost of the changes.
+    """Set D, its inverse and the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs; held ones are v,
+    or v - w if their command is held; `charge` (2,) of the changes.
     """
     D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + charge[0], R[k, 0, 5], R[k, 1, 5] + charge[1]
     a, b, c = 0.0, 0.0, 0.0  # of the inverse of D, negative
@@ -220,48 +203,9 @@ def choose(
         feedback[k, 1, j] = b * R[k, 0, j] + c * R[k, 1, j]
     feedback[k, 0, 6] = a * c0 + b * c1 if held[k, 0] == FREE else v[k, 0]
     feedback[k, 1, 6] = b * c0 + c * c1 if held[k, 1] == FREE else v[k, 1]
-
-
-@merged
-def border_before(P: Array, A: Array, B: Array, k: int) -> None:
-    """Turn P (6, 2) into 𝔸ᵀ P."""
-    for j in range(2):
-        p0, p1, p2, p3 = P[0, j], P[1, j], P[2, j], P[3, j]
-        P[4, j] += B[k, 0, 0] * p0 + B[k, 1, 0] * p1 + B[k, 2, 0] * p2 + B[k, 3, 0] * p3
-        P[5, j] += B[k, 0, 1] * p0 + B[k, 1, 1] * p1 + B[k, 2, 1] * p2 + B[k, 3, 1] * p3
-        for i in range(4):
-            P[i, j] = A[k, 0, i] * p0 + A[k, 1, i] * p1 + A[k, 2, i] * p2 + A[k, 3, i] * p3
-
-
-@merged
-def invert(R: Array, k: int, charge: Array, W: Array, allowed: bool, inverse: Array) -> None:
-    """Set `inverse`[k] (3,) of D, with W of the changes' rows, by LDLᵀ, the larger pivot first; the second is at least
-    its own charge. Without a change the inverse is 0.
-    """
-    least0, least1 = charge[0] + W[k, 0] + W[k, 2], charge[1] + W[k, 1] + W[k, 3]
-    d0, d1, off = R[k, 0, 4] + least0, R[k, 1, 5] + least1, R[k, 0, 5]
-    if not allowed:
-        inverse[k, 0], inverse[k, 1], inverse[k, 2] = 0.0, 0.0, 0.0
-    elif d0 >= d1:
-        ratio = off / d0
-        second = 1.0 / max(d1 - ratio * off, least1)
-        inverse[k, 0], inverse[k, 1], inverse[k, 2] = 1.0 / d0 + ratio * ratio * second, -ratio * second, second
-    else:
-        ratio = off / d1
-        second = 1.0 / max(d0 - ratio * off, least0)
-        inverse[k, 0], inverse[k, 1], inverse[k, 2] = second, -ratio * second, 1.0 / d1 + ratio * ratio * second
-
-
-@merged
-def decided_border(P: Array, G: Array, k: int, inverse: Array, R: Array, border: Array, sigma: Array) -> None:
-    """Set the border of stage `k`, and P and Σ to their values after v is chosen."""
-    a, b, c = -inverse[k, 0], -inverse[k, 1], -inverse[k, 2]
-    for j in range(2):
-        G[0, j], G[1, j] = P[4, j], P[5, j]
-        border[k, 0, j], border[k, 1, j] = a * G[0, j] + b * G[1, j], b * G[0, j] + c * G[1, j]
-    for j in range(2):
-        for i in range(6):
-            P[i, j] += R[k, 0, i] * border[k, 0, j] + R[k, 1, i] * border[k, 1, j]
-    sigma[0] += G[0, 0] * border[k, 0, 0] + G[1, 0] * border[k, 1, 0]
-    sigma[1] += G[0, 0] * border[k, 0, 1] + G[1, 0] * border[k, 1, 1]
-    sigma[2] += G[0, 1] * border[k, 0, 1] + G[1, 1] * border[k, 1, 1]
+    if abs(held[k, 0]) == HIGH:
+        feedback[k, 0, 4] = -1.0
+        feedback[k, 1, 4] -= c * D[k, 1]
+    if abs(held[k, 1]) == HIGH:
+        feedback[k, 1, 5] = -1.0
+        feedback[k, 0, 5] -= a * D[k, 1]

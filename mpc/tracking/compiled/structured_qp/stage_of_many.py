@@ -9,7 +9,7 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Cost, Signs
-from mpc.tracking.compiled.structured_qp.sizes import FREE, JOINTS, NU, NX, NXI, NY
+from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, JOINTS, NU, NX, NXI, NY
 
 MOVING = 2 * JOINTS  # entries (q, ω)
 
@@ -39,8 +39,10 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
 
 
 @inlined_flat
-def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array) -> None:
-    """Set S to M + R[k]ᵀ F[k], the cost-to-go after v is chosen by the feedback F[k] (m, …)."""
+def decided(A: Array, B: Array, k: int, SA: Array, R: Array, D: Array, F: Array, held: Signs, S: Array) -> None:
+    """Set S to the cost-to-go after v is chosen by the feedback F[k] (m, …): M + R[k]ᵀ F[k], and the terms of held
+    commands.
+    """
     for i in range(NXI):
         if i < NX:
             share, line = (0.0, 0) if i < MOVING else (B[i - MOVING], i)
@@ -57,6 +59,12 @@ def decided(A: Array, B: Array, k: int, SA: Array, R: Array, F: Array, S: Array)
             r = R[k, c, i]
             for j in range(NXI):
                 S[i, j] += r * F[k, c, j]
+    for i in range(NU):
+        if abs(held[k, i]) == HIGH:
+            for j in range(NX + i, NXI):
+                S[NX + i, j] -= R[k, i, j]
+                for c in range(NU):
+                    S[NX + i, j] -= D[k, i, c] * F[k, c, j]
     for i in range(NXI):
         for j in range(i):  # asymmetric rounding would grow from sample to sample
             S[i, j] = S[j, i]
@@ -133,12 +141,6 @@ def new_squares(N: int) -> Array:
 
 
 @inlined_flat
-def entry(D: Array, k: int, i: int, j: int) -> float:
-    """Return an entry of D[k]."""
-    return float(D[k, i, j])
-
-
-@inlined_flat
 def times(D: Array, k: int, i: int, v: Array) -> float:
     """Return line `i` of D[k] times v[k]."""
     total = 0.0
@@ -148,44 +150,34 @@ def times(D: Array, k: int, i: int, v: Array) -> float:
 
 
 @inlined_flat
-def along(border: Array, k: int, j: int, v: Array) -> float:
-    """Return column `j` of `border`[k] times v[k]."""
-    total = 0.0
-    for i in range(NU):
-        total += border[k, i, j] * v[k, i]
-    return total
-
-
-@inlined
-def turned(inverse: Array, k: int, z: Array, c: int) -> None:
-    """Turn z[c, k] into -D⁻¹ z[c, k]."""
-    answer = np.zeros(NU)
-    for i in range(NU):
-        for j in range(NU):
-            answer[i] -= inverse[k, i, j] * z[c, k, j]
-    for i in range(NU):
-        z[c, k, i] = answer[i]
-
-
-@inlined_flat
 def clear(z: Array, pushes: Array, c: int, k: int) -> None:
     """Set z[c, k] and pushes[c, k] to 0."""
     for i in range(NU):
         z[c, k, i], pushes[c, k, i] = 0.0, 0.0
 
 
-@inlined_flat
-def gone_back(inverse: Array, R: Array, k: int, c: int, p: Array, z: Array, pushes: Array) -> None:
-    """Set pushes[c, k] to the gradient by the changes, z[c, k] to the response, and add its effect to `p` (NXI,)."""
+@inlined
+def answered(
+    R: Array, D: Array, inverse: Array, base: Signs, k: int, c: int, gone: int, p: Array, z: Array, pushes: Array
+) -> None:
+    """Set z[c, k] to the response at ξ = 0 to the gradient pushes[c, k] by the changes, with 1 for the released change
+    `gone` (-1: none), and carry `p` (NXI,) back over it.
+    """
     for i in range(NU):
-        pushes[c, k, i] = p[NX + i]
+        z[c, k, i] = 1.0 if i == gone else 0.0
+    for j in range(NU):
+        g = pushes[c, k, j] + (D[k, j, gone] if gone >= 0 else 0.0)
+        for i in range(NU):
+            z[c, k, i] -= inverse[k, i, j] * g
     for i in range(NU):
-        change = 0.0
-        for j in range(NU):
-            change -= inverse[k, i, j] * pushes[c, k, j]
-        z[c, k, i] = change
+        change = z[c, k, i]
         for j in range(NXI):
             p[j] += R[k, i, j] * change
+    for i in range(NU):
+        if abs(base[k, i]) == HIGH:
+            p[NX + i] -= pushes[c, k, i]
+            for j in range(NU):
+                p[NX + i] -= D[k, i, j] * z[c, k, j]
 
 
 @inlined_flat
@@ -209,47 +201,26 @@ def gone_along(
         pushes[c, k, i] = 0.0 if base[k, i] == FREE else push
 
 
-@inlined
-def answered(inverse: Array, feedback: Array, k: int, v: Array, p: Array) -> None:
-    """Turn v[k], a gradient, into -D⁻¹ v[k], and add the effect of that to `p` (NXI,)."""
-    answer = np.zeros(NU)
-    for i in range(NU):
-        g = v[k, i]
-        for j in range(NXI):
-            p[j] += feedback[k, i, j] * g
-        for j in range(NU):
-            answer[j] -= inverse[k, i, j] * g
-    for i in range(NU):
-        v[k, i] = answer[i]
-
-
 @inlined_flat
-def led_back(R: Array, feedback: Array, k: int, s: Array) -> None:
-    """Add to `s` (NXI,) the effect of the feedback's changes at ξ = 0."""
+def led_back(R: Array, D: Array, g: Array, feedback: Array, held: Signs, k: int, s: Array) -> None:
+    """Carry `s` (NXI,) back over the changes of the feedback at ξ = 0."""
     for i in range(NU):
         f = feedback[k, i, NXI]
         for j in range(NXI):
             s[j] += R[k, i, j] * f
-
-
-@inlined_flat
-def fed_back(inverse: Array, R: Array, k: int, feedback: Array) -> None:
-    """Set the feedback[k] to -D⁻¹ R[k]."""
     for i in range(NU):
-        for j in range(NXI):
-            feedback[k, i, j] = 0.0
-        for c in range(NU):
-            share = inverse[k, i, c]
-            for j in range(NXI):
-                feedback[k, i, j] -= share * R[k, c, j]
+        if abs(held[k, i]) == HIGH:
+            s[NX + i] -= g[k, i]
+            for j in range(NU):
+                s[NX + i] -= D[k, i, j] * feedback[k, j, NXI]
 
 
 @inlined
 def choose(
     R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
 ) -> None:
-    """Set D, its inverse and the feedback (m, NXI + 1) of stage `k`, D v + R ξ + g = 0 for the free inputs, v for those
-    held; `charge` (m,) is the cost of the changes.
+    """Set D, its inverse and the feedback (m, NXI + 1) of stage `k`, D v + R ξ + g = 0 for the free inputs; held
+    ones are v, or v - w if their command is held; `charge` (m,) of the changes.
     """
     free, wanted = np.empty(NU, np.bool_), np.empty((NU, NXI + 1))
     for i in range(NU):
@@ -266,12 +237,16 @@ def choose(
         if not free[c]:
             for i in range(NU):
                 wanted[i, NXI] += D[k, i, c] * v[k, c]
+                if abs(held[k, c]) == HIGH:
+                    wanted[i, NX + c] -= D[k, i, c]
     turn_inside_out(inverse, k, free, charge)
     for i in range(NU):
         for j in range(NXI + 1):
             feedback[k, i, j] = 0.0
         if not free[i]:
             feedback[k, i, NXI] = v[k, i]
+            if abs(held[k, i]) == HIGH:
+                feedback[k, i, NX + i] = -1.0
         else:
             for c in range(NU):
                 share = inverse[k, i, c]
@@ -279,22 +254,10 @@ def choose(
                     feedback[k, i, j] -= share * wanted[c, j]
 
 
-@inlined
-def invert(R: Array, k: int, charge: Array, W: Array, allowed: bool, inverse: Array) -> None:
-    """Set `inverse`[k] of D, with W of the changes' rows. Without a change the inverse is 0."""
-    free, least = np.empty(NU, np.bool_), np.empty(NU)
-    for i in range(NU):
-        free[i], least[i] = allowed, charge[i] + W[k, i] + W[k, NU + i]
-        for j in range(NU):
-            inverse[k, i, j] = R[k, i, NX + j]
-        inverse[k, i, i] += least[i]
-    turn_inside_out(inverse, k, free, least)
-
-
 @inlined_flat
-def turn_inside_out(a: Array, k: int, free: Mask, least: Array) -> None:
-    """Turn a[k] (m, m) into the inverse of its `free` part, 0 elsewhere: the greatest pivot first, none less than its
-    own charge (J. H. Goodnight's sweep, The American Statistician 33, 1979).
+def turn_inside_out(inverse: Array, k: int, free: Mask, charges: Array) -> None:
+    """Turn inverse[k] (m, m) into the inverse of its `free` part, 0 elsewhere: the greatest pivot first, none less than
+    its own charge (J. H. Goodnight's sweep, The American Statistician 33, 1979).
     """
     left = 0
     for i in range(NU):
@@ -303,52 +266,20 @@ def turn_inside_out(a: Array, k: int, free: Mask, least: Array) -> None:
     while left:
         p = -1
         for i in range(NU):
-            if left >> i & 1 and (p < 0 or a[k, i, i] > a[k, p, p]):
+            if left >> i & 1 and (p < 0 or inverse[k, i, i] > inverse[k, p, p]):
                 p = i
         left &= ~(1 << p)
-        share = 1.0 / max(a[k, p, p], least[p])
+        share = 1.0 / max(inverse[k, p, p], charges[p])
         for i in range(NU):
             if free[i] and i != p:
-                factor = a[k, i, p] * share
+                factor = inverse[k, i, p] * share
                 for j in range(NU):
                     if j != p:
-                        a[k, i, j] -= factor * a[k, p, j]
-                a[k, i, p] = factor
+                        inverse[k, i, j] -= factor * inverse[k, p, j]
+                inverse[k, i, p] = factor
         for j in range(NU):
-            a[k, p, j] *= share
-        a[k, p, p] = -share
+            inverse[k, p, j] *= share
+        inverse[k, p, p] = -share
     for i in range(NU):
         for j in range(NU):
-            a[k, i, j] = -a[k, i, j] if free[i] and free[j] else 0.0
-
-
-@inlined
-def border_before(P: Array, A: Array, B: Array, k: int) -> None:
-    """Turn P (NXI, 2) into 𝔸ᵀ P."""
-    s = np.empty(NXI)
-    for j in range(2):
-        for i in range(NXI):
-            s[i] = P[i, j]
-        linear_before(s, A, B, k)
-        for i in range(NXI):
-            P[i, j] = s[i]
-
-
-@inlined_flat
-def decided_border(P: Array, G: Array, k: int, inverse: Array, R: Array, border: Array, sigma: Array) -> None:
-    """Set the border of stage `k`, and P and Σ to their values after v is chosen."""
-    for j in range(2):
-        for i in range(NU):
-            G[i, j] = P[NX + i, j]
-            border[k, i, j] = 0.0
-        for i in range(NU):
-            for c in range(NU):
-                border[k, i, j] -= inverse[k, i, c] * P[NX + c, j]
-    for j in range(2):
-        for c in range(NU):
-            for i in range(NXI):
-                P[i, j] += R[k, c, i] * border[k, c, j]
-    for c in range(NU):
-        sigma[0] += G[c, 0] * border[k, c, 0]
-        sigma[1] += G[c, 0] * border[k, c, 1]
-        sigma[2] += G[c, 1] * border[k, c, 1]
+            inverse[k, i, j] = -inverse[k, i, j] if free[i] and free[j] else 0.0

@@ -3,6 +3,7 @@
 The compiled code does not depend on the joint, so that a joint whose formulas cannot be compiled can use it as well.
 """
 
+from math import inf, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,12 +36,14 @@ class StructuredQP:
         self.path, self.u = in_python(path_in)(buffer)  # the path and its commands [bar]
         made = setting(problem)
         self.arrays = flat(made), made.starts, given, buffer  # arguments of the compiled functions
-        self.guess = np.zeros(NU * len(problem.blocks), np.int8)  # sign of the multipliers
-        self.z = np.zeros(self.guess.size)
+        self.guess = np.zeros(NU * len(problem.blocks), np.int8)  # active limits
+        self.answer = np.zeros(self.guess.size + 1)
+        self.z = self.answer[:-1]
         self.counted = np.zeros(1, np.int64)
         self._previous: PreviousSample | None = None  # of the sample of the guess
         self._shifted = shifted(problem.starts)
-        self._settle(*self.arrays, self.guess, self.z)  # compiles it
+        self._limit = np.isnan(flat(made._replace(exchanges=nan)))
+        self._settle(*self.arrays, self.guess, self.answer)  # compiles it
 
     def take(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
         """Store the new data of a step: see `mpc.tracking.qp.step.QPStep`."""
@@ -63,14 +66,23 @@ class StructuredQP:
         C, D = path.slope[:, 0].copy(), path.slope[:, 1:].copy()
         return Linearisation(BAR * self.u, path.x.copy(), K, F, path.A.copy(), path.B / BAR, C, D)
 
-    def solved(self) -> bool:
-        """Solve the QP; return whether `z` is the proved solution."""
-        done, self.counted[0] = self._settle(*self.arrays, self.guess, self.z)
+    def solved(self, exchanges: float = inf) -> bool:
+        """Solve the QP; return whether `z` is the proved solution, after at most so many `exchanges`. Otherwise it is
+        within slew and supply.
+        """
+        self.arrays[0][self._limit] = exchanges
+        done, self.counted[0] = self._settle(*self.arrays, self.guess, self.answer)
+        self.arrays[0][self._limit] = inf
         return bool(done)
 
     @property
-    def iterations(self) -> int:
-        """Iterations of the interior point for the last QP; 0: the sweeps settled."""
+    def gap(self) -> float:
+        """Bound of the cost of `z` minus that of the solution."""
+        return float(self.answer[-1])
+
+    @property
+    def exchanges(self) -> int:
+        """Exchanges of the last QP."""
         return int(self.counted[0])
 
     @property
@@ -81,7 +93,7 @@ class StructuredQP:
         return address_of(self._settle)
 
     def reset(self) -> None:
-        """Forget which bounds were active."""
+        """Forget which limits were active."""
         self.guess[:] = 0
 
 

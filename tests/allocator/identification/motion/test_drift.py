@@ -20,7 +20,8 @@ def stretch(seed, gain):
 def test_a_change_of_strength_is_found_with_its_doubt(change):
     """Sixteen stretches; the truth lies within three standard deviations, and shows only if there is one."""
     pieces = [stretch(1000 + k, 1 + change * k * 30 / HOUR) for k in range(16)]
-    log, predicted = joined([log for log, _ in pieces]), np.concatenate([expected for _, expected in pieces])
+    log = joined({str(k): log for k, (log, _) in enumerate(pieces)})
+    predicted = np.concatenate([expected for _, expected in pieces])
     found = Drift.of(log, predicted)
     assert len(log.parts) == 16
     assert abs(found.per_hour - change) < 3 * found.std
@@ -34,6 +35,16 @@ def test_a_log_in_one_piece_is_cut_into_eight():
     assert Drift.of(long, np.tile(expected, 4)).gains.size == 8
 
 
+def test_many_short_episodes_are_joined_to_eight_pieces():
+    log, expected = stretch(7, 1.0)
+    late = MotionLog(log.t + 5 * (np.arange(400) // 20), log.theta, log.P1, log.P2)
+    assert len(late.parts) == 20
+    assert Drift.of(late, expected).gains.size == 0  # 25 rows each
+    t = np.concatenate([late.t, late.t + 200])
+    long = MotionLog(t, *(np.tile(a, 2) for a in (log.theta, log.P1, log.P2)))
+    assert Drift.of(long, np.tile(expected, 2)).gains.size == 8
+
+
 def test_logs_with_and_without_measured_pressures_are_not_joined():
     from dataclasses import replace
 
@@ -41,4 +52,4 @@ def test_logs_with_and_without_measured_pressures_are_not_joined():
 
     log, _ = stretch(7, 1.0)
     with pytest.raises(InvalidInput, match="some of the logs have measured1 and measured2"):
-        joined([log, replace(log, measured=(log.P1, log.P2))])
+        joined({"one": log, "two": replace(log, measured=(log.P1, log.P2))})

@@ -7,7 +7,7 @@ import pytest
 
 from allocator import BAR, DEG
 from allocator.identification import fit_motion
-from allocator.identification.motion.samples import joined, read_motion_log
+from allocator.identification.motion.samples import read_motion_log
 
 from ....rigs.moving_joint import JOINT
 
@@ -43,7 +43,7 @@ def as_bags(folder, rows):
     """Write a third of the rows each as ROS 1 bag, ROS 2 bag and MCAP file of JSON; read them as one log."""
     thirds = [[a[part] for a in rows] for part in np.array_split(np.arange(rows[0].size), 3)]
     paths = [write(folder, third) for write, third in zip((ros1, ros2, mcap), thirds, strict=True)]
-    return joined([read_motion_log(path, topics=TOPICS) for path in paths])
+    return read_motion_log(paths, topics=TOPICS)
 
 
 def ros_messages(store, rows):

@@ -39,6 +39,16 @@ MIXED = Arm(  # unequal muscles, one of them not affine, on sites, in a vertical
     Mechanism(SITES, (SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N) * 2, angle_limits=((-0.6, 0.6),) * 2),
     Bodies.rods((0.35, 0.3), (1.0, 0.6), 0.2, (3.0, -9.0)),
 )
+MJCF = """<mujoco><worldbody><site name="a" pos="-.3 .05 0"/><site name="b" pos="-.3 -.05 0"/>
+<body><joint name="hip" axis="0 1 0" damping=".3" range="-40 40"/>
+<geom type="capsule" fromto="0 0 0 .3 0 0" size=".01" mass=".6"/>
+<site name="c" pos=".05 0 .05"/><site name="d" pos=".05 0 -.05"/><site name="e" pos=".01 0 .04"/>
+<body pos=".3 0 0"><joint name="knee" axis="0 1 0" damping=".2" range="-40 40"/>
+<geom type="capsule" fromto="0 0 0 .25 0 0" size=".01" mass=".4"/><site name="f" pos=".04 0 .04"/>
+</body></body></worldbody><tendon><spatial name="1"><site site="a"/><site site="c"/></spatial>
+<spatial name="2"><site site="b"/><site site="d"/></spatial>
+<spatial name="3"><site site="e"/><site site="f"/></spatial></tendon></mujoco>"""
+READ = Arm.from_mjcf(MJCF, SAROSI_DMSP_20_400N, 0.22, contraction=0.14)
 GAS = Gas(1.35, 1.0e5)
 
 
@@ -57,7 +67,7 @@ def drawn(varied, size, seed=0):
 
 
 @pytest.mark.parametrize("gas", [None, GAS])
-@pytest.mark.parametrize("arm", [ARM, MIXED], ids=["pulleys", "sites"])
+@pytest.mark.parametrize("arm", [ARM, MIXED, READ], ids=["pulleys", "sites", "a MuJoCo model"])
 def test_the_formula_is_that_of_mechanism_and_bodies(arm, gas):
     """In numbers of `Mechanism` and `Bodies`, which share no text with it; torque and energy follow to 1e-9."""
     import casadi as ca
@@ -76,15 +86,15 @@ def test_the_formula_is_that_of_mechanism_and_bodies(arm, gas):
             arm.bodies.mass_matrix(q) @ alpha, rel=1e-9, abs=1e-9
         )
         power = omega @ arm.bodies.mass_matrix(q) @ said[n : 2 * n]  # of the kinetic energy, with that of C
-        assert power + omega @ arm.bodies.coriolis(q, omega) == pytest.approx(
-            omega @ (torque + d - arm.bodies.gravity_torque(q) - np.array(arm.bodies.damping) * omega), abs=1e-9
-        )
+        other = arm.bodies.gravity_torque(q) + np.array(arm.bodies.damping) * omega
+        coriolis = arm.bodies.bias(q, omega) - other
+        assert power + omega @ coriolis == pytest.approx(omega @ (torque + d - other), abs=1e-9)
         filling = (u - P) / arm.lags
         if gas is not None:
             eps, speed = arm.mechanism.contractions(q), -arm.mechanism.arms(q) @ omega
-            for j, muscle in enumerate(arm.mechanism.muscles):
-                V = muscle.volume(P[j], eps[j], 0.4)
-                V_eff = V + gas.kappa * (P[j] + gas.atmosphere) * 0.4 * muscle.gain_integral_slope(P[j], eps[j])
+            for j, (muscle, L) in enumerate(zip(arm.mechanism.muscles, arm.mechanism.routes.rest_length, strict=True)):
+                V = muscle.volume(P[j], eps[j], L)
+                V_eff = V + gas.kappa * (P[j] + gas.atmosphere) * L * muscle.gain_integral_slope(P[j], eps[j])
                 growth = -muscle.gain(P[j], eps[j]) * speed[j]
                 filling[j] -= gas.kappa * (P[j] + gas.atmosphere) * growth / V_eff
         assert said[2 * n :] == pytest.approx(filling, rel=1e-9)

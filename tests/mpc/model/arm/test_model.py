@@ -119,6 +119,18 @@ def test_the_motion_of_a_sample_is_scipy_s():
     np.testing.assert_allclose(fine[:4], exact[:4], atol=1e-9)
 
 
+def test_a_run_s_stiffness_and_forces_are_the_mechanism_s_even_of_an_arm_that_turned_over():
+    arm, gains = Arm.machine("arm26"), np.array([1.1, 0.9, 1.0, 1.2, 0.8, 1.0])
+    x = np.concatenate([[0.3, 0.7], np.zeros(2), np.linspace(1e5, 4e5, 6)])
+    K, F = arm.along(np.stack([x, x + np.array([2 * np.pi, *np.zeros(9)])]), gains)
+    np.testing.assert_allclose(F[0], gains * arm.mechanism.forces(x[:2], x[4:]), rtol=1e-12)
+    muscles = zip(gains, arm.mechanism.at(x[:2]), x[4:], strict=True)
+    by_each = [gain * muscle.stiffness(P) for gain, muscle, P in muscles]
+    np.testing.assert_allclose(K[0], sum(by_each), rtol=1e-12)
+    assert np.isfinite(K[1]).all()
+    assert np.isfinite(F[1]).all()
+
+
 def test_svec_has_the_length_of_the_matrix():
     K = np.random.default_rng(1).normal(size=(5, 4, 4))
     K = K + K.swapaxes(1, 2)

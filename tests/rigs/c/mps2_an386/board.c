@@ -1,4 +1,4 @@
-/* The least that a Cortex-M4F needs before newlib's _start: a vector table, and the FPU switched on. */
+/* The least that a Cortex-M4F or M7 needs before newlib's _start: a vector table, and the FPU switched on. */
 #include <stdint.h>
 
 extern void _start(void);

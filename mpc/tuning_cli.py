@@ -12,8 +12,11 @@ import typer
 
 from allocator import checks
 from allocator.errors import InvalidInput
+from allocator.files.atomic import write_text
+from allocator.shell.options import grouped
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
+from mpc.plant_cli import LoopOptions, PlantOptions
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,12 +29,16 @@ if TYPE_CHECKING:
 _KEPT = ".before-tuning"  # suffix of a copy's name
 
 
+@grouped
 def tune_command(
-    machine: Annotated[
-        str, typer.Option(help="TOML file of a plant or an arm, from fit-motion, fit-joint or init; or arm26, arm48")
-    ],
+    options: PlantOptions,
+    at: LoopOptions,
     out: Annotated[
-        Path | None, typer.Option(help="TOML file to write the plant with its table [tuning] to, for --machine")
+        Path | None,
+        typer.Option(
+            help="TOML file to write the plant with its table [tuning] to, for --machine; of a MuJoCo model the table "
+            "alone, for --tuning"
+        ),
     ] = None,
     in_place: Annotated[
         bool,
@@ -45,11 +52,6 @@ def tune_command(
     judge: Annotated[
         int | None, typer.Option(help="seed of further draws to report both tunings on, for figures of unseen plants")
     ] = None,
-    stiffness: Annotated[
-        float | None, typer.Option(help="stiffness of a joint's trial runs [N·m/rad]; by default its usual one")
-    ] = None,
-    dt: Annotated[float, typer.Option(help="sample time of the controller [s]")] = 0.01,
-    horizon: Annotated[int, typer.Option(help="horizon of mpc, in samples")] = 20,
     workers: Annotated[
         int | None, typer.Option(help="number of processes on this machine; by default one per core")
     ] = None,
@@ -62,6 +64,9 @@ def tune_command(
 ) -> None:
     """Tune a controller and its observer for a fitted plant or arm, in closed loops with machines drawn about it.
 
+    --machine is a TOML file from fit-motion, fit-joint or init, arm26 or arm48, or a MuJoCo model (.xml), whose muscles
+    the options describe.
+
     Plants are drawn within the 95 % intervals of the file (table [intervals] of fit-motion), or within the usual errors
     of data sheets. The search minimises the 80 % quantile of the closed-loop cost over a sine, movements and steps,
     without and with a payload, and keeps M_s within its limit. `track`, `run` and `export` read the result from the
@@ -70,7 +75,6 @@ def tune_command(
     from rich.console import Console
     from rich.progress import track
 
-    from mpc.model.arm.bodies import BODIES
     from mpc.model.arm.model import Arm
     from mpc.model.arm.storage import save_arm
     from mpc.tuning.search import tune
@@ -78,20 +82,20 @@ def tune_command(
     check_ending("--plot", plot, IMAGES)
     if in_place and out is not None:
         raise InvalidInput("--in-place and --out: give one of the two")
-    plant = None if machine in BODIES else Path(machine)
+    plant = None if options.file is None else Path(options.file)
     if in_place and plant is None:
-        raise InvalidInput(f"--in-place is for a file, and {machine} is a name; give --out FILE")
+        raise InvalidInput(f"--in-place is for a TOML file, and --machine is {options.machine}; give --out FILE")
     copy = plant.with_name(plant.name + _KEPT) if in_place and plant is not None else None
-    claim(out, plot, copy, inputs=(plant,), force=force)
+    claim(out, plot, copy, inputs=options.files, force=force)
     console = Console(stderr=as_json)
-    model, known, spreads = _read(machine, plant)
-    if stiffness is not None and isinstance(model, Arm):
+    model, known, spreads = _read(options, plant)
+    if at.stiffness is not None and isinstance(model, Arm):
         raise InvalidInput("--stiffness is for one joint; an arm is tuned with its usual stiffness")
     say(console, f"plant: {model.summary}" + f"; {known.summary}" * bool(known.summary))
     with _executor(workers, scheduler) as executor:
         tuned = tune(
-            model, known, controller=controller, spreads=spreads, K=stiffness, peak=peak, evaluations=evaluations,
-            n_draws=draws, seed=seed, dt=dt, horizon=horizon, executor=executor,
+            model, known, controller=controller, spreads=spreads, K=at.stiffness, peak=peak, evaluations=evaluations,
+            n_draws=draws, seed=seed, dt=at.dt, horizon=at.horizon, executor=executor,
             progress=lambda found, total: track(found, "tuning", total, console=console, transient=True),
         )  # fmt: skip
     judged = None if judge is None else tuned.judged(judge)
@@ -103,9 +107,12 @@ def tune_command(
         copy.write_bytes(plant.read_bytes())
     target = plant if in_place else out
     if target is not None:
-        if plant is None:
-            save_arm(model, target)
-        tuned.save(plant or target, target)
+        if options.is_mujoco:
+            write_text(target, "\n".join(tuned.tuning.lines()).lstrip("\n") + "\n")
+        else:
+            if plant is None:
+                save_arm(model, target)
+            tuned.save(plant or target, target)
         say(console, f"written: {target}" + f", with a copy of the file before in {copy}" * in_place)
     else:
         say(console, "not written: give --out FILE, or --in-place")
@@ -117,24 +124,18 @@ def tune_command(
         say(console, f"written: {plot}")
 
 
-def _read(machine: str, file: Path | None) -> "tuple[Any, Compensation, Spreads]":
+def _read(options: PlantOptions, file: Path | None) -> "tuple[Any, Compensation, Spreads]":
     """Return a plant or an arm, its known effects and its spreads. Raises `InvalidFile` and `InvalidInput`."""
-    from allocator.machine_file import load_machine
-    from allocator.mechanism import Mechanism
-    from mpc.model.arm.model import Arm
-    from mpc.model.arm.storage import load_arm
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
-    from mpc.tuning.draws import Spreads
 
-    if file is None:
-        return Arm.machine(machine), Compensation.of_arm(), Spreads()
-    if file.suffix == ".xml":
-        raise InvalidInput(f"--machine {machine} is a MuJoCo model; tune it in Python by mpc.tune(Arm.from_mjcf(…))")
-    spreads = Spreads.load(file)
-    if isinstance(load_machine(file), Mechanism):
-        return load_arm(file), Compensation.of_arm(file), spreads
-    return Plant.load(file), Compensation.load(file), spreads
+    if options.machine is None:
+        raise InvalidInput("give the machine to tune for: --machine FILE, arm26 or arm48")
+    if file is not None and options != PlantOptions(machine=options.machine):
+        raise InvalidInput(f"a machine's file is tuned for as it is; edit {file} in place of options of the machine")
+    if options.of_several:
+        return options.arm(), Compensation.of_arm(options.file), options.spreads()
+    return Plant.load(str(file)), Compensation.load(str(file)), options.spreads()
 
 
 def _describe(tuned: "Tuned", judged: "tuple[Evaluation, Evaluation] | None", console: "Console") -> None:

@@ -1,0 +1,85 @@
+"""Formulas of an exported controller's machine, as CasADi functions that the C files call by their names."""
+
+from mpc.export.controller.friction import friction_function
+from mpc.export.parts import Functions, dense
+from mpc.model.plant import NU, NX
+from mpc.tracking.controller import TrackingMPC
+
+
+def joint_functions(controller: TrackingMPC) -> Functions:
+    """Return the CasADi functions of a joint and its friction, each with its description."""
+    import casadi as ca
+
+    plant, dt = controller.plant, controller.dt
+    x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+    q, omega, alpha = ca.SX.sym("q"), ca.SX.sym("omega"), ca.SX.sym("alpha")
+    later = plant.discrete(dt)(x, u, d)
+    A, B, by_d = (ca.jacobian(later, v).T for v in (x, u, d))  # CasADi stores columns, C rows
+    K, F = ca.SX(plant.stiffness(x)), ca.vertcat(*plant.forces(x))
+    C, D = ca.gradient(K, x), ca.jacobian(F, x).T
+    slopes = [ca.SX(side.torque_gain(P)) for side, P in zip(plant.joint.sides(x[0]), (x[2], x[3]), strict=True)]
+    moving = {"q": q, "omega": omega, "alpha": alpha}
+
+    state, stage = {"x": x}, {"x": x, "u": u, "d": d}
+    return [
+        (dense("stage", stage, {"later": later}), "the state after a sample"),
+        (
+            dense("slopes", stage, {"later": later, "A": A, "B": B, "by_d": by_d}),
+            "the same with its derivatives by x (4, 4), u (4, 2) and d (4)",
+        ),
+        (dense("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
+        (dense("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
+        (
+            dense("holding", state, {"K": ca.SX(plant.isobaric(x)), "slopes": ca.vertcat(*slopes)}),
+            "stiffness, and derivatives of the torque by the pressures",
+        ),
+        (dense("torque_for", moving, {"T": ca.SX(plant.torque_for(q, omega, alpha))}), "torque of a motion [N*m]"),
+        friction_function(controller.compensation, plant),
+        (
+            dense("expansion", state, {"q": ca.SX(ca.vertcat(*plant.expansion(x)))}),
+            "pressure loss by expansion of the muscles [Pa/s]",
+        ),
+    ]
+
+
+def arm_functions(controller: TrackingMPC) -> Functions:
+    """Return the CasADi functions of an arm and its friction, each with its description."""
+    import casadi as ca
+
+    arm = controller.plant
+    s, bodies = arm.statics, arm.bodies
+    x, q, P = ca.SX.sym("x", arm.size), s.q, s.P
+    omega, alpha, d = (ca.SX.sym(name, arm.n) for name in ("omega", "alpha", "d"))
+    pushing, M = s.torque - bodies.bias(q, omega), bodies.mass_matrix(q)
+
+    def of_state(value: "ca.SX") -> "ca.SX":
+        return ca.Function("of_state", [q, P], [value])(x[: arm.n], x[2 * arm.n :])
+
+    y = arm.outputs
+    by = ca.jacobian(y, ca.vertcat(q, P)).T  # CasADi stores columns, C rows
+    moving, state = {"q": q, "omega": omega, "P": P}, {"x": x}
+    outputs = {"K": of_state(y[: arm.stiffnesses]), "F": of_state(y[arm.stiffnesses :])}
+    holding = {"K": of_state(s.stiffness), "slopes": of_state(ca.jacobian(s.torque, P).T)}
+    return [
+        (dense("dynamics", moving | {"d": d}, {"M": M, "pushing": pushing + d}), "mass matrix; tau - C - D w - g + d"),
+        (
+            dense(
+                "dynamics_slopes",
+                moving | {"alpha": alpha},
+                {"by": ca.jacobian(pushing - M @ alpha, ca.vertcat(q, omega, P))},
+            ),
+            "derivatives of the latter less M w', those by q, w and P as rows",
+        ),
+        (dense("outputs", state, outputs), "stiffness times ANT_SVEC, and all forces"),
+        (dense("gradients", state, {"by": of_state(by)}), "their derivatives by (q, P), one output a row"),
+        (dense("holding", state, holding), "the joints' stiffness, and derivatives of the torques by the pressures"),
+        (
+            dense("torque_for", {"q": q, "omega": omega, "alpha": alpha}, {"T": bodies.torque_for(q, omega, alpha)}),
+            "torques of a motion [N*m]",
+        ),
+        friction_function(controller.compensation, arm),
+        (
+            dense("expansion", state, {"q": ca.SX.zeros(arm.m)}),
+            "pressure loss by expansion of the muscles, none [Pa/s]",
+        ),
+    ]

@@ -1,0 +1,114 @@
+"""Active set of the exchange, and the point at which it holds."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.codegen.jit import inlined, inlined_flat
+from mpc.tracking.compiled.records import Bounded, Path, Point, Setting, Signs
+from mpc.tracking.compiled.structured_qp.responses import SPARE, Items, find_item, new_items
+from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of
+from mpc.tracking.compiled.structured_qp.sizes import BOUND, FREE, GONE, HIGH, LOWER, NU, NX, NXI, RANGE, UPPER
+from mpc.tracking.compiled.structured_qp.stage import advance
+
+
+class Active(NamedTuple):
+    """Active set and the point at which it holds; the last lines are those of the slacks."""
+
+    held: Signs  # (N + 1, 2) of the sweep's base, held now
+    guess: Signs  # (N + 1, 2) the active set
+    z: Array  # (N + 1, 2) changes and slacks
+    r: Array  # (N + 1, 2) gradient of the Lagrangian without the multipliers of what is held
+    dz: Array  # (N + 1, 2)
+    dr: Array  # (N + 1, 2)
+    xi: Array  # (N + 1, 6)
+    items: Items
+
+
+@inlined
+def new_active(N: int, blocks: int) -> Active:
+    """Return an uninitialised active set."""
+    sides, numbers = np.empty((2, N + 1, NU), np.int8), np.empty((4, N + 1, NU))
+    return Active(
+        sides[0], sides[1], numbers[0], numbers[1], numbers[2], numbers[3], np.empty((N + 1, NXI)),
+        new_items(N, blocks * NU + SPARE),
+    )  # fmt: skip
+
+
+@inlined_flat
+def take_base(setting: Setting, size: int, at: Point, sweep: Sweep, a: Active) -> None:
+    """Take the result of a sweep, and the gradient by the slacks without rows."""
+    N = at.v.shape[0]
+    for k in range(N):
+        for i in range(NU):
+            a.held[k, i], a.z[k, i] = sweep.held[k, i], at.v[k, i]
+    for i in range(NU):
+        slack = i < 2
+        a.r[N, i] = setting.slack[2 * i] + setting.slack[2 * i + 1] * at.sigma[i] if slack else 0.0
+        a.held[N, i] = LOWER if not slack or find_item(GONE, N, i, size, a.items) < 0 else FREE
+        sweep.held[N, i] = LOWER
+
+
+@inlined_flat
+def lead_on(path: Path, at: Point, a: Active) -> None:
+    """Set the point to that of the changes."""
+    N = path.A.shape[0]
+    for k in range(N):
+        for i in range(NU):
+            at.v[k, i] = a.z[k, i]
+            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
+        advance(path.A, path.B, k, at.xi)
+    at.sigma[0], at.sigma[1] = a.z[N, 0], a.z[N, 1]
+
+
+@inlined_flat
+def direct(size: int, enters: bool, a: Active) -> None:
+    """Set the direction to the sum of the items' responses times their steps, plus that of the entering item."""
+    items, dz, dr, last = a.items, a.dz, a.dr, a.items.kind.size - 1
+    for k in range(dz.shape[0]):
+        for i in range(NU):
+            dz[k, i] = items.z[last, k, i] if enters else 0.0
+            dr[k, i] = items.r[last, k, i] if enters else 0.0
+    for q in range(size):
+        step = items.step[q]
+        for k in range(dz.shape[0]):
+            for i in range(NU):
+                dz[k, i] += step * items.z[q, k, i]
+                dr[k, i] += step * items.r[q, k, i]
+
+
+@inlined_flat
+def walk(size: int, share: float, entering: float, a: Active) -> None:
+    """Move by this share of the direction."""
+    for q in range(size):
+        a.items.multiplier[q] += share * a.items.step[q]
+    a.items.multiplier[a.items.kind.size - 1] += entering
+    for k in range(a.z.shape[0]):
+        for i in range(NU):
+            a.z[k, i] += share * a.dz[k, i]
+            a.r[k, i] += share * a.dr[k, i]
+
+
+@inlined_flat
+def end(path: Path, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active) -> None:
+    """Set the point to the result of the active set, within slew and supply, and `guess` to the set."""
+    N, items = path.A.shape[0], a.items
+    for k in range(N):
+        for i in range(NU):
+            a.guess[k, i] = a.held[k, i]
+    for q in range(size):
+        kind, sample, muscle = items.kind[q], items.sample[q], items.muscle[q]
+        if kind != GONE and kind < RANGE and sample < N and a.guess[sample, muscle] == FREE:
+            a.guess[sample, muscle] = items.side[q] * (UPPER if kind == BOUND else HIGH)
+    for k in range(N):
+        for i in range(NU):
+            v, w, held = a.z[k, i], at.xi[k, NX + i], a.guess[k, i]
+            if held != FREE:
+                v = end_of(bounded, held, k, i) - (w if abs(held) == HIGH else 0.0)
+            v = min(max(v, bounded.low[k, i] - w), bounded.high[k, i] - w)
+            at.v[k, i] = min(max(v, bounded.lower[k, i]), bounded.upper[k, i])
+            at.xi[k + 1, NX + i] = w + at.v[k, i]
+        advance(path.A, path.B, k, at.xi)
+    for i in range(2):
+        at.sigma[i] = max(a.z[N, i], 0.0)
