@@ -24,11 +24,12 @@ _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as sma
 
 def is_symbol(x: Value) -> bool:
     """Return whether `x` is a CasADi expression (recognised without importing CasADi)."""
-    return _of_casadi(type(x))
+    kind: type[object] = type(x)
+    return _of_casadi(kind)
 
 
 @cache
-def _of_casadi(kind: type) -> bool:
+def _of_casadi(kind: type[object]) -> bool:
     return kind.__module__.partition(".")[0] == "casadi"
 
 
@@ -46,7 +47,16 @@ def _elementary(name: str) -> Callable[[Value], Value]:
     return function
 
 
-exp, log, sqrt, sin, cos = map(_elementary, ("exp", "log", "sqrt", "sin", "cos"))
+exp, log, sqrt, sin, cos, tanh = map(_elementary, ("exp", "log", "sqrt", "sin", "cos", "tanh"))
+
+
+def least(x: Value, y: Value) -> Value:
+    """Return the lesser of two floats, arrays or CasADi symbols, element by element."""
+    if is_symbol(x) or is_symbol(y):
+        import casadi
+
+        return casadi.fmin(x, y)
+    return np.minimum(x, y)
 
 
 def derivative(formula: Callable[[Value], Value], x: Value) -> Value:

@@ -34,7 +34,7 @@ _PLAUSIBLE = {  # range of the greatest magnitude of a quantity, in SI units
 
 
 _WEIGHTS = {"kgf", "gf", "lbf", "N", "kN", "mN"}
-_IGNORE = "ignore"  # keyword for columns to skip
+IGNORE = "ignore"  # keyword for columns to skip
 _STAMPS = 1e6  # [s] greater times are counted from the first row
 _RISING = "up rising rise inflating inflation loading increasing auf steigend aufwärts montant + ↑"
 _FALLING = "down falling fall deflating deflation unloading decreasing ab fallend abwärts descendant - ↓"
@@ -96,7 +96,7 @@ def read_columns(
     """
     table = _table(path, skip_rows, topics)
     mapping = dict(columns or {})
-    ignored = {_place(table, name.strip()) for name in mapping.pop(_IGNORE, "").split(";") if name.strip()}
+    ignored = {_place(table, name.strip()) for name in mapping.pop(IGNORE, "").split(";") if name.strip()}
     groups = [*wanted, *((quantity,) for quantity in optional)]
     chosen = _choose(table, groups, len(wanted), mapping, ignored)
     unused = [i for i, name in enumerate(table.names) if name and i not in {c.place for c in chosen.values()}]
@@ -190,7 +190,7 @@ def _refuse_torque(
                 table,
                 f"has a unit of torque, but its name is not known: if it is the torque of the weight, name it 'torque "
                 f'[{unit}]\' or say --columns "torque={table.names[i]}:{unit}"; if not, --columns '
-                f'"{_IGNORE}={table.names[i]}"',
+                f'"{IGNORE}={table.names[i]}"',
                 column=table.names[i],
             )
 
@@ -249,7 +249,7 @@ def _found(table: Table, named: list[tuple[int, str, Meaning]]) -> Column | tupl
         sentence = f"has an unknown unit {unit!r}; known are {_units(quantity) or 'none'}"
         if quantity == "torque" and unit in _WEIGHTS:
             sentence = "is a weight, not a torque: multiply it by its lever arm, and name it torque [Nm]"
-        raise _fault(table, f'{sentence}; or leave it out by --columns "{_IGNORE}={name}"', column=name)
+        raise _fault(table, f'{sentence}; or leave it out by --columns "{IGNORE}={name}"', column=name)
     return None
 
 

@@ -116,7 +116,7 @@ class AntagonistJoint:
         P2: ArrayLike,
         valves: Valves = "open",
         *,
-        amplitude: float | None = None,
+        amplitude: Value | None = None,
         loop: Loop | None = None,
     ) -> Value:
         """Return the joint's stiffness [N·m/rad]: the isobaric K = -∂T/∂θ at constant pressures, or with shut valves.
@@ -177,7 +177,7 @@ class AntagonistJoint:
         )
 
     def loop_work(
-        self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, amplitude: float, loop: Loop | None = None
+        self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, amplitude: Value, loop: Loop | None = None
     ) -> Value:
         """Return the work [J] dissipated by hysteresis per cycle of ±`amplitude` [rad]   (S1), (S2)
 
@@ -195,7 +195,7 @@ class AntagonistJoint:
         work = self.loop_work(theta, P1, P2, amplitude, loop)
         return loss_factor(work, self.stiffness(theta, P1, P2, amplitude=amplitude, loop=loop), amplitude)
 
-    def _secant(self, amplitude: float, loop: Loop | None) -> Secant:
+    def _secant(self, amplitude: Value, loop: Loop | None) -> Secant:
         return (self.loop if loop is None else loop).secant(amplitude)
 
     def _loaded(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value, Value]:

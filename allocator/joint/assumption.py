@@ -64,7 +64,7 @@ def with_volumes(joint: AntagonistJoint) -> tuple[AntagonistJoint, str]:
     radii, volumes = [], {}
     for name in ("agonist", "antagonist"):
         muscle = getattr(joint, name)
-        if muscle.rest_volume is None and muscle.inner_radius is None and muscle.own_radius is None:
+        if not muscle.volume_known:
             volume, radius = usual_volume(muscle, joint.pressure_limits[1] / 2, joint.geometry.rest_length)
             radii.append(f"{1e3 * radius:.1f} mm")
             volumes[name] = replace(muscle, rest_volume=volume)

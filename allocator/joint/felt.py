@@ -24,14 +24,13 @@ Between the pressures P1 + P2 at which a width equals the amplitude, the terms a
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, pi, tanh
+from math import inf, pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array, Mask, Value
+from allocator.calculus import Array, Mask, Value, is_symbol, least, tanh
 from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import FILLED, PRESLIDING, Slip
 from allocator.units import DEG
@@ -53,7 +52,7 @@ class Loop:
         """Whether there is none."""
         return self.slip is None and self.mu == 0 and self.coulomb == 0
 
-    def secant(self, amplitude: float) -> "Secant":
+    def secant(self, amplitude: Value) -> "Secant":
         """Return its secant against a push by ±`amplitude` [rad]. Raises `InvalidInput` for an invalid amplitude."""
         return Secant(self, checked_amplitude(amplitude))
 
@@ -74,30 +73,30 @@ class Secant:
     """Secant stiffness of the loops of one amplitude, as a function of K, P1 + P2 and the pull a1 F1 + a2 F2."""
 
     loop: Loop
-    amplitude: float  # A [rad]
+    amplitude: Value  # A [rad]
 
     @property
-    def drag(self) -> float:
+    def drag(self) -> Value:
         """Secant of Dahl's friction by the pull, μ tanh(A/δ)/A [1/rad]   (S2)"""
         return self.loop.mu * self._dahl
 
     @property
-    def _dahl(self) -> float:
+    def _dahl(self) -> Value:
         return tanh(self.amplitude / self.loop.presliding) / self.amplitude
 
     def added(self, K: Value, pull: Value, filled: Value) -> Value:
         """Return K_h(A) [N·m/rad]   (S1), (S2)
 
-        `K` is the isobaric stiffness [N·m/rad], `pull` a1 F1 + a2 F2 [N·m] and `filled` P1 + P2 [Pa]. Takes numbers
-        and arrays.
+        `K` is the isobaric stiffness [N·m/rad], `pull` a1 F1 + a2 F2 [N·m] and `filled` P1 + P2 [Pa]. Takes numbers,
+        arrays and symbols.
         """
-        slipping = self._springs(K, [np.minimum(1.0, rho / self.amplitude) for rho in self._widths(filled)])
+        slipping = self._springs(K, [least(1.0, rho / self.amplitude) for rho in self._widths(filled)])
         return slipping + self.drag * pull + self.loop.coulomb * self._dahl
 
     def work(self, K: Value, pull: Value, filled: Value) -> Value:
         """Return the work per cycle W(A) [J], arguments as of `added`   (S1), (S2)"""
         A, delta = self.amplitude, self.loop.presliding
-        slipping = self._springs(K, [4 * rho * np.maximum(A - rho, 0.0) for rho in self._finite(filled)])
+        slipping = self._springs(K, [4 * rho * (A - least(A, rho)) for rho in self._finite(filled)])
         return slipping + 4 * (self.loop.mu * pull + self.loop.coulomb) * (A - delta * tanh(A / delta))
 
     def _springs(self, K: Value, terms: list[Value]) -> Value:
@@ -152,7 +151,7 @@ class Secant:
         assert slip is not None
         if r == inf or slip.base == 1:
             return -inf if r >= self.amplitude else inf
-        return FILLED * (self.amplitude / r - slip.base) / (1 - slip.base)
+        return float(FILLED * (self.amplitude / r - slip.base) / (1 - slip.base))
 
     def _region(self, slip: Slip, low: float, high: float, constant: float) -> Region:
         level = slope = 0.0
@@ -176,8 +175,10 @@ def loss_factor(work: Value, felt: Value, amplitude: float) -> Value:
     return work / (pi * felt * amplitude**2)
 
 
-def checked_amplitude(amplitude: ArrayLike) -> float:
-    """Return the amplitude of a push [rad]. Raises `InvalidInput` for an invalid one."""
+def checked_amplitude(amplitude: Value) -> Value:
+    """Return the amplitude of a push [rad]; a symbol passes. Raises `InvalidInput` for an invalid one."""
+    if is_symbol(amplitude):
+        return amplitude
     A = checks.number("amplitude", amplitude, "rad")
     if not _LEAST <= A <= _MOST:
         raise InvalidInput(

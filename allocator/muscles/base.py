@@ -187,6 +187,11 @@ class Muscle(ABC):
         """Radius at rest [m] that the law's parameters tell; None where they tell none."""
         return None
 
+    @property
+    def volume_known(self) -> bool:
+        """Whether the volume of the gas is known: at rest, or by a radius."""
+        return not (self.rest_volume is None and self.inner_radius is None and self.own_radius is None)
+
     def volume_at_rest(self, rest_length: Value) -> Value:
         """Return V_0 [m³], the volume at ε = 0 of a muscle of this length [m], with its tubing.
 

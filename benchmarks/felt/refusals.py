@@ -53,7 +53,7 @@ def report(n: int = 10) -> str:
         told = replace(h.told, friction=Friction())
         cases = {
             "too small": (Hidden(calm, told, h.theta, h.K), Tones(0.1 * DEG, series=())),
-            "rubber": (Hidden(Rubber(**vars(replace(calm, encoder=0.02 * DEG))), told, h.theta, h.K), Tones(series=())),
+            "rubber": (Hidden(Rubber(**vars(replace(calm, encoder=0.02 * DEG))), told, h.theta, h.K), Tones()),
         }
         for name, (joint, tones) in cases.items():
             m = measured(joint, seed, tones).measured

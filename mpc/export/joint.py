@@ -110,3 +110,20 @@ def sides_function(joint: AntagonistJoint) -> "Function":
         for side in joint.sides(theta)
     ]
     return ca.Function("sides", [theta], [ca.densify(ca.cse(row)) for row in rows], ["theta"], ["one", "two"])
+
+
+def stiffness_function(joint: AntagonistJoint) -> "Function":
+    """Return the CasADi function (θ, P1, P2, A) ↦ (K, K_h, gas of both muscles, h) of `ant_stiffness_at`.
+
+    The gas is NaN for a muscle of unknown volume.
+    """
+    import casadi as ca
+
+    theta, P1, P2, A = (ca.SX.sym(name) for name in ("theta", "P1", "P2", "amplitude"))
+    K = joint.stiffness(theta, P1, P2)
+    hysteresis = joint.stiffness(theta, P1, P2, amplitude=A) - K
+    pair = zip(joint.sides(theta, (1.0, 1.0)), (P1, P2), strict=True)
+    gas = [side.trapped(P) if side.muscle.volume_known else ca.SX.nan() for side, P in pair]
+    lost = joint.loop_work(theta, P1, P2, A) / (np.pi * A**2)
+    out = ca.densify(ca.cse(ca.vertcat(K, hysteresis, *gas, lost)))
+    return ca.Function("stiffness", [ca.vertcat(theta, P1, P2, A)], [out], ["at"], ["found"])

@@ -11,7 +11,7 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.mechanism import Mechanism
 from mpc.codegen import c_text
 from mpc.export import text
-from mpc.export.joint import Kernel, Numbers, sides_function
+from mpc.export.joint import Kernel, Numbers, sides_function, stiffness_function
 from mpc.export.kernel import kernel_files
 
 if TYPE_CHECKING:
@@ -73,7 +73,8 @@ def allocation_files(joint: AntagonistJoint, kernel: Kernel, single: bool) -> Fi
     files = dict(copied("allocate", "src/")) | dict(copied(kernel.name, "src/")) | kernel_files(kernel.name)
     numbers = text.defines({**kernel.numbers, **_tolerances(joint, single)}, single)
     files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)
-    return files
+    about = "theta [rad], P1, P2 [Pa] and amplitude [rad] to the terms of ant_stiffness"
+    return files | model_files([(stiffness_function(joint), about)], single, "stiffness_model")
 
 
 def _tolerances(joint: AntagonistJoint, single: bool) -> Numbers:
@@ -100,14 +101,24 @@ def kernel_functions(joint: AntagonistJoint, kernel: Kernel) -> Functions:
     return [(sides_function(joint), "theta [rad] to the muscles at theta, see kernel.c")]
 
 
+<<<<<<< HEAD
+def model_files(functions: Functions, single: bool, name: str = "model") -> Files:
+    """Return model.h and model.c with these CasADi functions, if there are any, or files of another `name`."""
+=======
 def model_files(functions: Functions, single: bool, includes: Sequence[str] = ()) -> Files:
     """Return model.h, which includes other headers, and model.c with these CasADi functions, if there are any."""
+>>>>>>> main
     if not functions:
         return {}
     heads = "\n".join(f"{c_text.prototype(f)}; /* {about} */" for f, about in functions)
     bodies = "\n\n".join(c_text.function(f, about, single) for f, about in functions)
     about = "The machine's formulas, derived by CasADi."
     return {
+<<<<<<< HEAD
+        f"src/{name}.h": text.header(f"ANT_{name.upper()}_H", about, heads, ["antagonist.h"]),
+        f"src/{name}.c": f'/* {about} */\n#include "{name}.h"\n\n#include "real.h"\n\n{bodies}\n',
+=======
         "src/model.h": text.header("ANT_MODEL_H", about, heads, ["antagonist.h", *includes]),
         "src/model.c": f'/* {about} */\n#include "model.h"\n\n#include "real.h"\n\n{bodies}\n',
+>>>>>>> main
     }

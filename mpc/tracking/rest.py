@@ -40,7 +40,8 @@ from mpc.model.machine import Machine
 from mpc.tracking import resting
 from mpc.tracking.limits import Limits
 from mpc.tracking.preview import Task
-from mpc.tracking.resting import DWELL, HELD, JOLT, QUARTER, Rules
+from mpc.tracking.rest_memory import HELD, Memory, Rules
+from mpc.tracking.resting import DWELL, JOLT, QUARTER
 
 
 class RestMode(Deferred):
@@ -71,7 +72,7 @@ class RestMode(Deferred):
         self.numbers = numbers.copy()
 
     @property
-    def _memory(self) -> resting.Memory:
+    def _memory(self) -> Memory:
         return resting.memory_in(self.numbers, self.plant.n, self.plant.m)
 
     @property

@@ -4,10 +4,42 @@ One flat array holds its state; a `Memory` has views into it.
 """
 
 from math import ceil, inf, nan, pi, sqrt
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
+from mpc.tracking.rest_memory import (
+    ASKED,
+    BEGAN,
+    CHANGE,
+    COUNTED,
+    ERROR,
+    FILLED,
+    FREE,
+    GREATEST,
+    HALF,
+    HELD,
+    HIGH,
+    IN_SUM,
+    LEAST,
+    LOW,
+    QUARTER_LENGTH,
+    QUARTERS,
+    RESTS,
+    RINGS,
+    SAMPLES,
+    SIDE,
+    SINCE,
+    SUM,
+    SWINGS,
+    SWUNG,
+    THETA,
+    TORQUE,
+    USUAL,
+    E,
+    Memory,
+    Rules,
+)
 
 SAME = 1e-3 * DEG, 1e-3  # [rad], [N·m/rad]: a preview that varies less is constant
 DWELL = 1.5  # [s] of constant preview before a rest, and after a push
@@ -29,61 +61,7 @@ LEAK = 0.1 * BAR  # [Pa] beyond the dead band
 NOISE = 0.005 * BAR  # [Pa] of a pressure's mean
 QUARTER = 0.1, 0.5  # [s] least and most of a quarter of a period
 
-QUARTERS, HALF = 4, 2
-SWINGS = QUARTERS + HALF  # a load that displaces a joint is in QUARTERS of them
-
-(
-    QUARTER_LENGTH,  # of the longest free period [samples]
-    RINGS, RESTS,  # whether a joint rings, whether the commands rest
-    SIDE,  # edge of the dead band
-    SINCE,  # quarters since the last correction
-    SAMPLES,  # of constant preview
-    COUNTED, SWUNG,  # quarters, and the number of those over which e has swung to both sides
-    IN_SUM,  # samples in the current quarter
-) = range(9)  # fmt: skip
-(
-    THETA,  # the constant reference [rad]
-    ASKED, ERROR,  # torque of the last correction, for this joint alone [N·m], and its mean e [rad]
-    FREE,  # the angle by which it would turn a joint without friction [rad]
-    USUAL,  # recent error of the prediction of θ outside a rest, over about a period [rad]
-    SUM, LEAST, GREATEST,  # of e in the current quarter
-    TORQUE,  # room for the remainder of a torque to be shared [N·m]
-) = range(9)  # fmt: skip
-(
-    HELD,  # held pressure [Pa]
-    BEGAN,  # pressure when the rest began, or as it was corrected [Pa]
-    FILLED,  # its sum in the current quarter
-    CHANGE,  # room for a correction [Pa]
-) = range(4)
-E, LOW, HIGH = range(3)  # of a joint in a quarter: mean, least and greatest e
-
-
 Row: TypeAlias = Array | tuple[float, ...]
-
-
-class Memory(NamedTuple):
-    """Memory of the rest mode, of n joints and m muscles."""
-
-    shared: Array  # (9,)
-    joint: Array  # (n, 9)
-    muscle: Array  # (m, 4)
-    turned: Array  # (QUARTERS, n, 3)
-    filled: Array  # (QUARTERS, m) mean pressures
-    stiffness: Array  # (n n,) entries of the constant reference K [N·m/rad], the first k k in use
-
-
-class Rules(NamedTuple):
-    """Known numbers of a machine and its regulators."""
-
-    inertia: float  # [kg·m²] the greatest of a joint
-    dt: float  # [s]
-    settling: float  # [samples] until a correction has acted
-    dwell: float  # [samples]
-    shortest: float  # quarter [samples]
-    longest: float
-    dead_band: float  # [Pa]
-    highest: float  # pressure [Pa]
-    jolt: float  # [rad] least error of a prediction that counts as a push
 
 
 def size(n: int, m: int) -> int:

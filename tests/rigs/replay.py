@@ -1,8 +1,8 @@
 """Closed loop in Python, recorded and replayed in the exported C: equal readings must give equal commands.
 
 `record` drives a plant by Python's observer and controller and stores their readings and answers; the program made of
-`CONTROL` reads such a record from a file and writes its own answers to another, and that of `ALLOCATE` does the same
-with targets of the allocation. Both files hold rows of doubles.
+`CONTROL` reads such a record from a file and writes its own answers to another, and those of `ALLOCATE` and `STIFFNESS`
+do the same with targets of the allocation and with postures. Both files hold rows of doubles.
 """
 
 from collections.abc import Callable
@@ -21,8 +21,9 @@ from mpc.trials.simulation import Process
 from .toolchain import Runner, run
 
 _C = Path(__file__).parent / "c" / "replay"
-ALLOCATE, CONTROL = _C / "allocate.c", _C / "control.c"
+ALLOCATE, CONTROL, STIFFNESS = (_C / f"{name}.c" for name in ("allocate", "control", "stiffness"))
 ALLOCATION_COLUMNS = ("P1", "P2", "T", "K", "status", "limits")
+STIFFNESS_COLUMNS = ("K", "hysteresis", "gas_1", "gas_2", "loss")
 PLAN_COLUMNS = ("u1", "u2", "status", "rung", "slack", "slack_force", "moved_theta", "moved_K", "moved_T")
 CONTROL_COLUMNS = (*PLAN_COLUMNS, "verdict_theta", "verdict_P1", "verdict_P2")
 

@@ -24,7 +24,7 @@ from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.csv_table import Table
 from allocator.files.text import FilePath, short
 from allocator.identification.arm.episodes import LEAST_ROWS, Episode
-from allocator.identification.columns import Column, Measured, complete, read_columns
+from allocator.identification.columns import IGNORE, Column, Measured, complete, read_columns
 from allocator.identification.headers import UNITS, unit_of
 from allocator.identification.recording import even_times, evenly, in_time, without_spikes
 from allocator.units import DEG
@@ -70,9 +70,10 @@ def read_arm_log(
 
 
 def _read(path: FilePath, columns: dict[str, str], skip_rows: int, topics: str | None) -> ArmLog:
+    ignored = columns.get(IGNORE, "")
     own = {name: columns.pop(name) for name in list(columns) if _NAME.fullmatch(name)}
     timed = read_columns(path, (("time",),), columns=columns, skip_rows=skip_rows, topics=topics)
-    found = _columns(timed.table, own)
+    found = _columns(timed.table, own, [name.strip() for name in ignored.split(";")])
     numbers = {name: timed.table.numbers(c.place, gaps=True) * c.scale for name, c in found.items()}
     notes = tuple(note for note in timed.notes if not note.startswith("columns not used"))
     measured = Measured(timed.table, {**timed.columns, **found}, {**timed.values, **numbers}, notes)
@@ -83,28 +84,34 @@ def _read(path: FilePath, columns: dict[str, str], skip_rows: int, topics: str |
     return ArmLog(episodes, measured.notes)
 
 
-def _columns(table: Table, own: Mapping[str, str]) -> dict[str, Column]:
-    """Return the columns of all angles, pressures and speeds by quantity and number, in this order."""
-    names = dict(enumerate(table.names))
+def _columns(table: Table, own: Mapping[str, str], ignored: Sequence[str]) -> dict[str, Column]:
+    """Return the columns of all angles, pressures and speeds by quantity and number, in this order.
+
+    Those of the caller (`own`) replace others of the same quantity. Names with further words (`q1_ref`) are others.
+    """
+    told: dict[int, str] = {}
     for quantity, text in own.items():
         name, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
         if name not in table.names:
             raise InvalidInput(f"columns: there is no column {name!r} in {table.path}, only {', '.join(table.names)}")
-        names[table.names.index(name)] = f"{quantity} [{unit}]"
+        told[table.names.index(name)] = f"{quantity} [{unit}]"
+    others = {i: name for i, name in enumerate(table.names) if name not in ignored and i not in told}
     found: dict[str, Column] = {}
-    for place, name in names.items():
+    strange: list[InvalidFile] = []
+    for place, name in (told | others).items():
         if (match := _NAME.fullmatch(name.strip())) is None or (kind := _KINDS.get(match[1].casefold())) is None:
             continue
-        quantity, unit = f"{kind}{int(match[2])}", _unit(kind, match[3])
+        quantity, unit, column = f"{kind}{int(match[2])}", _unit(kind, match[3]), table.names[place]
         if unit not in _UNITS[kind]:
-            said = f"has {f'an unknown unit {match[3]!r}' if match[3] else 'no unit'}; known are"
-            raise InvalidFile(
-                table.path, f"{said} {', '.join(u for u in _UNITS[kind] if u)}", column=table.names[place]
-            )
-        if quantity in found:
-            raise InvalidFile(table.path, f"gives {quantity} twice", column=table.names[place])
-        found[quantity] = Column(place, table.names[place], quantity, unit, _UNITS[kind][unit], 0.0, True)
-    return _counted(table, found)
+            said = f"an unknown unit {match[3]!r}" if match[3] else "no unit"
+            known = ", ".join(word for word in _UNITS[kind] if word)
+            strange.append(InvalidFile(table.path, f"has {said}; known are {known}", column=column))
+        elif quantity not in found:
+            found[quantity] = Column(place, column, quantity, unit, _UNITS[kind][unit], 0.0, True)
+        elif found[quantity].place not in told:
+            sentence = f'gives {quantity} again: leave one out by --columns "{IGNORE}={column}"'
+            raise InvalidFile(table.path, sentence, column=column)
+    return _counted(table, found, strange)
 
 
 def _unit(kind: str, text: str) -> str:
@@ -112,17 +119,21 @@ def _unit(kind: str, text: str) -> str:
     return f"{unit_of(text.removesuffix('/s'))[0]}/s" if kind == "speed" else unit_of(text)[0] if text else ""
 
 
-def _counted(table: Table, found: Mapping[str, Column]) -> dict[str, Column]:
-    """Return the columns in the order of their numbers. Raises `InvalidFile` if one is missing."""
+def _counted(table: Table, found: Mapping[str, Column], strange: Sequence[InvalidFile]) -> dict[str, Column]:
+    """Return the columns in the order of their numbers. Raises `InvalidFile` if one is missing, first of `strange`."""
     m = sum(name.startswith("theta") for name in found)
     wanted = [f"theta{i + 1}" for i in range(max(m, 1))] + [f"pressure{i + 1}" for i in range(2 * max(m, 1))]
-    if missing := [name for name in wanted if name not in found]:
+    missing = [name for name in wanted if name not in found]
+    extra = [name for name in found if name.startswith("pressure") and name not in wanted]
+    if (missing or extra) and strange:
+        raise strange[0]
+    if missing:
         have = ", ".join(name for name in table.names if name)
         what = f"has no column for {', '.join(missing)} among {have}: two pressures are needed for every angle"
         raise InvalidFile(table.path, f"{what}; name them such as q1 [deg], p1 [bar], p2 [bar], or use --columns")
     speeds = [f"speed{i + 1}" for i in range(m)]
     order = [*wanted, *speeds] if all(name in found for name in speeds) else wanted
-    if extra := [name for name in found if name.startswith("pressure") and name not in wanted]:
+    if extra:
         raise InvalidFile(table.path, f"has {2 * m + len(extra)} pressures for {m} joints, two each are needed")
     if len({found[name].unit == "" for name in wanted[m:]}) > 1:
         raise InvalidFile(table.path, "gives some pressures with a unit and others without")

@@ -10,9 +10,10 @@ from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.felt import Loop
 from allocator.units import BAR, DEG
-from mpc.bench.measuring.experiment import Findings, Tones
+from mpc.bench.measuring.driving import Findings
+from mpc.bench.measuring.experiment import Tones
 from mpc.bench.measuring.loops import Tone
-from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_not
+from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_not, why_rubber
 from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
 
@@ -96,6 +97,8 @@ class MeasuredStiffness:
         if why := why or why_not(findings.tones, A, found, 0.0):
             return cls._refused(findings, why)
         assert found is not None
+        if why := why_rubber(findings.tones, findings.curve, found, known.inertia):
+            return cls._refused(findings, why)
         if findings.balance is None:
             return cls._measured(plant, loop, findings, found)
         scale = scale_of(plant, *findings.balance, weight, found.strengths)

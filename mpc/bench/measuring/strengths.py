@@ -11,12 +11,17 @@ hysteresis depend on the swing A alone. Tones of equal A in either muscle at a l
 one of another amplitude and a slower one therefore determine g_1, g_2, K_felt and h at A_0, their slopes by A, and D:
 two equations per tone, by least squares. For sines, A = |Θ| and phasors this is (S5).
 
-The age δ of the angle's readings is another unknown, with its known value as a prior. If the stiffness rises with the
-logarithm of the frequency, the measurement is refused.
+K_felt and h are linear in 1/A, as for friction that slips. The age δ of the angle's readings is another unknown, with
+its known value as a prior. If the stiffness rises with the logarithm of the frequency, the measurement is refused. The
+same holds if the joint loses more than hysteresis can: by (S1) and (S2) a loop that loses h softens by
+
+    -dK_h/d ln A ≥ π/4 h                                                                                       (S6)
+
+whereas rubber loses at all amplitudes alike.
 """
 
 from dataclasses import dataclass
-from math import log, sqrt
+from math import log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -27,12 +32,13 @@ from mpc.bench.measuring.loops import Loop, Tone
 NAMES = ("g1", "g2", "K", "h", "dK/dA", "dh/dA", "D", "age")
 WIDER = 2  # number of the tone of another amplitude
 _FLOOR = 0.006  # [-] of the impedance K - Jω² + …: errors beyond the scatter of periods (waveform, dead band)
-_MODEL = 0.015  # [-] of the strengths, common to both: model error of the equations, by hidden joints (seeds >= 1000)
+_MODEL = 0.02  # [-] of the strengths, common to both: model error of the equations, by hidden joints (seeds >= 1000)
 _TINY, _STILL = 1e-4, 1e-7  # [s] of a difference, and of the last step
 _STEPS = 12  # of Gauss–Newton in the age
 _APART = 0.10  # [-] of the amplitude: tones farther apart are useless
 _RATE = 3.5  # standard errors of an accepted rate dependence
 _RATE_LEAST = 0.06  # [-] of K_felt per decade, below which a rate dependence is irrelevant
+_SOFTENS = 1.2  # standard errors of an accepted lack of softening
 
 
 class Load(NamedTuple):
@@ -110,7 +116,7 @@ def _equations(tones: list[Tone], A0: float, known: Known, x: Array, rate: bool)
     rows, centre = [], float(np.mean([log(tone.frequency) for tone in tones]))
     for tone in tones:
         here, J = tone.loop(x[7]), known.inertia
-        (s1, s2), (w1, w2), dA, a = here.secants, here.losses, here.swing - A0, here.acceleration
+        (s1, s2), (w1, w2), dA, a = here.secants, here.losses, A0 - A0**2 / here.swing, here.acceleration
         later = _left(tone.loop(x[7] + _TINY), x, J)
         by_age = [(after - now) / _TINY for now, after in zip(_left(here, x, J), later, strict=True)]
         decades = [-(log(tone.frequency) - centre) / log(10)] * rate
@@ -155,3 +161,27 @@ def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_s
     if found.disagreement > 6:
         return f"the frequencies disagree: {found.disagreement:.1f} times their errors"
     return ""
+
+
+def why_rubber(tones: list[Tone], curve: list[Tone], found: Solution, inertia: float) -> str:
+    """Return that the losses are not those of hysteresis, since the joint does not soften by (S6), or ""."""
+    narrow, wide = tones[:2], curve[-1] if curve else tones[WIDER]
+    rows = np.array([_stiffness(tone, found, inertia) for tone in (*narrow, wide)])
+    (K, h), (K_wide, h_wide) = rows[:2].mean(axis=0), rows[2]
+    A = float(np.mean([tone.swing for tone in narrow]))
+    least = pi / 4 * (h + h_wide) / 2 * log(wide.swing / A)
+    error = sqrt(sum(tone.error**2 for tone in narrow) / 4 + wide.error**2)
+    if least - (K - K_wide) <= _SOFTENS * error:
+        return ""
+    return (
+        f"the stiffness depends on the rate: hysteresis with these losses would soften the joint by {least:.2g} N·m/rad"
+        f" at ±{np.degrees(wide.swing):.2g}°, not by {K - K_wide:.2g}; tones then do not determine the muscles'"
+        " strengths"
+    )
+
+
+def _stiffness(tone: Tone, found: Solution, inertia: float) -> tuple[float, float]:
+    """Return K_felt and h of a tone [N·m/rad]   (S4)"""
+    loop, g = tone.loop(found.values["age"]), np.array(found.strengths)
+    K = float(g @ np.array(loop.secants)) + inertia * loop.acceleration
+    return K, float(g @ np.array(loop.losses)) - found.values["D"] * loop.velocity

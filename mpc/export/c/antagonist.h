@@ -83,6 +83,21 @@ ant_target ant_target_of(ant_real theta, ant_real K, ant_real T);
  * in closed form, as `allocator.allocate(..., method="exact")`. */
 ant_allocation ant_allocate(const ant_target *target);
 
+/* --- stiffness: what a push of the joint meets ------------------------------------------------------------------- */
+
+/* Terms of the stiffness [N*m/rad]. A push by +-amplitude with pressures held meets K + hysteresis; shut valves of a
+ * muscle add its gas, and regulators with the lag tau, at f Hz, the share s = w/(1 + w) of it with w = (2 pi f tau)^2. */
+typedef struct {
+    ant_real K;          /* isobaric stiffness: the slope of the backbone */
+    ant_real hysteresis; /* secant of the joint's hysteresis or friction at this amplitude */
+    ant_real gas[2];     /* trapped gas of both muscles; NaN if the volume of a muscle is unknown */
+    ant_real loss;       /* loss stiffness of the hysteresis, work per cycle over pi amplitude^2 */
+} ant_stiffness;
+
+/* The stiffness at an angle [rad] and two pressures [Pa] against pushes by +-amplitude [rad], as
+ * `AntagonistJoint.stiffness(theta, P1, P2, amplitude=...)`. All terms are NaN for invalid input. */
+ant_stiffness ant_stiffness_at(ant_real theta, ant_real P1, ant_real P2, ant_real amplitude);
+
 #ifdef ANT_HORIZON
 typedef char ant_memory; /* the allocation needs none */
 #include "antagonist_control.h"

@@ -24,6 +24,10 @@ The other files are the same for every joint.
 `ant_allocate` gives the pressures for a torque and a stiffness at an angle: the global optimum in closed form, as
 `allocator.allocate(..., method="exact")` does. For invalid input (NaN, K <= 0, an angle beyond a turn) it returns
 `ANT_BAD_INPUT` and pressures within the supply. {cost}
+`ant_stiffness_at` gives the stiffness that a push of the joint meets at an angle and two pressures, term by term: the
+slope of the backbone, the hysteresis at the amplitude of the push, and the trapped gas. The linker omits it where it is
+not called.
+
 {single}"""
 )
 
@@ -117,7 +121,7 @@ def readme(
 ) -> str:
     """Return the README; `printed` is the expected output of the demonstration, computed in Python."""
     muscles = " and ".join(type(muscle).__name__ for muscle in (joint.agonist, joint.antagonist))
-    written = ["antagonist_config.h", "src/joint.h", "src/demonstration.h"]
+    written = ["antagonist_config.h", "src/joint.h", "src/stiffness_model.c", "src/demonstration.h"]
     written += ["src/model.c"] if kernel == "affine" or controller else []
     written += ["src/settings.h", "src/tables.c"] if controller else []
     head = _HEAD.format(

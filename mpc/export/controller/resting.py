@@ -13,6 +13,7 @@ from allocator.compilation.printer import (
 from mpc.export import text
 from mpc.tracking import resting
 from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.rest_memory import QUARTERS, Memory, Rules
 
 _N, _M, _SAMPLES = "ANT_JOINTS", "ANT_MUSCLES", "(ANT_HORIZON + 1)"
 _ENTRIES = (
@@ -23,8 +24,8 @@ _ENTRIES = (
 
 def resting_files(single: bool) -> dict[str, str]:
     """Return the files of the rest mode, which are the same for every machine; antagonist_config.h has the sizes."""
-    memory = StructKind("ant_rest", dict(zip(resting.Memory._fields, _memory(), strict=True)), True)
-    rules = StructKind("ant_rest_rules", dict.fromkeys(resting.Rules._fields, REAL), False)
+    memory = StructKind("ant_rest", dict(zip(Memory._fields, _memory(), strict=True)), True)
+    rules = StructKind("ant_rest_rules", dict.fromkeys(Rules._fields, REAL), False)
     names = {entry.__name__: f"ant_rest_{entry.__name__}" for entry in _ENTRIES}
     made = c_functions(with_called([*_ENTRIES]), _kinds(memory, rules), single, names, {})
     about = "Rest mode: commands that rest at a constant reference; printed from the Python source."
@@ -45,8 +46,8 @@ def rest_rules(controller: TrackingMPC, single: bool) -> str:
 
 
 def _memory() -> list[ArrayKind]:
-    """Return the arrays of `resting.Memory`, in their order."""
-    quarters = str(resting.QUARTERS)
+    """Return the arrays of a `Memory`, in their order."""
+    quarters = str(QUARTERS)
     sizes = ("9",), (_N, "9"), (_M, "4"), (quarters, _N, "3"), (quarters, _M), (f"{_N} * {_N}",)
     return [ArrayKind(REAL, each) for each in sizes]
 

@@ -96,7 +96,7 @@ def varied_acceleration(bodies: MovingBodies, q: "SX", omega: "SX", torque: "SX"
     """Return ω' (n, 1) under a `torque` (n, 1) [N·m], with factors of all masses and of the damping. Symbols."""
     import casadi as ca
 
-    rubbing = ca.DM(bodies.damping) * omega
+    rubbing = ca.DM(np.asarray(bodies.damping, float).tolist()) * omega
     pushing = torque - mass * (bodies.bias(q, omega) - rubbing) - damping * rubbing
     alpha: SX = ca.ldl_solve(pushing, *ca.ldl(mass * bodies.mass_matrix(q)))
     return alpha

@@ -55,7 +55,8 @@ from mpc.tracking.compiled.sample.stages import (
     take,
     under_way,
 )
-from mpc.tracking.resting import HELD, RESTS, RINGS, SIDE, THETA, begin, constant, decided, due, turn
+from mpc.tracking.rest_memory import HELD, RESTS, RINGS, SIDE, THETA
+from mpc.tracking.resting import begin, constant, decided, due, turn
 
 FORMULAS: Any = None
 rate = variational = begun = advanced = ended = outputs = output_slopes = expansion = pressing = allocated = FORMULAS

@@ -41,7 +41,11 @@ LAYOUTS = {
     ),
     "speeds": (np.column_stack([rows(ONE), ONE.v]), HEADER + ",v1_rad_s,v2 [rad/s]"),
     "speeds of one joint alone": (np.column_stack([rows(ONE), ONE.v[:, 0]]), HEADER + ",v1_rad_s"),
-    "more columns": (np.column_stack([rows(ONE), ONE.v]), HEADER + ",torque1 [Nm],note"),
+    "more columns": (
+        np.column_stack([rows(ONE), ONE.v, ONE.v]),
+        HEADER + ",torque1 [Nm],note,q1_ref [deg],p1_command [bar]",
+    ),
+    "voltages": (np.column_stack([rows(ONE), ONE.v]), HEADER + ",v1 [V],v2 [V]"),
 }
 
 
@@ -60,6 +64,13 @@ def test_pressures_may_be_in_an_unknown_unit_and_columns_have_any_names(written)
     (episode,), _ = read_arm_log(written(rows(ONE), "stamp,elbow,wrist,a,b,c,d"), names)
     np.testing.assert_allclose(episode.p, FULL * ONE.p, rtol=1e-6)
     np.testing.assert_allclose(episode.q, ONE.q, atol=1e-9)
+
+
+def test_a_column_may_be_given_in_two_units_if_one_is_ignored_or_chosen(written):
+    path = written(np.column_stack([rows(ONE), ONE.q[:, 0]]), HEADER + ",q1 [rad]")
+    for columns in ({"ignore": "q1 [rad]"}, {"theta1": "q1 [deg]:deg"}, {"q1": "q1 [rad]:rad"}):
+        (episode,), _ = read_arm_log(path, columns)
+        np.testing.assert_allclose(episode.q, ONE.q, atol=1e-9)
 
 
 def test_a_gap_and_a_clock_that_begins_anew_end_an_episode_and_bad_rows_are_interpolated(written):
@@ -86,7 +97,11 @@ def test_a_gap_and_a_clock_that_begins_anew_end_an_episode_and_bad_rows_are_inte
         (HEADER.replace("q1 [deg]", "load"), "has no column for theta1 among"),
         (HEADER.replace("q2 [deg]", "p5 [bar]"), "has 5 pressures for 1 joints, two each are needed"),
         (HEADER.replace("p4 [bar]", "p4"), "gives some pressures with a unit and others without"),
-        (HEADER.replace("p4 [bar]", "p3 [psi]"), "column 'p3 [psi]': gives pressure3 twice"),
+        (
+            HEADER.replace("p4 [bar]", "p3 [psi]"),
+            "column 'p3 [psi]': gives pressure3 again: leave one out by --columns",
+        ),
+        (HEADER.replace("q2 [deg]", "q2"), "column 'q2': has no unit; known are deg, rad"),
         (HEADER.replace("time [s]", "row"), "has no column for the time"),
     ],
 )

@@ -13,7 +13,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.observer.filter import CALM_NOISE
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking import resting
+from mpc.tracking import rest_memory, resting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.weights import CALM
@@ -82,9 +82,9 @@ def test_changes_of_one_sign_share_a_torque_as_least_squares_do(seed, side):
     slopes = np.transpose([each.torque_gain(p) for each, p in zip(ARM.mechanism.at(q), np.full(6, 3e5), strict=True)])
     memory = resting.memory_in(np.zeros(resting.size(2, 6)), 2, 6)
     torque = rng.uniform(-0.05, 0.05, 2)
-    memory.shared[resting.SIDE], memory.joint[:, resting.TORQUE] = side, torque
+    memory.shared[rest_memory.SIDE], memory.joint[:, rest_memory.TORQUE] = side, torque
     resting.share(memory, slopes.ravel())
-    change = memory.muscle[:, resting.CHANGE]
+    change = memory.muscle[:, rest_memory.CHANGE]
     _, left = nnls(side * slopes * BAR, torque)
     assert (change >= 0).all()
     assert np.linalg.norm(side * slopes @ change - torque) == pytest.approx(left, abs=1e-3 * np.linalg.norm(torque))
@@ -92,15 +92,15 @@ def test_changes_of_one_sign_share_a_torque_as_least_squares_do(seed, side):
 
 def test_one_joint_outside_its_dead_zone_is_turned_alone():
     memory = resting.memory_in(np.zeros(resting.size(2, 6)), 2, 6)
-    memory.shared[[resting.SIDE, resting.RESTS]] = 1.0
+    memory.shared[[rest_memory.SIDE, rest_memory.RESTS]] = 1.0
     memory.turned[:, 0] = 0.1 * DEG  # mean, least and greatest e
     K = np.array([[11.0, 3.5], [3.5, 9.0]])
     q, P = np.radians([20.0, 40.0]), np.full(6, 2.5e5)
     muscles = ARM.mechanism.at(q)
     slopes = np.transpose([each.torque_gain(p) for each, p in zip(muscles, P, strict=True)])
-    memory.muscle[:, resting.HELD] = memory.muscle[:, resting.BEGAN] = memory.filled[:] = P
+    memory.muscle[:, rest_memory.HELD] = memory.muscle[:, rest_memory.BEGAN] = memory.filled[:] = P
     resting.turn(memory, K.ravel(), slopes.ravel())
-    turned = np.linalg.solve(K, slopes @ (memory.muscle[:, resting.HELD] - P))
+    turned = np.linalg.solve(K, slopes @ (memory.muscle[:, rest_memory.HELD] - P))
     assert turned[0] == pytest.approx(-resting.FIRST * 0.1 * DEG, rel=0.02)
     assert abs(turned[1]) < 0.02 * abs(turned[0])
 

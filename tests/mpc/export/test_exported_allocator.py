@@ -1,11 +1,12 @@
 """The exported allocator says what Python's says, on a PC, under sanitizers and on a Cortex-M4F."""
 
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from allocator import AntagonistJoint, Lever, report_joint
+from allocator import AntagonistJoint, Lever, PrandtlIshlinskii, report_joint
 from allocator.allocation.two_muscles import exact
 from allocator.allocation.two_muscles.certificate import assess
 from allocator.allocation.two_muscles.problem import Problem
@@ -16,7 +17,7 @@ from mpc.export.entry import export
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs
-from ...rigs.replay import ALLOCATE, ALLOCATION_COLUMNS, replayed
+from ...rigs.replay import ALLOCATE, ALLOCATION_COLUMNS, STIFFNESS, STIFFNESS_COLUMNS, replayed
 
 pytestmark = pytest.mark.tools
 
@@ -165,9 +166,12 @@ def test_a_cortex_m4f_gives_the_pc_s_answers(name, exported):
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("name", JOINTS)
 def test_the_allocator_takes_less_than_8_kib_on_a_cortex_m4f(name, precision, exported):
-    sizes = tools.sizes(exported(name, precision)).values()
-    assert sum(size.code for size in sizes) <= 8 * 1024
-    assert sum(size.memory for size in sizes) == 0
+    sizes = tools.sizes(exported(name, precision))
+    felt = sum(size.code for file, size in sizes.items() if "stiffness" in str(file))  # linked only if called
+    code = sum(size.code for size in sizes.values())
+    assert 0 < felt < 4 * 1024
+    assert code - felt <= 8 * 1024
+    assert sum(size.memory for size in sizes.values()) == 0
 
 
 @needs_cmake
@@ -179,3 +183,45 @@ def test_one_command_exports_one_builds_and_the_demonstration_prints_python_s_nu
     printed = tools.run(directory / "build" / "demonstration")
     assert printed in (directory / "README.md").read_text()
     assert printed.count("P1") == 9
+
+
+LOOPS = PrandtlIshlinskii((0.6, 0.15, 0.15, 0.1), (1 * DEG, 2.5 * DEG, 5 * DEG), base=0.2)
+LOSSY = {
+    "tondu": replace(JOINTS["tondu"], hysteresis=LOOPS),
+    "sarosi": replace(JOINTS["sarosi"], hysteresis=LOOPS),
+    "lever": replace(JOINTS["lever"], friction=0.1),
+    "unknown volumes": AntagonistJoint(LEVER, *2 * (replace(SAROSI_DMSP_20_400N, inner_radius=None),), friction=0.1),
+}
+
+
+def stiffnesses(joint, rows):
+    """Python's terms of the stiffness (n, 5), those of unknown volumes NaN."""
+    theta, P1, P2, A = rows.T
+    K = joint.stiffness(theta, P1, P2)
+    felt, work = (
+        np.array([f(*row[:3], amplitude=float(row[3])) for row in rows]) for f in (joint.stiffness, joint.loop_work)
+    )
+    gas = [np.full(len(rows), np.nan)] * 2
+    if joint.agonist.volume_known:
+        gas = [joint.stiffness(theta, P1, P2, valves) - K for valves in ((True, False), (False, True))]
+    return np.stack([K, felt - K, *gas, work / (np.pi * A**2)], axis=1)
+
+
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("name", LOSSY)
+def test_the_felt_stiffness_in_c_is_python_s(name, precision, tmp_path):
+    joint = LOSSY[name]
+    out = export(tmp_path / "c", joint=joint, what="allocate", precision=precision)
+    left, right = joint.angle_range
+    grid = np.meshgrid(np.linspace(left, right, 9) * 0.95, *2 * (np.linspace(0.5, 4.5, 7) * BAR,),
+                       np.array([0.2, 1, 2, 4, 7, 20]) * DEG)  # fmt: skip
+    rows = np.stack([axis.ravel() for axis in grid], axis=1).astype(np.float32).astype(float)
+    got = replayed(tools.compiled(out, STIFFNESS, "vectors", *tools.SANITISED), rows, STIFFNESS_COLUMNS)
+    wanted = stiffnesses(joint, rows)
+    assert (np.isnan(wanted[:, 2:4]) == (name == "unknown volumes")).all()
+    near = 1e-12 if precision == "double" else 2e-5
+    np.testing.assert_allclose(got, wanted, rtol=near, atol=near * np.abs(wanted[:, 0]).max())
+    bad = np.tile(rows[0], (5, 1))
+    bad[0, 0], bad[1, 1], bad[2, 2], bad[3, 3], bad[4, 3] = np.nan, np.inf, np.nan, 0.0, -0.1
+    assert np.isnan(replayed(out.parent / "c" / "vectors", bad, STIFFNESS_COLUMNS)).all()

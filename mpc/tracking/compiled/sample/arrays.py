@@ -22,7 +22,7 @@ from mpc.tracking.compiled.sample.layout import (
 from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.preview import CORRECTED
-from mpc.tracking.resting import Rules
+from mpc.tracking.rest_memory import Rules
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.module import CompiledPlant

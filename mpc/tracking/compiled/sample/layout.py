@@ -16,7 +16,7 @@ from mpc.codegen.jit import inlined
 from mpc.codegen.views import in_python, length_of, measure, opened, viewer
 from mpc.model.plant import NU
 from mpc.tracking import resting
-from mpc.tracking.resting import Rules
+from mpc.tracking.rest_memory import Memory, Rules
 
 
 class Asked(NamedTuple):
@@ -103,7 +103,7 @@ class Known(NamedTuple):
 
 
 asked_in: Callable[[Array], Asked] = viewer(Asked)
-memory_in: Callable[[Array, int, int], resting.Memory] = inlined(resting.memory_in)
+memory_in: Callable[[Array, int, int], Memory] = inlined(resting.memory_in)
 inputs_at: Callable[[int], Inputs] = opened(Inputs)
 known_in: Callable[[Array], Known] = viewer(Known)
 made_in: Callable[[Array], Made] = viewer(Made)

@@ -15,7 +15,7 @@ from mpc.model.plant import NU
 from mpc.tracking.compiled.commands import limit
 from mpc.tracking.compiled.records import Bounds, Given, Indices, Signs
 from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State, memory_in
-from mpc.tracking.resting import HELD
+from mpc.tracking.rest_memory import HELD
 
 WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # the part of a step to make
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] as in `mpc.tracking.preview`

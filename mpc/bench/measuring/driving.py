@@ -1,0 +1,191 @@
+"""Driving of tones: sines of both commands about a rest that fade into one another.
+
+A joint with friction that stops between two tones stays at an edge of its loop, from which the next tone would throw it
+by twice its amplitude. Each tone therefore fades in while the one before fades out. A drive is halved as soon as the
+angle is 1.4 times the wanted amplitude away from the middle of the last period.
+
+The drive of a joint with friction is about affine in its swing, F = F_c + c A, and F_c may be large. The search for the
+drive of a swing is therefore a secant method, in bounded steps.
+"""
+
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
+from math import isfinite, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from allocator.calculus import Array
+from allocator.units import BAR
+from mpc.bench.cycle import Decision, Phase, Tick
+from mpc.bench.guard import Pressures
+from mpc.bench.measuring.loops import Tone, tone_of
+from mpc.model.plant import Plant
+
+_EXPONENT = 0.4  # of the first step of a search
+_STEP, _FARTHER = 1.3, 1.5  # greatest steps: of a swing below _STARTED, else
+_STARTED = 0.3  # of the wanted amplitude
+_ENOUGH = 1.4  # times the wanted amplitude: the drive is cut …
+_CUT, _FALL = 0.5, 0.25  # … to this share, within these periods
+_SUDDEN = 4.0  # of the steps across the dead band
+_MARGIN = 0.15 * BAR  # from a pressure at which a cable is slack, and from the supply's ends
+
+
+class Refused(Exception):  # a finding, reported in the result
+    """Refusal of a measurement about this rest; the message has the reason."""
+
+
+@dataclass
+class Findings:
+    """All findings of the experiment."""
+
+    tones: list[Tone] = field(default_factory=list)
+    curve: list[Tone] = field(default_factory=list)
+    quantum: float = 0.0  # of the encoder [rad]
+    balance: tuple[Tone, Tone] | None = None  # without and with the weight
+    refusal: str = ""
+    duration: float = 0.0  # [s]
+    furthest: float = 0.0  # greatest |θ - rest| over the wanted amplitude [-]
+
+
+class Wave(NamedTuple):
+    """Sines of both commands about the rest, with half of the dead band in the direction of a pressure's motion."""
+
+    frequency: float  # [Hz]
+    drive: Array  # amplitudes of both commands [Pa] (2,)
+    dead: Array  # (2,) [Pa]
+    behind: Array  # phases by which the pressures lag (2,)
+
+    def times(self, scale: float) -> "Wave":
+        """Return the wave with `scale` times its amplitudes."""
+        return self._replace(drive=scale * self.drive)
+
+    def at(self, phase: float) -> Array:
+        """Return the commands (2,) [Pa] relative to the rest."""
+        return np.asarray(self.drive * sin(phase) + self.dead * np.tanh(_SUDDEN * np.cos(phase - self.behind)))
+
+
+class Search:
+    """Search for the scale of a drive whose swing is A: the drive of a joint with friction is about affine in A."""
+
+    def __init__(self, A: float, scale: float) -> None:
+        self.A, self.scale = A, scale
+        self._tried: list[tuple[float, float]] = []  # (swing, scale)
+
+    def learn(self, swing: float, cut: bool) -> None:
+        """Set the next scale by the swing at the present one."""
+        if cut:
+            swing = max(swing, _ENOUGH * self.A)
+        self._tried = [*self._tried[-1:], (swing, self.scale)]
+        ratio = self.A / max(swing, 1e-9)
+        guess = self.scale * ratio**_EXPONENT
+        if len(self._tried) == 2:
+            (a, s), (b, t) = self._tried
+            if (b - a) * (t - s) > 0:
+                guess = t + (t - s) / (b - a) * (self.A - b)
+        most = _STEP if swing < _STARTED * self.A else _FARTHER
+        self.scale = min(max(guess, self.scale / _STEP), self.scale * most)
+
+
+class Driver:
+    """Commands of tones about the rest of a plant, sample by sample."""
+
+    def __init__(self, plant: Plant, dt: float, first: Pressures, theta: float, amplitude: float) -> None:
+        self.plant, self.dt, self.first = plant, dt, first
+        self.findings = Findings()
+        self._rest = theta  # [rad]
+        self._asked = amplitude  # wanted amplitude [rad]
+        self._wave, self._phases = Wave(1.0, *3 * (np.zeros(2),)), (0.0, 0.0)  # of the wave and of the one before
+        self._tick: Tick | None = None
+        self._angles: list[float] = []  # of all samples [rad]
+
+    def _centre(self) -> float:
+        """Return the middle [rad] of the angles during the last period; NaN without readings."""
+        last = self._angles[-round(1 / self._wave.frequency / self.dt) :]
+        seen = [angle for angle in last if isfinite(angle)]
+        return (max(seen) + min(seen)) / 2 if seen else float("nan")
+
+    def _played(
+        self, wave: Wave, periods: float, fade: float, sliding: bool = False
+    ) -> Generator[Decision, None, tuple[Array, bool]]:
+        """Play periods of a wave; return the rows (t, θ, P1, P2), and whether the drive was cut.
+
+        The wave fades in over `fade` periods, while the one before fades out. Excursions are from the middle of the
+        period before, or while the joint is `sliding` from that of the present one.
+        """
+        before, self._wave, centre = self._wave, self._within(wave), self._centre()
+        wave, old = self._wave, self._phases[0]
+        self._phases = old if before.frequency == wave.frequency else 0.0, old
+        less, rows, cut = 1.0, [], False
+        for k in range(round(periods / wave.frequency / self.dt)):
+            u = np.array(self.first) + less * self._mixed(before, min(1.0, (k + 1) * wave.frequency * self.dt / fade))
+            rows.append(self._row())
+            excursion = abs(rows[-1][1] - (self._centre() if sliding else centre)) / self._asked
+            if isfinite(excursion):
+                self.findings.furthest = max(self.findings.furthest, excursion)
+                cut = cut or excursion > _ENOUGH
+            if cut:
+                less = max(less - (1 - _CUT) * wave.frequency * self.dt / _FALL, _CUT)
+            yield Decision((float(u[0]), float(u[1])), Phase.RUN)
+        self._wave = wave.times(less)
+        return np.array(rows), cut
+
+    def _mixed(self, before: Wave, share: float) -> Array:
+        """Return the next commands (2,) of the wave and the fading one, relative to the rest [Pa]."""
+        now, old = (
+            phase + 2 * pi * wave.frequency * self.dt
+            for phase, wave in zip(self._phases, (self._wave, before), strict=True)
+        )
+        self._phases = now, old
+        return share * self._wave.at(now) + (1 - share) * before.at(old)
+
+    def _within(self, wave: Wave) -> Wave:
+        """Return the wave with amplitudes that the pressures have room for."""
+        most = np.array(self._room) / np.maximum(np.abs(wave.drive + wave.dead), 1e-9)
+        return wave.times(min(1.0, *most.tolist()))
+
+    def _tone(self, rows: Array, f: float) -> Tone:
+        """Return the tone of the rows."""
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        if len(rows) < 8:
+            raise Refused("the device gave too few readings of angle and pressures")
+        agonist, antagonist = self.plant.joint.sides(self._rest)
+        T = np.column_stack([agonist.torque(rows[:, 2]), antagonist.torque(rows[:, 3])])
+        return tone_of(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
+
+    def _torque_gains(self, theta: float) -> tuple[float, float]:
+        one, two = self.plant.joint.sides(theta)
+        return float(one.torque_gain(self.first[0])), float(two.torque_gain(self.first[1]))
+
+    @property
+    def _room(self) -> tuple[float, float]:
+        """Amplitudes of commands [Pa] that keep cables taut and pressures within the supply."""
+        found = []
+        for P, side in zip(self.first, self.plant.joint.sides(self._rest), strict=True):
+            low, high = self.plant.pressure_limits
+            slack = float(side.muscle.pressure(0.0, side.contraction))
+            found.append(max(min(P - max(slack, low), high - P) - _MARGIN, 0.05 * BAR))
+        return found[0], found[1]
+
+    def _ended(self) -> Iterator[Decision]:
+        """Fade out, which leaves the joint in the middle of its loop."""
+        still = self._wave.times(0.0)._replace(dead=np.zeros(2))
+        yield from self._played(still, 1, fade=1)
+
+    def _hold(self, duration: float) -> Iterator[Decision]:
+        for _ in range(round(duration / self.dt)):
+            yield Decision(self.first, Phase.RUN)
+
+    def _seen(self, decisions: Iterator[Decision]) -> Generator[Decision, None, Array]:
+        """Return the rows (t, θ, P1, P2) during some decisions."""
+        rows = []
+        for decision in decisions:
+            rows.append(self._row())
+            yield decision
+        return np.array(rows)
+
+    def _row(self) -> tuple[float, float, float, float]:
+        assert self._tick is not None
+        reading = self._tick.reading
+        self._angles.append(reading.theta)
+        return reading.t, reading.theta, reading.P1, reading.P2
