@@ -24,7 +24,7 @@ def window():
 
 def test_the_window_shows_the_last_seconds_in_degrees_and_bar(window):
     for k, state in enumerate(states(300)):
-        if k % 10 in (0, 9):
+        if k % 30 in (0, 29):
             window.show(state)
     window.figure.canvas.draw()
     lines = {line.get_label(): line for axes in window.figure.axes for line in axes.lines}
