@@ -24,12 +24,11 @@ _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as sma
 
 def is_symbol(x: Value) -> bool:
     """Return whether `x` is a CasADi expression (recognised without importing CasADi)."""
-    kind: type[object] = type(x)
-    return _of_casadi(kind)
+    return _of_casadi(type(x))  # type: ignore[arg-type]  # classes are hashable
 
 
 @cache
-def _of_casadi(kind: type[object]) -> bool:
+def _of_casadi(kind: type) -> bool:
     return kind.__module__.partition(".")[0] == "casadi"
 
 

@@ -12,12 +12,15 @@ DOTTED = re.compile(r"(?<![\w./`-])(?:`)?((?:allocator|mpc|benchmarks)(?:\.[A-Za
 FILE = re.compile(r"`([\w./-]*\w\.(?:py|c|h))`")
 WRITTEN = ("csv", "gif", "json", "md", "npz", "png", "toml")  # names of files that a command writes
 EXPORTED = {
+    "antagonist_config.h",
     "kernel.c",
     "kernel.h",
     "math.h",
     "protocol.h",
     "recursions.c",
     "recursions.h",
+    "resting.c",
+    "resting.h",
 }  # of C, or in folders that `export` writes
 
 
