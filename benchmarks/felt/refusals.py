@@ -44,10 +44,10 @@ class RubberTrial(RealExperiment):
             super().advance(u, d - self._spring * self._stretch)
 
 
-def report(n: int = 10) -> str:
+def report(n: int = 10, first: int = 60) -> str:
     """Return the numbers refused of each kind."""
     counts = {"too small": 0, "rubber": 0, "rubber, shaken": 0}
-    for seed in range(n):
+    for seed in range(first, first + n):
         h = hidden(seed)
         calm = replace(h.real, friction=Friction(), encoder=0.1 * DEG)
         told = replace(h.told, friction=Friction())
