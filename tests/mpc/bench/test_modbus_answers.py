@@ -45,7 +45,7 @@ class Server:
             threading.Thread(target=self._talk, args=(connection,), daemon=True).start()
 
     def _talk(self, connection):
-        with connection:
+        with connection, suppress(ConnectionError):  # the device may hang up before it has read an answer
             while len(head := connection.recv(7)) == 7:
                 number, _, length, unit = struct.unpack(">3HB", head)
                 pdu = self.answer(connection.recv(length - 1))
