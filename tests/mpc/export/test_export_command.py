@@ -70,7 +70,9 @@ def test_a_joint_from_a_file_brings_its_friction_into_the_c_code(tmp_path):
     save_machine(replace(report_joint(SAROSI_DMSP_20_400N), friction=0.13), tmp_path / "joint.toml")
     result = invoke("controller", "--out", tmp_path / "c", "--machine", tmp_path / "joint.toml")
     assert result.exit_code == 0, result.output
-    assert "#define ANT_FRICTION (0.13)" in (tmp_path / "c" / "src" / "settings.h").read_text()
+    model = (tmp_path / "c" / "src" / "model.c").read_text()
+    friction = model[model.index("void ant_model_friction(") :]
+    assert "0.13" in friction[: friction.index("\n}")]
 
 
 @needs_gcc

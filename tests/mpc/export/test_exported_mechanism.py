@@ -180,6 +180,6 @@ def test_the_command_exports_a_mechanism_by_its_name(tmp_path):
     made = CliRunner().invoke(app, ["export", "allocation", "--machine", "leg37", "--out", str(tmp_path / "c")])
     assert made.exit_code == 0, made.output
     assert "#define ANT_MUSCLES 7" in (tmp_path / "c" / "antagonist_config.h").read_text()
-    asked = ["export", "controller", "--machine", "leg37", "--out", str(tmp_path / "d")]
+    asked = ["export", "firmware", "--machine", "leg37", "--out", str(tmp_path / "d")]
     said = "takes one joint with two muscles; --machine leg37 is a machine with n = 3 joints and m = 7 muscles"
     assert said in str(CliRunner().invoke(app, asked).exception)
