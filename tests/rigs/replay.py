@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.export import export
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.trials.motions.reference import Reference
@@ -87,6 +88,14 @@ def answered(controller: TrackingMPC, observer: KalmanObserver, samples: Array) 
         u = plan.u[0]
         answers.append([*u, plan.status, plan.rung, *observer.verdicts])
     return np.array(answers, float)
+
+
+def in_both_precisions(controller: TrackingMPC, observer: KalmanObserver, out: Path) -> dict[str, Path]:
+    """Export controller and observer in double and in single precision below `out`."""
+    return {
+        precision: export(out / precision, controller=controller, observer=observer, precision=precision)
+        for precision in ("double", "single")
+    }
 
 
 def replayed(

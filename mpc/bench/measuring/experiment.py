@@ -286,7 +286,7 @@ class Experiment(Driver):
         if tone is None or cut or (abs(swing / A - 1) > _LOST and not exhausted):
             raise Refused(
                 f"the amplitudes did not come together (±{swing / DEG:.3g}° instead of ±{A / DEG:.3g}° at {f:.2g} Hz): "
-                "friction jumps; shake the joint instead (--shake 10)"
+                "friction jumps, or the regulators are too slow; shake the joint instead (--shake 10)"
             )
         if not quick:
             self._learn(tone)

@@ -17,7 +17,7 @@ same holds if the joint loses more than hysteresis can: by (S1) and (S2) a loop 
 
     -dK_h/d ln A ≥ π/4 h                                                                                       (S6)
 
-whereas rubber loses at all amplitudes alike.
+(for Dahl's friction if A ≥ 0.6 δ), whereas rubber loses at all amplitudes alike.
 """
 
 from dataclasses import dataclass
@@ -169,7 +169,8 @@ def why_rubber(tones: list[Tone], curve: list[Tone], found: Solution, inertia: f
     rows = np.array([_stiffness(tone, found, inertia) for tone in (*narrow, wide)])
     (K, h), (K_wide, h_wide) = rows[:2].mean(axis=0), rows[2]
     A = float(np.mean([tone.swing for tone in narrow]))
-    least = pi / 4 * (h + h_wide) / 2 * log(wide.swing / A)
+    rest = (h_wide * wide.swing - h * A) / (wide.swing - A)  # h = rest + c/A, and (S6) from A to the wide swing
+    least = pi / 4 * (rest * log(wide.swing / A) + h - h_wide)
     error = sqrt(sum(tone.error**2 for tone in narrow) / 4 + wide.error**2)
     if least - (K - K_wide) <= _SOFTENS * error:
         return ""

@@ -55,6 +55,18 @@ def test_secant_and_work_are_those_of_the_simulated_loop(name, amplitude):
     assert abs(np.trapezoid(T, angle) - secant.work(*state)) <= 1e-5 * 4 * amplitude * abs(T).max()
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_a_loop_that_loses_softens_the_joint(name):
+    """-dK_h/d ln A ≥ π/4 h, h = W/(π A²), of Dahl's friction from 0.6 δ on: refusals of rubber rest on it."""
+    contact, e = Contact(PLANT, X), 1e-5
+    least = 0.6 * MODELS[name].presliding if name == "Dahl" else 0.1 * DEG
+    state = contact.stiffness, contact.pulled, contact.filled
+    for A in np.geomspace(least, 60 * DEG, 40):
+        more, less = (MODELS[name].loop.secant(A * (1 + s)).added(*state) for s in (e, -e))
+        h = MODELS[name].loop.secant(A).work(*state) / (pi * A**2)
+        assert (less - more) / (2 * e) >= pi / 4 * h - 1e-6 * less
+
+
 def test_a_joint_has_the_loop_of_its_operator_or_friction():
     at = 0.1, 2.8 * BAR, 2.2 * BAR
     contact = Contact(PLANT, X)

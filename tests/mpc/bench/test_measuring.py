@@ -8,6 +8,9 @@ import pytest
 from allocator import BAR, DEG, PrandtlIshlinskii, allocate
 from allocator.errors import InvalidInput
 from allocator.machine_file import load_joint
+from benchmarks.felt.hidden import hidden
+from benchmarks.felt.hidden import measured as hidden_measured
+from benchmarks.felt.refusals import Rubber
 from mpc import Plant
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
@@ -160,6 +163,18 @@ def test_what_cannot_be_measured_is_refused():
     assert m.sentence.startswith("not measured, because")
     with pytest.raises(InvalidInput, match="nothing was measured"):
         combined([m])
+
+
+@pytest.mark.slow
+def test_a_joint_with_rubber_is_refused_and_without_it_measured():
+    seed = 204
+    h = hidden(seed)
+    calm = h._replace(
+        real=replace(h.real, friction=Friction(), encoder=0.02 * DEG), told=replace(h.told, friction=Friction())
+    )
+    rubbery = calm._replace(real=Rubber(**vars(calm.real)))
+    assert hidden_measured(calm, seed).measured.success
+    assert "depends on the rate" in hidden_measured(rubbery, seed).measured.refusal
 
 
 def like(strengths, covariance, theta=0.1):

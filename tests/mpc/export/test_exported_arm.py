@@ -21,7 +21,7 @@ from mpc.trials.motions.arm_trajectories import circle, reach
 from ...rigs import toolchain as tools
 from ...rigs.fmus import Stepped
 from ...rigs.needs import needs
-from ...rigs.replay import CONTROL, answered, record, replayed
+from ...rigs.replay import CONTROL, answered, in_both_precisions, record, replayed
 
 pytestmark = pytest.mark.tools
 
@@ -88,11 +88,7 @@ def faulty_loop():
 
 @pytest.fixture(scope="module")
 def exported(faulty_loop, tmp_path_factory):
-    out = tmp_path_factory.mktemp("exported")
-    return {
-        precision: export(out / precision, controller=faulty_loop[0], observer=faulty_loop[1], precision=precision)
-        for precision in ("double", "single")
-    }
+    return in_both_precisions(*faulty_loop[:2], tmp_path_factory.mktemp("exported"))
 
 
 @needs_gcc

@@ -7,17 +7,9 @@
 
 enum { N = ANT_JOINTS, M = ANT_MUSCLES, S = ANT_STATES, OUTPUTS = ANT_OUTPUTS };
 
-ant_qp_setting ant_setting_of(const ant_tuning *t) {
-    const ant_qp_setting made = {
-        {t->x, t->y, t->e, t->change, t->end},
-        {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, t->step / ANT_BAR, ANT_LEAST_ANGLE, ANT_MOST_ANGLE,
-         t->min_force},
-        t->curvature,
-        ANT_EXCHANGES,
-        ANT_ACCURACY,
-        t->slack,
-        ANT_STARTS,
-    };
+ant_qp_bounds ant_bounds_of(const ant_tuning *t) {
+    const ant_qp_bounds made = {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, t->step / ANT_BAR,
+                                ANT_LEAST_ANGLE, ANT_MOST_ANGLE, t->min_force};
     return made;
 }
 

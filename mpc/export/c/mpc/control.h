@@ -85,11 +85,12 @@ int ant_positive_definite(const ant_real *K);
 
 /* path.c: the linear model along the motion of the last plan, as recursions.c takes it */
 int ant_linearise(ant_controller *c, const ant_task *task); /* whether all is finite */
-ant_qp_setting ant_setting_of(const ant_tuning *tuning);
+ant_qp_bounds ant_bounds_of(const ant_tuning *tuning);
 ant_qp_path ant_path_of(const ant_qp *qp);
 void ant_in_units(ant_qp_memory *work); /* errors from those of states to those of the model */
 
 /* structured.c: the QP of a step, sample by sample */
+ant_qp_setting ant_setting_of(const ant_tuning *tuning);
 void ant_expect_shifted(ant_controller *c); /* the active limits of the last QP, one sample earlier */
 /* Sets the solution, or changes within slew and supply; counts in plan. */
 ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[ANT_MUSCLES], ant_real z[ANT_MOVES],

@@ -10,6 +10,12 @@ void ant_expect_shifted(ant_controller *c) {
         if (ANT_STARTS[b + 1] == ANT_STARTS[b] + 1) memcpy(c->qp.guess + m * b, c->qp.guess + m * b + m, m);
 }
 
+ant_qp_setting ant_setting_of(const ant_tuning *t) {
+    const ant_qp_setting made = {{t->x, t->y, t->e, t->change, t->end}, ant_bounds_of(t), t->curvature, ANT_EXCHANGES,
+                                 ANT_ACCURACY, t->slack, ANT_STARTS};
+    return made;
+}
+
 ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[ANT_MUSCLES], ant_real z[ANT_MOVES],
                           ant_plan *plan) {
     ant_qp *qp = &c->qp;

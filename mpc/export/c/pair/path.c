@@ -3,17 +3,9 @@
 #include "model.h"
 #include "tables.h"
 
-ant_qp_setting ant_setting_of(const ant_tuning *t) {
-    const ant_qp_setting made = {
-        {t->x, t->y, t->e, t->change, t->end},
-        {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, t->step / ANT_BAR, ANT_LEAST_ANGLE[0], ANT_MOST_ANGLE[0],
-         t->min_force},
-        t->curvature,
-        ANT_EXCHANGES,
-        ANT_ACCURACY,
-        t->slack,
-        ANT_STARTS,
-    };
+ant_qp_bounds ant_bounds_of(const ant_tuning *t) {
+    const ant_qp_bounds made = {ANT_SUPPLY_LO / ANT_BAR, ANT_SUPPLY_HI / ANT_BAR, t->step / ANT_BAR,
+                                ANT_LEAST_ANGLE[0], ANT_MOST_ANGLE[0], t->min_force};
     return made;
 }
 

@@ -94,28 +94,40 @@ def exchanged(
                 found = gap(path, errors, setting, bounded, size, a.held, at, items, sweep)
                 if found <= most:
                     return True, step, found
-        q, k, i, share, full = -1, 0, 0, HUGE, HUGE
         if enters:
-            slope = find_step(size, a)
-            q, k, i = longest(bounded, size, sweep, a)
-            share, full = items.step[last], violation / slope if slope > 0.0 else HUGE
-        if not min(share, full) < HUGE:
-            if tries == AGAIN:
-                taken = step
-                break
-            tries += 1
-            enters = False
-            items.multiplier[last] = 0.0
-            size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
-            continue
-        walk(size, min(share, full), min(share, full), a)
-        if full <= share:
-            size, enters = enter(bounded, size, sweep, a), False
-            items.multiplier[last] = 0.0
-        else:
-            violation -= share * slope
-            size = leave(path, setting.slack, sweep, size, q, k, i, a)
+            moved, enters, violation = stepped(path, setting, bounded, size, violation, sweep, a)
+            if moved >= 0:
+                size = moved
+                continue
+        if tries == AGAIN:
+            taken = step
+            break
+        tries += 1
+        enters = False
+        items.multiplier[last] = 0.0
+        size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
     return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a)
+
+
+@inlined
+def stepped(
+    path: Path, setting: Setting, bounded: Bounded, size: int, violation: float, sweep: Sweep, a: Active
+) -> tuple[int, bool, float]:  # fmt: skip
+    """Move along the direction of the entering item, to where it holds or another one leaves; return the number of
+    items, -1 if nothing ends the direction, whether it still has to enter, and its remaining violation.
+    """
+    items, last = a.items, a.items.kind.size - 1
+    slope = find_step(size, a)
+    q, k, i = longest(bounded, size, sweep, a)
+    share, full = items.step[last], violation / slope if slope > 0.0 else HUGE
+    if not min(share, full) < HUGE:
+        return -1, True, violation
+    walk(size, min(share, full), min(share, full), a)
+    if share < full:
+        return leave(path, setting.slack, sweep, size, q, k, i, a), True, violation - share * slope
+    number = enter(bounded, size, sweep, a)
+    items.multiplier[last] = 0.0
+    return number, False, 0.0
 
 
 @inlined_flat
