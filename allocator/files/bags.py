@@ -27,19 +27,15 @@ _NANO = 1e-9
 FORMAT = "%.9g"  # of numbers in a table
 _WANTED = re.compile(r"(\w+)=(/?[\w/]+)((?:\.\w+|\[\d+\])+)(?::(\w+))?")
 _STEP = re.compile(r"\.(\w+)|\[(\d+)\]")
-_UNITS = {
-    "theta": "rad",
-    "q": "rad",
-    "speed": "rad_s",
-    "v": "rad_s",
+_UNITS = {  # of quantities that are not pressures
+    **dict.fromkeys(("theta", "q"), "rad"),
+    **dict.fromkeys(("speed", "v"), "rad_s"),
+    **dict.fromkeys(("length", "shortening", "rest_length"), "m"),
+    **dict.fromkeys(("direction", "slack"), ""),
     "force": "N",
     "torque": "Nm",
     "contraction": "ratio",
-    "direction": "",
-    "slack": "",
 }
-_UNITS |= dict.fromkeys(("length", "shortening", "rest_length"), "m") | dict.fromkeys(("speed", "v"), "rad_s")
-_UNITS["q"] = "rad"  # others are pressures
 _RECORDINGS = (".bag", ".mcap")
 _MOST_SHOWN = 12
 _USAGE = "the unit where it is not SI, several with blanks between them"

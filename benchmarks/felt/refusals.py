@@ -44,7 +44,7 @@ class RubberTrial(RealExperiment):
             super().advance(u, d - self._spring * self._stretch)
 
 
-def report(n: int = 10, first: int = 60) -> str:
+def report(n: int = 10, first: int = 120) -> str:
     """Return the numbers refused of each kind."""
     counts = {"too small": 0, "rubber": 0, "rubber, shaken": 0}
     for seed in range(first, first + n):
