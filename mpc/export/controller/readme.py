@@ -1,7 +1,7 @@
 """README of the exported files."""
 
 from allocator.joint.antagonist import AntagonistJoint
-from mpc.export.controller.recursions import EXCHANGES, items_in
+from mpc.export.controller.recursions import exchanges_in, items_in
 from mpc.export.controller.tuning import tuning_numbers
 from mpc.export.parts import BUILD, build_words, machine_words
 from mpc.tracking.controller import TrackingMPC
@@ -154,11 +154,11 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         N=N,
         moves=moves,
         items=min(CROWDED, items_in(moves, single) - 2),
-        each=EXCHANGES,
+        each=exchanges_in(1),
         rows=2 * (n + m) * N,
-        sweeps=qps * (1 + AGAIN + EXCHANGES * moves),
+        sweeps=qps * (1 + AGAIN + exchanges_in(moves)),
         qps=qps,
-        exchanges=qps * EXCHANGES * moves,
+        exchanges=qps * exchanges_in(moves),
         stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
         usual_stages=delay + (qps + 1) * N,
         slopes=qps * N + 4,  # the observer's, with one estimate per sensor that may repeat itself

@@ -10,7 +10,6 @@ _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
 _M, _X, _XI, _Y = "ANT_MUSCLES", "ANT_STATES", "ANT_XI", "ANT_OUTPUTS"
 _SIDE = "signed char"
 _SINGLE = {"PUSHES": 0.5, "BREAKS": 1e-6, "ROW_BREAKS": 1e-5, "FLAT": 1e-5}  # rounding tolerances of float32
-EXCHANGES = 16  # at most, per change of a command
 _ITEMS = {True: 28, False: 16}  # by single precision; more would not fit into a microcontroller
 
 
@@ -50,6 +49,13 @@ def items_in(changes: int, single: bool) -> int:
     from mpc.tracking.compiled.structured_qp.responses import SPARE
 
     return min(changes + SPARE, _ITEMS[single])
+
+
+def exchanges_in(changes: int) -> int:
+    """Return the maximum number of exchanges in a QP."""
+    from mpc.tracking.compiled.structured_qp.solve import MOST
+
+    return MOST * changes
 
 
 def _array(*sizes: str | int, element: str = REAL, constant: bool = False) -> ArrayKind:

@@ -10,7 +10,7 @@ from allocator.units import BAR
 from mpc.export import text
 from mpc.export.controller.demonstration import control_tables
 from mpc.export.controller.friction import check_frictions, friction_numbers, friction_sizes, friction_tables
-from mpc.export.controller.recursions import EXCHANGES, items_in, recursion_files
+from mpc.export.controller.recursions import exchanges_in, items_in, recursion_files
 from mpc.export.controller.resting import rest_rules, resting_files
 from mpc.export.controller.tuning import tuning_constants, tuning_definition
 from mpc.export.joint import Numbers
@@ -33,7 +33,7 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
     if controller.budget is not None:
         raise InvalidInput(
             f"a controller with a budget of {controller.budget:g} s cannot be exported: the exported one has no clock; "
-            "leave the budget away and bound the iterations of its QP solver instead"
+            "leave the budget away and bound the exchanges of its QP solver instead"
         )
     if getattr(controller.plant, "shares", None) is not None:
         raise InvalidInput(
@@ -61,7 +61,7 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
             "AGE": (known.age(dt), "age of the angle's readings in samples"),
             "AHEAD": (controller.ahead, "samples of reference after the present one"),
             "ITEMS": (items_in(plant.m * blocks, single), "maximum number of limits that differ from those of a sweep"),
-            "EXCHANGES": (EXCHANGES * plant.m * blocks, "maximum number of exchanges in a QP; may be set smaller"),
+            "EXCHANGES": (exchanges_in(plant.m * blocks), "maximum number of exchanges in a QP; may be set smaller"),
         }
         | friction_sizes(known.of_joints(plant.n))
         | _arm_sizes(plant, dt)
