@@ -33,13 +33,13 @@ On the muscle of 20 cm the surface errs by more than 1.3 times 4.4 N, the median
 differs from the next two, and the mean of 8 and 9 misses 10 by as much as the surface does. One end length does not
 carry a muscle to another length within 8 N: 19 to 20 N are left at no contraction, where these two muscles differ by
 more than ends of 40 mm explain. One reading of the other muscle takes a third of the error away, and then it is near
-the errors of a surface with three numbers fitted to that muscle itself: the two muscles differ in shape by 8 N. At joint
-2 the grey box is only 8 % ahead of ARX in the last fifth in time, where the network is ahead of both: few episodes
-carry the error (the median is a third of the RMS error), and the choice of terms changes with the episodes that it is
-made on. The stack is 31 % ahead of ARX there, and 25 % where every fifth episode is held out. It was tried after the figures of the
-grey box in this report were known. Bands of 95 % cover 99 % at joint 3 in the last fifth, those of the grey box at joint
-4 too, where errors are smaller than before (the fifths of the first split show it): the bands are as wide as the fitted
-episodes had them.
+the errors of a surface with three numbers fitted to that muscle itself: the two muscles differ in shape by 8 N. At
+joint 2 the grey box is only 8 % ahead of ARX in the last fifth in time, where the network is ahead of both: few
+episodes carry the error (the median is a third of the RMS error), and the choice of terms changes with the episodes
+that it is made on. The stack is 31 % ahead of ARX there, and 25 % where every fifth episode is held out. It was tried
+after the figures of the grey box in this report were known. Bands of 95 % cover 99 % at joint 3 in the last fifth,
+those of the grey box at joint 4 too, where errors are smaller than before (the fifths of the first split show it): the
+bands are as wide as the fitted episodes had them.
 """
 _SUBMIT = """## Submit a model
 
