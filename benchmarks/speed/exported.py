@@ -23,6 +23,7 @@ import numpy as np
 from allocator import allocate
 from allocator.calculus import Array
 from allocator.units import BAR, DEG
+from benchmarks.allocators.machine import machine
 from mpc import Arm, Compensation, KalmanObserver, RealPlant, TrackingMPC, Weights, sine
 from mpc.export import export
 from mpc.model.faults import FrozenSensors, SilentSensors, StuckValve, SupplyDrop
@@ -56,9 +57,9 @@ class Row(NamedTuple):
     m4f_instructions_worst: float
     m4f_code: int
     m4f_memory: int
+    m4f_allocator_code: int
     m7_instructions: float
     m7_instructions_worst: float
-    m4f_allocator_code: int
 
 
 class Disagreement(Exception):
@@ -160,9 +161,9 @@ def _median_time(work, rounds: int = 7, repeats: int = 50) -> float:
     return float(np.median([once() for _ in range(rounds)]))
 
 
-def report(rows: Sequence[Row], steps: int, machine: str = "") -> str:
-    command = "python -m benchmarks.speed.exported" + f" --machine {machine}" * bool(machine)
-    process = f"a simulated {machine} with friction" if machine else "the real plant"
+def report(rows: Sequence[Row], steps: int, name: str = "") -> str:
+    command = "python -m benchmarks.speed.exported" + f" --machine {name}" * bool(name)
+    process = f"a simulated {name} with friction" if name else "the real plant"
     lines = [
         "# Exported C against Python\n",
         f"Written by `{command}`; the figures are also in the CSV file beside it.\n",

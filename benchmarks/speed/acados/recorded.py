@@ -78,13 +78,13 @@ def _recording(structured: StructuredQP) -> Iterator[list[RecordedQP]]:
     qps: list[RecordedQP] = []
     solve: Any = structured.solved
 
-    def solved() -> bool:
+    def solved(exchanges: float) -> bool:
         given, flat = structured.given, structured.arrays[2:]
         feed = FeedForward(*(array.copy() for array in given.reference), NOT_MOVED)
         last = given.last.copy()
         arrays = flat[0].copy(), flat[1].copy()
         qps.append(RecordedQP(structured.model, feed, last[0], last[1], arrays, structured.guess.copy()))
-        return bool(solve())
+        return bool(solve(exchanges))
 
     vars(structured)["solved"] = solved
     try:
