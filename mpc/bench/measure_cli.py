@@ -3,9 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from allocator.errors import InvalidInput
+from allocator.identification.columns import parse_columns
+from allocator.identification.options import SkipRows, Topics, columns_option
 from allocator.shell.options import finite, grouped, row, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
     from mpc.model.plant import Plant
 
 _NOT_MEASURED = 3  # exit code
+_HARDLY_KNOWN = 20  # [%] standard deviation of an inertia that a weight replaces
 
 
 @grouped
@@ -32,7 +36,7 @@ def measure_command(
     log: Annotated[
         Path | None,
         typer.Argument(
-            help="a log to analyse instead of a --device; of `antagonist run`, or a CSV with time, theta and "
+            help="a log to analyse instead of a --device; of `antagonist run`, or a CSV or bag with time, theta and "
             "measured pressure1 and pressure2"
         ),
     ] = None,
@@ -57,6 +61,9 @@ def measure_command(
     ] = False,
     out: Annotated[Path | None, typer.Option(help="picture of K_felt against the amplitude (.png, .pdf, .svg)")] = None,
     dt: Annotated[float, typer.Option(help="sample time [s]")] = 0.01,
+    columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
+    skip_rows: SkipRows = 0,
+    topics: Topics = None,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
@@ -64,7 +71,8 @@ def measure_command(
 
     Both pressures oscillate about a rest with equal amplitudes at a low and at a high frequency. Hysteresis cancels in
     the comparison, and the inertia sets the scale. The measurement needs an encoder, two pressure sensors and the
-    inertia, including a payload, in --machine or --inertia. It begins and ends as `antagonist run` does.
+    inertia, including a payload: --inertia, or that of --machine if it was not fitted, or a --weight. It begins and
+    ends as `antagonist run` does.
 
     --shake replaces the tones by noise, whose wider motions suit slow regulators and joints with friction. A log is
     analysed in the same way; it needs fast motions of both pressures. The exit code is 0 if everything was measured,
@@ -77,24 +85,29 @@ def measure_command(
     claim(out, inputs=(*options.files, log), force=force)
     within("--inertia-error", inertia_error, "%", 0, 50)
     finite("--weight", weight, "N·m")
-    if update and options.file is None:
-        raise InvalidInput("--update writes into the joint's file: name it with --machine")
+    within("--dt", dt, "s", 1e-3, 0.05)
+    if update:
+        _check_update(options)
+    if log is not None and (bench.device or around or weight or shake):
+        raise InvalidInput("a log takes none of --device, --around, --weight and --shake")
+    if log is None and (columns or skip_rows or topics):
+        raise InvalidInput("--columns, --skip-rows and --topics describe a log: name its file")
+    scaled = bench.device.partition(":")[0] == "sim" or (weight and inertia_error >= _HARDLY_KNOWN)
+    if (log is not None or bench.device) and not scaled:
+        _check_inertia(options, "" if log else ", or with --inertia-error 50 a --weight [N·m]")
     if log is not None:
-        if bench.device or around or weight or shake:
-            raise InvalidInput("a log takes none of --device, --around, --weight and --shake")
-        found, code = [_in_log(log, options, inertia_error)], 0
+        read = {"columns": parse_columns(columns), "skip_rows": skip_rows, "topics": topics}
+        found, code = [_in_log(log, options, inertia_error, read, console)], 0
     else:
         method = _tones(amplitude, series) if not shake else _shaken(shake, weight)
         found, code = _on_device(options, bench, around or [], method, inertia_error, weight, dt, console)
     good = [m for m in found if m.success]
     if as_json:
         print_json({"measurements": [m.to_dict() for m in found]})
-    for m in found:
-        console.print(_table(m)) if m.success else say(console, m.sentence)
     if out is not None and good:
         _draw(good, options, bench if log is None else None, out, console)
     if update:
-        _updated(good, options, inertia_error, console)
+        _updated(good if not code else [], options, inertia_error, console)
     if code or len(good) < len(found) or not found:
         raise typer.Exit(code or _NOT_MEASURED)
 
@@ -128,16 +141,16 @@ def _on_device(
 ) -> "tuple[list[MeasuredStiffness], int]":
     """Measure about every rest, by tones or by noise of an amplitude [rad], and stop after a failure.
 
-    Return the measurements and the exit code.
+    Return the measurements and the exit code. All rests are checked before the first motion.
     """
     from mpc.bench.measuring.session import Told, measure, shake
     from mpc.bench.measuring.weighing import Weight
 
     settings, found = bench.settings(), []
-    rests: list[str | None] = [*around] or [None]
-    for text in rests:
+    opened = bench.opened(options)
+    rests = [_rest(text, opened.plant) for text in around] or [_middle(opened.plant)]
+    for theta, K in rests:
         opened = bench.opened(options)
-        theta, K = _rest(text, opened.plant)
         say(console, f"about {theta / DEG:.3g}° and {K:.3g} N·m/rad, with the inertia {opened.plant.inertia:g} kg·m²")
         hung = Weight(weight, hanger(opened.device, console)) if weight else None
         watch = Watch(opened.plant.joint.pressure_limits[1], dt, bench)
@@ -148,7 +161,7 @@ def _on_device(
                 m, cycle = shake(opened.device, told, theta, K, method, **driven)
             else:
                 m, cycle = measure(opened.device, told, theta, K, tones=method, weight=hung, **driven)
-        found.append(m)
+        found.append(_shown(m, console))
         assert cycle.ending is not None
         if code := exit_code(cycle.ending):
             say_ending(cycle.ending, cycle.lateness, console)
@@ -156,29 +169,75 @@ def _on_device(
     return found, 0
 
 
-def _in_log(log: Path, options: PlantOptions, inertia_error: float) -> "MeasuredStiffness":
-    """Return the measurement from a log."""
+def _in_log(
+    log: Path, options: PlantOptions, inertia_error: float, read: dict[str, Any], console: "Console"
+) -> "MeasuredStiffness":
+    """Return the measurement from a log; `read` has the options of its reader."""
     from mpc.bench.measuring.log import from_log, read_log_of_motion
     from mpc.bench.measuring.strengths import Known
 
     plant, known = options.plant(), options.compensation()
     told = Known(plant.inertia, inertia_error * PERCENT, known.reading_age)
-    return from_log(plant, known.friction.loop, read_log_of_motion(log), told)
+    samples = read_log_of_motion(log, **read)
+    for note in samples.notes:
+        say(console, note)
+    return _shown(from_log(plant, known.friction.loop, samples, told), console)
 
 
-def _rest(text: str | None, plant: "Plant") -> tuple[float, float]:
-    """Return angle [rad] and stiffness [N·m/rad] of a rest, by default the middle of both ranges."""
+def _check_inertia(options: PlantOptions, otherwise: str) -> None:
+    """Insist on a known inertia: the default is nobody's, and a fitted one is proportional to the model's stiffness."""
+    from allocator.files.toml import Table
+
+    if options.inertia is not None:
+        return
+    wanted = f"give --inertia [kg·m²]{otherwise}"
+    file = None if options.file is None else Table.read(options.file)
+    given, fitted = (None if file is None else file.table(name) for name in ("plant", "intervals"))
+    if given is None or "inertia" not in given.entries:
+        raise InvalidInput(f"the inertia sets the scale of the measurement, and is not in --machine: {wanted}")
+    if fitted is not None and "inertia" in fitted.entries:
+        raise InvalidInput(
+            f"{options.file}: the inertia was fitted in proportion to the model's stiffness, which is to be measured: "
+            f"{wanted}"
+        )
+
+
+def _check_update(options: PlantOptions) -> None:
+    """Insist before any motion that strengths can be written into the joint's file."""
+    from allocator.files.atomic import check_writable
+    from mpc.bench.measuring.update import strengthened
+
+    if options.file is None:
+        raise InvalidInput("--update writes into the joint's file: name it with --machine")
+    check_writable(Path(options.file))
+    strengthened(options.joint(), np.ones(2), np.zeros((2, 2)))
+
+
+def _shown(m: "MeasuredStiffness", console: "Console") -> "MeasuredStiffness":
+    """Print a measurement and return it."""
+    console.print(_table(m)) if m.success else say(console, m.sentence)
+    return m
+
+
+def _rest(text: str, plant: "Plant") -> tuple[float, float]:
+    """Return angle [rad] and stiffness [N·m/rad] of --around, which the joint has. Raises `InvalidInput`."""
+    from mpc.bench.measuring.driving import resting
+
+    try:
+        theta, K = map(float, text.split(":"))
+    except ValueError:
+        raise InvalidInput(f"--around {text}: expected ANGLE:STIFFNESS in ° and N·m/rad, such as 10:6") from None
+    left, right = (end / DEG for end in plant.angle_limits)
+    within("--around", theta, "°, the joint's range", left, right)
+    within("--around", K, "N·m/rad", 1e-3, 1e6)
+    resting(plant, theta * DEG, K)
+    return theta * DEG, K
+
+
+def _middle(plant: "Plant") -> tuple[float, float]:
+    """Return the middles of the joint's range [rad] and of the stiffnesses [N·m/rad] there."""
     from allocator.feasibility import stiffness_interval
 
-    if text is not None:
-        try:
-            theta, K = map(float, text.split(":"))
-        except ValueError:
-            raise InvalidInput(f"--around {text}: expected ANGLE:STIFFNESS in ° and N·m/rad, such as 10:6") from None
-        left, right = (end / DEG for end in plant.angle_limits)
-        within("--around", theta, "°, the joint's range", left, right)
-        within("--around", K, "N·m/rad", 1e-3, 1e6)
-        return theta * DEG, K
     theta = float(plant.middle)
     return theta, float(sum(stiffness_interval(theta, 0.0, joint=plant.joint))) / 2
 

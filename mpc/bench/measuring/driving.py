@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.units import BAR
+from allocator.errors import InvalidInput
+from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.guard import Pressures
 from mpc.bench.measuring.loops import Tone, tone_of
@@ -29,6 +30,10 @@ _ENOUGH = 1.4  # times the wanted amplitude: the drive is cut …
 _CUT, _FALL = 0.5, 0.25  # … to this share, within these periods
 _SUDDEN = 4.0  # of the steps across the dead band
 _MARGIN = 0.15 * BAR  # from a pressure at which a cable is slack, and from the supply's ends
+_LEAST_ROOM = 0.05 * BAR
+_LEAST_ROWS = 8  # of a tone
+_FOLLOWED = 0.1  # [-] of a slow drive: pressures with a lesser amplitude do not follow their commands
+QUICK = 1.6  # [Hz], above slow tones
 
 
 class Refused(Exception):  # a finding, reported in the result
@@ -43,6 +48,7 @@ class Findings:
     curve: list[Tone] = field(default_factory=list)
     quantum: float = 0.0  # of the encoder [rad]
     balance: tuple[Tone, Tone] | None = None  # without and with the weight
+    left_out: tuple[float, ...] = ()  # amplitudes of the series, for lack of time [rad]
     refusal: str = ""
     duration: float = 0.0  # [s]
     furthest: float = 0.0  # greatest |θ - rest| over the wanted amplitude [-]
@@ -87,6 +93,28 @@ class Search:
         self.scale = min(max(guess, self.scale / _STEP), self.scale * most)
 
 
+def resting(plant: Plant, theta: float, K: float) -> Pressures:
+    """Return the pressures [Pa] of the model's rest at `theta` [rad] with the isobaric stiffness `K` [N·m/rad].
+
+    Raises `InvalidInput` if the joint has no such rest.
+    """
+    x = plant.at_rest(theta, K)
+    held = plant.allocate(theta, K, plant.torque_for(theta, 0.0, 0.0))
+    if not held.success:
+        raise InvalidInput(f"no rest at {theta / DEG:.4g}° and {K:.4g} N·m/rad: {held.message}")
+    return float(x[2]), float(x[3])
+
+
+def room(plant: Plant, theta: float, rest: Pressures) -> tuple[float, float]:
+    """Return the amplitudes [Pa] about a rest that keep cables taut and pressures within the supply."""
+    low, high = plant.pressure_limits
+    found = []
+    for P, side in zip(rest, plant.joint.sides(theta), strict=True):
+        slack = float(side.muscle.pressure(0.0, side.contraction))
+        found.append(max(min(P - max(slack, low), high - P) - _MARGIN, _LEAST_ROOM))
+    return found[0], found[1]
+
+
 class Driver:
     """Commands of tones about the rest of a plant, sample by sample."""
 
@@ -108,7 +136,17 @@ class Driver:
     def _played(
         self, wave: Wave, periods: float, fade: float, sliding: bool = False
     ) -> Generator[Decision, None, tuple[Array, bool]]:
-        """Play periods of a wave; return the rows (t, θ, P1, P2), and whether the drive was cut.
+        """Play periods of a wave as `_driven` does; return the complete rows (t, θ, P1, P2), and whether it was cut."""
+        rows, cut = yield from self._driven(wave, periods, fade, sliding)
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        if len(rows) < _LEAST_ROWS:
+            raise Refused("the device gave too few readings of angle and pressures")
+        return rows, cut
+
+    def _driven(
+        self, wave: Wave, periods: float, fade: float, sliding: bool = False
+    ) -> Generator[Decision, None, tuple[Array, bool]]:
+        """Play periods of a wave; return all rows, and whether the drive was cut.
 
         The wave fades in over `fade` periods, while the one before fades out. Excursions are from the middle of the
         period before, or while the joint is `sliding` from that of the present one.
@@ -141,36 +179,35 @@ class Driver:
 
     def _within(self, wave: Wave) -> Wave:
         """Return the wave with amplitudes that the pressures have room for."""
-        most = np.array(self._room) / np.maximum(np.abs(wave.drive + wave.dead), 1e-9)
+        most = np.array(room(self.plant, self._rest, self.first)) / np.maximum(np.abs(wave.drive + wave.dead), 1e-9)
         return wave.times(min(1.0, *most.tolist()))
 
     def _tone(self, rows: Array, f: float) -> Tone:
         """Return the tone of the rows."""
-        rows = rows[np.isfinite(rows).all(axis=1)]
-        if len(rows) < 8:
-            raise Refused("the device gave too few readings of angle and pressures")
         agonist, antagonist = self.plant.joint.sides(self._rest)
         T = np.column_stack([agonist.torque(rows[:, 2]), antagonist.torque(rows[:, 3])])
-        return tone_of(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
+        tone = tone_of(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
+        reached = np.abs(tone.harmonics[0, 1:]) / np.abs(self._torque_gains(self._rest))
+        if f <= QUICK and (reached < _FOLLOWED * self._wave.drive).any():
+            k = int(np.argmin(reached - _FOLLOWED * self._wave.drive))
+            raise Refused(
+                f"the pressure of muscle {k + 1} does not follow its command (±{reached[k] / BAR:.2g} of "
+                f"±{self._wave.drive[k] / BAR:.2g} bar at {f:.2g} Hz): check sensors, their units, valves and supply"
+            )
+        if np.ptp(rows[:, 1]) == 0:
+            raise Refused(
+                f"the angle stays at {rows[0, 1] / DEG:.3g}° while the pressures oscillate: check the encoder"
+            )
+        return tone
 
     def _torque_gains(self, theta: float) -> tuple[float, float]:
         one, two = self.plant.joint.sides(theta)
         return float(one.torque_gain(self.first[0])), float(two.torque_gain(self.first[1]))
 
-    @property
-    def _room(self) -> tuple[float, float]:
-        """Amplitudes of commands [Pa] that keep cables taut and pressures within the supply."""
-        found = []
-        for P, side in zip(self.first, self.plant.joint.sides(self._rest), strict=True):
-            low, high = self.plant.pressure_limits
-            slack = float(side.muscle.pressure(0.0, side.contraction))
-            found.append(max(min(P - max(slack, low), high - P) - _MARGIN, 0.05 * BAR))
-        return found[0], found[1]
-
     def _ended(self) -> Iterator[Decision]:
         """Fade out, which leaves the joint in the middle of its loop."""
         still = self._wave.times(0.0)._replace(dead=np.zeros(2))
-        yield from self._played(still, 1, fade=1)
+        yield from self._driven(still, 1, fade=1)
 
     def _hold(self, duration: float) -> Iterator[Decision]:
         for _ in range(round(duration / self.dt)):

@@ -22,8 +22,9 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.bench.cycle import Decision, Phase, Tick
-from mpc.bench.measuring.driving import Driver, Refused, Search, Wave
+from mpc.bench.measuring.driving import QUICK, Driver, Refused, Search, Wave, resting, room
 from mpc.bench.measuring.loops import Tone
+from mpc.bench.measuring.strengths import APART
 from mpc.bench.measuring.weighing import Weight
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
@@ -33,7 +34,6 @@ _SHAKES = 10  # periods, at most, in which the joint comes to the middle of its 
 _FIRST, _SHAKEN = 0.4, 0.75  # … from this share of the expected drive to this share of the amplitude
 _LOST = 0.25  # [-] off the amplitude: the tone cannot be controlled
 _BETWEEN = 0.3, 3.0  # of a drive over the expected one
-_QUICK = 1.6  # [Hz]
 _CLOSE = 0.08  # [-] of the amplitude: close enough
 _BEGIN = 0.9  # [-] of the expected drive
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
@@ -43,6 +43,7 @@ _SHORT = 0.93  # [-] of the amplitude: less counts as not reached
 _PLANNED = 1.0, 1.4, 0.75, 0.5  # [-] of the wanted amplitude, in the order of the trials
 _SAMPLES = 16  # per period, at least
 _HIGHEST = 8.0  # [Hz]
+_LEAST_RESONANCE = 0.3  # of the low tone
 _FLOW_SHARE = 0.8  # of the regulators' flow that a tone takes
 ONE, TWO, BOTH = (1.0, 0.0), (0.0, 1.0), (0.5, 0.5)  # shares of the torque
 MORE, LESS = (0.6, 0.4), (0.4, 0.6)  # at the upper frequency, at which a muscle alone may be too slow
@@ -72,6 +73,7 @@ class Tones:
         ):
             checks.positive(name, getattr(self, name), unit)
         checks.count("rounds", self.rounds, least=1)
+        object.__setattr__(self, "series", tuple(np.ravel(checks.real("series", self.series, "rad")).tolist()))
         if any(not 0 < a < 1 for a in (self.amplitude, *self.series)):
             raise InvalidInput(f"amplitudes = {self.amplitude}, {self.series} rad have to lie between 0 and 1 rad")
 
@@ -89,9 +91,14 @@ class Experiment(Driver):
         tones: Tones,
         weight: Weight | None = None,
     ) -> None:
-        x = plant.at_rest(theta, K)
-        super().__init__(plant, dt, (float(x[2]), float(x[3])), theta, tones.amplitude)
+        super().__init__(plant, dt, resting(plant, theta, K), theta, tones.amplitude)
         self.known, self.tones, self.weight = known, tones, weight
+        self._highest = min(_HIGHEST, 1 / (_SAMPLES * checks.positive("dt", dt, "s")))
+        if max(tones.low, tones.slow, tones.slowest) > self._highest:
+            raise InvalidInput(
+                f"dt = {dt:g} s and tones of {tones.low:g}, {tones.slow:g} and {tones.slowest:g} Hz: expected at least "
+                f"{_SAMPLES} samples per period, and at most {_HIGHEST:g} Hz"
+            )
         self._amplitude = tones.amplitude
         self._gains = self._torque_gains(theta)
         self._backbone = float(plant.joint.stiffness(theta, *self.first)) + plant.gravity_torque * cos(theta)
@@ -117,8 +124,13 @@ class Experiment(Driver):
         tones, found = self.tones, self.findings.tones
         A = self._amplitude = self._planned()
         self._met = self._expected(A), A
+        if (resonance := self._resonance(self._met[0])) < _LEAST_RESONANCE * tones.low:
+            raise Refused(
+                f"with the inertia of {self.plant.inertia:g} kg·m² the joint resonates at {resonance:.2g} Hz, far "
+                f"below the slow tone of {tones.low:g} Hz: check the unit of the inertia"
+            )
         rest = yield from self._seen(self._hold(tones.settle))
-        if not np.isfinite(rest).all():
+        if not np.isfinite(rest).all(axis=1).any():
             raise Refused("the device measures no pressures, of which the muscles' torques are computed")
         self._rest = self._centre()  # of the joint, which friction may hold elsewhere than the model
         self._gains = self._torque_gains(self._rest)
@@ -134,8 +146,9 @@ class Experiment(Driver):
         found += [tone, (yield from self._brought(upper, LESS, A))]
         tone, _ = yield from self._reached(max(further, 1.08 * upper), 1.08 * upper, BOTH, A)
         found += [tone] if tone.swing > _SHORT * A else []
-        for amplitude in tones.series:
+        for k, amplitude in enumerate(tones.series):
             if self.findings.duration > tones.longest:
+                self.findings.left_out = tones.series[k:]
                 break
             self.findings.curve.append((yield from self._brought(tones.slow, BOTH, amplitude, close=0.15)))
         if self.weight is not None:
@@ -148,9 +161,9 @@ class Experiment(Driver):
         yield from self._ended()
         while not weight.hang(weight.torque):
             yield Decision(self.first, Phase.RUN)
-        room = self._room
+        most = room(self.plant, self._rest, self.first)
         raised = [p + float(np.clip(weight.torque / 2 / g, -r / 2, r / 2))
-                  for p, g, r in zip(self.first, self._gains, room, strict=True)]  # fmt: skip
+                  for p, g, r in zip(self.first, self._gains, most, strict=True)]  # fmt: skip
         self.first = raised[0], raised[1]  # which about carries it: friction is unchanged
         yield from self._hold(2 * self.tones.settle)
         self.findings.balance = before, (yield from self._brought(self.tones.slow, BOTH, A, close=0.15))
@@ -172,9 +185,9 @@ class Experiment(Driver):
 
     def _correct(self, shares: tuple[float, float]) -> None:
         """Remember the drive of a tone relative to the expected one, for the next tone."""
-        wave, A = self._wave, self._met[1] if self._wave.frequency <= _QUICK else self._asked
+        wave, A = self._wave, self._met[1] if self._wave.frequency <= QUICK else self._asked
         expected = np.abs(self._drive(wave.frequency, shares, A).drive).max()
-        self._scales[wave.frequency > _QUICK] = float(np.clip(np.abs(wave.drive).max() / expected, *_BETWEEN))
+        self._scales[wave.frequency > QUICK] = float(np.clip(np.abs(wave.drive).max() / expected, *_BETWEEN))
 
     def _check_range(self) -> None:
         left, right = self.plant.joint.angle_range
@@ -224,16 +237,15 @@ class Experiment(Driver):
     def _upper(self, stiffness: complex) -> tuple[float, float]:
         """Return the two upper frequencies [Hz]: well above the resonance, as far as valves and samples permit."""
         resonance = self._resonance(stiffness)
-        most = min(_HIGHEST, 1 / (_SAMPLES * self.dt))
-        upper = min(max(_ABOVE[0] * resonance, 3 * self.tones.low), most / 1.2)
+        upper = min(max(_ABOVE[0] * resonance, 3 * self.tones.low), self._highest / 1.2)
         while upper > _LEAST_ABOVE * resonance and not self._follows(upper, max(MORE), stiffness):
             upper *= 0.97
-        if not self._follows(upper, max(MORE), stiffness):
+        if upper < _LOWEST_ABOVE * resonance or not self._follows(upper, max(MORE), stiffness):
             raise Refused(
                 f"the regulators cannot move the joint by ±{self._amplitude / DEG:.2g}° above its resonance of "
                 f"{resonance:.2g} Hz (flow, slack cables, or the sample time {self.dt:g} s); take a smaller amplitude"
             )
-        further = min(_ABOVE[1] / _ABOVE[0] * upper, most)
+        further = min(_ABOVE[1] / _ABOVE[0] * upper, self._highest)
         while further > 1.1 * upper and not self._follows(further, BOTH[0], stiffness):
             further *= 0.97
         return upper, further
@@ -249,7 +261,7 @@ class Experiment(Driver):
         pressures = np.array([torque / abs(g) for g in self._gains])
         commands = pressures * np.abs(1 + 1j * omega * np.array(self.plant.lags))
         taken = pressures.max() * omega / (_FLOW_SHARE * self.known.flow), commands.max() * omega / self.plant.slew
-        return float(1 / max(*taken, (commands / np.array(self._room)).max()))
+        return float(1 / max(*taken, (commands / np.array(room(self.plant, self._rest, self.first))).max()))
 
     def _reached(
         self, f: float, lowest: float, shares: tuple[float, float], A: float
@@ -267,7 +279,7 @@ class Experiment(Driver):
         self, f: float, shares: tuple[float, float], A: float, close: float = _CLOSE
     ) -> Generator[Decision, None, Tone]:
         """Drive a tone until the angle swings by A, and return it. Raises `Refused` if it stays apart from A."""
-        expected, quick = self._drive(f, shares, A), f > _QUICK
+        expected, quick = self._drive(f, shares, A), f > QUICK
         step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
         self._asked, search, tone = A, Search(A, self._scales[quick] * _BEGIN), None
         periods, fade = step, 3.0 if quick else 1.0 if f >= self.tones.low else 0.5
@@ -286,7 +298,7 @@ class Experiment(Driver):
         if tone is None or cut or (abs(swing / A - 1) > _LOST and not exhausted):
             raise Refused(
                 f"the amplitudes did not come together (±{swing / DEG:.3g}° instead of ±{A / DEG:.3g}° at {f:.2g} Hz): "
-                "friction jumps, or the regulators are too slow; shake the joint instead (--shake 10)"
+                f"{APART}"
             )
         if not quick:
             self._learn(tone)

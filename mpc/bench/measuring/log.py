@@ -20,7 +20,7 @@ leaving out every twelfth of the log in turn, of the readings' age, and the squa
 errors of the regressors attenuate.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import sqrt
@@ -39,7 +39,7 @@ from allocator.joint.felt import Loop
 from allocator.units import DEG
 from mpc.bench.logs import read_log
 from mpc.bench.measuring.result import Felt, MeasuredStiffness
-from mpc.bench.measuring.strengths import Known
+from mpc.bench.measuring.strengths import Known, why_implausible
 from mpc.model.plant import Plant
 
 _HALF = 0.15  # [s] of a bump
@@ -65,9 +65,10 @@ class Samples:
     theta: Array  # as the encoder shows it [rad]
     P1: Array  # in the muscle, gauge [Pa]
     P2: Array
+    notes: tuple[str, ...] = ()  # sentences about rows of a file that were left out
 
     @classmethod
-    def of(cls, t: ArrayLike, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> Self:
+    def of(cls, t: ArrayLike, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, notes: tuple[str, ...] = ()) -> Self:
         """Check the rows. Raises `InvalidInput`."""
         named = {"t": checks.real("t", t, "s"), "theta": checks.angle("theta", theta)}
         named |= {name: checks.pressure(name, P) for name, P in (("P1", P1), ("P2", P2))}
@@ -75,22 +76,30 @@ class Samples:
             raise InvalidInput(f"t, theta, P1 and P2 have to be rows of the same length, {LEAST_ROWS} samples or more")
         if not (np.diff(named["t"]) > 0).all():
             raise InvalidInput("t has to increase [s]")
-        return cls(*(np.array(a, float) for a in named.values()))
+        rows = [np.array(a, float) for a in named.values()]
+        return cls(rows[0], rows[1], rows[2], rows[3], notes)
 
 
-def read_log_of_motion(path: str | Path, columns: dict[str, str] | None = None) -> Samples:
-    """Read a log of `antagonist run`, or any that `fit-motion` reads, with measured pressures. Raises `InvalidFile`."""
+def read_log_of_motion(
+    path: str | Path, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0, topics: str | None = None
+) -> Samples:
+    """Read a log of `antagonist run`, or any that `fit-motion` reads, with measured pressures.
+
+    `columns`, `skip_rows` and `topics` are those of `read_motion_log`. Raises `InvalidFile`.
+    """
+    notes: tuple[str, ...] = ()
     with open(path, encoding="utf-8", errors="replace") as file:
         head = next((line for line in file if not line.startswith("#")), "")
-    if "P1_command" in head and "phase" in head and columns is None:
+    if "P1_command" in head and "phase" in head and not columns and not topics:
         c = read_log(path)
         good = np.all([np.isfinite(c[name]) for name in ("t", "theta", "P1", "P2")], axis=0)
         rows = [c[name][good] for name in ("t", "theta", "P1", "P2")]
     else:
-        log = read_motion_log(path, columns)
+        log = read_motion_log(path, columns, skip_rows=skip_rows, topics=topics)
+        notes = log.notes
         rows = [log.t, log.theta, *((log.P1, log.P2) if log.measured is None else log.measured)]
     try:
-        return Samples.of(*rows)
+        return Samples.of(rows[0], rows[1], rows[2], rows[3], notes)
     except InvalidInput as error:
         raise InvalidFile(path, str(error)) from None
 
@@ -123,12 +132,12 @@ def _why_not(left: float, std: float, x: Array) -> str:
     excite = "step both pressures at random, or shake the joint near its resonance, for a minute"
     if left > _UNEXPLAINED:
         return (
-            f"the torques leave {100 * left:.0f} % of the log's accelerations unexplained (at most "
+            f"the torques leave {100 * left:.3g} % of the log's accelerations unexplained (at most "
             f"{100 * _UNEXPLAINED:.0f}): too little excitation, commanded pressures, or another joint; {excite}"
         )
-    if std > _KNOWN or min(x[:2]) <= 0:
+    if std > _KNOWN:
         return f"the strengths are known to ± {100 * min(std, 9.99):.0f} % only: too little excitation; {excite}"
-    return ""
+    return why_implausible((float(x[0]), float(x[1])))
 
 
 @dataclass(frozen=True)

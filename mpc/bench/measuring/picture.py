@@ -24,6 +24,8 @@ def plot_measured(
 
     `joint` and its `loop` of hysteresis are the model before the measurement.
     """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     figure = new_figure(7, 5) if figure is None else figure
     axes = figure.subplots()
     for k, m in enumerate(m for m in found if m.success):
@@ -40,7 +42,8 @@ def plot_measured(
     axes.set_xscale("log")
     axes.set_ylim(0)
     axes.set(xlabel="amplitude of the push [±°]", ylabel="stiffness [N·m/rad]")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend(frameon=False, fontsize="small")
     return figure

@@ -13,7 +13,7 @@ from allocator.units import BAR, DEG
 from mpc.bench.measuring.driving import Findings
 from mpc.bench.measuring.experiment import Tones
 from mpc.bench.measuring.loops import Tone
-from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_not, why_rubber
+from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_implausible, why_not, why_rubber
 from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
 
@@ -54,6 +54,7 @@ class MeasuredStiffness:
     duration: float  # [s]
     furthest: float  # greatest excursion over the wanted amplitude [-]
     scale: Scale | None = None  # inertia by a weight, relative to the given one
+    left_out: tuple[float, ...] = ()  # amplitudes of the curve, for lack of time [rad]
     refusal: str = ""  # reason of a refusal; all of the above except posture and duration are NaN then
 
     @property
@@ -121,6 +122,8 @@ class MeasuredStiffness:
 
     @classmethod
     def _measured(cls, plant: Plant, loop: Loop, findings: Findings, found: Solution) -> Self:
+        if why := why_implausible(found.strengths):
+            return cls._refused(findings, why)
         middle = np.mean([t.middle for t in findings.tones[:4]], axis=0)
         theta, P = float(middle[0]), (float(middle[1]), float(middle[2]))
         k = np.array([float(s.stiffness(p)) for s, p in zip(plant.joint.sides(theta), P, strict=True)])
@@ -133,6 +136,7 @@ class MeasuredStiffness:
         return cls(
             theta, P, found.strengths, C, float(g @ k), sqrt(float(k @ C @ k)), float(k.sum()), felt,
             found.values["D"], found.errors["D"], found.values["age"], found, findings.duration, findings.furthest,
+            left_out=findings.left_out,
         )  # fmt: skip
 
     @property
@@ -154,6 +158,7 @@ class MeasuredStiffness:
         ]
         if self.scale is not None:
             found.append(("inertia by the weight", f"{self.scale.ratio:.3f} ± {self.scale.std:.2g}", "times that told"))
+        found += [(f"felt K at ±{A / DEG:.2g}° [N·m/rad]", "no time left", "") for A in self.left_out]
         return [*found, ("damping [N·m·s/rad]", f"{self.damping:.2g} ± {self.damping_std:.1g}", "")]
 
     @property
@@ -190,6 +195,7 @@ class MeasuredStiffness:
                 }
                 for f in self.felt
             ],
+            "amplitudes_left_out_deg": [A / DEG for A in self.left_out],
             "inertia_by_weight": None if self.scale is None else self.scale.ratio,
             "damping_Nms_per_rad": self.damping,
             "age_s": self.age,

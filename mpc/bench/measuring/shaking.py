@@ -15,11 +15,11 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.guard import Pressures
+from mpc.bench.measuring.driving import resting, room
 from mpc.bench.measuring.log import LEAST_ROWS, Samples
 from mpc.model.plant import Plant
 
 _BAND = 0.3, 4.0  # [Hz]
-_MARGIN = 0.15 * BAR  # from a pressure at which a cable is slack, and from the supply's ends
 _BEGIN, _LEAST = 0.05 * BAR, 0.01 * BAR  # root mean square of the noise
 _WINDOW = 1.5  # [s] over which excursions are judged
 _AIM, _TOO_FAR = 0.8, 1.1  # [-] of the wanted amplitude: aim in each window, and limit beyond which the noise is halved
@@ -38,10 +38,9 @@ class Shaking:
         self.dt = dt
         self.amplitude = checks.positive("amplitude", amplitude, "rad")
         self.duration = checks.positive("duration", duration, "s")
-        x = plant.at_rest(theta, K)
-        self.first: Pressures = (float(x[2]), float(x[3]))
+        self.first: Pressures = resting(plant, theta, K)
         self.furthest = 0.0  # greatest excursion over the wanted amplitude [-]
-        self._room = _room(plant, theta, self.first)
+        self._room = room(plant, theta, self.first)
         self._noise = noise(round(self.duration / dt), dt, seed)
         self._rows: list[tuple[float, float, float, float]] = []
         self._centre = float("nan")  # [rad]
@@ -74,7 +73,7 @@ class Shaking:
                 far, cut = 0.0, False
             size = max(min(size, *self._room), _LEAST)
             u = [
-                p + float(np.clip(size * e, -room, room)) for p, e, room in zip(self.first, z, self._room, strict=True)
+                p + float(np.clip(size * e, -most, most)) for p, e, most in zip(self.first, z, self._room, strict=True)
             ]
             yield Decision((u[0], u[1]), Phase.RUN)
         yield from self._hold(_END)
@@ -103,13 +102,3 @@ def noise(n: int, dt: float, seed: int) -> Array:
     sos = butter(2, np.array(_BAND) * 2 * dt, "band", output="sos")
     z = sosfilt(sos, np.random.default_rng(seed).standard_normal((n + 500, 2)), axis=0)[500:]
     return np.asarray(np.clip(z / z.std(axis=0), -_TAIL, _TAIL))
-
-
-def _room(plant: Plant, theta: float, rest: Pressures) -> tuple[float, float]:
-    """Return the amplitudes [Pa] that keep cables taut and pressures within the supply."""
-    low, high = plant.pressure_limits
-    found = []
-    for P, side in zip(rest, plant.joint.sides(theta), strict=True):
-        slack = float(side.muscle.pressure(0.0, side.contraction))
-        found.append(max(min(P - max(slack, low), high - P) - _MARGIN, _BEGIN))
-    return found[0], found[1]

@@ -39,6 +39,8 @@ _APART = 0.10  # [-] of the amplitude: tones farther apart are useless
 _RATE = 3.5  # standard errors of an accepted rate dependence
 _RATE_LEAST = 0.06  # [-] of K_felt per decade, below which a rate dependence is irrelevant
 _SOFTENS = 1.2  # standard errors of an accepted lack of softening
+_PLAUSIBLE = 0.5, 2.0  # strengths
+APART = "friction jumps, or the regulators are too slow; shake the joint instead (--shake 10)"
 
 
 class Load(NamedTuple):
@@ -144,10 +146,10 @@ def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_s
         return f"the joint moved by only ±{np.degrees(min(A)):.2g}°, less than its encoder resolves for this"
     if (quality := min(t.coherence for t in tones)) < 0.8:
         return f"the motion is no tone: {100 * (1 - quality):.0f} % of its variance is something else"
-    same = [a for i, a in enumerate(A) if i != WIDER]
-    if max(abs(a / amplitude - 1) for a in same) > _APART:
-        listed = ", ".join(f"±{np.degrees(a):.3g}° at {t.frequency:.2g} Hz" for t, a in zip(tones, A, strict=True))
-        return f"the amplitudes did not come together ({listed}); friction jumps, or the regulators are too slow"
+    same = [t for i, t in enumerate(tones) if i != WIDER]
+    if max(abs(t.swing / amplitude - 1) for t in same) > _APART:
+        listed = ", ".join(f"±{np.degrees(t.swing):.3g}° at {t.frequency:.2g} Hz" for t in same)
+        return f"the amplitudes did not come together ({listed}): {APART}"
     if found is None:
         return ""
     if abs(found.rate) > _RATE * found.rate_error and abs(found.rate) > _RATE_LEAST:
@@ -156,11 +158,22 @@ def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_s
             f"(± {100 * found.rate_error:.0f}); tones then do not determine the muscles' strengths"
         )
     worst = max(found.errors["g1"] / abs(found.strengths[0]), found.errors["g2"] / abs(found.strengths[1]))
-    if not worst < 0.15 or min(found.strengths) <= 0:
+    if not worst < 0.15:
         return f"the excitation is too small: the strengths are known to ± {100 * min(worst, 9.99):.0f} % only"
     if found.disagreement > 6:
         return f"the frequencies disagree: {found.disagreement:.1f} times their errors"
     return ""
+
+
+def why_implausible(strengths: tuple[float, float]) -> str:
+    """Return that no muscle differs so much from its model, or ""."""
+    one, two = strengths
+    if all(_PLAUSIBLE[0] <= g <= _PLAUSIBLE[1] for g in strengths):
+        return ""
+    return (
+        f"the muscles would pull {one:.3g} and {two:.3g} times as hard as their models: check the inertia [kg·m²], the "
+        "units and signs of angle and pressures, and which muscle is the agonist"
+    )
 
 
 def why_rubber(tones: list[Tone], curve: list[Tone], found: Solution, inertia: float) -> str:
