@@ -1,23 +1,25 @@
 """Strengths and stiffness from any log by weak-form regression.
 
 With the torques T_i of the model at the measured angles and pressures, true strengths g_i, known inertia J, damping b,
-gravity m g l and stop operators s_j of the measured angle with half widths r_j on a grid,
+gravity m g l, stop operators s_j of the measured angle with half widths r_j on a grid, and a stiffness e that the
+model's force laws lack,
 
-    J θ'' + b θ' + m g l sin θ = g_1 T_1 + g_2 T_2 - Σ w_j s_j(θ; r_j) + c,        w_j, b ≥ 0                  (W1)
+    J θ'' + b θ' + m g l sin θ = g_1 T_1 + g_2 T_2 - e θ - Σ w_j s_j(θ; r_j) + c,        w_j, b ≥ 0            (W1)
 
 Multiplied by bumps φ that vanish with their slopes at both ends, and integrated by parts,
 
-    J ∫φ''θ = g_1 ∫φT_1 + g_2 ∫φT_2 - Σ w_j ∫φs_j + b ∫φ'θ - m g l ∫φ sin θ + c ∫φ                              (W2)
+    J ∫φ''θ = g_1 ∫φT_1 + g_2 ∫φT_2 - e ∫φθ - Σ w_j ∫φs_j + b ∫φ'θ - m g l ∫φ sin θ + c ∫φ                      (W2)
 
-no noise is differentiated. The solution is by least squares with nonnegative unknowns. The springs w_j are numbers, or
-shares of the model's K along the log: both are columns. No stop is wider than half the swing, because a stop that never
-slips cannot be distinguished from K. The gas acts only through the measured pressures, so that the stiffness is the
-isobaric one.
+no noise is differentiated. The solution is by least squares with nonnegative unknowns. The springs w_j are numbers,
+or shares of the model's K along the log: both are columns. No stop is wider than half the swing, because a stop that
+never slips cannot be distinguished from K. The backbone K is g_1 k_1 + g_2 k_2 + e with the stiffnesses k_i of the
+model's muscles: e corrects the shape of the laws, which strengths cannot. The gas acts only through the measured
+pressures, so that the stiffness is the isobaric one.
 
-The inertia sets the scale. A log is therefore refused if the torques do not explain its accelerations: friction alone
-fits a slow sine as well as muscles do, with strengths that are wrong by half. The standard deviations are those of
-leaving out every twelfth of the log in turn, of the readings' age, and the square of the unexplained share, since
-errors of the regressors attenuate.
+The inertia sets the scale. A log is therefore refused if the torques without e do not explain its accelerations:
+friction alone fits a slow sine as well as muscles do, with strengths that are wrong by half. The standard deviations
+are those of leaving out every twelfth of the log in turn, of the readings' age, and the square of the unexplained
+share, since errors of the regressors attenuate.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,6 +48,7 @@ _HALF = 0.15  # [s] of a bump
 _STEP = 0.01  # [s] between rows, at most, into which a log is interpolated
 _STOPS, _NARROWEST, _WIDEST = 8, 0.3 * DEG, 12 * DEG
 _SWING = 0.05, 0.95  # quantiles of the angle that define the swing
+_DAMPING, _SHAPE = 2 + 2 * _STOPS, 5 + 2 * _STOPS  # columns of b, e and -e
 _PARTS = 12  # of the log, left out in turn
 _SETTLED = 4  # bumps at the beginning, until the state of the stops is known
 LEAST_ROWS = 400
@@ -115,16 +118,17 @@ def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredSt
     middle = tuple(float(np.median(a)) for a in (log.theta, log.P1, log.P2))
     if len(table.y) < 4 * table.X.shape[1]:
         return refused(middle, duration, f"{duration:.0f} s are too short")
+    X = table.X[:, :_SHAPE]
+    left = float(np.std(table.y - X @ _solved(X, table.y)) / np.std(table.y))
     x = _solved(table.X, table.y)
-    left = float(np.std(table.y - table.X @ x) / np.std(table.y))
+    scale = _scale(x)
     scattered = _scatter(table)
-    C = scattered[:2, :2]
-    std = np.sqrt(np.diag(C)) / np.maximum(x[:2], 1e-9)
+    std = np.sqrt(np.diag(scattered)[:2]) / np.maximum(x[:2], 1e-9)
     if why := _why_not(left, float(std.max()), x):
         return refused(middle, duration, why)
     common = _MODEL**2 + left**4 + known.inertia_error**2
-    C = C + common * np.outer(x[:2], x[:2]) + _by_age(plant, log, known, x)
-    return _measured(plant, loop, table, x, C, sqrt(scattered[2, 2]), middle, duration)
+    C = scattered[:3, :3] + common * np.outer(scale, scale) + _by_age(plant, log, known, x)
+    return _measured(plant, loop, table, x, C, sqrt(scattered[3, 3]), middle, duration)
 
 
 def _why_not(left: float, std: float, x: Array) -> str:
@@ -142,7 +146,7 @@ def _why_not(left: float, std: float, x: Array) -> str:
 
 @dataclass(frozen=True)
 class _Table:
-    """Regression (W2): y = X x, of unknowns g_1, g_2, w_j (n), w_j as shares of K (n), b, c, -c."""
+    """Regression (W2): y = X x, of unknowns g_1, g_2, w_j (n), w_j as shares of K (n), b, c, -c, e, -e."""
 
     X: Array
     y: Array
@@ -164,7 +168,7 @@ class _Table:
             if there is not None:
                 X.append(there[0])
                 y.append(there[1])
-        n = 5 + 2 * _STOPS
+        n = _SHAPE + 2
         none = np.zeros((0, n)), np.zeros(0)
         return cls(np.concatenate([none[0], *X]), np.concatenate([none[1], *y]), r, scale, float(high - low) / 2)
 
@@ -194,7 +198,8 @@ def _part(plant: Plant, log: Samples, part: slice, known: Known, r: Array, scale
         return np.convolve(signal, weight[::-1], "valid")[:: max(m // 2, 1)][2 * _SETTLED :] * h
 
     one = over(np.ones(theta.size), bump)
-    X = np.stack([*(over(c, bump) for c in columns), over(theta, slope), one, -one], axis=1)
+    shape = over(theta - np.median(log.theta), bump)
+    X = np.stack([*(over(c, bump) for c in columns), over(theta, slope), one, -one, -shape, shape], axis=1)
     return X, known.inertia * over(theta, bend) + plant.gravity_torque * over(np.sin(theta), bump)
 
 
@@ -215,22 +220,28 @@ def _solved(X: Array, y: Array) -> Array:
     return np.asarray(nnls(X / size, y)[0] / size)
 
 
+def _scale(x: Array) -> Array:
+    """Return g_1, g_2 and e (3,), the unknowns of the backbone."""
+    return np.array([x[0], x[1], x[_SHAPE] - x[_SHAPE + 1]])
+
+
 def _scatter(table: _Table) -> Array:
-    """Return the covariance (3, 3) of both strengths and the damping by leaving out parts of the log in turn."""
+    """Return the covariance (4, 4) of g_1, g_2, e and the damping by leaving out parts of the log in turn."""
     ends = np.linspace(0, len(table.y), _PARTS + 1).astype(int)
     found = []
     for a, b in pairwise(ends.tolist()):
         keep = np.r_[0:a, b : len(table.y)]
-        found.append(_solved(table.X[keep], table.y[keep])[[0, 1, -3]])
+        x = _solved(table.X[keep], table.y[keep])
+        found.append([*_scale(x), x[_DAMPING]])
     off = np.array(found) - np.mean(found, axis=0)
     return np.asarray((_PARTS - 1) / _PARTS * off.T @ off)
 
 
 def _by_age(plant: Plant, log: Samples, known: Known, x: Array) -> Array:
-    """Return the covariance (2, 2) of both strengths by the age of the readings."""
+    """Return the covariance (3, 3) of g_1, g_2 and e by the age of the readings."""
     error = max(known.age_error, _AGE)
     later = _Table.of(plant, log, replace(known, age=known.age + error))
-    off = _solved(later.X, later.y)[:2] - x[:2]
+    off = _scale(_solved(later.X, later.y)) - _scale(x)
     return np.outer(off, off)
 
 
@@ -246,7 +257,7 @@ def _measured(
 ) -> MeasuredStiffness:
     theta, P = middle[0], (middle[1], middle[2])
     k = np.array([float(s.stiffness(p)) for s, p in zip(plant.joint.sides(theta), P, strict=True)])
-    K, K_std = float(x[:2] @ k), sqrt(float(k @ C @ k))
+    K, K_std = float(_scale(x) @ [*k, 1]), sqrt(float([*k, 1] @ C @ [*k, 1]))
     own, shares = x[2 : 2 + _STOPS], x[2 + _STOPS : 2 + 2 * _STOPS]
     w = own + shares * float(k.sum()) / table.scale
     felt = [
@@ -256,8 +267,8 @@ def _measured(
     ]
     nan = float("nan")
     return MeasuredStiffness(
-        theta, P, (float(x[0]), float(x[1])), C, K, K_std, float(k.sum()), tuple(felt), float(x[-3]), damping_std,
-        nan, None, duration, nan,
+        theta, P, (float(x[0]), float(x[1])), C[:2, :2], K, K_std, float(k.sum()), tuple(felt), float(x[_DAMPING]),
+        damping_std, nan, None, duration, nan,
     )  # fmt: skip
 
 
