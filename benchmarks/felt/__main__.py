@@ -8,12 +8,12 @@ from benchmarks.felt import allocation, drift, hidden, logs, refusals, strangers
 PARTS = {
     "allocation": allocation.report,
     "hidden": partial(hidden.report, n=60, first=120),
-    "shaken": partial(hidden.report, n=60, by=hidden.shaken),
+    "shaken": partial(hidden.report, n=60, first=180, by=hidden.shaken),
     "inertia": partial(hidden.report, n=30, inertia_error=0.05),
-    "logs": logs.report,
+    "logs": partial(logs.report, first=180),
     "refusals": refusals.report,
-    "strangers": partial(strangers.report, n=3),
-    "stranger-logs": partial(strangers.report, n=3, by=strangers.in_log),
+    "strangers": partial(strangers.report, n=3, first=180),
+    "stranger-logs": partial(strangers.report, n=3, first=180, by=strangers.in_log),
     "identified": partial(strangers.report, n=1, of="identified"),
     "drift": partial(drift.report, n=8),
 }

@@ -131,7 +131,7 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measur
             predicted += [f.model / met - 1 for f, met in zip(m.felt, pushes, strict=True)]
             strengths += gs
             felts += [e for a, e in curve if 1 * DEG <= a <= 8.5 * DEG]
-            backbones.append((m.K / K - 1, m.model_K / K - 1))
+            backbones.append((m.K / K - 1, m.model_K / K - 1, m.K_std / K))
             felt = " ".join(f"{a / DEG:.1f}°: {100 * e:+.1f}" for a, e in curve)
             alone = 100 * (m.model_K / K - 1)
             print(
@@ -143,7 +143,8 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measur
     return (
         f"strangers ({of}): {total - refused} of {total} measured; nine in ten strengths within "
         f"{100 * np.quantile(g, 0.9):.1f} %, felt K at 1–8° within {100 * np.quantile(f, 0.9):.1f} %, backbone within "
-        f"{100 * np.quantile(k[:, 0], 0.9):.1f} % (model alone {100 * np.quantile(k[:, 1], 0.9):.1f} %); medians "
+        f"{100 * np.quantile(k[:, 0], 0.9):.1f} % (model alone {100 * np.quantile(k[:, 1], 0.9):.1f} %), whose 95 % "
+        f"interval covers {100 * np.mean(k[:, 0] <= 1.96 * k[:, 2]):.0f} %; medians "
         f"{100 * np.median(g):.1f}, {100 * np.median(f):.1f}, {100 * np.median(k[:, 0]):.1f} %; "
         f"felt K that the model alone predicts: median error {100 * np.median(model):.1f} %, nine in ten within "
         f"{100 * np.quantile(model, 0.9):.1f} %"

@@ -21,6 +21,8 @@ _LEAST_STEPS = 4.0  # of the encoder in a swing
 _SCATTER = 0.015  # [-] of K_felt: waveform of the turns, beyond the errors of phasors
 _BALANCED = 0.025  # [-] of a muscle's torque: offsets of sensors, muscle model
 _CENTRED = 0.25  # of the height of a loop: how well it is centred
+_SHAPE = 0.05  # [-] of the backbone K: the force law's shape, by strangers (seeds 1000-1005)
+_CABLES = 0.04  # [-] of the strengths per K_felt/K - 1: stuck hysteresis stretches cables, by the same strangers
 _SCALE_KNOWN = 0.25  # greatest useful standard deviation of the scale by a weight
 _NORMAL = 1.96  # of 95 %
 
@@ -43,7 +45,7 @@ class MeasuredStiffness:
     pressures: tuple[float, float]  # [Pa]
     strengths: tuple[float, float]  # g_i [-], relative to the model's
     covariance: Array  # of the strengths (2, 2) [-]
-    K: float  # backbone [N·m/rad]: the model's with these strengths
+    K: float  # backbone [N·m/rad]: the model's with these strengths, in a log also corrected for its force laws' shape
     K_std: float
     model_K: float  # backbone by the previous model [N·m/rad]
     felt: tuple[Felt, ...]
@@ -133,8 +135,10 @@ class MeasuredStiffness:
         age = found.values["age"]
         curve = [_felt(tone, age, plant.joint, loop, theta, P, g, C, plant.inertia, gravity) for tone in slow]
         felt = (_mean(*curve[:2]), *curve[2:])
+        K = float(g @ k)
+        C = C + (_CABLES * max(felt[0].K / K - 1, 0.0)) ** 2 * np.outer(g, g)
         return cls(
-            theta, P, found.strengths, C, float(g @ k), sqrt(float(k @ C @ k)), float(k.sum()), felt,
+            theta, P, found.strengths, C, K, sqrt(float(k @ C @ k) + (_SHAPE * K) ** 2), float(k.sum()), felt,
             found.values["D"], found.errors["D"], found.values["age"], found, findings.duration, findings.furthest,
             left_out=findings.left_out,
         )  # fmt: skip

@@ -17,6 +17,8 @@ strengths = [1.06, 0.93]       # relative to the file before
 strengths_std = [0.01, 0.01]
 stiffness_before = 5.9         # backbone K about theta, by the file before and after [N·m/rad]
 stiffness_after = 6.1
+stiffness_measured = 6.2       # the same, as measured; strengths do not change the shape of a force law
+stiffness_std = 0.3
 """
 
 import re
@@ -127,6 +129,8 @@ def _entry(
         "strengths_std": tuple(m.strengths_std),
         "stiffness_before": float(before.stiffness(*at)),
         "stiffness_after": float(after.stiffness(*at)),
+        "stiffness_measured": m.K,
+        "stiffness_std": m.K_std,
     }
 
 

@@ -106,7 +106,7 @@ def test_a_hidden_joint_is_measured_within_its_errors(measured):
     x = np.array([m.theta, 0.0, *m.pressures])
     K = float(REAL.isobaric(x))
     assert abs(m.K - K) < 3 * m.K_std
-    assert m.K_std < 0.04 * K
+    assert m.K_std < 0.08 * K
     for f in m.felt:
         contact = Contact(REAL, x)
         felt = K + REAL.friction.loop.secant(f.amplitude).added(K, contact.pulled, contact.filled)
