@@ -187,18 +187,22 @@ class Driver:
         agonist, antagonist = self.plant.joint.sides(self._rest)
         T = np.column_stack([agonist.torque(rows[:, 2]), antagonist.torque(rows[:, 3])])
         tone = tone_of(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
-        reached = np.abs(tone.harmonics[0, 1:]) / np.abs(self._torque_gains(self._rest))
-        if f <= QUICK and (reached < _FOLLOWED * self._wave.drive).any():
-            k = int(np.argmin(reached - _FOLLOWED * self._wave.drive))
-            raise Refused(
-                f"the pressure of muscle {k + 1} does not follow its command (±{reached[k] / BAR:.2g} of "
-                f"±{self._wave.drive[k] / BAR:.2g} bar at {f:.2g} Hz): check sensors, their units, valves and supply"
-            )
         if np.ptp(rows[:, 1]) == 0:
             raise Refused(
                 f"the angle stays at {rows[0, 1] / DEG:.3g}° while the pressures oscillate: check the encoder"
             )
         return tone
+
+    def _check_followed(self, tone: Tone) -> None:
+        """Refuse a slow tone in which a measured pressure does not follow its command."""
+        drive = self._wave.drive
+        reached = np.abs(tone.harmonics[0, 1:]) / np.abs(self._torque_gains(self._rest))
+        if tone.frequency <= QUICK and (reached < _FOLLOWED * drive).any():
+            k = int(np.argmin(reached - _FOLLOWED * drive))
+            raise Refused(
+                f"the pressure of muscle {k + 1} does not follow its command (±{reached[k] / BAR:.2g} of "
+                f"±{drive[k] / BAR:.2g} bar at {tone.frequency:.2g} Hz): check sensors, their units, valves and supply"
+            )
 
     def _torque_gains(self, theta: float) -> tuple[float, float]:
         one, two = self.plant.joint.sides(theta)

@@ -24,7 +24,7 @@ from allocator.units import DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.measuring.driving import QUICK, Driver, Refused, Search, Wave, resting, room
 from mpc.bench.measuring.loops import Tone
-from mpc.bench.measuring.strengths import APART
+from mpc.bench.measuring.strengths import APART, USABLE
 from mpc.bench.measuring.weighing import Weight
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
@@ -35,6 +35,7 @@ _FIRST, _SHAKEN = 0.4, 0.75  # … from this share of the expected drive to this
 _LOST = 0.25  # [-] off the amplitude: the tone cannot be controlled
 _BETWEEN = 0.3, 3.0  # of a drive over the expected one
 _CLOSE = 0.08  # [-] of the amplitude: close enough
+_MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
 _BEGIN = 0.9  # [-] of the expected drive
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
 _LEAST_ABOVE, _ENOUGH_ABOVE, _LOWEST_ABOVE = 1.3, 1.5, 1.2
@@ -283,7 +284,7 @@ class Experiment(Driver):
         step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
         self._asked, search, tone = A, Search(A, self._scales[quick] * _BEGIN), None
         periods, fade = step, 3.0 if quick else 1.0 if f >= self.tones.low else 0.5
-        for k in range(self.tones.rounds):
+        for k in range(self.tones.rounds + _MORE_ROUNDS):
             rows, cut = yield from self._played(expected.times(search.scale), periods + (k == 0) * fade, fade)
             fade = 1.0 if quick else _FADE
             searching = periods == step
@@ -291,10 +292,13 @@ class Experiment(Driver):
             swing = float(np.ptp(rows[-round(step / f / self.dt) :, 1])) / 2 if tone is None else tone.swing
             near = abs(A / max(swing, 1e-9) - 1) <= close and not cut
             exhausted = A > swing / _SHORT and self._saturated(rows, self._wave)
-            if (near or exhausted) and not searching:
+            usable = near or exhausted or (k >= self.tones.rounds - 1 and abs(swing / A - 1) < USABLE and not cut)
+            if usable and not searching:
                 break
             search.learn(swing, cut)
             periods = measured if near or exhausted or k >= self.tones.rounds - 2 else step
+        if tone is not None:
+            self._check_followed(tone)
         if tone is None or cut or (abs(swing / A - 1) > _LOST and not exhausted):
             raise Refused(
                 f"the amplitudes did not come together (±{swing / DEG:.3g}° instead of ±{A / DEG:.3g}° at {f:.2g} Hz): "

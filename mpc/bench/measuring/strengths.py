@@ -35,7 +35,7 @@ _FLOOR = 0.006  # [-] of the impedance K - Jω² + …: errors beyond the scatte
 _MODEL = 0.02  # [-] of the strengths, common to both: model error of the equations, by hidden joints (seeds >= 1000)
 _TINY, _STILL = 1e-4, 1e-7  # [s] of a difference, and of the last step
 _STEPS = 12  # of Gauss–Newton in the age
-_APART = 0.10  # [-] of the amplitude: tones farther apart are useless
+USABLE = 0.10  # [-] of the amplitude: tones farther apart are useless
 _RATE = 3.5  # standard errors of an accepted rate dependence
 _RATE_LEAST = 0.06  # [-] of K_felt per decade, below which a rate dependence is irrelevant
 _SOFTENS = 1.2  # standard errors of an accepted lack of softening
@@ -147,7 +147,7 @@ def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_s
     if (quality := min(t.coherence for t in tones)) < 0.8:
         return f"the motion is no tone: {100 * (1 - quality):.0f} % of its variance is something else"
     same = [t for i, t in enumerate(tones) if i != WIDER]
-    if max(abs(t.swing / amplitude - 1) for t in same) > _APART:
+    if max(abs(t.swing / amplitude - 1) for t in same) > USABLE:
         listed = ", ".join(f"±{np.degrees(t.swing):.3g}° at {t.frequency:.2g} Hz" for t in same)
         return f"the amplitudes did not come together ({listed}): {APART}"
     if found is None:

@@ -8,7 +8,7 @@ import pytest
 from allocator import BAR, DEG
 from allocator.errors import InvalidInput
 from mpc import Compensation, Plant, RealPlant
-from mpc.bench import CallableDevice, SimulatedClock, Told, Tones, measure, shake
+from mpc.bench import CallableDevice, SimulatedClock, SimulatedDevice, Told, Tones, measure, shake
 from mpc.bench.measuring.log import Samples, from_log
 from mpc.bench.measuring.strengths import Known, why_implausible
 from mpc.cli import app
@@ -68,6 +68,17 @@ def test_a_joint_behind_two_functions_is_measured_with_some_readings_missing_and
     for g, s, true in zip(m.strengths, m.strengths_std, STRENGTHS, strict=True):
         assert abs(g - true) < 3 * s
         assert s < 0.05
+
+
+@pytest.mark.slow
+def test_a_joint_with_unknown_friction_and_dead_band_is_measured():
+    clock = SimulatedClock()
+    device = SimulatedDevice(RealPlant.standard(), clock, seed=3)
+    told = Told(device.plant.nominal, Compensation(dead_time=0.03))
+    m, _ = measure(device, told, 0.1, 6.0, clock=clock, tones=Tones(series=()))
+    assert m.success, m.sentence
+    for g, s, true in zip(m.strengths, m.strengths_std, device.plant.force_gains, strict=True):
+        assert abs(g - true) < 2 * s
 
 
 @pytest.mark.slow
