@@ -108,8 +108,7 @@ class Margins:
     @property
     def gain_margin(self) -> float:
         """Least factor above 1 of the loop's gain that makes it unstable; inf if none does."""
-        crossings = [[*_at_zeros(locus.imag, locus.real), locus.real[-1:]] for locus in self.L]  # and at z = -1
-        real = np.concatenate(sum(crossings, []))
+        real = np.concatenate([_at_zeros(locus.imag, locus.real)[0] for locus in self.L] + [self.L[:, -1].real])
         return float(np.min(-1 / real[(real > -1) & (real < 0)], initial=inf)) if self.stable else 1.0
 
     @property
