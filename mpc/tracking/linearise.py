@@ -129,8 +129,8 @@ class Predictor:
         stage, one = self.plant.discrete(self.dt), self._symbols(1)
         x_next = stage(*one)
         # transposed, because `Buffered` hands back transposes
-        slope = ca.densify(ca.jacobian(x_next, ca.vertcat(*one[:2])).T)  # at once, which shares more
-        slopes = ca.vertsplit(slope, [0, self.plant.size, slope.shape[0]])
+        both = ca.densify(ca.jacobian(x_next, ca.vertcat(*one[:2])).T)  # at once, which shares more
+        slopes = ca.vertsplit(both, [0, self.plant.size, both.shape[0]])
         stage_slopes = ca.Function("stage_slopes", one, slopes).map(self.N)
         x0, u, d = self._symbols(self.N)
         x = self._states(x0, u, d)
