@@ -10,7 +10,7 @@ PARTS = {
     "hidden": partial(hidden.report, n=60, first=180),
     "shaken": partial(hidden.report, n=30, first=180, by=hidden.shaken),
     "inertia": partial(hidden.report, n=30, inertia_error=0.05),
-    "logs": partial(logs.report, first=180),
+    "logs": partial(logs.report, n=20, first=180),
     "refusals": refusals.report,
     "strangers": partial(strangers.report, n=3, first=180),
     "stranger-logs": partial(strangers.report, n=3, first=180, by=strangers.in_log),
