@@ -23,9 +23,9 @@ from mpc.tracking.compiled.structured_qp.interrupted import interrupted
 from mpc.tracking.compiled.structured_qp.responses import (
     Items,
     copy_item,
+    discard,
     find_item,
     name_item,
-    remove,
     respond,
     solve_items,
 )
@@ -306,7 +306,7 @@ def enter(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
         a.r[k, i] = -above * items.multiplier[last]
         if kind == BOUND:
             a.z[k, i] = end_of(bounded, a.held[k, i], k, i)
-        return remove(size, find_item(GONE, k, i, size, items), items)
+        return discard(size, find_item(GONE, k, i, size, items), items)
     copy_item(last, size, size, items)
     return size + 1
 
@@ -315,6 +315,6 @@ def enter(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
 def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: int, a: Active) -> int:
     """Release the item `q`, or for -1 the change `i` of the sample k; return the number of items."""
     if q >= 0:
-        return remove(size, q, a.items)
+        return discard(size, q, a.items)
     add_gone(path, slack, sweep, k, i, size, a)
     return size + 1
