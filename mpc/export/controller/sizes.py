@@ -179,8 +179,6 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     inverse = InverseDynamics(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
     return [
-        ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", inverse.slopes[0]),
-        ("ANT_D2", "and its second derivative [1/s^2]", inverse.slopes[1]),
         ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
         ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", inverse.alpha),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),

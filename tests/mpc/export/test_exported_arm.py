@@ -237,7 +237,7 @@ def test_ten_samples_ahead_fit_into_64_kib_of_flash_and_memory_in_single_and_104
         size = tools.linked_size(exported[precision])
         assert max(size.code, size.memory) <= most * 1024
         stack = tools.stack(exported[precision], *tools.CORTEX_M4F)
-        assert 0.8 < stack / certificate(faulty_loop[0], precision == "single").stack <= 1
+        assert 0.7 < stack / certificate(faulty_loop[0], precision == "single").stack <= 1
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ enum { N = ANT_JOINTS };
 static void matrices(const ant_task *task, ant_real K[ANT_HORIZON + 1][N][N]) {
     for (int k = 0; k <= ANT_HORIZON; k++)
         for (int i = 0, entry = 0; i < N; i++)
-            for (int j = i; j < N; j++, entry++) {
+            for (int j = i; j < N; j++) {
                 K[k][i][j] = task->K[k][entry];
-                K[k][j][i] = task->K[k][entry];
+                K[k][j][i] = task->K[k][entry++];
             }
 }
 
