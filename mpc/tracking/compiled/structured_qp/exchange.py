@@ -43,6 +43,7 @@ from mpc.tracking.compiled.structured_qp.sizes import (
     SUPPLY,
     UPPER,
 )
+from mpc.tracking.compiled.structured_qp.stage import curvature
 
 CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
@@ -196,14 +197,17 @@ def absorbed(size: int, sweep: Sweep, a: Active) -> int:
 
 @inlined_flat
 def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Sweep, a: Active) -> bool:
-    """Release the change with the greatest push away from its limit, and return whether there is one."""
-    worst, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, -1, 0, a.items
+    """Release the pushed change whose release alone lowers the cost most, by push²/2D, and return whether there is
+    one.
+    """
+    least, most, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, 0.0, -1, 0, a.items
     for k in range(a.r.shape[0]):
         for i in range(NU):
             if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
                 pushed = -a.r[k, i] if a.held[k, i] < 0 else a.r[k, i]
-                if pushed > worst:
-                    worst, sample, muscle = pushed, k, i
+                gain = pushed * pushed / curvature(sweep.D, k, i)
+                if pushed > least and gain > most:
+                    most, sample, muscle = gain, k, i
     if sample < 0:
         return False
     add_gone(path, setting.slack, sweep, sample, muscle, size, a)
