@@ -113,7 +113,7 @@ def arguments(mpc: TrackingMPC, s: Situation) -> tuple[Any, ...]:
 def controllers(N: int) -> list[TrackingMPC]:
     """Return the controllers of all settings."""
     plant = Plant()
-    blocks = (1,) * (N // 2) + (2,) * (N // 4)
+    blocks = (1,) * (N - 2 * (N // 4)) + (2,) * (N // 4)
     settings: list[dict[str, Any]] = [{}, {"weights": Weights.calm()}, {"min_force": 30.0}, {"blocks": blocks}]
     return [TrackingMPC(plant, DT, N, **options) for options in settings]
 
