@@ -26,6 +26,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.serialize import dumps
 
 from allocator.compilation import beside
+from allocator.compilation.resolution import remembering
 from allocator.errors import CacheFault, notice_once
 from allocator.files.atomic import replacing
 
@@ -76,7 +77,7 @@ def keep(dispatcher: F, callees: Iterable[Callable[..., object]] = ()) -> F:
 
     def compile_alone(signature: object) -> object:
         """Compile for a signature, unless another process does."""
-        with global_compiler_lock, _without_collection(), cache.alone():
+        with global_compiler_lock, _without_collection(), remembering(), cache.alone():
             return compile_it(signature)
 
     made._cache, made.compile = cache, compile_alone
