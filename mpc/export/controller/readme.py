@@ -104,14 +104,14 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | allocations | {allocations} | {allocations} |
 | sweeps, backward and forward | {sweeps} | {qps} |
 | exchanges of active limits | {exchanges} | 0 to 10 |
-| multiplications and divisions of a QP | {begin} + {exchange} per exchange | {plain} per exchange |
+| multiplications and divisions of a QP | {begin} + {exchange} per exchange | {plain} per exchange without a new sweep |
 | stack of `ant_step` | {stack} bytes | |
 
 All bounds but that of the stack are theoretical: they are counted from the loops and hold for any input. The bound of
 the exchanges is `ANT_EXCHANGES`, {each} per move and QP. A smaller one in `antagonist_config.h` lowers `ANT_QP_SWEEPS`
 and `ANT_QP_MULTIPLICATIONS`. Most exchanges need no new sweep.
 
-The stack was measured with {compiler} at `-Os` and `-O2`, without the C library and interrupts. `ANT_STACK` is a
+The stack was measured with {compiler} at `-Os` and `-O2`, without C library and interrupts. `ANT_STACK` is a
 formula of the sizes that is above all measured stacks; without optimisation more is used. `-fcallgraph-info=su`
 measures yours.
 
