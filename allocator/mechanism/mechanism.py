@@ -117,12 +117,12 @@ class Mechanism:
             joint_names=model.joints,
         )
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of joints."""
         return self.routes.n
 
-    @property
+    @cached_property
     def m(self) -> int:
         """Number of muscles."""
         return self.routes.m

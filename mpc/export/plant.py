@@ -9,9 +9,8 @@ from mpc.codegen import c_text
 from mpc.export import text
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
-from mpc.model.experiment import FINE
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.real_experiment import delayed
+from mpc.model.real_experiment import delayed, fine_steps
 from mpc.model.real_plant import RealPlant
 
 _PLAIN = (
@@ -85,14 +84,15 @@ def _numbers(real: RealPlant, dt: float) -> str:
         "PLANT_STATES": (NX + real.friction.size, "numbers of the state"),
         "PLANT_WAITING": (waiting, "commands in transit between two samples"),
         "PLANT_PIECES": (len(pieces), "of a sample in which the command is another"),
-        "PLANT_SUBSTEPS": (real.substeps(dt, FINE), "steps of integration in each of them"),
         "PLANT_DT": (dt, "sample time [s]"),
         "PLANT_ENCODER": (real.encoder, "step of the encoder, 0 if it has none [rad]"),
         "PLANT_NOISE": (real.pressure_noise, "standard deviation of the pressure sensors [Pa]"),
     }
     durations = ", ".join(number(piece, single=False) for piece in pieces)
+    steps = ", ".join(map(str, fine_steps(real, dt, pieces)))
     body = (
-        text.defines(numbers, single=False) + f"\n#define ANT_PLANT_DURATIONS {{{durations}}} /* of the pieces [s] */"
+        f"{text.defines(numbers, single=False)}\n#define ANT_PLANT_DURATIONS {{{durations}}} /* of the pieces [s] */"
+        f"\n#define ANT_PLANT_STEPS {{{steps}}} /* of integration in each of them */"
     )
     return text.header("ANT_PLANT_NUMBERS_H", "The plant's sizes and numbers, in SI units.", body)
 

@@ -173,7 +173,7 @@ class PressureGovernor:
         rows = self._rows((q, omega, P, P if previous is None else previous, command))
         shape = rows.shape[:-1]
         flat = rows.reshape(-1, rows.shape[-1])
-        safe, status = np.empty((len(flat), self.mechanism.m)), np.empty(len(flat), np.int64)
+        safe, status = np.empty((len(flat), self._sizes[-1])), np.empty(len(flat), np.int64)
         self._loop(len(flat)).govern(self._table, self._packed.counts, flat, safe, status)
         if not shape:
             return Governed(safe[0], _STATUS[int(status[0])])
@@ -183,10 +183,10 @@ class PressureGovernor:
         """Return rows (…, 2n + 3m) of q, ω, P, the last command and the next. Raises `InvalidInput`."""
         arrays = [np.asarray(value, float) for value in given]
         lead = arrays[0].shape[:-1]
-        if tuple(array.shape for array in arrays) != tuple((*lead, *size) for size in self._shapes):
+        if [array.shape for array in arrays] != [(*lead, size) for size in self._sizes]:
             arrays = self._spread(arrays)
         rows = np.concatenate(arrays, axis=-1)
-        known = rows[..., : -self.mechanism.m]
+        known = rows[..., : -self._sizes[-1]]
         if not isfinite(np.add.reduce(known, axis=None)):  # in half the time of np.isfinite
             for name, array in zip(_NAMES[:4], arrays[:4], strict=True):
                 if not np.isfinite(array).all():
@@ -195,7 +195,7 @@ class PressureGovernor:
 
     def _spread(self, arrays: list[Array]) -> list[Array]:
         """Return arrays with a common leading shape. Raises `InvalidInput`."""
-        for name, array, (size,) in zip(_NAMES, arrays, self._shapes, strict=True):
+        for name, array, size in zip(_NAMES, arrays, self._sizes, strict=True):
             if array.ndim == 0 or array.shape[-1] != size:
                 raise InvalidInput(f"{name} has the shape {array.shape}; expected (…, {size})")
         try:
@@ -210,7 +210,7 @@ class PressureGovernor:
         It takes about ten seconds for a new kind of mechanism and bodies, and little time with code cached on disk.
         """
         made, m = compiled_loop(self._packed.text), self.mechanism.m
-        rows = np.zeros((0, sum(size for (size,) in self._shapes)))
+        rows = np.zeros((0, sum(self._sizes)))
         made.govern(self._table, self._packed.counts, rows, np.zeros((0, m)), np.zeros(0, np.int64))
         self.__dict__["_ready"] = made
         return made.compiled
@@ -236,9 +236,9 @@ class PressureGovernor:
         return packed(self.made.text, self.made.rules, memory_for(self.made.rules))
 
     @cached_property
-    def _shapes(self) -> tuple[tuple[int], ...]:
+    def _sizes(self) -> tuple[int, ...]:
         n, m = self.mechanism.n, self.mechanism.m
-        return (n,), (n,), (m,), (m,), (m,)
+        return n, n, m, m, m
 
     @cached_property
     def _kept(self) -> threading.local:

@@ -103,6 +103,13 @@ def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
     return pieces, whole + len(pieces) - 1
 
 
+def fine_steps(real: Any, dt: float, pieces: Sequence[float]) -> list[int]:
+    """Return the numbers of fine steps of the `pieces` [s] of a sample of `dt` [s], as in `simulate` of a nominal
+    machine.
+    """
+    return [ceil(real.substeps(dt, FINE) * piece / dt * (1 - 1e-12)) for piece in pieces]
+
+
 def outside_torque(profile: Sequence[tuple[float, Any]], t: float) -> Any:
     """Return the torque [N·m] of a `torque_profile` at the time `t` [s]; 0 before its beginning."""
     return next((torque for start, torque in reversed(profile) if t >= start - 1e-9), 0.0)
@@ -122,11 +129,12 @@ class RealExperiment:
         self._sample = 0
         self._said = np.full(self._size, np.nan)  # readings of the previous sample
         self._pieces, waiting = delayed(real.dead_time, dt)
+        self._steps = fine_steps(real, dt, self._pieces)
         self._waiting = [np.array(x0[2 * self._n :])] * waiting  # delayed commands, oldest first
         remembered = int(real.reading_age / dt) + 2 if real.reading_age else 0
         self._angles = [theta] * remembered  # of the last samples, oldest first
         # by the shares of the forces that reach the joints, and the shut valves
-        self._integrators = {((1.0,) * self._m, real.shut): Buffered(integrator(real, dt))}
+        self._integrators = {((1.0,) * self._m, real.shut): self._made(real)}
 
     @property
     def x(self) -> Array:
@@ -182,16 +190,20 @@ class RealExperiment:
         """
         torque = np.add(d, outside_torque(self.real.torque_profile, self._sample * self.dt))
         self._waiting.append(np.array(u))
-        for command, duration in zip(self._waiting, self._pieces, strict=False):
+        for command, duration, integrate in zip(self._waiting, self._pieces, self._integrate, strict=False):
             for fault in self._faults:
                 command = fault.effective(command, self._full[2 * self._n : self._size])
-            self._full = self._integrate(self._full, command, torque, duration)[0][0]
+            self._full = integrate(self._full, command, torque, duration)[0][0]
         self._waiting.pop(0)
         self._angles = [*self._angles, self._full[: self._n].copy()][1:] if self._angles else []
         self._sample += 1
 
+    def _made(self, real: Any) -> list[Buffered]:
+        return [Buffered(integrator(real, steps)) for steps in self._steps]
+
     @property
-    def _integrate(self) -> Buffered:
+    def _integrate(self) -> list[Buffered]:
+        """Integrators of the pieces of a sample, with the present faults."""
         real, faults = self.real, self._faults
         pulling = tuple(prod((fault.pulling[i] for fault in faults), start=1.0) for i in range(self._m))
         gas = real.nominal.gas is not None  # without it a stuck valve's command is its constant pressure
@@ -199,34 +211,33 @@ class RealExperiment:
         if (pulling, shut) not in self._integrators:
             gains = tuple(g * share for g, share in zip(real.force_gains, pulling, strict=True))
             broken = replace(real, force_gains=gains, shut=shut)
-            self._integrators[pulling, shut] = Buffered(integrator(broken, self.dt))
+            self._integrators[pulling, shut] = self._made(broken)
         return self._integrators[pulling, shut]
 
 
-def integrator(real: Any, dt: float) -> "Function":
-    """Return (x, u, d, duration) ↦ x, for at most one sample, in the fine steps of `simulate` for a nominal machine.
+def integrator(real: Any, steps: int) -> "Function":
+    """Return (x, u, d, duration) ↦ x in so many equal `steps`.
 
     Machines that differ only in their sensors, delays, loads and faults share it.
     """
     others: dict[str, Any] = dict.fromkeys(("dead_time", "reading_age", "encoder", "pressure_noise"), 0.0)
     others |= {"pressure_offset": (0.0,) * real.nominal.m, "torque_profile": (), "faults": ()}
-    return _integrator(replace(real, **others), dt)
+    return _integrator(replace(real, **others), steps)
 
 
-@lru_cache(maxsize=64)
-def _integrator(real: Any, dt: float) -> "Function":
+@lru_cache(maxsize=128)
+def _integrator(real: Any, steps: int) -> "Function":
     import casadi as ca
 
     nominal = real.nominal
     size = nominal.size
     n = size + sum(friction.size for friction in real.frictions)
     full, u, d = ca.SX.sym("x", n), ca.SX.sym("u", nominal.m), ca.SX.sym("d", nominal.n)
-    duration = ca.SX.sym("duration")
+    duration, later = ca.SX.sym("duration"), full
     given = full, u, d, duration
     step = ca.Function("step", given, [ca.vertcat(*real.stepped(full[:size], full[size:], u, d, duration))])
-    substeps, later = real.substeps(dt, FINE), full
-    for _ in range(substeps):
-        later = step(later, u, d, duration / substeps)
+    for _ in range(steps):
+        later = step(later, u, d, duration / steps)
     return ca.Function("real", given, [later])
 
 

@@ -36,7 +36,6 @@ from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.contact import Contacts, Loads
 from mpc.model.machine import Machine
-from mpc.model.plant import Plant
 from mpc.observer.gating import Gate
 
 OFFSET_TIME = 0.5  # T_o [s]
@@ -212,14 +211,9 @@ class Filter:
         plant = self.plant
         if isinstance(plant, Arm) and plant.unformulated:
             return Differences(plant, dt).sample
-        kind: Any = ca.SX if isinstance(plant, Plant) else ca.MX
-        x, v, d = (kind.sym(name, rows) for name, rows in (("x", plant.size), ("v", plant.m), ("d", plant.n)))
+        x, v, d = (ca.SX.sym(name, rows) for name, rows in (("x", plant.size), ("v", plant.m), ("d", plant.n)))
         x_next = plant.discrete(dt)(x, v, d)
-        # transposed because `Buffered` hands back transposes
-        if isinstance(plant, Plant):
-            slope = ca.jacobian(x_next, ca.vertcat(x, d))  # at once, which shares more
-        else:
-            slope = ca.horzcat(ca.jacobian(x_next, x), ca.jacobian(x_next, d))
+        slope = ca.jacobian(x_next, ca.vertcat(x, d))  # transposed because `Buffered` hands back transposes
         return Buffered(ca.Function("observed", [x, v, d], [x_next, ca.densify(slope.T)]))
 
     def _with_walk(self, A: Array) -> Array:

@@ -17,6 +17,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from allocator.calculus import Array
+from mpc.model.experiment import Held
 from mpc.model.machine import Machine
 from mpc.tracking.plan import Moved
 
@@ -100,7 +101,11 @@ class InverseDynamics:
         asked, plant = theta, self.plant
         theta = np.clip(asked, *plant.angle_limits)
         omega, alpha = (D @ theta for D in self.slopes)
-        held = plant.held(theta, K, plant.torque_for(theta, omega, alpha, d), self.min_force)
+        T = plant.torque_for(theta, omega, alpha, d)
+        constant = all((a == a[:1]).all() for a in (theta, K, np.atleast_1d(d)))
+        rows = slice(1 if constant else None)  # equal samples are allocated once
+        held = plant.held(theta[rows], K[rows], T[rows], self.min_force)
+        held = Held(*(np.broadcast_to(a, (len(theta), *a.shape[1:])) for a in held))
         x, y = np.column_stack([theta, omega, held.P]), np.hstack([held.K, 0 * held.P])
         q = np.stack(plant.expansion(x.T), axis=1)
         u = (held.P[1:] - self.alpha * held.P[:-1]) / (1 - self.alpha) + self.lags / 2 * (q[1:] + q[:-1])

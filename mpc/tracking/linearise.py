@@ -129,7 +129,8 @@ class Predictor:
         stage, one = self.plant.discrete(self.dt), self._symbols(1)
         x_next = stage(*one)
         # transposed, because `Buffered` hands back transposes
-        slopes = [ca.densify(ca.jacobian(x_next, v).T) for v in one[:2]]
+        both = ca.densify(ca.jacobian(x_next, ca.vertcat(*one[:2])).T)  # at once, which shares more
+        slopes = ca.vertsplit(both, [0, self.plant.size, both.shape[0]])
         stage_slopes = ca.Function("stage_slopes", one, slopes).map(self.N)
         x0, u, d = self._symbols(self.N)
         x = self._states(x0, u, d)
@@ -142,7 +143,7 @@ class Predictor:
 
         plant = self.plant
         made = ("x0", plant.size, 1), ("u", plant.m, samples), ("d", plant.n, samples)
-        return [(ca.SX if samples == 1 and plant.angle_shape == () else ca.MX).sym(*each) for each in made]
+        return [(ca.SX if samples == 1 else ca.MX).sym(*each) for each in made]
 
     def _outputs(self, slopes: bool) -> "Function":
         """Return the function x ↦ y = (svec K, F), and with `slopes` also (∂y/∂x)ᵀ."""

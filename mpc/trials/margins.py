@@ -99,30 +99,28 @@ class Margins:
         return np.asarray(found.T, complex)
 
     @cached_property
-    def _control(self) -> tuple[Array, ...]:
-        """Gain margins, phase margins [°] and stability margins, and their frequencies [rad/s]."""
-        import control
-
-        loci = (control.frd(locus, 2 * pi * self.frequency, smooth=True) for locus in self.L)
-        found = (control.stability_margins(locus, returnall=True) for locus in loci)
-        return tuple(map(np.concatenate, zip(*found, strict=True)))
+    def _crossovers(self) -> tuple[Array, Array]:
+        """Phases above -π [rad] and frequencies [rad/s] at which an eigenvalue of L has the magnitude 1."""
+        omega = 2 * pi * self.frequency
+        found = [_at_zeros(np.log(np.abs(locus)), locus, omega) for locus in self.L]
+        return np.angle(-np.concatenate([locus for locus, _ in found])), np.concatenate([at for _, at in found])
 
     @property
     def gain_margin(self) -> float:
         """Least factor above 1 of the loop's gain that makes it unstable; inf if none does."""
-        factors = self._control[0]
-        return float(factors[factors > 1].min(initial=inf)) if self.stable else 1.0
+        real = np.concatenate([_at_zeros(locus.imag, locus.real)[0] for locus in self.L] + [self.L[:, -1].real])
+        return float(np.min(-1 / real[(real > -1) & (real < 0)], initial=inf)) if self.stable else 1.0
 
     @property
     def phase_margin(self) -> float:
         """Least phase margin [rad]; inf if |L| never crosses 1."""
-        return float(np.abs(self._control[1]).min(initial=inf)) * DEG if self.stable else 0.0
+        return float(np.abs(self._crossovers[0]).min(initial=inf)) if self.stable else 0.0
 
     @property
     def delay_margin(self) -> float:
         """Least age of the angle's readings that makes the loop unstable [s]; inf if none does."""
-        _, phase, _, _, crossover, _ = self._control
-        return float((phase % 360 * DEG / crossover).min(initial=inf)) if self.stable else 0.0
+        phase, omega = self._crossovers
+        return float((phase % (2 * pi) / omega).min(initial=inf)) if self.stable else 0.0
 
     def __str__(self) -> str:
         """Return the margins in a line."""
@@ -207,6 +205,13 @@ def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:
             warnings.simplefilter("ignore", assumed)
         least, greatest = stiffness_interval(angles, plant.gravity_torque * np.sin(angles), joint=plant.joint)
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
+
+
+def _at_zeros(values: Array, *along: NDArray[Any]) -> list[NDArray[Any]]:
+    """Return other values `along` the same points at the zeros of `values`, linear between the points."""
+    (at,) = np.nonzero(np.diff(np.signbit(values)))
+    share = values[at] / (values[at] - values[at + 1])
+    return [a[at] + share * (a[at + 1] - a[at]) for a in along]
 
 
 def _left(response: Array) -> float:

@@ -17,17 +17,16 @@ from allocator.allocation.box.kernel.data import flat_arrays
 from allocator.allocation.box.kernel.target import FUNCTIONS, ODD, answer
 from allocator.allocation.box.problem import BoxProblem
 from allocator.allocation.box.result import BoxAllocation
-from allocator.allocation.result import from_fields, shaped
+from allocator.allocation.result import as_status, from_fields, shaped
 from allocator.allocation.status import Status
 from allocator.calculus import Array
 from allocator.checks import float_or_nan
 from allocator.compilation import jit
 from allocator.errors import InvalidInput
-from allocator.joint.limits import BINDS, Limits
+from allocator.joint.limits import BINDS, TAUT, Limits
 from allocator.mechanism.formulas import has_formulas, map_function
 from allocator.mechanism.mechanism import Mechanism
 
-_STATUS = tuple(Status)
 _FIRST = {"torque": False, "stiffness": True}  # priority → whether stiffness comes first
 _KINDS = "iuf"  # of NumPy's real numbers
 _REMEMBERED = 64  # mechanisms
@@ -56,6 +55,7 @@ class Desk:
             np.empty(places.size + 2, np.int64),
             np.empty(signs.size + 2 * (m + d) + d, np.int8),
         )
+        self.taut = False  # whether the limits written last are `TAUT`
         self._buffer, self.evaluate = function.buffer()
         self._buffer.set_arg(0, memoryview(self.q))  # type: ignore[arg-type]  # Python 3.11 has no Buffer
         self._buffer.set_res(0, memoryview(posture))  # type: ignore[arg-type]
@@ -67,7 +67,8 @@ class Machine:
     def __init__(self, mechanism: Mechanism, compiled: jit.Function) -> None:
         import casadi as ca
 
-        self.mechanism, self.compiled, n = mechanism, compiled, mechanism.n
+        self.mechanism, self.compiled, self.n, self.m = mechanism, compiled, mechanism.n, mechanism.m
+        n = self.n
         low, high = mechanism.pressure_limits
         limits = mechanism.angle_limits
         left, right = np.full((2, n), [[-inf], [inf]]) if limits is None else np.transpose(limits)
@@ -83,7 +84,7 @@ class Machine:
 
     def ask(self, theta: object, K: object, T: object, priority: object, limits: Limits) -> BoxAllocation | None:
         """Return the answer, or None outside the fast path."""
-        n, q, K, T = self.mechanism.n, _array(theta), _array(K), _array(T)
+        n, m, q, K, T = self.n, self.m, _array(theta), _array(K), _array(T)
         if q is None or K is None or T is None or q.size != n or q.shape[-1:] != (n,):
             return None
         lead, stiffness_first = q.shape[:-1], _FIRST.get(priority) if type(priority) is str else None
@@ -102,18 +103,16 @@ class Machine:
             desk.K[:] = K
         desk.evaluate()
         asked = desk.asked, self.fixed, *desk.memory, desk.found
-        status, *facts = self.compiled(*asked, n, self.mechanism.m, diagonal, stiffness_first, nearest)
+        status, *facts = self.compiled(*asked, n, m, diagonal, stiffness_first, nearest)
         if status == ODD:
             return None
         found = desk.found.copy()
-        later = Later(self.mechanism, desk.asked.copy(), found, lead, stiffness_first, diagonal, nearest, *facts)
+        given = desk.asked.copy(), found, lead, stiffness_first, diagonal, nearest
+        later = Later(self.mechanism, *given, status, *facts)
         self._desks.append(desk)
-        P = found[: self.mechanism.m].reshape((*lead, -1))
+        P = found[:m].reshape((*lead, -1))
         P.flags.writeable = False
-        status = _STATUS[status] if not lead else shaped(np.array([status], np.int8), lead)
-        made: BoxAllocation = from_fields(
-            BoxAllocation, {"P": P, "status": status, "method": "exact", "_shape": lead, "_later": later}
-        )
+        made: BoxAllocation = from_fields(BoxAllocation, {"P": P, "method": "exact", "_shape": lead, "_later": later})
         return made
 
 
@@ -129,6 +128,8 @@ def _array(x: Any) -> Array | None:
 
 def _set(desk: Desk, limits: Limits, lead: tuple[int, ...]) -> bool | None:
     """Write the limits to the desk; return whether the present pressures count, None if the limits may be invalid."""
+    if limits is TAUT and desk.taut:
+        return False
     least, greatest, floor, previous, step = limits
     if floor is not None or (step is not None and previous is None):
         return None
@@ -138,6 +139,7 @@ def _set(desk: Desk, limits: Limits, lead: tuple[int, ...]) -> bool | None:
     if not (low == -inf or 0 <= low < inf) or not (high > 0 and high > low) or not farthest > 0:
         return None
     desk.ends[:] = low, high, farthest
+    desk.taut = limits is TAUT
     if previous is None:
         return False
     now = _array(previous)
@@ -157,6 +159,7 @@ class Later(NamedTuple):
     stiffness_first: bool
     diagonal: bool
     nearest: bool
+    status: int
     rounds: int
     missed: int
     holds: bool
@@ -176,6 +179,8 @@ class Later(NamedTuple):
             case "lower_bounds":
                 P = allocation.P.reshape(1, m)
                 return shaped(allocation._problem.costs(P / allocation._problem.unit), self.shape)
+            case "status":
+                return as_status(np.array([self.status], np.int8), self.shape)
             case "T":
                 made: Any = self.found[m : m + n]
             case "K":

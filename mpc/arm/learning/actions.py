@@ -41,7 +41,7 @@ class BoxAndSlew:
         return within(within(command, *self._limits), previous - self._reach, previous + self._reach)
 
 
-_GOVERNED = 3  # joints: rollouts of three take 25 s to compile and 50 µs per command
+_GOVERNED = 3  # joints: rollouts of three take 16 s to compile and 50 µs per command
 
 
 def governor_of(arm: Arm, dt: float, delay: int) -> Governor:

@@ -32,6 +32,7 @@ class Episodes:
         self.push, self.sample = np.zeros((size, n)), np.zeros(size, np.int64)
         self.asked = task.asked(self.goal, self.sample)  # (N, a)
         self._price = task.effort / (m * arm.mechanism.pressure_limits[1] ** 2)  # of the sum of P²
+        self._units = np.repeat([1.0, BAR, 1.0], [2 * n, 2 * m, self.asked.shape[1]])  # of the observations
         self._encoders = np.zeros((2, size, n))  # now and one sample before
         self._waiting = np.zeros((task.delay + 1, size, m))  # commands, the newest first
 
@@ -79,12 +80,12 @@ class Episodes:
         """Return the rewards (N,) of the present sample, and the task's numbers (N,) for `info`."""
         batch = self.batch
         cost, info = self.judge(batch, self.asked)
-        return -cost - self._price * np.einsum("ij,ij->i", batch.P, batch.P), info
+        return -cost - self._price * np.add.reduce(batch.P**2, axis=1), info
 
     def observe(self, rng: np.random.Generator) -> Seen:
         """Return the observations (N, 2n + 2m + a) with new noise."""
         P = self.batch.P + self.task.pressure_noise * rng.standard_normal(self.batch.P.shape)
-        seen = np.concatenate([*self._encoders, P / BAR, self._waiting[0] / BAR, self.asked], axis=1)
+        seen = np.concatenate([*self._encoders, P, self._waiting[0], self.asked], axis=1) / self._units
         return np.asarray(within(seen, *self.seen_range), np.float32)
 
     def _rounded(self, q: Array) -> Array:

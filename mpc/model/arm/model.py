@@ -124,12 +124,12 @@ class Arm:
         read = read_arm(source, muscles, rest_length, cable, contraction, pressure_limits)
         return cls(read.mechanism, read.bodies, lag, slew)
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of joints."""
         return self.mechanism.n
 
-    @property
+    @cached_property
     def m(self) -> int:
         """Number of muscles."""
         return self.mechanism.m

@@ -58,7 +58,7 @@ def driven(
         for j in range(3):
             answers.moved[k, j] = made.moved[j]
         moving = plant.full, plant.waiting, plant.angles
-        process.advance(plant.c, plant.durations, plant.substeps, *moving, plant.torques[k])
+        process.advance(plant.c, plant.durations, plant.steps, *moving, plant.torques[k])
         for j in range(4):
             answers.x[k + 1, j] = plant.full[j]
         last, out = out, last

@@ -63,7 +63,7 @@ class Driving:
         assert isinstance(experiment, CompiledExperiment)  # of a `CompiledPlant`
         plant, left = experiment.plant, loop.steps - READABLE
         under_way = Plant(
-            plant.c, plant.durations, plant.substeps, plant.sensors, experiment.full, experiment.waiting,
+            plant.c, plant.durations, plant.steps, plant.sensors, experiment.full, experiment.waiting,
             experiment.angles,
             np.vstack([np.empty((READABLE, 1 + NU)), experiment.noise(left)]),
             np.concatenate([np.empty(READABLE), experiment.torques(left)]),

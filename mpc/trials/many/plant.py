@@ -11,16 +11,16 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling
-from mpc.model.experiment import FINE
 from mpc.model.faults import Fault, WrongReadings
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.real_experiment import delayed, outside_torque
+from mpc.model.real_experiment import delayed, fine_steps, outside_torque
 from mpc.model.real_plant import RealPlant
 from mpc.trials.simulation import Process
 
@@ -39,7 +39,7 @@ class CompiledPlant:
     module: ModuleType  # `mpc.trials.many.process` with the formula
     c: Array  # its numbers
     durations: Array  # of the pieces of a sample [s]
-    substeps: int  # of each piece
+    steps: NDArray[np.int64]  # of each piece
     sensors: Array  # (6,), see `mpc.trials.many.process.read`
     waiting: int  # number of delayed commands, including the last one
 
@@ -95,7 +95,7 @@ class CompiledExperiment:
         self.waiting[-1] = u
         torque = float(self.torques(1)[0]) + d
         moving = self.full, self.waiting, self.angles
-        plant.module.advance(plant.c, plant.durations, plant.substeps, *moving, torque)
+        plant.module.advance(plant.c, plant.durations, plant.steps, *moving, torque)
         self._sample += 1
 
     def noise(self, samples: int) -> Array:
@@ -127,12 +127,12 @@ def compiled_plant(process: Process, dt: float) -> CompiledPlant:
         raise Untranslatable(f"a plant with faults ({len(process.faults)} of them) is not compiled")
     source = filling("stepped", _stepped(process))
     module = imported(with_formulas(_TEMPLATE, f"import math\n\n\n@exactly\n{source.text}\n\n"))
-    substeps = process.substeps(dt, FINE)
     pieces, waiting, sensors = [dt], 0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if isinstance(process, RealPlant):
         pieces, waiting = delayed(process.dead_time, dt)
         sensors = process.encoder, process.pressure_noise, np.nan, *process.pressure_offset, process.reading_age / dt
-    return CompiledPlant(process, dt, module, source.c, np.array(pieces), substeps, np.array(sensors), waiting + 1)
+    steps = np.array(fine_steps(process, dt, pieces))
+    return CompiledPlant(process, dt, module, source.c, np.array(pieces), steps, np.array(sensors), waiting + 1)
 
 
 def _added(fault: Fault) -> bool:

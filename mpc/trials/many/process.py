@@ -6,29 +6,32 @@ the torque dh[0] [N·m]. `full` (n,) is the state (θ, ω, P1, P2) with the fric
 Operations are not contracted, so that the results are those of CasADi's interpreter, bit by bit.
 """
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.codegen.jit import exactly
+
+Counts: TypeAlias = NDArray[np.int64]
 
 FORMULAS: Any = None
 stepped = FORMULAS
 
 
 @exactly
-def advance(c: Array, durations: Array, substeps: int, full: Array, waiting: Array, angles: Array, d: float) -> None:
+def advance(c: Array, durations: Array, steps: Counts, full: Array, waiting: Array, angles: Array, d: float) -> None:
     """Advance `full` (n,) by a sample, with the oldest of the commands `waiting` (w, 2) [Pa] first, and shift these and
     the `angles` (a,) [rad] that are still to be read.
 
-    `durations` [s] are the pieces of a sample, each in `substeps`; `d` [N·m] is the external torque.
+    `durations` [s] are the pieces of a sample, `steps` the numbers of their steps; `d` [N·m] is the external torque.
     """
     dh, later = np.empty(2), np.empty(full.size)
     dh[0] = d
     for piece in range(durations.size):
-        dh[1] = durations[piece] / substeps
-        for _ in range(substeps):
+        dh[1] = durations[piece] / steps[piece]
+        for _ in range(steps[piece]):
             stepped(full, waiting[piece], dh, c, later)
             for i in range(full.size):
                 full[i] = later[i]

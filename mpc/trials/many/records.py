@@ -13,7 +13,7 @@ class Plant(NamedTuple):
 
     c: Array
     durations: Array
-    substeps: int
+    steps: NDArray[np.int64]
     sensors: Array
     full: Array
     waiting: Array

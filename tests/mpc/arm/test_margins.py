@@ -33,6 +33,7 @@ def test_a_known_transfer_matrix_has_its_singular_values_and_margins():
     alone = [Margins.of(0.0, 1.0, one, DT) for one in samples]
     assert both.sensitivity_peak == pytest.approx(max(m.sensitivity_peak for m in alone), rel=1e-6)
     assert both.sensitivity_peak == pytest.approx(2 / (2 - 0.4), rel=1e-3)  # at the Nyquist frequency
+    assert both.gain_margin == pytest.approx(2 / 0.4, rel=1e-3)
     assert both.delay_margin == pytest.approx(min(m.delay_margin for m in alone), rel=1e-3)
 
 

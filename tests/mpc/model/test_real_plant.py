@@ -11,8 +11,10 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
+from mpc.model.experiment import FINE
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.model.real_experiment import delayed, fine_steps
 from mpc.model.real_plant import RealPlant
 
 DT = 0.01
@@ -156,3 +158,13 @@ def test_a_lag_that_no_integration_resolves_is_refused_before_it_is_tried():
     with pytest.raises(InvalidInput, match=r"lag_up or lag_down = 1e-09 s is so short"):
         RealPlant(lag_up=1e-9, lag_down=0.1).substeps(0.01, 0.02)
     assert RealPlant(lag_up=1e-3, lag_down=0.1).substeps(0.01, 0.02) == 500
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 1e-9, 0.0137, 0.02, 0.0299999])
+def test_the_commands_of_a_sample_share_its_fine_steps(dead_time):
+    real = RealPlant(PLANT, dead_time=dead_time)
+    pieces, _ = delayed(dead_time, DT)
+    steps, whole = fine_steps(real, DT, pieces), real.substeps(DT, FINE)
+    assert min(steps) >= 1
+    assert whole <= sum(steps) <= whole + 1
+    assert max(np.divide(pieces, steps)) <= DT / whole * (1 + 1e-9)

@@ -7,11 +7,13 @@ import pytest
 from allocator import BAR
 from mpc import Plant, Weights
 from mpc.codegen.buffered import Buffered
+from mpc.model.arm.model import Arm
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.condense import TrackingProblem, condense, increments, sensitivity
 from mpc.tracking.terminal import terminal_factor
+from mpc.trials.margins import usual_postures
 
 DT, N = 0.01, 6
 X0 = np.array([0.23, 0.5, 2.5 * BAR, 3.0 * BAR])
@@ -189,3 +191,17 @@ def test_buffers_refuse_sparse_functions():
     x = ca.SX.sym("x", 2)
     with pytest.raises(ValueError, match="sparse"):
         Buffered(ca.Function("f", [x], [ca.diag(x)]))
+
+
+@pytest.mark.parametrize("plant", [Plant(), Arm.machine("arm26")], ids=["joint", "arm"])
+def test_a_constant_preview_has_the_feed_forward_of_one_that_hardly_changes(plant):
+    inverse = InverseDynamics(plant, DT, N)
+    theta, K = usual_postures(plant)[2]
+    theta, K, d = (np.repeat(np.asarray(a)[None], N + 1, axis=0) for a in (theta, K, 0.1 * np.ones(plant.angle_shape)))
+    once = inverse(theta, K, d)
+    d[-1] += 1e-9  # [N·m]
+    each = inverse(theta, K, d)
+    np.testing.assert_allclose(once.x, each.x, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(once.y, each.y, rtol=1e-6)
+    np.testing.assert_allclose(once.u, each.u, rtol=1e-6)
+    np.testing.assert_allclose(once.moved, each.moved, atol=1e-8)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 
@@ -60,6 +61,13 @@ def test_the_sensitivity_is_what_an_injected_sine_meets(parts, found):
     for frequency in (0.7, 2.0, found.peak_frequency, 8.0):
         expected = np.interp(frequency, found.frequency, np.abs(found.S))
         assert injected(parts, frequency) == pytest.approx(expected, rel=0.05)
+
+
+def test_gain_and_phase_margins_are_those_of_python_control(found):
+    locus = control.frd(found.L[0], 2 * np.pi * found.frequency, smooth=True)
+    gain, phase, *_ = control.stability_margins(locus, returnall=True)
+    assert found.gain_margin == pytest.approx(gain[gain > 1].min(), rel=1e-4)
+    assert found.phase_margin == pytest.approx(np.abs(phase).min() * DEG, rel=1e-4)
 
 
 def test_the_short_response_gives_the_margins_of_the_long_one(parts, found):

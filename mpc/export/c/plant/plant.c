@@ -13,10 +13,11 @@ void ant_plant_begin(ant_plant *p, const double x[4]) {
 
 void ant_plant_advance(ant_plant *p, const double u[2], double d) {
     static const double pieces[ANT_PLANT_PIECES] = ANT_PLANT_DURATIONS;
+    static const int steps[ANT_PLANT_PIECES] = ANT_PLANT_STEPS;
     memcpy(p->waiting[ANT_PLANT_WAITING], u, sizeof p->waiting[0]);
     for (int piece = 0; piece < ANT_PLANT_PIECES; piece++) {
-        const double h = pieces[piece] / ANT_PLANT_SUBSTEPS;
-        for (int k = 0; k < ANT_PLANT_SUBSTEPS; k++) {
+        const double h = pieces[piece] / steps[piece];
+        for (int k = 0; k < steps[piece]; k++) {
             double later[ANT_PLANT_STATES];
             ant_model_plant_step(p->full, p->waiting[piece], &d, &h, later);
             memcpy(p->full, later, sizeof later);
