@@ -1,16 +1,19 @@
 """Search for the worst QPs: random and adversarial states and references, and variations of the worst.
 
-    python -m benchmarks.speed.worst_cases [--number 100000] [--horizon 20]
+    python -m benchmarks.speed.worst_cases [--number 100000] [--horizon 20] [--seed 0] [--out benchmarks/results]
 
 Every fourth QP is a slight variation of one of the worst so far. Recorded for the structured solver are whether it
 proves its solution, its exchanges of active limits, and the time. One in a hundred is also solved by DAQP, and the
-commands are compared, as is every QP without a proof.
+commands are compared, as is every QP without a proof. With `--out` the results of each horizon and seed are kept in
+`worst_cases.csv`, and those of all seeds are written to `worst_cases.md`.
 """
 
 import argparse
-from collections.abc import Iterator
+import csv
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf
+from pathlib import Path
 from time import thread_time
 from typing import Any, NamedTuple
 
@@ -38,6 +41,24 @@ class Situation(NamedTuple):
     swing: Array  # (2,) amplitude [Pa]
     reference: Array  # (4,) angle before and after a jump [rad], its place, stiffness [N·m/rad]
     load: float  # [N·m]
+
+
+class Row(NamedTuple):
+    """Results of one horizon and seed; times in µs, of this machine."""
+
+    horizon: int
+    seed: int
+    number: int
+    exchanges_median: float
+    exchanges_99: float
+    exchanges_most: float
+    time_median: float
+    time_99: float
+    time_9999: float
+    time_most: float
+    unproved: int  # answered with their gap
+    unsolved: int  # nor solved by DAQP
+    apart: float  # [bar] from DAQP at most
 
 
 @dataclass
@@ -92,7 +113,7 @@ def arguments(mpc: TrackingMPC, s: Situation) -> tuple[Any, ...]:
 def controllers(N: int) -> list[TrackingMPC]:
     """Return the controllers of all settings."""
     plant = Plant()
-    blocks = (1,) * (N // 2) + (2,) * (N // 4)
+    blocks = (1,) * (N - 2 * (N // 4)) + (2,) * (N // 4)
     settings: list[dict[str, Any]] = [{}, {"weights": Weights.calm()}, {"min_force": 30.0}, {"blocks": blocks}]
     return [TrackingMPC(plant, DT, N, **options) for options in settings]
 
@@ -131,16 +152,67 @@ def compare(mpc: TrackingMPC, given: tuple[Any, ...], proved: bool, found: Hunt)
         found.apart.append(float(np.abs(structured.z - answer.z[:-2]).max()))
 
 
-def said(found: Hunt, N: int) -> str:
-    """Return the results in one line."""
+def row(found: Hunt, N: int, seed: int) -> Row:
+    """Return the results."""
     exchanges, micro = np.array(found.exchanges), 1e6 * np.array(found.seconds)
-    p50, p99, p9999 = np.quantile(micro, (0.5, 0.99, 0.9999))
+    quantiles = *np.quantile(exchanges, (0.5, 0.99, 1.0)), *np.quantile(micro, (0.5, 0.99, 0.9999, 1.0))
+    return Row(N, seed, exchanges.size, *map(float, quantiles), found.unproved, found.unsolved, max(found.apart))
+
+
+def said(r: Row) -> str:
+    """Return the results in one line."""
     return (
-        f"N = {N}, {exchanges.size} QPs: exchanges {np.median(exchanges):.0f} median, "
-        f"{np.quantile(exchanges, 0.99):.0f} 99 %, {exchanges.max()} at most (bound {2 * N * MOST}); time {p50:.0f} µs "
-        f"median, {p99:.0f} µs 99 %, {p9999:.0f} µs 99.99 %, {micro.max():.0f} µs at most; without a proof of its own "
-        f"{found.unproved}, of those without DAQP's {found.unsolved}; from DAQP at most {max(found.apart):.1e} bar"
+        f"N = {r.horizon}, {r.number} QPs: exchanges {r.exchanges_median:.0f} median, {r.exchanges_99:.0f} 99 %, "
+        f"{r.exchanges_most:.0f} at most (bound {2 * r.horizon * MOST}); time {r.time_median:.0f} µs median, "
+        f"{r.time_99:.0f} µs 99 %, {r.time_9999:.0f} µs 99.99 %, {r.time_most:.0f} µs at most; without a proof of its "
+        f"own {r.unproved}, of those without DAQP's {r.unsolved}; from DAQP at most {r.apart:.1e} bar"
     )
+
+
+def keep(new: Row, folder: Path) -> None:
+    """Add the results to the file, and write the report of all."""
+    path, rows = folder / "worst_cases.csv", {}
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as file:
+            old = [Row(*map(float, line)) for line in list(csv.reader(file))[1:]]  # type: ignore[arg-type]  # numbers
+        rows = {(each.horizon, each.seed): each for each in old}
+    rows[new.horizon, new.seed] = new
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([Row._fields, *([f"{x:.6g}" for x in rows[key]] for key in sorted(rows))])
+    (folder / "worst_cases.md").write_text("\n".join(report([*rows.values()])) + "\n", encoding="utf-8")
+
+
+def report(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the lines of the report: the greatest numbers of all seeds, medians of the rest."""
+    yield "# Hunted QPs\n"
+    yield "Written by `python -m benchmarks.speed.worst_cases --out benchmarks/results`, once per horizon and seed."
+    yield "States, references and limits are random or adversarial: angles outside the joint range, slack cables,"
+    yield "pressures outside the supply, jumps; every fourth QP varies one of the worst so far. Half of the QPs begin"
+    yield "without the active limits of the last one. The figures of each seed are in `worst_cases.csv`.\n"
+    heads = "N", "QPs", "seeds", "exchanges: median, 99 %", "at most", "bound", "without a proof", "nor DAQP's"
+    heads += "from DAQP at most [bar]", "time [µs]: median, 99 %, 99.99 %", "at most"
+    yield f"| {' | '.join(heads)} |\n|{'--:|' * len(heads)}"
+    for N in sorted({r.horizon for r in rows}):
+        yield line([r for r in rows if r.horizon == N])
+    yield "\nThe bound is that of `mpc.solvers.Riccati`, `ANT_EXCHANGES` in C. A QP that reaches it is answered within"
+    yield "slew and supply, with a bound of its suboptimality. Times are processor times of a busy machine:"
+    yield "they count as ratios only, and the greatest one may be an interruption."
+
+
+def line(rows: Sequence[Row]) -> str:
+    """Return the line of one horizon."""
+    median = Row(*np.median(rows, axis=0))
+    most, total = Row(*np.max(rows, axis=0)), Row(*np.sum(rows, axis=0))
+    seeds = f"{min(r.seed for r in rows):.0f} to {most.seed:.0f}" if len(rows) > 1 else f"{most.seed:.0f}"
+    cells = (
+        *(f"{most.horizon:.0f}", f"{total.number:.0f}", seeds),
+        f"{median.exchanges_median:.0f}, {median.exchanges_99:.0f}",
+        *(f"{most.exchanges_most:.0f}", f"{2 * most.horizon * MOST:.0f}"),
+        *(f"{total.unproved:.0f}", f"{total.unsolved:.0f}", f"{most.apart:.1e}"),
+        f"{median.time_median:.0f}, {median.time_99:.0f}, {median.time_9999:.0f}",
+        f"{most.time_most:.0f}",
+    )
+    return f"| {' | '.join(cells)} |"
 
 
 def main() -> int:
@@ -149,10 +221,13 @@ def main() -> int:
     parser.add_argument("--number", type=int, default=100_000)
     parser.add_argument("--horizon", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, help="folder of worst_cases.csv and worst_cases.md")
     asked = parser.parse_args()
     found = Hunt()
     for found in hunted(asked.number, asked.horizon, asked.seed):
-        print(said(found, asked.horizon), flush=True)
+        print(said(row(found, asked.horizon, asked.seed)), flush=True)
+    if asked.out:
+        keep(row(found, asked.horizon, asked.seed), asked.out)
     return 1 if found.unsolved else 0
 
 

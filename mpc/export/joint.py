@@ -11,7 +11,7 @@ from allocator.joint.antagonist import AntagonistJoint
 if TYPE_CHECKING:
     from casadi import Function
 
-Numbers = dict[str, tuple[float | int, str]]  # name: value, description
+Numbers = dict[str, tuple[float | int | str, str]]  # name: value, description
 _BELOW_POLE = 1 - 1e-6  # of the pole: up to there forces are finite in either precision
 _GRID = 181  # number of angles at which affine muscles are checked
 

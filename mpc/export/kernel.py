@@ -48,9 +48,9 @@ class Form(NamedTuple):
 
 _FORMS = {"tondu": Form(TonduNumbers, _LIMITS | _TONDU), "affine": Form(AffineNumbers, _LIMITS | _AFFINE)}
 _ABSENT = {
-    "min_force": "min_force == -ANT_INFINITY",
-    "max_force": "max_force == ANT_INFINITY",
-    "max_step": "max_step == ANT_INFINITY",
+    "min_force": "min_force <= -ANT_INFINITY",
+    "max_force": "max_force >= ANT_INFINITY",
+    "max_step": "max_step >= ANT_INFINITY",
     "stiffness_first": "!stiffness_first",
 }
 _RESULT = ("P1", "P2", "T_given", "K_given", "status", "limits", "sure")

@@ -17,11 +17,11 @@ def header(guard: str, about: str, body: str, includes: Iterable[str] = ()) -> s
     return "\n".join(piece for piece in pieces if piece)
 
 
-def defines(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
+def defines(numbers: Mapping[str, tuple[float | int | str, str]], single: bool) -> str:
     """Return a line `#define ANT_NAME value` for each of `numbers`, with its comment."""
     rows = []
     for name, (value, meaning) in numbers.items():
-        literal = str(value) if isinstance(value, int) else f"({number(value, single)})"
+        literal = f"({number(value, single)})" if isinstance(value, float) else str(value)
         rows.append(f"#define ANT_{name} {literal}" + (f" /* {meaning} */" if meaning else ""))
     return "\n".join(rows)
 
@@ -50,7 +50,7 @@ def _row(values: Table, single: bool) -> str:
     return ", ".join(number(v, single) for v in np.asarray(values, float).tolist())
 
 
-def config(numbers: Mapping[str, tuple[float | int, str]], single: bool) -> str:
+def config(numbers: Mapping[str, tuple[float | int | str, str]], single: bool) -> str:
     """Return antagonist_config.h with these numbers, see `defines`."""
     lines = ["#define ANT_SINGLE /* numbers are float */"] * single + [defines(numbers, single)] * bool(numbers)
     return header("ANTAGONIST_CONFIG_H", "Choices at export.", "\n".join(lines))

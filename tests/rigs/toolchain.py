@@ -3,14 +3,18 @@
 For tests and benchmarks only: users of the exported files have their own tool chain.
 """
 
+import re
 import subprocess
+from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 from zlib import crc32
 
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-I.", "-Isrc")
+WARNINGS = ("-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wfloat-equal", "-Werror")
+STRICT = ("-std=c99", *WARNINGS, "-I.", "-Isrc")
 SANITISED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
 ARM_GCC, ARM_SIZE, QEMU = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm"
 
@@ -29,7 +33,7 @@ CORTEX_M4F = M4F.flags
 
 Runner = Callable[..., str]
 Args: TypeAlias = tuple[str, ...]
-_BOARD = Path(__file__).parent / "c" / "mps2_an386"
+_BOARD, _REPLAY = (Path(__file__).parent / "c" / name for name in ("mps2_an386", "replay"))
 
 
 class Size(NamedTuple):
@@ -68,6 +72,13 @@ def _objects(directory: Path, flags: Args, compiler: str) -> list[Path]:
     return [*made.values()]
 
 
+def compiled_counting(directory: Path) -> Path:
+    """Compile a program that counts the multiplications of each step's QP; see its two files."""
+    _run(["g++", "-O1", "-I.", "-Isrc", "-c", str(_REPLAY / "counted.cpp"), "-o", "counted.o"], directory)
+    linked = "counted.o", "-Wl,--allow-multiple-definition", "-lstdc++"  # the first definitions count
+    return compiled(directory, _REPLAY / "count.c", "count", "-O2", linked=linked)
+
+
 def run(program: Path, *arguments: str) -> str:
     """Return the output of `program`. Raises RuntimeError for output on errors, such as a sanitizer's report."""
     return _run([str(program), *arguments], program.parent)
@@ -90,6 +101,26 @@ def linked_size(directory: Path, core: Core = M4F) -> Size:
     smallest = "-Wl,--gc-sections", "--specs=nano.specs", "--specs=nosys.specs", "-Wl,--no-warnings"
     made = compiled(directory, _BOARD / "step.c", "step.elf", *core.flags, compiler=ARM_GCC, linked=smallest)
     return size_of(made)
+
+
+def stack(directory: Path, *flags: str, entry: str = "ant_step") -> int:
+    """Return the bytes of the stack on the deepest chain of calls from `entry`, without the C library."""
+    graphs, own, calls = directory / f"graphs-{crc32(repr(flags).encode()):08x}", {}, defaultdict(set)
+    graphs.mkdir()
+    for source in sorted((directory / "src").glob("*.c")):
+        made = str(graphs / f"{source.stem}.o")
+        _run([ARM_GCC, *STRICT, *flags, "-fcallgraph-info=su", "-c", str(source), "-o", made], directory)
+    for graph in graphs.glob("*.ci"):
+        text = graph.read_text()
+        own |= {name: int(size) for name, size in re.findall(r'title: "([^"]*)" label: "[^"]*?(\d+) bytes', text)}
+        for caller, called in re.findall(r'sourcename: "([^"]*)" targetname: "([^"]*)"', text):
+            calls[caller].add(called)
+
+    @cache
+    def deepest(name: str) -> int:
+        return own.get(name, 0) + max(map(deepest, calls[name]), default=0)
+
+    return deepest(entry)
 
 
 def size_of(binary: Path) -> Size:

@@ -23,7 +23,7 @@ In C a variable is real, an int (flags and truth values) or a struct, by the val
 """
 
 from allocator.compilation.printer.array_kinds import ArrayKind, Kind, StructKind
-from allocator.compilation.printer.arrays_to_c import MIN_AND_MAX, c_functions, with_called
+from allocator.compilation.printer.arrays_to_c import MIN_AND_MAX, c_functions, parsed, with_called
 from allocator.compilation.printer.c_declarations import Outside
 from allocator.compilation.printer.c_layout import INT, REAL, Printed, number
 from allocator.compilation.printer.python_text import Source, Unprintable
@@ -32,5 +32,5 @@ from allocator.compilation.printer.to_numpy import array_form, array_functions
 
 __all__ = [
     "INT", "MIN_AND_MAX", "REAL", "ArrayKind", "Kind", "Outside", "Printed", "Source", "StructKind", "Unprintable",
-    "array_form", "array_functions", "c_form", "c_functions", "number", "with_called",
+    "array_form", "array_functions", "c_form", "c_functions", "number", "parsed", "with_called",
 ]  # fmt: skip

@@ -4,12 +4,26 @@ import ast
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind
-from allocator.compilation.printer.c_layout import AND, ATOM, CHOICE, INT, LINK, LINKS, OR, REAL, SIGNS, SUM, UNARY
+from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind, kind_of
+from allocator.compilation.printer.c_layout import (
+    AND,
+    ATOM,
+    CHOICE,
+    INT,
+    LINK,
+    LINKS,
+    OR,
+    REAL,
+    SIDE,
+    SIGNS,
+    SUM,
+    UNARY,
+    compared,
+)  # fmt: skip
 from allocator.compilation.printer.python_text import refuse
 
 _EMPTY, _ZEROS = "np.empty", "np.zeros"
-_ELEMENTS = {"np.bool_": "signed char", "np.int8": "signed char"}  # of new arrays; otherwise real
+_ELEMENTS = {"np.bool_": SIDE, "np.int8": SIDE}  # of new arrays; otherwise real
 
 
 class Unit(Protocol):
@@ -155,21 +169,35 @@ class Expressions:
                 return self.call(node, called, arguments), ATOM
         return self.combined(node)
 
+    def of_kind(self, kind: Kind, node: ast.expr, least: int = 0) -> str:
+        """Return an expression, converted if it is an integer where a real number is required."""
+        if kind != REAL or self.kind(node) != INT:
+            return self.text(node, least)
+        match node:
+            case ast.Constant(int() as value):
+                return self.unit.literal(float(value))
+            case ast.UnaryOp(ast.USub(), ast.Constant()):
+                return f"-{self.of_kind(kind, node.operand)}"
+        return f"({REAL}){self.text(node, UNARY)}"
+
     def combined(self, node: ast.expr) -> tuple[str, int]:
         """Return the text of several expressions with operators between."""
+        kind = self.kind(node)
         match node:
             case ast.BinOp(left, ast.Pow(), right):
-                return f"ANT_F(pow)({self.text(left)}, {self.text(right)})", ATOM
+                return f"ANT_F(pow)({self.of_kind(REAL, left)}, {self.of_kind(REAL, right)})", ATOM
             case ast.BinOp(left, op, right) if type(op) in SIGNS:
                 sign, level = SIGNS[type(op)]
-                return f"{self.text(left, level)} {sign} {self.text(right, level + 1)}", level
+                return f"{self.of_kind(kind, left, level)} {sign} {self.of_kind(kind, right, level + 1)}", level
             case ast.Compare(left, [op], [right]) if type(op) in LINKS:
-                return f"{self.text(left, SUM)} {LINKS[type(op)]} {self.text(right, SUM)}", LINK
+                kind = self.either(left, right)
+                one, other = (self.of_kind(kind, side, SUM) for side in (left, right))
+                return compared(one, op, other, kind)
             case ast.BoolOp(op, values):
                 sign, level = (" && ", AND) if isinstance(op, ast.And) else (" || ", OR)
                 return sign.join(self.text(value, LINK) for value in values), level
             case ast.IfExp(test, yes, no):
-                return f"{self.text(test, OR)} ? {self.text(yes, OR)} : {self.text(no, SUM)}", CHOICE
+                return f"{self.text(test, OR)} ? {self.of_kind(kind, yes, OR)} : {self.of_kind(kind, no, SUM)}", CHOICE
         refuse(node)
 
     def member(self, node: ast.Attribute) -> str:
@@ -199,4 +227,7 @@ class Expressions:
         function = made.get(name) or (self.unit.entries.get(name, name) if name in self.unit.nodes else "")
         if not function or node.keywords:
             refuse(node, "C has no such function")
-        return f"{function}({', '.join(map(self.text, arguments))})"
+        kinds: Sequence[Kind] = [REAL if name in ("sqrt", "ceil") else self.kind(node)] * len(arguments)
+        if name in self.unit.nodes:
+            kinds = [kind_of(argument, self.unit.kinds) for argument in self.unit.nodes[name].args.args]
+        return f"{function}({', '.join(map(self.of_kind, kinds, arguments))})"

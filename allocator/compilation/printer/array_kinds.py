@@ -1,7 +1,10 @@
 """Kinds of values that functions of arrays have in C: numbers, arrays, structs for tuples."""
 
+import ast
 from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
+
+from allocator.compilation.printer.c_layout import INT, REAL
 
 
 class ArrayKind(NamedTuple):
@@ -66,3 +69,9 @@ def declared(name: str, kind: Kind) -> str:
     if isinstance(kind, str):
         return f"{kind} {name}"
     return f"{kind.name} {name}" if isinstance(kind, TupleKind) else kind.argument(name)
+
+
+def kind_of(argument: ast.arg, kinds: Kinds) -> Kind:
+    """Return the kind of an argument: by its annotation `float`, else by its name, else an integer."""
+    real = isinstance(argument.annotation, ast.Name) and argument.annotation.id == "float"
+    return REAL if real else kinds.get(argument.arg, INT)

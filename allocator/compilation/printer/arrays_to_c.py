@@ -16,9 +16,21 @@ from inspect import isbuiltin
 
 from allocator.compilation.jit import Function
 from allocator.compilation.printer.array_expressions import Expressions
-from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind, TupleKind, declared
+from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind, TupleKind, declared, kind_of
 from allocator.compilation.printer.array_simplified import simplified
-from allocator.compilation.printer.c_layout import ATOM, INT, REAL, SIGNS, SUM, Printed, comment, number, wrapped
+from allocator.compilation.printer.c_layout import (
+    ATOM,
+    INT,
+    REAL,
+    SIDE,
+    SIGNS,
+    SUM,
+    UNARY,
+    Printed,
+    comment,
+    number,
+    wrapped,
+)  # fmt: skip
 from allocator.compilation.printer.python_text import Unprintable, refuse
 
 MIN_AND_MAX = "\n".join(
@@ -68,7 +80,7 @@ class _Unit:
         numbers: Mapping[str, float],
     ) -> None:
         self.kinds, self.single, self.entries, self.numbers = kinds, single, entries, numbers
-        self.nodes = {node.name: node for node in map(_parsed, functions)}
+        self.nodes = {node.name: node for node in map(parsed, functions)}
         self.names: dict[str, object] = {}
         for f in functions:
             self.names |= getattr(f, "py_func", f).__globals__  # a global name means the same in all of them
@@ -118,7 +130,7 @@ class _Function(Expressions):
     """One function, line by line."""
 
     def __init__(self, unit: _Unit, node: ast.FunctionDef) -> None:
-        known = {argument.arg: _kind_of(argument, unit.kinds) for argument in node.args.args}
+        known = {argument.arg: kind_of(argument, unit.kinds) for argument in node.args.args}
         nodes = [*ast.walk(node)]
         loops = {n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)}
         super().__init__(unit, known, loops)
@@ -209,12 +221,17 @@ class _Function(Expressions):
                 case ast.Assign():
                     yield from self.assignment(node, depth)
                 case ast.AugAssign(target, op, value):
-                    yield from wrapped(f"{self.text(target)} {SIGNS[type(op)][0]}= {self.text(value)};", depth)
+                    yield from wrapped(
+                        f"{self.text(target)} {SIGNS[type(op)][0]}= {self.stored(target, value)};", depth
+                    )
                 case ast.Return(ast.Tuple(values)):
-                    listed = ", ".join(map(self.text, values))
+                    made = self.unit.returned(self.node.name)
+                    kinds = made.elements if isinstance(made, TupleKind) else ()
+                    listed = ", ".join(map(self.of_kind, kinds, values))
                     yield from wrapped(f"return ({self.tuple_name()}){{{listed}}};", depth)
                 case ast.Return(value):
-                    yield from wrapped(f"return{f' {self.text(value)}' if value else ''};", depth)
+                    kind = self.unit.returned(self.node.name)
+                    yield from wrapped(f"return{f' {self.of_kind(kind, value)}' if value else ''};", depth)
                 case ast.Expr(ast.Call() as call):
                     yield from wrapped(f"{self.text(call)};", depth)
                 case ast.Break() | ast.Continue():
@@ -259,7 +276,16 @@ class _Function(Expressions):
                 places = target.slice.elts if isinstance(target.slice, ast.Tuple) else [target.slice]
                 yield from self.filled(target.value, places, value, depth)
             else:
-                yield from wrapped(f"{self.target(target)} = {self.text(value)};", depth)
+                stored = self.stored(target, value)
+                yield from wrapped(f"{self.target(target)} = {stored};", depth)
+
+    def stored(self, target: ast.expr, value: ast.expr) -> str:
+        """Return an assigned value, converted to the type of its target."""
+        if isinstance(target, ast.Subscript) and isinstance(value, ast.BinOp | ast.Call | ast.IfExp):
+            array = self.kind(target.value)
+            if isinstance(array, ArrayKind) and array.element == SIDE:
+                return f"({SIDE}){self.text(value, UNARY)}"
+        return self.of_kind(self.kind(target), value)
 
     def memory(self, target: ast.expr, value: ast.expr, depth: int) -> Iterator[str]:
         """Yield the lines of a new array, which must be small because it is on the stack."""
@@ -280,13 +306,14 @@ class _Function(Expressions):
                 case ast.Slice(lower, upper, None):
                     at, first = f"at{loops}", self.text(lower) if lower else "0"
                     most = self.text(upper, SUM) if upper else size
-                    yield f"{'    ' * (depth + loops)}for (int {at} = {first}; {at} < {most}; {at}++)"
+                    yield f"{'    ' * (depth + loops)}for (int {at} = {first}; {at} < {most}; {at}++) {{"
                     indices, loops = f"{indices}[{at}]", loops + 1
                 case place:
                     indices += f"[{self.text(place)}]"
         copied = isinstance(self.kind(value), ArrayKind)
         wanted = self.text(value, ATOM) + "".join(f"[at{i}]" for i in range(loops)) if copied else self.text(value)
         yield f"{'    ' * (depth + loops)}{self.text(array, ATOM)}{indices} = {wanted};"
+        yield from (f"{'    ' * (depth + loop)}}}" for loop in reversed(range(loops)))
 
     def target(self, node: ast.expr) -> str:
         """Return the text of an assignment's target, with a declaration if the variable is new."""
@@ -318,7 +345,7 @@ def with_called(functions: Sequence[Function]) -> list[Function]:
     left = [*functions]
     while left:
         function = left.pop(0)
-        node, names = _parsed(function), getattr(function, "py_func", function).__globals__
+        node, names = parsed(function), getattr(function, "py_func", function).__globals__
         if node.name in found:
             continue
         found[node.name] = function
@@ -335,13 +362,7 @@ def _asks_for_a_size(node: ast.AST) -> bool:
     return False
 
 
-def _kind_of(argument: ast.arg, kinds: Kinds) -> Kind:
-    """Return the kind of an argument: by its annotation `float`, else by its name, else an integer."""
-    real = isinstance(argument.annotation, ast.Name) and argument.annotation.id == "float"
-    return REAL if real else kinds.get(argument.arg, INT)
-
-
-def _parsed(function: Function) -> ast.FunctionDef:
+def parsed(function: Function) -> ast.FunctionDef:
     """Return the tree of a function, or of the function that a numba dispatcher compiles."""
     return _tree(getattr(function, "py_func", function))
 

@@ -16,6 +16,7 @@ from allocator.compilation.printer.c_layout import (
     SIGNS,
     SUM,
     UNARY,
+    compared,
 )  # fmt: skip
 from allocator.compilation.printer.python_text import asks_for_none, refuse
 
@@ -82,10 +83,12 @@ class Expressions:
             return Text(self.unit.outside.absent[name], INT, LINK)
         if not all(type(op) in LINKS for op in node.ops):
             refuse(node)
-        operands = [self.text(operand).above(SUM) for operand in (node.left, *node.comparators)]
-        signs = [LINKS[type(op)] for op in node.ops]
-        links = [f"{a} {sign} {b}" for a, sign, b in zip(operands, signs, operands[1:], strict=False)]
-        return Text(" && ".join(links), INT, AND if len(links) > 1 else LINK)
+        operands = [self.text(operand) for operand in (node.left, *node.comparators)]
+        links = [
+            compared(a.above(SUM), op, b.above(SUM), REAL if REAL in (a.kind, b.kind) else INT)
+            for a, op, b in zip(operands, node.ops, operands[1:], strict=False)
+        ]
+        return Text(" && ".join(text for text, _ in links), INT, AND if len(links) > 1 else links[0][1])
 
     def choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Text:
         """Return a conditional expression; only one side if the test is known."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-REAL, INT = "ant_real", "int"
+REAL, INT, SIDE = "ant_real", "int", "signed char"
 LINKS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 SIGNS = {
     ast.Add: ("+", 12),
@@ -37,6 +37,16 @@ class Printed(NamedTuple):
 
     head: str  # structs, and prototypes of exported functions
     body: str
+
+
+def compared(left: str, op: ast.cmpop, right: str, kind: object) -> tuple[str, int]:
+    """Return a comparison, and how strongly its operator binds; real numbers are compared for equality by a function,
+    because compilers warn about the operator.
+    """
+    if kind != REAL or not isinstance(op, ast.Eq | ast.NotEq):
+        return f"{left} {LINKS[type(op)]} {right}", LINK
+    equal = f"ant_equal({left}, {right})"
+    return (equal, ATOM) if isinstance(op, ast.Eq) else (f"!{equal}", UNARY)
 
 
 def runs(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:

@@ -1,6 +1,7 @@
 """README of the exported files."""
 
 from allocator.joint.antagonist import AntagonistJoint
+from mpc.export.controller.certificate import COMPILER, certificate
 from mpc.export.controller.recursions import exchanges_in, items_in
 from mpc.export.controller.tuning import tuning_numbers
 from mpc.export.parts import BUILD, build_words, machine_words
@@ -103,10 +104,19 @@ Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} mov
 | allocations | {allocations} | {allocations} |
 | sweeps, backward and forward | {sweeps} | {qps} |
 | exchanges of active limits | {exchanges} | 0 to 10 |
+| multiplications and divisions of a QP | {begin} + {exchange} per exchange | {plain} per exchange without a new sweep |
+| stack of `ant_step` | {stack} bytes | |
 
-The bounds are those of the loops and hold for any input. The bound of the exchanges is `ANT_EXCHANGES`, {each} per move
-and QP; a smaller one may be set in `antagonist_config.h`. `python -m benchmarks.speed.worst_cases` searches states,
-references and limits for QPs with many exchanges, and prints the greatest number.
+All bounds but that of the stack are theoretical: they are counted from the loops and hold for any input. The bound of
+the exchanges is `ANT_EXCHANGES`, {each} per move and QP. A smaller one in `antagonist_config.h` lowers `ANT_QP_SWEEPS`
+and `ANT_QP_MULTIPLICATIONS`. Most exchanges need no new sweep.
+
+The stack was measured with {compiler} at `-Os` and `-O2`, without C library and interrupts. `ANT_STACK` is a
+formula of the sizes that is above all measured stacks; without optimisation more is used. `-fcallgraph-info=su`
+measures yours.
+
+The greatest numbers that a search (`python -m benchmarks.speed.worst_cases`) has found are in
+`benchmarks/results/worst_cases.md` of the package's sources.
 {single}"""
 
 _CONTROL_SINGLE = """
@@ -141,11 +151,11 @@ def arm_readme(controller: TrackingMPC, single: bool, printed: list[str]) -> str
 
 
 def _control(controller: TrackingMPC, single: bool) -> str:
-    from mpc.tracking.compiled.structured_qp.exchange import AGAIN, CROWDED
+    from mpc.tracking.compiled.structured_qp.exchange import CROWDED
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps = controller.ahead - N, controller.iterations
-    n, m = controller.plant.n, controller.plant.m
+    n, m, bounds = controller.plant.n, controller.plant.m, certificate(controller, single)
     moves = m * blocks
     return _CONTROL.format(
         count=2 + sum(values.size for _, values in tuning_numbers(controller)),
@@ -156,9 +166,11 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         items=min(CROWDED, items_in(moves, single) - 2),
         each=exchanges_in(1),
         rows=2 * (n + m) * N,
-        sweeps=qps * (1 + AGAIN + exchanges_in(moves)),
+        sweeps=qps * bounds.sweeps,
         qps=qps,
-        exchanges=qps * exchanges_in(moves),
+        exchanges=qps * bounds.exchanges,
+        **{name: getattr(bounds, name) for name in ("begin", "exchange", "plain", "stack")},
+        compiler=COMPILER,
         stages=delay + qps * N + 5 * N,  # the dead time, every QP, every rung
         usual_stages=delay + (qps + 1) * N,
         slopes=qps * N + 4,  # the observer's, with one estimate per sensor that may repeat itself

@@ -1,5 +1,7 @@
 """QP solver of a step as C (`recursions.h`, `recursions.c`), printed from the Python source that runs in Python."""
 
+from collections.abc import Mapping
+
 from allocator.compilation.jit import Function
 from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions, with_called
 from mpc.export import text
@@ -15,10 +17,8 @@ _ITEMS = {True: 28, False: 16}  # by single precision; more would not fit into a
 
 def recursion_files(plant: Machine, single: bool) -> dict[str, str]:
     """Return the files of the solver, which are the same for every joint; sizes stand in antagonist_config.h."""
-    arm = isinstance(plant, Arm)
-    entries = _of_arm(plant) if isinstance(plant, Arm) else _of_joint()
+    entries, structs = solver_of(plant), _structs(isinstance(plant, Arm))
     names = {entry.__name__: f"ant_{entry.__name__}" for entry in entries} | {"solve": "ant_settle"}
-    structs = _structs(arm)
     made = c_functions(with_called(entries), _kinds(structs), single, names, _SINGLE if single else {})
     about = "The QP of a step, solved sample by sample; printed from the Python source."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
@@ -29,19 +29,22 @@ def recursion_files(plant: Machine, single: bool) -> dict[str, str]:
     }
 
 
-def _of_joint() -> list[Function]:
+def solver_of(plant: Machine) -> list[Function]:
+    """Return the exported functions of the solver, for the sizes of an arm."""
+    if isinstance(plant, Arm):
+        from mpc.tracking.compiled.arm.module import solve_module
+
+        module = solve_module(plant)
+        return [getattr(module, name) for name in ("limit", "excess", "change_bounds", "deviations", "solve")]
     from mpc.tracking.compiled import commands
     from mpc.tracking.compiled.structured_qp import solve
 
     return [commands.limit, commands.excess, commands.change_bounds, commands.deviations, solve.solve]
 
 
-def _of_arm(arm: Arm) -> list[Function]:
-    """Return the same functions for the sizes of an arm."""
-    from mpc.tracking.compiled.arm.module import solve_module
-
-    module = solve_module(arm)
-    return [getattr(module, name) for name in ("limit", "excess", "change_bounds", "deviations", "solve")]
+def kinds_of(plant: Machine) -> Mapping[str, Kind]:
+    """Return the kinds of the solver's arguments, by their names in all functions."""
+    return _kinds(_structs(isinstance(plant, Arm)))
 
 
 def items_in(changes: int, single: bool) -> int:

@@ -8,9 +8,10 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.export import text
+from mpc.export.controller.certificate import COMPILER, certificate
 from mpc.export.controller.demonstration import control_tables
 from mpc.export.controller.friction import check_frictions, friction_numbers, friction_sizes, friction_tables
-from mpc.export.controller.recursions import exchanges_in, items_in, recursion_files
+from mpc.export.controller.recursions import items_in, recursion_files
 from mpc.export.controller.resting import rest_rules, resting_files
 from mpc.export.controller.tuning import tuning_constants, tuning_definition
 from mpc.export.joint import Numbers
@@ -49,7 +50,7 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
 def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
     """Return the sizes that antagonist_config.h defines."""
     blocks, known, dt = len(controller.problem.blocks), controller.compensation, controller.dt
-    plant = controller.plant
+    plant, bounds = controller.plant, certificate(controller, single)
     return (
         {
             "JOINTS": (plant.n, "n"),
@@ -61,7 +62,13 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
             "AGE": (known.age(dt), "age of the angle's readings in samples"),
             "AHEAD": (controller.ahead, "samples of reference after the present one"),
             "ITEMS": (items_in(plant.m * blocks, single), "maximum number of limits that differ from those of a sweep"),
-            "EXCHANGES": (exchanges_in(plant.m * blocks), "maximum number of exchanges in a QP; may be set smaller"),
+            "EXCHANGES": (bounds.exchanges, "maximum number of exchanges in a QP; may be set smaller"),
+            "QP_SWEEPS": (f"({bounds.sweeps - bounds.exchanges} + ANT_EXCHANGES)", "maximum number of sweeps in a QP"),
+            "QP_MULTIPLICATIONS": (
+                f"({bounds.begin} + {bounds.exchange}LL * ANT_EXCHANGES)",
+                "maximum number of multiplications and divisions in a QP",
+            ),
+            "STACK": (bounds.stack, f"bytes of the stack of ant_step, measured with {COMPILER}"),
         }
         | friction_sizes(known.of_joints(plant.n))
         | _arm_sizes(plant, dt)
@@ -172,8 +179,6 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     inverse = InverseDynamics(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
     return [
-        ("ANT_D1", "derivative of a spline through the samples of a preview [1/s]", inverse.slopes[0]),
-        ("ANT_D2", "and its second derivative [1/s^2]", inverse.slopes[1]),
         ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
         ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", inverse.alpha),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),

@@ -18,7 +18,16 @@ from .constructs import BOTH_REFUSE, C_REFUSES, CONSTRUCTS
 from .test_kernels import JOINTS, coefficients, mixed_targets
 
 needs_gcc = needs("gcc")
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-ffp-contract=off")
+STRICT = (
+    "-std=c99",
+    "-pedantic",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-Wdouble-promotion",
+    "-Wfloat-equal",
+    "-ffp-contract=off",
+)
 PREAMBLE = """#include <math.h>
 #ifdef SINGLE
 typedef float ant_real;
@@ -31,13 +40,14 @@ typedef double ant_real;
 #endif
 #define ANT_INFINITY ((ant_real)INFINITY)
 static inline ant_real ant_abs(ant_real x) { return x < 0 ? -x : x; }
+static inline int ant_equal(ant_real a, ant_real b) { return a <= b && a >= b; }
 ant_real c_has_it(ant_real x);
 ant_real c_has_it(ant_real x) { return ant_abs(x); }
 """
 
 
 NUMBERS = (-2.0, -0.75, 0.0, 1.0, 2.25)
-C = {"which": "which == 0"}
+C = {"which": "ant_equal(which, 0)"}
 
 
 def parsed(text):

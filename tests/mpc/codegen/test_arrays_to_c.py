@@ -93,7 +93,7 @@ def compiled(folder, single):
     structs = "\n".join(KINDS[name].definition() for name in ("box", "work"))
     (folder / "antagonist_config.h").write_text("#define ANT_SINGLE\n" if single else "\n")
     (folder / "mixed.c").write_text(f'#include "real.h"\n\n{structs}\n{MIN_AND_MAX}\n{made.head}\n\n{made.body}\n')
-    flags = *tools.STRICT, "-Wdouble-promotion", "-O2", "-shared", "-fPIC", f"-I{SOURCES}", f"-I{SOURCES / 'allocate'}"
+    flags = *tools.STRICT, "-O2", "-shared", "-fPIC", f"-I{SOURCES}", f"-I{SOURCES / 'allocate'}"
     subprocess.run(["gcc", *flags, "mixed.c", "-lm", "-o", "mixed.so"], cwd=folder, check=True)
     run = ctypes.CDLL(str(folder / "mixed.so")).ant_mixed
     run.restype = ctypes.c_float if single else ctypes.c_double

@@ -10,6 +10,7 @@ from allocator import InvalidInput
 from allocator.units import BAR, DEG
 from mpc import Arm, Compensation, KalmanObserver, PlanStatus, Rung, TrackingMPC, Weights
 from mpc.export import export, export_controller_fmu
+from mpc.export.controller.certificate import certificate
 from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
@@ -229,10 +230,14 @@ def test_a_cortex_m4f_gives_the_pc_s_commands(faulty_loop, exported):
 
 @needs_arm_gcc
 @pytest.mark.compiles
-def test_ten_samples_ahead_fit_into_64_kib_of_flash_and_memory_in_single_and_104_in_double_precision(exported):
+def test_ten_samples_ahead_fit_into_64_kib_of_flash_and_memory_in_single_and_104_in_double_precision(
+    faulty_loop, exported
+):
     for precision, most in (("single", 64), ("double", 104)):
         size = tools.linked_size(exported[precision])
         assert max(size.code, size.memory) <= most * 1024
+        stack = tools.stack(exported[precision], *tools.CORTEX_M4F)
+        assert 0.7 < stack / certificate(faulty_loop[0], precision == "single").stack <= 1
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, sine
 from mpc.export import export
+from mpc.export.controller.certificate import certificate
 from mpc.export.controller.sizes import check_pair
 from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
@@ -295,6 +296,34 @@ def test_twenty_samples_ahead_fit_into_40_kib_of_memory_in_single_and_48_in_doub
     for precision, most in (("single", 40), ("double", 48)):
         made = export(tmp_path / precision, controller=controller, observer=observer, precision=precision)
         assert tools.linked_size(made).memory <= most * 1024
+        assert 0.7 < tools.stack(made, *tools.CORTEX_M4F) / certificate(controller, precision == "single").stack <= 1
+
+
+@needs("gcc", "g++")
+def test_no_qp_multiplies_more_often_than_its_certificate_allows_nor_much_less(faulty_loop, exported):
+    """Recorded steps, and wild ones whose QPs need many exchanges; numbers that count themselves."""
+    controller, _, samples, _ = faulty_loop
+    rng, wild = np.random.default_rng(0), samples[:300].copy()
+    wild[:, :3] = rng.uniform((-0.6, 0.0, 0.0), (0.6, SPAN, SPAN), (300, 3))
+    wild[:, 3] = 0.0
+    wild[:, 4 : 5 + controller.ahead] = np.where(rng.random((300, controller.ahead + 1)) < 0.5, -0.5, 0.5)
+    program = tools.compiled_counting(exported["double"])
+    counted, exchanges = replayed(program, np.concatenate([samples[:1000], wild]), 2).T
+    bounds = certificate(controller, single=False)
+    limited = 8 * controller.plant.m  # commands moved within their limits, outside the QP
+    assert (counted <= bounds.begin + bounds.exchange * exchanges + limited).all()
+    assert exchanges.max() > 30
+    many = exchanges > 10
+    assert (counted[many] / exchanges[many]).max() > bounds.plain / 5  # the bound holds for all items at once
+    assert counted[exchanges == 0].max() > bounds.begin / 20  # one sweep and a proof; the bound has three more
+
+
+@needs_arm_gcc
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("optimised", ["-Os", "-O2"])
+def test_a_step_s_stack_on_a_cortex_m4f_is_within_its_bound(precision, optimised, faulty_loop, exported):
+    used = tools.stack(exported[precision], *tools.CORTEX_M4F, optimised)
+    assert 0.7 < used / certificate(faulty_loop[0], precision == "single").stack <= 1
 
 
 @needs_gcc

@@ -33,6 +33,8 @@ static inline ant_real ant_clip(ant_real x, ant_real lo, ant_real hi) {
 }
 
 static inline ant_real ant_abs(ant_real x) { return x < 0 ? -x : x; }
+/* a == b, of which compilers warn; false for NaN */
+static inline int ant_equal(ant_real a, ant_real b) { return a <= b && a >= b; }
 static inline int ant_abs_int(int a) { return a < 0 ? -a : a; }
 
 #endif /* ANT_REAL_H */

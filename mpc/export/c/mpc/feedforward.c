@@ -8,11 +8,29 @@
 
 enum { N = ANT_JOINTS, SAMPLES = ANT_HORIZON + 1 };
 
-/* A derivative of an angle. */
-static ant_real derivative(const ant_real *row, const ant_feed *feed, int joint) {
-    ant_real sum = 0;
-    for (int k = 0; k < SAMPLES; k++) sum += row[k] * feed->x[k][joint];
-    return sum;
+/* Mean rate of an angle over the sample k. */
+static ant_real secant(const ant_feed *feed, int k, int i) { return (feed->x[k + 1][i] - feed->x[k][i]) / ANT_DT; }
+
+/* Rates of an angle: slopes of a cubic spline, whose third derivative is continuous at the samples beside its ends. */
+static void rates(ant_feed *feed, int i) {
+    enum { LAST = ANT_HORIZON };
+    ant_real shares[LAST] = {2}; /* of the next rate in each one */
+    feed->x[0][N + i] = (5 * secant(feed, 0, i) + secant(feed, 1, i)) / 2;
+    for (int k = 1; k < LAST; k++) {
+        shares[k] = 1 / (4 - shares[k - 1]);
+        feed->x[k][N + i] =
+            shares[k] * (3 * (secant(feed, k - 1, i) + secant(feed, k, i)) - feed->x[k - 1][N + i]);
+    }
+    const ant_real end = (secant(feed, LAST - 2, i) + 5 * secant(feed, LAST - 1, i)) / 2;
+    feed->x[LAST][N + i] = (end - 2 * feed->x[LAST - 1][N + i]) / (1 - 2 * shares[LAST - 1]);
+    for (int k = LAST - 1; k >= 0; k--) feed->x[k][N + i] -= shares[k] * feed->x[k + 1][N + i];
+}
+
+/* Second derivative of the spline. */
+static ant_real acceleration(const ant_feed *feed, int k, int i) {
+    if (k == ANT_HORIZON)
+        return 2 * (feed->x[k - 1][N + i] + 2 * feed->x[k][N + i] - 3 * secant(feed, k - 1, i)) / ANT_DT;
+    return 2 * (3 * secant(feed, k, i) - 2 * feed->x[k][N + i] - feed->x[k + 1][N + i]) / ANT_DT;
 }
 
 static void worst(ant_real *most, ant_real gap) {
@@ -33,10 +51,7 @@ static void reachable(const ant_task *task, ant_feed *feed) {
 /* Pressures at a sample. */
 static void hold(const ant_task *task, ant_real min_force, int k, ant_feed *feed) {
     ant_real *x = feed->x[k], *y = feed->y[k], alpha[N], T[N];
-    for (int i = 0; i < N; i++) {
-        x[N + i] = derivative(ANT_D1[k], feed, i);
-        alpha[i] = derivative(ANT_D2[k], feed, i);
-    }
+    for (int i = 0; i < N; i++) alpha[i] = acceleration(feed, k, i);
     ant_model_torque_for(x, x + N, alpha, T);
     for (int i = 0; i < N; i++) T[i] -= task->d[k][i];
     ant_real left[N], K[ANT_STIFFNESSES];
@@ -51,6 +66,7 @@ static void hold(const ant_task *task, ant_real min_force, int k, ant_feed *feed
 
 void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed) {
     reachable(task, feed);
+    for (int i = 0; i < N; i++) rates(feed, i);
     for (int k = 0; k < SAMPLES; k++) hold(task, min_force, k, feed);
     ant_real q[ANT_MUSCLES], last[ANT_MUSCLES];
     ant_model_expansion(feed->x[0], q);

@@ -57,7 +57,7 @@ void ant_friction_follow(ant_friction *f, int joint, ant_real theta, ant_contact
         f->known = 1;
     }
     const ant_real motion = ant_abs(theta - f->theta) > ANT_JITTER ? theta - f->theta : 0;
-    if (motion != 0) f->theta = theta;
+    if (!ant_equal(motion, 0)) f->theta = theta;
     ant_friction_move(f->memory, joint, motion, c);
 }
 

@@ -37,7 +37,7 @@ ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real e
     if (first != ANT_BELIEVED) return first;
     ant_real width = g->width * (1 + (ant_real)(g->since - 1) * ANT_GATE_GROWTH);
     if (g->since == 0) width = ant_gate_width(g, variance);
-    const int repeated = read == g->refused; /* and expected only because two motions cross */
+    const int repeated = ant_equal(read, g->refused); /* and expected only because two motions cross */
     if (ant_abs(read - expected) <= width && !repeated) {
         ant_gate_reset(g);
         return ANT_BELIEVED;

@@ -88,7 +88,7 @@ static void without_frozen(ant_observer *o, const ant_belief *previous, ant_beli
     int others[ANT_SENSORS], repeated[ANT_SENSORS];
     believed(o, others);
     for (int i = 0; i < ANT_SENSORS; i++) {
-        repeated[i] = said[i] == o->read[i];
+        repeated[i] = ant_equal(said[i], o->read[i]);
         o->repeating[i] = repeated[i] ? o->repeating[i] + ANT_DT : 0;
         o->frozen[i] = o->frozen[i] && repeated[i];
         others[i] = others[i] && !repeated[i];
@@ -151,10 +151,8 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
         contested = contested || (used[i] && o->contested[i]);
         if (o->contested[i] && o->repeating[i] > repeating) repeating = o->repeating[i];
     }
-    if (repeating > ANT_REPEATED)
-        o->doubted = ANT_GATE_PATIENCE; /* as a blow does not, but a sensor that sticks */
-    else if (repeating > 0)
-        o->explained = 0;
+    if (repeating > ANT_REPEATED) o->doubted = ANT_GATE_PATIENCE; /* as a blow does not, but a sensor that sticks */
+    if (repeating > 0 && repeating <= ANT_REPEATED) o->explained = 0;
     o->explained += contested;
     if (!any || (o->explained <= o->doubted && o->samples > ANT_FIRST)) {
         ant_correct(o, &o->rival, read, used);

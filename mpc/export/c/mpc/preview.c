@@ -107,10 +107,11 @@ void ant_send(ant_controller *c, ant_plan *plan, ant_real side) {
     for (int k = 0; k < ANT_DELAY; k++) memcpy(c->waiting[k], c->waiting[k + 1], sizeof c->waiting[k]);
     memcpy(plan->u, m->u, sizeof plan->u);
     if (ANT_DEAD_BAND > 0) {
+        const int known = !ant_equal(side, 0);
         for (int k = 0; k < ANT_HORIZON; k++)
             for (int i = 0; i < ANT_MUSCLES; i++) {
                 const ant_real u = m->u[k][i];
-                plan->u[k][i] = side != 0 ? u + side * ANT_DEAD_BAND / 2 : ant_inverse_dead_band(u, m->x[k][2 * N + i]);
+                plan->u[k][i] = known ? u + side * ANT_DEAD_BAND / 2 : ant_inverse_dead_band(u, m->x[k][2 * N + i]);
             }
         ant_limited(c->qp.tuning->step, c->sent, plan->u);
     }

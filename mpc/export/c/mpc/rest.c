@@ -9,7 +9,10 @@ enum { N = ANT_JOINTS };
 static void matrices(const ant_task *task, ant_real K[ANT_HORIZON + 1][N][N]) {
     for (int k = 0; k <= ANT_HORIZON; k++)
         for (int i = 0, entry = 0; i < N; i++)
-            for (int j = i; j < N; j++) K[k][i][j] = K[k][j][i] = task->K[k][entry++];
+            for (int j = i; j < N; j++) {
+                K[k][i][j] = task->K[k][entry];
+                K[k][j][i] = task->K[k][entry++];
+            }
 }
 
 /* Corrects the mean errors of the joints. */
@@ -25,9 +28,8 @@ int ant_rest_follow(ant_rest *r, const ant_task *task) {
     ant_real K[ANT_HORIZON + 1][N][N];
     matrices(task, K);
     const int known = task->measured && !task->refused;
-    if (!(known && ant_rest_constant(r, &ANT_REST_RULES, task->theta[0], K[0][0])))
-        ant_rest_begin(r);
-    else if (ant_rest_decided(r, &ANT_REST_RULES, task->seen, task->expected))
-        turn(r);
+    const int constant = known && ant_rest_constant(r, &ANT_REST_RULES, task->theta[0], K[0][0]);
+    if (!constant) ant_rest_begin(r);
+    if (constant && ant_rest_decided(r, &ANT_REST_RULES, task->seen, task->expected)) turn(r);
     return ant_rest_holds(r);
 }

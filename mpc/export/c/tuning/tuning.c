@@ -5,7 +5,7 @@
 
 static int positive(const ant_real *numbers, int count, int zero_too) {
     for (int i = 0; i < count; i++)
-        if (!(isfinite(numbers[i]) && (numbers[i] > 0 || (zero_too && numbers[i] == 0)))) return 0;
+        if (!(isfinite(numbers[i]) && (zero_too ? numbers[i] >= 0 : numbers[i] > 0))) return 0;
     return 1;
 }
 

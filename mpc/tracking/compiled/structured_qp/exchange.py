@@ -23,9 +23,9 @@ from mpc.tracking.compiled.structured_qp.interrupted import interrupted
 from mpc.tracking.compiled.structured_qp.responses import (
     Items,
     copy_item,
+    discard,
     find_item,
     name_item,
-    remove,
     respond,
     solve_items,
 )
@@ -43,6 +43,7 @@ from mpc.tracking.compiled.structured_qp.sizes import (
     SUPPLY,
     UPPER,
 )
+from mpc.tracking.compiled.structured_qp.stage import curvature
 
 CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
@@ -196,14 +197,17 @@ def absorbed(size: int, sweep: Sweep, a: Active) -> int:
 
 @inlined_flat
 def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Sweep, a: Active) -> bool:
-    """Release the change with the greatest push away from its limit, and return whether there is one."""
-    worst, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, -1, 0, a.items
+    """Release the pushed change whose release alone lowers the cost most, by push²/2D, and return whether there is
+    one.
+    """
+    least, most, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, 0.0, -1, 0, a.items
     for k in range(a.r.shape[0]):
         for i in range(NU):
             if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
                 pushed = -a.r[k, i] if a.held[k, i] < 0 else a.r[k, i]
-                if pushed > worst:
-                    worst, sample, muscle = pushed, k, i
+                gain = pushed * pushed / curvature(sweep.D, k, i)
+                if pushed > least and gain > most:
+                    most, sample, muscle = gain, k, i
     if sample < 0:
         return False
     add_gone(path, setting.slack, sweep, sample, muscle, size, a)
@@ -306,7 +310,7 @@ def enter(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
         a.r[k, i] = -above * items.multiplier[last]
         if kind == BOUND:
             a.z[k, i] = end_of(bounded, a.held[k, i], k, i)
-        return remove(size, find_item(GONE, k, i, size, items), items)
+        return discard(size, find_item(GONE, k, i, size, items), items)
     copy_item(last, size, size, items)
     return size + 1
 
@@ -315,6 +319,6 @@ def enter(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
 def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: int, a: Active) -> int:
     """Release the item `q`, or for -1 the change `i` of the sample k; return the number of items."""
     if q >= 0:
-        return remove(size, q, a.items)
+        return discard(size, q, a.items)
     add_gone(path, slack, sweep, k, i, size, a)
     return size + 1

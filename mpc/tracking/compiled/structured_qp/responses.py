@@ -152,7 +152,7 @@ def solve_items(size: int, items: Items) -> None:
 
 
 @inlined_flat
-def remove(size: int, c: int, items: Items) -> int:
+def discard(size: int, c: int, items: Items) -> int:
     """Remove the item `c` of the first `size`, and return how many remain; the last one takes its place."""
     forget(c, items)
     if c != size - 1:

@@ -124,6 +124,12 @@ def times(D: Array, k: int, i: int, v: Array) -> float:
 
 
 @merged
+def curvature(D: Array, k: int, i: int) -> float:
+    """Return the entry of D[k] for the change `i` alone."""
+    return float(D[k, 2 * i])
+
+
+@merged
 def clear(z: Array, pushes: Array, c: int, k: int) -> None:
     """Set z[c, k] and pushes[c, k] to 0."""
     z[c, k, 0], z[c, k, 1], pushes[c, k, 0], pushes[c, k, 1] = 0.0, 0.0, 0.0, 0.0

@@ -150,6 +150,12 @@ def times(D: Array, k: int, i: int, v: Array) -> float:
 
 
 @inlined_flat
+def curvature(D: Array, k: int, i: int) -> float:
+    """Return the entry of D[k] for the change `i` alone."""
+    return float(D[k, i, i])
+
+
+@inlined_flat
 def clear(z: Array, pushes: Array, c: int, k: int) -> None:
     """Set z[c, k] and pushes[c, k] to 0."""
     for i in range(NU):

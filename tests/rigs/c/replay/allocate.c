@@ -12,7 +12,7 @@ int main(int argc, char **argv) {
         const ant_target target = {
             (ant_real)in[0], (ant_real)in[1], (ant_real)in[2],
             (ant_real)in[3], (ant_real)in[4], (ant_real)in[5],
-            (ant_real)in[6], (ant_real)in[7], in[8] != 0 ? ANT_STIFFNESS_FIRST : ANT_TORQUE_FIRST};
+            (ant_real)in[6], (ant_real)in[7], in[8] > 0 ? ANT_STIFFNESS_FIRST : ANT_TORQUE_FIRST};
         const ant_allocation a = ant_allocate(&target);
         const double out[6] = {a.P1, a.P2, a.T, a.K, a.status, a.limits};
         if (fwrite(out, sizeof out, 1, to) != 1) return 2;

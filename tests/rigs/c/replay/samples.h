@@ -16,7 +16,7 @@ static const double *ant_take(const double *from, ant_real *to, int count) {
 
 static void ant_sample_of(const double in[ANT_SAMPLE], ant_sample *s) {
     const double *rest = ant_take(ant_take(in, s->reading.theta, ANT_JOINTS), s->reading.P, ANT_MUSCLES);
-    s->fails = *rest++ != 0;
+    s->fails = *rest++ > 0;
     rest = ant_take(rest, s->reference.theta[0], ANT_JOINTS * (ANT_AHEAD + 1));
     ant_take(rest, s->reference.K[0], ANT_STIFFNESSES * (ANT_AHEAD + 1));
 }

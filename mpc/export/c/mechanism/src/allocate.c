@@ -10,7 +10,7 @@ static ant_status at_posture(const ant_target *t, ant_memory *o) {
     int outside = 0, status = ANT_EXACT, unreachable = 0;
     for (int i = 0; i < ANT_JOINTS; i++) {
         q[i] = ant_clip(t->q[i], ANT_LEFT[i], ANT_RIGHT[i]);
-        outside = outside || q[i] != t->q[i];
+        outside = outside || !ant_equal(q[i], t->q[i]);
     }
     ant_model_mechanism(q, eps, gain, force, o->y0, &o->M[0][0]);
     for (int j = 0; j < ANT_MUSCLES; j++) {
