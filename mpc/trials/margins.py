@@ -101,8 +101,8 @@ class Margins:
     @cached_property
     def _crossovers(self) -> tuple[Array, Array]:
         """Phases above -π [rad] and frequencies [rad/s] at which an eigenvalue of L has the magnitude 1."""
-        omega = 2 * pi * self.frequency
-        found = [_at_zeros(np.log(np.abs(locus)), locus, omega) for locus in self.L]
+        omega, least = 2 * pi * self.frequency, np.finfo(float).tiny  # without feedback L is 0
+        found = [_at_zeros(np.log(np.maximum(np.abs(locus), least)), locus, omega) for locus in self.L]
         return np.angle(-np.concatenate([locus for locus, _ in found])), np.concatenate([at for _, at in found])
 
     @property

@@ -14,7 +14,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
 from mpc.tracking.weights import Weights
 from mpc.trials.loops import Settings, loop, sliding_margins
-from mpc.trials.margins import LISTEN, margins
+from mpc.trials.margins import LISTEN, Margins, margins
 
 pytestmark = pytest.mark.compiles
 
@@ -68,6 +68,12 @@ def test_gain_and_phase_margins_are_those_of_python_control(found):
     gain, phase, *_ = control.stability_margins(locus, returnall=True)
     assert found.gain_margin == pytest.approx(gain[gain > 1].min(), rel=1e-4)
     assert found.phase_margin == pytest.approx(np.abs(phase).min() * DEG, rel=1e-4)
+
+
+def test_without_feedback_every_margin_is_infinite():
+    alone = Margins.of(0.0, 5.0, np.eye(1, 800)[0], 0.01)  # the readings are the disturbance
+    assert alone.sensitivity_peak == pytest.approx(1.0)
+    assert np.isinf([alone.gain_margin, alone.phase_margin, alone.delay_margin]).all()
 
 
 def test_the_short_response_gives_the_margins_of_the_long_one(parts, found):
