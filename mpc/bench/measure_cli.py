@@ -46,10 +46,10 @@ def measure_command(
             help="ANGLE:STIFFNESS to measure about [°, N·m/rad]; may be repeated. By default the middle of both ranges"
         ),
     ] = None,
-    amplitude: Annotated[float, typer.Option(help="amplitude of the tones that are compared [±°]")] = 1.5,
+    amplitude: Annotated[float, typer.Option(help="amplitude of compared tones [±°]")] = 1.5,
     shake: Annotated[
         float,
-        typer.Option(help="shake by noise with this amplitude instead of tones [±°]; 0: tones"),
+        typer.Option(help="shake by noise of this size [±°]; 0: tones instead"),
     ] = 0.0,
     series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A), with commas [±°]; 0: none")] = "4,8",
     inertia_error: Annotated[float, typer.Option(help="standard deviation of --inertia [%]")] = 0.0,
