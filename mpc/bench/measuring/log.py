@@ -35,6 +35,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.files.bags import is_recording
 from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.recording import stretches
 from allocator.joint.felt import Loop
@@ -91,9 +92,7 @@ def read_log_of_motion(
     `columns`, `skip_rows` and `topics` are those of `read_motion_log`. Raises `InvalidFile`.
     """
     notes: tuple[str, ...] = ()
-    with open(path, encoding="utf-8", errors="replace") as file:
-        head = next((line for line in file if not line.startswith("#")), "")
-    if "P1_command" in head and "phase" in head and not columns and not topics:
+    if not columns and not topics and _of_a_run(Path(path)):
         c = read_log(path)
         good = np.all([np.isfinite(c[name]) for name in ("t", "theta", "P1", "P2")], axis=0)
         rows = [c[name][good] for name in ("t", "theta", "P1", "P2")]
@@ -105,6 +104,15 @@ def read_log_of_motion(
         return Samples.of(rows[0], rows[1], rows[2], rows[3], notes)
     except InvalidInput as error:
         raise InvalidFile(path, str(error)) from None
+
+
+def _of_a_run(path: Path) -> bool:
+    """Return whether the file is a log of `antagonist run`."""
+    if is_recording(path):
+        return False
+    with open(path, encoding="utf-8", errors="replace") as file:
+        head = next((line for line in file if not line.startswith("#")), "")
+    return "P1_command" in head and "phase" in head
 
 
 def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredStiffness:

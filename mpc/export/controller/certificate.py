@@ -37,6 +37,7 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     sizes = {"JOINTS": plant.n, "MUSCLES": plant.m, "STIFFNESSES": plant.stiffnesses, "BLOCKS": blocks, "HORIZON": N}
     sizes |= {"STATES": 2 * plant.n + plant.m, "XI": 2 * plant.n + 2 * plant.m, "OUTPUTS": plant.stiffnesses + plant.m}
     sizes["ITEMS"] = items_in(plant.m * blocks, single)
+    # greatest values of the names that bound the solver's loops
     most = {"N": N, "last": N, "size": sizes["ITEMS"] - 1, "known": 0, "left": plant.m}
     most |= {f"ANT_{name}": size for name, size in sizes.items()}
     functions, kinds, exchanges = with_called(solver_of(plant)), kinds_of(plant), exchanges_in(plant.m * blocks)

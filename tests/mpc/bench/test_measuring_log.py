@@ -17,6 +17,8 @@ from mpc.bench.measuring.shaking import Shaking
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.measuring.update import combined
 
+from ...rigs.bags import TOPICS, mcap, ros1, ros2
+
 SEED = 1000  # Maxwell slip; strengths 1.04 and 1.02
 JOINT = hidden(SEED)
 REST = logs.rest_of(JOINT)
@@ -127,6 +129,15 @@ def test_the_command_reads_a_log_and_updates_the_file(noise, tmp_path, monkeypat
     for arguments, why in cases:
         refused = CliRunner().invoke(app, ["measure", *arguments])
         assert why in str(refused.exception)
+
+
+@pytest.mark.parametrize("write", [ros1, ros2, mcap])
+def test_a_recording_of_a_robot_is_a_log(noise, write, tmp_path):
+    stamps = np.round(noise.t * 1e9).astype(np.int64)
+    log = read_log_of_motion(write(tmp_path, (stamps, noise.theta, noise.P1, noise.P2)), topics=TOPICS)
+    for name in ("theta", "P1", "P2"):
+        np.testing.assert_allclose(getattr(log, name), getattr(noise, name), rtol=1e-7)  # nine digits
+    np.testing.assert_allclose(np.diff(log.t), np.diff(noise.t), atol=1e-8)
 
 
 @pytest.mark.slow

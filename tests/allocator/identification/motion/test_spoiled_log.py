@@ -1,7 +1,5 @@
 """A log as it comes: a gap, spikes, drop-outs and stamps in ns, as one CSV and as three bags of different kinds."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -9,11 +7,11 @@ from allocator import BAR, DEG
 from allocator.identification import fit_motion
 from allocator.identification.motion.samples import read_motion_log
 
+from ....rigs.bags import TOPICS, mcap, ros1, ros2
 from ....rigs.moving_joint import JOINT
 
 pytestmark = pytest.mark.slow
 BEGIN = 1_700_000_000_000_000_000  # [ns]
-TOPICS = "theta=/joint.position[0] pressure1=/valves.data[0] pressure2=/valves.data[1]"
 SPIKES = np.array([190, 433, 700, 951, 1210, 1777, 2003, 2222, 2500, 2871])
 DROPS = ((333, 334), (1250, 1252), (2690, 2691))  # rows of P1 at zero
 GAP = slice(1500, 1600)
@@ -44,64 +42,6 @@ def as_bags(folder, rows):
     thirds = [[a[part] for a in rows] for part in np.array_split(np.arange(rows[0].size), 3)]
     paths = [write(folder, third) for write, third in zip((ros1, ros2, mcap), thirds, strict=True)]
     return read_motion_log(paths, topics=TOPICS)
-
-
-def ros_messages(store, rows):
-    make = store.types
-    stamp = make["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-    layout = make["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-    header = make["std_msgs/msg/Header"]
-    head = header(stamp=stamp, frame_id="", **({"seq": 0} if "seq" in header.__dataclass_fields__ else {}))
-    for t, theta, P1, P2 in zip(*rows, strict=True):
-        yield "/valves", int(t), make["std_msgs/msg/Float64MultiArray"](layout, np.array([P1, P2]))
-        yield (
-            "/joint",
-            int(t),
-            make["sensor_msgs/msg/JointState"](head, ["a"], np.array([theta]), np.zeros(0), np.zeros(0)),
-        )
-
-
-def write_all(writer, store, serialize, rows):
-    known = {}
-    for topic, time, message in ros_messages(store, rows):
-        if topic not in known:
-            known[topic] = writer.add_connection(topic, message.__msgtype__, typestore=store)
-        writer.write(known[topic], time, serialize(message, message.__msgtype__))
-
-
-def ros1(folder, rows):
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    with Writer(folder / "one.bag") as writer:
-        write_all(writer, store, store.serialize_ros1, rows)
-    return folder / "one.bag"
-
-
-def ros2(folder, rows):
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer(folder / "two", version=9) as writer:
-        write_all(writer, store, store.serialize_cdr, rows)
-    return folder / "two"
-
-
-def mcap(folder, rows):
-    from mcap.writer import Writer
-
-    with (folder / "three.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("j", "jsonschema", b"{}")
-        joint, valves = (writer.register_channel(topic, "json", schema) for topic in ("/joint", "/valves"))
-        for t, theta, P1, P2 in zip(*rows, strict=True):
-            for channel, message in ((valves, {"data": [P1, P2]}), (joint, {"position": [theta]})):
-                writer.add_message(channel, int(t), json.dumps(message).encode(), int(t))
-        writer.finish()
-    return folder / "three.mcap"
 
 
 def test_a_spoiled_log_gives_parameters_within_the_intervals_of_the_clean_one(spoiled, slow_fit, tmp_path):
