@@ -33,7 +33,7 @@ CORTEX_M4F = M4F.flags
 
 Runner = Callable[..., str]
 Args: TypeAlias = tuple[str, ...]
-_COMPILED: dict[Args, list[bytes]] = {}  # objects by command and preprocessed text: most exports have most files in common
+_COMPILED: dict[Args, list[bytes]] = {}  # objects by command and preprocessed text: exports differ in few files
 _BOARD, _REPLAY = (Path(__file__).parent / "c" / name for name in ("mps2_an386", "replay"))
 
 
