@@ -20,7 +20,7 @@ IMPORTS = """import math
 
 import numpy as np
 
-from mpc.codegen.jit import pick
+from mpc.codegen.choices import pick
 
 
 """  # that these functions need
