@@ -136,8 +136,8 @@ _C_ONLY_OF_TWO = ("pow", "fmod", "remainder", "fmin", "fmax")
 
 _R = "np.fmod({0}, {1})"  # remainder of {0} after division by {1}, rounded towards 0
 _REMAINDER = (  # remainder after division, rounded to nearest, ties to even
-    f"{_R} if abs({_R}) < abs({{1}}) - abs({_R}) else {_R} - math.copysign({{1}}, {{0}}) "
-    f"if abs({_R}) > abs({{1}}) - abs({_R}) else {_R} - 2.0 * np.fmod(0.5 * ({{0}} - {_R}), {{1}})"
+    f"pick(abs({_R}) < abs({{1}}) - abs({_R}), {_R}, pick(abs({_R}) > abs({{1}}) - abs({_R}), "
+    f"{_R} - math.copysign({{1}}, {{0}}), {_R} - 2.0 * np.fmod(0.5 * ({{0}} - {_R}), {{1}})))"
 )
 
 PYTHON = Language(
@@ -155,17 +155,17 @@ PYTHON = Language(
         "OP_FABS": "abs({0})",
         "OP_FLOOR": "np.floor({0})",  # `math.floor` returns an integer and fails for infinity
         "OP_CEIL": "np.ceil({0})",
-        "OP_SIGN": "1.0 if {0} > 0.0 else -1.0 if {0} < 0.0 else {0}",
-        "OP_LT": "1.0 if {0} < {1} else 0.0",
-        "OP_LE": "1.0 if {0} <= {1} else 0.0",
-        "OP_EQ": "1.0 if {0} == {1} else 0.0",
-        "OP_NE": "1.0 if {0} != {1} else 0.0",
-        "OP_NOT": "1.0 if {0} == 0.0 else 0.0",
-        "OP_AND": "1.0 if {0} != 0.0 and {1} != 0.0 else 0.0",
-        "OP_OR": "1.0 if {0} != 0.0 or {1} != 0.0 else 0.0",
-        "OP_FMIN": "{0} if {0} < {1} or {1} != {1} else {1}",  # a number wins over NaN, as in C
-        "OP_FMAX": "{0} if {0} > {1} or {1} != {1} else {1}",
-        "OP_IF_ELSE_ZERO": "{1} if {0} != 0.0 else 0.0",
+        "OP_SIGN": "pick({0} > 0.0, 1.0, pick({0} < 0.0, -1.0, {0}))",
+        "OP_LT": "pick({0} < {1}, 1.0, 0.0)",
+        "OP_LE": "pick({0} <= {1}, 1.0, 0.0)",
+        "OP_EQ": "pick({0} == {1}, 1.0, 0.0)",
+        "OP_NE": "pick({0} != {1}, 1.0, 0.0)",
+        "OP_NOT": "pick({0} == 0.0, 1.0, 0.0)",
+        "OP_AND": "pick(({0} != 0.0) & ({1} != 0.0), 1.0, 0.0)",
+        "OP_OR": "pick(({0} != 0.0) | ({1} != 0.0), 1.0, 0.0)",
+        "OP_FMIN": "pick(({0} < {1}) | ({1} != {1}), {0}, {1})",  # a number wins over NaN, as in C
+        "OP_FMAX": "pick(({0} > {1}) | ({1} != {1}), {0}, {1})",
+        "OP_IF_ELSE_ZERO": "pick({0} != 0.0, {1}, 0.0)",
     },
     temporary="v{}",
 )

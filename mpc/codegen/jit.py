@@ -1,13 +1,15 @@
 """Decorators for numba: IEEE arithmetic, division by zero included, with fused products and sums."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from numba import config, njit
+from numba import config, njit, types
+from numba.extending import lower_builtin, type_callable
 
 from allocator.calculus import Array
 from allocator.compilation.cache import keep
 from allocator.compilation.linked import INNER
+from mpc.codegen.choices import pick
 
 if config.DISABLE_JIT:
     raise ImportError("compilation is switched off by NUMBA_DISABLE_JIT")
@@ -62,6 +64,16 @@ def merged(function: F) -> F:
     """Compile `function` of numbers into its only caller, so that no tuple of results passes through memory."""
     made: F = njit(forceinline=True, **_FLAT, **INNER, **_OPTIONS)(function)
     return made
+
+
+@type_callable(pick)  # type: ignore[untyped-decorator]
+def _typed(context: object) -> Callable[..., object]:
+    return lambda test, a, b: types.float64
+
+
+@lower_builtin(pick, types.boolean, types.float64, types.float64)  # type: ignore[untyped-decorator]
+def _selected(context: object, builder: Any, signature: object, values: tuple[object, ...]) -> object:
+    return builder.select(*values)
 
 
 @inlined

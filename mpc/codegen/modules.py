@@ -75,7 +75,7 @@ def _surroundings() -> str:
     files = [
         *sorted(_MPC.glob("*/compiled/**/*.py")),
         *sorted((_MPC / "arm").glob("*/compiled/*.py")),
-        *(_MPC / "codegen" / name for name in ("jit.py", "addresses.py", "records.py", "views.py")),
+        *(_MPC / "codegen" / name for name in ("jit.py", "choices.py", "addresses.py", "records.py", "views.py")),
         _MPC / "model" / "compiled_friction.py",
         _MPC / "model" / "integration.py",
         _MPC / "tracking" / "resting.py",

@@ -16,6 +16,14 @@ from mpc.codegen.graphs import PYTHON, Output, Untranslatable, steps
 if TYPE_CHECKING:
     from casadi import Function
 
+IMPORTS = """import math
+
+import numpy as np
+
+from mpc.codegen.choices import pick
+
+
+"""  # that these functions need
 _LONGEST = 1500  # operations that numba compiles in acceptable time
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear, minimize, root
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.limits import BINDS
-from mpc.codegen.python_text import filling
+from mpc.codegen.python_text import IMPORTS, filling
 from mpc.governor import kernel
 from mpc.governor.model import Corners, Dynamics, corners, motion_function, potential_function, statics_function
 
@@ -71,7 +71,7 @@ def make(dynamics: Dynamics, limits: Limits) -> Made:
         dynamics.scenes(cases.values), rest.barrier, rest.weight, cases.lag, steps, decay,
         np.append(counts, len(cases.lag)), motion.c, potential.c,
     )  # fmt: skip
-    return Made(rules, functions, f"import math\n\nimport numpy as np\n\n\n{motion.text}\n\n{potential.text}\n\n")
+    return Made(rules, functions, f"{IMPORTS}{motion.text}\n\n{potential.text}\n\n")
 
 
 def _numbers(dynamics: Dynamics, limits: Limits, rest: "_Rest") -> Array:

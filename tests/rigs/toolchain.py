@@ -33,6 +33,7 @@ CORTEX_M4F = M4F.flags
 
 Runner = Callable[..., str]
 Args: TypeAlias = tuple[str, ...]
+_COMPILED: dict[Args, list[bytes]] = {}  # objects by command and preprocessed text: exports differ in few files
 _BOARD, _REPLAY = (Path(__file__).parent / "c" / name for name in ("mps2_an386", "replay"))
 
 
@@ -58,18 +59,29 @@ def compiled_for_cortex(directory: Path, main: Path, program: str, core: Core = 
 
 
 def _objects(directory: Path, flags: Args, compiler: str) -> list[Path]:
-    """Return the exported sources compiled with these flags, each once, on two processors."""
+    """Return the exported sources compiled with these flags, each once, on two processors.
+
+    A Cortex's objects have graphs of their calls beside them, for `stack`.
+    """
     folder = directory / f"objects-{crc32(repr((compiler, flags)).encode()):08x}"
-    made = {source: folder / f"{source.stem}.o" for source in sorted((directory / "src").glob("*.c"))}
+    sources = sorted((directory / "src").glob("*.c"), key=lambda source: -source.stat().st_size)
+    kinds = (".o", ".ci") if compiler == ARM_GCC else (".o",)
+    command = [compiler, *STRICT, *flags, *["-fcallgraph-info=su"] * (".ci" in kinds)]
+
+    def compile_one(source: Path) -> None:
+        key = (*command, source.name, _run([*command, "-E", "-P", str(source)], directory))
+        made = [folder / f"{source.stem}{kind}" for kind in kinds]
+        if key not in _COMPILED:
+            _run([*command, "-c", str(source), "-o", str(made[0])], directory)
+            _COMPILED[key] = [file.read_bytes() for file in made]
+        for file, content in zip(made, _COMPILED[key], strict=True):
+            file.write_bytes(content)
+
     if not folder.exists():
         folder.mkdir()
-
-        def compile_one(source: Path) -> None:
-            _run([compiler, *STRICT, *flags, "-c", str(source), "-o", str(made[source])], directory)
-
         with ThreadPoolExecutor(2) as pool:
-            list(pool.map(compile_one, sorted(made, key=lambda source: -source.stat().st_size)))
-    return [*made.values()]
+            list(pool.map(compile_one, sources))
+    return [folder / f"{source.stem}.o" for source in sources]
 
 
 def compiled_counting(directory: Path) -> Path:
@@ -105,12 +117,10 @@ def linked_size(directory: Path, core: Core = M4F) -> Size:
 
 def stack(directory: Path, *flags: str, entry: str = "ant_step") -> int:
     """Return the bytes of the stack on the deepest chain of calls from `entry`, without the C library."""
-    graphs, own, calls = directory / f"graphs-{crc32(repr(flags).encode()):08x}", {}, defaultdict(set)
-    graphs.mkdir()
-    for source in sorted((directory / "src").glob("*.c")):
-        made = str(graphs / f"{source.stem}.o")
-        _run([ARM_GCC, *STRICT, *flags, "-fcallgraph-info=su", "-c", str(source), "-o", made], directory)
-    for graph in graphs.glob("*.ci"):
+    own: dict[str, int] = {}
+    calls: dict[str, set[str]] = defaultdict(set)
+    for made in _objects(directory, flags, ARM_GCC):
+        graph = made.with_suffix(".ci")
         text = graph.read_text()
         own |= {name: int(size) for name, size in re.findall(r'title: "([^"]*)" label: "[^"]*?(\d+) bytes', text)}
         for caller, called in re.findall(r'sourcename: "([^"]*)" targetname: "([^"]*)"', text):

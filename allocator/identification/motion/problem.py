@@ -207,9 +207,12 @@ class MotionProblem:
         return self._last_k[which][2]
 
     def _scale(self, u: Array, P1: Array, P2: Array, x: Array) -> Array:
-        base, middle = self.values(x)["base"], (self.log.theta.max() + self.log.theta.min()) / 2
-        ends = np.minimum(1.0, np.abs(u - middle) / (self.log.swing / 2))
-        return np.asarray((base + (1 - base) * (P1 + P2) / FILLED) * (1 - self.taper * ends**2))
+        base = self.values(x)["base"]
+        scale = base + (1 - base) * (P1 + P2) / FILLED
+        if not self.taper:
+            return np.asarray(scale)
+        ends = np.minimum(1.0, np.abs(u - self.log.middle) / (self.log.swing / 2))
+        return np.asarray(scale * (1 - self.taper * ends**2))
 
     @cached_property
     def _usual(self) -> float:

@@ -113,7 +113,7 @@ class MotionLog:
         """The rows of each stretch without a gap."""
         return tuple(stretches(self.t))
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Return the median time between rows [s]."""
         return float(np.median(np.diff(self.t)))
@@ -127,10 +127,15 @@ class MotionLog:
         since = [self.t[part] - self.t[part.start] for part in self.parts]
         return np.concatenate([t >= min(_FORGOTTEN, t[-1] / 2) for t in since])
 
-    @property
+    @cached_property
     def swing(self) -> float:
         """Return the greatest angle less the least [rad]."""
         return float(np.ptp(self.theta))
+
+    @cached_property
+    def middle(self) -> float:
+        """Return the angle between the greatest and the least [rad]."""
+        return float(self.theta.max() + self.theta.min()) / 2
 
     @property
     def greatest_pressure(self) -> float:

@@ -13,9 +13,9 @@ with a smaller w both move far away to gain a few tenths of a degree. No paramet
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array, falling_root
 from allocator.errors import InvalidInput
@@ -23,9 +23,6 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
 from allocator.units import DEG
-
-if TYPE_CHECKING:
-    from scipy.interpolate import RectBivariateSpline
 
 _GRID = 36  # pressures per muscle
 _LEAST_CONTRACTION = -0.2  # [-]: the law is evaluated up to this extension
@@ -68,11 +65,25 @@ class Equilibrium:
 
     def __call__(self, P1: Array, P2: Array) -> Array:
         """Return q (…) [rad]."""
-        return np.asarray(self._splines[0].ev(P1, P2))
+        return self._at(P1, P2, self._grids[0])
 
     def stiffness(self, P1: Array, P2: Array) -> Array:
         """Return the stiffness (…) [N·m/rad] of the joint at rest."""
-        return np.asarray(self._splines[1].ev(P1, P2))
+        return self._at(P1, P2, self._grids[1])
+
+    def _at(self, P1: Array, P2: Array, grid: Array) -> Array:
+        """Return a quantity (…) interpolated between its values `grid` (P1, P2)."""
+        (i, x), (j, y) = (self._cell(P) for P in (P1, P2))
+        k, flat = i * _GRID + j, grid.ravel()
+        low = flat[k] * (1 - y) + flat[k + 1] * y
+        high = flat[k + _GRID] * (1 - y) + flat[k + _GRID + 1] * y
+        return np.asarray(low * (1 - x) + high * x)
+
+    def _cell(self, P: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return the cell (…) of the grid with each pressure [Pa], the nearest outside, and where in it (0 … 1)."""
+        share = np.clip(P * ((_GRID - 1) / self.greatest), 0.0, _GRID - 1)
+        cell = np.minimum(share.astype(int), _GRID - 2)
+        return cell, share - cell
 
     def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
         """Return the factors of both absolute pressures for half of each move of `theta` (n,) [rad], two rows (n,).
@@ -97,8 +108,9 @@ class Equilibrium:
         return (volume - 1) * float(one.volume(P)), (volume - 1) * float(two.volume(P))
 
     @cached_property
-    def _splines(self) -> tuple["RectBivariateSpline", "RectBivariateSpline"]:
-        from scipy.interpolate import NearestNDInterpolator, RectBivariateSpline
+    def _grids(self) -> tuple[Array, Array]:
+        """Return angle [rad] and stiffness [N·m/rad] on the grid of pressures, the nearest where there are none."""
+        from scipy.interpolate import NearestNDInterpolator
 
         wide = replace(self.joint, angle_limits=None, covariance=None)
         low = min(self.joint.min_contraction, _LEAST_CONTRACTION)
@@ -117,7 +129,7 @@ class Equilibrium:
         K[known] = wide.stiffness(theta[known], P1[known], P2[known])
         nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), np.stack([theta, K], axis=-1)[known])
         there = np.where(known[..., None], np.stack([theta, K], axis=-1), nearest(P1, P2))
-        return tuple(RectBivariateSpline(P, P, there[..., i], kx=1, ky=1) for i in (0, 1))
+        return there[..., 0], there[..., 1]
 
 
 def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple[Muscle, Muscle, float]:

@@ -25,7 +25,7 @@ from allocator.mechanism.formulas import symbolic_lengths, symbolic_position
 from allocator.muscles import Muscle
 from mpc.arm.learning.wall import Wall, pushed_back
 from mpc.codegen.buffered import Buffered
-from mpc.codegen.python_text import filling
+from mpc.codegen.python_text import IMPORTS, filling
 from mpc.model.arm.formulas import varied_acceleration
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
@@ -297,9 +297,7 @@ def _compiled(varied: VariedArm) -> Move:
 
     x, u, v, d = varied.symbols()
     source = filling("rate", ca.Function("rate", [x, u, v, d], ca.cse([varied.rate(x, u, v, d)])))
-    module = imported(
-        with_formulas(Path(__file__).with_name("step.py"), f"import math\n\n\n@inlined\n{source.text}\n\n")
-    )
+    module = imported(with_formulas(Path(__file__).with_name("step.py"), f"{IMPORTS}@inlined\n{source.text}\n\n"))
     return lambda x, u, v, d, h, substeps: module.advance(source.c, x, u, v, d, h, substeps)
 
 

@@ -16,7 +16,7 @@ from allocator.calculus import Array
 from allocator.compilation.linked import INNER
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import translated
+from mpc.codegen.python_text import IMPORTS, translated
 from mpc.model.compiled_friction import friction_numbers
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
@@ -52,7 +52,7 @@ def compiled_filter(own: Filter) -> CompiledFilter:
         source = translated(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
     _register()
-    module = imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, f"import math\n\n\n{text}"))
+    module = imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, IMPORTS + text))
     return CompiledFilter(module, c, friction)
 
 

@@ -14,7 +14,7 @@ from allocator.calculus import Array
 from allocator.compilation.linked import INNER
 from allocator.units import BAR
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import translated
+from mpc.codegen.python_text import IMPORTS, translated
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
 from mpc.tracking import resting
@@ -22,9 +22,7 @@ from mpc.tracking import resting
 if TYPE_CHECKING:
     from casadi import SX, Function
 
-_IMPORTS = """import math
-
-from allocator.allocation.two_muscles.kernels.source import affine_exact, tondu_exact
+_KERNELS = """from allocator.allocation.two_muscles.kernels.source import affine_exact, tondu_exact
 from mpc.codegen.jit import merged
 
 
@@ -55,7 +53,8 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
     compiled.register()
     _register()
     numbers = ", ".join(f"int(p[{i}])" if isinstance(value, int) else f"p[{i}]" for i, value in enumerate(kernel.p))
-    step = imported(with_formulas(_TEMPLATE, _IMPORTS + text + _ALLOCATED[kernel.name].format(numbers=numbers)))
+    text += _ALLOCATED[kernel.name].format(numbers=numbers)
+    step = imported(with_formulas(_TEMPLATE, IMPORTS + _KERNELS + text))
     return CompiledPlant(step, c, np.array(kernel.p, float), dt / substeps, substeps)
 
 

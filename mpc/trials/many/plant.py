@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import filling
+from mpc.codegen.python_text import IMPORTS, filling
 from mpc.model.faults import Fault, WrongReadings
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, NX, Plant
@@ -126,7 +126,7 @@ def compiled_plant(process: Process, dt: float) -> CompiledPlant:
     if isinstance(process, RealPlant) and not all(map(_added, process.faults)):
         raise Untranslatable(f"a plant with faults ({len(process.faults)} of them) is not compiled")
     source = filling("stepped", _stepped(process))
-    module = imported(with_formulas(_TEMPLATE, f"import math\n\n\n@exactly\n{source.text}\n\n"))
+    module = imported(with_formulas(_TEMPLATE, f"{IMPORTS}@exactly\n{source.text}\n\n"))
     pieces, waiting, sensors = [dt], 0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if isinstance(process, RealPlant):
         pieces, waiting = delayed(process.dead_time, dt)

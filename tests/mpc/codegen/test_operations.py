@@ -63,8 +63,8 @@ CONSTANTS = function_of(math.inf, -math.inf, math.nan, -0.0, 0.1, 1e-300, ARGUME
 
 def by_numba(function, folder=None):
     """The translation of the CasADi `function`, compiled as in `mpc.tracking.compiled`."""
-    source, names = translated("law", function), {"math": math, "np": np}
-    exec(source.text, names)
+    source, names = translated("law", function), {}
+    exec(python_text.IMPORTS + source.text, names)
     law = merged(names["law"])
     called = njit(lambda x, y, c: law(x, y, c), error_model="numpy")
     return lambda x, y: np.array(called(x, y, source.c))

@@ -13,7 +13,7 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
 from allocator.units import BAR
 from mpc import Compensation, KalmanObserver, Plant, TrackingMPC
-from mpc.cli import app
+from mpc.cli import app, main
 from mpc.export import export
 
 from ...rigs import toolchain as tools
@@ -144,12 +144,12 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(arguments, wo
 
 
 @pytest.mark.parametrize("options", [["--horizon", "0"], ["--horizon", "2"], ["--muscle", "tondu-lopez-laas-arm"]])
-def test_the_command_refuses_in_one_sentence_and_writes_nothing(options, tmp_path):
-    code = "import sys; from mpc.cli import main; sys.argv[0] = 'antagonist'; main()"
-    command = [sys.executable, "-c", code, "export", "controller", "--out", str(tmp_path / "c"), *options]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1
+def test_the_command_refuses_in_one_sentence_and_writes_nothing(options, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(sys, "argv", ["antagonist", "export", "controller", "--out", str(tmp_path / "c"), *options])
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 2
+    assert len(capfd.readouterr().err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
 
 

@@ -320,9 +320,9 @@ def test_no_qp_multiplies_more_often_than_its_certificate_allows_nor_much_less(f
 
 @needs_arm_gcc
 @pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("optimised", ["-Os", "-O2"])
+@pytest.mark.parametrize("optimised", [(), ("-O2",)], ids=["-Os", "-O2"])
 def test_a_step_s_stack_on_a_cortex_m4f_is_within_its_bound(precision, optimised, faulty_loop, exported):
-    used = tools.stack(exported[precision], *tools.CORTEX_M4F, optimised)
+    used = tools.stack(exported[precision], *tools.CORTEX_M4F, *optimised)
     assert 0.7 < used / certificate(faulty_loop[0], precision == "single").stack <= 1
 
 

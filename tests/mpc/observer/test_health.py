@@ -57,8 +57,12 @@ class Loop(NamedTuple):
 def loop(joint, gas=True):
     real = RealPlant.standard(nominal=Plant(JOINTS[joint], lag=0.12, gas=gas))
     known, model = real.known(), real.nominal
-    controller = TrackingMPC(model, DT, weights=Weights.calm(), compensation=known)
-    return Loop(real, controller, Listener(KalmanObserver(model, DT, compensation=known)))
+    shared = (
+        gas and joint != "levers"
+    )  # with other tests; to compile what only these runs take costs more than the runs
+    told = {"compensation": known, "compiled": shared}
+    controller = TrackingMPC(model, DT, weights=Weights.calm(), **told)
+    return Loop(real, controller, Listener(KalmanObserver(model, DT, **told)))
 
 
 def said(joint, *faults, gas=True, seed=3, duration=4.0, **changes):

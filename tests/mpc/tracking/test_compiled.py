@@ -35,8 +35,8 @@ DAQP, RICCATI = solver("daqp"), solver("riccati")
 
 def evaluated(function, *values):
     """The outputs (n,) of the CasADi `function`, by CasADi and by its translation."""
-    source, names = translated("law", function), {"math": math, "np": np}
-    exec(source.text, names)
+    source, names = translated("law", function), {}
+    exec(python_text.IMPORTS + source.text, names)
     given = [ca.DM(function.sparsity_in(i), np.ravel(v)) for i, v in enumerate(values)]
     wanted = np.concatenate([v.nonzeros() for v in function.call(given)])
     return wanted, np.array(names["law"](*np.concatenate([np.ravel(v) for v in values]).tolist(), source.c))

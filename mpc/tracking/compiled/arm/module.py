@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import filling
+from mpc.codegen.python_text import IMPORTS, filling
 from mpc.model.arm.formulas import joint_svec
 from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
@@ -40,8 +40,8 @@ class CompiledArm(NamedTuple):
 
 def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
-    sizes = f"import math\n\nn, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}\n\n\n"
-    texts, c = {_STEP: f"import math\n\n{_assembled(_LIMITS, arm)}\n\n", _FEED_FORWARD: sizes}, np.zeros(0)
+    sizes = f"{IMPORTS}n, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}\n\n\n"
+    texts, c = {_STEP: f"{IMPORTS}{_assembled(_LIMITS, arm)}\n\n", _FEED_FORWARD: sizes}, np.zeros(0)
     for name, function in _functions(arm).items():
         source = filling(name, function, c.size)
         texts[_FEED_FORWARD if name == "statics" else _STEP] += f"@inlined\n{source.text}\n\n"
