@@ -107,15 +107,15 @@ class Diagnosis:
         return *self.pressures, self.torque, *self.loops
 
     def go_on(
-        self, t: float, theta: float, lost: Array, said: Array, found: Array, offset: Array, large: Array,
+        self, t: float, theta: Array, lost: Array, said: Array, found: Array, offset: Array, large: Array,
         numbers: Sequence[Array],
     ) -> None:  # fmt: skip
-        """Continue from the state of compiled code at the time `t` [s] and the angle `theta` [rad].
+        """Continue from the state of compiled code at the time `t` [s] and the angles `theta` (n,) [rad].
 
-        Sensors have `lost` (3,) [s] of readings and last `said` (3,) them, some are `found` (3,) faulty; `offset` (2,)
-        [Pa] of pressures is `large` (2,) since [s]; `numbers` are those of pressures, torque and loop.
+        Sensors have `lost` (n + m,) [s] of readings and last `said` (n + m,) them, some are `found` (n + m,) faulty;
+        `offset` (m,) [Pa] of pressures is `large` (m,) since [s]; `numbers` are those of the `parts`.
         """
-        self.t, self.theta, self.lost, self.said = t, [theta], lost.tolist(), said.tolist()
+        self.t, self.theta, self.lost, self.said = t, theta.tolist(), lost.tolist(), said.tolist()
         self.offset, self.large = offset.tolist(), large.tolist()
         self.sensors = [one if wrong else None for one, wrong in zip(self.sensors, found, strict=True)]
         for part, values in zip(self.parts, numbers, strict=True):

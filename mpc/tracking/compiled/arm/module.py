@@ -38,10 +38,13 @@ class CompiledArm(NamedTuple):
     decay: Array  # (substeps, 3, m) remainder of a pressure's error at beginning, middle and end of each step
 
 
-def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
-    """Return the compiled functions for `arm` at the sample time `dt` [s]."""
-    sizes = f"import math\n\nn, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}\n\n\n"
-    texts, c = {_STEP: f"import math\n\n{_assembled(_LIMITS, arm)}\n\n", _FEED_FORWARD: sizes}, np.zeros(0)
+def compiled_arm(arm: Arm, dt: float, external: bool = False) -> CompiledArm:
+    """Return the compiled functions for `arm` at the sample time `dt` [s]; with `external` the Jacobian of its motion
+    includes the slopes by the external torques.
+    """
+    limits, sizes = _assembled(_LIMITS, arm), f"n, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}"
+    own = {_STEP: f"{limits}\nEXTERNAL = {arm.n * external}\nCOLUMNS = 2 * JOINTS + 2 * NU + EXTERNAL", _FEED_FORWARD: sizes}
+    texts, c = {file: f"import math\n\n{text}\n\n\n" for file, text in own.items()}, np.zeros(0)
     for name, function in _functions(arm).items():
         source = filling(name, function, c.size)
         texts[_FEED_FORWARD if name == "statics" else _STEP] += f"@inlined\n{source.text}\n\n"

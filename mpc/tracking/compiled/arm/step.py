@@ -7,9 +7,9 @@ arm's formulas: n joints, m muscles, and functions that fill flat arrays, matric
     dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter minus M ω', by q, ω and P
     output_slopes    (q, P) ↦ y = (svec K, F), its Jacobian by q and P
 
-The array c holds their numbers. Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`. The motion
-is that of `mpc.model.arm.model`; its derivative is ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') at fixed ω'. A path is a
-motion and its derivatives: x (N+1, 2n + m), S (N, 2n, 2n + 2m) the Jacobian of the next (q, ω) by (q, ω), P and u, y
+`EXTERNAL` is the number of external torques by which S has slopes, n or 0. The array c holds the formulas' numbers.
+Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`. The motion is that of `mpc.model.arm.model`; its derivative is ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') at fixed ω'. A path is a
+motion and its derivatives: x (N+1, 2n + m), S (N, 2n, 2n + 2m) the Jacobian of the next (q, ω) by (q, ω), P, u, y
 (N+1, p) and slope (N+1, n + m, p) of y by (q, P). The response of pressures to commands is always the same.
 """
 
@@ -26,7 +26,7 @@ from mpc.tracking.compiled.records import Indices
 from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, NX
 
 FORMULAS: Any = None
-dynamics = dynamics_slopes = output_slopes = FORMULAS
+dynamics = dynamics_slopes = output_slopes = EXTERNAL = COLUMNS = FORMULAS
 
 n, m = JOINTS, NU
 PLACES = 0, 1, 1, 2  # of the stages in `decay`
@@ -56,14 +56,14 @@ def linearise(
 
 @inlined
 def advance(c: Array, h: float, decay: Array, x: Array, u: Array, d: Array, after: Array, S: Array | None) -> None:
-    """Fill in the next state and the Jacobian `S` (2n, 2n + 2m) of its (q, ω), if there is one."""
+    """Fill in the next state and the Jacobian `S` (2n, COLUMNS) of its (q, ω) by (q, ω), P, u and d, if there is one."""
     s, K, total, now = np.empty(2 * n), np.empty(2 * n), np.empty(2 * n), np.empty(2 * n)
     P, M, a = np.empty(m), np.empty(n * n), np.empty(n)
     if S is not None:  # numba removes this branch for None
-        SK, St = np.zeros((2 * n, 2 * n + 2 * m)), np.empty((2 * n, 2 * n + 2 * m))
-        here, R = np.empty((2 * n, 2 * n + 2 * m)), np.empty((NX, n))
+        SK, St = np.zeros((2 * n, COLUMNS)), np.empty((2 * n, COLUMNS))
+        here, R = np.empty((2 * n, COLUMNS)), np.empty((NX + EXTERNAL, n))
         for i in range(2 * n):
-            for j in range(2 * n + 2 * m):
+            for j in range(COLUMNS):
                 S[i, j] = 1.0 if i == j else 0.0
     for i in range(2 * n):
         s[i] = x[i]
@@ -89,7 +89,7 @@ def advance(c: Array, h: float, decay: Array, x: Array, u: Array, d: Array, afte
             s[i] += total[i]
         if S is not None:
             for i in range(2 * n):
-                for j in range(2 * n + 2 * m):
+                for j in range(COLUMNS):
                     S[i, j] += St[i, j]
     for i in range(2 * n):
         after[i] = s[i]
@@ -103,25 +103,29 @@ def vary(
     S: Array, here: Array, SK: Array, St: Array,
 ) -> None:  # fmt: skip
     """Advance the variational equations by a stage: SK is the slope of the Jacobian `here`, St their sum."""
-    columns = 2 * n + 2 * m
     dynamics_slopes(now[:n], now[n:], P, a, c, R.reshape(-1))
-    for j in range(NX):
+    for j in range(EXTERNAL):
+        for i in range(n):
+            R[NX + j, i] = 1.0 if i == j else 0.0
+    for j in range(NX + EXTERNAL):
         solve(M, R[j])
     for i in range(2 * n):
-        for j in range(columns):
+        for j in range(COLUMNS):
             here[i, j] = S[i, j] + reach * SK[i, j]
     for i in range(n):
-        for j in range(columns):
+        for j in range(COLUMNS):
             SK[i, j], SK[n + i, j] = here[n + i, j], 0.0
         for l in range(2 * n):  # noqa: E741
             factor = R[l, i]
-            for j in range(columns):
+            for j in range(COLUMNS):
                 SK[n + i, j] += factor * here[l, j]
         for j in range(m):
             SK[n + i, 2 * n + j] += R[2 * n + j, i] * left[j]
             SK[n + i, 2 * n + m + j] += R[2 * n + j, i] * (1 - left[j])
+        for j in range(EXTERNAL):
+            SK[n + i, 2 * n + 2 * m + j] += R[NX + j, i]
     for i in range(2 * n):
-        for j in range(columns):
+        for j in range(COLUMNS):
             St[i, j] += share * SK[i, j]
 
 
