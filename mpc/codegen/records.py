@@ -4,6 +4,7 @@ A class states names and shapes once. `dtype_of` makes its NumPy dtype, and `mpc
 that opens such a record in compiled code. A `Piece` is the address of an array of variable length.
 """
 
+from collections.abc import Mapping
 from typing import Annotated, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -37,11 +38,11 @@ def kind_of(record: type, name: str) -> type[np.generic] | None:
     return get_args(get_args(hint)[1])[0] if get_origin(hint) is np.ndarray else None
 
 
-def _kind(hint: object, sizes: dict[str, int]) -> tuple[object, ...]:
+def _kind(hint: object, sizes: Mapping[str, int]) -> tuple[object, ...]:
     if get_origin(hint) is Annotated:
         elements, *given = get_args(hint)
         shape = tuple(int(eval(size, dict(sizes))) if isinstance(size, str) else size for size in given)
-        return *(("f8",) if elements == Array else _kind(*get_args(elements), sizes)), shape
+        return *(("f8",) if elements == Array else _kind(get_args(elements)[0], sizes)), shape
     if get_origin(hint) is np.ndarray:
         hint = Piece
     return (dtype_of(hint, **sizes) if isinstance(hint, type) and hint not in _NUMBERS else _NUMBERS[hint],)

@@ -134,7 +134,8 @@ class RealExperiment:
         remembered = int(real.reading_age / dt) + 2 if real.reading_age else 0
         self._angles = [theta] * remembered  # of the last samples, oldest first
         # by the shares of the forces that reach the joints, and the shut valves
-        self._integrators = {((1.0,) * self._m, real.shut): self._made(real)}
+        self._sound = self._made(real)
+        self._integrators = {((1.0,) * self._m, real.shut): self._sound}
 
     @property
     def x(self) -> Array:
@@ -205,6 +206,8 @@ class RealExperiment:
     def _integrate(self) -> list[Buffered]:
         """Integrators of the pieces of a sample, with the present faults."""
         real, faults = self.real, self._faults
+        if not faults:
+            return self._sound
         pulling = tuple(prod((fault.pulling[i] for fault in faults), start=1.0) for i in range(self._m))
         gas = real.nominal.gas is not None  # without it a stuck valve's command is its constant pressure
         shut = tuple(own or (gas and any(fault.shut[i] for fault in faults)) for i, own in enumerate(real.shut))

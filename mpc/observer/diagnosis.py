@@ -25,7 +25,7 @@ from mpc.model.plant import Plant
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import PARTS, WELL, FaultKind, Finding, Health, Part, Parts, Suspect
-from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound
+from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound, Values
 from mpc.observer.pulling import Pulls
 from mpc.observer.ringing import RingingDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
@@ -47,8 +47,8 @@ class Known(NamedTuple):
     """Constants of n joints and m muscles."""
 
     muscles: tuple[Sound, ...]  # (m,)
-    usual: Sequence[float]  # (n,) torque of a muscle [N·m]
-    inertia: Sequence[float]  # (n,) [kg·m²]
+    usual: Values  # (n,) torque of a muscle [N·m]
+    inertia: Values  # (n,) [kg·m²]
 
 
 class Diagnosis:
@@ -253,8 +253,8 @@ class Diagnosis:
 
 
 def follow(
-    muscles: Sequence[Numbers], torque: Numbers, loops: Sequence[Numbers], k: Known, t: float, read: Sequence[float],
-    v: Sequence[float], omega: Sequence[float], d: Sequence[float], pulls: Sequence[float], moved: bool,
+    muscles: Sequence[Numbers], torque: Numbers, loops: Sequence[Numbers], k: Known, t: float, read: Values,
+    v: Values, omega: Values, d: Values, pulls: Values, moved: bool,
 ) -> None:  # fmt: skip
     """Update the memories of muscles, torque and loops at `t` [s].
 
@@ -273,7 +273,7 @@ def follow(
         ringing.follow(loops[i], k.inertia[i], t, omega[i], d[i])
 
 
-def seen_along(d: Sequence[float], pulls: Sequence[float], j: int, n: int, m: int) -> tuple[float, float]:
+def seen_along(d: Values, pulls: Values, j: int, n: int, m: int) -> tuple[float, float]:
     """Return |g_j| [N·m/Pa] and d̂ · g_j/|g_j| [N·m] of muscle `j`."""
     square, product = 0.0, 0.0
     for i in range(n):

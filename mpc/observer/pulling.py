@@ -55,5 +55,5 @@ def pulling(machine: Machine) -> "Function":
         return ca.Function("pulls", [x], [ca.densify(ca.vertcat(found, ca.DM.zeros(machine.m)))])
     x = ca.SX.sym("x", NX)
     T = ca.vertcat(*(side.torque(x[2 + i]) for i, side in enumerate(machine.joint.sides(x[0]))))
-    gains = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]
-    return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *gains, *machine.expansion(x)))])
+    slopes = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]
+    return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *slopes, *machine.expansion(x)))])

@@ -20,7 +20,7 @@ The functions work on a memory like those of `mpc.observer.pressure_diagnosis`.
 from collections.abc import Sequence
 from math import copysign, inf, nan, sqrt
 
-from mpc.observer.pressure_diagnosis import HOLD, Numbers
+from mpc.observer.pressure_diagnosis import HOLD, Numbers, Values
 
 MEMORY = 2.0  # [s]
 SPREAD = 0.05  # of an increment of d̂ [T_usual]
@@ -85,7 +85,7 @@ class TorqueDiagnosis:
 
 
 def follow(
-    x: Numbers, dt: float, usual: Sequence[float], t: float, d: Sequence[float], pulls: Sequence[float], m: int
+    x: Numbers, dt: float, usual: Values, t: float, d: Values, pulls: Values, m: int
 ) -> None:
     """Update by the observer's `d` (n,) [N·m] at `t` [s] and the `pulls` of the `m` muscles of its model.
 
@@ -117,7 +117,7 @@ def follow(
 
 
 def compare(
-    x: Numbers, past: int, usual: Sequence[float], t: float, d: Sequence[float], pulls: Sequence[float], m: int
+    x: Numbers, past: int, usual: Values, t: float, d: Values, pulls: Values, m: int
 ) -> None:
     """Compare loads and broken cables as explanations of the increments since the sample at `past`."""
     n, nearest, found = len(usual), inf, NONE
@@ -141,7 +141,7 @@ def compare(
 
 
 def explained(
-    x: Numbers, past: int, usual: Sequence[float], d: Sequence[float], pulls: Sequence[float], j: int, m: int
+    x: Numbers, past: int, usual: Values, d: Values, pulls: Values, j: int, m: int
 ) -> tuple[float, float, float, float]:
     """Return the increments that a broken cable of muscle `j` leaves unexplained [s²], its pull, and the distances of
     d̂ from b - T_j and from b [T_usual].

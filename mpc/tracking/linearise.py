@@ -13,6 +13,7 @@ derivatives for all k in one call; those of an arm without formulas are differen
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,7 +40,7 @@ class Motion:
     @property
     def finite(self) -> bool:
         """Whether the prediction stayed within the range of numbers."""
-        return all(bool(np.isfinite(array).all()) for array in (self.u, self.x, self.K, self.F))
+        return all(isfinite(array.sum()) for array in (self.u, self.x, self.K, self.F))
 
     def stationary(self, u: Array) -> "Motion":
         """Return a standstill under the commands `u` (N, 2), in the state of the second sample of this motion."""
