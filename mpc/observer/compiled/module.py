@@ -27,6 +27,7 @@ from mpc.observer import diagnosis, pressure_diagnosis, ringing, torque_diagnosi
 from mpc.observer.compiled.layout import Made, Numbers, made
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import OFFSET_TIME, Filter
+from mpc.observer.pressure_diagnosis import Sound
 from mpc.observer.pulling import pulling
 from mpc.tracking.compiled.arm.module import compiled_arm
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 _HERE = Path(__file__).parent
 _TEMPLATE, _JOINT, _ARM = (_HERE / f"{name}.py" for name in ("sample", "joint", "arm"))
+_SOUND = f"from {Sound.__module__} import Sound"
 _PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # modules with functions that the template calls
 
 
@@ -52,7 +54,7 @@ def compiled_filter(own: Filter) -> CompiledFilter:
     if len(known) < len(frictions):
         raise Untranslatable(f"{own.frictions!r} are not friction models that can be compiled")
     motion, c, decay = _motion(own.plant, own.dt)
-    text = f"import math\n\nfrom {motion.__name__} import advance\n\n\n"
+    text = f"import math\n\nfrom {motion.__name__} import advance\n{_SOUND}\n\n\n"
     for name, function in _formulas(own.plant).items():
         source = filling(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])

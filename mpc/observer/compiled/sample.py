@@ -1,7 +1,7 @@
 """Template of the estimate of an ordinary sample, of n joints and m muscles.
 
-`mpc.observer.compiled.module` replaces the sizes n, m = 1, 2 and the lines below that begin with `FORMULAS` by those of a
-plant: `advance`, the motion over a sample (`mpc.observer.compiled.joint`, `arm`), functions that fill arrays,
+`mpc.observer.compiled.module` replaces the sizes n, m = 1, 2 and the lines below that begin with `FORMULAS` by those of
+a plant: `advance`, the motion over a sample (`mpc.observer.compiled.joint`, `arm`), functions that fill arrays,
 
     pulls     x ↦ those of `mpc.observer.pulling`
     pressing  x ↦ the loads (n, 3) of `mpc.model.friction.contact`
@@ -26,7 +26,6 @@ from mpc.observer.compiled.layout import Belief, Places, Sample
 from mpc.observer.diagnosis import Known, follow, large_since, less_lost, steps
 from mpc.observer.filter import SETTLED
 from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, SIGMAS, TURN
-from mpc.observer.pressure_diagnosis import Sound
 
 FORMULAS: Any = None
 advance = pulls = pressing = regulators = sounds = loops = FORMULAS
@@ -167,7 +166,9 @@ def follow_friction(o: Sample) -> None:
     press(o)
     for i in range(n):
         before, now = floats(o.past_places.memories[i]), floats(o.places.memories[i])
-        s.angle[i] = followed(rubbing_in(floats(o.frictions[i])), s.belief.xi[i], pressed(o, i), s.angle[i], before, now)
+        s.angle[i] = followed(
+            rubbing_in(floats(o.frictions[i])), s.belief.xi[i], pressed(o, i), s.angle[i], before, now
+        )
 
 
 @inlined

@@ -66,8 +66,12 @@ class Pair:
         left, right = (pair._remembered() for pair in (self.compiled, self.readable))
         assert (left is None) == (right is None)
         for name in () if left is None else set(left) - {"belief", "without", "samples"}:
-            one, other = (np.concatenate([np.ravel(np.array(part, float)) for part in side[name]]) if name in SEVERAL
-                          else np.array(side[name], float) for side in (left, right))
+            one, other = (
+                np.concatenate([np.ravel(np.array(part, float)) for part in side[name]])
+                if name in SEVERAL
+                else np.array(side[name], float)
+                for side in (left, right)
+            )
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9, err_msg=name)
 
 

@@ -12,6 +12,7 @@ from mpc.model.faults import BrokenCable, DriftingSensor, FrozenSensors, Leak, S
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.real_arm import RealArm
+
 from .test_compiled import DT, Pair
 
 pytestmark = [pytest.mark.compiles, pytest.mark.slow]

@@ -42,8 +42,9 @@ def compiled_arm(arm: Arm, dt: float, external: bool = False) -> CompiledArm:
     """Return the compiled functions for `arm` at the sample time `dt` [s]; with `external` the Jacobian of its motion
     includes the slopes by the external torques.
     """
-    limits, sizes = _assembled(_LIMITS, arm), f"n, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}"
-    own = {_STEP: f"{limits}\nEXTERNAL = {arm.n * external}\nCOLUMNS = 2 * JOINTS + 2 * NU + EXTERNAL", _FEED_FORWARD: sizes}
+    columns = f"EXTERNAL = {arm.n * external}\nCOLUMNS = 2 * JOINTS + 2 * NU + EXTERNAL"
+    sizes = f"n, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}"
+    own = {_STEP: f"{_assembled(_LIMITS, arm)}\n{columns}", _FEED_FORWARD: sizes}
     texts, c = {file: f"import math\n\n{text}\n\n\n" for file, text in own.items()}, np.zeros(0)
     for name, function in _functions(arm).items():
         source = filling(name, function, c.size)

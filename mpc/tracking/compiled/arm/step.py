@@ -8,9 +8,10 @@ arm's formulas: n joints, m muscles, and functions that fill flat arrays, matric
     output_slopes    (q, P) ↦ y = (svec K, F), its Jacobian by q and P
 
 `EXTERNAL` is the number of external torques by which S has slopes, n or 0. The array c holds the formulas' numbers.
-Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`. The motion is that of `mpc.model.arm.model`; its derivative is ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') at fixed ω'. A path is a
-motion and its derivatives: x (N+1, 2n + m), S (N, 2n, 2n + 2m) the Jacobian of the next (q, ω) by (q, ω), P, u, y
-(N+1, p) and slope (N+1, n + m, p) of y by (q, P). The response of pressures to commands is always the same.
+Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`. The motion is that of `mpc.model.arm.model`;
+its derivative is ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') at fixed ω'. A path is a motion and its derivatives:
+x (N+1, 2n + m), S (N, 2n, COLUMNS) the Jacobian of the next (q, ω) by (q, ω), P, u and d, y (N+1, p) and slope
+(N+1, n + m, p) of y by (q, P). The response of pressures to commands is always the same.
 """
 
 from typing import Any
@@ -56,7 +57,7 @@ def linearise(
 
 @inlined
 def advance(c: Array, h: float, decay: Array, x: Array, u: Array, d: Array, after: Array, S: Array | None) -> None:
-    """Fill in the next state and the Jacobian `S` (2n, COLUMNS) of its (q, ω) by (q, ω), P, u and d, if there is one."""
+    """Fill in the next state and the Jacobian `S` (2n, COLUMNS) of its (q, ω), if there is one."""
     s, K, total, now = np.empty(2 * n), np.empty(2 * n), np.empty(2 * n), np.empty(2 * n)
     P, M, a = np.empty(m), np.empty(n * n), np.empty(n)
     if S is not None:  # numba removes this branch for None
