@@ -128,6 +128,7 @@ class RealExperiment:
         self._full = np.concatenate([x0, *begun])  # with the frictions' memories
         self._sample = 0
         self._said = np.full(self._size, np.nan)  # readings of the previous sample
+        self._offset = np.array(real.pressure_offset)
         self._pieces, waiting = delayed(real.dead_time, dt)
         self._steps = fine_steps(real, dt, self._pieces)
         self._waiting = [np.array(x0[2 * self._n :])] * waiting  # delayed commands, oldest first
@@ -150,7 +151,7 @@ class RealExperiment:
         """Read the sensors (2n + m,) with the `noise` (m,) of the pressure sensors in standard deviations."""
         step, theta, P = self.real.encoder, self._angles_then, self._full[2 * self._n : self._size]
         read = step * np.round(theta / step) if step else theta
-        P = P + np.array(self.real.pressure_offset) + self.real.pressure_noise * noise
+        P = P + self._offset + self.real.pressure_noise * noise
         y = np.concatenate([read, np.full(self._n, np.nan), P])
         for fault in self._faults:
             y = fault.read(y + fault.offset(self._sample * self.dt), self._said)

@@ -90,6 +90,10 @@ class Predictor:
         x, y = self._motion(x0, u, self._torques(d))
         return Motion(u, x, y[:, self._K], y[:, self.plant.stiffnesses :])
 
+    def states(self, x0: Array, u: Array, d: Array) -> Array:
+        """Return the states (N + 1, 2n + m) of `motion`, without its outputs."""
+        return np.asarray(self._path(x0, u, self._torques(d))[0])
+
     def linearise(self, x0: Array, u: Array, d: Array | float = 0.0) -> Linearisation:
         """Return the motion that `motion` returns, with its derivatives."""
         x, y, A, B, slope = self._linearise(x0, u, self._torques(d))
@@ -120,6 +124,15 @@ class Predictor:
         given = self._symbols(self.N)
         x = self._states(*given)
         return Buffered(ca.Function("motion", given, [x, self._outputs(slopes=False).map(self.N + 1)(x)]))
+
+    @cached_property
+    def _path(self) -> Callable[[Array, Array, Array], Sequence[Array]]:
+        import casadi as ca
+
+        if self._differences is not None:
+            return self._differences.motion
+        given = self._symbols(self.N)
+        return Buffered(ca.Function("states", given, [self._states(*given)]))
 
     @cached_property
     def _linearise(self) -> Callable[[Array, Array, Array], Sequence[Array]]:

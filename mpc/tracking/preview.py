@@ -115,7 +115,7 @@ class Preview(Deferred):
         k, then = self.delay, x
         if k:
             self.waiting = self.waiting or [x[2 * self.n :]] * k
-            path = self._under_way.motion(x, np.array(self.waiting), torques[:k]).x
+            path = self._under_way.states(x, np.array(self.waiting), torques[:k])
             self._expect(path[1])
             then = path[k]
         blind, now = self._blind * self.dt, float(np.ravel(theta[0])[0])
