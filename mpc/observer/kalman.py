@@ -344,7 +344,7 @@ class KalmanObserver:
         begun = {i: self._without.get(i, previous) for i in np.flatnonzero(repeated).tolist()}
         self._without = {}
         for i, without in begun.items():
-            foreseen = self.filter.predicted(without, self._commands[0], memories, self.filter.Q_rest)
+            foreseen = self.filter.predicted(without, self._commands[0], memories, self.filter.Q_rest[i])
             if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
                 self._frozen[i] = True
                 expected = foreseen

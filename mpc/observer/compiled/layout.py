@@ -27,7 +27,7 @@ class Known:
     inner: Annotated[Array, 2, "2 * n + m"]  # range of states for which the muscle models are valid
     outer: Annotated[Array, 2, "3 * n + m"]  # range of possible ξ
     Q: Annotated[Array, "3 * n + m", "3 * n + m"]
-    Q_rest: Annotated[Array, "3 * n + m", "3 * n + m"]
+    Q_rest: Annotated[Array, "n + m", "3 * n + m", "3 * n + m"]  # by repeating sensor
     possible: Annotated[Array, 2, "n + m"]  # readings
     dt: float  # [s]
     h: float  # step of the integration [s]

@@ -147,7 +147,7 @@ def not_frozen(o: Sample) -> bool:
             continue
         s.repeating[i] += k.dt
         belief, place = s.without[i], place_of(i)
-        predicted(o, past.without[i] if s.repeats[i] > 0 else past.belief, 0, k.Q_rest, belief)
+        predicted(o, past.without[i] if s.repeats[i] > 0 else past.belief, 0, k.Q_rest[i], belief)
         variance = belief.covariance[place, place] + s.variances[i]
         if s.repeating[i] > k.tolerance and (o.work.taken[i] - belief.xi[place]) ** 2 > DOUBT**2 * variance:
             return False
