@@ -1,7 +1,7 @@
 """Template of the motion of an arm over a sample, for `mpc.observer.compiled.sample`.
 
 `mpc.observer.compiled.module` replaces the lines below that begin with `FORMULAS` by names of the arm's
-`mpc.tracking.compiled.arm.step`, with slopes by the external torques.
+`mpc.model.arm.compiled.motion`, with slopes by the external torques.
 """
 
 from typing import Any

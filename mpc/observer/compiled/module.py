@@ -17,6 +17,7 @@ from allocator.compilation.linked import INNER
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import filling, translated
+from mpc.model.arm.compiled.module import compiled_motion
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pressing import symbolic_pressing
 from mpc.model.compiled_friction import friction_numbers
@@ -29,7 +30,6 @@ from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import OFFSET_TIME, Filter
 from mpc.observer.pressure_diagnosis import Sound
 from mpc.observer.pulling import pulling
-from mpc.tracking.compiled.arm.module import compiled_arm
 
 if TYPE_CHECKING:
     from casadi import Function
@@ -68,8 +68,10 @@ def compiled_filter(own: Filter) -> CompiledFilter:
 def _motion(plant: Machine, dt: float) -> tuple[ModuleType, Array, Array]:
     """Return the motion's module, the numbers of its formulas, and the remainders of pressure errors of an arm."""
     if isinstance(plant, Arm):
-        arm = compiled_arm(plant, dt, external=True)
-        names = f"from {arm.step.__name__} import COLUMNS, m, n\nfrom {arm.step.__name__} import advance as move\n\n"
+        arm = compiled_motion(plant, dt, external=True)
+        names = (
+            f"from {arm.module.__name__} import COLUMNS, m, n\nfrom {arm.module.__name__} import advance as move\n\n"
+        )
         return imported(with_formulas(_ARM, names)), arm.c, arm.decay
     source = translated("rate_slopes", _rate_slopes(plant))
     text = f"import math\n\n\n@inlined\n{source.text}\n\n"
