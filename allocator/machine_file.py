@@ -79,7 +79,7 @@ _ROUTES: Mapping[str, type[Routes]] = {kind.__name__: kind for kind in (Pulleys,
 _PAIR = ("agonist", "antagonist")
 _TABLES = ("machine", "routes", "muscle", "gas", "source", "plant", "regulators", "sensors", "intervals", "tuning")
 _OF_A_JOINT = "covariance", "hysteresis", "measured"
-_OF_MORE = ("bodies",)
+_OF_MORE = "bodies", "friction"
 _LIMITS = ("pressure_limits", "min_contraction", "angle_limits")
 _UNITS = "SI units: Pa, m, rad, N"
 

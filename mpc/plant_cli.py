@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _LAGS = ("lag_up", "lag_down")
+_DRY = 0.5  # [-] known share of the dry friction of a MuJoCo model without a tuning
 _MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults of a MuJoCo model
 
 
@@ -153,6 +154,16 @@ class PlantOptions(MachineOptions):
             changes["gas"] = self.gas
         return replace(arm, **changes) if changes else arm
 
+    def compensation_of_arm(self) -> "Compensation":
+        """Return the friction and the regulators of an arm's file, or the dry friction of a MuJoCo model's joints."""
+        from mpc.model.compensation import Compensation
+        from mpc.model.friction.dahl import Friction
+
+        known = Compensation.of_arm(self.file)
+        if not self.is_mujoco:
+            return known
+        return replace(known, frictions=tuple(Friction(coulomb=T) for T in self.mujoco().dry.tolist()))
+
     def compensation(self) -> "Compensation":
         """Return the hysteresis or friction and the regulators of the file. --lag overrides its lags."""
         from mpc.model.compensation import Compensation
@@ -167,6 +178,8 @@ class PlantOptions(MachineOptions):
     def tuned(self, settings: "Settings", controller: str) -> "tuple[Settings, str]":
         """Return the settings with the tuning of this controller, and a sentence about it; "" without one.
 
+        Without one, a loop knows half of the dry friction of a MuJoCo model, since all of it overshoots.
+
         Raises `InvalidInput` for a --tuning without one for this controller.
         """
         from mpc.trials.tuned import Tuning
@@ -176,7 +189,9 @@ class PlantOptions(MachineOptions):
         if self.tuning and (tuning is None or tuning.controller != controller):
             raise InvalidInput(f"--tuning {file} has no table [tuning] for {controller}; `antagonist tune` writes one")
         if tuning is None or tuning.controller != controller:
-            return settings, ""
+            known = settings.compensation
+            told = tuple(one.share(_DRY) for one in known.frictions) if self.is_mujoco else known.frictions
+            return settings._replace(compensation=replace(known, frictions=told)), ""
         return tuning.applied(settings), tuning.summary
 
     def spreads(self) -> "Spreads":

@@ -134,7 +134,7 @@ def _read(options: PlantOptions, file: Path | None) -> "tuple[Any, Compensation,
     if file is not None and options != PlantOptions(machine=options.machine):
         raise InvalidInput(f"a machine's file is tuned for as it is; edit {file} in place of options of the machine")
     if options.of_several:
-        return options.arm(), Compensation.of_arm(options.file), options.spreads()
+        return options.arm(), options.compensation_of_arm(), options.spreads()
     return Plant.load(str(file)), Compensation.load(str(file)), options.spreads()
 
 

@@ -185,6 +185,7 @@ def _machine(
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
         known = _known(options)
         effects |= {"dead_time": known.dead_time, "dead_band": known.dead_band}
+        effects |= {} if options.is_mujoco else {"friction": known.of_joints(arm.n)}  # a MuJoCo model has its own
         effects |= {"force_gains": 1 + _OFF * signs, **_SENSORS}
     plant = MujocoPlant(model, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, nominal=arm, **of_tendons, **effects)
     return arm, plant, hand, notes
@@ -217,10 +218,8 @@ def _from_mujoco(
 
 
 def _known(options: "PlantOptions") -> "Compensation":
-    """Return the regulators of the machine's file, or the usual ones. The plant's sensors read without a delay."""
-    from mpc.model.compensation import Compensation
-
-    return replace(Compensation.of_arm(options.file), reading_age=0.0)
+    """Return the known friction and regulators of the machine. The plant's sensors read without a delay."""
+    return replace(options.compensation_of_arm(), reading_age=0.0)
 
 
 def _loop(

@@ -66,9 +66,9 @@ def seconds_at(typing: object, address: "Type", name: "Type") -> "Lowering":
     return types.float64(types.int64, types.int64), generate
 
 
-def opener(record: type) -> "Dispatcher":
-    """Return address ↦ the record (`mpc.codegen.records`) at that address, for compiled code."""
-    return _pointer(from_dtype(dtype_of(record)))
+def opener(record: type, **sizes: int) -> "Dispatcher":
+    """Return address ↦ the record (`mpc.codegen.records`) of these sizes at that address, for compiled code."""
+    return _pointer(from_dtype(dtype_of(record, **sizes)))
 
 
 def _pointer(kind: "Type") -> "Dispatcher":

@@ -74,7 +74,7 @@ def _surroundings() -> str:
     """Return the project code that may be compiled into a module."""
     files = [
         *sorted(_MPC.glob("*/compiled/**/*.py")),
-        *sorted((_MPC / "arm").glob("*/compiled/*.py")),
+        *sorted(file for part in ("arm", "model") for file in (_MPC / part).glob("*/compiled/*.py")),
         *(_MPC / "codegen" / name for name in ("jit.py", "choices.py", "addresses.py", "records.py", "views.py")),
         _MPC / "model" / "compiled_friction.py",
         _MPC / "model" / "integration.py",

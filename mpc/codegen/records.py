@@ -4,6 +4,7 @@ A class states names and shapes once. `dtype_of` makes its NumPy dtype, and `mpc
 that opens such a record in compiled code. A `Piece` is the address of an array of variable length.
 """
 
+from collections.abc import Mapping
 from typing import Annotated, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -22,13 +23,13 @@ class Piece:
     size: int
 
 
-def dtype_of(record: type) -> np.dtype[np.void]:
+def dtype_of(record: type, **sizes: int) -> np.dtype[np.void]:
     """Return the dtype of a class of numbers, other such classes, and arrays or lists `Annotated` with a shape.
 
-    An array without a shape is stored as its `Piece`.
+    Entries of a shape may be expressions of the `sizes`. An array without a shape is stored as its `Piece`.
     """
     hints = get_type_hints(record, include_extras=True)
-    return np.dtype([(name, *_kind(hint)) for name, hint in hints.items()])
+    return np.dtype([(name, *_kind(hint, sizes)) for name, hint in hints.items()])
 
 
 def kind_of(record: type, name: str) -> type[np.generic] | None:
@@ -37,18 +38,19 @@ def kind_of(record: type, name: str) -> type[np.generic] | None:
     return get_args(get_args(hint)[1])[0] if get_origin(hint) is np.ndarray else None
 
 
-def _kind(hint: object) -> tuple[object, ...]:
+def _kind(hint: object, sizes: Mapping[str, int]) -> tuple[object, ...]:
     if get_origin(hint) is Annotated:
-        elements, *shape = get_args(hint)
-        return *(("f8",) if elements == Array else _kind(*get_args(elements))), tuple(shape)
+        elements, *given = get_args(hint)
+        shape = tuple(int(eval(size, dict(sizes))) if isinstance(size, str) else size for size in given)
+        return *(("f8",) if elements == Array else _kind(get_args(elements)[0], sizes)), shape
     if get_origin(hint) is np.ndarray:
         hint = Piece
-    return (dtype_of(hint) if isinstance(hint, type) and hint not in _NUMBERS else _NUMBERS[hint],)
+    return (dtype_of(hint, **sizes) if isinstance(hint, type) and hint not in _NUMBERS else _NUMBERS[hint],)
 
 
-def new_records(record: type) -> Records:
+def new_records(record: type, **sizes: int) -> Records:
     """Return an array (1,) of a record of zeros, with its numbers as attributes."""
-    return np.zeros(1, dtype_of(record)).view(np.recarray)
+    return np.zeros(1, dtype_of(record, **sizes)).view(np.recarray)
 
 
 def numbers_of(records: Records, name: str) -> tuple[int, int]:

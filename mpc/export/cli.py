@@ -66,7 +66,6 @@ class ControllerOptions(PlantOptions):
         """Build controller and observer as `antagonist track --plant real` does, but with the shorter horizon."""
         from mpc.export.controller.arm import check_arm
         from mpc.export.controller.tuning import weights_from
-        from mpc.model.compensation import Compensation
         from mpc.observer.filter import CALM_NOISE
         from mpc.observer.kalman import KalmanObserver
         from mpc.tracking.controller import TrackingMPC
@@ -75,8 +74,7 @@ class ControllerOptions(PlantOptions):
 
         arm = self.arm()
         check_arm(arm)
-        known = Compensation.of_arm(self.file)
-        s = Settings(arm, N=self.horizon, compensation=known, weights=CALM, noise=CALM_NOISE)
+        s = Settings(arm, N=self.horizon, compensation=self.compensation_of_arm(), weights=CALM, noise=CALM_NOISE)
         s, tuned = self.tuned(s, "mpc")
         weights = s.weights if self.errors is None else weights_from(self.errors)
         controller = TrackingMPC(arm, s.dt, s.N, weights, compensation=s.compensation, compiled=False)

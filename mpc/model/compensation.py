@@ -6,7 +6,7 @@ its torque along the intended motion is in the feed-forward and in the predictio
 inverse of a `PrandtlIshlinskii`, to first order, without an iteration.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from math import inf
 from os import PathLike
 from typing import Any, Self
@@ -16,12 +16,14 @@ import numpy as np
 from allocator import AntagonistJoint, checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.machine_file import load_joint
+from allocator.files.toml import Table
+from allocator.machine_file import load_joint, machine_from
+from allocator.mechanism import Mechanism
 from allocator.units import BAR, DEG
 from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
-from mpc.model.storage import stored_regulators
+from mpc.model.storage import numbers_in, stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides, without jumps due to noise
 USUAL_DEAD_TIME = 0.02  # [s] of an arm's regulators
@@ -93,11 +95,13 @@ class Compensation:
 
     @classmethod
     def of_arm(cls, path: str | PathLike[str] | None = None) -> Self:
-        """Return the regulators and sensors in an arm's file; the dead time is 0.02 s if none is given.
+        """Return the friction, regulators and sensors in an arm's file; the dead time is 0.02 s if none is given.
 
         Raises `InvalidFile`.
         """
-        told = {"dead_time": USUAL_DEAD_TIME} | ({} if path is None else stored_regulators(path))
+        told: dict[str, Any] = {"dead_time": USUAL_DEAD_TIME}
+        if path is not None:
+            told |= stored_regulators(path) | {"frictions": _frictions(path)}
         try:
             return cls(**told)
         except InvalidInput as error:
@@ -151,6 +155,19 @@ class Compensation:
     def inverse_dead_band(self, v: Array, P: Array) -> Array:
         """Return the command [Pa] for `v` to act: the inverse of `after_dead_band`, smooth where v passes P."""
         return np.asarray(v + self.dead_band / 2 * np.tanh((v - P) / SOFT))
+
+
+def _frictions(path: str | PathLike[str]) -> tuple[Friction, ...]:
+    """Return the friction of each joint in an arm's file, or () without a table [friction]. Raises `InvalidFile`."""
+    file = Table.read(path)
+    told, machine = numbers_in(file, [f.name for f in fields(Friction)], "friction"), machine_from(file)
+    joints = machine.n if isinstance(machine, Mechanism) else 1
+    try:
+        columns = [np.broadcast_to(checks.real(name, value, "SI unit"), joints) for name, value in told.items()]
+        rows = np.transpose(columns).tolist()
+        return tuple(Friction(**dict(zip(told, row, strict=True))) for row in rows)
+    except (InvalidInput, ValueError) as error:
+        raise InvalidFile(path, f"[friction]: {error}") from None
 
 
 def check_regulators(of: Any) -> None:

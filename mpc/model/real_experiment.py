@@ -128,13 +128,15 @@ class RealExperiment:
         self._full = np.concatenate([x0, *begun])  # with the frictions' memories
         self._sample = 0
         self._said = np.full(self._size, np.nan)  # readings of the previous sample
+        self._offset = np.array(real.pressure_offset)
         self._pieces, waiting = delayed(real.dead_time, dt)
         self._steps = fine_steps(real, dt, self._pieces)
         self._waiting = [np.array(x0[2 * self._n :])] * waiting  # delayed commands, oldest first
         remembered = int(real.reading_age / dt) + 2 if real.reading_age else 0
         self._angles = [theta] * remembered  # of the last samples, oldest first
         # by the shares of the forces that reach the joints, and the shut valves
-        self._integrators = {((1.0,) * self._m, real.shut): self._made(real)}
+        self._sound = self._made(real)
+        self._integrators = {((1.0,) * self._m, real.shut): self._sound}
 
     @property
     def x(self) -> Array:
@@ -149,7 +151,7 @@ class RealExperiment:
         """Read the sensors (2n + m,) with the `noise` (m,) of the pressure sensors in standard deviations."""
         step, theta, P = self.real.encoder, self._angles_then, self._full[2 * self._n : self._size]
         read = step * np.round(theta / step) if step else theta
-        P = P + np.array(self.real.pressure_offset) + self.real.pressure_noise * noise
+        P = P + self._offset + self.real.pressure_noise * noise
         y = np.concatenate([read, np.full(self._n, np.nan), P])
         for fault in self._faults:
             y = fault.read(y + fault.offset(self._sample * self.dt), self._said)
@@ -205,6 +207,8 @@ class RealExperiment:
     def _integrate(self) -> list[Buffered]:
         """Integrators of the pieces of a sample, with the present faults."""
         real, faults = self.real, self._faults
+        if not faults:
+            return self._sound
         pulling = tuple(prod((fault.pulling[i] for fault in faults), start=1.0) for i in range(self._m))
         gas = real.nominal.gas is not None  # without it a stuck valve's command is its constant pressure
         shut = tuple(own or (gas and any(fault.shut[i] for fault in faults)) for i, own in enumerate(real.shut))

@@ -25,7 +25,7 @@ from mpc.model.plant import Plant
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import PARTS, WELL, FaultKind, Finding, Health, Part, Parts, Suspect
-from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound
+from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound, Values
 from mpc.observer.pulling import Pulls
 from mpc.observer.ringing import RingingDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
@@ -47,8 +47,8 @@ class Known(NamedTuple):
     """Constants of n joints and m muscles."""
 
     muscles: tuple[Sound, ...]  # (m,)
-    usual: Sequence[float]  # (n,) torque of a muscle [N·m]
-    inertia: Sequence[float]  # (n,) [kg·m²]
+    usual: Values  # (n,) torque of a muscle [N·m]
+    inertia: Values  # (n,) [kg·m²]
 
 
 class Diagnosis:
@@ -107,15 +107,15 @@ class Diagnosis:
         return *self.pressures, self.torque, *self.loops
 
     def go_on(
-        self, t: float, theta: float, lost: Array, said: Array, found: Array, offset: Array, large: Array,
+        self, t: float, theta: Array, lost: Array, said: Array, found: Array, offset: Array, large: Array,
         numbers: Sequence[Array],
     ) -> None:  # fmt: skip
-        """Continue from the state of compiled code at the time `t` [s] and the angle `theta` [rad].
+        """Continue from the state of compiled code at the time `t` [s] and the angles `theta` (n,) [rad].
 
-        Sensors have `lost` (3,) [s] of readings and last `said` (3,) them, some are `found` (3,) faulty; `offset` (2,)
-        [Pa] of pressures is `large` (2,) since [s]; `numbers` are those of pressures, torque and loop.
+        Sensors have `lost` (n + m,) [s] of readings and last `said` (n + m,) them, some are `found` (n + m,) faulty;
+        `offset` (m,) [Pa] of pressures is `large` (m,) since [s]; `numbers` are those of the `parts`.
         """
-        self.t, self.theta, self.lost, self.said = t, [theta], lost.tolist(), said.tolist()
+        self.t, self.theta, self.lost, self.said = t, theta.tolist(), lost.tolist(), said.tolist()
         self.offset, self.large = offset.tolist(), large.tolist()
         self.sensors = [one if wrong else None for one, wrong in zip(self.sensors, found, strict=True)]
         for part, values in zip(self.parts, numbers, strict=True):
@@ -253,8 +253,8 @@ class Diagnosis:
 
 
 def follow(
-    muscles: Sequence[Numbers], torque: Numbers, loops: Sequence[Numbers], k: Known, t: float, read: Sequence[float],
-    v: Sequence[float], omega: Sequence[float], d: Sequence[float], pulls: Sequence[float], moved: bool,
+    muscles: Sequence[Numbers], torque: Numbers, loops: Sequence[Numbers], k: Known, t: float, read: Values,
+    v: Values, omega: Values, d: Values, pulls: Values, moved: bool,
 ) -> None:  # fmt: skip
     """Update the memories of muscles, torque and loops at `t` [s].
 
@@ -273,7 +273,7 @@ def follow(
         ringing.follow(loops[i], k.inertia[i], t, omega[i], d[i])
 
 
-def seen_along(d: Sequence[float], pulls: Sequence[float], j: int, n: int, m: int) -> tuple[float, float]:
+def seen_along(d: Values, pulls: Values, j: int, n: int, m: int) -> tuple[float, float]:
     """Return |g_j| [N·m/Pa] and d̂ · g_j/|g_j| [N·m] of muscle `j`."""
     square, product = 0.0, 0.0
     for i in range(n):

@@ -109,7 +109,10 @@ class Filter:
         n, m, size = plant.n, plant.m, plant.size
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
-        self.Q_rest = replace(noise, d_walk=0.0).Q(dt, n, m)  # a new load would have moved a repeating sensor
+        self.Q_rest = np.tile(replace(noise, d_walk=0.0).Q(dt, n, m), (n + m, 1, 1))  # by repeating sensor
+        for i in range(n):  # a new load would have moved a repeating angle, but other joints may have one
+            others = [size + j for j in range(n) if j != i]
+            self.Q_rest[i, others, others] = self.Q[others, others]
         angles: tuple[Value, Value] = plant.angle_limits
         fast, much = np.full(n, gate.max_speed), np.full(n, gate.max_torque)
         self.inner, self.outer = (

@@ -23,9 +23,9 @@ import numpy as np
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.units import DEG
+from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.machine import Machine
-from mpc.model.plant import Plant
 from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State, Tail
 from mpc.observer.diagnosis import Diagnosis
@@ -205,7 +205,8 @@ class KalmanObserver:
 
     def _compile(self) -> None:
         """Create or load the compiled estimate, if possible."""
-        if not (self._compiles and isinstance(self.plant, Plant)):
+        arm = self.plant if isinstance(self.plant, Arm) else None
+        if not self._compiles or (arm is not None and (arm.unformulated or arm.gas is not None)):
             return
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
         self.compiled = compiled_estimate(self.filter, self.diagnosis, self._readable, self.wait, again)
@@ -223,23 +224,22 @@ class KalmanObserver:
         """Return the fields of `State` and `Tail` for a compiled estimate to continue from; None if they are not
         ordinary.
         """
-        belief, friction, diagnosis = self._belief, self._frictions[0], self.diagnosis
+        belief, diagnosis = self._belief, self.diagnosis
         quiet = not self.rivalry.going_on and not self._frozen.any() and all(gate.quiet for gate in self._gates)
         if belief is None or not quiet:
             return None
-        one, two = diagnosis.pressures
         return {
             "belief": belief, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
-            "read": self._read, "offset": self._offset, "repeating": self._repeating, "step": self._step[0],
+            "read": self._read, "offset": self._offset, "repeating": self._repeating, "step": self._step,
             "samples": 0.0,
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
             "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
-            "angle": nan if friction.theta is None else friction.theta, "memory": friction.memory,
-            "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta[0],
+            "angle": [nan if one.theta is None else one.theta for one in self._frictions],
+            "memories": [one.memory for one in self._frictions],
+            "commands": self._commands, "held": self._held, "t": diagnosis.t, "last": diagnosis.theta,
             "lost": diagnosis.lost, "said": diagnosis.said, "large": diagnosis.large,
             "found": [found is not None for found in diagnosis.sensors],
-            "one": one.numbers, "two": two.numbers, "torque": diagnosis.torque.numbers,
-            "loop": diagnosis.loops[0].numbers,
+            "parts": [part.numbers for part in diagnosis.parts],
         }  # fmt: skip
 
     def _go_on_from(self, state: State, tail: Tail) -> None:
@@ -249,16 +249,17 @@ class KalmanObserver:
         self._read, self._repeating, self._silent = state.read.copy(), state.repeating.copy(), np.zeros(len(sensors))
         self._offset = state.offset.copy()
         self._without = {i: Belief.of(state.without[i]) for i in sensors if state.repeats[i]}
-        self._step, self._variances = np.array([state.step]), state.variances.copy()
-        self._gates[0].floor = float(state.floor[0])
+        self._step, self._variances = state.step.copy(), state.variances.copy()
+        for gate, floor in zip(self._gates, state.floor.tolist(), strict=True):
+            gate.floor = floor
         self._samples = min(self._samples + samples, FIRST + 1)
         self.rivalry.rest(samples)
-        self._frictions[0].go_on(float(state.angle), tail.memory)
+        for friction, angle, memory in zip(self._frictions, state.angle.tolist(), tail.memories, strict=True):
+            friction.go_on(angle, memory)
         self._commands.extend(tail.commands.copy())
         self._held.extend(tail.held.copy())
-        numbers = tail.one, tail.two, tail.torque, tail.loop
-        diagnosed = state.lost, state.said, state.found, state.offset, state.large, numbers
-        self.diagnosis.go_on(float(state.t), float(state.last), *diagnosed)
+        diagnosed = state.last, state.lost, state.said, state.found, state.offset, state.large, tail.parts
+        self.diagnosis.go_on(float(state.t), *diagnosed)
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the compiled code, which each process creates for itself."""
@@ -343,7 +344,7 @@ class KalmanObserver:
         begun = {i: self._without.get(i, previous) for i in np.flatnonzero(repeated).tolist()}
         self._without = {}
         for i, without in begun.items():
-            foreseen = self.filter.predicted(without, self._commands[0], memories, self.filter.Q_rest)
+            foreseen = self.filter.predicted(without, self._commands[0], memories, self.filter.Q_rest[i])
             if not self._frozen[i] and self._repeating[i] > self.tolerance and self._doubtful(i, read[i], foreseen):
                 self._frozen[i] = True
                 expected = foreseen

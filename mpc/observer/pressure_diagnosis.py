@@ -24,6 +24,7 @@ The functions work on the memory m, whose numbers have fixed places: a list in P
 compiled by numba (`mpc.observer.compiled`). Sets of explanations are sums of STUCK, LEAK, DROP, DRIFT and CABLE.
 """
 
+from collections.abc import Sequence
 from math import exp, nan
 from typing import NamedTuple, TypeAlias
 
@@ -73,6 +74,7 @@ _KINDS = {
 ) = range(26)  # fmt: skip
 
 Numbers: TypeAlias = list[float] | Array
+Values: TypeAlias = Sequence[float] | Array
 
 
 class Sound(NamedTuple):

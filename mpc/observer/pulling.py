@@ -10,7 +10,7 @@ from mpc.codegen.buffered import Buffered
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.machine import Machine
-from mpc.model.plant import NU, NX, Plant
+from mpc.model.plant import NU, NX
 
 if TYPE_CHECKING:
     from casadi import Function
@@ -25,27 +25,12 @@ class Pulls:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        formulas = pulling(machine) if isinstance(machine, Plant) else self._of_many(machine)
-        self._formulas = None if formulas is None else Buffered(formulas)
+        self._numeric = isinstance(machine, Arm) and (bool(machine.unformulated) or machine.gas is not None)
+        self._formulas = None if self._numeric else Buffered(pulling(machine))
 
     def __call__(self, x: Array) -> Array:
         """Return the pulls in the state `x`."""
-        pulled = self._numbers(x) if self._formulas is None else np.asarray(self._formulas(x)[0][0])
-        return pulled if isinstance(self._machine, Plant) else np.append(pulled, self._machine.expansion(x))
-
-    @staticmethod
-    def _of_many(arm: Arm) -> "Function | None":
-        """Return x ↦ torques and slopes, without the effect of motion; None for an arm without formulas."""
-        import casadi as ca
-
-        if arm.unformulated:
-            return None
-        s, x = arm.statics, ca.SX.sym("x", arm.size)
-        arms = -ca.jacobian(symbolic_lengths(arm.mechanism.routes, s.q), s.q)  # (m, n)
-        gains = ca.diag(ca.jacobian(s.forces, s.P))
-        rows = [ca.vec((arms * ca.repmat(each, 1, arm.n)).T) for each in (s.forces, gains)]
-        found = ca.Function("of_posture", [s.q, s.P], [ca.vertcat(*rows)])(x[: arm.n], x[2 * arm.n :])
-        return ca.Function("pulls", [x], [ca.densify(found)])
+        return self._numbers(x) if self._formulas is None else np.asarray(self._formulas(x)[0][0])
 
     def _numbers(self, x: Array) -> Array:
         assert isinstance(self._machine, Arm)
@@ -53,14 +38,22 @@ class Pulls:
         muscles = Pneumatics(mechanism.muscles, mechanism.routes.rest_length)
         arms, length = mechanism.arms(q), mechanism.lengths(q)
         pulls = (forces[:, None] * arms for forces in (muscles.laws(length, P), muscles.force_slopes(length, P)))
-        return np.concatenate([each.ravel() for each in pulls])
+        return np.concatenate([*(each.ravel() for each in pulls), self._machine.expansion(x)])
 
 
-def pulling(plant: Plant) -> "Function":
-    """Return the pulls of a joint, x (4,) ↦ (6,), as a CasADi function."""
+def pulling(machine: Machine) -> "Function":
+    """Return the pulls of a joint, or of an arm with formulas and without gas, as a CasADi function of the state."""
     import casadi as ca
 
+    if isinstance(machine, Arm):
+        s, x = machine.statics, ca.SX.sym("x", machine.size)
+        arms = -ca.jacobian(symbolic_lengths(machine.mechanism.routes, s.q), s.q)  # (m, n)
+        gains = ca.diag(ca.jacobian(s.forces, s.P))
+        rows = [ca.vec((arms * ca.repmat(each, 1, machine.n)).T) for each in (s.forces, gains)]
+        of_posture = ca.Function("of_posture", [s.q, s.P], [ca.vertcat(*rows)])
+        found = of_posture(x[: machine.n], x[2 * machine.n :])
+        return ca.Function("pulls", [x], [ca.densify(ca.vertcat(found, ca.DM.zeros(machine.m)))])
     x = ca.SX.sym("x", NX)
-    T = ca.vertcat(*(side.torque(x[2 + i]) for i, side in enumerate(plant.joint.sides(x[0]))))
-    gains = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]
-    return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *gains, *plant.expansion(x)))])
+    T = ca.vertcat(*(side.torque(x[2 + i]) for i, side in enumerate(machine.joint.sides(x[0]))))
+    slopes = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]
+    return ca.Function("pulls", [x], [ca.densify(ca.vertcat(T, *slopes, *machine.expansion(x)))])

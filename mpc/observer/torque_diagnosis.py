@@ -17,10 +17,9 @@ its angle: at constant stiffness an angle error δ acts like the torque K δ, an
 The functions work on a memory like those of `mpc.observer.pressure_diagnosis`.
 """
 
-from collections.abc import Sequence
 from math import copysign, inf, nan, sqrt
 
-from mpc.observer.pressure_diagnosis import HOLD, Numbers
+from mpc.observer.pressure_diagnosis import HOLD, Numbers, Values
 
 MEMORY = 2.0  # [s]
 SPREAD = 0.05  # of an increment of d̂ [T_usual]
@@ -84,9 +83,7 @@ class TorqueDiagnosis:
         follow(self.numbers, self.dt, self.usual, t, d, pulls, self.m)
 
 
-def follow(
-    x: Numbers, dt: float, usual: Sequence[float], t: float, d: Sequence[float], pulls: Sequence[float], m: int
-) -> None:
+def follow(x: Numbers, dt: float, usual: Values, t: float, d: Values, pulls: Values, m: int) -> None:
     """Update by the observer's `d` (n,) [N·m] at `t` [s] and the `pulls` of the `m` muscles of its model.
 
     The latter are `mpc.observer.pulling.Pulls`: T (m, n) and ∂T/∂P (m, n) first.
@@ -116,9 +113,7 @@ def follow(
     x[COUNT] = count + 1 if count + 1 < 2 * size else float(size)  # only its place and whether the past is full matter
 
 
-def compare(
-    x: Numbers, past: int, usual: Sequence[float], t: float, d: Sequence[float], pulls: Sequence[float], m: int
-) -> None:
+def compare(x: Numbers, past: int, usual: Values, t: float, d: Values, pulls: Values, m: int) -> None:
     """Compare loads and broken cables as explanations of the increments since the sample at `past`."""
     n, nearest, found = len(usual), inf, NONE
     ratio, missing, as_load = LOADED + 3 * n, LOADED + 3 * n + m, 0.0
@@ -141,7 +136,7 @@ def compare(
 
 
 def explained(
-    x: Numbers, past: int, usual: Sequence[float], d: Sequence[float], pulls: Sequence[float], j: int, m: int
+    x: Numbers, past: int, usual: Values, d: Values, pulls: Values, j: int, m: int
 ) -> tuple[float, float, float, float]:
     """Return the increments that a broken cable of muscle `j` leaves unexplained [s²], its pull, and the distances of
     d̂ from b - T_j and from b [T_usual].

@@ -13,6 +13,7 @@ derivatives for all k in one call; those of an arm without formulas are differen
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,7 +40,7 @@ class Motion:
     @property
     def finite(self) -> bool:
         """Whether the prediction stayed within the range of numbers."""
-        return all(bool(np.isfinite(array).all()) for array in (self.u, self.x, self.K, self.F))
+        return all(isfinite(array.sum()) for array in (self.u, self.x, self.K, self.F))
 
     def stationary(self, u: Array) -> "Motion":
         """Return a standstill under the commands `u` (N, 2), in the state of the second sample of this motion."""
@@ -89,6 +90,10 @@ class Predictor:
         x, y = self._motion(x0, u, self._torques(d))
         return Motion(u, x, y[:, self._K], y[:, self.plant.stiffnesses :])
 
+    def states(self, x0: Array, u: Array, d: Array) -> Array:
+        """Return the states (N + 1, 2n + m) of `motion`, without its outputs."""
+        return np.asarray(self._path(x0, u, self._torques(d))[0])
+
     def linearise(self, x0: Array, u: Array, d: Array | float = 0.0) -> Linearisation:
         """Return the motion that `motion` returns, with its derivatives."""
         x, y, A, B, slope = self._linearise(x0, u, self._torques(d))
@@ -119,6 +124,15 @@ class Predictor:
         given = self._symbols(self.N)
         x = self._states(*given)
         return Buffered(ca.Function("motion", given, [x, self._outputs(slopes=False).map(self.N + 1)(x)]))
+
+    @cached_property
+    def _path(self) -> Callable[[Array, Array, Array], Sequence[Array]]:
+        import casadi as ca
+
+        if self._differences is not None:
+            return self._differences.motion
+        given = self._symbols(self.N)
+        return Buffered(ca.Function("states", given, [self._states(*given)]))
 
     @cached_property
     def _linearise(self) -> Callable[[Array, Array, Array], Sequence[Array]]:

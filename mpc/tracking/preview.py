@@ -115,7 +115,7 @@ class Preview(Deferred):
         k, then = self.delay, x
         if k:
             self.waiting = self.waiting or [x[2 * self.n :]] * k
-            path = self._under_way.motion(x, np.array(self.waiting), torques[:k]).x
+            path = self._under_way.states(x, np.array(self.waiting), torques[:k])
             self._expect(path[1])
             then = path[k]
         blind, now = self._blind * self.dt, float(np.ravel(theta[0])[0])
@@ -159,6 +159,8 @@ class Preview(Deferred):
         shape = self.plant.angle_shape
         if type(d) is float and isfinite(d) and shape == ():
             return d
+        if type(d) is np.ndarray and d.dtype == np.float64 and d.shape == shape != () and np.isfinite(d).all():
+            return d.copy()
         torque = checks.floats("d", d, "N·m")
         if torque.shape not in ((), shape):
             several = f", or n = {self.n} of them" if shape else ""
@@ -180,19 +182,20 @@ class Preview(Deferred):
         `check` raises `InvalidInput` for implausible values; numbers in the `usual` range need no check.
         """
         whole = (self.ahead + 1, *shape)
-        if shape == () and type(given) is np.ndarray and given.dtype == np.float64 and given.shape == whole:
-            values = given.tolist()
+        ready = type(given) is np.ndarray and given.dtype == np.float64 and given.shape == whole
+        if shape == () and ready:
+            values = given.tolist()  # type: ignore[attr-defined]
             if isfinite(sum(values)) and usual[0] <= min(values) and max(values) <= usual[1]:
-                return given.copy()
-        reference = checks.floats(name, given, "SI unit")
+                return np.array(given)
+        reference = np.array(given) if ready else checks.floats(name, given, "SI unit")
         if reference.shape not in (shape, whole):
             value = f"a value {shape}" if shape else "one value"
             raise InvalidInput(f"{name} has the shape {reference.shape}; give {value} or a preview {whole}")
         try:
-            check(name, given if shape == () else np.broadcast_to(reference, whole))
+            check(name, given if shape == () else reference if ready else np.broadcast_to(reference, whole))
         except InvalidInput as wrong:
             raise Meaningless(str(wrong)) from None
-        return np.broadcast_to(reference, whole).copy()
+        return reference if ready else np.broadcast_to(reference, whole).copy()
 
     def _substitutes(self, x: Array) -> tuple[Array, Array, Value]:
         """Return substitutes for implausible angles, stiffness and torque."""
@@ -203,7 +206,7 @@ class Preview(Deferred):
 
     def _torques(self, x: Array, theta: Array, torque: Value, ringing: bool) -> Array:
         """Return the external and friction torque (ahead + 1, …)."""
-        outside = np.broadcast_to(torque, theta.shape)
+        outside = np.full(theta.shape, torque)
         return outside - self._friction_ahead(x, theta, 0.0 if ringing else CORRECTED)
 
     def _friction_ahead(self, x: Array, theta: Array, corrected: float) -> Array:

@@ -184,7 +184,7 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
         ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(observer.filter.Q)),
-        ("ANT_Q_REST", "the same where a sensor repeats itself", np.diag(observer.filter.Q_rest)),
+        ("ANT_Q_REST", "the same for each sensor that repeats itself", np.diagonal(observer.filter.Q_rest, 0, 1, 2)),
         ("ANT_LEAST_ANGLE", "ends of the joint ranges [rad]", np.atleast_1d(plant.angle_limits[0])),
         ("ANT_MOST_ANGLE", "[rad]", np.atleast_1d(plant.angle_limits[1])),
         ("ANT_SVEC", "factors of a stiffness' entries in the cost [-]", _factors(plant)),

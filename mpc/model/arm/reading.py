@@ -40,6 +40,7 @@ class Read(NamedTuple):
     cable: Array  # (m,) [m] for a `MujocoPlant`
     asked_of_mujoco: str  # parts without formulas; "" if there are none
     left_out: str  # parts of the model missing in the prediction; "" if there are none
+    dry: Array  # (n,) dry friction of the joints [N·m]
     hand: Endpoint | None  # the named site, or the last site on the last body with sites
     hand_name: str
 
@@ -85,7 +86,8 @@ def read_arm(
     point = Endpoint.from_mjcf(model, name, axes=axes or "xyz") if name else None
     if point is not None and not axes and not (point := _moved(point, mechanism)):
         name = ""
-    return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), point, name)
+    dry = np.array(model.dof_frictionloss[model.jnt_dofadr])
+    return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), dry, point, name)
 
 
 def _lengths(
@@ -167,7 +169,7 @@ def _left_out(model: "MjModel") -> str:
     """Return a description of the parts of a model that are missing in the prediction of its motion."""
     found = {
         f"{model.nu} actuators (switched off)": bool(model.nu),
-        "dry friction": bool(np.any(model.dof_frictionloss)) or bool(np.any(model.tendon_frictionloss)),
+        "dry friction of tendons": bool(np.any(model.tendon_frictionloss)),
         "contacts": bool(np.any((model.geom_contype != 0) & (model.geom_bodyid != 0))) and not _no_contacts(model),
         "limits of tendons": bool(np.any(model.tendon_limited)),
     }

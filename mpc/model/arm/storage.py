@@ -9,6 +9,11 @@ lag = 0.1                      # of the regulators [s], one or one per muscle
 slew = 500000.0                # [Pa/s]
 gas = true                     # model the machine's gas; optional
 
+[friction]                     # of the joints; optional table, see `mpc.model.friction.dahl`
+mu = 0.02                      # [-] share of the muscles' torques; numbers are for all joints, or one each
+coulomb = [0.5, 0.2]           # [N·m]
+presliding = 0.0087            # [rad]
+
 and those of the regulators, the sensors and a tuning, as in the file of a joint (`mpc.model.storage`,
 `mpc.trials.tuned`).
 """

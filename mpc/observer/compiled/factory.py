@@ -39,7 +39,7 @@ def compiled_estimate(
 
         compiled = compiled_filter(own)
         with nullcontext() if wait else beside.only_kept():
-            return CompiledEstimate(compiled.module, lambda: made_of(compiled, own, diagnosis), readable)
+            return CompiledEstimate(own.plant, compiled.module, lambda: made_of(compiled, own, diagnosis), readable)
     except beside.NotKept:
         module = compiled.module
         if beside.begin(module.__name__, Path(str(module.__file__)).parent, *again):

@@ -16,76 +16,120 @@ from allocator.calculus import Array
 from allocator.compilation.linked import INNER
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import IMPORTS, translated
+from mpc.codegen.python_text import IMPORTS, filling, translated
+from mpc.model.arm.compiled.module import compiled_motion
+from mpc.model.arm.model import Arm
+from mpc.model.arm.pressing import symbolic_pressing
 from mpc.model.compiled_friction import friction_numbers
 from mpc.model.experiment import RESOLUTION
+from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer import diagnosis, pressure_diagnosis, ringing, torque_diagnosis
-from mpc.observer.compiled.layout import Made, made
+from mpc.observer.compiled.layout import Made, Numbers, made
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import OFFSET_TIME, Filter
+from mpc.observer.pressure_diagnosis import Sound
 from mpc.observer.pulling import pulling
 
 if TYPE_CHECKING:
     from casadi import Function
 
 _HERE = Path(__file__).parent
-_TEMPLATE = _HERE / "sample.py"
+_TEMPLATE, _JOINT, _ARM = (_HERE / f"{name}.py" for name in ("sample", "joint", "arm"))
+_SOUND = f"from {Sound.__module__} import Sound"
 _PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # modules with functions that the template calls
 
 
 class CompiledFilter(NamedTuple):
-    """Compiled functions for a family of observers, and the numbers of the formulas."""
+    """Compiled functions for a family of observers, and the numbers of one of them."""
 
     module: ModuleType  # `mpc.observer.compiled.sample` with the formulas
-    c: Array
-    friction: Array  # numbers of `mpc.model.compiled_friction`
+    numbers: Numbers
 
 
 def compiled_filter(own: Filter) -> CompiledFilter:
     """Return the compiled functions of an observer's filter. Raises `Untranslatable` if they cannot be compiled."""
-    friction = friction_numbers(own.compensation.friction)
-    if friction is None:
-        raise Untranslatable(f"{own.compensation.friction!r} is not a friction model that can be compiled")
-    text, c = "", np.zeros(0)
+    frictions = [friction_numbers(one) for one in own.frictions]
+    known = [one for one in frictions if one is not None]
+    if len(known) < len(frictions):
+        raise Untranslatable(f"{own.frictions!r} are not friction models that can be compiled")
+    motion, c, decay = _motion(own.plant, own.dt)
+    text = f"{IMPORTS}from {motion.__name__} import advance\n{_SOUND}\n\n\n"
     for name, function in _formulas(own.plant).items():
-        source = translated(name, function, c.size)
+        source = filling(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
     _register()
-    module = imported(f"# of {_parts()}\n" + with_formulas(_TEMPLATE, IMPORTS + text))
-    return CompiledFilter(module, c, friction)
+    text += _tuples(own.plant.n, own.plant.m)
+    sized = with_formulas(_TEMPLATE, text).replace("n, m = 1, 2\n", f"n, m = {own.plant.n}, {own.plant.m}\n")
+    module = imported(f"# of {_parts()}\n{sized}")
+    return CompiledFilter(module, Numbers(c, decay, known))
 
 
-def _formulas(plant: Plant) -> dict[str, "Function"]:
-    """Return CasADi functions by their names in the template."""
+def _motion(plant: Machine, dt: float) -> tuple[ModuleType, Array, Array]:
+    """Return the motion's module, the numbers of its formulas, and the remainders of pressure errors of an arm."""
+    if isinstance(plant, Arm):
+        arm = compiled_motion(plant, dt, external=True)
+        names = (
+            f"from {arm.module.__name__} import COLUMNS, m, n\nfrom {arm.module.__name__} import advance as move\n\n"
+        )
+        return imported(with_formulas(_ARM, names)), arm.c, arm.decay
+    source = translated("rate_slopes", _rate_slopes(plant))
+    text = f"{IMPORTS}@inlined\n{source.text}\n\n"
+    return imported(with_formulas(_JOINT, text)), source.c, np.zeros(0)
+
+
+def _rate_slopes(plant: Plant) -> "Function":
     import casadi as ca
 
     x, v, d = ca.SX.sym("x", NX), ca.SX.sym("v", NU), ca.SX.sym("d")
     rate = ca.SX(ca.vertcat(*plant.rate(x, v, d)))
     slopes = ca.densify(ca.jacobian(rate, ca.vertcat(x, d)))
-    muscles = ca.densify(ca.vertcat(pulling(plant)(x), plant.isobaric(x)))
-    return {
-        "rate_slopes": ca.Function("rate_slopes", [x, v, d], ca.cse([rate, slopes])),
-        "muscles": ca.Function("muscles", [x], ca.cse([muscles])),
+    return ca.Function("rate_slopes", [x, v, d], ca.cse([rate, slopes]))
+
+
+def _formulas(plant: Machine) -> dict[str, "Function"]:
+    """Return CasADi functions of the state by their names in the template."""
+    import casadi as ca
+
+    x = ca.SX.sym("x", plant.size)
+    if isinstance(plant, Arm):
+        loads = symbolic_pressing(plant)(x)
+    else:
+        loads = ca.vertcat(plant.pull(x), x[2] + x[3], plant.isobaric(x))
+    values = {"pulls": pulling(plant)(x), "pressing": loads}
+    return {name: ca.Function(name, [x], ca.cse([ca.densify(value)])) for name, value in values.items()}
+
+
+def _tuples(n: int, m: int) -> str:
+    """Return functions of the template that return a tuple with an entry for each muscle or joint."""
+    sound = "Sound(k.quick[{0}], k.slow[{0}], k.dead_band / 2, k.dt, k.sigma, k.seen[{0}])"
+    made = {
+        "regulators(p)": ("floats(p.parts[{0}])", range(m)),
+        "loops(p)": ("floats(p.parts[{0}])", range(m + 1, m + 1 + n)),
+        "sounds(k)": (sound, range(m)),
     }
+    return "".join(
+        f"@inlined\ndef {name}:\n    return ({', '.join(map(entry.format, places))},)\n\n\n"
+        for name, (entry, places) in made.items()
+    )
 
 
 def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
     """Return the data for samples of an observer's `compiled` filter and of its diagnosis."""
-    gate, dt, substeps = own.gate, own.dt, own.plant.substeps(own.dt, RESOLUTION)
-    (one, two), (usual,), (inertia,) = judged.sound
+    gate, dt, n, m, muscles = own.gate, own.dt, own.plant.n, own.plant.m, judged.sound.muscles
+    substeps = own.plant.substeps(dt, RESOLUTION)
     known = {
         "inner": own.inner, "outer": own.outer, "Q": own.Q, "Q_rest": own.Q_rest, "possible": (gate.lower, gate.upper),
         "dt": dt, "h": dt / substeps, "substeps": substeps, "tolerance": judged.tolerance,
-        "dead_band": own.compensation.dead_band, "learning": own.dt / OFFSET_TIME,
-        "most_offset": own.noise.offset, "theta_noise": own.noise.theta, "theta_floor": gate.floor[0],
-        "sigma": one.sigma, "seen": one.seen, "quick": (one.quick, two.quick), "slow": (one.slow, two.slow),
-        "usual": usual, "inertia": inertia,
+        "dead_band": own.compensation.dead_band, "learning": dt / OFFSET_TIME,
+        "most_offset": own.noise.offset, "theta_noise": own.noise.theta, "theta_floor": gate.floor[:n],
+        "sigma": muscles[0].sigma, "usual": judged.sound.usual, "inertia": judged.sound.inertia,
+        **{name: [getattr(one, name) for one in muscles] for name in ("seen", "quick", "slow")},
     }  # fmt: skip
-    lengths = (len(part.numbers) for part in judged.parts)
     age = own.compensation.age(dt)
-    sizes = own.compensation.friction.size, NU * (own.compensation.delay(dt) + age + 1), NU * (age + 1), *lengths
-    return made(known, compiled.c, compiled.friction, sizes)
+    sizes = [one.size for one in own.frictions]
+    sizes += [m * (own.compensation.delay(dt) + age + 1), m * (age + 1), *(len(part.numbers) for part in judged.parts)]
+    return made(known, compiled.numbers, sizes, n, m)
 
 
 @cache

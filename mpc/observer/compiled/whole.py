@@ -7,35 +7,37 @@ then the record is copied from them.
 from collections.abc import Callable
 from types import ModuleType
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from mpc.codegen.addresses import entry_of
-from mpc.model.plant import NU, NX
+from mpc.model.machine import Machine
 from mpc.observer.compiled.factory import Readable
-from mpc.observer.compiled.layout import Made
+from mpc.observer.compiled.layout import Made, Tail
 
 _CHANGED = 2  # result of the compiled function if the health has to be updated
-_KINDS = "(int64, float64, float64, float64, float64, float64)"
+_KINDS = "(int64, float64[:], float64[:])"
 
 
 class CompiledEstimate:
     """Compiled estimate of one observer; two threads must not use its record at the same time."""
 
-    def __init__(self, module: ModuleType, new: Callable[[], Made], readable: Readable) -> None:
+    def __init__(self, plant: Machine, module: ModuleType, new: Callable[[], Made], readable: Readable) -> None:
         self.module, self._new, self._readable, self._made = module, new, readable, new()
+        self._plant, self._size, self._shapes = plant, plant.size, ((plant.size,), (plant.m,))
+        self._single = plant.angle_shape == ()
         self._state, self.address = self._made.records[0].now, self._made.records.ctypes.data
         self._xi = self._made.records[0].work.ahead.xi
         self._estimate = entry_of(module.estimate, _KINDS)
         self.ahead = False  # whether the record is up to date
 
-    def answer(self, y: Array, u: Array) -> tuple[Array, float] | None:
+    def answer(self, y: Array, u: Array) -> tuple[Array, Value] | None:
         """Return the result of `KalmanObserver.estimate`; None, without any change, if the sample is not ordinary."""
-        if y.shape != (NX,) or u.shape != (NU,) or not (self.ahead or self._take()):
+        if (y.shape, u.shape) != self._shapes or not (self.ahead or self._take()):
             return None
-        theta, _, P1, P2 = y.tolist()
-        answer = self._estimate(self.address, theta, P1, P2, *u.tolist())
+        answer = self._estimate(self.address, y, u)
         if not answer:
             return None
-        self.ahead, found = True, (self._xi[:NX].copy(), float(self._xi[NX]))
+        size, xi = self._size, self._xi
+        self.ahead, found = True, (xi[:size].copy(), float(xi[size]) if self._single else xi[size:].copy())
         if answer == _CHANGED:
             self.give()
             self._readable.conclude()
@@ -43,7 +45,7 @@ class CompiledEstimate:
 
     def of(self, readable: Readable) -> "CompiledEstimate":
         """Return the compiled estimate of a copy."""
-        return CompiledEstimate(self.module, self._new, readable)
+        return CompiledEstimate(self._plant, self.module, self._new, readable)
 
     def copied(self) -> "CompiledEstimate | None":
         """Return a copy with its own state; None if the record cannot hold the memory."""
@@ -58,8 +60,10 @@ class CompiledEstimate:
         remembered = self._readable.remembered()
         if remembered is None:
             return False
-        for name, array in self._made.tail._asdict().items():
-            array[...] = remembered.pop(name)
+        kept, tail = self._made.tail, Tail(*(remembered.pop(name) for name in Tail._fields))  # type: ignore[arg-type]
+        pairs = (*zip(kept.memories, tail.memories, strict=True), *zip(kept.parts, tail.parts, strict=True))
+        for array, values in (*pairs, (kept.commands, tail.commands), (kept.held, tail.held)):
+            array[...] = values
         for name, value in remembered.items():
             self._state[name] = value
         return True

@@ -13,7 +13,6 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled
-from mpc.observer.compiled.layout import SIZE
 from mpc.tracking.compiled.records import given_in
 from mpc.tracking.compiled.sample.layout import asked_in, inputs_at, made_in, plan_length
 from mpc.tracking.compiled.sample.stages import WHOLE
@@ -40,9 +39,9 @@ def driven(
     xi, last, out = sample.work.ahead.xi, both[0], both[1]
     for k in range(first, M):
         process.read(plant.sensors, plant.full, plant.angles, plant.noise[k], y)
-        if not observer.filtered(sample, y[0], y[2], y[3], answers.u[k - 1, 0], answers.u[k - 1, 1]):
+        if not observer.filtered(sample, y, answers.u[k - 1]):
             return k
-        for j in range(SIZE):
+        for j in range(observer.SIZE):
             answers.estimate[k, j] = xi[j]
         for j in range(4):
             x[j] = xi[j]

@@ -15,7 +15,13 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
+from mpc.observer.filter import CALM_NOISE
 from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.weights import CALM
+from mpc.trials.loops import Settings, loop
+from mpc.trials.metrics import metrics
+from mpc.trials.motions.arm_trajectories import reference
+from mpc.trials.simulation import in_motion, simulate
 
 JOINT = Plant(gas=False)
 ONE, TWO = arm_of(JOINT), Arm.machine("arm26")
@@ -136,3 +142,23 @@ def test_a_broken_cable_pulls_no_more():
     for _ in range(10):
         run.advance(x0[4:])
     assert run.x[0] < TWO.middle[0] - 3 * DEG
+
+
+@pytest.mark.slow
+def test_a_joint_that_sticks_while_another_moves_is_not_frozen():
+    """Dry friction of MuJoCo, of which controller and observer know half: the best share on circle and reach."""
+    force_gains = 1 + 0.05 * np.random.default_rng(0).choice([-1.0, 1.0], TWO.m)
+    sensors = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}
+    plant = MujocoPlant.of(TWO, force_gains=force_gains, dead_time=0.02, **sensors)
+    plant.model.dof_frictionloss[:] = 0.5
+    asked, errors, said = reference("reach", TWO), [], set()
+    for share in (0.0, 0.5):
+        known = Compensation(Friction(coulomb=share * 0.5), dead_time=0.02)
+        controller, observer = loop("mpc", Settings(TWO, compensation=known, weights=CALM, noise=CALM_NOISE))
+        run = simulate(
+            plant, controller, asked, x0=in_motion(TWO, asked), observer=observer,
+            watch=lambda observer=observer: said.add(str(observer.health)),
+        )  # fmt: skip
+        errors.append(metrics(run).theta_rms)
+    assert not any("frozen" in what for what in said)
+    assert (errors[1] < 0.9 * errors[0]).all()

@@ -36,6 +36,7 @@ DT = 0.01
 REAL = RealPlant.standard()
 MODEL, TOLD = REAL.nominal, REAL.known()
 REST = REAL.at_rest(0.0, 5.5)
+SEVERAL = "memories", "parts"  # of different lengths
 
 
 class Pair:
@@ -65,7 +66,13 @@ class Pair:
         left, right = (pair._remembered() for pair in (self.compiled, self.readable))
         assert (left is None) == (right is None)
         for name in () if left is None else set(left) - {"belief", "without", "samples"}:
-            np.testing.assert_allclose(left[name], np.array(right[name], float), rtol=1e-9, atol=1e-9, err_msg=name)
+            one, other = (
+                np.concatenate([np.ravel(np.array(part, float)) for part in side[name]])
+                if name in SEVERAL
+                else np.array(side[name], float)
+                for side in (left, right)
+            )
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
 def swinging(k):

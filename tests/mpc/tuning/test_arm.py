@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from allocator import InvalidInput
-from allocator.errors import MissingBackend
+from allocator.errors import InvalidFile, MissingBackend
 from allocator.machine_file import load_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
@@ -17,6 +17,7 @@ from mpc.cli import app
 from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.model.compensation import USUAL_DEAD_TIME, Compensation
+from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.plant_cli import PlantOptions
 from mpc.trials.loops import Settings, loop
@@ -98,6 +99,29 @@ def test_an_arms_file_takes_regulators_and_a_tuning(tmp_path):
     assert Tuning.load(path) == tuning
     assert load_arm(path) == ARM
     assert load_machine(path) == ARM.mechanism
+
+
+def test_an_arms_file_takes_the_friction_of_each_joint(tmp_path):
+    path = tmp_path / "arm.toml"
+    save_arm(ARM, path)
+    text = path.read_text()
+    path.write_text(text + "\n[friction]\ncoulomb = [0.5, 0.2]\nmu = 0.02\n")
+    assert Compensation.of_arm(path).frictions == (Friction(0.02, 0.5), Friction(0.02, 0.2))
+    assert load_arm(path) == ARM
+    for wrong in ("coulomb = [0.5, 0.2, 0.1]", "coulomb = -1", "stiction = 1", 'mu = "much"'):
+        path.write_text(f"{text}\n[friction]\n{wrong}\n")
+        with pytest.raises(InvalidFile, match=r"\[friction\]"):
+            Compensation.of_arm(path)
+
+
+def test_without_a_tuning_half_of_a_mujoco_models_dry_friction_is_known(tmp_path):
+    model = tmp_path / "elbow.xml"
+    model.write_text(ELBOW.replace('damping=".2"', 'damping=".2" frictionloss=".4"'), encoding="utf-8")
+    options = PlantOptions(machine=str(model), rest_length="300")
+    known = options.compensation_of_arm()
+    assert known.frictions == (Friction(coulomb=0.4),)
+    told, _ = options.tuned(Settings(options.arm(), compensation=known), "mpc")
+    assert told.compensation.frictions == (Friction(coulomb=0.2),)
 
 
 def test_wrong_inputs_are_one_sentence(tmp_path):
@@ -187,7 +211,7 @@ def test_the_tuning_of_a_mujoco_model_is_a_table_for_tracking(tmp_path, monkeypa
     wanted = Arm.from_mjcf(ELBOW, SAROSI_DMSP_20_400N, 0.3, contraction=0.1375, pressure_limits=(0.0, 4 * BAR), lag=0.2)
     assert (arm.mechanism, arm.lag, arm.slew) == (wanted.mechanism, wanted.lag, wanted.slew)
     np.testing.assert_array_equal(arm.bodies.mass_matrix([0.3]), wanted.bodies.mass_matrix([0.3]))
-    assert known == TOLD
+    assert known == replace(TOLD, frictions=(Friction(),))
     assert Tuning.load(table) == tuned.tuning
     settings, said = PlantOptions(machine=str(model), tuning=str(table)).tuned(Settings(arm), "mpc")
     assert settings == tuned.tuning.applied(Settings(arm))

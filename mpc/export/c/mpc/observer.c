@@ -70,7 +70,7 @@ static void suspect(ant_observer *o, int i, const ant_belief *previous, ant_beli
                     const ant_real read[ANT_SENSORS], const int others[ANT_SENSORS]) {
     if (!o->repeats[i]) o->without[i] = *previous;
     o->repeats[i] = 1;
-    ant_predict_belief(o, &o->without[i], 0, ANT_Q_REST);
+    ant_predict_belief(o, &o->without[i], 0, ANT_Q_REST[i]);
     if (!o->frozen[i] && o->repeating[i] > ANT_TOLERANCE && doubtful(o, &o->without[i], i, read[i])) {
         o->frozen[i] = 1;
         *expected = o->without[i];

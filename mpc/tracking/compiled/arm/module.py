@@ -11,9 +11,9 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, filling
+from mpc.model.arm.compiled.module import compiled_motion
 from mpc.model.arm.formulas import joint_svec
 from mpc.model.arm.model import Arm
-from mpc.model.experiment import RESOLUTION
 
 if TYPE_CHECKING:
     from casadi import Function
@@ -40,17 +40,16 @@ class CompiledArm(NamedTuple):
 
 def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
-    sizes = f"{IMPORTS}n, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}\n\n\n"
-    texts, c = {_STEP: f"{IMPORTS}{_assembled(_LIMITS, arm)}\n\n", _FEED_FORWARD: sizes}, np.zeros(0)
+    motion = compiled_motion(arm, dt)
+    sizes = f"n, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}"
+    own = {_STEP: f"from {motion.module.__name__} import advance\n\n{_assembled(_LIMITS, arm)}", _FEED_FORWARD: sizes}
+    texts, c = {file: f"{IMPORTS}{text}\n\n\n" for file, text in own.items()}, motion.c
     for name, function in _functions(arm).items():
         source = filling(name, function, c.size)
         texts[_FEED_FORWARD if name == "statics" else _STEP] += f"@inlined\n{source.text}\n\n"
         c = np.concatenate([c, source.c])
     step, feed_forward = (imported(with_formulas(template, text)) for template, text in texts.items())
-    substeps = arm.substeps(dt, RESOLUTION)
-    h = dt / substeps
-    times = h * (np.arange(substeps)[:, None] + [0.0, 0.5, 1.0])
-    return CompiledArm(step, feed_forward, c, h, np.exp(-times[..., None] / arm.lags))
+    return CompiledArm(step, feed_forward, c, motion.h, motion.decay)
 
 
 def solve_module(arm: Arm) -> ModuleType:
@@ -82,16 +81,8 @@ def _functions(arm: Arm) -> dict[str, "Function"]:
     import casadi as ca
 
     s, bodies, y = arm.statics, arm.bodies, arm.outputs
-    omega, alpha, d = (ca.SX.sym(name, arm.n) for name in ("omega", "alpha", "d"))
-    M, pushing = bodies.mass_matrix(s.q), s.torque - bodies.bias(s.q, omega)
-    held = [s.q, omega, s.P]
-    left = ca.jacobian(pushing - M @ alpha, ca.vertcat(*held))
-    slope = ca.jacobian(y, ca.vertcat(s.q, s.P))
-    made = {
-        "dynamics": ([*held, d], [M, pushing + d]),
-        "dynamics_slopes": ([*held, alpha], [left]),
-        "output_slopes": ([s.q, s.P], [y, slope]),
-    }
+    omega, alpha = (ca.SX.sym(name, arm.n) for name in ("omega", "alpha"))
+    made = {"output_slopes": ([s.q, s.P], [y, ca.jacobian(y, ca.vertcat(s.q, s.P))])}
     if arm.mechanism.affine:  # else the feed-forward is not compiled
         stacked = ca.vertcat(s.torque, joint_svec(s))
         empty = ca.substitute([stacked, s.forces], [s.P], [ca.SX.zeros(arm.m)])

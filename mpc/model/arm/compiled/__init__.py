@@ -1,0 +1,1 @@
+"""Compiled motion of an arm over a sample, for controllers and observers."""

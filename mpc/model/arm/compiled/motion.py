@@ -1,0 +1,126 @@
+"""Template of an arm's motion over a sample.
+
+`mpc.model.arm.compiled.module` replaces the lines below that begin with `FORMULAS` by the sizes of the arm and the
+arm's formulas: n joints, m muscles, and functions that fill flat arrays, matrices by columns:
+
+    dynamics         (q, ω, P, d) ↦ M, τ - C - Dω - g + d
+    dynamics_slopes  (q, ω, P, ω') ↦ the Jacobian of the latter minus M ω', by q, ω and P
+
+`EXTERNAL` is the number of external torques by which S has slopes, n or 0. The array c holds the formulas' numbers. The
+motion is that of `mpc.model.arm.model`; its derivative is ∂ω' = M⁻¹ ∂(τ - C - Dω - g + d - M ω') at fixed ω'. S (2n,
+COLUMNS) is the Jacobian of the next (q, ω) by (q, ω), P, u and d.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from allocator.calculus import Array
+from mpc.codegen.jit import inlined
+from mpc.model.integration import NODES, SHARES
+
+FORMULAS: Any = None
+n = m = dynamics = dynamics_slopes = EXTERNAL = COLUMNS = FORMULAS
+
+PLACES = 0, 1, 1, 2  # of the stages in `decay`
+
+
+@inlined
+def advance(c: Array, h: float, decay: Array, x: Array, u: Array, d: Array, after: Array, S: Array | None) -> None:
+    """Fill in the next state and the Jacobian `S` (2n, COLUMNS) of its (q, ω), if there is one."""
+    s, K, total, now = np.empty(2 * n), np.empty(2 * n), np.empty(2 * n), np.empty(2 * n)
+    P, M, a = np.empty(m), np.empty(n * n), np.empty(n)
+    if S is not None:  # numba removes this branch for None
+        SK, St = np.zeros((2 * n, COLUMNS)), np.empty((2 * n, COLUMNS))
+        here, R = np.empty((2 * n, COLUMNS)), np.empty((2 * n + m + EXTERNAL, n))
+        for i in range(2 * n):
+            for j in range(COLUMNS):
+                S[i, j] = 1.0 if i == j else 0.0
+    for i in range(2 * n):
+        s[i] = x[i]
+    for step in range(decay.shape[0]):
+        for i in range(2 * n):
+            total[i], K[i] = 0.0, 0.0
+        if S is not None:
+            St[:] = 0.0
+        for stage in range(4):
+            reach, share, left = h * NODES[stage], h * SHARES[stage], decay[step, PLACES[stage]]
+            for i in range(2 * n):
+                now[i] = s[i] + reach * K[i]
+            for j in range(m):
+                P[j] = u[j] + left[j] * (x[2 * n + j] - u[j])
+            accelerate(c, now, P, d, M, a)
+            for i in range(n):
+                K[i], K[n + i] = now[n + i], a[i]
+            for i in range(2 * n):
+                total[i] += share * K[i]
+            if S is not None:
+                vary(c, reach, share, left, now, P, M, a, R, S, here, SK, St)
+        for i in range(2 * n):
+            s[i] += total[i]
+        if S is not None:
+            for i in range(2 * n):
+                for j in range(COLUMNS):
+                    S[i, j] += St[i, j]
+    for i in range(2 * n):
+        after[i] = s[i]
+    for j in range(m):
+        after[2 * n + j] = u[j] + decay[decay.shape[0] - 1, 2, j] * (x[2 * n + j] - u[j])
+
+
+@inlined
+def vary(
+    c: Array, reach: float, share: float, left: Array, now: Array, P: Array, M: Array, a: Array, R: Array,
+    S: Array, here: Array, SK: Array, St: Array,
+) -> None:  # fmt: skip
+    """Advance the variational equations by a stage: SK is the slope of the Jacobian `here`, St their sum."""
+    dynamics_slopes(now[:n], now[n:], P, a, c, R.reshape(-1))
+    for j in range(EXTERNAL):
+        for i in range(n):
+            R[2 * n + m + j, i] = 1.0 if i == j else 0.0
+    for j in range(2 * n + m + EXTERNAL):
+        solve(M, R[j])
+    for i in range(2 * n):
+        for j in range(COLUMNS):
+            here[i, j] = S[i, j] + reach * SK[i, j]
+    for i in range(n):
+        for j in range(COLUMNS):
+            SK[i, j], SK[n + i, j] = here[n + i, j], 0.0
+        for l in range(2 * n):  # noqa: E741
+            factor = R[l, i]
+            for j in range(COLUMNS):
+                SK[n + i, j] += factor * here[l, j]
+        for j in range(m):
+            SK[n + i, 2 * n + j] += R[2 * n + j, i] * left[j]
+            SK[n + i, 2 * n + m + j] += R[2 * n + j, i] * (1 - left[j])
+        for j in range(EXTERNAL):
+            SK[n + i, 2 * n + 2 * m + j] += R[2 * n + m + j, i]
+    for i in range(2 * n):
+        for j in range(COLUMNS):
+            St[i, j] += share * SK[i, j]
+
+
+@inlined
+def accelerate(c: Array, s: Array, P: Array, d: Array, M: Array, a: Array) -> None:
+    """Fill in the acceleration `a` (n,) and the Cholesky factor of the mass matrix, flat in `M`."""
+    dynamics(s[:n], s[n:], P, d, c, M, a)
+    for j in range(n):
+        for i in range(j, n):
+            value = M[j * n + i]
+            for l in range(j):  # noqa: E741
+                value -= M[l * n + i] * M[l * n + j]
+            M[j * n + i] = np.sqrt(value) if i == j else value / M[j * n + j]
+    solve(M, a)
+
+
+@inlined
+def solve(M: Array, v: Array) -> None:
+    """Replace v (n,) by M⁻¹ v, with the factor in `M`."""
+    for i in range(n):
+        for l in range(i):  # noqa: E741
+            v[i] -= M[l * n + i] * v[l]
+        v[i] /= M[i * n + i]
+    for i in range(n - 1, -1, -1):
+        for l in range(i + 1, n):  # noqa: E741
+            v[i] -= M[i * n + l] * v[l]
+        v[i] /= M[i * n + i]
