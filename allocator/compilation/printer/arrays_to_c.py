@@ -281,7 +281,7 @@ class _Function(Expressions):
 
     def stored(self, target: ast.expr, value: ast.expr) -> str:
         """Return an assigned value, converted to the type of its target."""
-        if isinstance(target, ast.Subscript) and isinstance(value, ast.BinOp | ast.Call | ast.IfExp):
+        if isinstance(target, ast.Subscript) and isinstance(value, ast.BinOp | ast.Call | ast.IfExp | ast.Name):
             array = self.kind(target.value)
             if isinstance(array, ArrayKind) and array.element == SIDE:
                 return f"({SIDE}){self.text(value, UNARY)}"

@@ -14,6 +14,7 @@ from allocator.compilation.jit import Function
 from allocator.compilation.printer import ArrayKind, Kind, StructKind, parsed, with_called
 from mpc.export.controller.recursions import exchanges_in, items_in, kinds_of, solver_of
 from mpc.tracking.compiled.structured_qp.exchange import AGAIN
+from mpc.tracking.compiled.structured_qp.start import CLAMPED
 from mpc.tracking.controller import TrackingMPC
 
 COMPILER = "arm-none-eabi-gcc 12.2"  # whose stack was measured
@@ -44,7 +45,7 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     begin, exchange = _Count(functions, kinds, most).of_qp()
     _, plain = _Count(functions, kinds, most, {"rebased": 0}).of_qp()
     stack = _stack(plant.n, plant.m, N + blocks, 4 if single else 8)
-    return Certificate(exchanges, 1 + AGAIN + exchanges, begin, exchange, plain, stack)
+    return Certificate(exchanges, 2 + CLAMPED + AGAIN + exchanges, begin, exchange, plain, stack)
 
 
 def _stack(n: int, m: int, commands: int, number: int) -> int:

@@ -24,7 +24,7 @@ _OWN = "mpc.tracking.compiled.structured_qp", "mpc.tracking.compiled.commands"
 _LIMITS = "sizes", "../commands"
 _SOLUTION = (
     "sizes", "stage_of_many", "../commands", "gradient", "rows", "riccati", "responses", "certificate", "active",
-    "interrupted", "exchange", "solve", "../arm/solve",
+    "start", "interrupted", "exchange", "solve", "../arm/solve",
 )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Path, Point, Setting, Signs
 from mpc.tracking.compiled.structured_qp.responses import SPARE, Items, find_item, new_items
-from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of
+from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of, within
 from mpc.tracking.compiled.structured_qp.sizes import BOUND, FREE, GONE, HIGH, LOWER, NU, NX, NXI, RANGE, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
 
@@ -106,8 +106,7 @@ def end(path: Path, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Act
             v, w, held = a.z[k, i], at.xi[k, NX + i], a.guess[k, i]
             if held != FREE:
                 v = end_of(bounded, held, k, i) - (w if abs(held) == HIGH else 0.0)
-            v = min(max(v, bounded.low[k, i] - w), bounded.high[k, i] - w)
-            at.v[k, i] = min(max(v, bounded.lower[k, i]), bounded.upper[k, i])
+            at.v[k, i] = within(bounded, v, w, k, i)
             at.xi[k + 1, NX + i] = w + at.v[k, i]
         advance(path.A, path.B, k, at.xi)
     for i in range(2):

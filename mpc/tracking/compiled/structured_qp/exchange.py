@@ -31,18 +31,7 @@ from mpc.tracking.compiled.structured_qp.responses import (
 )
 from mpc.tracking.compiled.structured_qp.riccati import BREAKS, Sweep, backward, end_of, forward
 from mpc.tracking.compiled.structured_qp.rows import row_side, row_value, slack_of, width
-from mpc.tracking.compiled.structured_qp.sizes import (
-    ALL,
-    BOUND,
-    FREE,
-    GONE,
-    HIGH,
-    NU,
-    NX,
-    RANGE,
-    SUPPLY,
-    UPPER,
-)
+from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUND, FREE, GONE, HIGH, NU, NX, RANGE, SUPPLY, UPPER
 from mpc.tracking.compiled.structured_qp.stage import curvature
 
 CROWDED = 16  # items for a new sweep
@@ -50,18 +39,6 @@ AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
 FLAT = 1e-10  # [-] of its terms: less counts as no slope
-
-
-@inlined
-def begin(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
-    """Begin at the result of a sweep."""
-    items, last = a.items, a.items.kind.size - 1
-    at.xi[:], at.v[:], at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0.0, 0.0, 0
-    items.kind[last], items.sample[last], items.muscle[last], items.side[last] = BOUND, 0, 0, 0
-    lagrangian(path, errors, setting, 0, at, items, sweep)
-    backward(path, setting.cost, bounded, at, sweep)
-    forward(path, sweep, at, a.r)
-    take_base(setting, 0, at, sweep, a)
 
 
 @inlined
@@ -107,7 +84,8 @@ def exchanged(
         enters = False
         items.multiplier[last] = 0.0
         size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
-    return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a)
+    found = interrupted(path, errors, setting, bounded, size, at, sweep, a)
+    return found <= most, taken, found
 
 
 @inlined
@@ -152,8 +130,8 @@ def rebased(
     size = absorbed(size, sweep, a)
     lead_on(path, at, a)
     lagrangian(path, errors, setting, size, at, items, sweep)
-    backward(path, setting.cost, bounded, at, sweep)
-    forward(path, sweep, at, a.r)
+    backward(path, setting.cost, bounded, at, sweep, False)
+    forward(path, bounded, sweep, at, a.r, False)
     take_base(setting, size, at, sweep, a)
     for q in range(size):
         respond(path, setting.slack, sweep, q, q, items, a.xi)

@@ -18,12 +18,13 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Cost, Indices, Path, Point, Signs
-from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, LOW, LOWER, NU, NX, NXI
+from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, LOW, LOWER, NU, NX, NXI, UPPER
 from mpc.tracking.compiled.structured_qp.stage import (
     across,
     advance,
     charge_state,
     choose,
+    curvature,
     decided,
     led_back,
     linear_before,
@@ -32,6 +33,7 @@ from mpc.tracking.compiled.structured_qp.stage import (
 )
 
 BREAKS = 1e-9  # [bar], [rad], [N]: less violates no bound
+CHOICES = 3  # per change of a sample, at most
 
 
 class Sweep(NamedTuple):
@@ -84,9 +86,55 @@ def end_of(bounded: Bounded, side: int, k: int, i: int) -> float:
     return float(bounded.lower[k, i] if side == LOWER else bounded.upper[k, i])
 
 
+@inlined_flat
+def within(bounded: Bounded, v: float, w: float, k: int, i: int) -> float:
+    """Return the change within slew and supply nearest to `v`, where the command was `w`."""
+    v = min(max(v, bounded.low[k, i] - w), bounded.high[k, i] - w)
+    return float(min(max(v, bounded.lower[k, i]), bounded.upper[k, i]))
+
+
+@inlined_flat
+def hold(bounded: Bounded, at: Point, sweep: Sweep, side: int, k: int, i: int) -> None:
+    """Hold a change at a bound, or let it go."""
+    sweep.held[k, i] = side
+    sweep.v[k, i] = end_of(bounded, side, k, i) - (at.xi[k + 1, NX + i] if abs(side) == HIGH else at.v[k, i])
+
+
+@inlined_flat
+def clamp(bounded: Bounded, at: Point, sweep: Sweep, k: int) -> bool:
+    """Hold the free change that leaves its bounds most at ξ = 0, or else release the held one that is pushed away most;
+    return whether there is one.
+    """
+    most, muscle, side = BREAKS, -1, FREE
+    for i in range(NU):
+        change = sweep.feedback[k, i, NXI]
+        v, w = at.v[k, i] + change, at.xi[k + 1, NX + i] + change
+        lower, upper = bounded.lower[k, i] - v, v - bounded.upper[k, i]
+        low, high = bounded.low[k, i] - w, w - bounded.high[k, i]
+        beyond = max(max(lower, upper), max(low, high))
+        sweep.v[k, i] = change
+        if sweep.held[k, i] == FREE and beyond > most:
+            most, muscle = beyond, i
+            below = max(lower, low) > max(upper, high)
+            side = (LOW if low > lower else LOWER) if below else (HIGH if high > upper else UPPER)
+    if side == FREE:
+        for i in range(NU):
+            push = sweep.g[k, i] + times(sweep.D, k, i, sweep.v)
+            push *= (1.0 if sweep.held[k, i] > 0 else -1.0) / curvature(sweep.D, k, i)
+            if sweep.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i] and push > most:
+                most, muscle = push, i
+    if muscle >= 0:
+        hold(bounded, at, sweep, side, k, muscle)
+    return muscle >= 0
+
+
 @inlined
-def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep) -> None:
-    """Fill in, for each k, R = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes."""
+def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep, clamps: bool) -> None:
+    """Fill in, for each k, R = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes.
+
+    If it `clamps`, it chooses the held changes of each sample anew, those that would leave their bounds at ξ = 0
+    (Y. Tassa, N. Mansard and E. Todorov, Control-limited differential dynamic programming, ICRA 2014).
+    """
     N, R, D, g, feedback = at.v.shape[0], sweep.R, sweep.D, sweep.g, sweep.feedback
     S, SA, s = cost.end.copy(), np.empty((NXI, NXI)), sweep.gx[N].copy()  # of V_{k+1}
     for k in range(N - 1, -1, -1):
@@ -94,9 +142,11 @@ def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep) 
         linear_before(s, path.A, path.B, k)
         for i in range(NU):
             g[k, i] = s[NX + i] + sweep.gv[k, i]
-            held = sweep.held[k, i]
-            sweep.v[k, i] = end_of(bounded, held, k, i) - (at.xi[k + 1, NX + i] if abs(held) == HIGH else at.v[k, i])
-        choose(R, cost.change, D, g, sweep.v, sweep.held, k, sweep.inverse, feedback)
+            free = clamps and bounded.lower[k, i] < bounded.upper[k, i]
+            hold(bounded, at, sweep, FREE if free else sweep.held[k, i], k, i)
+        for turn in range(1 + CHOICES * NU if clamps else 1):
+            if turn == 0 or clamp(bounded, at, sweep, k):
+                choose(R, cost.change, D, g, sweep.v, sweep.held, k, sweep.inverse, feedback)
         decided(path.A, path.B, k, SA, R, D, feedback, sweep.held, S)
         led_back(R, D, g, feedback, sweep.held, k, s)
         if k > 0:
@@ -106,8 +156,10 @@ def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep) 
 
 
 @inlined_flat
-def forward(path: Path, sweep: Sweep, at: Point, r: Array) -> None:
-    """Move the point by the feedback, and set `r` (N + 1, 2) to the gradient by the held changes, 0 by free ones."""
+def forward(path: Path, bounded: Bounded, sweep: Sweep, at: Point, r: Array, clamps: bool) -> None:
+    """Move the point by the feedback, within slew and supply if it `clamps`, and set `r` (N + 1, 2) to the gradient by
+    the held changes, 0 by free ones.
+    """
     v, xi = sweep.v, sweep.xi
     for i in range(NXI):
         xi[0, i] = 0.0
@@ -116,6 +168,8 @@ def forward(path: Path, sweep: Sweep, at: Point, r: Array) -> None:
             v[k, i] = sweep.feedback[k, i, NXI]
             for j in range(NXI):
                 v[k, i] += sweep.feedback[k, i, j] * xi[k, j]
+            if clamps:
+                v[k, i] = within(bounded, at.v[k, i] + v[k, i], at.xi[k, NX + i], k, i) - at.v[k, i]
         for i in range(NU):
             r[k, i] = 0.0
             if sweep.held[k, i] != FREE:

@@ -23,9 +23,10 @@ from mpc.tracking.compiled.records import (
     setting_in,
 )
 from mpc.tracking.compiled.structured_qp.active import Active, new_active
-from mpc.tracking.compiled.structured_qp.exchange import begin, exchanged
+from mpc.tracking.compiled.structured_qp.exchange import exchanged
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, take_set
 from mpc.tracking.compiled.structured_qp.sizes import NU, NXI
+from mpc.tracking.compiled.structured_qp.start import begin
 
 MOST = 16  # exchanges per decision, at most
 
