@@ -1,8 +1,9 @@
 """Draws of real plants and arms from the posterior of a fit.
 
-Each number is the file's value times exp(σ z), z ~ N(0, 1). σ is a spread: that of the file's 95 % intervals (table
-[intervals], written by `antagonist fit-motion`), never below `LEAST`, since no model is exact; without intervals
-it is the usual spread of data sheets. The draws form a Latin hypercube, so that a few of them cover the posterior.
+Each number is the file's value times exp(σ z), z ~ N(0, 1). σ is a spread. Without intervals it is the usual one of
+data sheets, σ₀. The file's 95 % intervals (table [intervals], written by `antagonist fit-motion`) are evidence beside
+it, 1/σ² = 1/σ₀² + 1/σ_fit²: a log that says little of a number does not make it less known than before. σ is never below
+`LEAST`, since no model is exact. The draws form a Latin hypercube, so that a few of them cover the posterior.
 
 Dead time and reading age of the file vary by the same factor, as only their sum affects the loop. The muscles of an arm
 differ in strength and in the offsets of their sensors; all of them share the factors of lags, gas and dead time, and
@@ -81,13 +82,13 @@ class Spreads:
 
     @classmethod
     def of(cls, intervals: Mapping[str, tuple[float, float]]) -> Self:
-        """Return the spreads of a fit, from the 95 % `intervals` of its parameters; the usual ones of all others."""
+        """Return the usual spreads, narrowed by a fit's 95 % `intervals` of its parameters."""
         found: dict[str, Any] = {}
         for spread, names in _INTERVALS.items():
             ends = [intervals[name] for name in names if name in intervals and intervals[name][1] > 0]
             if ends:
-                relative = max((high - low) / (high + low) / _95 for low, high in ends)
-                found[spread] = hypot(LEAST, relative)
+                usual, relative = getattr(cls, spread), max((high - low) / (high + low) / _95 for low, high in ends)
+                found[spread] = hypot(LEAST, usual * relative / hypot(usual, relative))
         return replace(cls(), **found)
 
     @classmethod

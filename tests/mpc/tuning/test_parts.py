@@ -53,8 +53,10 @@ def test_the_seed_alone_decides_on_the_draws():
 
 def test_intervals_of_a_fit_narrow_the_draws_down_to_the_error_of_the_model():
     spreads = Spreads.of({"inertia": (0.0490, 0.0510), "lag_up": (0.1, 0.2), "dead_time": (0.0, 0.0)})
-    assert spreads.inertia == pytest.approx(np.hypot(LEAST, 0.02 / 1.96))
-    assert spreads.lag == pytest.approx(np.hypot(LEAST, 1 / 3 / 1.96))
+    for spread, usual, fitted in ((spreads.inertia, 0.15, 0.02 / 1.96), (spreads.lag, 0.2, 1 / 3 / 1.96)):
+        assert spread == pytest.approx(np.hypot(LEAST, (usual**-2 + fitted**-2) ** -0.5))
+    hardly_seen = Spreads.of({"dead_time": (0.0, 0.1)})
+    assert LEAST < hardly_seen.dead_time < Spreads.dead_time
     assert (spreads.strength, spreads.dead_time) == (Spreads.strength, Spreads.dead_time)
 
 

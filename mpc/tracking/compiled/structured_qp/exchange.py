@@ -84,8 +84,7 @@ def exchanged(
         enters = False
         items.multiplier[last] = 0.0
         size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
-    found = interrupted(path, errors, setting, bounded, size, at, sweep, a)
-    return found <= most, taken, found
+    return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a)
 
 
 @inlined
