@@ -1,8 +1,8 @@
 """Draws of real plants and arms from the posterior of a fit.
 
 Each number is the file's value times exp(σ z), z ~ N(0, 1). σ is a spread. Without intervals it is the usual one of
-data sheets, σ₀. The file's 95 % intervals (table [intervals], written by `antagonist fit-motion`) are evidence beside
-it, 1/σ² = 1/σ₀² + 1/σ_fit²: a log that says little of a number does not make it less known than before. σ is never below
+data sheets, σ₀. The 95 % intervals of a file (table [intervals], written by `antagonist fit-motion`) narrow it,
+1/σ² = 1/σ₀² + 1/σ_fit²: a log that says little of a number does not make it less known than it was. σ is never below
 `LEAST`, since no model is exact. The draws form a Latin hypercube, so that a few of them cover the posterior.
 
 Dead time and reading age of the file vary by the same factor, as only their sum affects the loop. The muscles of an arm
