@@ -57,9 +57,8 @@ class Loop(NamedTuple):
 def loop(joint, gas=True):
     real = RealPlant.standard(nominal=Plant(JOINTS[joint], lag=0.12, gas=gas))
     known, model = real.known(), real.nominal
-    shared = (
-        gas and joint != "levers"
-    )  # with other tests; to compile what only these runs take costs more than the runs
+    # what other tests share; to compile the rest takes longer than these runs
+    shared = gas and joint != "levers"
     told = {"compensation": known, "compiled": shared}
     controller = TrackingMPC(model, DT, weights=Weights.calm(), **told)
     return Loop(real, controller, Listener(KalmanObserver(model, DT, **told)))

@@ -17,8 +17,7 @@ FAR = 10.0  # [bar] beyond a limit; noise takes a set less far, and the exchange
 def begin(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
     """Begin at the result of a sweep with the held changes of the last QP.
 
-    If it is far from their limits, sweeps choose others, which saves three of four exchanges after a jump of the
-    reference.
+    If it is far from their limits, sweeps choose others, which saves three of four exchanges of hunted QPs.
     """
     items, last = a.items, a.items.kind.size - 1
     at.xi[:], at.v[:], at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0.0, 0.0, 0
