@@ -163,10 +163,13 @@ def _frictions(path: str | PathLike[str]) -> tuple[Friction, ...]:
     told, machine = numbers_in(file, [f.name for f in fields(Friction)], "friction"), machine_from(file)
     joints = machine.n if isinstance(machine, Mechanism) else 1
     try:
-        columns = [np.broadcast_to(checks.real(name, value, "SI unit"), joints) for name, value in told.items()]
-        rows = np.transpose(columns).tolist()
+        columns = {name: checks.real(name, value, "SI unit") for name, value in told.items()}
+        for name, column in columns.items():
+            if column.shape not in ((), (joints,)):
+                raise InvalidInput(f"{name} = {told[name]} has to be one number, or one per joint ({joints})")
+        rows = np.transpose([np.broadcast_to(column, joints) for column in columns.values()]).tolist()
         return tuple(Friction(**dict(zip(told, row, strict=True))) for row in rows)
-    except (InvalidInput, ValueError) as error:
+    except InvalidInput as error:
         raise InvalidFile(path, f"[friction]: {error}") from None
 
 

@@ -108,9 +108,14 @@ def test_an_arms_file_takes_the_friction_of_each_joint(tmp_path):
     path.write_text(text + "\n[friction]\ncoulomb = [0.5, 0.2]\nmu = 0.02\n")
     assert Compensation.of_arm(path).frictions == (Friction(0.02, 0.5), Friction(0.02, 0.2))
     assert load_arm(path) == ARM
-    for wrong in ("coulomb = [0.5, 0.2, 0.1]", "coulomb = -1", "stiction = 1", 'mu = "much"'):
+    wrongs = {
+        "coulomb = [0.5, 0.2, 0.1]": r"one per joint \(2\)",
+        "coulomb = -1": "coulomb",
+        "stiction = 1": "stiction",
+    }
+    for wrong, why in (wrongs | {'mu = "much"': "mu"}).items():
         path.write_text(f"{text}\n[friction]\n{wrong}\n")
-        with pytest.raises(InvalidFile, match=r"\[friction\]"):
+        with pytest.raises(InvalidFile, match=rf"\[friction\].*{why}"):
             Compensation.of_arm(path)
 
 
