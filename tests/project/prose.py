@@ -1,7 +1,7 @@
 """Report on the prose of pages and docstrings: `python tests/project/prose.py` (needs the extra `dev`).
 
-Per page: words, the automated readability index (textstat; about the years of school that a reader needs), the longest
-sentence, and the hinges of sentences that CONTRIBUTING advises against, per 10 000 words. Then the spelling errors that
+Per page: words, the automated readability index (about the years of school that a reader needs), the longest sentence,
+and the hinges of sentences that CONTRIBUTING advises against, per 10 000 words. Then the spelling errors that
 codespell finds. It judges nothing; a person does.
 """
 
@@ -10,8 +10,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-
-import textstat
 
 ROOT = Path(__file__).parents[2]
 HINGES = "what", "who", "that which", "here", "besides", "too"
@@ -43,9 +41,15 @@ def line(name: str, text: str) -> str:
     """Return a row of the table."""
     words = re.findall(r"[A-Za-z'-]+", text)
     hinges = [len(re.findall(rf"\b{hinge}\b", text, re.IGNORECASE)) * 10_000 / max(len(words), 1) for hinge in HINGES]
-    longest = max((len(sentence.split()) for sentence in SENTENCE.split(text)), default=0)
+    sentences = SENTENCE.split(text)
+    longest, index = max(len(sentence.split()) for sentence in sentences), readability(words, len(sentences))
     counts = "".join(f"{number:8.0f}" for number in hinges)
-    return f"{name:38} {len(words):7} {textstat.automated_readability_index(text):6.1f} {longest:8} {counts}"
+    return f"{name:38} {len(words):7} {index:6.1f} {longest:8} {counts}"
+
+
+def readability(words: list[str], sentences: int) -> float:
+    """Return the automated readability index (Senter and Smith, AMRL-TR-66-220, 1967)."""
+    return 4.71 * sum(map(len, words)) / max(len(words), 1) + 0.5 * len(words) / sentences - 21.43
 
 
 def main() -> None:
