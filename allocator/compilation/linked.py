@@ -8,12 +8,21 @@ optimised once. The structured QP compiles in two thirds of the time, to code of
 
 from typing import Any
 
+from numba import config
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 
 class Linked(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
     """Library without machine code."""
+
+    def _optimize_functions(self, ll_module: object) -> None:
+        """Simplify functions at a low level, before their callers optimise them."""
+        usual, config.OPT = config.OPT, min(config.OPT, 1)
+        try:
+            super()._optimize_functions(ll_module)
+        finally:
+            config.OPT = usual
 
     def _optimize_final_module(self) -> None:
         """Leave that to the callers."""

@@ -1,6 +1,6 @@
 """Decorators for numba: IEEE arithmetic, division by zero included, with fused products and sums."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 from numba import config, njit, types
@@ -22,6 +22,24 @@ _COUNTED: dict[str, object] = {"_nrt": True}  # references are counted
 _FLAT: dict[str, object] = {"_nrt": False}
 
 
+def _of_types(dispatcher: F) -> F:
+    """Return the `dispatcher`, which compiled callers let compile once for all values of its arguments.
+
+    numba would compile a function that is called with a constant for that number alone, besides for all others.
+    """
+    made: Any = dispatcher
+    template = made.get_call_template
+
+    def of_types(args: Iterable[object], kws: Mapping[str, object]) -> object:
+        """Return numba's template of a call, with types in the place of constants."""
+        return template(
+            tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in dict(kws).items()}
+        )
+
+    made.get_call_template = of_types
+    return dispatcher
+
+
 def compiled(function: F) -> F:
     """Compile `function` when it is first called.
 
@@ -29,19 +47,19 @@ def compiled(function: F) -> F:
     therefore cached on disk only for modules that `mpc.codegen.modules` names. Raises an `OSError` if the cache cannot
     be written.
     """
-    made: F = njit(**_OPTIONS)(function)
+    made: F = _of_types(njit(**_OPTIONS)(function))
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 
 def exactly(function: F) -> F:
     """Compile `function` as `compiled` does, without fusing operations: the results equal Python's bit by bit."""
-    made: F = njit(error_model="numpy")(function)
+    made: F = _of_types(njit(error_model="numpy")(function))
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 
 def inlined(function: F) -> F:
     """Compile `function` as a part of the compiled functions that call it; Python cannot call it."""
-    made: F = njit(**_COUNTED, **INNER, **_OPTIONS)(function)
+    made: F = _of_types(njit(**_COUNTED, **INNER, **_OPTIONS)(function))
     return made
 
 
@@ -50,19 +68,19 @@ def compiled_flat(function: F) -> F:
 
     References to arrays are then not counted, which saves a quarter of the time to compile.
     """
-    made: F = njit(**_FLAT, **_OPTIONS)(function)
+    made: F = _of_types(njit(**_FLAT, **_OPTIONS)(function))
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 
 def inlined_flat(function: F) -> F:
     """Compile a `function` that neither makes nor returns arrays as `inlined` does."""
-    made: F = njit(**_FLAT, **INNER, **_OPTIONS)(function)
+    made: F = _of_types(njit(**_FLAT, **INNER, **_OPTIONS)(function))
     return made
 
 
 def merged(function: F) -> F:
     """Compile `function` of numbers into its only caller, so that no tuple of results passes through memory."""
-    made: F = njit(forceinline=True, **_FLAT, **INNER, **_OPTIONS)(function)
+    made: F = _of_types(njit(forceinline=True, **_FLAT, **INNER, **_OPTIONS)(function))
     return made
 
 

@@ -15,6 +15,7 @@ from zlib import crc32
 
 WARNINGS = ("-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wfloat-equal", "-Werror")
 STRICT = ("-std=c99", *WARNINGS, "-I.", "-Isrc")
+QUICK = ("-O1",)  # where another test compiles similar sources at a user's -O2, in half of the time
 SANITISED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
 ARM_GCC, ARM_SIZE, QEMU = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm"
 

@@ -1,6 +1,7 @@
 """QP solver of a step as C (`recursions.h`, `recursions.c`), printed from the Python source that runs in Python."""
 
 from collections.abc import Mapping
+from functools import cache
 
 from allocator.compilation.jit import Function
 from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions, with_called
@@ -17,7 +18,12 @@ _ITEMS = {True: 28, False: 16}  # by single precision; more would not fit into a
 
 def recursion_files(plant: Machine, single: bool) -> dict[str, str]:
     """Return the files of the solver, which are the same for every joint; sizes stand in antagonist_config.h."""
-    entries, structs = solver_of(plant), _structs(isinstance(plant, Arm))
+    return _printed(tuple(solver_of(plant)), isinstance(plant, Arm), single)
+
+
+@cache
+def _printed(entries: tuple[Function, ...], arm: bool, single: bool) -> dict[str, str]:
+    structs = _structs(arm)
     names = {entry.__name__: f"ant_{entry.__name__}" for entry in entries} | {"solve": "ant_settle"}
     made = c_functions(with_called(entries), _kinds(structs), single, names, _SINGLE if single else {})
     about = "The QP of a step, solved sample by sample; printed from the Python source."

@@ -1,5 +1,7 @@
 """Rest mode as C (`resting.h`, `resting.c`), printed from the Python source that runs in Python."""
 
+from functools import cache
+
 from allocator.compilation.printer import (
     MIN_AND_MAX,
     REAL,
@@ -22,6 +24,7 @@ _ENTRIES = (
 )  # fmt: skip
 
 
+@cache
 def resting_files(single: bool) -> dict[str, str]:
     """Return the files of the rest mode, which are the same for every machine; antagonist_config.h has the sizes."""
     memory = StructKind("ant_rest", dict(zip(Memory._fields, _memory(), strict=True)), True)

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from numba import njit
+from numba import config, njit
+from numba.core.codegen import JITCodeLibrary
 
 from allocator.compilation.linked import INNER, Linked
 
@@ -45,3 +46,17 @@ def test_only_the_outermost_has_machine_code():
     assert all(inner.get_pointer_to_function(name) == 0 for name in names)
     assert not isinstance(outer, Linked)
     assert any(outer.get_pointer_to_function(f.name) for f in outer.get_defined_functions())
+
+
+def test_inner_functions_are_simplified_at_a_low_level_and_others_as_usual(monkeypatch):
+    levels, simplify = set(), JITCodeLibrary._optimize_functions
+
+    def noted(self, module):
+        levels.add((isinstance(self, Linked), int(config.OPT)))
+        simplify(self, module)
+
+    monkeypatch.setattr(JITCodeLibrary, "_optimize_functions", noted)
+    doubled = njit(**INNER)(lambda x: 2 * x)
+    assert njit(lambda x: doubled(x) + 1)(3) == 7
+    assert levels == {(True, 1), (False, int(config.OPT))}
+    assert config.OPT > 1

@@ -1,9 +1,12 @@
-"""Resolved calls are kept while a function is compiled, and only then."""
+"""Answers of numba are kept while a function is compiled, and only then."""
 
 import numba
 import numpy as np
 import pytest
+from numba.core.base import BaseContext
+from numba.core.compiler import Flags
 from numba.core.errors import TypingError
+from numba.core.targetconfig import TargetConfig
 from numba.core.types.functions import BaseFunction
 
 from allocator.compilation.resolution import remembering
@@ -48,8 +51,44 @@ def test_no_call_is_resolved_twice(tried):
     assert kept.signatures[-1] != plain.signatures[0]
 
 
-def test_numba_resolves_by_itself_again_even_after_an_error():
-    before = BaseFunction.get_call_type
+def test_no_type_is_measured_twice(monkeypatch):
+    asked, measure = [], BaseContext.get_abi_sizeof
+
+    def counted(self, kind):
+        asked.append(str(kind))
+        return measure(self, kind)
+
+    monkeypatch.setattr(BaseContext, "get_abi_sizeof", counted)
+    x, y = np.arange(3.0), np.array([2.0, 5.0, 7.0])
+    numba.njit(summed)(x, y)
+    assert len(asked) > len(set(asked))
+    wanted = set(asked)
+    asked.clear()
+    with remembering():
+        numba.njit(summed)(x, y)
+    assert len(asked) == len(set(asked))
+    assert set(asked) == wanted
+
+
+def test_options_are_those_that_numba_lists():
+    flags = Flags()
+    flags.nrt, flags.error_model = True, "numpy"
+    wanted = flags.values()
+    with remembering():
+        assert flags.values() == wanted
+        assert list(flags.values()) == list(wanted)
+        assert flags == flags.copy()
+        assert flags != Flags()
+
+
+def test_numba_asks_by_itself_again_even_after_an_error():
+    before = methods()
+    with remembering():
+        assert all(now is not then for now, then in zip(methods(), before, strict=True))
     with pytest.raises(TypingError), remembering():
         numba.njit(lambda x: x + {})(1.0)
-    assert BaseFunction.get_call_type is before
+    assert methods() == before
+
+
+def methods():
+    return BaseFunction.get_call_type, BaseContext.get_abi_sizeof, TargetConfig.values

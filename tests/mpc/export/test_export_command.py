@@ -88,7 +88,7 @@ def test_a_plant_s_file_brings_hysteresis_and_dead_time_into_the_c_code(tmp_path
     assert "hysteresis of the angle with 2 elements, dead time 0.03 s" in result.output
     config = (tmp_path / "c" / "antagonist_config.h").read_text()
     assert all(f"#define ANT_{line}" in config for line in ("SLIPS 1", "ELEMENTS 2", "DELAY 3"))
-    printed = tools.run(tools.compiled(tmp_path / "c", Path("main.c"), "demonstration"))
+    printed = tools.run(tools.compiled(tmp_path / "c", Path("main.c"), "demonstration", *tools.QUICK))
     assert printed in (tmp_path / "c" / "README.md").read_text()
 
 
@@ -180,7 +180,7 @@ def test_an_arm_s_controller_is_exported_by_its_name_and_other_products_refuse_i
     out = tmp_path / "c"
     result = invoke("controller", "--machine", "arm26", "--horizon", 3, "--precision", "single", "--out", out)
     assert result.exit_code == 0, result.output
-    printed = tools.run(tools.compiled(out, Path("main.c"), "demonstration"))
+    printed = tools.run(tools.compiled(out, Path("main.c"), "demonstration", *tools.QUICK))
     assert len(printed.splitlines()) == 14
     assert "#define ANT_MUSCLES 6" in (out / "antagonist_config.h").read_text()
     for command, more, why in (

@@ -151,7 +151,8 @@ def test_a_loop_that_rests_rests_in_c_at_the_same_samples_with_the_same_commands
     samples, wanted = recorded(
         real(known, friction=Friction.of_width(ARM, 2 * DEG)), controller, observer, reach(ARM, rest=6.0)
     )
-    program = tools.compiled(export(tmp_path / "c", controller=controller, observer=observer), CONTROL, "vectors")
+    directory = export(tmp_path / "c", controller=controller, observer=observer)
+    program = tools.compiled(directory, CONTROL, "vectors", *tools.QUICK)
     assert 0.1 < (wanted[:, STATUS] == PlanStatus.RESTING).mean() < 0.9
     assert_alike(replayed(program, samples, COLUMNS), wanted)
 
@@ -171,7 +172,7 @@ def test_friction_of_each_joint_and_old_readings_are_python_s_in_c(age, tmp_path
     directory = export(tmp_path / "c", controller=controller, observer=observer)
     got = replayed(tools.compiled(directory, CONTROL, "vectors", *tools.SANITISED), samples, COLUMNS)
     assert_alike(got, wanted)
-    printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration"))
+    printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration", *tools.SANITISED))
     assert printed in (directory / "README.md").read_text()
 
 
@@ -187,7 +188,7 @@ def test_limits_that_bind_and_other_settings_are_python_s_in_c(settings, tmp_pat
     samples, wanted = recorded(ARM, controller, observer, asked, failing={*range(20, 60)})
     assert {Rung.QP, Rung.SOFTENED} <= set(wanted[:, RUNG])
     directory = export(tmp_path / "c", controller=controller, observer=observer)
-    assert_alike(replayed(tools.compiled(directory, CONTROL, "vectors"), samples, COLUMNS), wanted)
+    assert_alike(replayed(tools.compiled(directory, CONTROL, "vectors", *tools.QUICK), samples, COLUMNS), wanted)
 
 
 @needs_gcc
@@ -195,7 +196,7 @@ def test_limits_that_bind_and_other_settings_are_python_s_in_c(settings, tmp_pat
 def test_the_demonstration_of_three_joints_and_seven_muscles_prints_python_s_numbers(tmp_path):
     controller, observer = pair(Arm.machine("leg37"), 4, Compensation(), compiled=False)
     directory = export(tmp_path / "c", controller=controller, observer=observer, what="mpc")
-    printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration"))
+    printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration", *tools.QUICK))
     assert printed in (directory / "README.md").read_text()
     assert printed.count("rung 0") == 10
 

@@ -148,7 +148,7 @@ def limited(directory, precision, settings, angle, K):
     samples, wanted = recorded(plant, controller, observer, reference, failing={60, 61})
     assert wanted[:, MOVED].max() > 0.1
     made = export(directory, controller=controller, observer=observer, precision=precision)
-    return replayed(tools.compiled(made, CONTROL, "vectors"), samples), wanted
+    return replayed(tools.compiled(made, CONTROL, "vectors", *tools.QUICK), samples), wanted
 
 
 @needs_gcc
@@ -257,7 +257,7 @@ def test_old_readings_are_brought_to_now_in_c_as_they_are_in_python(tmp_path):
     got = replayed(tools.compiled(directory, CONTROL, "vectors", *tools.SANITISED), samples)
     np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
     assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-8 * SPAN
-    printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration"))
+    printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration", *tools.SANITISED))
     assert printed in (directory / "README.md").read_text()
 
 
@@ -352,7 +352,7 @@ def test_a_plant_s_gas_is_in_the_c_as_it_is_in_python(joint, precision, near, tm
     reference = sine(20 * DEG, 1.0, K=7.6, duration=3.0, ramp=0.5)
     samples, wanted = recorded(process, controller, observer, reference, failing={150, 151})
     directory = export(tmp_path / "c", controller=controller, observer=observer, precision=precision)
-    got = replayed(tools.compiled(directory, CONTROL, "vectors"), samples)
+    got = replayed(tools.compiled(directory, CONTROL, "vectors", *tools.QUICK), samples)
     np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
     assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
 

@@ -62,7 +62,7 @@ def builds(tmp_path_factory):
     found = {}
     for precision in ("double", "single"):
         out = export(tmp_path_factory.mktemp("c") / precision, controller=controller_of(), precision=precision)
-        found[precision] = tools.compiled(out, CONTROL, "vectors")
+        found[precision] = tools.compiled(out, CONTROL, "vectors", *tools.QUICK)
     return found
 
 
@@ -131,7 +131,7 @@ def test_a_stranger_tunes_the_demonstration_without_a_compiler(tmp_path):
     assert invoke("controller", "--out", tmp_path / "c").exit_code == 0
     made = invoke("tuning", "--out", tmp_path / "t.txt", "--errors", "theta=0.05,rate=3")
     assert made.exit_code == 0, made.output
-    program = tools.compiled(tmp_path / "c", tmp_path / "c" / "main.c", "demonstration")
+    program = tools.compiled(tmp_path / "c", tmp_path / "c" / "main.c", "demonstration", *tools.QUICK)
     plain, tuned = tools.run(program), tools.run(program, str(tmp_path / "t.txt"))
     assert plain != tuned
     invoke("controller", "--out", tmp_path / "other", "--errors", "theta=0.05,rate=3")

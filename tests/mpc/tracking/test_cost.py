@@ -86,5 +86,5 @@ def test_the_exported_c_charges_for_it_too(more, tmp_path):
     reference = sine(amplitude=20 * DEG, K=7.6, duration=1.5, ramp=0.5)
     done = record(PLANT, controller, observer, reference, lambda k: False)
     directory = export(tmp_path / "c", controller=controller, observer=observer)
-    got = replayed(tools.compiled(directory, CONTROL, "vectors"), done.samples)
+    got = replayed(tools.compiled(directory, CONTROL, "vectors", *tools.QUICK), done.samples)
     np.testing.assert_allclose(got[:, :2], done.answers[:, :2], atol=1e-6 * BAR)

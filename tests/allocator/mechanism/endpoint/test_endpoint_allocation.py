@@ -1,6 +1,5 @@
 """Endpoint stiffness is allocated exactly where it can be had, and else nearest in its own measure."""
 
-import cvxpy
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -51,6 +50,8 @@ def test_postures_forces_and_stiffnesses_broadcast():
 
 
 def test_beyond_reach_the_nearest_in_its_measure_is_given():
+    import cvxpy  # a second that every worker would spend at collection
+
     K_x, T = made(ARM, HAND, Q, 4, seed=1)
     K_x = K_x * np.array([1.6, 2.2, 0.5, 3.0])[:, None, None]
     a = allocate(Q, K_x, T, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=FORCE))
