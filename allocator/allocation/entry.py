@@ -187,7 +187,8 @@ def warm_up(
     ----------
     joint
         An `AntagonistJoint`, by default the report's, or a `Mechanism`, for which the other options do not matter.
-        Targets of this object are then solved in compiled code if its routes have formulas (not tables).
+        Up to 2048 targets a call for this object are then solved in compiled code if its routes have formulas (not
+        tables).
         Compiling takes some seconds the first time after installation (half a minute for muscles that are not affine
         and for mechanisms), and half a second in a new process, most of it the import of numba.
     priority, min_force, max_force

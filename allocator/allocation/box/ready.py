@@ -1,9 +1,9 @@
 """Targets of a mechanism with affine muscles, solved by compiled code in about ten microseconds each.
 
-It is a fast path for the ordinary problem (method "exact", a lexicographic priority, the isobaric stiffness of the
-joints, numbers as force limits) after `warm_up(joint=mechanism)`. It returns None for all other problems and possibly
-invalid arguments, which the readable implementation then handles. CasADi evaluates the mechanism at the postures,
-`kernel/target.py` does the rest. Fields of the answer are computed on first access.
+It is a fast path for up to 2048 ordinary problems (method "exact", a lexicographic priority, the isobaric stiffness of
+the joints, numbers as force limits) after `warm_up(joint=mechanism)`. It returns None for all other problems and
+possibly invalid arguments, which the readable implementation then handles. CasADi evaluates the mechanism at the
+postures, `kernel/target.py` does the rest. Fields of the answer are computed on first access.
 """
 
 from functools import cache
@@ -31,6 +31,7 @@ from allocator.mechanism.mechanism import Mechanism
 _FIRST = {"torque": False, "stiffness": True}  # priority → whether stiffness comes first
 _KINDS = "iuf"  # of NumPy's real numbers
 _REMEMBERED = 64  # mechanisms
+_MOST = 2048  # targets of a call; for more the vectorised mechanism is as fast
 _SIZES = 8  # numbers of targets with arrays to reuse
 
 _ready: dict[int, "Machine"] = {}  # by the mechanism's id; the value holds the mechanism, so the id stays in use
@@ -90,7 +91,7 @@ class Machine:
     def ask(self, theta: object, K: object, T: object, priority: object, limits: Limits) -> BoxAllocation | None:
         """Return the answer, or None outside the fast path."""
         n, m, q, K, T = self.n, self.m, _array(theta), _array(K), _array(T)
-        if q is None or K is None or T is None or not q.size or q.shape[-1:] != (n,):
+        if q is None or K is None or T is None or not 0 < q.size <= _MOST * n or q.shape[-1:] != (n,):
             return None
         lead, stiffness_first = q.shape[:-1], _FIRST.get(priority) if type(priority) is str else None
         diagonal = K.shape != (n, n) and K.shape != (*lead, n, n)

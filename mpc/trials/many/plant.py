@@ -77,8 +77,9 @@ class CompiledExperiment:
         self._sizes = n, plant.nominal.m, plant.nominal.size
         self._faults = () if isinstance(process, Plant) else process.faults
         self.full = np.concatenate([x0, *begun])  # state and the frictions' memories
-        self.waiting = np.tile(self.full[2 * n : x0.size], (plant.waiting, 1))  # (w, m) [Pa], oldest first; the last
-        self.angles = np.tile(self.full[:n], (int(plant.sensors[3]) + 2, 1))  # (a, n) [rad]     is to be filled in
+        # commands (w, m) [Pa], the last one to be filled in, and angles (a, n) [rad], oldest first
+        self.waiting = np.tile(self.full[2 * n : x0.size], (plant.waiting, 1))
+        self.angles = np.tile(self.full[:n], (int(plant.sensors[3]) + 2, 1))
 
     @property
     def x(self) -> Array:

@@ -139,6 +139,12 @@ def test_every_field_of_many_targets_is_that_of_the_readable_road(mechanism, lim
         same(getattr(found, name), getattr(readable, name))
 
 
+def test_more_targets_than_pay_and_none_go_the_readable_road(mechanism):
+    K, limits = np.ones(mechanism.n), Limits()
+    for N in (0, ready._MOST + 1):
+        assert ready.answered(mechanism, np.zeros((N, mechanism.n)), K, 0.0, "torque", limits) is None
+
+
 def test_an_answer_stays_when_the_arrays_it_was_asked_with_change(mechanism):
     n = mechanism.n
     q, K, T, now = np.full(n, 0.1), np.eye(n) * 6.0, np.ones(n), np.full(mechanism.m, 2 * BAR)
