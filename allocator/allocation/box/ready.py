@@ -11,7 +11,6 @@ from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.allocation.box.arguments import problem_from
 from allocator.allocation.box.kernel.data import flat_arrays
@@ -48,7 +47,7 @@ class Desk:
         self.K, self.diagonal = K.reshape(N, n, n), K[:, :: n + 1]
         self.now, self.ends = self.asked[:, 2 * n + n * n : -3], self.asked[:, -3:]
         floats, places, signs = flat_arrays(d, m, 2)
-        self.found, self.facts = np.zeros((N, m + d + 1 + 3 * d)), np.zeros((N, 4), np.int64)
+        self.found = np.zeros((N, m + d + 1 + 3 * d + 4))
         self.memory = (
             postures,
             np.empty(floats.size + d * m + 2 * d + 4 * m + n * n),
@@ -108,11 +107,11 @@ class Machine:
         else:
             desk.K[:] = K if K.ndim < 3 else K.reshape(-1, n, n)
         desk.evaluate()
-        arrays = desk.asked, self.fixed, *desk.memory, desk.found, desk.facts
+        arrays = desk.asked, self.fixed, *desk.memory, desk.found
         if not self.compiled(*arrays, n, m, diagonal, stiffness_first, nearest):
             return None
         found = desk.found.copy()
-        given = desk.asked.copy(), found, desk.facts.copy(), lead, stiffness_first, diagonal, nearest
+        given = desk.asked.copy(), found, lead, stiffness_first, diagonal, nearest
         later = Later(self.mechanism, *given)
         self._desks.setdefault(len(found), []).append(desk)
         P = found[:, :m].reshape((*lead, m))
@@ -167,9 +166,8 @@ class Later(NamedTuple):
     """Results of a compiled answer, from which the fields of a `BoxAllocation` are computed on first access."""
 
     mechanism: Mechanism
-    asked: Array  # (N, …) in the layout of `kernel/target.py`, as the next two
+    asked: Array  # (N, …) in the layout of `kernel/target.py`, as the next one
     found: Array
-    facts: NDArray[np.int64]
     shape: tuple[int, ...]
     stiffness_first: bool
     diagonal: bool
@@ -179,7 +177,7 @@ class Later(NamedTuple):
         """Return the field `name` of the allocation."""
         n, m, N = self.mechanism.n, self.mechanism.m, len(self.found)
         d = n + n * (n + 1) // 2
-        status, rounds, missed, holds = self.facts.T
+        status, rounds, missed, holds = self.found[:, -4:].astype(np.int64).T
         match name:
             case "_problem":
                 return self._problem(n)
@@ -187,7 +185,7 @@ class Later(NamedTuple):
                 rows = allocation._problem.rows[0]
                 if self.stiffness_first:
                     rows = np.where(rows < n, rows + d - n, rows - n)
-                return self.found[:, -3 * d :].reshape(N, 3, d)[:, :, rows]
+                return self.found[:, -3 * d - 4 : -4].reshape(N, 3, d)[:, :, rows]
             case "lower_bounds":
                 P = allocation.P.reshape(N, m)
                 return shaped(allocation._problem.costs(P / allocation._problem.unit), self.shape)

@@ -90,15 +90,15 @@ def answer(asked, fixed, posture, floats, places, signs, found, n, m, diagonal, 
     return status, rounds, missed, stiff
 
 
-def answers(asked, fixed, postures, floats, places, signs, found, facts, n, m, diagonal, stiffness_first, nearest):
+def answers(asked, fixed, postures, floats, places, signs, found, n, m, diagonal, stiffness_first, nearest):
     """Answer N targets, whose arrays are rows of `asked`, `postures` and `found`.
 
-    Fill `facts` (N, 4) with the results of `answer`, and return False if the readable implementation must answer.
+    Add the results of `answer` to the end of each `found`, and return False if the readable implementation must answer.
     """
     for i in range(len(asked)):
-        arrays = asked[i], fixed, postures[i], floats, places, signs, found[i]
+        arrays, facts = (asked[i], fixed, postures[i], floats, places, signs, found[i]), found[i, -4:]
         status, rounds, missed, stiff = answer(*arrays, n, m, diagonal, stiffness_first, nearest)
-        facts[i, 0], facts[i, 1], facts[i, 2], facts[i, 3] = status, rounds, missed, stiff
+        facts[0], facts[1], facts[2], facts[3] = status, rounds, missed, stiff
         if status == ODD:
             return False
     return True
