@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.allocation.arguments import Asked, Method, Name
-from allocator.allocation.box import pivoting, single
+from allocator.allocation.box import pivoting, ready
 from allocator.allocation.box import solve as box
 from allocator.allocation.box.result import BoxAllocation
 from allocator.allocation.result import Allocation
@@ -144,7 +144,7 @@ def allocate(
             kind = HELD if stiffness is ISOBARIC else stiffness.kind().of_gas(joint.gas, joint.affine)
             found = calls.answer(joint, theta, K, T, priority, limits, kind)
         elif isinstance(joint, Mechanism) and stiffness is ISOBARIC:
-            found = single.answered(joint, theta, K, T, priority, limits)
+            found = ready.answered(joint, theta, K, T, priority, limits)
         if found is not None:
             return found
     asked = Asked(theta, K, T, limits, stiffness, priority, weights, pull, along, direction, Method.of(method))
@@ -187,7 +187,8 @@ def warm_up(
     ----------
     joint
         An `AntagonistJoint`, by default the report's, or a `Mechanism`, for which the other options do not matter.
-        Single targets of this object are then solved in compiled code if its routes have formulas (not tables).
+        Up to 2048 targets a call for this object are then solved in compiled code if its routes have formulas (not
+        tables).
         Compiling takes some seconds the first time after installation (half a minute for muscles that are not affine
         and for mechanisms), and half a second in a new process, most of it the import of numba.
     priority, min_force, max_force
@@ -210,5 +211,5 @@ def warm_up(
     """
     joint = joint_or_report(joint) if not isinstance(joint, Mechanism) else joint
     if isinstance(joint, Mechanism):
-        return pivoting.warm_up() and (single.warm_up(joint) or not joint.affine)
+        return pivoting.warm_up() and (ready.warm_up(joint) or not joint.affine)
     return calls.warm_up(joint, priority, Limits(min_force, max_force), slew, gas)

@@ -1,5 +1,6 @@
 """Command `antagonist track` for several joints, on MuJoCo."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter, sleep
@@ -133,7 +134,7 @@ def track_arm(
     for path in files:
         write_run(done, path, film.save, hand=point)
     say(console, f"arm: {arm.summary}")
-    for note in notes:
+    for note in [*notes, *_dry_friction(tested.model.dof_frictionloss, settings.compensation)]:
         say(console, note)
     say(console, f"trajectory: {asked.name}, {asked.duration:g} s")
     console.print(table_of(done, metrics(done)))
@@ -215,6 +216,18 @@ def _from_mujoco(
         notes.append(f"not in the controller's model: {read.left_out}")
     rest = {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
     return read.model, options.mujoco_arm(read), read.hand, notes, rest
+
+
+def _dry_friction(simulated: Sequence[float], known: "Compensation") -> list[str]:
+    """Return a remark if the loop does not know all of the `simulated` dry friction [N·m] of the joints."""
+    from mpc.model.friction.dahl import Friction
+
+    whole, told = sum(simulated), sum(one.coulomb for one in known.frictions if isinstance(one, Friction))
+    if told >= whole:
+        return []
+    knows = f"{told / whole:.0%} of it" if told else "nothing of it"
+    most = f"up to {max(simulated):.3g} N·m per joint"
+    return [f"the simulated joints have dry friction, {most}; controller and observer know {knows}"]
 
 
 def _known(options: "PlantOptions") -> "Compensation":

@@ -19,10 +19,10 @@ from allocator.errors import InvalidInput
 from allocator.mechanism.formulas import symbolic_lengths
 from mpc.model.arm.formulas import rises, varied_acceleration
 from mpc.model.arm.model import Arm
-from mpc.model.arm.pressing import symbolic_pressing
+from mpc.model.arm.pressing import symbolic_loads
 from mpc.model.compensation import Compensation
 from mpc.model.faults import Fault
-from mpc.model.friction.contact import Hysteresis, Pressed
+from mpc.model.friction.contact import Hysteresis
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.integration import integrated
@@ -132,26 +132,25 @@ class RealArm:
         return ca.Function("rate", [x, u, d, T_f], [ca.cse(ca.densify(ca.vertcat(omega, alpha, filling)))])
 
     @cached_property
-    def _pressing(self) -> "Function":
-        return symbolic_pressing(self.nominal)
+    def rubbed(self) -> "Function":
+        """CasADi function (q, z, x) ↦ the frictions' memory and T_f in `x` after a motion from `q` with memory z."""
+        import casadi as ca
+
+        q, x = ca.SX.sym("q", self.nominal.n), ca.SX.sym("x", self.nominal.size)
+        memories = [ca.SX.sym("z", one.size) for one in self.frictions]
+        loads, kept, torques = symbolic_loads(self.nominal, x), [], []
+        for i, (one, memory, load) in enumerate(zip(self.frictions, memories, loads, strict=True)):
+            kept.append(one.moved(memory, x[i] - q[i], load))
+            torques.append(one.torque(kept[i], load))
+        found = [ca.densify(ca.vertcat(*parts)) for parts in (kept, torques)]
+        return ca.Function("rubbed", [q, ca.vertcat(*memories), x], ca.cse(found))
 
     def stepped(self, x: Value, memory: Value, u: Value, d: Value, h: Value) -> tuple[Value, Value]:
         """Return `x` (2n + m,) and the frictions' `memory` after a fine step of `h` [s], CasADi symbols."""
-        import casadi as ca
-
-        begins = [sum(one.size for one in self.frictions[:i]) for i in range(self.nominal.n)]
-
-        def rubbed(now: Value) -> list[tuple[Hysteresis, Value, Pressed]]:
-            """Return friction, memory and loads of each joint after the motion from `x` to `now`."""
-            loads, found = ca.horzsplit(self._pressing(now)), []
-            for i, (one, begin) in enumerate(zip(self.frictions, begins, strict=True)):
-                at: Value = loads[i]
-                load = Pressed(at[0], at[1], at[2])
-                found.append((one, one.moved(memory[begin : begin + one.size], now[i] - x[i], load), load))
-            return found
+        begun = x[: self.nominal.n], memory
 
         def rate(now: Value, t: Value) -> Value:
-            return self.rate(now, u, d, ca.vertcat(*(one.torque(kept, load) for one, kept, load in rubbed(now))))
+            return self.rate(now, u, d, self.rubbed(*begun, now)[1])
 
         after = integrated(rate, x, h, 1)
-        return after, ca.vertcat(*(kept for _, kept, _ in rubbed(after)))
+        return after, self.rubbed(*begun, after)[0]

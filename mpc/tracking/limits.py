@@ -62,4 +62,4 @@ class Limits:
 
     def slackening(self, F: Array) -> float:
         """Return the greatest shortfall of the forces `F` below the least one [N]."""
-        return max(0.0, self.min_force - min(F.ravel().tolist()))
+        return max(0.0, self.min_force - float(F.min()))

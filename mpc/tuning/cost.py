@@ -24,7 +24,7 @@ from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.units import BAR, DEG
 from mpc.trials.loops import Settings
-from mpc.trials.many.loop import Compiled, Loop, outcomes
+from mpc.trials.many.loop import Compiled, Loop, runs
 from mpc.trials.margins import ROBUST, Margins
 from mpc.trials.simulation import Run
 from mpc.trials.tuned import Tuning
@@ -171,8 +171,7 @@ class Problem:
             Loop(i, plant, controller, self.tour.reference, observer, None, self.seed + i)
             for i, plant in enumerate(self.plants)
         ]
-        runs = [one.run for _, one in outcomes(loops, True, self._made.for_others())]
-        return margins._replace(draws=tuple(figures(run, self.tour) for run in runs if run is not None))
+        return margins._replace(draws=tuple(figures(run, self.tour) for run, _ in runs(loops, self._made.for_others())))
 
 
 def figures(run: Run, tour: Tour) -> Figures:

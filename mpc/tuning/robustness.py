@@ -20,7 +20,7 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
-from mpc.trials.many.loop import Compiled, Loop, outcomes
+from mpc.trials.many.loop import Compiled, Loop, runs
 from mpc.trials.margins import DELTA, Margins, linear
 from mpc.trials.motions.reference import Reference
 from mpc.tuning.draws import Real
@@ -41,6 +41,7 @@ class Listening:
         plant, self.dt = settings.plant, settings.dt
         self._settle, self._listen = _OF_AN_ARM if isinstance(plant, Arm) else (SETTLE, LISTEN)
         self._places = [*tour.postures, *[tour.postures[len(tour.postures) // 2]] * len(draws)]
+        self._rests = [plant.at_rest(*place) for place in self._places]
         known = replace(settings.compensation, lag_up=None, lag_down=None)
         real: Any = RealArm if isinstance(plant, Arm) else RealPlant
         model: Real = sliding(real.of(plant, known, force_gains=(_UNEQUAL,) * plant.m))
@@ -60,14 +61,13 @@ class Listening:
         samples, each = round((self._settle + self._listen) / self.dt), settings.plant.n + 1
         t = np.asarray(self.dt * np.arange(samples + 1), float)
         loops = []
-        for (theta, K), group in zip(self._places, self._groups, strict=True):
+        for (theta, K), x0, group in zip(self._places, self._rests, self._groups, strict=True):
             held = (np.broadcast_to(value, (t.size, *np.shape(value))) for value in (theta, K))
-            reference, x0 = Reference(t, next(held), next(held)), settings.plant.at_rest(theta, K)
+            reference = Reference(t, next(held), next(held))
             loops += [Loop(0, plant, controller, reference, observer, x0, 0) for plant in group]
-        runs = [one.run for _, one in outcomes(loops, True, self._made.for_others()) if one.run is not None]
-        heard: list[Margins] = []
+        angles, heard = [run.theta for run, _ in runs(loops, self._made.for_others())], list[Margins]()
         for i, (place, group) in enumerate(zip(self._places, self._groups, strict=True)):
-            quiet, *loud = (run.theta for run in runs[i * each : (i + 1) * each])
+            quiet, *loud = angles[i * each : (i + 1) * each]
             response = self._response(quiet, loud, group[0].reading_age)
             heard.append(Margins.of(*place, response if np.ndim(place[0]) else response[:, 0, 0], self.dt))
         return tuple(heard[: self._nominal]), tuple(m.sensitivity_peak for m in heard[self._nominal :])

@@ -95,7 +95,7 @@ class BoxAllocation(Allocation):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            """Compute a deferred field of a compiled answer, see `allocator.allocation.box.single`."""
+            """Compute a deferred field of a compiled answer, see `allocator.allocation.box.ready`."""
             later = self.__dict__.get("_later")
             if later is None or name not in self.__dataclass_fields__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")

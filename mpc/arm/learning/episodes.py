@@ -33,8 +33,8 @@ class Episodes:
         self.asked = task.asked(self.goal, self.sample)  # (N, a)
         self._price = task.effort / (m * arm.mechanism.pressure_limits[1] ** 2)  # of the sum of P²
         self._units = np.repeat([1.0, BAR, 1.0], [2 * n, 2 * m, self.asked.shape[1]])  # of the observations
-        self._encoders = np.zeros((2, size, n))  # now and one sample before
-        self._waiting = np.zeros((task.delay + 1, size, m))  # commands, the newest first
+        self._encoders = [np.zeros((size, n)) for _ in range(2)]  # now and one sample before
+        self._waiting = [np.zeros((size, m)) for _ in range(task.delay + 1)]  # commands, the newest first
 
     def begin(self, which: Mask, rng: np.random.Generator) -> None:
         """Begin new episodes of the arms `which` (N,): at rest, with a new goal."""
@@ -50,13 +50,15 @@ class Episodes:
         self.push[which] = task.push * rng.standard_normal((count, arm.n))
         self.sample[which] = 0
         self.asked = task.asked(self.goal, self.sample)
-        self._waiting[:, which] = x[:, 2 * arm.n :]
-        self._encoders[:, which] = self._rounded(start)
+        for commands in self._waiting:
+            commands[which] = x[:, 2 * arm.n :]
+        for read in self._encoders:
+            read[which] = self._rounded(start)
 
     @property
     def commands(self) -> Array:
         """Last commands (N, m) [Pa]."""
-        return np.asarray(self._waiting[0])
+        return self._waiting[0]
 
     @property
     def _middle(self) -> float:
@@ -68,11 +70,9 @@ class Episodes:
         batch = self.batch
         meant = self.action.pressures(within(action, -1.0, 1.0))
         safe = self.governor(batch.q, batch.omega, batch.P, meant, self._waiting[0])
-        self._waiting[1:] = self._waiting[:-1]
-        self._waiting[0] = safe
+        self._waiting = [safe.copy(), *self._waiting[:-1]]
         batch.advance(self._waiting[-1], self.push)
-        self._encoders[1] = self._encoders[0]
-        self._encoders[0] = self._rounded(batch.q)
+        self._encoders = [self._rounded(batch.q), self._encoders[0]]
         self.sample += 1
         self.asked = self.task.asked(self.goal, self.sample)
 
@@ -85,12 +85,19 @@ class Episodes:
     def observe(self, rng: np.random.Generator) -> Seen:
         """Return the observations (N, 2n + 2m + a) with new noise."""
         P = self.batch.P + self.task.pressure_noise * rng.standard_normal(self.batch.P.shape)
-        seen = np.concatenate([*self._encoders, P, self._waiting[0], self.asked], axis=1) / self._units
-        return np.asarray(within(seen, *self.seen_range), np.float32)
+        seen = np.concatenate([*self._encoders, P, self._waiting[0], self.asked], axis=1)
+        seen /= self._units
+        low, high = self.seen_range
+        return np.asarray(np.minimum(np.maximum(seen, low, out=seen), high, out=seen), np.float32)
 
     def _rounded(self, q: Array) -> Array:
         step = self.task.encoder
-        return np.asarray(step * np.rint(q / step)) if step else q
+        if not step:
+            return q.copy()
+        rounded = np.asarray(q / step)
+        np.rint(rounded, out=rounded)
+        rounded *= step
+        return rounded
 
 
 def _mujoco(varied: VariedArm, size: int, dt: float) -> Batch:

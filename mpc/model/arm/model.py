@@ -353,10 +353,15 @@ class Arm:
 
     def matrix(self, vector: Array) -> Array:
         """Return the matrices (…, k, k) of svec K (…, k(k+1)/2)."""
+        return np.take(vector / self.entries[2], self._places, axis=-1)
+
+    @cached_property
+    def _places(self) -> NDArray[np.intp]:
+        """Places (k, k) of the entries of K in svec K."""
         rows, columns, factors = self.entries
-        K = np.empty((*vector.shape[:-1], self.tracked, self.tracked))
-        K[..., rows, columns] = K[..., columns, rows] = vector / factors
-        return K
+        places = np.empty((self.tracked, self.tracked), np.intp)
+        places[rows, columns] = places[columns, rows] = np.arange(factors.size)
+        return places
 
     @cached_property
     def statics(self) -> Statics:

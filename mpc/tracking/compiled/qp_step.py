@@ -70,7 +70,8 @@ class CompiledQPStep:
         proved, (_, made) = self.structured.solved(solve.limit), self._arrays.rollout()
         now, motion = perf_counter(), Motion(made.u, made.x, made.K, made.F)
         times = linearised - began, 0.0, now - linearised
-        return structured_answer(proved, motion.u, motion, self.structured.gap, times, now > deadline)
+        late = now > deadline
+        return structured_answer(proved, motion.finite, motion.u, motion, self.structured.gap, times, late)
 
     def linearise(self) -> None:
         """Linearise about the commands given to the structured QP."""

@@ -107,7 +107,7 @@ class ReadableQPStep:
             now, z = perf_counter(), np.append(self.structured.z, SLACKS * [0.0])
             u = commands(self.problem, u, z, previous)
             gap, times = self.structured.gap, (linearised - began, 0.0, now - linearised)
-            return structured_answer(proved, u, None, gap, times, now > deadline)
+            return structured_answer(proved, bool(np.isfinite(u).all()), u, None, gap, times, now > deadline)
         return dense_answer(self.problem, model, feed, previous, solve, began, deadline)
 
 
@@ -128,10 +128,11 @@ def dense_answer(
 
 
 def structured_answer(
-    proved: bool, u: Array, motion: Motion | None, gap: float, times: tuple[float, float, float], late: bool
-) -> QPAnswer:
-    """Return the answer with the commands `u` of the structured QP."""
-    if not np.isfinite(u).all() or (motion is not None and not motion.finite):
+    proved: bool, finite: bool, u: Array, motion: Motion | None, gap: float, times: tuple[float, float, float],
+    late: bool,
+) -> QPAnswer:  # fmt: skip
+    """Return the answer with the commands `u` of the structured QP; `finite` is whether they and the motion are."""
+    if not finite:
         return QPAnswer(PlanStatus.NOT_FINITE, u, None, None, times, inf)
     if late:
         return QPAnswer(PlanStatus.LATE, u, None, None, times, inf)

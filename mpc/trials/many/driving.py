@@ -66,7 +66,7 @@ class Driving:
             plant.c, plant.durations, plant.steps, plant.sensors, experiment.full, experiment.waiting,
             experiment.angles,
             np.vstack([np.empty((READABLE, 1 + NU)), experiment.noise(left)]),
-            np.concatenate([np.empty(READABLE), experiment.torques(left)]),
+            np.vstack([np.empty((READABLE, 1)), experiment.torques(left)]),
         )  # fmt: skip
         answers = Answers(
             loop.x, loop.estimate, loop.u, loop.rung, loop.status, loop.slack, loop.slack_force, loop.moved

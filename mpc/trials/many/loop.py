@@ -39,14 +39,19 @@ class Loop(NamedTuple):
 
 def outcomes(loops: Sequence[Loop], keep: bool, made: "Compiled | None" = None) -> Iterator[tuple[int, Outcome]]:
     """Yield the number of each loop and its outcome; compiled parts are added to `made`."""
+    for loop, (run, implementation) in zip(loops, runs(loops, made), strict=True):
+        yield loop.number, Outcome.of(run, implementation, keep)
+
+
+def runs(loops: Sequence[Loop], made: "Compiled | None" = None) -> Iterator[tuple[Run, str]]:
+    """Yield the run of each loop, "compiled" or "readable"; compiled parts are added to `made`."""
     made = Compiled() if made is None else made
     for loop in loops:
         try:
-            run, implementation = _run(loop, made)
+            yield _run(loop, made)
         except Exception as error:
             error.add_note(f"in run {loop.number}, with the seed {loop.seed}")
             raise
-        yield loop.number, Outcome.of(run, implementation, keep)
 
 
 Kept: TypeAlias = dict[tuple[float, ...], tuple[object, Any]]

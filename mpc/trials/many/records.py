@@ -17,9 +17,9 @@ class Plant(NamedTuple):
     sensors: Array
     full: Array
     waiting: Array
-    angles: Array  # (a,)
-    noise: Array  # (M, 3)
-    torques: Array  # (M,)
+    angles: Array  # (a, n)
+    noise: Array  # (M, n + m)
+    torques: Array  # (M, n)
 
 
 class Answers(NamedTuple):

@@ -97,6 +97,8 @@ class Reference:
 
     def preview(self, k: int, N: int) -> tuple[Array, Array]:
         """Return angles and stiffness (N+1, …) from sample `k` on; the last one is held."""
+        if k + N < self.t.size:
+            return self.theta[k : k + N + 1].copy(), self.K[k : k + N + 1].copy()
         ahead = np.minimum(np.arange(k, k + N + 1), self.t.size - 1)
         return self.theta[ahead], self.K[ahead]
 

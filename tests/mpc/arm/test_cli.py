@@ -10,10 +10,13 @@ from typer.testing import CliRunner
 
 from allocator import Gas, InvalidFile, save_machine
 from allocator.mechanism import machines
+from mpc.arm.cli import _dry_friction
 from mpc.cli import app
 from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
+from mpc.model.compensation import Compensation
+from mpc.model.friction.dahl import Friction
 from mpc.tracking.qp.step import SlowStep
 from mpc.trials.motions import arm_trajectories as references
 
@@ -98,16 +101,25 @@ ROUND = {"over": '<geom geom="roll" sidesite="s"/>', "under": '<geom geom="roll"
 
 @pytest.mark.slow
 def test_a_stranger_s_model_is_moved_and_drawn(folder, brief):
-    (folder / "mine.xml").write_text(ARM.format(**ROUND), encoding="utf-8")
+    rubbing = ARM.format(**ROUND).replace('damping=".2"', 'damping=".2" frictionloss=".02"')
+    (folder / "mine.xml").write_text(rubbing, encoding="utf-8")
     given = ("hold", "--machine", "mine.xml", "--rest-length", "300", "--dt", "0.02", "--horizon", "6")
     with pytest.warns(SlowStep, match="not compiled"):
         result = run(*given, "--out", "run.png", "--out", "run.csv")
     assert result.exit_code == 0, result.output
-    for text in ("readable", "the way of flexor", "angle error, elbow [°]", "hand: tip", "sarosi-dmsp-20-400n"):
+    said = "readable", "the way of flexor", "angle error, elbow [°]", "hand: tip", "sarosi-dmsp-20-400n"
+    for text in (*said, "dry friction, up to 0.02 N·m per joint; controller and observer know nothing of it"):
         assert text in " ".join(result.output.split())
     with (folder / "run.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert abs(float(rows[-1]["elbow_deg"]) - float(rows[-1]["elbow_ref_deg"])) < 0.1
+
+
+def test_a_loop_that_knows_half_of_the_dry_friction_says_so():
+    known = Compensation(frictions=(Friction(coulomb=0.2), Friction(coulomb=0.1)))
+    (said,) = _dry_friction([0.4, 0.2], known)
+    assert said.endswith("up to 0.4 N·m per joint; controller and observer know 50% of it")
+    assert _dry_friction([0.2, 0.1], known) == _dry_friction([0.0, 0.0], Compensation()) == []
 
 
 def test_a_model_that_does_not_tell_its_muscles_lengths_is_asked_for_them(folder):

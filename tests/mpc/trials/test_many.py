@@ -9,7 +9,11 @@ import pytest
 from allocator import BAR, DEG, InvalidInput
 from mpc import KalmanObserver, PlanStatus, RealPlant, Reference, TrackingMPC, Weights, simulate, simulate_many
 from mpc.codegen.graphs import Untranslatable
+from mpc.model.arm.model import Arm
 from mpc.model.faults import SilentSensors, WrongReadings
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.model.real_arm import RealArm
 from mpc.trials.many.driving import driving
 from mpc.trials.many.loop import Loop
 from mpc.trials.many.plant import compiled_plant
@@ -41,6 +45,21 @@ KINDS = {
     ),
 }
 
+ARM = Arm.machine("arm26")
+SLIPS = tuple(MaxwellSlip.of_width(ARM, 4 * DEG, joint=i) for i in range(2))
+GAINS = (1.1, 0.9, 1.05, 0.95, 1.02, 1.08)
+ARMS = {
+    "sliding": RealArm(ARM, GAINS, pressure_noise=1e-3),
+    "all effects": RealArm(
+        ARM, GAINS, SLIPS, 1.2, 0.8, 0.025, 0.1 * BAR, 0.08, 0.13, 5 * BAR, 0.05 * DEG, 0.017, 0.01 * BAR,
+        tuple(np.arange(6) * 100.0), ((0.3, (0.5, -0.2)),),
+        faults=(WrongReadings(0.2, 0.3, (1,), 1e-3, added=True, joints=2, muscles=6),),
+    ),
+    "gas behind a shut valve, Dahl": RealArm(
+        replace(ARM, gas=True), GAINS, (Friction(0.02, 0.1), Friction(0.03)), shut=(True, *(False,) * 5)
+    ),
+}  # fmt: skip
+
 
 def same(one, other):
     return all(np.allclose(getattr(one, f), getattr(other, f), rtol=1e-9, atol=1e-9, equal_nan=True) for f in FIELDS)
@@ -62,8 +81,29 @@ def test_a_compiled_plant_is_the_plant_bit_by_bit(kind):
         np.testing.assert_array_equal(ours.x, theirs.x)
 
 
-def test_plants_that_differ_in_numbers_share_what_is_compiled():
-    one, other = (compiled_plant(RealPlant.standard(gains), DT) for gains in ((1.1, 0.9), (0.95, 1.07)))
+@pytest.mark.slow  # compiles
+@pytest.mark.parametrize("kind", ARMS)
+def test_a_compiled_arm_is_the_arm(kind):
+    process, rng = ARMS[kind], np.random.default_rng(7)
+    x0 = np.concatenate([ARM.middle, [0.5, -0.3], np.full(6, 2.5 * BAR)])
+    ours, theirs = (p.begin(DT, x0, 3) for p in (compiled_plant(process, DT), process))
+    for u in rng.uniform(1.5 * BAR, 3.5 * BAR, (100, 6)):
+        np.testing.assert_allclose(ours.measure(), theirs.measure(), rtol=1e-9, atol=1e-9)
+        ours.advance(u, np.array([0.1, -0.2]))
+        theirs.advance(u, np.array([0.1, -0.2]))
+        np.testing.assert_allclose(ours.x, theirs.x, rtol=1e-9, atol=1e-9)
+    assert np.abs(ours.x[:2] - x0[:2]).max() > 1 * DEG
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (RealPlant.standard((1.1, 0.9)), RealPlant.standard((0.95, 1.07))),
+        (ARMS["sliding"], replace(ARMS["sliding"], force_gains=GAINS[::-1])),
+    ],
+)
+def test_plants_that_differ_in_numbers_share_what_is_compiled(one, other):
+    one, other = (compiled_plant(plant, DT) for plant in (one, other))
     assert one.module is other.module
     assert (one.c != other.c).any()
 

@@ -1,7 +1,7 @@
-"""One target in one call: checks, rows, box, solution, residual and status.
+"""Targets, one after the other, in one call: checks, rows, box, solution, residual and status.
 
-It does for one target the work of `allocator.allocation.box.problem` and `certificate`. All arrays are flat, because
-each array argument costs a compiled function a quarter of a microsecond:
+It does the work of `allocator.allocation.box.problem` and `certificate`. All arrays of a target are flat, because each
+array argument costs a compiled function a quarter of a microsecond:
 
     asked (2n + n² + m + 3)      q, T, K row by row, pressures now; least force, greatest force, greatest step (±inf)
     fixed (2n + m + d + 4)       ends of the joints, greatest pressures, roots of the weights; supply's lower end, unit,
@@ -88,6 +88,20 @@ def answer(asked, fixed, posture, floats, places, signs, found, n, m, diagonal, 
     if not proof[0] <= TRUSTED:
         status = max(status, SOLVER_FAILED)
     return status, rounds, missed, stiff
+
+
+def answers(asked, fixed, postures, floats, places, signs, found, n, m, diagonal, stiffness_first, nearest):
+    """Answer N targets, whose arrays are rows of `asked`, `postures` and `found`.
+
+    Add the results of `answer` to the end of each `found`, and return False if the readable implementation must answer.
+    """
+    for i in range(len(asked)):
+        arrays, facts = (asked[i], fixed, postures[i], floats, places, signs, found[i]), found[i, -4:]
+        status, rounds, missed, stiff = answer(*arrays, n, m, diagonal, stiffness_first, nearest)
+        facts[0], facts[1], facts[2], facts[3] = status, rounds, missed, stiff
+        if status == ODD:
+            return False
+    return True
 
 
 def sensible(q, T, K, now, ends, diagonal, nearest):

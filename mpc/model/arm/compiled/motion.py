@@ -102,14 +102,14 @@ def vary(
 
 @inlined
 def accelerate(c: Array, s: Array, P: Array, d: Array, M: Array, a: Array) -> None:
-    """Fill in the acceleration `a` (n,) and the Cholesky factor of the mass matrix, flat in `M`."""
+    """Fill in the acceleration `a` (n,) and, flat in `M`, the mass matrix's Cholesky factor with inverted diagonal."""
     dynamics(s[:n], s[n:], P, d, c, M, a)
     for j in range(n):
         for i in range(j, n):
             value = M[j * n + i]
             for l in range(j):  # noqa: E741
                 value -= M[l * n + i] * M[l * n + j]
-            M[j * n + i] = np.sqrt(value) if i == j else value / M[j * n + j]
+            M[j * n + i] = 1 / np.sqrt(value) if i == j else value * M[j * n + j]
     solve(M, a)
 
 
@@ -119,8 +119,8 @@ def solve(M: Array, v: Array) -> None:
     for i in range(n):
         for l in range(i):  # noqa: E741
             v[i] -= M[l * n + i] * v[l]
-        v[i] /= M[i * n + i]
+        v[i] *= M[i * n + i]
     for i in range(n - 1, -1, -1):
         for l in range(i + 1, n):  # noqa: E741
             v[i] -= M[i * n + l] * v[l]
-        v[i] /= M[i * n + i]
+        v[i] *= M[i * n + i]

@@ -7,7 +7,7 @@ columns:
     statics          (q, ω, ω') ↦ M ω' + C + Dω + g, then at no pressure y' = (τ, svec K), its Jacobian by P, the forces
                      and their slopes by P
 
-The array c holds its numbers. Pressures are in Pa.
+The array c holds its numbers. Pressures are in Pa. Of a preview that stands still there is one sample for all.
 """
 
 from typing import Any
@@ -23,12 +23,26 @@ n = m = STIFFNESSES = statics = FORMULAS
 
 
 @compiled
+def still(asked: Array, K: Array, d: Array) -> bool:
+    """Return whether all samples of a preview and its torques are equal."""
+    for k in range(1, asked.shape[0]):
+        for i in range(n):
+            if asked[k, i] != asked[0, i] or d[k, i] != d[0, i]:
+                return False
+            for j in range(n):
+                if K[k, i, j] != K[0, i, j]:
+                    return False
+    return True
+
+
+@compiled
 def targets(
     c: Array, slopes1: Array, slopes2: Array, limits: Array, supply: Array, asked: Array, K: Array, d: Array,
     x: Array, T: Array, A: Array, b: Array, lo: Array, hi: Array,
 ) -> bool:  # fmt: skip
     """Fill in the allocation's targets at every sample, and angles and velocities of `x`; return False if infeasible.
 
+    `slopes1`, `slopes2` (N+1, N+1) are the derivatives of a preview; one of a single sample stands still.
     `limits` (2, n) [rad], `supply` (m + 3,): greatest pressures, the least one, the unit of A's columns, least force.
     """
     samples, d_y = asked.shape[0], n + STIFFNESSES
@@ -40,7 +54,7 @@ def targets(
     for k in range(samples):
         for i in range(n):
             omega = speeding = 0.0
-            for l in range(samples):  # noqa: E741
+            for l in range(samples if samples > 1 else 0):  # noqa: E741
                 omega += slopes1[k, l] * x[l, i]
                 speeding += slopes2[k, l] * x[l, i]
             x[k, n + i], alpha[i] = omega, speeding
@@ -69,16 +83,18 @@ def follow(
 ) -> tuple[float, float, float]:
     """Fill in pressures of `x`, stiffness of `y` and commands `u` from `found`; return the distances moved."""
     samples, off, missed, short = asked.shape[0], 0.0, 0.0, 0.0
-    for k in range(samples):
+    for k in range(x.shape[0]):
+        q = min(k, samples - 1)
         for j in range(m):
-            x[k, 2 * n + j] = unit * found[k, j]
+            x[k, 2 * n + j] = unit * found[q, j]
         row = n
         for i in range(n):
-            off = max(off, abs(asked[k, i] - x[k, i]))
-            short = max(short, abs(left_of(A[k, i], b[k, i], found[k])))
+            x[k, i], x[k, n + i] = x[q, i], x[q, n + i]
+            off = max(off, abs(asked[q, i] - x[k, i]))
+            short = max(short, abs(left_of(A[q, i], b[q, i], found[q])))
             for j in range(i, n):
-                gap, factor = left_of(A[k, row], b[k, row], found[k]), 1.0 if i == j else 2**0.5
-                y[k, row - n] = factor * K[k, i, j] - gap
+                gap, factor = left_of(A[q, row], b[q, row], found[q]), 1.0 if i == j else 2**0.5
+                y[k, row - n] = factor * K[q, i, j] - gap
                 missed = max(missed, abs(gap) / factor)
                 row += 1
         if k > 0:

@@ -109,18 +109,21 @@ class CompiledArmFeedForward:
 
     def __call__(self, q: Array, K: Array, d: Array) -> FeedForward:
         """Return the feed-forward for previews `q` (N+1, n) [rad], `K` (N+1, k, k), and torques `d` (N+1, n) [N·m]."""
-        rows, size, outputs, m = self._sizes
-        asked_K, hand = K, None
+        samples, size, outputs, m = self._sizes
+        given, hand = (q, K, d), None
+        rows = 1 if self._compiled.still(q, K, d) else samples  # to allocate
+        q, K, d = q[:rows], K[:rows], d[:rows]
+        asked_K = K
         if self._arm.endpoint is not None:
             hand = HandTargets.at(self._arm, q, K)
             K = hand.joint_stiffness
-        x, y, u = np.empty((rows, size)), np.zeros((rows, outputs)), np.empty((rows - 1, m))
+        x, y, u = np.empty((samples, size)), np.zeros((samples, outputs)), np.empty((samples - 1, m))
         lo, hi, centre = self._box
-        problem = self._A, self._b, *self._rows_are, lo, hi, centre, self._which
+        problem = self._A[:rows], self._b[:rows], *self._rows_are, lo, hi, centre, self._which[:rows]
         asked = self._c, *self._limits, self._supply, q, K, d
         if not self._compiled.targets(*asked, x, self._T, self._A, self._b, lo, hi):
-            return self._readable(q, asked_K, d)
-        straight = self._A, self._b
+            return self._readable(*given)
+        straight = problem[:2]
         if hand is not None:
             problem = *hand.turned(*straight), *problem[2:]
         found, side, mu, rounds = self._found
@@ -128,8 +131,8 @@ class CompiledArmFeedForward:
         held, work = self._memory
         pivoting.loop("allocate_batch")(*problem, True, found, side, mu, rounds, work)
         pivoting.loop("residual_batch")(*problem, found, mu, 0.0, BINDS, self._residual, held, work)
-        if not (rounds.all() and self._residual.max() <= _SURE):
-            return self._readable(q, asked_K, d)
+        if not (rounds[:rows].all() and self._residual[:rows].max() <= _SURE):
+            return self._readable(*given)
         moved = Moved(*self._compiled.follow(self._alpha, self._unit, q, *straight, found, K, x, y, u))
         if hand is not None:
             K_x = hand.seen(y[:, : self._stiffnesses])

@@ -82,7 +82,8 @@ def _functions(arm: Arm) -> dict[str, "Function"]:
 
     s, bodies, y = arm.statics, arm.bodies, arm.outputs
     omega, alpha = (ca.SX.sym(name, arm.n) for name in ("omega", "alpha"))
-    made = {"output_slopes": ([s.q, s.P], [y, ca.jacobian(y, ca.vertcat(s.q, s.P))])}
+    held = [s.q, s.P]
+    made = {"outputs": (held, [y]), "output_slopes": (held, [y, ca.jacobian(y, ca.vertcat(*held))])}
     if arm.mechanism.affine:  # else the feed-forward is not compiled
         stacked = ca.vertcat(s.torque, joint_svec(s))
         empty = ca.substitute([stacked, s.forces], [s.P], [ca.SX.zeros(arm.m)])

@@ -83,17 +83,17 @@ class CompiledArmQPStep:
         if not isinstance(solve, Riccati):
             return dense_answer(self._problem, self.model, feed, previous, solve, began, deadline)
         proved = self.structured.solved(self._path, self._u, feed, previous, solve.limit)
-        motion, now = self._rolled_out(), perf_counter()
+        (finite, motion), now = self._rolled_out(), perf_counter()
         times = linearised - began, 0.0, now - linearised
-        return structured_answer(proved, motion.u, motion, self.structured.gap, times, now > deadline)
+        return structured_answer(proved, finite, motion.u, motion, self.structured.gap, times, now > deadline)
 
-    def _rolled_out(self) -> Motion:
-        """Return the motion of the structured QP's answer."""
+    def _rolled_out(self) -> tuple[bool, Motion]:
+        """Return whether the motion of the structured QP's answer is finite, and the motion."""
         (x, _, d, u_last), (states, _, y, _) = self._now, self._path
         u, after, outputs = np.empty_like(self._u), np.empty_like(states), np.empty_like(y)
         path = self._bounds, u_last, x, d, self._u, self._starts, self.structured.z
-        self._step.rollout(*self._integration, *path, u, after, outputs)
-        return Motion(u, after, outputs[:, : self._stiffnesses], outputs[:, self._stiffnesses :])
+        finite = self._step.rollout(*self._integration, *path, u, after, outputs)
+        return finite, Motion(u, after, outputs[:, : self._stiffnesses], outputs[:, self._stiffnesses :])
 
     @property
     def model(self) -> Linearisation:

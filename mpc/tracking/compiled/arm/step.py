@@ -3,7 +3,8 @@
 `mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by the sizes of the arm and the
 arm's formulas: n joints, m muscles, and functions that fill flat arrays, matrices by columns:
 
-    output_slopes    (q, P) ↦ y = (svec K, F), its Jacobian by q and P
+    outputs          (q, P) ↦ y = (svec K, F)
+    output_slopes    (q, P) ↦ y, its Jacobian by q and P
 
 and `advance`, the motion over a sample (`mpc.model.arm.compiled.motion`). The array c holds the formulas' numbers.
 Pressures are in Pa, decisions z in bar, as in `mpc.tracking.qp.condense`. A path is a motion and its derivatives:
@@ -13,8 +14,6 @@ x (N+1, 2n + m), S (N, 2n, 2n + 2m) the Jacobian of the next (q, ω) by (q, ω),
 
 from typing import Any
 
-import numpy as np
-
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import compiled, inlined
@@ -23,7 +22,7 @@ from mpc.tracking.compiled.records import Indices
 from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, NX
 
 FORMULAS: Any = None
-advance = output_slopes = FORMULAS
+advance = outputs = output_slopes = FORMULAS
 
 n, m = JOINTS, NU
 
@@ -57,9 +56,8 @@ def roll(c: Array, h: float, decay: Array, x0: Array, u: Array, d: Array, x: Arr
         x[0, i] = x0[i]
     for k in range(u.shape[0]):
         advance(c, h, decay, x[k], u[k], d[k], x[k + 1], None)
-    slope = np.empty((n + m) * y.shape[1])  # unused, but avoids the compilation of a second formula
     for k in range(x.shape[0]):
-        output_slopes(x[k, :n], x[k, 2 * n :], c, y[k], slope)
+        outputs(x[k, :n], x[k, 2 * n :], c, y[k])
 
 
 @compiled

@@ -56,9 +56,10 @@ def decided(A: Array, B: Array, k: int, SA: Array, R: Array, D: Array, F: Array,
             for j in range(NXI):
                 S[i, j] = R[k, i - NX, j]
         for c in range(NU):
-            r = R[k, c, i]
-            for j in range(NXI):
-                S[i, j] += r * F[k, c, j]
+            if held[k, c] == FREE or abs(held[k, c]) == HIGH:  # F is 0 for held changes, most of a long block's
+                r = R[k, c, i]
+                for j in range(NXI):
+                    S[i, j] += r * F[k, c, j]
     for i in range(NU):
         if abs(held[k, i]) == HIGH:
             for j in range(NX + i, NXI):

@@ -117,10 +117,11 @@ def test_the_compiled_feed_forward_asks_what_the_readable_one_asks(controller):
     N, rng = controller.N, np.random.default_rng(5)
     readable, compiled = InverseDynamics(ARM, controller.dt, N), controller._feed_forward
     assert type(compiled).__name__ == "CompiledArmFeedForward"
-    for reach in (1.0, 2.0):  # the second stiffness is beyond what the muscles can do
+    for reach, still in ((1.0, False), (2.0, False), (2.0, True)):  # 2.0: stiffness beyond what the muscles can do
         q = [0.3, 0.6] + 0.1 * rng.random(2) * np.linspace(0, 1, N + 1)[:, None]
-        K = reach * ARM.seen(q, np.tile([[12.0, 4.6], [4.6, 9.5]], (N + 1, 1, 1)))
         d = 0.1 * rng.normal(size=(N + 1, 2))
+        q, d = (np.tile(preview[:1], (N + 1, 1)) if still else preview for preview in (q, d))
+        K = reach * ARM.seen(q, np.tile([[12.0, 4.6], [4.6, 9.5]], (N + 1, 1, 1)))
         one, other = readable(q, K, d), compiled(q, K, d)
         assert (one.moved.K > 1.0) == (reach > 1)
         np.testing.assert_allclose(other.x, one.x, rtol=1e-6, atol=1e-6)

@@ -1,9 +1,9 @@
-"""Single targets of a mechanism with affine muscles, solved by compiled code in about ten microseconds.
+"""Targets of a mechanism with affine muscles, solved by compiled code in about ten microseconds each.
 
-It is a fast path for the ordinary problem (method "exact", a lexicographic priority, the isobaric stiffness of the
-joints, numbers as force limits) after `warm_up(joint=mechanism)`. It returns None for all other problems and possibly
-invalid arguments, which the readable implementation then handles. CasADi evaluates the mechanism at the posture,
-`kernel/target.py` does the rest. Fields of the answer are computed on first access.
+It is a fast path for up to 2048 ordinary problems (method "exact", a lexicographic priority, the isobaric stiffness of
+the joints, numbers as force limits) after `warm_up(joint=mechanism)`. It returns None for all other problems and
+possibly invalid arguments, which the readable implementation then handles. CasADi evaluates the mechanism at the
+postures, `kernel/target.py` does the rest. Fields of the answer are computed on first access.
 """
 
 from functools import cache
@@ -14,7 +14,7 @@ import numpy as np
 
 from allocator.allocation.box.arguments import problem_from
 from allocator.allocation.box.kernel.data import flat_arrays
-from allocator.allocation.box.kernel.target import FUNCTIONS, ODD, answer
+from allocator.allocation.box.kernel.target import FUNCTIONS, answer, answers
 from allocator.allocation.box.problem import BoxProblem
 from allocator.allocation.box.result import BoxAllocation
 from allocator.allocation.result import as_status, from_fields, shaped
@@ -30,35 +30,39 @@ from allocator.mechanism.mechanism import Mechanism
 _FIRST = {"torque": False, "stiffness": True}  # priority → whether stiffness comes first
 _KINDS = "iuf"  # of NumPy's real numbers
 _REMEMBERED = 64  # mechanisms
+_MOST = 2048  # targets of a call; for more the vectorised mechanism is as fast
+_SIZES = 8  # numbers of targets with arrays to reuse
 
 _ready: dict[int, "Machine"] = {}  # by the mechanism's id; the value holds the mechanism, so the id stays in use
 
 
 class Desk:
-    """Arrays for one call at a time: arguments, the mechanism at the posture, memory and results."""
+    """Arrays for one call with N targets at a time: arguments, the mechanism at the postures, memory and results."""
 
-    def __init__(self, mechanism: Mechanism, function: Any) -> None:
+    def __init__(self, mechanism: Mechanism, function: Any, N: int) -> None:
         n, m = mechanism.n, mechanism.m
         d = n + n * (n + 1) // 2
-        self.asked, posture = np.zeros(2 * n + n * n + m + 3), np.zeros(3 * m + d + d * m)
-        self.q, self.T = self.asked[:n], self.asked[n : 2 * n]
-        self.K, self.diagonal = (
-            self.asked[2 * n : 2 * n + n * n].reshape(n, n),
-            self.asked[2 * n : 2 * n + n * n : n + 1],
-        )
-        self.now, self.ends = self.asked[2 * n + n * n : -3], self.asked[-3:]
+        self.asked, postures = np.zeros((N, _length(n, m))), np.zeros((N, 3 * m + d + d * m))
+        self.q, self.T, K = self.asked[:, :n], self.asked[:, n : 2 * n], self.asked[:, 2 * n : 2 * n + n * n]
+        self.K, self.diagonal = K.reshape(N, n, n), K[:, :: n + 1]
+        self.now, self.ends = self.asked[:, 2 * n + n * n : -3], self.asked[:, -3:]
         floats, places, signs = flat_arrays(d, m, 2)
-        self.found = np.zeros(m + d + 1 + 3 * d)
+        self.found = np.zeros((N, m + d + 1 + 3 * d + 4))
         self.memory = (
-            posture,
+            postures,
             np.empty(floats.size + d * m + 2 * d + 4 * m + n * n),
             np.empty(places.size + 2, np.int64),
             np.empty(signs.size + 2 * (m + d) + d, np.int8),
         )
         self.taut = False  # whether the limits written last are `TAUT`
-        self._buffer, self.evaluate = function.buffer()
-        self._buffer.set_arg(0, memoryview(self.q))  # type: ignore[arg-type]  # Python 3.11 has no Buffer
-        self._buffer.set_res(0, memoryview(posture))  # type: ignore[arg-type]
+        self._buffer, self.evaluate = (function if N == 1 else function.map(N)).buffer()
+        self._buffer.set_arg(0, memoryview(self.asked))  # type: ignore[arg-type]  # Python 3.11 has no Buffer
+        self._buffer.set_res(0, memoryview(postures))  # type: ignore[arg-type]
+
+
+def _length(n: int, m: int) -> int:
+    """Return the length of the arguments of a target."""
+    return 2 * n + n * n + m + 3
 
 
 class Machine:
@@ -77,43 +81,51 @@ class Machine:
         most = [min(high, muscle.max_pressure) for muscle in mechanism.muscles]
         numbers = low, high, BINDS * mechanism.pressure_span, mechanism.min_contraction
         self.fixed = np.concatenate([left, right, most, roots, numbers])
-        q = ca.SX.sym("q", n)
+        asked = ca.SX.sym("asked", _length(n, self.m))
+        q = asked[:n]
         inside = q if limits is None else ca.fmin(ca.fmax(q, left), right)
-        self._function = ca.Function("posture", [q], [ca.densify(ca.vertcat(*map_function(mechanism)(inside)))])
-        self._desks: list[Desk] = []
+        self._function = ca.Function("posture", [asked], [ca.densify(ca.vertcat(*map_function(mechanism)(inside)))])
+        self._desks: dict[int, list[Desk]] = {}  # by N
 
     def ask(self, theta: object, K: object, T: object, priority: object, limits: Limits) -> BoxAllocation | None:
         """Return the answer, or None outside the fast path."""
         n, m, q, K, T = self.n, self.m, _array(theta), _array(K), _array(T)
-        if q is None or K is None or T is None or q.size != n or q.shape[-1:] != (n,):
+        if q is None or K is None or T is None or not 0 < q.size <= _MOST * n or q.shape[-1:] != (n,):
             return None
         lead, stiffness_first = q.shape[:-1], _FIRST.get(priority) if type(priority) is str else None
         diagonal = K.shape != (n, n) and K.shape != (*lead, n, n)
-        if diagonal and not (K.ndim == 0 or K.shape == (n,) or K.shape == (*lead, n)):
+        if diagonal and not (K.ndim == 0 or K.shape == (n,) or (K.shape == (*lead, n) and K.shape[-2:] != (n, n))):
             return None
         if stiffness_first is None or not (T.ndim == 0 or T.shape == (n,) or T.shape == (*lead, n)):
             return None
-        desk = self._desks.pop() if self._desks else Desk(self.mechanism, self._function)
+        desk = self._desk(q.size // n)
         if (nearest := _set(desk, limits, lead)) is None:
             return None
-        desk.q[:], desk.T[:] = q if not lead else q.ravel(), T if T.ndim < 2 else T.ravel()
+        desk.q[:], desk.T[:] = q if not lead else q.reshape(-1, n), T if T.ndim < 2 else T.reshape(-1, n)
         if diagonal:
-            desk.diagonal[:] = K if K.ndim < 2 else K.ravel()
+            desk.diagonal[:] = K if K.ndim < 2 else K.reshape(-1, n)
         else:
-            desk.K[:] = K
+            desk.K[:] = K if K.ndim < 3 else K.reshape(-1, n, n)
         desk.evaluate()
-        asked = desk.asked, self.fixed, *desk.memory, desk.found
-        status, *facts = self.compiled(*asked, n, m, diagonal, stiffness_first, nearest)
-        if status == ODD:
+        arrays = desk.asked, self.fixed, *desk.memory, desk.found
+        if not self.compiled(*arrays, n, m, diagonal, stiffness_first, nearest):
             return None
         found = desk.found.copy()
         given = desk.asked.copy(), found, lead, stiffness_first, diagonal, nearest
-        later = Later(self.mechanism, *given, status, *facts)
-        self._desks.append(desk)
-        P = found[:m].reshape((*lead, -1))
+        later = Later(self.mechanism, *given)
+        self._desks.setdefault(len(found), []).append(desk)
+        P = found[:, :m].reshape((*lead, m))
         P.flags.writeable = False
         made: BoxAllocation = from_fields(BoxAllocation, {"P": P, "method": "exact", "_shape": lead, "_later": later})
         return made
+
+    def _desk(self, N: int) -> Desk:
+        """Return arrays for N targets that no other thread uses."""
+        if ready := self._desks.get(N):
+            return ready.pop()
+        if len(self._desks) >= _SIZES:
+            self._desks.clear()
+        return Desk(self.mechanism, self._function, N)
 
 
 def _array(x: Any) -> Array | None:
@@ -143,9 +155,10 @@ def _set(desk: Desk, limits: Limits, lead: tuple[int, ...]) -> bool | None:
     if previous is None:
         return False
     now = _array(previous)
-    if now is None or (now.shape != desk.now.shape and now.shape != (*lead, *desk.now.shape)):
+    m = desk.now.shape[1]
+    if now is None or (now.shape != (m,) and now.shape != (*lead, m)):
         return None
-    desk.now[:] = now if now.ndim < 2 else now.ravel()
+    desk.now[:] = now if now.ndim < 2 else now.reshape(-1, m)
     return True
 
 
@@ -153,21 +166,18 @@ class Later(NamedTuple):
     """Results of a compiled answer, from which the fields of a `BoxAllocation` are computed on first access."""
 
     mechanism: Mechanism
-    asked: Array  # in the layout of `kernel/target.py`
+    asked: Array  # (N, …) in the layout of `kernel/target.py`, as the next one
     found: Array
     shape: tuple[int, ...]
     stiffness_first: bool
     diagonal: bool
     nearest: bool
-    status: int
-    rounds: int
-    missed: int
-    holds: bool
 
     def field(self, name: str, allocation: BoxAllocation) -> Any:
         """Return the field `name` of the allocation."""
-        n, m = self.mechanism.n, self.mechanism.m
+        n, m, N = self.mechanism.n, self.mechanism.m, len(self.found)
         d = n + n * (n + 1) // 2
+        status, rounds, missed, holds = self.found[:, -4:].astype(np.int64).T
         match name:
             case "_problem":
                 return self._problem(n)
@@ -175,38 +185,41 @@ class Later(NamedTuple):
                 rows = allocation._problem.rows[0]
                 if self.stiffness_first:
                     rows = np.where(rows < n, rows + d - n, rows - n)
-                return self.found[-3 * d :].reshape(1, 3, d)[:, :, rows]
+                return self.found[:, -3 * d - 4 : -4].reshape(N, 3, d)[:, :, rows]
             case "lower_bounds":
-                P = allocation.P.reshape(1, m)
+                P = allocation.P.reshape(N, m)
                 return shaped(allocation._problem.costs(P / allocation._problem.unit), self.shape)
             case "status":
-                return as_status(np.array([self.status], np.int8), self.shape)
+                return as_status(status.astype(np.int8), self.shape)
             case "T":
-                made: Any = self.found[m : m + n]
+                made: Any = self.found[:, m : m + n]
             case "K":
-                made = self.mechanism.whole(self.found[m + n : m + d])
+                made = self.mechanism.whole(self.found[:, m + n : m + d])
             case "kkt_residual":
-                made = self.found[m + d]
+                made = self.found[:, m + d]
             case "torque_met":
-                made = not self.missed & Status.TORQUE_LIMITED
+                made = missed & Status.TORQUE_LIMITED == 0
             case "stiffness_met":
-                made = not self.missed & Status.STIFFNESS_LIMITED
+                made = missed & Status.STIFFNESS_LIMITED == 0
             case "gap":
-                made = 0.0
-            case _:  # rounds, holds
-                made = getattr(self, name)
-        return shaped(np.asarray(made)[None], self.shape)
+                made = np.zeros(N)
+            case "holds":
+                made = holds == 1
+            case _:
+                made = rounds.copy()
+        return shaped(made, self.shape)
 
     def _problem(self, n: int) -> BoxProblem:
         """Return the problem in readable form."""
-        q, T, K = self.asked[:n], self.asked[n : 2 * n], self.asked[2 * n : 2 * n + n * n].reshape(n, n)
-        least, greatest, step = (None if np.isinf(end) else float(end) for end in self.asked[-3:])
-        now = self.asked[2 * n + n * n : -3] if self.nearest else None
+        q, T = self.asked[:, :n], self.asked[:, n : 2 * n]
+        K = self.asked[:, 2 * n : 2 * n + n * n].reshape(-1, n, n)
+        least, greatest, step = (None if np.isinf(end) else float(end) for end in self.asked[0, -3:])
+        now = self.asked[:, 2 * n + n * n : -3] if self.nearest else None
         limits = Limits(least, greatest, previous=now, max_step=step)
         return problem_from(
             self.mechanism,
             q,
-            np.diagonal(K) if self.diagonal else K,
+            np.diagonal(K, axis1=1, axis2=2) if self.diagonal else K,
             T,
             limits=limits,
             priority="stiffness" if self.stiffness_first else "torque",
@@ -242,4 +255,4 @@ def warm_up(mechanism: Mechanism) -> bool:
 
 @cache
 def _compiled() -> jit.Function | None:
-    return jit.compiled(answer, FUNCTIONS, inline=True, unaliased=True)
+    return jit.compiled(answers, (answer, *FUNCTIONS), inline=True, unaliased=True)

@@ -1,4 +1,4 @@
-"""Compiled answers to single targets, against the readable road: every field, every limit, every refusal."""
+"""Compiled answers, against the readable road: every field, every limit, every refusal."""
 
 from dataclasses import replace
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from allocator import InvalidInput, Limits, Stiffness, allocate, warm_up
-from allocator.allocation.box import single
-from allocator.allocation.box.kernel.target import answer
+from allocator.allocation.box import ready
+from allocator.allocation.box.kernel.target import answers
 from allocator.mechanism import Link, Mechanism, Sites, Tables, from_function, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
@@ -48,9 +48,9 @@ FIELDS = (
 @pytest.fixture(params=MACHINES.values(), ids=MACHINES.keys())
 def mechanism(request, monkeypatch):
     """A mechanism that is ready, its kernel as plain Python."""
-    monkeypatch.setattr(single, "_compiled", lambda: answer)
-    monkeypatch.setattr(single, "_ready", {})
-    assert single.warm_up(request.param)
+    monkeypatch.setattr(ready, "_compiled", lambda: answers)
+    monkeypatch.setattr(ready, "_ready", {})
+    assert ready.warm_up(request.param)
     return request.param
 
 
@@ -75,6 +75,8 @@ def same(one, other, rel=1e-9):
             same(a, b, rel)
     elif isinstance(one, str | tuple | bool):
         assert one == other
+    elif np.asarray(one).dtype == object:  # of names
+        assert one.tolist() == other.tolist()
     else:
         assert np.shape(one) == np.shape(other)
         scale = max(float(np.abs(np.nan_to_num(other)).max(initial=0.0)), 1.0)
@@ -89,7 +91,7 @@ def test_every_field_is_that_of_the_readable_road(mechanism, limits, monkeypatch
         found = allocate(*targets, joint=mechanism, limits=kept, priority=priority)
         assert "_later" in vars(found)
         with monkeypatch.context() as patch:
-            patch.setattr(single, "_ready", {})
+            patch.setattr(ready, "_ready", {})
             readable = allocate(*targets, joint=mechanism, limits=kept, priority=priority)
         assert "_later" not in vars(readable)
         assert found.P == pytest.approx(readable.P, abs=1e-9 * 5 * BAR)
@@ -114,6 +116,35 @@ def test_targets_with_leading_axes_of_one_keep_them(mechanism):
         assert many.P.ravel().tolist() == one.P.tolist()
 
 
+@pytest.mark.parametrize("limits", LIMITS.values(), ids=LIMITS.keys())
+@pytest.mark.parametrize(("diagonal", "lead"), [(False, (12,)), (True, (2, 6))])
+def test_every_field_of_many_targets_is_that_of_the_readable_road(mechanism, limits, diagonal, lead, monkeypatch):
+    n, m = mechanism.n, mechanism.m
+    q, K, T, kept = zip(*questions(mechanism, 12, limits), strict=True)
+    K = [np.diag(np.full(n, one)) if np.ndim(one) == 0 else one if np.ndim(one) == 2 else np.diag(one) for one in K]
+    K = np.array([np.diag(one) for one in K]).reshape(*lead, n) if diagonal else np.array(K).reshape(*lead, n, n)
+    q, T = np.reshape(q, (*lead, n)), np.array([np.broadcast_to(one, n) for one in T]).reshape(*lead, n)
+    if kept[0].previous is not None:
+        now = np.array([one.previous for one in kept]).reshape(*lead, m)
+        kept = [kept[0]._replace(previous=now)]
+    found = allocate(q, K, T, joint=mechanism, limits=kept[0])
+    assert "_later" in vars(found)
+    monkeypatch.setattr(ready, "_ready", {})
+    readable = allocate(q, K, T, joint=mechanism, limits=kept[0])
+    assert "_later" not in vars(readable)
+    assert found.P == pytest.approx(readable.P, abs=1e-9 * 5 * BAR)
+    assert found.status.tolist() == readable.status.tolist()
+    assert found.P.shape == (*lead, m)
+    for name in FIELDS:
+        same(getattr(found, name), getattr(readable, name))
+
+
+def test_more_targets_than_pay_and_none_go_the_readable_road(mechanism):
+    K, limits = np.ones(mechanism.n), Limits()
+    for N in (0, ready._MOST + 1):
+        assert ready.answered(mechanism, np.zeros((N, mechanism.n)), K, 0.0, "torque", limits) is None
+
+
 def test_an_answer_stays_when_the_arrays_it_was_asked_with_change(mechanism):
     n = mechanism.n
     q, K, T, now = np.full(n, 0.1), np.eye(n) * 6.0, np.ones(n), np.full(mechanism.m, 2 * BAR)
@@ -134,7 +165,7 @@ def test_an_endpoint_gas_and_other_methods_go_the_readable_road():
     arm = machines.arm26()
     q, K = [0.4, -0.3], [[10.0, 4.0], [4.0, 9.0]]
     shut = replace(arm, muscles=tuple(replace(muscle, rest_volume=1.2e-4) for muscle in arm.muscles))
-    assert single.answered(arm, q, K, 0.0, "torque", Limits()) is None  # nobody has made it ready
+    assert ready.answered(arm, q, K, 0.0, "torque", Limits()) is None  # nobody has made it ready
     assert allocate(q, K, joint=shut, stiffness=Stiffness("shut")).kind.name == "shut"
 
 
@@ -167,20 +198,20 @@ def test_wrong_input_is_refused_by_the_same_sentence(changed, sentence, monkeypa
     asked = {"theta": [0.4, -0.3], "K": [[10.0, 4.0], [4.0, 9.0]], "T": [9.0, 4.0], "joint": arm} | changed
     with pytest.raises(InvalidInput, match=sentence) as readable:
         allocate(**asked)
-    monkeypatch.setattr(single, "_compiled", lambda: answer)
-    monkeypatch.setattr(single, "_ready", {})
-    assert single.warm_up(arm)
+    monkeypatch.setattr(ready, "_compiled", lambda: answers)
+    monkeypatch.setattr(ready, "_ready", {})
+    assert ready.warm_up(arm)
     with pytest.raises(InvalidInput) as refused:
         allocate(**asked)
     assert str(refused.value) == str(readable.value)
 
 
 def test_routes_without_formulas_and_curved_muscles_are_not_made_ready(monkeypatch):
-    monkeypatch.setattr(single, "_compiled", lambda: answer)
-    monkeypatch.setattr(single, "_ready", {})
+    monkeypatch.setattr(ready, "_compiled", lambda: answers)
+    monkeypatch.setattr(ready, "_ready", {})
     table = Tables(0.4, [np.linspace(-1, 1, 9)], 0.345 + 0.02 * np.linspace(-1, 1, 9)[:, None] * [-1, 1])
-    assert not single.warm_up(Mechanism(table, (SAROSI_DMSP_20_400N,) * 2))
-    assert not single.warm_up(replace(machines.arm26(), muscles=(TONDU_DMSP_20_400N,) * 6))
+    assert not ready.warm_up(Mechanism(table, (SAROSI_DMSP_20_400N,) * 2))
+    assert not ready.warm_up(replace(machines.arm26(), muscles=(TONDU_DMSP_20_400N,) * 6))
 
 
 @pytest.mark.compiles
@@ -189,9 +220,9 @@ def test_compiled_code_gives_the_digits_of_plain_python(monkeypatch):
     assert warm_up(joint=arm)
     asked = list(questions(arm, 40, LIMITS["slew"]))
     compiled = [allocate(*targets, joint=arm, limits=kept) for *targets, kept in asked]
-    monkeypatch.setattr(single, "_compiled", lambda: answer)
-    monkeypatch.setattr(single, "_ready", {})
-    assert single.warm_up(arm)
+    monkeypatch.setattr(ready, "_compiled", lambda: answers)
+    monkeypatch.setattr(ready, "_ready", {})
+    assert ready.warm_up(arm)
     for a, (*targets, kept) in zip(compiled, asked, strict=True):
         b = allocate(*targets, joint=arm, limits=kept)
         assert a.P == pytest.approx(b.P, abs=1e-9 * 5 * BAR)
