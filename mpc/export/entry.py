@@ -131,7 +131,7 @@ def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: 
     return {
         **_allocation(joint, single),
         **control_files(controller, observer, single),
-        **model_files(functions, single),
+        **model_files(functions, single, ["motion.h"]),
         "antagonist_config.h": text.config(sizes_of(controller, single), single),
         "src/demonstration.h": allocation_table(joint, single, alone),
         "README.md": readme(joint, kernel.name, single, printed, controller),

@@ -1,32 +1,34 @@
 """Formulas of an exported controller's machine, as CasADi functions that the C files call by their names."""
 
+from typing import TYPE_CHECKING
+
 from mpc.export.controller.friction import friction_function
 from mpc.export.parts import Functions, dense
-from mpc.model.plant import NU, NX
+from mpc.model.plant import NU, NX, Plant
+from mpc.model.variational import variational
 from mpc.tracking.controller import TrackingMPC
+
+if TYPE_CHECKING:
+    from casadi import Function
 
 
 def joint_functions(controller: TrackingMPC) -> Functions:
     """Return the CasADi functions of a joint and its friction, each with its description."""
     import casadi as ca
 
-    plant, dt = controller.plant, controller.dt
+    plant = controller.plant
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
     q, omega, alpha = ca.SX.sym("q"), ca.SX.sym("omega"), ca.SX.sym("alpha")
-    later = plant.discrete(dt)(x, u, d)
-    A, B, by_d = (ca.jacobian(later, v).T for v in (x, u, d))  # CasADi stores columns, C rows
+    rate = ca.SX(ca.vertcat(*plant.rate(x, u, d)))
     K, F = ca.SX(plant.stiffness(x)), ca.vertcat(*plant.forces(x))
     C, D = ca.gradient(K, x), ca.jacobian(F, x).T
     slopes = [ca.SX(side.torque_gain(P)) for side, P in zip(plant.joint.sides(x[0]), (x[2], x[3]), strict=True)]
     moving = {"q": q, "omega": omega, "alpha": alpha}
 
-    state, stage = {"x": x}, {"x": x, "u": u, "d": d}
+    state = {"x": x}
     return [
-        (dense("stage", stage, {"later": later}), "the state after a sample"),
-        (
-            dense("slopes", stage, {"later": later, "A": A, "B": B, "by_d": by_d}),
-            "the same with its derivatives by x (4, 4), u (4, 2) and d (4)",
-        ),
+        (dense("rate", {"x": x, "u": u, "d": d}, {"rate": rate}), "the rate of the state"),
+        *_varied(plant),
         (dense("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
         (dense("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
         (
@@ -38,6 +40,41 @@ def joint_functions(controller: TrackingMPC) -> Functions:
         (
             dense("expansion", state, {"q": ca.SX(ca.vertcat(*plant.expansion(x)))}),
             "pressure loss by expansion of the muscles [Pa/s]",
+        ),
+    ]
+
+
+def varied(plant: Plant) -> "Function":
+    """Return the CasADi function (x, S, u, d) ↦ (x', S') of a joint, S = ∂x/∂(x(0), u, d)."""
+    import casadi as ca
+
+    x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+    return variational(x, [u, d], ca.vertcat(u, d), ca.SX(ca.vertcat(*plant.rate(x, u, d))))
+
+
+def _varied(plant: Plant) -> Functions:
+    """Return the functions that begin y = (x, entries of S) at a state, have its rate, and end it: see motion.h."""
+    import casadi as ca
+
+    rates = varied(plant)
+    pattern = rates.sparsity_in(1)
+    x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
+    y, start = ca.SX.sym("y", NX + pattern.nnz()), ca.horzcat(ca.DM.eye(NX), ca.DM(NX, NU + 1))
+    S = ca.SX(pattern, y[NX:])
+    slope, S_slope = rates(y[:NX], S, u, d)
+    A, B, by_d = (part.T for part in ca.horzsplit(S, [0, NX, NX + NU, NX + NU + 1]))  # CasADi stores columns, C rows
+    return [
+        (
+            dense("begun", {"x": x}, {"y": ca.vertcat(x, ca.project(start, pattern).nz[:])}),
+            "a state and its derivatives by itself, u and d, see motion.h",
+        ),
+        (
+            dense("variational", {"y": y, "u": u, "d": d}, {"rate": ca.vertcat(slope, S_slope.nz[:])}),
+            "the rate of these",
+        ),
+        (
+            dense("ended", {"y": y}, {"later": y[:NX], "A": A, "B": B, "by_d": by_d}),
+            "the state and its derivatives by x (4, 4), u (4, 2) and d (4)",
         ),
     ]
 

@@ -11,6 +11,7 @@ from mpc.export import text
 from mpc.export.controller.certificate import COMPILER, certificate
 from mpc.export.controller.demonstration import control_tables
 from mpc.export.controller.friction import check_frictions, friction_numbers, friction_sizes, friction_tables
+from mpc.export.controller.model import varied
 from mpc.export.controller.recursions import items_in, recursion_files
 from mpc.export.controller.resting import rest_rules, resting_files
 from mpc.export.controller.tuning import tuning_constants, tuning_definition
@@ -60,6 +61,7 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
             "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
             "DELAY": (known.delay(dt), "dead time in samples"),
             "AGE": (known.age(dt), "age of the angle's readings in samples"),
+            "SUBSTEPS": (plant.substeps(dt, RESOLUTION), "integration steps per sample"),
             "AHEAD": (controller.ahead, "samples of reference after the present one"),
             "ITEMS": (items_in(plant.m * blocks, single), "maximum number of limits that differ from those of a sweep"),
             "EXCHANGES": (bounds.exchanges, "maximum number of exchanges in a QP; may be set smaller"),
@@ -71,17 +73,17 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
             "STACK": (bounds.stack, f"bytes of the stack of ant_step, measured with {COMPILER}"),
         }
         | friction_sizes(known.of_joints(plant.n))
-        | _arm_sizes(plant, dt)
+        | (
+            {"ARM": (1, "a machine of any number of joints and muscles")}
+            if isinstance(plant, Arm)
+            else {
+                "VARIED": (
+                    plant.size + varied(plant).nnz_in(1),
+                    "numbers of a motion and its derivatives, see motion.h",
+                )
+            }
+        )
     )
-
-
-def _arm_sizes(plant: Machine, dt: float) -> Numbers:
-    if not isinstance(plant, Arm):
-        return {}
-    return {
-        "ARM": (1, "a machine of any number of joints and muscles"),
-        "SUBSTEPS": (plant.substeps(dt, RESOLUTION), "integration steps per sample"),
-    }
 
 
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:

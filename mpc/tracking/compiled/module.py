@@ -17,10 +17,11 @@ from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, translated
 from mpc.model.experiment import RESOLUTION
 from mpc.model.plant import NU, NX, Plant
+from mpc.model.variational import variational
 from mpc.tracking import resting
 
 if TYPE_CHECKING:
-    from casadi import SX, Function
+    from casadi import Function
 
 _KERNELS = """from allocator.allocation.two_muscles.kernels.source import affine_exact, tondu_exact
 from mpc.codegen.jit import merged
@@ -109,7 +110,7 @@ def _functions(plant: Plant) -> dict[str, "Function"]:
     pressing = ca.vertcat(plant.pull(x), plant.isobaric(x), *gains)
     return {
         "rate": ca.Function("rate", [x, u, d], ca.cse([rate])),
-        "variational": variational(x, u, d, rate),
+        "variational": variational(x, [u, d], u, rate),
         "outputs": ca.Function("outputs", [x], ca.cse([y])),
         "output_slopes": ca.Function("output_slopes", [x], ca.cse([y, ca.densify(ca.jacobian(y, x))])),
         "expansion": ca.Function("expansion", [x], ca.cse([ca.densify(ca.SX(ca.vertcat(*plant.expansion(x))))])),
@@ -136,24 +137,7 @@ def _coefficients(plant: Plant) -> dict[str, "Function"]:
     return {"coefficients": ca.Function("coefficients", [theta], both)}
 
 
-# --- derivatives along the motion: S' = ∂f/∂x S + (0, ∂f/∂u), from S = (1, 0) ----------------------------------------
-# S = (A, B) has constant zeros. Only the other entries are computed, as scalars of one tuple
-# y = (x, entries of S, columns first), which stays in registers.
-
-
-def variational(x: "SX", u: "SX", d: "SX", rate: "SX") -> "Function":
-    """Return the CasADi function (x, S, u, d) ↦ (x', S') of x' = `rate`, an expression of `x`, `u` and `d`; S and S'
-    have entries at the same places.
-    """
-    import casadi as ca
-
-    jacobian, source = ca.jacobian(rate, x), ca.horzcat(ca.SX(NX, NX), ca.jacobian(rate, u))
-    pattern, grown = None, ca.horzcat(ca.DM.eye(NX), ca.DM(NX, NU)).sparsity()
-    while pattern is None or grown != pattern:
-        pattern, S = grown, ca.SX.sym("S", grown)
-        slope = jacobian @ S + source
-        grown = pattern.unite(slope.sparsity())
-    return ca.Function("variational", [x, S, u, d], ca.cse([rate, ca.project(slope, pattern)]))
+# --- derivatives along the motion, as scalars of one tuple y = (x, entries of S), which stays in registers -----------
 
 
 def layout(variational: "Function") -> str:

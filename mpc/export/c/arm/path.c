@@ -45,10 +45,11 @@ int ant_linearise(ant_controller *c, const ant_task *task) {
     ant_motion *m = &qp->motion;
     memcpy(m->x[0], task->x, sizeof m->x[0]);
     for (int k = 0; k < ANT_HORIZON; k++) {
-        ant_slopes slopes;
-        ant_advance(m->x[k], m->u[k], task->d[k], m->x[k + 1], &slopes);
+        ant_real A[S][S], B[S][M], by_d[S][N];
+        ant_model_slopes(m->x[k], m->u[k], task->d[k], m->x[k + 1], A[0], B[0], by_d[0]);
         for (int i = 0; i < ANT_MOVING; i++)
-            for (int j = 0; j < ANT_XI; j++) qp->A[k][i][j] = j < ANT_MOVING ? slopes[i][j] : ANT_BAR * slopes[i][j];
+            for (int j = 0; j < ANT_XI; j++)
+                qp->A[k][i][j] = (j < ANT_MOVING ? 1 : ANT_BAR) * (j < S ? A[i][j] : B[i][j - S]);
         for (int j = 0; j < M; j++) qp->u[k][j] = m->u[k][j] / ANT_BAR;
     }
     for (int k = 0; k <= ANT_HORIZON; k++) {
