@@ -13,7 +13,6 @@ with gas, the pressures are integrated as well.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from math import sqrt
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -344,7 +343,7 @@ class Arm:
         The endpoint's are those of lever² K_x [N·m/rad], which has the weight of a joint's stiffness (`ranges.lever`).
         """
         rows, columns = np.triu_indices(self.tracked)
-        return rows, columns, ranges.lever(self) ** 2 * np.where(rows == columns, 1.0, sqrt(2))
+        return rows, columns, ranges.lever(self) ** 2 * np.where(rows == columns, 1.0, 2**0.5)
 
     def svec(self, K: Array) -> Array:
         """Return svec K (…, k(k+1)/2) of matrices (…, k, k)."""
