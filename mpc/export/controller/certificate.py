@@ -54,7 +54,7 @@ def _stack(n: int, m: int, commands: int, number: int) -> int:
     Their arrays are plans and a cost-to-go, or covariances and Jacobians.
     """
     xi, beliefs = 2 * (n + m), 3 * n + m
-    return _FRAMES + number * (_NUMBERS + max(m * commands + 2 * xi**2 + 4 * xi, 6 * beliefs**2 + 4 * n * xi))
+    return _FRAMES + number * (_NUMBERS + max(m * commands + 2 * xi**2 + 4 * xi, 6 * beliefs**2 + 5 * n * xi))
 
 
 class _Count:
