@@ -14,7 +14,7 @@ from mpc import KalmanObserver, Run, simulate
 from mpc.model.faults import DriftingSensor, Fault
 from mpc.model.real_plant import RealPlant
 from mpc.observer.health import Health, Suspect
-from mpc.trials.loops import loop, robust
+from mpc.trials.loops import loop
 from mpc.trials.motions.reference import Reference
 from mpc.trials.motions.trajectories import TRAJECTORIES
 from mpc.trials.simulation import Controller
@@ -47,7 +47,7 @@ class Listener:
 @cache
 def driver() -> tuple[Controller, Listener]:
     """Return controller and observer of all runs of a process."""
-    controller, observer = loop("mpc", robust("mpc", SETTINGS))  # as `antagonist track` and `run` have it
+    controller, observer = loop("mpc", SETTINGS)
     assert isinstance(observer, KalmanObserver)
     return controller, Listener(observer)
 
