@@ -99,8 +99,8 @@ class Rivalry:
         repeating = float(y.repeating[self._contested].max(initial=0.0))
         if repeating > ONCE * self._dt:  # not after a blow, but for a sensor that sticks
             self._doubted = self.patience
-        elif repeating > 0:
-            self._explained = 0
+        elif repeating > 0:  # it may be about to stick, or the joint creeps over the steps of its encoder
+            return
         self._explained += bool((used & self._contested).any())
 
     def _explains(self, belief: Belief, y: Readings, used: Mask) -> bool:

@@ -126,6 +126,15 @@ def test_an_encoder_that_has_lost_its_zero_is_followed_after_half_a_second_and_o
     assert np.abs((run.theta - run.theta_ref)[200:250]).max() < 3 * DEG  # nothing is thrown about meanwhile
 
 
+def test_an_angle_that_has_jumped_and_creeps_over_the_steps_of_its_encoder_is_believed():
+    """It repeats once after each step, as that of a joint does which friction nearly holds."""
+    observer, step, samples = KalmanObserver(PLANT, DT, compiled=False), 0.02 * DEG, np.arange(200)
+    _, verdicts = fed(observer, REST[0] + step * np.concatenate([samples[:50] % 2, 1000 + samples // 2]))
+    assert verdicts[50] is Verdict.REJECTED
+    assert 0.5 <= (verdicts.index(Verdict.ACCEPTED) - 50) * DT <= 1.2
+    assert verdicts[-20:] == [Verdict.BELIEVED] * 20
+
+
 @pytest.mark.compiles
 def test_a_joint_that_is_hit_is_found_again_at_once():
     """A blow of 8 N·m moves it as no model says: readings are doubted for a few samples, and then explained."""

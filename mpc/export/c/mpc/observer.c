@@ -152,8 +152,7 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
         if (o->contested[i] && o->repeating[i] > repeating) repeating = o->repeating[i];
     }
     if (repeating > ANT_REPEATED) o->doubted = ANT_GATE_PATIENCE; /* as a blow does not, but a sensor that sticks */
-    if (repeating > 0 && repeating <= ANT_REPEATED) o->explained = 0;
-    o->explained += contested;
+    if (!(repeating > 0 && repeating <= ANT_REPEATED)) o->explained += contested;
     if (!any || (o->explained <= o->doubted && o->samples > ANT_FIRST)) {
         ant_correct(o, &o->rival, read, used);
         return;
