@@ -222,7 +222,8 @@ def _dry_friction(simulated: Sequence[float], known: "Compensation") -> list[str
     """Return a remark if the loop does not know all of the `simulated` dry friction [N·m] of the joints."""
     from mpc.model.friction.dahl import Friction
 
-    whole, told = sum(simulated), sum(one.coulomb for one in known.frictions if isinstance(one, Friction))
+    joints = known.of_joints(len(simulated))
+    whole, told = sum(simulated), sum(one.coulomb for one in joints if isinstance(one, Friction))
     if told >= whole:
         return []
     knows = f"{told / whole:.0%} of it" if told else "nothing of it"

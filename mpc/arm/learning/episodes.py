@@ -85,19 +85,12 @@ class Episodes:
     def observe(self, rng: np.random.Generator) -> Seen:
         """Return the observations (N, 2n + 2m + a) with new noise."""
         P = self.batch.P + self.task.pressure_noise * rng.standard_normal(self.batch.P.shape)
-        seen = np.concatenate([*self._encoders, P, self._waiting[0], self.asked], axis=1)
-        seen /= self._units
-        low, high = self.seen_range
-        return np.asarray(np.minimum(np.maximum(seen, low, out=seen), high, out=seen), np.float32)
+        seen = np.concatenate([*self._encoders, P, self._waiting[0], self.asked], axis=1) / self._units
+        return np.asarray(within(seen, *self.seen_range), np.float32)
 
     def _rounded(self, q: Array) -> Array:
         step = self.task.encoder
-        if not step:
-            return q.copy()
-        rounded = np.asarray(q / step)
-        np.rint(rounded, out=rounded)
-        rounded *= step
-        return rounded
+        return np.asarray(step * np.rint(q / step)) if step else q.copy()
 
 
 def _mujoco(varied: VariedArm, size: int, dt: float) -> Batch:

@@ -28,7 +28,7 @@ def joint_functions(controller: TrackingMPC) -> Functions:
     state = {"x": x}
     return [
         (dense("rate", {"x": x, "u": u, "d": d}, {"rate": rate}), "the rate of the state"),
-        *_varied(plant),
+        *_motion(plant),
         (dense("outputs", state, {"K": K, "F": F}), "stiffness and both forces"),
         (dense("gradients", state, {"C": C, "D": D}), "their derivatives by x, (4) and (2, 4)"),
         (
@@ -44,7 +44,7 @@ def joint_functions(controller: TrackingMPC) -> Functions:
     ]
 
 
-def varied(plant: Plant) -> "Function":
+def variational_of(plant: Plant) -> "Function":
     """Return the CasADi function (x, S, u, d) ↦ (x', S') of a joint, S = ∂x/∂(x(0), u, d)."""
     import casadi as ca
 
@@ -52,11 +52,11 @@ def varied(plant: Plant) -> "Function":
     return variational(x, [u, d], ca.vertcat(u, d), ca.SX(ca.vertcat(*plant.rate(x, u, d))))
 
 
-def _varied(plant: Plant) -> Functions:
+def _motion(plant: Plant) -> Functions:
     """Return the functions that begin y = (x, entries of S) at a state, have its rate, and end it: see motion.h."""
     import casadi as ca
 
-    rates = varied(plant)
+    rates = variational_of(plant)
     pattern = rates.sparsity_in(1)
     x, u, d = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("d")
     y, start = ca.SX.sym("y", NX + pattern.nnz()), ca.horzcat(ca.DM.eye(NX), ca.DM(NX, NU + 1))

@@ -11,7 +11,7 @@ from mpc.export import text
 from mpc.export.controller.certificate import COMPILER, certificate
 from mpc.export.controller.demonstration import control_tables
 from mpc.export.controller.friction import check_frictions, friction_numbers, friction_sizes, friction_tables
-from mpc.export.controller.model import varied
+from mpc.export.controller.model import variational_of
 from mpc.export.controller.recursions import items_in, recursion_files
 from mpc.export.controller.resting import rest_rules, resting_files
 from mpc.export.controller.tuning import tuning_constants, tuning_definition
@@ -73,17 +73,15 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
             "STACK": (bounds.stack, f"bytes of the stack of ant_step, measured with {COMPILER}"),
         }
         | friction_sizes(known.of_joints(plant.n))
-        | (
-            {"ARM": (1, "a machine of any number of joints and muscles")}
-            if isinstance(plant, Arm)
-            else {
-                "VARIED": (
-                    plant.size + varied(plant).nnz_in(1),
-                    "numbers of a motion and its derivatives, see motion.h",
-                )
-            }
-        )
+        | _sizes_of_kind(plant)
     )
+
+
+def _sizes_of_kind(plant: Machine) -> Numbers:
+    if isinstance(plant, Arm):
+        return {"ARM": (1, "a machine of any number of joints and muscles")}
+    varied = plant.size + variational_of(plant).nnz_in(1)
+    return {"VARIED": (varied, "numbers of a motion with its derivatives, see motion.h")}
 
 
 def control_files(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Files:

@@ -5,7 +5,7 @@ functions of `commands` that it uses. Other parts are written in C under the sam
 
     step.feed_forward        mpc/feedforward.c, ant_feed_forward
     step.linearise           pair/path.c and arm/path.c, ant_linearise
-    mpc.model.arm.compiled   arm/motion.c, ant_advance
+    mpc.model.arm.compiled   arm/rate.c and mpc/motion.c, ant_advance
     step.rollout             mpc/rollout.c, ant_rollout
     structured_qp.structured mpc/structured.c: ant_solve
     mpc.tracking.base        mpc/controller.c; preview, fallback, rest have files of their names

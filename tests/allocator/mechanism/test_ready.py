@@ -8,20 +8,11 @@ import pytest
 from allocator import InvalidInput, Limits, Stiffness, allocate, warm_up
 from allocator.allocation.box import ready
 from allocator.allocation.box.kernel.target import answers
-from allocator.mechanism import Link, Mechanism, Sites, Tables, from_function, machines
-from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
+from allocator.mechanism import Mechanism, Tables, from_function, machines
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
 
-
-def between_sites():
-    """Two links with six muscles between sites: bends count, and muscles are of two kinds."""
-    links = [Link(), Link(0, origin=(0.0, 0.3))]
-    paths = [[(-1, (0.0, -0.3)), (0, (side * 0.03, 0.0))] for side in (-1, 1)]
-    paths += [[(0, (0.0, 0.0)), (1, (side * 0.03, 0.0))] for side in (-1, 1)]
-    paths += [[(-1, (0.0, -0.3)), (0, (side * 0.03, 0.0)), (1, (side * 0.02, 0.0))] for side in (-1, 1)]
-    muscles = (SAROSI_DMSP_20_400N, SAROSI_DMSP_20_200N) * 3
-    routes = Sites(0.4, links, paths, cable=[-0.0435] * 4 + [0.2565] * 2)
-    return Mechanism(routes, muscles, angle_limits=((-0.5, 0.5), (-0.4, 0.4)))
+from ...rigs.two_links import two_links
 
 
 def by_function():
@@ -30,7 +21,7 @@ def by_function():
     return Mechanism(routes, (SAROSI_DMSP_20_400N,) * 2)
 
 
-MACHINES = {"arm26": machines.arm26(), "leg37": machines.leg37(), "sites": between_sites(), "formula": by_function()}
+MACHINES = {"arm26": machines.arm26(), "leg37": machines.leg37(), "sites": two_links(), "formula": by_function()}
 LIMITS = {
     "taut": {},
     "slack": {"min_force": None},
@@ -216,7 +207,7 @@ def test_routes_without_formulas_and_curved_muscles_are_not_made_ready(monkeypat
 
 @pytest.mark.compiles
 def test_compiled_code_gives_the_digits_of_plain_python(monkeypatch):
-    arm = between_sites()
+    arm = two_links()
     assert warm_up(joint=arm)
     asked = list(questions(arm, 40, LIMITS["slew"]))
     compiled = [allocate(*targets, joint=arm, limits=kept) for *targets, kept in asked]

@@ -8,29 +8,19 @@ import pytest
 
 from allocator import Limits, Status, allocate
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.mechanism import Link, Mechanism, Sites, Tables, machines
-from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
+from allocator.mechanism import Mechanism, Tables, machines
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_LOPEZ_LAAS_ARM
 from allocator.units import BAR
 from mpc.export.mechanism import export_mechanism
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs
+from ...rigs.two_links import two_links
 
 MAIN = Path(tools.__file__).parent / "c" / "replay" / "mechanism.c"
 needs_gcc = needs("gcc")
 ARM = machines.arm26()
 TABLE = Tables(0.4, [np.linspace(-1, 1, 9)], 0.345 + 0.02 * np.linspace(-1, 1, 9)[:, None] * [-1, 1])
-
-
-def two_links():
-    """An arm of two links with six muscles between sites: bends count, and muscles of two kinds."""
-    links = [Link(), Link(0, origin=(0.0, 0.3))]
-    paths = [[(-1, (0.0, -0.3)), (0, (side * 0.03, 0.0))] for side in (-1, 1)]
-    paths += [[(0, (0.0, 0.0)), (1, (side * 0.03, 0.0))] for side in (-1, 1)]
-    paths += [[(-1, (0.0, -0.3)), (0, (side * 0.03, 0.0)), (1, (side * 0.02, 0.0))] for side in (-1, 1)]
-    muscles = (SAROSI_DMSP_20_400N, SAROSI_DMSP_20_200N) * 3
-    routes = Sites(0.4, links, paths, cable=[-0.0435] * 4 + [0.2565] * 2)
-    return Mechanism(routes, muscles, angle_limits=((-0.5, 0.5), (-0.4, 0.4)))
 
 
 def questions(mechanism, N, seed=0, dtype=float):
