@@ -11,7 +11,7 @@ A muscle's pressure sensor is judged by the disturbance along the muscle's own t
 Functions that numba can compile update the memory (`mpc.observer.compiled`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import inf, isfinite, nan, sqrt
 from typing import NamedTuple
 
@@ -31,6 +31,7 @@ from mpc.observer.ringing import RingingDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
 
 LARGE, LARGE_STILL = 0.1 * BAR, 0.08 * BAR  # [Pa] |offset| of a sensor to report, and to stop reporting
+ALIKE = 7.5  # [σ] between pressures that one supply feeds
 SHOWN = 0.01 * BAR  # [Pa] resolution of the reported offset
 _FORGETTING = 1.0  # [s]: readings lost earlier hardly count
 _FLAGS = {
@@ -207,15 +208,21 @@ class Diagnosis:
 
     def _of_pressures(self) -> Iterator[Finding]:
         thrown = self._gas and self.torque.broken is not None
-        ill = {i: own for i, own in enumerate(self.pressures) if own.suspected and not (thrown and self._moved(i))}
+        moved = self._moved if thrown else self._swung
+        ill = {i: own for i, own in enumerate(self.pressures) if own.suspected and not moved(i)}
         several = len(ill) > 1
         common = several and all(FaultKind.SUPPLY_DROP in own.suspected for own in ill.values())
-        low = several and all(own.low for own in ill.values())
+        low = several and all(own.low for own in ill.values()) and self._alike(ill)
         self._low_supply = bool(ill) and (common or low or (self._low_supply and not thrown))
         if self._low_supply:
             yield Finding(_LOW_SUPPLY, min(own.since for own in ill.values()))
         else:
             yield from map(self._of_pressure, ill)
+
+    def _alike(self, muscles: Iterable[int]) -> bool:
+        """Return whether the pressures of `muscles` are equal, as one low supply leaves them."""
+        P = [self.pressures[i].numbers[pressure_diagnosis.P] for i in muscles]
+        return max(P) - min(P) < ALIKE * self.pressures[0].sound.sigma
 
     def _moved(self, i: int) -> bool:
         """Return whether a broken cable explains the pressure of muscle `i`.
@@ -223,6 +230,15 @@ class Diagnosis:
         No motion moves the gas of its own muscle; the pressures of the others err later, by an unmodelled motion.
         """
         return self.torque.broken == i or self.pressures[i].since >= self.torque.since
+
+    def _swung(self, i: int) -> bool:
+        """Return whether an earlier fault with one explanation explains the pressure of muscle `i`.
+
+        The fault moves the joint, and with it the gas. Without that, this muscle's pressure would be sound.
+        """
+        own = self.pressures[i]
+        alone = (other.since for other in self.pressures if len(other.suspected) == 1)
+        return self._gas and FaultKind.BROKEN_CABLE in own.suspected and min(alone, default=inf) < own.since
 
     def _of_torque(self) -> Iterator[Finding]:
         torque = self.torque

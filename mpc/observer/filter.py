@@ -54,7 +54,7 @@ class Noise:
     pressure: float = 0.02 * BAR  # [Pa]
     omega_walk: float = 0.2  # [rad/s/√s]
     pressure_walk: float = 0.02 * BAR  # [Pa/√s]
-    d_walk: float = 1.9  # [N·m/√s]
+    d_walk: float = 1.33  # [N·m/√s]
     offset: float = 0.15 * BAR  # bound of the estimated sensor offsets [Pa]; 0: none
 
     def __post_init__(self) -> None:

@@ -42,13 +42,12 @@ class Weights:
     def calm(cls, detuning: float = 1.0) -> Self:
         """Return weights for a joint that differs from its model: errors cost less, changes of commands more.
 
-        They are the same for all trajectories of the closed-loop benchmark, chosen by hand after a numerical search on
-        seeds that it does not use. A `detuning` s > 1 divides the weight of the angle by s and multiplies that of the
-        rate by s²: the loop is slower and more robust (`mpc.robust_weights` finds s for a joint). Raises `InvalidInput`
-        unless s is positive and finite.
+        They were chosen on joints of `benchmarks.strangers` whose seeds its report does not use. A `detuning` s > 1
+        divides the weight of the angle by s and multiplies that of the rate by s²: the loop is slower and more robust
+        (`mpc.robust_weights` finds s for a joint). Raises `InvalidInput` unless s is positive and finite.
         """
         s = checks.positive("detuning", detuning, "")
-        return cls(theta=1 / (0.16 * DEG) ** 2 / s, omega=1 / (3.5 * DEG) ** 2, rate=(s / (0.5 * BAR)) ** 2)
+        return cls(theta=1 / (0.16 * DEG) ** 2 / s, omega=1 / (2.5 * DEG) ** 2, rate=(s / (0.5 * BAR)) ** 2)
 
 
 CALM = Weights(theta=1 / (0.234 * DEG) ** 2, omega=1 / (10.07 * DEG) ** 2, rate=1 / (1.526 * BAR) ** 2)

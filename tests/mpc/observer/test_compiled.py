@@ -159,7 +159,7 @@ def test_whatever_is_broken_verdicts_and_health_are_those_of_the_readable_observ
 def test_a_sensor_that_sticks_in_slow_motion_is_doubted_at_the_same_sample(sensor):
     pair = Pair(compensation=TOLD)
     real = replace(REAL, faults=(FrozenSensors(1.0, 9.0, sensors=(sensor,)),))
-    taken = run(pair, real, 300, lambda k: REST[2:] + 0.3 * BAR * k / 100 * np.array([1, -1]))
+    taken = run(pair, real, 300, lambda k: REST[2:] + 0.2 * BAR * k / 100 * np.array([1, -1]))
     assert pair.compiled.verdicts[[0, 2].index(sensor)] is Verdict.FROZEN
     assert taken[100:112].all()
     assert not taken[-1]
