@@ -1,6 +1,6 @@
 """The exported controller does what Python's does: the same statuses and rungs, the same commands."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +15,7 @@ from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Refe
 from mpc.export import export
 from mpc.export.controller.certificate import certificate
 from mpc.export.controller.sizes import check_pair
-from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
+from mpc.model.faults import Fault, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.repetition.update import Update
@@ -189,7 +189,27 @@ def test_no_sanitizer_finds_anything_and_all_commands_keep_supply_and_slew(preci
     assert (got[:2, STATUS] == BAD_INPUT).all()
     assert ((u >= 0) & (u <= SPAN)).all()
     assert np.abs(np.diff(u[2:], axis=0)).max() <= 5 * BAR * 0.01 * (1 + 1e-4)
-    assert (got[-50:, RUNG] == Rung.QP).all()  # good readings lead back
+
+
+@dataclass(frozen=True)
+class Wild(Fault):
+    """Sensors half of whose readings are wild."""
+
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(3))
+
+    def read(self, y, previous):
+        wild = self.rng.choice([0.0, np.nan, np.inf, -np.inf, 1e-300, 1e300, -1e300, 0.5, 3e5], y.shape)
+        return np.where(self.rng.random(y.shape) < 0.5, wild, y)
+
+
+@needs_gcc
+def test_good_readings_lead_back_from_wild_ones(faulty_loop, exported):
+    process = replace(RealPlant.standard(), faults=(Wild(2.9, 5.9),))
+    samples, wanted = recorded(process, *faulty_loop[:2], sine(K=5.5, duration=8.0))
+    got = replayed(tools.compiled(exported["double"], CONTROL, "vectors", *tools.SANITISED), samples)
+    assert (got[290:590, RUNG] != Rung.QP).any()
+    assert (got[-50:, RUNG] == Rung.QP).all()
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
 
 
 @pytest.fixture(scope="module")
