@@ -11,6 +11,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import Limits
+from allocator.lazy import Console, Figure
 from allocator.shell.hand_options import Hand, HandOptions, torques
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, numbers, within
@@ -20,8 +21,6 @@ from allocator.shell.stiffness_options import StiffnessOptions
 from allocator.units import DEG
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from allocator.calculus import Array
     from allocator.feasibility.result import FeasibilityMap
     from allocator.joint.antagonist import AntagonistJoint
@@ -219,8 +218,6 @@ def _write(maps: dict[str, "FeasibilityMap"], out: Path, pressures: bool) -> Non
 
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from allocator.calculus import Array
     from allocator.mechanism.mechanism import Mechanism
 

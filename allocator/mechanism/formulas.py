@@ -5,19 +5,17 @@ Their values equal those of `allocator.mechanism.routes`, and CasADi differentia
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from allocator.errors import InvalidInput
+from allocator.lazy import SX, Function
 from allocator.mechanism.endpoint.endpoint import Endpoint
 from allocator.mechanism.endpoint.points import LinkagePoint
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import FunctionRoutes, JointRoutes, Pulleys, Routes, Sites
 from allocator.mechanism.routes.linkage import GROUND, Link
-
-if TYPE_CHECKING:
-    from casadi import SX, Function
 
 
 def symbolic_lengths(routes: Routes, q: "SX") -> "SX":

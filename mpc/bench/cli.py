@@ -10,6 +10,7 @@ import typer
 
 from allocator import checks
 from allocator.errors import AntagonistError
+from allocator.lazy import Console
 from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import say
@@ -19,8 +20,6 @@ from mpc.plant_cli import LoopOptions, PlantOptions
 from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from mpc.bench.cycle import Cycle
     from mpc.bench.device import Device
     from mpc.bench.logs import Record

@@ -1,15 +1,13 @@
 """Kernel and numbers of a joint for the export, or the reason for a refusal."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator.allocation.two_muscles.kernels.choice import AffineNumbers, TonduNumbers
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
-
-if TYPE_CHECKING:
-    from casadi import Function
+from allocator.lazy import Function
 
 Numbers = dict[str, tuple[float | int | str, str]]  # name: value, description
 _BELOW_POLE = 1 - 1e-6  # of the pole: up to there forces are finite in either precision

@@ -26,6 +26,7 @@ from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.assumption import assumptions, with_volumes
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
 from allocator.joint.limits import Limits
+from allocator.lazy import Function
 from allocator.units import BAR, CM3
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
 from mpc.model.gas import fall, gas_of, trapped
@@ -33,7 +34,6 @@ from mpc.model.integration import integrated
 from mpc.model.storage import load_plant, save_plant
 
 if TYPE_CHECKING:
-    from casadi import Function
     from control import NonlinearIOSystem
 
 STATES = ("theta", "omega", "P1", "P2")

@@ -11,11 +11,12 @@ push. The friction T_f of each joint, regulators and sensors are those of `mpc.m
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.lazy import Function
 from allocator.mechanism.formulas import symbolic_lengths
 from mpc.model.arm.formulas import rises, varied_acceleration
 from mpc.model.arm.model import Arm
@@ -27,9 +28,6 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.integration import integrated
 from mpc.model.real_experiment import RealExperiment, check_effects, own_lags, own_substeps, regulated
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 
 @dataclass(frozen=True)

@@ -9,22 +9,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from math import ceil, isfinite, prod
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.lazy import Function
 from allocator.units import BAR
 from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import check_regulators
 from mpc.model.experiment import FINE
 from mpc.model.faults import Fault
 from mpc.model.plant import MOST_SUBSTEPS
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 
 def check_effects(real: Any) -> None:

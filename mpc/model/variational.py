@@ -1,10 +1,8 @@
 """Variational equations of a motion: S' = ∂f/∂x S + (0, ∂f/∂v), from S = ∂x/∂(x(0), v) = (1, 0)."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from casadi import SX, Function
+from allocator.lazy import SX, Function
 
 
 def variational(x: "SX", given: Sequence["SX"], v: "SX", rate: "SX") -> "Function":
