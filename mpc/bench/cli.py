@@ -284,7 +284,7 @@ def _journal(files: list[Path]) -> Path | None:
 
 def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
     """Write the other files, and remove a journal that --out does not name."""
-    from mpc.trials.mcap import save_mcap
+    from mpc.trials.files import save_mcap
     from mpc.trials.pictures.plotting import save_tracking_figure
 
     for path in files:

@@ -3,8 +3,8 @@
 from allocator.lazy import Function
 from mpc.export.controller.friction import friction_function
 from mpc.export.parts import Functions, dense
+from mpc.model.integration import variational
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.variational import variational
 from mpc.tracking.controller import TrackingMPC
 
 

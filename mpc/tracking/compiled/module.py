@@ -17,8 +17,8 @@ from allocator.units import BAR
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, translated
 from mpc.model.experiment import RESOLUTION
+from mpc.model.integration import variational
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.variational import variational
 from mpc.tracking import resting
 
 _KERNELS = """from allocator.allocation.two_muscles.kernels.source import affine_exact, tondu_exact

@@ -8,8 +8,7 @@ import numpy as np
 from allocator.lazy import Table
 from allocator.mechanism.endpoint import Endpoint
 from mpc.model.plant import Plant
-from mpc.trials.files import save_recording, save_run
-from mpc.trials.mcap import save_mcap
+from mpc.trials.files import save_mcap, save_recording, save_run
 from mpc.trials.metrics import Errors, Metrics
 from mpc.trials.pictures.animation import ENDINGS
 from mpc.trials.pictures.plotting import save_tracking_figure

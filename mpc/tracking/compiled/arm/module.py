@@ -22,7 +22,7 @@ _OWN = "mpc.tracking.compiled.structured_qp", "mpc.tracking.compiled.commands"
 _LIMITS = "sizes", "../commands"
 _SOLUTION = (
     "sizes", "stage_of_many", "../commands", "gradient", "rows", "riccati", "responses", "certificate", "active",
-    "start", "interrupted", "exchange", "solve", "../arm/solve",
+    "start", "exchange", "solve", "../arm/solve",
 )  # fmt: skip
 
 
