@@ -18,8 +18,7 @@ from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.active import Active, direct, end, lead_on, take_base, walk
-from mpc.tracking.compiled.structured_qp.certificate import gap, lagrangian, over, priced, soften
-from mpc.tracking.compiled.structured_qp.gradient import adjoint, gradients
+from mpc.tracking.compiled.structured_qp.certificate import adjoint, gap, gradients, lagrangian, over, priced, soften
 from mpc.tracking.compiled.structured_qp.responses import (
     Items,
     copy_item,
@@ -27,10 +26,13 @@ from mpc.tracking.compiled.structured_qp.responses import (
     find_item,
     name_item,
     respond,
+    row_side,
+    row_value,
+    slack_of,
     solve_items,
+    width,
 )
 from mpc.tracking.compiled.structured_qp.riccati import BREAKS, Sweep, backward, end_of, forward
-from mpc.tracking.compiled.structured_qp.rows import row_side, row_value, slack_of, width
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUND, FREE, GONE, HIGH, NU, NX, RANGE, SUPPLY, UPPER
 from mpc.tracking.compiled.structured_qp.stage import curvature
 
