@@ -12,8 +12,7 @@ from allocator.lazy import Function
 from allocator.mechanism import Mechanism
 from mpc.codegen import c_text
 from mpc.export import text
-from mpc.export.joint import Kernel, Numbers, sides_function, stiffness_function
-from mpc.export.kernel import kernel_files
+from mpc.export.joint import Kernel, Numbers, kernel_files, sides_function, stiffness_function
 
 Files = dict[str, str]  # path within the exported directory: content
 Functions: TypeAlias = list[tuple["Function", str]]
