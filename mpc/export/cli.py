@@ -45,8 +45,8 @@ class ControllerOptions(PlantOptions):
 
         Those of an arm are those of `antagonist track --plant real`, but for the shorter horizon.
         """
-        from mpc.export.controller.arm import check_arm
         from mpc.export.controller.tuning import weights_from
+        from mpc.export.entry import check_arm
         from mpc.export.joint import kernel_of
         from mpc.observer.filter import CALM_NOISE
         from mpc.observer.kalman import KalmanObserver

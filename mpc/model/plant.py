@@ -66,16 +66,14 @@ class Plant:
 
     def __post_init__(self) -> None:
         """Convert the parameters to plain floats (CasADi does not accept NumPy scalars) and check them."""
-        for name, unit in (("inertia", "kg·m²"), ("damping", "N·m·s/rad"), ("gravity_torque", "N·m"), ("slew", "Pa/s")):
-            object.__setattr__(self, name, _number(name, getattr(self, name), unit, positive=name in _POSITIVE))
-        if self.damping < 0:
-            raise InvalidInput(f"damping = {self.damping:g} N·m·s/rad has to be 0 or more")
+        for name, check, unit in _CHECKS:
+            object.__setattr__(self, name, check(name, getattr(self, name), unit))
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
         lags = self.lag if isinstance(self.lag, tuple) else (self.lag, self.lag)
         if len(lags) != NU:
             raise InvalidInput(f"lag = {self.lag!r} has to be one time constant or a pair of them [s]")
-        object.__setattr__(self, "lag", tuple(_number("lag", lag, "s", positive=True) for lag in lags))
+        object.__setattr__(self, "lag", tuple(checks.positive("lag", lag, "s") for lag in lags))
         self._check_gas()
 
     def _check_gas(self) -> None:
@@ -385,13 +383,11 @@ class Plant:
 
 
 NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")
-_POSITIVE = ("inertia", "slew")
+_CHECKS = (
+    ("inertia", checks.positive, "kg·m²"),
+    ("damping", checks.not_negative, "N·m·s/rad"),
+    ("gravity_torque", checks.number, "N·m"),
+    ("slew", checks.positive, "Pa/s"),
+)
 _ALL = 1.0, 1.0  # shares of the gas that is trapped
 MOST_SUBSTEPS = 10_000  # per sample
-
-
-def _number(name: str, value: object, unit: str, *, positive: bool) -> float:
-    number = checks.number(name, value, unit)
-    if positive and number <= 0:
-        raise InvalidInput(f"{name} = {number:g} {unit} has to be positive and finite")
-    return number

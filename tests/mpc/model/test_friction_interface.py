@@ -21,8 +21,7 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.weights import Weights
 from mpc.trials.loops import CONTROLLERS, Settings, loop
-from mpc.trials.motions.reference import Reference
-from mpc.trials.motions.trajectories import min_jerk
+from mpc.trials.motions.reference import Reference, min_jerk
 from mpc.trials.simulation import simulate
 
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
