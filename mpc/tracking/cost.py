@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array, Value
-from mpc.model.plant import NU, NX
+from mpc.model.plant import NU
 from mpc.tracking.weights import Weights
 
 NY = 1 + NU  # outputs: stiffness and both forces
@@ -61,7 +61,6 @@ class Rows(NamedTuple):
     rate: Value  # 2
 
 
-SIZES = Rows(NX, NY, NU, NU)
 STATES, COMMANDS = ("x", "y"), ("e", "rate")  # kinds of rows that the state and the commands have
 
 
