@@ -192,7 +192,7 @@ def test_a_plant_s_file_keeps_what_controllers_are_told(tmp_path):
     ("table", "named"),
     [
         ("[regulators]\ndelay = 0.1", "no delay; it has dead_time, dead_band"),
-        ("[regulators]\ndead_time = -0.1", "dead_time = -0.1 s"),
+        ("[regulators]\ndead_time = -0.1", "dead_time = -0.1 has to be"),
         ('[regulators]\ndead_band = "small"', "regulators"),
         ('[regulators]\nlag_up = "short"', "lag_up"),
         ("[regulators]\nlag_down = -0.1", "lag_down"),
