@@ -58,10 +58,7 @@ class RealMachine(ABC):
         for name, usual in (("force_gains", 1.0), ("pressure_offset", 0.0), ("shut", False)):
             object.__setattr__(self, name, tuple(getattr(self, name)) or (usual,) * m)
         for name, unit in _UNITS:
-            value = float(getattr(self, name))
-            if not (value >= 0 and isfinite(value)):
-                raise InvalidInput(f"{name} = {value:g} {unit} has to be 0 or more, and finite")
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, checks.not_negative(name, getattr(self, name), unit))
         check_regulators(self)
         offsets = tuple(checks.number("pressure_offset", offset, "Pa") for offset in self.pressure_offset)
         if len(offsets) != m or max(map(abs, offsets)) > BAR:
