@@ -7,6 +7,7 @@ import numpy as np
 import typer
 
 from allocator.errors import InvalidInput
+from allocator.lazy import Table
 from allocator.presentation.tables import number
 from allocator.shell.hand_options import HandOptions, torques
 from allocator.shell.machine_options import MachineOptions
@@ -16,8 +17,6 @@ from allocator.shell.stiffness_options import StiffnessOptions
 from allocator.units import BAR, DEG
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from allocator.allocation.at_least import AtLeast
     from allocator.allocation.box.result import BoxAllocation
     from allocator.allocation.two_muscles.result import PairAllocation

@@ -66,7 +66,7 @@ from allocator.joint.gas import AIR, Gas
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.mechanism.machines import MACHINES
 from allocator.mechanism.mechanism import Mechanism
-from allocator.mechanism.routes import Link, Pulleys, Routes, Sites, Tables
+from allocator.mechanism.routes import FILED, Link, Sites
 from allocator.muscles import Muscle
 from allocator.muscles.storage import covariance_rows, muscle_from, muscle_lines
 
@@ -75,7 +75,6 @@ Machine: TypeAlias = AntagonistJoint | Mechanism
 _GEOMETRIES: Mapping[str, type[geometry.Geometry]] = {
     kind.__name__: kind for kind in (geometry.Pulley, geometry.Lever, geometry.Table)
 }
-_ROUTES: Mapping[str, type[Routes]] = {kind.__name__: kind for kind in (Pulleys, Sites, Tables)}
 _PAIR = ("agonist", "antagonist")
 _TABLES = ("machine", "routes", "muscle", "gas", "source", "plant", "regulators", "sensors", "intervals", "tuning")
 _OF_A_JOINT = "covariance", "hysteresis", "measured"
@@ -304,4 +303,4 @@ def _muscles(file: Table) -> dict[str, Muscle]:
 
 
 def _kinds() -> dict[str, Any]:
-    return {**_GEOMETRIES, **_ROUTES}
+    return {**_GEOMETRIES, **FILED}

@@ -4,7 +4,7 @@
 
 The reference is the nonlinear MPC, solved by IPOPT to convergence at every sample: the same objective, limits, horizon
 (N = 20, dt = 10 ms), previews and plant (the report's joint). Both are judged by the cost of the actual motion
-(`mpc.trials.objective`). Trajectories in capitals saturate: "JUMPS" stays on the slew limit, "SUPPLY" requires more
+(`benchmarks.objective`). Trajectories in capitals saturate: "JUMPS" stays on the slew limit, "SUPPLY" requires more
 stiffness than the supply allows, "SLACK" less than taut muscles have. The output is `nominal.csv` (every run) and
 `nominal.md` (against requirements).
 
@@ -24,10 +24,10 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.units import DEG
+from benchmarks.objective import closed_loop_cost
 from mpc import KalmanObserver, NonlinearMPC, Plant, RealPlant, Reference, Run, TrackingMPC, Weights, simulate, sine
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.trajectories import LEAD, TRAJECTORIES, stiffness_step
-from mpc.trials.objective import closed_loop_cost
 from mpc.trials.simulation import Controller
 
 PLANT, K = Plant(), 7.6

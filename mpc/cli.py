@@ -16,6 +16,7 @@ import typer
 from allocator import checks
 from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.lazy import Console
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run
@@ -34,8 +35,6 @@ from mpc.trials.motions.trajectories import TRAJECTORIES
 from mpc.tuning_cli import tune_command
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
     from mpc.trials.loops import Settings

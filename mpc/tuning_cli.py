@@ -13,14 +13,13 @@ import typer
 from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
+from allocator.lazy import Console
 from allocator.shell.options import grouped
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
 from mpc.plant_cli import LoopOptions, PlantOptions
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from mpc.model.compensation import Compensation
     from mpc.tuning.cost import Evaluation
     from mpc.tuning.draws import Spreads

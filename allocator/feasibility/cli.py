@@ -11,6 +11,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import Limits
+from allocator.lazy import Console, Figure
 from allocator.shell.hand_options import Hand, HandOptions, torques
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, numbers, within
@@ -20,12 +21,10 @@ from allocator.shell.stiffness_options import StiffnessOptions
 from allocator.units import DEG
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from allocator.calculus import Array
     from allocator.feasibility.result import FeasibilityMap
     from allocator.joint.antagonist import AntagonistJoint
-    from allocator.joint.gas import Stiffness
+    from allocator.mechanism.mechanism import Mechanism
 
 _LONG = 8  # least number of chunks for a progress bar
 _ENDINGS = (*IMAGES, ".csv", ".npz")
@@ -74,7 +73,7 @@ def map_command(
     from rich.console import Console
 
     from allocator.joint.antagonist import AntagonistJoint
-    from allocator.units import DEG
+    from allocator.presentation.plotting import save_figure
 
     check_ending("--out", out, _ENDINGS)
     claim(out, inputs=options.files, force=force, own=(_OWN_NAME,))
@@ -85,7 +84,14 @@ def map_command(
             raise InvalidInput("--theta and --stiffness are ranges of one joint; several joints take --targets")
         if pressures or stiffness_options != StiffnessOptions():
             raise InvalidInput("--pressures, --valves and --frequency are for one joint")
-        _several(options, hand, targets, torque, out, min_force, as_json)
+        check_ending("--out", out, IMAGES)
+        mechanism: Any = options.build()
+        figure, sentence, values = draw(mechanism, hand, targets, torque, min_force=min_force)
+        save_figure(figure, out)
+        if as_json:
+            print_json(values | {"written": str(out)})
+        else:
+            say(Console(), f"{sentence}\nwritten: {out}")
         return
     hand.none()
     if targets is not None:
@@ -110,35 +116,8 @@ def map_command(
     say(console, f"written: {out}")
 
 
-def _several(
-    options: MachineOptions,
-    hand: HandOptions,
-    targets: str | None,
-    torque: str | None,
-    out: Path,
-    min_force: float,
-    as_json: bool,
-) -> None:
-    """Draw the feasible targets of several joints."""
-    from rich.console import Console
-
-    from allocator.feasibility.cli import draw
-    from allocator.presentation.plotting import save_figure
-
-    check_ending("--out", out, IMAGES)
-    mechanism: Any = options.build()
-    figure, sentence, values = draw(mechanism, hand, targets, torque, min_force=min_force)
-    save_figure(figure, out)
-    if as_json:
-        print_json(values | {"written": str(out)})
-        return
-    say(Console(), f"{sentence}\nwritten: {out}")
-
-
 def _axis(option: str, text: str, unit: str) -> "Array":
     """Return one number (), or the steps of a range (n,)."""
-    import numpy as np
-
     from allocator.feasibility.maps import steps
 
     given = numbers(option, text, 1, 3, "-90:90:1")
@@ -217,12 +196,6 @@ def _write(maps: dict[str, "FeasibilityMap"], out: Path, pressures: bool) -> Non
     else:
         save_figure((plot_maps(maps) if more else first.plot()).figure, out)
 
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from allocator.calculus import Array
-    from allocator.mechanism.mechanism import Mechanism
 
 _PLACES = 6, 5  # of the workspace, over shoulder and elbow
 _SWING = 60 * DEG  # of joints without limits

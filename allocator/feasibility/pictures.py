@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.lazy import Axes
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.points import LinkagePoint
 from allocator.mechanism.mechanism import Mechanism
@@ -18,7 +19,6 @@ from allocator.presentation.plotting import FILL, GREY, legend_outside, name_axe
 from allocator.units import BAR
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.text import Annotation
 

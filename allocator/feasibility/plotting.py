@@ -9,6 +9,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.edges import Edge
 from allocator.joint.limits import Limit, names
+from allocator.lazy import Axes, Figure
 from allocator.presentation.plotting import (
     FILL,
     GREY,
@@ -23,9 +24,6 @@ from allocator.presentation.plotting import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from allocator.feasibility.result import FeasibilityMap
 
 _MOST_SLICES = 7

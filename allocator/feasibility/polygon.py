@@ -8,12 +8,13 @@ would move it if they were relaxed.
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.lazy import Axes
 from allocator.mechanism.endpoint.endpoint import Endpoint, inverses, load_of
 from allocator.mechanism.endpoint.points import Place
 
@@ -93,9 +94,6 @@ def _unknown(name: object, n: int, hand: Hand | None) -> InvalidInput:
     hint = " (Kx needs an endpoint)" if hand is None else ""
     return InvalidInput(f"there is no target {name!r}; a mechanism with n = {n} joints has {known}{hint}")
 
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _NEAR = 1e-9  # of the size: a point farther out by less is on the edge
 _FREE = 1e-7  # of the size: a limit that moves an edge by less over its whole range does not bind

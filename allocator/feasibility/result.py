@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,8 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import assumptions, extrapolates
 from allocator.joint.gas import StiffnessKind
 from allocator.joint.limits import names
+from allocator.lazy import Axes
 from allocator.units import BAR, DEG
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _SHUT = "none", "antagonist", "agonist", "both"  # valves, by `FeasibilityMap.state`
 _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"

@@ -10,7 +10,7 @@ which proves that targets are out of reach (d·y* > h(d)) and gives the corners:
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,7 @@ from allocator.errors import InvalidInput
 from allocator.feasibility.polygon import Coordinate, Edge, Hand, Polygon, Programme, coordinate, outline
 from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import TAUT, Limits
+from allocator.lazy import Axes
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.endpoint.points import Place
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
@@ -182,9 +183,6 @@ class FeasibleTargets:
             )
         return array
 
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _TRACE = {"Kx11": 1.0, "Kx22": 1.0}
 _ACROSS = {"Kx11": 0.5, "Kx22": -0.5}

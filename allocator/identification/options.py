@@ -7,9 +7,9 @@ import typer
 from typer.models import OptionInfo
 
 from allocator.errors import InvalidInput
+from allocator.lazy import Console
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.progress import Progress
 
 T = TypeVar("T")

@@ -3,21 +3,14 @@
 Their values equal those of `allocator.mechanism.routes`, and CasADi differentiates them to any order.
 """
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from allocator.errors import InvalidInput
+from allocator.lazy import SX, Function
 from allocator.mechanism.endpoint.endpoint import Endpoint
 from allocator.mechanism.endpoint.points import LinkagePoint
 from allocator.mechanism.mechanism import Mechanism
-from allocator.mechanism.routes import FunctionRoutes, JointRoutes, Pulleys, Routes, Sites
-from allocator.mechanism.routes.linkage import GROUND, Link
-
-if TYPE_CHECKING:
-    from casadi import SX, Function
+from allocator.mechanism.routes import Routes
 
 
 def symbolic_lengths(routes: Routes, q: "SX") -> "SX":
@@ -27,16 +20,12 @@ def symbolic_lengths(routes: Routes, q: "SX") -> "SX":
     """
     import casadi as ca
 
-    for kind, formula in _FORMULAS.items():
-        if isinstance(routes, kind):
-            return ca.SX(ca.vertcat(*formula(routes, q)))
-    known = ", ".join(kind.__name__ for kind in _FORMULAS)
-    raise InvalidInput(f"{type(routes).__name__}: an arm's model needs lengths that are formulas, of {known}")
+    return ca.SX(ca.vertcat(*routes.symbolic(q)))
 
 
 def has_formulas(routes: Routes) -> bool:
     """Return whether `symbolic_lengths` has formulas of these routes."""
-    return isinstance(routes, tuple(_FORMULAS))
+    return type(routes).symbolic is not Routes.symbolic
 
 
 def map_function(mechanism: Mechanism) -> "Function":
@@ -74,7 +63,7 @@ def symbolic_position(endpoint: Endpoint, q: "SX") -> "SX":
     point: Any = endpoint.kinematics
     if not isinstance(point, LinkagePoint):
         return ca.SX(point.column(q))
-    R, origin = _frames(point.linkage.links, q)[point.site.link]
+    R, origin = point.linkage.symbolic_frames(q)[point.site.link]
     x = ca.SX(origin + R @ ca.DM(point.site.position))
     return ca.vertcat(*(x["xyz".index(axis)] for axis in point.axes))
 
@@ -84,60 +73,3 @@ def symbolic_jacobian(endpoint: Endpoint, q: "SX") -> "SX":
     import casadi as ca
 
     return ca.densify(ca.jacobian(symbolic_position(endpoint, q), q))
-
-
-def _pulleys(routes: Pulleys, q: "SX") -> list["SX | float"]:
-    """Return L (1 - ε0) - r·q."""
-    rows = zip(routes.rest_length, routes.initial_contraction, routes.arms, strict=True)
-    return [L * (1 - eps) - sum(r * q[i] for i, r in enumerate(arms) if r) for L, eps, arms in rows]
-
-
-def _joint(routes: JointRoutes, q: "SX") -> list["SX | float"]:
-    """Return L (1 - ε(θ)) of both muscles of an antagonistic joint."""
-    contractions = routes.geometry.agonist(q[0])[0], routes.geometry.antagonist(q[0])[0]
-    return [L * (1 - eps) for L, eps in zip(routes.rest_length, contractions, strict=True)]
-
-
-def _function(routes: FunctionRoutes, q: "SX") -> list["SX"]:
-    import casadi as ca
-
-    value = routes.function(q)
-    return list(value) if isinstance(value, list | tuple) else ca.vertsplit(ca.SX(value))
-
-
-def _sites(routes: Sites, q: "SX") -> list["SX | float"]:
-    """Return the lengths of the straight segments between the sites of each path, less the cable."""
-    import casadi as ca
-
-    frames = _frames(routes.links, q)
-    found = []
-    for path, cable in zip(routes.paths, routes.cable, strict=True):
-        points = [frames[site.link][1] + frames[site.link][0] @ ca.DM(site.position) for site in path]
-        found.append(sum(ca.norm_2(end - start) for start, end in pairwise(points)) - cable)
-    return found
-
-
-def _frames(links: Sequence[Link], q: "SX") -> list[tuple["SX", "SX"]]:
-    """Return (rotation (3, 3), origin (3, 1)) of every link, and of the ground last, at the index GROUND = -1."""
-    import casadi as ca
-
-    ground = ca.SX.eye(3), ca.SX.zeros(3)
-    frames: list[tuple[SX, SX]] = []
-    for i, link in enumerate(links):
-        R, o = ground if link.parent == GROUND else frames[link.parent]
-        origin, R = o + R @ ca.DM(link.origin), R @ ca.DM(np.array(link.orientation))
-        moved = q[i] - link.zero
-        if link.kind == "hinge":
-            W = ca.skew(ca.DM(link.axis))
-            frames.append((R @ (ca.DM.eye(3) + ca.sin(moved) * W + (1 - ca.cos(moved)) * (W @ W)), origin))
-        else:
-            frames.append((R, origin + moved * (R @ ca.DM(link.axis))))
-    return [*frames, ground]
-
-
-_FORMULAS: dict[type[Routes], Callable[..., Sequence["SX | float"]]] = {
-    Pulleys: _pulleys,
-    JointRoutes: _joint,
-    FunctionRoutes: _function,
-    Sites: _sites,
-}

@@ -52,9 +52,7 @@ class Cabled(Muscle):
                 f"cable_stiffness = {stiffness:g} N/m has to lie between {_SOFTEST:g} and {_STIFFEST:g} N/m; "
                 "if N/mm was meant, multiply by 1000"
             )
-        length = checks.number("rest_length", self.rest_length, "m")
-        if not length > 0:
-            raise InvalidInput(f"rest_length = {length:g} m has to be positive")
+        length = checks.positive("rest_length", self.rest_length, "m")
         given: dict[str, object] = {"cable_stiffness": stiffness, "rest_length": length}
         for name, nothing in ({"covariance": None} | _OF_THE_GAS).items():
             if getattr(self, name) == nothing:

@@ -12,11 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from allocator.calculus import Array
 from allocator.files.atomic import replacing
+from allocator.lazy import Axes, Figure
 from allocator.units import BAR, DEG
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 GREY = "#8c8c8c"
 FILL = "#dbe7f1"
@@ -120,7 +117,6 @@ def save_figure(figure: "Figure", path: str | PathLike[str], dpi: float = 130) -
 
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from matplotlib.text import Text
 
 _MARGIN = 6.0  # [pixels] to the edge
@@ -179,7 +175,6 @@ def _fit(caption: "Text", room: float) -> None:
 
 if TYPE_CHECKING:
     from ipywidgets import FloatSlider
-    from matplotlib.figure import Figure
 
 
 class Range(NamedTuple):

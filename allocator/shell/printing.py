@@ -3,13 +3,12 @@
 import json
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
 
-if TYPE_CHECKING:
-    from rich.console import Console
+from allocator.lazy import Console
 
 AsJSON = Annotated[
     bool, typer.Option("--json", help="print JSON instead of text; its names carry their units, e.g. P1_bar")

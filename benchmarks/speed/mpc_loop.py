@@ -9,9 +9,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import DEG
+from benchmarks.objective import closed_loop_cost
 from mpc import KalmanObserver, Plan, Plant, RealPlant, Reference, Weights, simulate
 from mpc.tracking.limits import Limits
-from mpc.trials.objective import closed_loop_cost
 from mpc.trials.simulation import Controller, Run
 
 DT = 0.01  # [s]

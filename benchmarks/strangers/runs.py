@@ -12,7 +12,8 @@ from benchmarks.strangers.plants import Stranger, drawn
 from benchmarks.strangers.tuned import tuned
 from mpc import Reference, simulate
 from mpc.trials.loops import Settings, loop, robust
-from mpc.trials.motions.trajectories import min_jerk, point_to_point, rested_sine, steps
+from mpc.trials.motions.reference import min_jerk
+from mpc.trials.motions.trajectories import point_to_point, rested_sine, steps
 
 CONTROLLERS = ("mpc", "lqr", "predictive-pid", "pid", "pi", "feedforward")
 MODELS = {

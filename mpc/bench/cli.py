@@ -10,6 +10,7 @@ import typer
 
 from allocator import checks
 from allocator.errors import AntagonistError
+from allocator.lazy import Console
 from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import say
@@ -19,8 +20,6 @@ from mpc.plant_cli import LoopOptions, PlantOptions
 from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from mpc.bench.cycle import Cycle
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
@@ -285,7 +284,7 @@ def _journal(files: list[Path]) -> Path | None:
 
 def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
     """Write the other files, and remove a journal that --out does not name."""
-    from mpc.trials.mcap import save_mcap
+    from mpc.trials.files import save_mcap
     from mpc.trials.pictures.plotting import save_tracking_figure
 
     for path in files:

@@ -1,13 +1,11 @@
 """Calls of CasADi functions through buffers, which take microseconds instead of a tenth of a millisecond."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from allocator.calculus import Array
-
-if TYPE_CHECKING:
-    from casadi import Function
+from allocator.lazy import Function
 
 
 class Buffered:

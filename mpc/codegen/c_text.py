@@ -5,14 +5,11 @@ precision they call the double-precision functions of math.h, which a microcontr
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
+from allocator.lazy import Function
 from mpc.codegen.graphs import C, Output, Untranslatable, steps
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 
 def function(f: "Function", comment: str, single: bool) -> str:

@@ -7,12 +7,10 @@ text. Inputs, outputs and numbers look different in each text, so the caller wri
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from allocator.errors import InvalidInput
-
-if TYPE_CHECKING:
-    from casadi import Function
+from allocator.lazy import Function
 
 
 class Untranslatable(InvalidInput):

@@ -6,15 +6,12 @@ only in their numbers share one compiled function.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.lazy import Function
 from mpc.codegen.graphs import PYTHON, Output, Untranslatable, steps
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 IMPORTS = """import math
 

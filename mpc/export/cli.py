@@ -41,44 +41,34 @@ class ControllerOptions(PlantOptions):
     ] = None
 
     def built(self) -> "Built":
-        """Build controller and observer with the compensation and the tuning of the plant's file."""
+        """Build controller and observer of a joint or an arm, with the compensation and the tuning of the file.
+
+        Those of an arm are those of `antagonist track --plant real`, but for the shorter horizon.
+        """
         from mpc.export.controller.tuning import weights_from
-        from mpc.export.entry import default_controller
+        from mpc.export.entry import check_arm
         from mpc.export.joint import kernel_of
-        from mpc.observer.kalman import KalmanObserver
-        from mpc.trials.loops import Settings
-        from mpc.trials.robust import robust_weights
-
-        if self.of_several:
-            return self._of_arm()
-        plant = self.plant()
-        kernel_of(plant.joint)  # refuses other joints before any work
-        s, tuned = self.tuned(Settings(plant, N=self.horizon, compensation=self.compensation()), "mpc")
-        weights = s.weights
-        if self.errors is not None:
-            weights = weights_from(self.errors)
-        elif not tuned:
-            weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, compiled=False)
-        controller = default_controller(s.plant, s.N, s.compensation, weights)
-        return Built(controller, KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False), tuned)
-
-    def _of_arm(self) -> "Built":
-        """Build controller and observer as `antagonist track --plant real` does, but with the shorter horizon."""
-        from mpc.export.controller.arm import check_arm
-        from mpc.export.controller.tuning import weights_from
         from mpc.observer.filter import CALM_NOISE
         from mpc.observer.kalman import KalmanObserver
         from mpc.tracking.controller import TrackingMPC
         from mpc.tracking.weights import CALM
         from mpc.trials.loops import Settings
+        from mpc.trials.robust import robust_weights
 
-        arm = self.arm()
-        check_arm(arm)
-        s = Settings(arm, N=self.horizon, compensation=self.compensation_of_arm(), weights=CALM, noise=CALM_NOISE)
-        s, tuned = self.tuned(s, "mpc")
-        weights = s.weights if self.errors is None else weights_from(self.errors)
-        controller = TrackingMPC(arm, s.dt, s.N, weights, compensation=s.compensation, compiled=False)
-        return Built(controller, KalmanObserver(arm, s.dt, s.noise, s.compensation, compiled=False), tuned)
+        if several := self.of_several:
+            s = Settings(self.arm(), compensation=self.compensation_of_arm(), weights=CALM, noise=CALM_NOISE)
+            check_arm(s.plant)
+        else:
+            s = Settings(self.plant(), compensation=self.compensation())
+            kernel_of(s.plant.joint)  # refuses other joints before any work
+        s, tuned = self.tuned(s._replace(N=self.horizon), "mpc")
+        weights = s.weights
+        if self.errors is not None:
+            weights = weights_from(self.errors)
+        elif not (tuned or several):
+            weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, compiled=False)
+        controller = TrackingMPC(s.plant, s.dt, s.N, weights, compensation=s.compensation, compiled=False)
+        return Built(controller, KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False), tuned)
 
 
 class Built(NamedTuple):

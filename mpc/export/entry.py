@@ -7,13 +7,18 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
 from mpc.export.building import check, write
-from mpc.export.controller.arm import arm_controller_files, check_arm
 from mpc.export.controller.demonstration import allocation_lines, allocation_table, control_lines
-from mpc.export.controller.model import joint_functions
-from mpc.export.controller.readme import readme
+from mpc.export.controller.model import arm_functions, joint_functions
+from mpc.export.controller.readme import arm_readme, readme
 from mpc.export.controller.sizes import check_pair, control_files, sizes_of
 from mpc.export.joint import kernel_of
-from mpc.export.mechanism import export_mechanism
+from mpc.export.mechanism import (
+    export_mechanism,
+    mechanism_files,
+    mechanism_functions,
+    mechanism_lines,
+    mechanism_sizes,
+)
 from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
@@ -122,17 +127,36 @@ def _allocation(joint: AntagonistJoint, single: bool) -> Files:
 
 def controller_files(controller: TrackingMPC, observer: KalmanObserver, single: bool, alone: bool) -> Files:
     """Return the files of allocation and controller; `alone` leaves the demonstration of the allocation out."""
+    told = list(control_lines(controller, observer))
+    sizes, files = sizes_of(controller, single), control_files(controller, observer, single)
     if isinstance(controller.plant, Arm):
-        return arm_controller_files(controller, observer, single, alone)
-    joint = controller.plant.joint
-    kernel = kernel_of(joint)
-    printed = ([] if alone else list(allocation_lines(joint))) + list(control_lines(controller, observer))
-    functions = kernel_functions(joint, kernel) + joint_functions(controller)
-    return {
-        **_allocation(joint, single),
-        **control_files(controller, observer, single),
-        **model_files(functions, single, ["motion.h"]),
-        "antagonist_config.h": text.config(sizes_of(controller, single), single),
-        "src/demonstration.h": allocation_table(joint, single, alone),
-        "README.md": readme(joint, kernel.name, single, printed, controller),
-    }
+        mechanism = controller.plant.mechanism
+        printed = ([] if alone else mechanism_lines(mechanism)) + told
+        functions = mechanism_functions(mechanism) + arm_functions(controller)
+        sizes = mechanism_sizes(mechanism) | sizes
+        files |= mechanism_files(mechanism, single, alone) | {"README.md": arm_readme(controller, single, printed)}
+    else:
+        joint = controller.plant.joint
+        kernel = kernel_of(joint)
+        printed = ([] if alone else list(allocation_lines(joint))) + told
+        functions = kernel_functions(joint, kernel) + joint_functions(controller)
+        files = _allocation(joint, single) | files
+        files["src/demonstration.h"] = allocation_table(joint, single, alone)
+        files["README.md"] = readme(joint, kernel.name, single, printed, controller)
+    formulas = model_files(functions, single, ["motion.h"])
+    return files | formulas | {"antagonist_config.h": text.config(sizes, single)}
+
+
+def check_arm(arm: Arm) -> None:
+    """Raise `InvalidInput` for an arm whose controller cannot be exported."""
+    if arm.unformulated:
+        why = f"{arm.unformulated}, which C needs"
+    elif arm.gas is not None:
+        why = "its C has no gas; leave the gas out, Arm(…, gas=None)"
+    elif arm.endpoint is not None:
+        why = "its C tracks the stiffness of the joints, not that of a hand; leave the endpoint out"
+    elif not arm.mechanism.affine:
+        why = "its allocation in C takes muscles that are affine in the pressure"
+    else:
+        return
+    raise InvalidInput(f"the controller of this arm cannot be exported: {why}")

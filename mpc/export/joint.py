@@ -1,15 +1,22 @@
-"""Kernel and numbers of a joint for the export, or the reason for a refusal."""
+"""Kernel and numbers of a joint for the export, or the reason for a refusal.
 
-from typing import TYPE_CHECKING, NamedTuple
+The kernel (`kernel.h`, `kernel.c`) is printed from the source that Python, numba and NumPy run.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
+from allocator.allocation.status import Status
+from allocator.allocation.two_muscles.kernels import source
 from allocator.allocation.two_muscles.kernels.choice import AffineNumbers, TonduNumbers
+from allocator.compilation.printer import INT, REAL, Outside, Printed, Source, c_form
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
-
-if TYPE_CHECKING:
-    from casadi import Function
+from allocator.joint.limits import Limit
+from allocator.lazy import Function
+from mpc.export import text
 
 Numbers = dict[str, tuple[float | int | str, str]]  # name: value, description
 _BELOW_POLE = 1 - 1e-6  # of the pole: up to there forces are finite in either precision
@@ -31,7 +38,8 @@ def kernel_of(joint: AntagonistJoint) -> Kernel:
                 f"the joint cannot be exported: its supply ({_bar(joint)}) comes so near to the pole of its Tondu2021 "
                 f"muscles ({-joint.tondu_pulley.muscle.d / 1e5:.3g} bar) that a few steps of Newton's method may not do"
             )
-        return Kernel("tondu", _limits(joint, tondu.hi, tondu.hi, tondu) | _tondu(tondu))
+        most: Numbers = {"MOST": (-_BELOW_POLE * tondu.d, "greatest pressure, below the pole -d [Pa]")}
+        return Kernel("tondu", _numbers(joint, tondu.hi, tondu.hi, tondu) | most)
     if not joint.affine:
         raise InvalidInput(
             f"a joint with {type(joint.agonist).__name__} and {type(joint.antagonist).__name__} cannot be exported: "
@@ -44,37 +52,41 @@ def kernel_of(joint: AntagonistJoint) -> Kernel:
             f"the joint cannot be exported: its supply ({_bar(joint)}) begins above the pressures of its muscle models"
         )
     _check_affine(joint)
-    return Kernel("affine", _limits(joint, affine.most1, affine.most2, affine))
+    return Kernel("affine", _numbers(joint, affine.most1, affine.most2, affine))
 
 
-def _limits(joint: AntagonistJoint, hi1: float, hi2: float, numbers: TonduNumbers | AffineNumbers) -> Numbers:
-    return {
-        "SUPPLY_LO": (numbers.lo, "supply [Pa]"),
+def _numbers(joint: AntagonistJoint, hi1: float, hi2: float, numbers: TonduNumbers | AffineNumbers) -> Numbers:
+    """Return the numbers of joint.h."""
+    ends: Numbers = {
         "SUPPLY_HI": (joint.pressure_limits[1], "[Pa]"),
         "HI1": (hi1, "greatest P1, of the supply or the model's validity [Pa]"),
         "HI2": (hi2, "greatest P2 [Pa]"),
-        "HI1_LIMIT": (numbers.hi_limit1, "the limit that HI1 is, see antagonist.h"),
-        "HI2_LIMIT": (numbers.hi_limit2, ""),
-        "LEFT": (numbers.left, "joint range [rad]"),
-        "RIGHT": (numbers.right, "[rad]"),
-        "LEFT_LIMIT": (numbers.below, "the limit at either end"),
-        "RIGHT_LIMIT": (numbers.above, ""),
     }
+    listed = _LIMITS | (_TONDU if isinstance(numbers, TonduNumbers) else {})
+    return ends | {name: (getattr(numbers, field), about) for field, (name, about) in listed.items()}
 
 
-def _tondu(numbers: TonduNumbers) -> Numbers:
-    return {
-        "AREA": (numbers.S, "S [m^2]"),
-        "RADIUS": (numbers.R, "R [m]"),
-        "REST_LENGTH": (numbers.l0, "l0 [m]"),
-        "EPS0": (numbers.eps0, "eps0 [-]"),
-        "Q": (numbers.q, "q = a - b [-]"),
-        "C": (numbers.c, "c [Pa]"),
-        "D": (numbers.d, "d [Pa]"),
-        "E": (numbers.e, "e [Pa^2]"),
-        "G": (numbers.g, "g = e - c d [Pa^2]"),
-        "MOST": (-_BELOW_POLE * numbers.d, "greatest pressure, below the pole -d [Pa]"),
-    }
+_LIMITS = {  # elements of `p`: their names in joint.h, with descriptions
+    "lo": ("SUPPLY_LO", "supply [Pa]"),
+    "hi_limit1": ("HI1_LIMIT", "the limit that HI1 is, see antagonist.h"),
+    "hi_limit2": ("HI2_LIMIT", ""),
+    "left": ("LEFT", "joint range [rad]"),
+    "right": ("RIGHT", "[rad]"),
+    "below": ("LEFT_LIMIT", "the limit at either end"),
+    "above": ("RIGHT_LIMIT", ""),
+}
+_TONDU = {
+    "S": ("AREA", "S [m^2]"),
+    "R": ("RADIUS", "R [m]"),
+    "l0": ("REST_LENGTH", "l0 [m]"),
+    "eps0": ("EPS0", "eps0 [-]"),
+    "q": ("Q", "q = a - b [-]"),
+    "c": ("C", "c [Pa]"),
+    "d": ("D", "d [Pa]"),
+    "e": ("E", "e [Pa^2]"),
+    "g": ("G", "g = e - c d [Pa^2]"),
+}
+_OTHERS = {"near": "NEAR", "hi": "HI1", "least": "-INFINITY", "most": "MOST", "most1": "HI1", "most2": "HI2"}
 
 
 def _check_affine(joint: AntagonistJoint) -> None:
@@ -127,3 +139,57 @@ def stiffness_function(joint: AntagonistJoint) -> "Function":
     lost = joint.loop_work(theta, P1, P2, A) / (np.pi * A**2)
     out = ca.densify(ca.cse(ca.vertcat(K, hysteresis, *gas, lost)))
     return ca.Function("stiffness", [ca.vertcat(theta, P1, P2, A)], [out], ["at"], ["found"])
+
+
+_ABSENT = {
+    "min_force": "min_force <= -ANT_INFINITY",
+    "max_force": "max_force >= ANT_INFINITY",
+    "max_step": "max_step >= ANT_INFINITY",
+    "stiffness_first": "!stiffness_first",
+}
+_RESULT = ("P1", "P2", "T_given", "K_given", "status", "limits", "sure")
+
+
+def printed(name: str) -> Printed:
+    """Return the kernel `name`, "tondu" or "affine", as C, the same for every joint of the kind."""
+    of: type[TonduNumbers | AffineNumbers] = TonduNumbers if name == "tondu" else AffineNumbers
+    kinds = {field: INT if kind is int else REAL for field, kind in of.__annotations__.items()}
+    names = {field: told for field, (told, _) in (_LIMITS | _TONDU).items()} | _OTHERS
+    outside = Outside(
+        names={"clip": "ant_clip", "MET": "ANT_MET"} | {name: f"ANT_{name}" for name in _statuses()} | _flags(),
+        functions={f"{name}_exact": f"ant_{name}_exact"},
+        structs={("P1", "P2"): "ant_pair", _RESULT: "ant_answer"},
+        numbers={"p": {field: (kind, _text(names[field])) for field, kind in kinds.items()}},
+        arrays=frozenset(("one", "two")),
+        flags=frozenset(("stiffness_first",)),
+        absent=_ABSENT,
+        inner="ANT_ONCE",
+    )
+    return c_form(Source.of(source), f"{name}_exact", outside)
+
+
+def _text(defined: str) -> str:
+    return f"-ANT_{defined[1:]}" if defined.startswith("-") else f"ANT_{defined}"
+
+
+def _statuses() -> list[str]:
+    """Return the names of statuses in the kernels, which are those of C."""
+    return [status.name for status in Status if getattr(source, status.name, None) == status]
+
+
+def _flags() -> dict[str, str]:
+    return {name: _listed(getattr(source, name)) for name in ("AGONIST", "ANTAGONIST")}
+
+
+def _listed(flags: Iterable[int]) -> str:
+    return f"{{{', '.join(f'ANT_{Limit(flag).name}' for flag in flags)}}}"
+
+
+def kernel_files(name: str) -> dict[str, str]:
+    """Return the files of the kernel `name`."""
+    made = printed(name)
+    about = "The exact allocation of one target, printed from the Python source."
+    return {
+        "src/kernel.h": text.header("ANT_KERNEL_H", about, made.head, ["antagonist.h"]),
+        "src/kernel.c": f'/* {about} */\n#include "kernel.h"\n\n#include "joint.h"\n#include "real.h"\n\n{made.body}\n',
+    }

@@ -2,20 +2,17 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from allocator.allocation.status import CLOSED_FORM
 from allocator.calculus import Value
 from allocator.errors import MissingBackend
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.lazy import Function
 from allocator.mechanism import Mechanism
 from mpc.codegen import c_text
 from mpc.export import text
-from mpc.export.joint import Kernel, Numbers, sides_function, stiffness_function
-from mpc.export.kernel import kernel_files
-
-if TYPE_CHECKING:
-    from casadi import Function
+from mpc.export.joint import Kernel, Numbers, kernel_files, sides_function, stiffness_function
 
 Files = dict[str, str]  # path within the exported directory: content
 Functions: TypeAlias = list[tuple["Function", str]]

@@ -8,18 +8,16 @@ Muscles, damping and bodies may be uncertain. The uncertain numbers are an argum
 """
 
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
+from allocator.lazy import SX, Function
 from allocator.mechanism import Mechanism
 from allocator.mechanism.formulas import symbolic_lengths
 from mpc.governor.interval import Posed
-
-if TYPE_CHECKING:
-    from casadi import SX, Function
 
 _NODES = 3  # of the quadrature of a potential
 

@@ -1,7 +1,7 @@
 """Numbers of a governor's kernel: the stiff rest, the barriers around it, steps and horizon."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,10 @@ from scipy.optimize import lsq_linear, minimize, root
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.limits import BINDS
+from allocator.lazy import Function
 from mpc.codegen.python_text import IMPORTS, filling
 from mpc.governor import kernel
 from mpc.governor.model import Corners, Dynamics, corners, motion_function, potential_function, statics_function
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 _POSTURES = 4000  # approximate number in the range
 _FREE = 1e6  # [rad] of a joint without end stops

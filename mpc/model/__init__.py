@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from mpc.model.faults import StuckValve as StuckValve
     from mpc.model.faults import SupplyDrop as SupplyDrop
     from mpc.model.faults import WrongReadings as WrongReadings
-    from mpc.model.felt import first_push as first_push
+    from mpc.model.friction.contact import first_push as first_push
     from mpc.model.friction.dahl import Friction as Friction
     from mpc.model.friction.maxwell_slip import MaxwellSlip as MaxwellSlip
 else:

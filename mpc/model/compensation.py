@@ -56,10 +56,7 @@ class Compensation:
         object.__setattr__(self, "friction", friction_of(self.friction))
         object.__setattr__(self, "frictions", tuple(map(friction_of, self.frictions)))
         for name, unit in (("dead_time", "s"), ("reading_age", "s"), ("dead_band", "Pa")):
-            value = checks.number(name, getattr(self, name), unit)
-            if value < 0:
-                raise InvalidInput(f"{name} = {value!r} {unit} has to be 0 or more")
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, checks.not_negative(name, getattr(self, name), unit))
         checks.pressure("dead_band", self.dead_band)
         check_regulators(self)
         for name, part in (("dead_time", "regulator"), ("reading_age", "sensor")):

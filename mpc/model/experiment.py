@@ -4,16 +4,14 @@ An experiment is a plant with its state, its sensors and the time.
 """
 
 from math import ceil
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.lazy import Function
 from mpc.codegen.buffered import Buffered
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 FINE = 0.02  # resolution of simulations, see `Plant.discrete`
 RESOLUTION = 0.5  # of a controller's model

@@ -26,6 +26,7 @@ from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.assumption import assumptions, with_volumes
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
 from allocator.joint.limits import Limits
+from allocator.lazy import Function
 from allocator.units import BAR, CM3
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
 from mpc.model.gas import fall, gas_of, trapped
@@ -33,7 +34,6 @@ from mpc.model.integration import integrated
 from mpc.model.storage import load_plant, save_plant
 
 if TYPE_CHECKING:
-    from casadi import Function
     from control import NonlinearIOSystem
 
 STATES = ("theta", "omega", "P1", "P2")
@@ -66,16 +66,14 @@ class Plant:
 
     def __post_init__(self) -> None:
         """Convert the parameters to plain floats (CasADi does not accept NumPy scalars) and check them."""
-        for name, unit in (("inertia", "kg·m²"), ("damping", "N·m·s/rad"), ("gravity_torque", "N·m"), ("slew", "Pa/s")):
-            object.__setattr__(self, name, _number(name, getattr(self, name), unit, positive=name in _POSITIVE))
-        if self.damping < 0:
-            raise InvalidInput(f"damping = {self.damping:g} N·m·s/rad has to be 0 or more")
+        for name, check, unit in _CHECKS:
+            object.__setattr__(self, name, check(name, getattr(self, name), unit))
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
         lags = self.lag if isinstance(self.lag, tuple) else (self.lag, self.lag)
         if len(lags) != NU:
             raise InvalidInput(f"lag = {self.lag!r} has to be one time constant or a pair of them [s]")
-        object.__setattr__(self, "lag", tuple(_number("lag", lag, "s", positive=True) for lag in lags))
+        object.__setattr__(self, "lag", tuple(checks.positive("lag", lag, "s") for lag in lags))
         self._check_gas()
 
     def _check_gas(self) -> None:
@@ -385,13 +383,11 @@ class Plant:
 
 
 NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")
-_POSITIVE = ("inertia", "slew")
+_CHECKS = (
+    ("inertia", checks.positive, "kg·m²"),
+    ("damping", checks.not_negative, "N·m·s/rad"),
+    ("gravity_torque", checks.number, "N·m"),
+    ("slew", checks.positive, "Pa/s"),
+)
 _ALL = 1.0, 1.0  # shares of the gas that is trapped
 MOST_SUBSTEPS = 10_000  # per sample
-
-
-def _number(name: str, value: object, unit: str, *, positive: bool) -> float:
-    number = checks.number(name, value, unit)
-    if positive and number <= 0:
-        raise InvalidInput(f"{name} = {number:g} {unit} has to be positive and finite")
-    return number

@@ -10,52 +10,33 @@ push. The friction T_f of each joint, regulators and sensors are those of `mpc.m
 
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from math import inf
-from typing import TYPE_CHECKING, Any, Self
 
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.lazy import Function
 from allocator.mechanism.formulas import symbolic_lengths
 from mpc.model.arm.formulas import rises, varied_acceleration
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pressing import symbolic_loads
-from mpc.model.compensation import Compensation
-from mpc.model.faults import Fault
 from mpc.model.friction.contact import Hysteresis
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.integration import integrated
-from mpc.model.real_experiment import RealExperiment, check_effects, own_lags, own_substeps, regulated
-
-if TYPE_CHECKING:
-    from casadi import Function
+from mpc.model.real_experiment import RealMachine
 
 
 @dataclass(frozen=True)
-class RealArm:
+class RealArm(RealMachine):
     """Nominal arm with model errors, friction, delays and faults added. Immutable; SI units.
 
     Raises `InvalidInput` for an arm without formulas, and for implausible effects.
     """
 
     nominal: Arm
-    force_gains: tuple[float, ...] = ()  # g (m,) [-]; by default 1
     friction: Hysteresis | tuple[Hysteresis, ...] = field(default_factory=Friction)  # of all joints, or of each
     mass: float = 1.0  # s [-]
     damping: float = 1.0  # b [-]
-    dead_time: float = 0.0  # t_dead of the commands [s]
-    dead_band: float = 0.0  # [Pa], total
-    lag_up: float | None = None  # time constants of rising and falling pressures [s], as in `RealPlant`
-    lag_down: float | None = None
-    flow: float = inf  # fastest change of a pressure [Pa/s]
-    encoder: float = 0.0  # step [rad]
-    reading_age: float = 0.0  # t_age of the angles' readings [s]
-    pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
-    pressure_offset: tuple[float, ...] = ()  # o (m,), added to the readings [Pa]; by default 0
-    torque_profile: tuple[tuple[float, tuple[float, ...]], ...] = ()  # (from time [s] on, external torques (n,) [N·m])
-    shut: tuple[bool, ...] = ()  # valves (m,) that stay shut for any command
-    faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the effects and fill in the defaults."""
@@ -63,49 +44,18 @@ class RealArm:
             raise InvalidInput(f"RealArm: nominal is a {type(self.nominal).__name__}; expected an Arm")
         if missing := self.nominal.unformulated:
             raise InvalidInput(f"RealArm: an arm that differs from its model needs formulas, and {missing}")
-        m, n = self.nominal.m, self.nominal.n
-        for name, usual in (("force_gains", 1.0), ("pressure_offset", 0.0), ("shut", False)):
-            object.__setattr__(self, name, tuple(getattr(self, name)) or (usual,) * m)
+        n = self.nominal.n
         given = self.friction if isinstance(self.friction, tuple) else (self.friction,) * n
         if len(given) != n:
             raise InvalidInput(f"RealArm: {len(given)} frictions for n = {n} joints; give one, or one each")
         object.__setattr__(self, "friction", tuple(map(friction_of, given)))
         for name in ("mass", "damping"):
             object.__setattr__(self, name, checks.positive(f"RealArm: {name}", getattr(self, name), "-"))
-        check_effects(self)
-
-    @classmethod
-    def of(cls, arm: Arm, known: Compensation, **effects: Any) -> Self:
-        """Return `arm` with the `known` friction and regulators, and further `effects` by name."""
-        told = {name: value for name, value in vars(known).items() if name != "frictions"}
-        return cls(arm, **(told | {"friction": known.of_joints(arm.n)} | effects))
+        super().__post_init__()
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the formulas, which cannot be pickled; each process creates them for itself."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
-
-    @property
-    def frictions(self) -> tuple[Hysteresis, ...]:
-        """Friction of each joint."""
-        assert isinstance(self.friction, tuple)  # after __post_init__
-        return self.friction
-
-    @property
-    def lags(self) -> tuple[tuple[float, float], ...]:
-        """Time constants [s] of the rising and the falling pressure of each muscle."""
-        return own_lags(self)
-
-    def substeps(self, dt: float, resolution: float) -> int:
-        """Return the number of equal steps over `dt` [s] of the nominal arm, or more if its own lags are shorter."""
-        return own_substeps(self, dt, resolution)
-
-    def at_rest(self, q: Any, K: Any) -> Array:
-        """Return the nominal arm's state at rest (2n + m,), from which this arm drifts until it settles."""
-        return self.nominal.at_rest(q, K)
-
-    def begin(self, dt: float, x0: Array, seed: int) -> RealExperiment:
-        """Begin an experiment from `x0` (2n + m,) with commands every `dt` [s] and the `seed` of the sensors' noise."""
-        return RealExperiment(self, dt, x0, seed)
 
     def along(self, x: Array) -> tuple[Array, Array]:
         """Return the true stiffness (M, k, k) and muscle forces (M, m) [N] in the states `x` (M, 2n + m)."""
@@ -125,7 +75,7 @@ class RealArm:
         F = ca.DM(self.force_gains) * ca.fmax(s.forces, 0.0)
         torque = d - slope.T @ F - T_f
         alpha = varied_acceleration(arm.bodies, s.q, omega, torque, self.mass, self.damping)
-        filling: Value = ca.vertcat(*regulated(self, ca.vertsplit(u - s.P)))
+        filling: Value = ca.vertcat(*self.regulated(ca.vertsplit(u - s.P)))
         if arm.gas is not None:
             filling += ca.if_else(F > 0, ca.vertcat(*rises(arm, omega, self.force_gains)), 0.0)
         x = ca.vertcat(s.q, omega, s.P)

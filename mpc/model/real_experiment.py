@@ -5,90 +5,135 @@ A `RealPlant` and a `RealArm` have a nominal machine (n joints, m muscles) and t
 dead time, sensors with steps, offsets, noise and age, and faults.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import ceil, isfinite, prod
-from typing import TYPE_CHECKING, Any
+from math import ceil, inf, isfinite, prod
+from typing import Any, Self
 
 import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.lazy import Function
 from allocator.units import BAR
 from mpc.codegen.buffered import Buffered
-from mpc.model.compensation import check_regulators
+from mpc.model.compensation import Compensation, check_regulators
 from mpc.model.experiment import FINE
 from mpc.model.faults import Fault
-from mpc.model.plant import MOST_SUBSTEPS
-
-if TYPE_CHECKING:
-    from casadi import Function
-
-
-def check_effects(real: Any) -> None:
-    """Check the common effects of a machine and convert them to floats. Raises `InvalidInput`."""
-    m = real.nominal.m
-    for name, unit in _UNITS:
-        value = float(getattr(real, name))
-        if not (value >= 0 and isfinite(value)):
-            raise InvalidInput(f"{name} = {value:g} {unit} has to be 0 or more, and finite")
-        object.__setattr__(real, name, value)
-    check_regulators(real)
-    offsets = tuple(checks.number("pressure_offset", offset, "Pa") for offset in real.pressure_offset)
-    if len(offsets) != m or max(map(abs, offsets)) > BAR:
-        raise InvalidInput(f"pressure_offset = {real.pressure_offset} Pa has to be m = {m} numbers within ±1e5 Pa")
-    object.__setattr__(real, "pressure_offset", offsets)
-    object.__setattr__(real, "force_gains", tuple(float(g) for g in real.force_gains))
-    if len(real.force_gains) != m or not all(isfinite(g) and g >= 0 for g in real.force_gains):
-        raise InvalidInput(f"force_gains = {real.force_gains} have to be m = {m} numbers of 0 or more [-]")
-    times = [t for t, _ in real.torque_profile]
-    finite = all(isfinite(t) and np.isfinite(torque).all() for t, torque in real.torque_profile)
-    if not finite or times != sorted(times):
-        raise InvalidInput(f"torque_profile = {real.torque_profile} has to be finite pairs (s, N·m), times in order")
+from mpc.model.friction.contact import Hysteresis
+from mpc.model.friction.dahl import Friction
+from mpc.model.machine import Machine
+from mpc.model.plant import MOST_SUBSTEPS, Plant
 
 
-def own_lags(real: Any) -> tuple[tuple[float, float], ...]:
-    """Return the time constants [s] of the rising and the falling pressure of each muscle.
+@dataclass(frozen=True)
+class RealMachine(ABC):
+    """Nominal machine with model errors, friction, delays and faults added. Immutable; SI units.
 
-    `lag_up` and `lag_down` are the geometric means of all muscles, whose ratios are those of the nominal lags.
+    The default of its field turns an effect off.
     """
-    nominal, own = real.nominal.lags, (real.lag_up, real.lag_down)
-    mean = prod(nominal) ** (1 / len(nominal))
-    up, down = (tuple(float(lag if one is None else one * (lag / mean)) for lag in nominal) for one in own)
-    return tuple(zip(up, down, strict=True))
 
+    nominal: Any  # joint or arm with n joints and m muscles
+    force_gains: tuple[float, ...] = ()  # g (m,) [-]; by default 1; 0 for a broken cable
+    friction: Any = field(default_factory=Friction)
+    dead_time: float = 0.0  # t_dead of the commands [s]
+    dead_band: float = 0.0  # [Pa], total: a regulator does not act within half of it on either side
+    lag_up: float | None = None  # time constant of a rising pressure [s], the geometric mean of all muscles, whose
+    lag_down: float | None = None  # ratios are those of the nominal lags; of a falling one. None: the nominal machine's
+    flow: float = inf  # fastest change of a pressure [Pa/s]
+    encoder: float = 0.0  # step [rad]
+    reading_age: float = 0.0  # t_age of the angles' readings [s]
+    pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
+    pressure_offset: tuple[float, ...] = ()  # o (m,), added to the readings [Pa]; by default 0
+    torque_profile: tuple[tuple[float, Any], ...] = ()  # (from time [s] on, external torque [N·m]), in order
+    shut: tuple[bool, ...] = ()  # valves (m,) that stay shut for any command
+    faults: tuple[Fault, ...] = ()  # each in its time window, the first one nearest to the machine
 
-def own_substeps(real: Any, dt: float, resolution: float) -> int:
-    """Return the number of equal steps over `dt` [s] of the nominal machine, or more for shorter lags.
+    def __post_init__(self) -> None:
+        """Check the effects, fill in the defaults and convert numbers to floats. Raises `InvalidInput`."""
+        m = self.nominal.m
+        for name, usual in (("force_gains", 1.0), ("pressure_offset", 0.0), ("shut", False)):
+            object.__setattr__(self, name, tuple(getattr(self, name)) or (usual,) * m)
+        for name, unit in _UNITS:
+            object.__setattr__(self, name, checks.not_negative(name, getattr(self, name), unit))
+        check_regulators(self)
+        offsets = tuple(checks.number("pressure_offset", offset, "Pa") for offset in self.pressure_offset)
+        if len(offsets) != m or max(map(abs, offsets)) > BAR:
+            raise InvalidInput(f"pressure_offset = {self.pressure_offset} Pa has to be m = {m} numbers within ±1e5 Pa")
+        object.__setattr__(self, "pressure_offset", offsets)
+        object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
+        if len(self.force_gains) != m or not all(isfinite(g) and g >= 0 for g in self.force_gains):
+            raise InvalidInput(f"force_gains = {self.force_gains} have to be m = {m} numbers of 0 or more [-]")
+        times = [t for t, _ in self.torque_profile]
+        finite = all(isfinite(t) and np.isfinite(torque).all() for t, torque in self.torque_profile)
+        if not finite or times != sorted(times):
+            raise InvalidInput(
+                f"torque_profile = {self.torque_profile} has to be finite pairs (s, N·m), times in order"
+            )
 
-    Raises `InvalidInput` like that of the nominal machine.
-    """
-    least: int = real.nominal.substeps(dt, resolution)
-    shortest = min(map(min, own_lags(real)))
-    steps = dt / shortest / resolution
-    if steps > MOST_SUBSTEPS:
-        raise InvalidInput(
-            f"lag_up or lag_down = {shortest:.3g} s is so short that dt = {dt:g} s would take {steps:.3g} steps of "
-            f"integration, over {MOST_SUBSTEPS}; omit such a short lag or give 1e-3 s"
-        )
-    return max(least, ceil(steps))
+    @classmethod
+    def of(cls, machine: Machine, known: Compensation, **effects: Any) -> Self:
+        """Return `machine` with the `known` friction and regulators, and further `effects` by name."""
+        told = {name: value for name, value in vars(known).items() if name != "frictions"}
+        told["friction"] = known.friction if isinstance(machine, Plant) else known.of_joints(machine.n)
+        return cls(machine, **(told | effects))
 
+    @property
+    def frictions(self) -> tuple[Hysteresis, ...]:
+        """Friction of each joint."""
+        return self.friction if isinstance(self.friction, tuple) else (self.friction,)
 
-def regulated(real: Any, error: Sequence[Value]) -> list[Value]:
-    """Return the rates of the pressures [Pa/s] by regulators with these errors [Pa], CasADi symbols."""
-    import casadi as ca
+    @property
+    def lags(self) -> tuple[tuple[float, float], ...]:
+        """Time constants [s] of the rising and the falling pressure of each muscle."""
+        nominal, own = self.nominal.lags, (self.lag_up, self.lag_down)
+        mean = prod(nominal) ** (1 / len(nominal))
+        up, down = (tuple(float(lag if one is None else one * (lag / mean)) for lag in nominal) for one in own)
+        return tuple(zip(up, down, strict=True))
 
-    def pull(e: Value, up: float, down: float) -> Value:
-        return e / up if up == down else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
+    def substeps(self, dt: float, resolution: float) -> int:
+        """Return the number of equal steps over `dt` [s] of the nominal machine, or more for shorter lags.
 
-    rest = real.dead_band / 2
-    passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
-    return [
-        0.0 if shut else ca.fmin(ca.fmax(pull(e, *lags), -real.flow), real.flow)
-        for e, lags, shut in zip(passed, own_lags(real), real.shut, strict=True)
-    ]
+        Raises `InvalidInput` like that of the nominal machine.
+        """
+        least: int = self.nominal.substeps(dt, resolution)
+        shortest = min(map(min, self.lags))
+        steps = dt / shortest / resolution
+        if steps > MOST_SUBSTEPS:
+            raise InvalidInput(
+                f"lag_up or lag_down = {shortest:.3g} s is so short that dt = {dt:g} s would take {steps:.3g} steps of "
+                f"integration, over {MOST_SUBSTEPS}; omit such a short lag or give 1e-3 s"
+            )
+        return max(least, ceil(steps))
+
+    def at_rest(self, theta: Any, K: Any) -> Array:
+        """Return the nominal machine's state at rest (2n + m,), from which this one drifts until it settles."""
+        return np.asarray(self.nominal.at_rest(theta, K))
+
+    def begin(self, dt: float, x0: Array, seed: int) -> "RealExperiment":
+        """Begin an experiment from `x0` (2n + m,) with commands every `dt` [s] and the `seed` of the sensors' noise."""
+        return RealExperiment(self, dt, x0, seed)
+
+    def regulated(self, error: Sequence[Value]) -> list[Value]:
+        """Return the rates of the pressures [Pa/s] by regulators with these errors [Pa], CasADi symbols."""
+        import casadi as ca
+
+        def pull(e: Value, up: float, down: float) -> Value:
+            return e / up if up == down else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
+
+        rest = self.dead_band / 2
+        passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]
+        return [
+            0.0 if shut else ca.fmin(ca.fmax(pull(e, *lags), -self.flow), self.flow)
+            for e, lags, shut in zip(passed, self.lags, self.shut, strict=True)
+        ]
+
+    @abstractmethod
+    def stepped(self, x: Value, memory: Value, u: Value, d: Value, h: Value) -> tuple[Value, Value]:
+        """Return `x` (2n + m,) and the frictions' `memory` after a fine step of `h` [s], CasADi symbols."""
 
 
 def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
@@ -103,7 +148,7 @@ def delayed(dead_time: float, dt: float) -> tuple[list[float], int]:
     return pieces, whole + len(pieces) - 1
 
 
-def fine_steps(real: Any, dt: float, pieces: Sequence[float]) -> list[int]:
+def fine_steps(real: Plant | RealMachine, dt: float, pieces: Sequence[float]) -> list[int]:
     """Return the numbers of fine steps of the `pieces` [s] of a sample of `dt` [s], as in `simulate` of a nominal
     machine.
     """
@@ -118,7 +163,7 @@ def outside_torque(profile: Sequence[tuple[float, Any]], t: float) -> Any:
 class RealExperiment:
     """Experiment on a `RealPlant` or a `RealArm`, with its state, its sensors and the time."""
 
-    def __init__(self, real: Any, dt: float, x0: Array, seed: int) -> None:
+    def __init__(self, real: RealMachine, dt: float, x0: Array, seed: int) -> None:
         self.real, self.dt = real, dt
         nominal = real.nominal
         self._n, self._m, self._size = nominal.n, nominal.m, nominal.size
@@ -200,7 +245,7 @@ class RealExperiment:
         self._angles = [*self._angles, self._full[: self._n].copy()][1:] if self._angles else []
         self._sample += 1
 
-    def _made(self, real: Any) -> list[Buffered]:
+    def _made(self, real: RealMachine) -> list[Buffered]:
         return [Buffered(integrator(real, steps)) for steps in self._steps]
 
     @property
@@ -219,7 +264,7 @@ class RealExperiment:
         return self._integrators[pulling, shut]
 
 
-def integrator(real: Any, steps: int) -> "Function":
+def integrator(real: RealMachine, steps: int) -> "Function":
     """Return (x, u, d, duration) ↦ x in so many equal `steps`.
 
     Machines that differ only in their sensors, delays, loads and faults share it.
@@ -230,7 +275,7 @@ def integrator(real: Any, steps: int) -> "Function":
 
 
 @lru_cache(maxsize=128)
-def _integrator(real: Any, steps: int) -> "Function":
+def _integrator(real: RealMachine, steps: int) -> "Function":
     import casadi as ca
 
     nominal = real.nominal

@@ -16,8 +16,7 @@ turns in one direction; each step begins with the memory of the previous one.
 """
 
 from dataclasses import dataclass, field, fields, replace
-from math import inf
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -28,46 +27,27 @@ from allocator.joint.gas import complex_share
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.model.compensation import Compensation
-from mpc.model.faults import Fault
 from mpc.model.friction.contact import Contact, Hysteresis
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
 from mpc.model.gas import trapped
 from mpc.model.integration import integrated
 from mpc.model.plant import NU, Plant
-from mpc.model.real_experiment import RealExperiment, check_effects, own_lags, own_substeps, regulated
+from mpc.model.real_experiment import RealMachine
 
 
 @dataclass(frozen=True)
-class RealPlant:
+class RealPlant(RealMachine):
     """Nominal plant with model errors, friction, delays and faults added. Immutable; SI units."""
 
     nominal: Plant = field(default_factory=Plant)  # joint, link, gravity, lags
-    force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]; 0 for a broken cable
+    force_gains: tuple[float, float] = (1.0, 1.0)  # g1, g2 [-]
     friction: Hysteresis = field(default_factory=Friction)
-    dead_time: float = 0.0  # t_dead of the commands [s]
-    dead_band: float = 0.0  # [Pa], total: a regulator does not act within half of it on either side
-    lag_up: float | None = None  # time constant of a rising pressure [s], the geometric mean of both muscles, whose
-    lag_down: float | None = None  # ratio is that of the nominal lags; of a falling one. None: the nominal plant's
-    flow: float = inf  # fastest change of a pressure [Pa/s]
-    encoder: float = 0.0  # step [rad]
-    reading_age: float = 0.0  # t_age of the angle's readings [s]
-    pressure_noise: float = 0.0  # standard deviation [Pa], white from sample to sample
-    pressure_offset: tuple[float, float] = (0.0, 0.0)  # o_i, added to the readings [Pa]
-    torque_profile: tuple[tuple[float, float], ...] = ()  # (from time [s] on, external torque [N·m]), in order
-    shut: tuple[bool, bool] = (False, False)  # valves that stay shut for any command
-    faults: tuple[Fault, ...] = ()  # each in its time window, the first one nearest to the plant
 
     def __post_init__(self) -> None:
         """Check the effects."""
-        check_effects(self)
+        super().__post_init__()
         object.__setattr__(self, "friction", friction_of(self.friction))
-
-    @classmethod
-    def of(cls, plant: Plant, known: Compensation, **effects: Any) -> Self:
-        """Return `plant` with the `known` friction and regulators, and further `effects` by name."""
-        of_joint = {name: value for name, value in vars(known).items() if name != "frictions"}
-        return cls(plant, **(of_joint | effects))
 
     @classmethod
     def standard(
@@ -189,32 +169,7 @@ class RealPlant:
         return after, remembered(after)
 
     def _pressure_rates(self, x: Value, u: Value) -> list[Value]:
-        rates = regulated(self, [u[i] - x[2 + i] for i in range(NU)])
+        rates = self.regulated([u[i] - x[2 + i] for i in range(NU)])
         if self.nominal.gas is None:
             return rates
         return [rate - q for rate, q in zip(rates, self.nominal.expansion(x, self.force_gains), strict=True)]
-
-    @property
-    def lags(self) -> tuple[tuple[float, float], ...]:
-        """Time constants [s] of the rising and the falling pressure of each muscle."""
-        return own_lags(self)
-
-    def substeps(self, dt: float, resolution: float) -> int:
-        """Return the number of equal steps over `dt` [s] of the nominal plant, or more if its own lags are shorter.
-
-        Raises `InvalidInput` like that of the nominal plant.
-        """
-        return own_substeps(self, dt, resolution)
-
-    @property
-    def frictions(self) -> tuple[Hysteresis, ...]:
-        """Friction of the only joint."""
-        return (self.friction,)
-
-    def at_rest(self, theta: float, K: float) -> Array:
-        """Return the nominal plant's state at rest (4,), from which this plant drifts until it settles."""
-        return self.nominal.at_rest(theta, K)
-
-    def begin(self, dt: float, x0: Array, seed: int) -> RealExperiment:
-        """Begin an experiment from `x0` (4,) with commands every `dt` [s] and the `seed` of the sensors' noise."""
-        return RealExperiment(self, dt, x0, seed)

@@ -12,8 +12,7 @@ from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.repetition.response import Response
 from mpc.repetition.update import Update, designed, passed, power_of, rested, returning, unforeseen
-from mpc.trials.motions.reference import Reference
-from mpc.trials.motions.trajectories import min_jerk
+from mpc.trials.motions.reference import Reference, min_jerk
 
 NOISE = 0.03  # relative change of an RMS error below which it counts as unchanged
 PATIENCE = 3  # repetitions in a row without gain, after which learning ends

@@ -10,13 +10,11 @@ import typer
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.lazy import Console, Table
 from allocator.shell.printing import say
 from allocator.units import DEG
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from mpc.repetition.learner import Learner, Repetition
     from mpc.repetition.response import Response
     from mpc.trials.motions.corrections import Correction, Owner

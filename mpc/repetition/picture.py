@@ -1,17 +1,14 @@
 """Picture of a motion that was learned: errors by repetition, and over time before and after."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.lazy import Figure
 from allocator.presentation.plotting import GREY, new_figure
 from allocator.units import DEG
 from mpc.repetition.learner import Learner
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _BEFORE, _AFTER = "#D55E00", "#0072B2"
 

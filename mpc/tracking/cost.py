@@ -12,7 +12,7 @@ A residual is an entry of one of four kinds of rows, each the difference of a qu
     rate  (e_k - e_{k-1})/dt   their rate                         k = 0 … N-1
 
 To add a weight, add a field to `Weights` and a line to `residuals`. Everything else follows: `charges` is the cost of
-numbers (`mpc.trials.objective`) and of CasADi symbols (`mpc.yardsticks.shooting`). `diagonal` has the weights by rows,
+numbers (`benchmarks.objective`) and of CasADi symbols (`mpc.yardsticks.shooting`). `diagonal` has the weights by rows,
 from which the QP (`mpc.tracking.qp.condense`, `mpc.tracking.compiled`, the exported C) and the terminal cost
 (`mpc.tracking.terminal`) are built.
 """
@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array, Value
-from mpc.model.plant import NU, NX
+from mpc.model.plant import NU
 from mpc.tracking.weights import Weights
 
 NY = 1 + NU  # outputs: stiffness and both forces
@@ -61,7 +61,6 @@ class Rows(NamedTuple):
     rate: Value  # 2
 
 
-SIZES = Rows(NX, NY, NU, NU)
 STATES, COMMANDS = ("x", "y"), ("e", "rate")  # kinds of rows that the state and the commands have
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from mpc.trials.motions.arm_trajectories import hold as hold
     from mpc.trials.motions.arm_trajectories import reach as reach
     from mpc.trials.motions.motion_files import load_motion as load_motion
+    from mpc.trials.motions.reference import min_jerk as min_jerk
     from mpc.trials.motions.trajectories import chirp as chirp
-    from mpc.trials.motions.trajectories import min_jerk as min_jerk
     from mpc.trials.motions.trajectories import point_to_point as point_to_point
     from mpc.trials.motions.trajectories import rested_sine as rested_sine
     from mpc.trials.motions.trajectories import steps as steps

@@ -1,9 +1,11 @@
-"""Trajectories and runs as CSV (degrees, bar, N·m/rad), runs as NPZ (SI, including the plant), and a command's
+"""Trajectories and runs as CSV (degrees, bar, N·m/rad), runs as NPZ (SI, including the plant) and MCAP, and a command's
 trajectory.
 
-NPZ files do not use pickle; NumPy alone can open them.
+NPZ files do not use pickle; NumPy alone can open them. MCAP files have one channel of JSON messages with a schema,
+which Foxglove and PlotJuggler plot.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import fields
 from lzma import LZMAError
@@ -28,6 +30,8 @@ from mpc.trials.motions.trajectories import TRAJECTORIES, shrunk, usual_stiffnes
 from mpc.trials.simulation import Run
 
 COLUMNS = ("t", "theta_deg", "stiffness")  # [s], [°], [N·m/rad]
+TOPIC = "/joint"  # of MCAP files
+_NANO = 1_000_000_000
 
 
 def load(path: str | Path) -> Reference:
@@ -167,3 +171,27 @@ def _plant(path: str | Path, stored: dict[str, Array]) -> Plant:
         return Plant(joint, **(numbers | {"lag": tuple(numbers["lag"])}))
     except (ValueError, TypeError) as error:  # of TOML or of this package
         raise InvalidFile(path, f"does not hold a plant ({error})") from None
+
+
+def save_mcap(run: Run, path: str | Path, begin: int = 0) -> None:
+    """Write a message per sample with the columns of `Run.to_dict`, which the schema names with their units.
+
+    The first sample is at `begin` [ns] since 1970. NaN is left out of a message, since JSON cannot represent it. Raises
+    `CannotWrite`, and `MissingPackage` without the package mcap.
+    """
+    from mcap.writer import Writer
+
+    table = run.to_dict()
+    names = [name for name in table if name != "t"]
+    rows = np.stack([np.asarray(table[name], float) for name in names], axis=1)
+    schema = {"type": "object", "properties": {name: {"type": "number"} for name in names}}
+    with replacing(path) as draft, draft.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(library="antagonist")
+        kind = writer.register_schema("antagonist.Joint", "jsonschema", json.dumps(schema).encode())
+        channel = writer.register_channel(TOPIC, "json", kind)
+        for t, row in zip(np.asarray(table["t"], float).tolist(), rows.tolist(), strict=True):
+            time = begin + round(t * _NANO)
+            message = {name: value for name, value in zip(names, row, strict=True) if np.isfinite(value)}
+            writer.add_message(channel, time, json.dumps(message).encode(), time)
+        writer.finish()

@@ -59,18 +59,6 @@ def _joint(s: Settings) -> Plant:
     return s.plant
 
 
-def _pid(s: Settings) -> Controller:
-    return PIDControl(_joint(s), s.dt, s.compensation, s.gains)
-
-
-def _pi(s: Settings) -> Controller:
-    return PIControl(_joint(s), s.dt, s.compensation, s.gains)
-
-
-def _predictive_pid(s: Settings) -> Controller:
-    return PredictivePIDControl(_joint(s), s.dt, s.compensation, s.gains)
-
-
 def _lqr(s: Settings) -> Controller:
     # it does not predict the slew limit, and with the MPC's own weight it would always be at it
     weights = replace(s.weights, rate=4 * s.weights.rate)
@@ -81,12 +69,16 @@ def _feed_forward(s: Settings) -> Controller:
     return FeedForwardControl(_joint(s), s.dt, s.compensation)
 
 
+def _with_gains(kind: type[PIDControl]) -> Callable[[Settings], Controller]:
+    return lambda s: kind(_joint(s), s.dt, s.compensation, s.gains)
+
+
 CONTROLLERS: dict[str, tuple[Callable[[Settings], Controller], bool]] = {
     "mpc": (_mpc, True),
     "nmpc": (_nmpc, True),
-    "pid": (_pid, False),
-    "pi": (_pi, False),
-    "predictive-pid": (_predictive_pid, True),
+    "pid": (_with_gains(PIDControl), False),
+    "pi": (_with_gains(PIControl), False),
+    "predictive-pid": (_with_gains(PredictivePIDControl), True),
     "lqr": (_lqr, True),
     "feedforward": (_feed_forward, False),
 }

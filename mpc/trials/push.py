@@ -49,8 +49,7 @@ from mpc.model.real_experiment import RealExperiment
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.plan import Plan
-from mpc.trials.motions.reference import Reference
-from mpc.trials.motions.trajectories import min_jerk
+from mpc.trials.motions.reference import Reference, min_jerk
 from mpc.trials.simulation import Controller, Run, simulate
 
 REST = 1.0  # [s] between freezing and pushing, for the joint to come to rest

@@ -1,14 +1,10 @@
 """Picture of a tuning's trade-off: error against sensitivity peak, one dot per evaluation."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from allocator.lazy import Figure
 from allocator.presentation.plotting import new_figure
 from mpc.tuning.result import Tuned
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _MOST_PEAK = 3.0  # greatest M_s shown, over its limit; greater peaks and unsettled loops are drawn at the edge
 _MOST_ERROR = 3.0  # greatest cost shown, over the greater of before and after

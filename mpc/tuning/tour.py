@@ -16,8 +16,8 @@ from allocator.units import DEG
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
 from mpc.trials.motions import arm_trajectories
-from mpc.trials.motions.reference import Reference
-from mpc.trials.motions.trajectories import min_jerk, usual_stiffness, usual_swing
+from mpc.trials.motions.reference import Reference, min_jerk
+from mpc.trials.motions.trajectories import usual_stiffness, usual_swing
 
 MOTIONS = ("sine", "min-jerk", "steps")
 _OF_AN_ARM = ("min-jerk",)

@@ -14,12 +14,13 @@ multipliers. Units within z and g: pressures in bar, forces in 100 N, slacks in 
 """
 
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
+from allocator.lazy import SX, Function
 from allocator.units import BAR
 from mpc.codegen.buffered import Buffered
 from mpc.model.plant import NU, NX, Plant
@@ -28,9 +29,6 @@ from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion
 from mpc.tracking.weights import Weights
-
-if TYPE_CHECKING:
-    from casadi import SX, Function
 
 _FORCE, _COST = 100.0, 1e4  # [N], [cost]
 _S, _S_F = 1e-3, 0.1  # slacks [rad], [N]

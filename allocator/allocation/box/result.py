@@ -217,10 +217,6 @@ class BoxAllocation(Allocation):
             raise InvalidInput("no endpoint was given to `allocate`; its stiffness is not known")
         return self._problem.endpoint
 
-    def _form(self, array: Array) -> Array:
-        own = array.shape[1:]
-        return np.broadcast_to(array, (self._problem.size, *own)).reshape(*self._shape, *own)
-
     # --- proofs -------------------------------------------------------------------------------------------------------
 
     @cached_property

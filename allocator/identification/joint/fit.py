@@ -135,11 +135,9 @@ def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tup
             "slack has to be 0 (an equilibrium), 1 (agonist), 2 (antagonist) or 3 (both) for each of the "
             f"{samples.n} samples"
         )
-    error = checks.not_negative("slack_noise", checks.pressure("slack_noise", noise), "Pa")
-    if not error > 0:
-        raise InvalidInput(f"slack_noise = {error:g} Pa has to be positive")
+    error = checks.positive("slack_noise", checks.pressure("slack_noise", noise), "Pa")
     codes = np.broadcast_to(which.ravel(), samples.n).astype(np.intp)
-    return samples.where(codes == 0), SlackReadings.of(samples, codes, float(error))
+    return samples.where(codes == 0), SlackReadings.of(samples, codes, error)
 
 
 def _prototype(

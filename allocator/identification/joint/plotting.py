@@ -1,18 +1,13 @@
 """Pictures of a joint's fit: angle against prediction, residual with hysteresis, stiffness with its band."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.identification.joint.relative import RelativeJoint, stiffness_with_gradient
 from allocator.identification.joint.result import JointFit
+from allocator.lazy import Axes, Figure
 from allocator.presentation.plotting import new_figure
 from allocator.units import BAR, DEG
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _WAYS = ((1.0, "rising θ", "C1", "^"), (-1.0, "falling θ", "C0", "v"), (0.0, "direction unknown", "C2", "o"))
 _LEVELS = (0.4, 0.6, 0.8)  # of the supply, co-contractions drawn

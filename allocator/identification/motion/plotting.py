@@ -1,16 +1,11 @@
 """Pictures of a moving joint's fit: the free run, its error over time and angle, and the hysteresis."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from allocator.identification.motion.result import MotionFit
+from allocator.lazy import Axes, Figure
 from allocator.presentation.plotting import new_figure
 from allocator.units import DEG
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _SHOWN = 30.0  # [s] of the log
 _HELD = 0.6

@@ -1,18 +1,13 @@
 """Pictures of a fitted muscle: isobars with the data, and residuals."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.identification.muscle.result import Fit, Level
+from allocator.lazy import Axes, Figure
 from allocator.muscles import Muscle
 from allocator.presentation.plotting import FILL, legend_outside, new_axes, new_figure, shades
 from allocator.units import BAR
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _MOST_ISOBARS = 8
 _NEAR = 0.003  # of the highest pressure: width of a level

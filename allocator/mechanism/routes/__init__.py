@@ -7,7 +7,11 @@ from allocator.mechanism.routes.pulleys import JointRoutes, Pulleys
 from allocator.mechanism.routes.sites import Sites
 from allocator.mechanism.routes.tables import Tables
 
+FILED = {kind.__name__: kind for kind in (Pulleys, Sites, Tables)}
+"""Routes that machines' files may have, by the names of their kinds."""
+
 __all__ = [
+    "FILED",
     "FunctionRoutes",
     "JointRoutes",
     "Link",

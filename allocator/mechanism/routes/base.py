@@ -9,6 +9,7 @@ Every route gives both in closed form or by algorithmic differentiation, never b
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.lazy import SX
 
 _SHORTEST, _LONGEST = 1e-3, 10.0  # [m] lengths of a muscle; others have a wrong unit
 _NOTHING = 1e-9  # [m] a smaller arm counts as none
@@ -49,6 +51,13 @@ class Routes(ABC):
     @abstractmethod
     def at(self, q: Array) -> RoutedLengths:
         """Return lengths, arms and bends of all muscles at the postures `q` (…, n)."""
+
+    def symbolic(self, q: "SX") -> Sequence["SX | float"]:
+        """Return the lengths l (m) [m] as formulas of the CasADi column `q` (n, 1).
+
+        Raises `InvalidInput` for routes without formulas, such as tables.
+        """
+        raise InvalidInput(f"{type(self).__name__}: an arm's model needs lengths that are formulas, not a table's")
 
     def contraction(self, length: Array) -> Array:
         """Return ε = (L - l)/L (…, m) of muscles with the lengths `length` (…, m) [m]."""

@@ -1,6 +1,6 @@
 """Muscle lengths as formulas of the posture, differentiated by CasADi."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,6 +10,7 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.lazy import SX
 from allocator.mechanism.routes.base import RoutedLengths, Routes, rest_lengths
 
 if TYPE_CHECKING:
@@ -87,6 +88,13 @@ class FunctionRoutes(Routes):
         """Return lengths, arms and bends at the postures `q` (…, n). Raises `InvalidInput` if one is not finite."""
         length, slope, curve = self._column.at(q)
         return RoutedLengths(length, -slope, curve)
+
+    def symbolic(self, q: "SX") -> Sequence["SX | float"]:
+        """Return the user's formulas of a CasADi column `q` (n, 1)."""
+        import casadi as ca
+
+        value = self.function(q)
+        return list(value) if isinstance(value, list | tuple) else ca.vertsplit(ca.SX(value))
 
 
 def from_function(rest_length: object, n: int, function: Callable[[Value], Value]) -> FunctionRoutes:

@@ -14,6 +14,7 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.lazy import SX
 
 GROUND = -1
 """The link that does not move."""
@@ -119,6 +120,23 @@ class Linkage:
                 frames.append(Frame(R @ _rotation(link.axis, moved), origin, axis))
             else:
                 frames.append(Frame(R, origin + moved[..., None] * axis, axis))
+        return [*frames, ground]
+
+    def symbolic_frames(self, q: "SX") -> list[tuple["SX", "SX"]]:
+        """Return (rotation (3, 3), origin (3, 1)) of every link, then of the ground, of a CasADi column `q` (n, 1)."""
+        import casadi as ca
+
+        ground = ca.SX.eye(3), ca.SX.zeros(3)
+        frames: list[tuple[SX, SX]] = []
+        for i, link in enumerate(self.links):
+            R, o = ground if link.parent == GROUND else frames[link.parent]
+            origin, R = o + R @ ca.DM(link.origin), R @ ca.DM(np.array(link.orientation))
+            moved = q[i] - link.zero
+            if link.kind == "hinge":
+                W = ca.skew(ca.DM(link.axis))
+                frames.append((R @ (ca.DM.eye(3) + ca.sin(moved) * W + (1 - ca.cos(moved)) * (W @ W)), origin))
+            else:
+                frames.append((R, origin + moved * (R @ ca.DM(link.axis))))
         return [*frames, ground]
 
     def point(self, site: Site, frames: list[Frame]) -> Moved:

@@ -1,5 +1,6 @@
 """Muscles round pulleys, with constant arms, and the two muscles of an `AntagonistJoint`'s geometry."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.geometry import Geometry, Pulley
+from allocator.lazy import SX
 from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, per_muscle, rest_lengths
 
 _LONGEST_ARM = 1.0  # [m]; more is in millimetres
@@ -49,6 +51,11 @@ class Pulleys(Routes):
             np.broadcast_to(0.0, (*q.shape[:-1], self.m, self.n, self.n)),
         )
 
+    def symbolic(self, q: "SX") -> Sequence["SX | float"]:
+        """Return L (1 - ε0) - r·q of a CasADi column `q` (n, 1)."""
+        rows = zip(self.rest_length, self.initial_contraction, self.arms, strict=True)
+        return [L * (1 - eps) - sum(r * q[i] for i, r in enumerate(arms) if r) for L, eps, arms in rows]
+
 
 @dataclass(frozen=True)
 class JointRoutes(Routes):
@@ -77,6 +84,11 @@ class JointRoutes(Routes):
         return RoutedLengths(
             self.geometry.rest_length * (1 - eps), (sign * arm)[..., None], (-sign * slope)[..., None, None]
         )
+
+    def symbolic(self, q: "SX") -> Sequence["SX | float"]:
+        """Return L (1 - ε(θ)) of both muscles of a CasADi column `q` (1, 1)."""
+        contractions = self.geometry.agonist(q[0])[0], self.geometry.antagonist(q[0])[0]
+        return [L * (1 - eps) for L, eps in zip(self.rest_length, contractions, strict=True)]
 
 
 def routes_of(geometry: Geometry) -> Routes:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.lazy import SX
 from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, per_muscle, rest_lengths
 from allocator.mechanism.routes.linkage import Link, Linkage, Site
 
@@ -80,6 +81,16 @@ class Sites(Routes):
                 straight = (J @ J.swapaxes(-1, -2) - Ju @ Ju.swapaxes(-1, -2)) / distance[..., None, None]
                 bend[..., j, :, :] += straight + (C @ u[..., None, :, None])[..., 0]
         return RoutedLengths(length, arm, bend)
+
+    def symbolic(self, q: "SX") -> Sequence["SX | float"]:
+        """Return the lengths of the segments of each path, less the cable, of a CasADi column `q` (n, 1)."""
+        import casadi as ca
+
+        frames, found = self.linkage.symbolic_frames(q), []
+        for path, cable in zip(self.paths, self.cable, strict=True):
+            points = [frames[site.link][1] + frames[site.link][0] @ ca.DM(site.position) for site in path]
+            found.append(sum(ca.norm_2(end - start) for start, end in pairwise(points)) - cable)
+        return found
 
     def positions(self, q: Array) -> list[Array]:
         """Return the positions of each muscle's sites at the postures `q` (…, n): m arrays (…, sites, 3) [m]."""

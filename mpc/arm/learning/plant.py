@@ -12,7 +12,7 @@ excess e, about as stiff relative to the inertia as MuJoCo's. N is the force of 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput, notice
 from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
+from allocator.lazy import SX
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.formulas import symbolic_lengths, symbolic_position
 from allocator.muscles import Muscle
@@ -32,9 +33,6 @@ from mpc.model.arm.ranges import about_the_middle
 from mpc.model.gas import fall
 from mpc.model.integration import integrated
 from mpc.tracking.qp.step import SlowStep
-
-if TYPE_CHECKING:
-    from casadi import SX
 
 Move: TypeAlias = Callable[[Array, Array, Array, Array, float, int], None]
 """Function (x, u, v, d, h, substeps) ↦ None, which advances the states x."""

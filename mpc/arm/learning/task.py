@@ -77,8 +77,7 @@ class Task(ABC):
         checks.count("samples", self.samples, 1)
         checks.count("delay", self.delay, 0, 100)
         for name, unit in (("encoder", "rad"), ("pressure_noise", "Pa"), ("push", "N·m"), ("effort", self.unit)):
-            if checks.number(name, getattr(self, name), unit) < 0:
-                raise InvalidInput(f"{name} = {getattr(self, name):g} {unit} has to be 0 or more")
+            checks.not_negative(name, getattr(self, name), unit)
         if self.arm.mechanism.angle_limits is None:
             raise InvalidInput("the mechanism has no angle_limits, which define the ranges of observations and targets")
 

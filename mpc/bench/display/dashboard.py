@@ -11,9 +11,9 @@ import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
-if TYPE_CHECKING:
-    from rich.table import Table
+from allocator.lazy import Table
 
+if TYPE_CHECKING:
     from mpc.bench.record import Row
 
 State: TypeAlias = dict[str, Any]  # content of a line of JSON

@@ -14,7 +14,7 @@ from allocator.compilation.jit import Function
 from allocator.compilation.printer import ArrayKind, Kind, StructKind, parsed, with_called
 from mpc.export.controller.recursions import exchanges_in, items_in, kinds_of, solver_of
 from mpc.tracking.compiled.structured_qp.exchange import AGAIN
-from mpc.tracking.compiled.structured_qp.start import CLAMPED
+from mpc.tracking.compiled.structured_qp.solve import CLAMPED
 from mpc.tracking.controller import TrackingMPC
 
 COMPILER = "arm-none-eabi-gcc 12.2"  # whose stack was measured

@@ -6,12 +6,13 @@ that `scale` multiplies; `mpc/export/c/mpc/friction.c` moves them.
 
 from collections.abc import Iterator, Sequence
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.lazy import Function
 from mpc.export.joint import Numbers
 from mpc.model.arm.pressing import symbolic_loads
 from mpc.model.compensation import Compensation
@@ -20,9 +21,6 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 _NEVER = 1e30  # [rad], in place of an infinite width
 

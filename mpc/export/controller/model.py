@@ -1,15 +1,11 @@
 """Formulas of an exported controller's machine, as CasADi functions that the C files call by their names."""
 
-from typing import TYPE_CHECKING
-
+from allocator.lazy import Function
 from mpc.export.controller.friction import friction_function
 from mpc.export.parts import Functions, dense
+from mpc.model.integration import variational
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.variational import variational
 from mpc.tracking.controller import TrackingMPC
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 
 def joint_functions(controller: TrackingMPC) -> Functions:

@@ -13,7 +13,7 @@ with gas, the pressures are integrated as well.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from allocator.allocation.box import pivoting
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas
+from allocator.lazy import SX, Function
 from allocator.mechanism import Mechanism, machines
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.mechanism.routes.mjcf import Source
@@ -34,9 +35,6 @@ from mpc.model.arm.formulas import Statics
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, check_stiffness, substeps
 from mpc.model.gas import gas_of
-
-if TYPE_CHECKING:
-    from casadi import SX, Function
 
 _MOST_SUBSTEPS = 1000  # per sample
 _MISSED = 1e-6  # [-] of a stiffness, or [N·m]

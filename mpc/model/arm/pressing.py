@@ -1,17 +1,15 @@
 """Loads on the sliding surfaces of an arm's joints, which scale the torques of friction models."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.lazy import SX, Function
 from allocator.mechanism.formulas import symbolic_lengths
 from mpc.codegen.buffered import Buffered
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
-
-if TYPE_CHECKING:
-    from casadi import SX, Function
 
 CROSSES = 1e-9  # [m] of an arm, above which its muscle crosses the joint
 

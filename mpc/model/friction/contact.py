@@ -12,7 +12,9 @@ which are a1 F1 + a2 F2, P1 + P2 and K of one joint with two muscles.
 
 from typing import NamedTuple, Protocol, Self, runtime_checkable
 
+from allocator import checks
 from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop
 from mpc.codegen.buffered import Buffered
 from mpc.model.arm.pressing import Pressing as ManyPressing
@@ -154,3 +156,19 @@ class Hysteresis(Protocol):
 
     def as_dahl(self, plant: Plant) -> "Hysteresis":
         """Return Dahl's friction with a loop of the same width at θ = 0, P1 + P2 = 5 bar."""
+
+
+def first_push(friction: Hysteresis, memory: Value, motion: float, contact: Contact) -> float:
+    """Return the stiffness [N·m/rad] against a push by `motion` [rad], with its sign, from a `memory`.
+
+        K + [T_f(m after Δθ) - T_f(m)]/Δθ
+
+    A steady loop is symmetric (`allocator.joint.felt`), the first push after a motion is not: one in its direction
+    meets the backbone alone, one that turns the joint back by A meets up to K + Σ k_i min(1, 2 ρ_i/A). The result
+    includes the isobaric stiffness of the `contact`. Raises `InvalidInput` for a push of 0.
+    """
+    by = checks.number("motion", motion, "rad")
+    if by == 0:
+        raise InvalidInput("motion = 0 rad is no push")
+    before, after = (friction.torque(m, contact) for m in (memory, friction.moved(memory, by, contact)))
+    return float(contact.stiffness + (after - before) / by)

@@ -14,8 +14,8 @@ from typing import Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Value, is_symbol
-from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import PRESLIDING, dahl
 from allocator.units import BAR
@@ -36,12 +36,9 @@ class Friction:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        for name, unit in (("mu", ""), ("coulomb", " N·m")):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"{name} = {value!r}{unit} has to be 0 or more, and finite")
-        if not (np.isfinite(self.presliding) and self.presliding > 0):
-            raise InvalidInput(f"presliding = {self.presliding!r} rad has to be positive and finite")
+        checks.not_negative("mu", self.mu, "-")
+        checks.not_negative("coulomb", self.coulomb, "N·m")
+        checks.positive("presliding", self.presliding, "rad")
 
     @classmethod
     def of_width(

@@ -3,7 +3,7 @@
 from functools import cache
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -12,16 +12,14 @@ from allocator.allocation.two_muscles import kernels as compiled
 from allocator.allocation.two_muscles.kernels.choice import JointKernel, coefficients, kernel_of
 from allocator.calculus import Array
 from allocator.compilation.linked import INNER
+from allocator.lazy import Function
 from allocator.units import BAR
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, translated
 from mpc.model.experiment import RESOLUTION
+from mpc.model.integration import variational
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.variational import variational
 from mpc.tracking import resting
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 _KERNELS = """from allocator.allocation.two_muscles.kernels.source import affine_exact, tondu_exact
 from mpc.codegen.jit import merged

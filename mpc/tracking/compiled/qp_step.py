@@ -5,16 +5,17 @@ active in the last QP, and an exchange of those that it held wrongly. Other solv
 the readable step.
 """
 
+from abc import ABC, abstractmethod
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.structured_qp.structured import StructuredQP
+from mpc.tracking.compiled.structured_qp.structured import SolvedQP, StructuredQP
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
-from mpc.tracking.linearise import Motion
+from mpc.tracking.linearise import Linearisation, Motion
 from mpc.tracking.plan import Moved
 from mpc.tracking.qp.condense import TrackingProblem
 from mpc.tracking.qp.solvers import Riccati, Solver
@@ -24,22 +25,17 @@ if TYPE_CHECKING:
     from mpc.tracking.compiled.module import CompiledPlant  # which imports numba
 
 
-class CompiledQPStep:
+class CompiledStep(ABC):
     """Compiled step of one controller; two threads must not use its buffers at the same time."""
 
     implementation = "compiled"
+    structured: SolvedQP
+    _given: tuple[Any, ...]  # arguments of the constructor
+    _problem: TrackingProblem
 
-    def __init__(self, plant: "CompiledPlant", problem: TrackingProblem) -> None:
-        from mpc.tracking.compiled.sample.arrays import StepArrays
-
-        self.plant, self._problem = plant, problem
-        self.structured = StructuredQP(problem)
-        self._arrays = StepArrays(plant, sum(problem.blocks), self.structured)
-        self.linearise()  # compiles now rather than at the joint's first command
-
-    def __deepcopy__(self, memo: dict[int, object]) -> "CompiledQPStep":
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Return a copy with its own buffers."""
-        other = CompiledQPStep(self.plant, self._problem)
+        other = type(self)(*self._given)
         other.active_set = self.active_set
         return other
 
@@ -62,20 +58,62 @@ class CompiledQPStep:
     ) -> QPAnswer:
         """Solve the QP as `mpc.tracking.qp.step.QPStep` describes."""
         began = perf_counter()
-        self.structured.take(x, u, d, feed, previous)
-        self.linearise()
+        self._linearise(x, u, d, feed, previous)
         linearised = perf_counter()
         if not isinstance(solve, Riccati):
-            return dense_answer(self._problem, self.structured.model, feed, previous, solve, began, deadline)
-        proved, (_, made) = self.structured.solved(solve.limit), self._arrays.rollout()
-        now, motion = perf_counter(), Motion(made.u, made.x, made.K, made.F)
+            return dense_answer(self._problem, self.model, feed, previous, solve, began, deadline)
+        proved, (finite, motion) = self._solved(feed, previous, solve.limit), self._rolled_out()
+        now = perf_counter()
         times = linearised - began, 0.0, now - linearised
-        late = now > deadline
-        return structured_answer(proved, motion.finite, motion.u, motion, self.structured.gap, times, late)
+        return structured_answer(proved, finite, motion.u, motion, self.structured.gap, times, now > deadline)
 
-    def linearise(self) -> None:
-        """Linearise about the commands given to the structured QP."""
+    @property
+    @abstractmethod
+    def model(self) -> Linearisation:
+        """Path as a linearisation of the readable step; copies."""
+
+    @abstractmethod
+    def _linearise(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
+        """Linearise about the commands `u` within the limits."""
+
+    @abstractmethod
+    def _solved(self, feed: FeedForward, previous: PreviousSample, exchanges: float) -> bool:
+        """Solve the structured QP; return whether its `z` is the proved solution, after at most so many exchanges."""
+
+    @abstractmethod
+    def _rolled_out(self) -> tuple[bool, Motion]:
+        """Return whether the motion of the structured QP's answer is finite, and the motion."""
+
+
+class CompiledQPStep(CompiledStep):
+    """Compiled step of a joint."""
+
+    structured: StructuredQP
+
+    def __init__(self, plant: "CompiledPlant", problem: TrackingProblem) -> None:
+        from mpc.tracking.compiled.sample.arrays import StepArrays
+
+        self._given = self.plant, self._problem = plant, problem
+        self.structured = StructuredQP(problem)
+        self._arrays = StepArrays(plant, sum(problem.blocks), self.structured)
+        self._arrays.linearise()  # compiles now rather than at the joint's first command
+
+    @property
+    def model(self) -> Linearisation:
+        """Path as a linearisation of the readable step; copies."""
+        return self.structured.model
+
+    def _linearise(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
+        self.structured.take(x, u, d, feed, previous)
         self._arrays.linearise()
+
+    def _solved(self, feed: FeedForward, previous: PreviousSample, exchanges: float) -> bool:
+        return self.structured.solved(exchanges)
+
+    def _rolled_out(self) -> tuple[bool, Motion]:
+        made = self._arrays.rollout()[1]
+        motion = Motion(made.u, made.x, made.K, made.F)
+        return motion.finite, motion
 
 
 class CompiledFeedForward:

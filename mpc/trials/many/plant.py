@@ -8,12 +8,13 @@ compiled code. Faults, except additions to the angles' readings, and processes o
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array, Value
+from allocator.lazy import Function
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, filling
@@ -25,9 +26,6 @@ from mpc.model.real_arm import RealArm
 from mpc.model.real_experiment import delayed, fine_steps, outside_torque
 from mpc.model.real_plant import RealPlant
 from mpc.trials.simulation import Process
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 _TEMPLATE, _ARM = (Path(__file__).with_name(f"{name}.py") for name in ("process", "arm"))
 Compilable: TypeAlias = Plant | RealPlant | RealArm

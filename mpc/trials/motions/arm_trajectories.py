@@ -11,8 +11,7 @@ from allocator.mechanism import Pulleys
 from allocator.units import DEG
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
-from mpc.trials.motions.reference import Reference
-from mpc.trials.motions.trajectories import min_jerk
+from mpc.trials.motions.reference import Reference, min_jerk
 
 _STIFFNESS = {2: [[12.0, 4.6], [4.6, 9.5]]}
 _EACH = 6.0  # [N·m/rad] of every joint of other arms

@@ -121,6 +121,12 @@ def _smooth(t: Array, y: Array, at: Array) -> Array:
     return spline if swing <= _SWING * np.ptp(y) else np.asarray(PchipInterpolator(t, y)(at))
 
 
+def min_jerk(s: Array) -> Array:
+    """Return the shape of a minimum-jerk movement: from 0 to 1 as `s` goes from 0 to 1 (Flash & Hogan 1985)."""
+    s = np.clip(np.asarray(s, float), 0, 1)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
 def sine(
     amplitude: float = 40 * DEG,
     frequency: float = 0.5,
@@ -140,7 +146,6 @@ def sine(
         raise InvalidInput(f"duration = {duration:g} s has to cover two ramps of {ramp:g} s and a dt of {dt:g} s")
     t = dt * np.arange(round(duration / dt) + 1.0)
     rest = np.minimum(t, duration - t)  # time to the nearer end
-    s = np.clip(rest / ramp, 0, 1) if ramp > 0 else np.ones_like(t)
-    swell = s**3 * (10 - 15 * s + 6 * s**2)
+    swell = min_jerk(rest / ramp) if ramp > 0 else np.ones_like(t)
     theta = amplitude * swell * np.sin(2 * np.pi * frequency * t)
     return Reference(t, theta, K + K_amplitude * swell * np.sin(2 * np.pi * K_frequency * t))

@@ -13,17 +13,11 @@ from allocator import allocate
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import DEG
-from mpc.trials.motions.reference import Reference, sine
+from mpc.trials.motions.reference import Reference, min_jerk, sine
 
 LEAD = 4.0  # [s] first rest
 _DT = 0.01  # [s] between samples
 _SAFE = 10.0  # [N·m/rad] at which every trajectory is positive
-
-
-def min_jerk(s: Array) -> Array:
-    """Return the shape of a minimum-jerk movement: from 0 to 1 as `s` goes from 0 to 1 (Flash & Hogan 1985)."""
-    s = np.clip(np.asarray(s, float), 0, 1)
-    return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _times(duration: float) -> Array:

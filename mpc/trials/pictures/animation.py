@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from allocator.errors import CannotWrite, MissingBackend
 from allocator.files.atomic import replacing
+from allocator.lazy import Figure
 from allocator.presentation.plotting import fit_captions, new_figure
 from allocator.units import BAR, DEG
 from mpc.trials.simulation import Run
@@ -72,7 +73,6 @@ def _save_mp4(pictures: list[Picture], path: Path, per_second: int, said: Path) 
 
 if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Polygon
 

@@ -1,12 +1,13 @@
 """Pictures of a run: angles, stiffness and pressures with references and limits, and the path of a hand."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.joint.limits import Limits
+from allocator.lazy import Axes, Figure
 from allocator.mechanism.endpoint import Endpoint
 from allocator.presentation.plotting import GREY, legend_outside, new_figure, save_figure
 from allocator.units import BAR, DEG
@@ -16,9 +17,6 @@ from mpc.model.plant import Plant
 from mpc.trials.metrics import metrics
 from mpc.trials.other_plant import STIFFNESS_BAND
 from mpc.trials.simulation import Run
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # Okabe & Ito's colours, distinguishable with colour blindness
 COLOURS = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8c8c8c"
@@ -86,10 +84,6 @@ def _at_least(axes: "Axes", points: Array) -> None:
     middle, half = points.mean(axis=0), np.maximum(np.ptp(points, axis=0) / 2, _SHOWN)
     axes.plot(*np.transpose([middle - half, middle + half]), alpha=0.0)
 
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _NOTHING = 1e-6  # [N·m/rad]
 _PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its command and infeasible pressures

@@ -2,21 +2,17 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from allocator.lazy import Table
 from allocator.mechanism.endpoint import Endpoint
 from mpc.model.plant import Plant
-from mpc.trials.files import save_recording, save_run
-from mpc.trials.mcap import save_mcap
+from mpc.trials.files import save_mcap, save_recording, save_run
 from mpc.trials.metrics import Errors, Metrics
 from mpc.trials.pictures.animation import ENDINGS
 from mpc.trials.pictures.plotting import save_tracking_figure
 from mpc.trials.simulation import Run
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 _NOTHING = 1e-6  # [N·m/rad] of an entry of the stiffness: no muscle crosses both joints
 

@@ -2,16 +2,13 @@
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from allocator.lazy import Figure
 from allocator.presentation.plotting import GREY, name_axes, new_figure, save_figure
 from mpc.trials.margins import ROBUST, Margins
 from mpc.trials.pictures.plotting import COLOURS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _LOWEST = 0.2  # [Hz]
 _SHOWN = 2.5  # of the plane around -1

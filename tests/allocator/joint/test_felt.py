@@ -13,8 +13,7 @@ from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import Slip
 from allocator.muscles import Cabled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
-from mpc.model.felt import first_push
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Contact, first_push
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant

@@ -158,7 +158,7 @@ def test_a_mechanism_takes_cables():
     ("arguments", "said"),
     [
         ((SAROSI_DMSP_20_400N, 40.0, L), "if N/mm was meant, multiply by 1000"),
-        ((SAROSI_DMSP_20_400N, SOFT, 0.0), "has to be positive"),
+        ((SAROSI_DMSP_20_400N, SOFT, 0.0), "rest_length = 0.0 has to be one number above 0"),
         ((Cabled(SAROSI_DMSP_20_400N, SOFT, L), SOFT, L), "has to be a muscle without a cable"),
     ],
 )

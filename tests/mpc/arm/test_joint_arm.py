@@ -6,11 +6,11 @@ import pytest
 from allocator import InvalidInput, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
-from mpc.arm.joint_arm import arm_of
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.governor import PressureGovernor
 from mpc.model.plant import Plant
+from tests.mpc.arm.one_joint import arm_of
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)
 PLANTS = {

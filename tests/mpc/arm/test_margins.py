@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from mpc.arm.joint_arm import arm_of
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
@@ -12,6 +11,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import CALM
 from mpc.trials.margins import Margins, margins, usual_postures
+from tests.mpc.arm.one_joint import arm_of
 
 DT, TOLD = 0.01, Compensation(dead_time=0.02)
 ARM = Arm.machine("arm26")

@@ -5,7 +5,6 @@ import pytest
 
 from allocator import InvalidInput
 from allocator.units import BAR, DEG
-from mpc.arm.joint_arm import arm_of
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
@@ -22,6 +21,7 @@ from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.arm_trajectories import reference
 from mpc.trials.simulation import in_motion, simulate
+from tests.mpc.arm.one_joint import arm_of
 
 JOINT = Plant(gas=False)
 ONE, TWO = arm_of(JOINT), Arm.machine("arm26")

@@ -21,8 +21,7 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.weights import Weights
 from mpc.trials.loops import CONTROLLERS, Settings, loop
-from mpc.trials.motions.reference import Reference
-from mpc.trials.motions.trajectories import min_jerk
+from mpc.trials.motions.reference import Reference, min_jerk
 from mpc.trials.simulation import simulate
 
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
@@ -193,7 +192,7 @@ def test_a_plant_s_file_keeps_what_controllers_are_told(tmp_path):
     ("table", "named"),
     [
         ("[regulators]\ndelay = 0.1", "no delay; it has dead_time, dead_band"),
-        ("[regulators]\ndead_time = -0.1", "dead_time = -0.1 s"),
+        ("[regulators]\ndead_time = -0.1", "dead_time = -0.1 has to be"),
         ('[regulators]\ndead_band = "small"', "regulators"),
         ('[regulators]\nlag_up = "short"', "lag_up"),
         ("[regulators]\nlag_down = -0.1", "lag_down"),

@@ -15,9 +15,9 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.real_arm import RealArm
 from mpc.trials.many.driving import driving
+from mpc.trials.many.entry import spread
 from mpc.trials.many.loop import Loop
 from mpc.trials.many.plant import compiled_plant
-from mpc.trials.many.workers import spread
 from mpc.trials.metrics import metrics
 from mpc.yardsticks.baselines import FeedForwardControl, PIDControl, PIDGains
 
@@ -51,9 +51,9 @@ GAINS = (1.1, 0.9, 1.05, 0.95, 1.02, 1.08)
 ARMS = {
     "sliding": RealArm(ARM, GAINS, pressure_noise=1e-3),
     "all effects": RealArm(
-        ARM, GAINS, SLIPS, 1.2, 0.8, 0.025, 0.1 * BAR, 0.08, 0.13, 5 * BAR, 0.05 * DEG, 0.017, 0.01 * BAR,
+        ARM, GAINS, SLIPS, 0.025, 0.1 * BAR, 0.08, 0.13, 5 * BAR, 0.05 * DEG, 0.017, 0.01 * BAR,
         tuple(np.arange(6) * 100.0), ((0.3, (0.5, -0.2)),),
-        faults=(WrongReadings(0.2, 0.3, (1,), 1e-3, added=True, joints=2, muscles=6),),
+        faults=(WrongReadings(0.2, 0.3, (1,), 1e-3, added=True, joints=2, muscles=6),), mass=1.2, damping=0.8,
     ),
     "gas behind a shut valve, Dahl": RealArm(
         replace(ARM, gas=True), GAINS, (Friction(0.02, 0.1), Friction(0.03)), shut=(True, *(False,) * 5)

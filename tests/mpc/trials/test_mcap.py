@@ -9,7 +9,7 @@ from allocator.files.bags import Quantity, read_topics
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant, Run
-from mpc.trials.mcap import save_mcap
+from mpc.trials.files import save_mcap
 
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N))
 

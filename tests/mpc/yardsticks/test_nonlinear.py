@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG, InvalidInput, MissingBackend
+from benchmarks.objective import closed_loop_cost
 from mpc import (
     Compensation,
     NonlinearMPC,
@@ -21,7 +22,6 @@ from mpc import (
     sine,
 )
 from mpc.trials.metrics import metrics
-from mpc.trials.objective import closed_loop_cost
 
 PLANT = Plant()
 N = 12

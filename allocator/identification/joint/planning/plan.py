@@ -146,9 +146,7 @@ def plan_joint_experiment(
     """
     if not 0 < accuracy < 1:
         raise InvalidInput(f"accuracy = {accuracy!r} has to be a share of K, such as 0.05")
-    sigma = float(checks.angle("noise", noise))
-    if not sigma > 0:
-        raise InvalidInput(f"noise = {noise!r} rad has to be positive")
+    sigma = checks.positive("noise", checks.angle("noise", noise), "rad")
     if setpoints is not None:
         checks.count("setpoints", setpoints, least=2)
     supply = joint.pressure_limits[1]

@@ -2,18 +2,16 @@
 
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.lazy import Function
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, filling
 from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
-
-if TYPE_CHECKING:
-    from casadi import Function
 
 _TEMPLATE = Path(__file__).with_name("motion.py")
 

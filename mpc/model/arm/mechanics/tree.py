@@ -15,17 +15,15 @@ which is linear in q'': M(q) is the slope, the rest the bias.
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
+from allocator.lazy import SX, Function
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage
-
-if TYPE_CHECKING:
-    from casadi import SX, Function
 
 _Moved: TypeAlias = tuple["SX", "SX", "SX"]
 _UNITS = {

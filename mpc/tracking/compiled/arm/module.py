@@ -4,27 +4,25 @@ import ast
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.lazy import Function
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, filling
 from mpc.model.arm.compiled.module import compiled_motion
 from mpc.model.arm.formulas import joint_svec
 from mpc.model.arm.model import Arm
 
-if TYPE_CHECKING:
-    from casadi import Function
-
 _STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward"))
 _QP = Path(__file__).parents[1] / "structured_qp"
 _OWN = "mpc.tracking.compiled.structured_qp", "mpc.tracking.compiled.commands"
 _LIMITS = "sizes", "../commands"
 _SOLUTION = (
-    "sizes", "stage_of_many", "../commands", "gradient", "rows", "riccati", "responses", "certificate", "active",
-    "start", "interrupted", "exchange", "solve", "../arm/solve",
+    "sizes", "stage_of_many", "../commands", "riccati", "responses", "certificate", "active", "exchange", "solve",
+    "../arm/solve",
 )  # fmt: skip
 
 

@@ -5,30 +5,28 @@
 """
 
 from math import inf
-from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.model.arm.model import Arm
 from mpc.tracking.compiled.arm.module import CompiledArm, solve_module
 from mpc.tracking.compiled.factory import setting
-from mpc.tracking.compiled.structured_qp.structured import shifted
+from mpc.tracking.compiled.qp_step import CompiledStep
+from mpc.tracking.compiled.structured_qp.structured import SolvedQP
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.linearise import Linearisation, Motion
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.solvers import Riccati, Solver
-from mpc.tracking.qp.step import PreviousSample, QPAnswer, dense_answer, structured_answer
+from mpc.tracking.qp.step import PreviousSample
 
 _REST = 7  # place in `SizedQP._setting` of curvature, exchanges, accuracy
 
 
-class CompiledArmQPStep:
-    """Compiled step of one controller; two threads must not use its buffers at the same time."""
+class CompiledArmQPStep(CompiledStep):
+    """Compiled step of an arm."""
 
-    implementation = "compiled"
+    structured: "SizedQP"
 
     def __init__(self, arm: Arm, dt: float, made: CompiledArm, problem: TrackingProblem) -> None:
         self._given = arm, dt, made, problem
@@ -50,45 +48,16 @@ class CompiledArmQPStep:
         self._stiffnesses = arm.stiffnesses
         self.structured = SizedQP(arm, dt, problem)  # for `Riccati`
 
-    def __deepcopy__(self, memo: dict[int, object]) -> "CompiledArmQPStep":
-        """Return a copy with its own buffers."""
-        other = CompiledArmQPStep(*self._given)
-        other.active_set = self.active_set
-        return other
-
-    @property
-    def active_set(self) -> NDArray[np.int8] | None:
-        """Active set (n,): the limits at which changes and commands are held."""
-        return self.structured.guess.copy()
-
-    @active_set.setter
-    def active_set(self, guess: NDArray[np.int8] | None) -> None:
-        if guess is not None:
-            self.structured.guess[:] = guess
-
-    def reset(self) -> None:
-        """Forget which limits were active."""
-        self.structured.reset()
-
-    def __call__(
-        self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample, solve: Solver, deadline: float
-    ) -> QPAnswer:
-        """Solve the QP as `mpc.tracking.qp.step.QPStep` describes."""
-        began = perf_counter()
+    def _linearise(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
         for kept, given in zip(self._now, (x, u, d, previous.u), strict=True):
             kept[:] = given
         x, u, d, u_last = self._now
         self._step.linearise(*self._integration, self._bounds, u_last, x, u, d, self._u, *self._path)
-        linearised = perf_counter()
-        if not isinstance(solve, Riccati):
-            return dense_answer(self._problem, self.model, feed, previous, solve, began, deadline)
-        proved = self.structured.solved(self._path, self._u, feed, previous, solve.limit)
-        (finite, motion), now = self._rolled_out(), perf_counter()
-        times = linearised - began, 0.0, now - linearised
-        return structured_answer(proved, finite, motion.u, motion, self.structured.gap, times, now > deadline)
+
+    def _solved(self, feed: FeedForward, previous: PreviousSample, exchanges: float) -> bool:
+        return self.structured.solved(self._path, self._u, feed, previous, exchanges)
 
     def _rolled_out(self) -> tuple[bool, Motion]:
-        """Return whether the motion of the structured QP's answer is finite, and the motion."""
         (x, _, d, u_last), (states, _, y, _) = self._now, self._path
         u, after, outputs = np.empty_like(self._u), np.empty_like(states), np.empty_like(y)
         path = self._bounds, u_last, x, d, self._u, self._starts, self.structured.z
@@ -111,10 +80,11 @@ class CompiledArmQPStep:
         )
 
 
-class SizedQP:
+class SizedQP(SolvedQP):
     """Structured QP of one controller of an arm; two threads must not use its arrays at the same time."""
 
     def __init__(self, arm: Arm, dt: float, problem: TrackingProblem) -> None:
+        super().__init__(problem, arm.m)
         self._settle: Any = solve_module(arm).settle_path
         made = setting(problem, in_bar=True)
         low, high, step, *angles, min_force = made.bounds
@@ -122,17 +92,7 @@ class SizedQP:
             *made.cost, np.array([low, high, step, min_force]), np.array(angles, float),
             np.array([made.curvature, made.exchanges, made.accuracy]), made.slack, made.starts, np.exp(-dt / arm.lags),
         )  # fmt: skip
-        self.guess = np.zeros(arm.m * len(problem.blocks), np.int8)  # active limits
-        self._answer, self.exchanges = np.zeros(self.guess.size + 1), 0
-        self.z = self._answer[:-1]
-        self._last = np.zeros((2, arm.m))
-        self._previous: PreviousSample | None = None  # of the sample of the guess
-        self._shifted = shifted(problem.starts, arm.m)
-
-    @property
-    def gap(self) -> float:
-        """Bound of the cost of `z` minus that of the solution."""
-        return float(self._answer[-1])
+        self._last, self.exchanges = np.zeros((2, arm.m)), 0
 
     def solved(
         self, path: tuple[Array, ...], u: Array, feed: FeedForward, previous: PreviousSample, exchanges: float = inf
@@ -140,13 +100,8 @@ class SizedQP:
         """Solve the QP about a `path` of `step` with the commands `u`; return whether `z` is the proved solution, after
         at most so many `exchanges`. Otherwise it is within slew and supply.
         """
-        if previous is not self._previous:  # at a new sample the active set moves by one sample
-            self._previous, self.guess[:] = previous, self.guess[self._shifted]
+        self.shift(previous)
         self._last[0], self._last[1], self._setting[_REST][1] = *previous, exchanges
         given = *path, u, feed.x, feed.y, feed.u, self._last
-        done, self.exchanges = self._settle(*self._setting, *given, self.guess, self._answer)
+        done, self.exchanges = self._settle(*self._setting, *given, self.guess, self.answer)
         return bool(done)
-
-    def reset(self) -> None:
-        """Forget which limits were active."""
-        self.guess[:] = 0

@@ -18,8 +18,7 @@ from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.active import Active, direct, end, lead_on, take_base, walk
-from mpc.tracking.compiled.structured_qp.certificate import gap, lagrangian, over
-from mpc.tracking.compiled.structured_qp.interrupted import interrupted
+from mpc.tracking.compiled.structured_qp.certificate import adjoint, gap, gradients, lagrangian, over, priced, soften
 from mpc.tracking.compiled.structured_qp.responses import (
     Items,
     copy_item,
@@ -27,10 +26,13 @@ from mpc.tracking.compiled.structured_qp.responses import (
     find_item,
     name_item,
     respond,
+    row_side,
+    row_value,
+    slack_of,
     solve_items,
+    width,
 )
 from mpc.tracking.compiled.structured_qp.riccati import BREAKS, Sweep, backward, end_of, forward
-from mpc.tracking.compiled.structured_qp.rows import row_side, row_value, slack_of, width
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUND, FREE, GONE, HIGH, NU, NX, RANGE, SUPPLY, UPPER
 from mpc.tracking.compiled.structured_qp.stage import curvature
 
@@ -299,3 +301,39 @@ def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: 
         return discard(size, q, a.items)
     add_gone(path, slack, sweep, k, i, size, a)
     return size + 1
+
+
+@inlined
+def interrupted(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active
+) -> float:  # fmt: skip
+    """Set the point to the changes within slew and supply, with the slacks that they need, or to the origin if that
+    costs less; return the bound of its suboptimality, the primal cost minus the dual one. Costs are relative to that of
+    the origin without slacks.
+    """
+    lead_on(path, at, a)
+    dual = priced(setting, at) - gap(path, errors, setting, bounded, size, a.held, at, a.items, sweep)
+    at.xi[:], at.v[:] = 0.0, 0.0
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    adjoint(path, sweep.gx, sweep.gv, a.dr)
+    origin = soften(path, setting, at)
+    lead_on(path, at, a)
+    dual += increase(path, errors, setting, a.dr, at, sweep)
+    end(path, bounded, size, at, sweep, a)
+    primal = soften(path, setting, at) + increase(path, errors, setting, a.dr, at, sweep)
+    if not primal < origin:
+        at.xi[:], at.v[:] = 0.0, 0.0
+        primal = soften(path, setting, at)
+    return float(max(primal - dual, 0.0))
+
+
+@inlined
+def increase(path: Path, errors: Errors, setting: Setting, first: Array, at: Point, sweep: Sweep) -> float:
+    """Return the cost of the changes minus that of the origin, where the gradient is `first`."""
+    total = 0.0
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    adjoint(path, sweep.gx, sweep.gv, sweep.g)
+    for k in range(at.v.shape[0]):
+        for i in range(NU):
+            total += 0.5 * (first[k, i] + sweep.g[k, i]) * at.v[k, i]
+    return total

@@ -3,12 +3,19 @@
 A sweep has solved the QP with a set of changes held, the base. The further conditions are *items*:
 
     a change of the base is released    z = d with d_j = 1, the free ones of the base move for the least cost
-    a limit holds                       z = -H⁻¹ a, a the limit's gradient (`rows`), as if its multiplier had grown by 1
+    a limit holds                       z = -H⁻¹ a, a the limit's gradient, as if its multiplier had grown by 1
 
 H⁻¹ belongs to the free changes of the base; r = H z + a is the response of the Lagrangian's gradient, 0 for free
 changes. The slacks s and s_F are two more changes, in the line N, held at 0 in the base; only their rows respond to
 them. K, the items' values in each other's responses, reduces the rest to a small symmetric matrix: positive for
 released changes, negative for holding items (R. J. Vanderbei's quasi-definite).
+
+The limits of a sample k that items can hold are changes and commands, and the soft rows a·y ≤ b:
+
+    BOUND       ±v_i ≤ …                              changes: the slew
+    SUPPLY      ±w_i ≤ …                              commands of k + 1: the supply
+    RANGE …     δθ - s ≤ …,  then  -δθ - s ≤ …        the joint range, in the state k + 1
+    FORCE …     -D_i δx - s_F ≤ F_i - F_min           taut cables
 """
 
 from typing import NamedTuple
@@ -17,11 +24,29 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
-from mpc.tracking.compiled.records import Indices, Path
+from mpc.tracking.compiled.records import Bounds, Indices, Path
 from mpc.tracking.compiled.structured_qp.riccati import Sweep
-from mpc.tracking.compiled.structured_qp.rows import row_push, row_value, slack_of
-from mpc.tracking.compiled.structured_qp.sizes import BOUND, GONE, NU, NX, NXI, RANGE, SUPPLY
-from mpc.tracking.compiled.structured_qp.stage import advance, answered, clear, gone_along, linear_before
+from mpc.tracking.compiled.structured_qp.sizes import (
+    BOUND,
+    FORCE,
+    GONE,
+    JOINTS,
+    NU,
+    NX,
+    NXI,
+    RANGE,
+    STIFFNESSES,
+    SUPPLY,
+)
+from mpc.tracking.compiled.structured_qp.stage import (
+    advance,
+    answered,
+    changed,
+    clear,
+    first_of,
+    gone_along,
+    linear_before,
+)
 
 SPARE = 5  # items beyond the changes of a step: both slacks, a row for each of them, and the entering one
 
@@ -200,3 +225,52 @@ def find_item(kind: int, k: int, i: int, size: int, items: Items) -> int:
         if items.kind[q] == kind and items.sample[q] == k and items.muscle[q] == i:
             return q
     return -1
+
+
+WIDTHS = 0.04, 0.1, 0.02, 4.0  # equivalent violations of slew, supply, range, force [bar], [bar], [rad], [N]
+
+
+@inlined_flat
+def width(kind: int) -> float:
+    """Return the violation of this kind that counts as much as those of others."""
+    return WIDTHS[3] if kind >= FORCE else WIDTHS[2] if kind >= RANGE else WIDTHS[1] if kind == SUPPLY else WIDTHS[0]
+
+
+@inlined_flat
+def row_push(slope: Array, k: int, kind: int, by: float, p: Array) -> None:
+    """Add to `p` (6,), a gradient by ξ[k + 1], that of the soft row `kind` times `by`."""
+    if kind >= FORCE:
+        for i in range(NX):
+            p[i] -= by * slope[k + 1, STIFFNESSES + kind - FORCE, i]
+    elif kind >= RANGE + JOINTS:
+        p[kind - RANGE - JOINTS] -= by
+    else:
+        p[kind - RANGE] += by
+
+
+@inlined_flat
+def row_value(slope: Array, k: int, kind: int, xi: Array) -> float:
+    """Return the value of the soft row `kind` without its slack."""
+    if kind >= FORCE:
+        return float(-changed(slope, k + 1, STIFFNESSES + kind - FORCE, xi))
+    if kind >= RANGE + JOINTS:
+        return float(-xi[k + 1, kind - RANGE - JOINTS])
+    return float(xi[k + 1, kind - RANGE])
+
+
+@inlined_flat
+def row_side(path: Path, bounds: Bounds, k: int, kind: int) -> float:
+    """Return the side b of the soft row `kind`."""
+    if kind >= FORCE:
+        return float(path.y[k + 1, STIFFNESSES + kind - FORCE] - bounds.min_force)
+    if kind >= RANGE + JOINTS:
+        i = kind - RANGE - JOINTS
+        return float(path.x[k + 1, i] - first_of(bounds.left, i))
+    i = kind - RANGE
+    return float(first_of(bounds.right, i) - path.x[k + 1, i])
+
+
+@inlined_flat
+def slack_of(kind: int) -> int:
+    """Return which slack a soft row has: 0 is s, 1 is s_F."""
+    return 1 if kind >= FORCE else 0

@@ -7,7 +7,6 @@ from math import inf, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.units import BAR
@@ -21,8 +20,34 @@ if TYPE_CHECKING:
     from mpc.tracking.compiled.records import Path
 
 
-class StructuredQP:
-    """Structured QP of one controller; two threads must not use its arrays at the same time."""
+class SolvedQP:
+    """Active set and answer of a structured QP of `m` muscles, from sample to sample."""
+
+    def __init__(self, problem: TrackingProblem, m: int) -> None:
+        self.guess = np.zeros(m * len(problem.blocks), np.int8)  # active limits
+        self.answer = np.zeros(self.guess.size + 1)
+        self.z = self.answer[:-1]
+        self._previous: PreviousSample | None = None  # of the sample of the guess
+        blocks = np.searchsorted(problem.starts, problem.starts + 1, side="right") - 1
+        self._shifted = (m * blocks[:, None] + np.arange(m)).ravel()  # the block of a decision one sample later
+
+    def shift(self, previous: PreviousSample) -> None:
+        """Move the active set by one sample if `previous` is that of a new one."""
+        if previous is not self._previous:
+            self._previous, self.guess[:] = previous, self.guess[self._shifted]
+
+    @property
+    def gap(self) -> float:
+        """Bound of the cost of `z` minus that of the solution."""
+        return float(self.answer[-1])
+
+    def reset(self) -> None:
+        """Forget which limits were active."""
+        self.guess[:] = 0
+
+
+class StructuredQP(SolvedQP):
+    """Structured QP of one controller of a joint; two threads must not use its arrays at the same time."""
 
     def __init__(self, problem: TrackingProblem) -> None:
         from mpc.codegen.views import flat, in_python
@@ -30,25 +55,20 @@ class StructuredQP:
         from mpc.tracking.compiled.module import solve_module
         from mpc.tracking.compiled.records import given_in, lengths, path_in
 
+        super().__init__(problem, NU)
         self.problem, self._settle = problem, solve_module().settle
         given, buffer = map(np.zeros, lengths(sum(problem.blocks)))
         self.given = in_python(given_in)(given)  # to be filled
         self.path, self.u = in_python(path_in)(buffer)  # the path and its commands [bar]
         made = setting(problem)
         self.arrays = flat(made), made.starts, given, buffer  # arguments of the compiled functions
-        self.guess = np.zeros(NU * len(problem.blocks), np.int8)  # active limits
-        self.answer = np.zeros(self.guess.size + 1)
-        self.z = self.answer[:-1]
         self.counted = np.zeros(1, np.int64)
-        self._previous: PreviousSample | None = None  # of the sample of the guess
-        self._shifted = shifted(problem.starts)
         self._limit = np.isnan(flat(made._replace(exchanges=nan)))
         self._settle(*self.arrays, self.guess, self.answer)  # compiles it
 
     def take(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
         """Store the new data of a step: see `mpc.tracking.qp.step.QPStep`."""
-        if previous is not self._previous:  # at a new sample the active set moves by one sample
-            self._previous, self.guess[:] = previous, self.guess[self._shifted]
+        self.shift(previous)
         given, reference = self.given, self.given.reference
         given.x[:], given.u[:], given.d[:], given.last[0], given.last[1] = x, u, d, previous.u, previous.u_star
         reference.x[:], reference.y[:], reference.u[:] = feed.x, feed.y, feed.u
@@ -76,11 +96,6 @@ class StructuredQP:
         return bool(done)
 
     @property
-    def gap(self) -> float:
-        """Bound of the cost of `z` minus that of the solution."""
-        return float(self.answer[-1])
-
-    @property
     def exchanges(self) -> int:
         """Exchanges of the last QP."""
         return int(self.counted[0])
@@ -91,13 +106,3 @@ class StructuredQP:
         from mpc.tracking.compiled.sample.calls import address_of
 
         return address_of(self._settle)
-
-    def reset(self) -> None:
-        """Forget which limits were active."""
-        self.guess[:] = 0
-
-
-def shifted(starts: Array, m: int = NU) -> NDArray[np.intp]:
-    """Return, for each decision, that of the block that contained its sample one sample later."""
-    blocks = np.searchsorted(starts, starts + 1, side="right") - 1
-    return (m * blocks[:, None] + np.arange(m)).ravel()
