@@ -183,8 +183,8 @@ class Driver:
         return wave.times(min(1.0, *most.tolist()))
 
     def _tone(self, rows: Array, f: float) -> Tone:
-        """Return the tone of the rows."""
-        agonist, antagonist = self.plant.joint.sides(self._rest)
+        """Return the tone of the rows, with torques at their mean angle."""
+        agonist, antagonist = self.plant.joint.sides(float(rows[:, 1].mean()))
         T = np.column_stack([agonist.torque(rows[:, 2]), antagonist.torque(rows[:, 3])])
         tone = tone_of(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
         if np.ptp(rows[:, 1]) == 0:

@@ -136,6 +136,8 @@ class Experiment(Driver):
         self._rest = self._centre()  # of the joint, which friction may hold elsewhere than the model
         self._gains = self._torque_gains(self._rest)
         yield from self._shaken(A)
+        self._rest = self._centre()  # which friction has let go
+        self._gains = self._torque_gains(self._rest)
         self._check_range()
         for share in (ONE, TWO):
             found.append((yield from self._brought(tones.low, share, A)))
