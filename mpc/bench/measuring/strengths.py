@@ -180,7 +180,7 @@ def why_implausible(strengths: tuple[float, float]) -> str:
 
 def why_rubber(tones: list[Tone], curve: list[Tone], found: Solution, inertia: float) -> str:
     """Return that the losses are not those of hysteresis, since the joint does not soften by (S6), or ""."""
-    narrow, wide = tones[:2], curve[-1] if curve else tones[WIDER]
+    narrow, wide = tones[:2], max((*curve, tones[WIDER]), key=lambda tone: tone.swing)
     rows = np.array([_stiffness(tone, found, inertia) for tone in (*narrow, wide)])
     (K, h), (K_wide, h_wide) = rows[:2].mean(axis=0), rows[2]
     A = float(np.mean([tone.swing for tone in narrow]))
