@@ -61,7 +61,7 @@ class Tones:
     slow: float = 1.0  # of the series [Hz]
     settle: float = 1.0  # at rest [s]
     rounds: int = 8  # of the search for an amplitude, at most
-    longest: float = 52.0  # without the third high frequency and the series after this time [s]
+    longest: float = 55.0  # without the third high frequency and the series after this time [s]
 
     def __post_init__(self) -> None:
         for name, unit in (
