@@ -76,7 +76,7 @@ def true_strengths(stranger: Stranger, model: Model, m: MeasuredStiffness) -> tu
     """Return the ratio of torque per pressure on the stranger to that of the model, at the rest."""
     p, found = stranger.parts, []
     for i, side in enumerate(model.plant.joint.sides(m.theta)):
-        P, h = m.pressures[i] + p.offset[i], 2e3
+        P, h = m.pressures[i], 2e3
         torque = []
         for q in (P - h, P + h):
             eps = settled(p, i, np.array([m.theta]), np.array([q]))

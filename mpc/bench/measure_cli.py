@@ -46,12 +46,12 @@ def measure_command(
             help="ANGLE:STIFFNESS to measure about [°, N·m/rad]; may be repeated. By default the middle of both ranges"
         ),
     ] = None,
-    amplitude: Annotated[float, typer.Option(help="amplitude of compared tones [±°]")] = 1.5,
+    amplitude: Annotated[float, typer.Option(help="amplitude of compared tones [±°]")] = 3.0,
     shake: Annotated[
         float,
         typer.Option(help="shake by noise of this size [±°]; 0: tones instead"),
     ] = 0.0,
-    series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A), with commas [±°]; 0: none")] = "4,8",
+    series: Annotated[str, typer.Option(help="amplitudes of the curve K_felt(A), with commas [±°]; 0: none")] = "8",
     inertia_error: Annotated[float, typer.Option(help="standard deviation of --inertia [%]")] = 0.0,
     weight: Annotated[
         float, typer.Option(help="torque of a weight to hang at the end [N·m], positive towards falling θ; 0: none")

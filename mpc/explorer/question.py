@@ -231,6 +231,7 @@ def describe(joint: AntagonistJoint) -> dict[str, object]:
             for c, value in zip(_controls(joint.geometry), _numbers(joint.geometry).values(), strict=True)
         ],
         "gas": _has_gas(joint),
+        "hysteresis": not joint.loop.absent,
     }
 
 

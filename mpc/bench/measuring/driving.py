@@ -27,7 +27,7 @@ _EXPONENT = 0.4  # of the first step of a search
 _STEP, _FARTHER = 1.3, 1.5  # greatest steps: of a swing below _STARTED, else
 _STARTED = 0.3  # of the wanted amplitude
 _ENOUGH = 1.4  # times the wanted amplitude: the drive is cut …
-_CUT, _FALL = 0.5, 0.25  # … to this share, within these periods
+_CUT, _FALL, _SOON = 0.5, 0.25, 0.15  # … to this share, within these periods and this time [s]
 _SUDDEN = 4.0  # of the steps across the dead band
 _MARGIN = 0.15 * BAR  # from a pressure at which a cable is slack, and from the supply's ends
 _LEAST_ROOM = 0.05 * BAR
@@ -122,7 +122,7 @@ class Driver:
         self.plant, self.dt, self.first = plant, dt, first
         self.findings = Findings()
         self._rest = theta  # [rad]
-        self._asked = amplitude  # wanted amplitude [rad]
+        self._asked, self._fading = amplitude, amplitude  # wanted amplitudes of the wave and of the one before [rad]
         self._wave, self._phases = Wave(1.0, *3 * (np.zeros(2),)), (0.0, 0.0)  # of the wave and of the one before
         self._tick: Tick | None = None
         self._angles: list[float] = []  # of all samples [rad]
@@ -148,24 +148,28 @@ class Driver:
     ) -> Generator[Decision, None, tuple[Array, bool]]:
         """Play periods of a wave; return all rows, and whether the drive was cut.
 
-        The wave fades in over `fade` periods, while the one before fades out. Excursions are from the middle of the
-        period before, or while the joint is `sliding` from that of the present one.
+        The wave fades in over `fade` periods, while the one before fades out. Excursions are relative to the greater of
+        their wanted amplitudes until then. They are from the middle of the period before, or while the joint is
+        `sliding` from that of the present one.
         """
         before, self._wave, centre = self._wave, self._within(wave), self._centre()
         wave, old = self._wave, self._phases[0]
         self._phases = old if before.frequency == wave.frequency else 0.0, old
         less, rows, cut = 1.0, [], False
+        fall = (1 - _CUT) * self.dt / min(_FALL / wave.frequency, _SOON)
         for k in range(round(periods / wave.frequency / self.dt)):
-            u = np.array(self.first) + less * self._mixed(before, min(1.0, (k + 1) * wave.frequency * self.dt / fade))
+            share = min(1.0, (k + 1) * wave.frequency * self.dt / fade)
+            u = np.array(self.first) + less * self._mixed(before, share)
             rows.append(self._row())
-            excursion = abs(rows[-1][1] - (self._centre() if sliding else centre)) / self._asked
+            wanted = max(self._asked, self._fading) if share < 1 else self._asked
+            excursion = abs(rows[-1][1] - (self._centre() if sliding else centre)) / wanted
             if isfinite(excursion):
                 self.findings.furthest = max(self.findings.furthest, excursion)
                 cut = cut or excursion > _ENOUGH
             if cut:
-                less = max(less - (1 - _CUT) * wave.frequency * self.dt / _FALL, _CUT)
+                less = max(less - fall, _CUT)
             yield Decision((float(u[0]), float(u[1])), Phase.RUN)
-        self._wave = wave.times(less)
+        self._wave, self._fading = wave.times(less), self._asked
         return np.array(rows), cut
 
     def _mixed(self, before: Wave, share: float) -> Array:
@@ -183,8 +187,8 @@ class Driver:
         return wave.times(min(1.0, *most.tolist()))
 
     def _tone(self, rows: Array, f: float) -> Tone:
-        """Return the tone of the rows."""
-        agonist, antagonist = self.plant.joint.sides(self._rest)
+        """Return the tone of the rows, with torques at their mean angle."""
+        agonist, antagonist = self.plant.joint.sides(float(rows[:, 1].mean()))
         T = np.column_stack([agonist.torque(rows[:, 2]), antagonist.torque(rows[:, 3])])
         tone = tone_of(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
         if np.ptp(rows[:, 1]) == 0:

@@ -34,9 +34,9 @@ _SHAKES = 10  # periods, at most, in which the joint comes to the middle of its 
 _FIRST, _SHAKEN = 0.4, 0.75  # … from this share of the expected drive to this share of the amplitude
 _LOST = 0.25  # [-] off the amplitude: the tone cannot be controlled
 _BETWEEN = 0.3, 3.0  # of a drive over the expected one
-_CLOSE = 0.08  # [-] of the amplitude: close enough
+_CLOSE, _MEASURED = 0.08, 0.09  # [-] of the amplitude: close enough to measure, and as measured
 _MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
-_BEGIN = 0.9  # [-] of the expected drive
+_BEGIN = 0.8  # [-] of the expected drive
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
 _LEAST_ABOVE, _ENOUGH_ABOVE, _LOWEST_ABOVE = 1.3, 1.5, 1.2
 _USED = 1.2  # of the slew: beyond it sines become triangles
@@ -54,14 +54,14 @@ MORE, LESS = (0.6, 0.4), (0.4, 0.6)  # at the upper frequency, at which a muscle
 class Tones:
     """Amplitudes, frequencies and durations of the experiment."""
 
-    amplitude: float = 1.5 * DEG  # A [rad] of the tones that are compared
+    amplitude: float = 3 * DEG  # A [rad] of the tones that are compared
     low: float = 1.2  # [Hz]
-    series: tuple[float, ...] = (4 * DEG, 8 * DEG)  # of K_felt(A) [rad]; empty: not measured
+    series: tuple[float, ...] = (8 * DEG,)  # of K_felt(A) [rad]; empty: not measured
     slowest: float = 0.5  # to detect a dependence on the rate [Hz]
     slow: float = 1.0  # of the series [Hz]
     settle: float = 1.0  # at rest [s]
     rounds: int = 8  # of the search for an amplitude, at most
-    longest: float = 55.0  # the series ends after this time [s]
+    longest: float = 55.0  # without the third high frequency and the series after this time [s]
 
     def __post_init__(self) -> None:
         for name, unit in (
@@ -136,6 +136,8 @@ class Experiment(Driver):
         self._rest = self._centre()  # of the joint, which friction may hold elsewhere than the model
         self._gains = self._torque_gains(self._rest)
         yield from self._shaken(A)
+        self._rest = self._centre()  # which friction has let go
+        self._gains = self._torque_gains(self._rest)
         self._check_range()
         for share in (ONE, TWO):
             found.append((yield from self._brought(tones.low, share, A)))
@@ -145,8 +147,9 @@ class Experiment(Driver):
         lowest = _LOWEST_ABOVE * self._resonance(self._stiff(A))
         tone, upper = yield from self._reached(upper, lowest, MORE, A)
         found += [tone, (yield from self._brought(upper, LESS, A))]
-        tone, _ = yield from self._reached(max(further, 1.08 * upper), 1.08 * upper, BOTH, A)
-        found += [tone] if tone.swing > _SHORT * A else []
+        if self.findings.duration < tones.longest:
+            tone, _ = yield from self._reached(max(further, 1.08 * upper), 1.08 * upper, BOTH, A)
+            found += [tone] if tone.swing > _SHORT * A else []
         for k, amplitude in enumerate(tones.series):
             if self.findings.duration > tones.longest:
                 self.findings.left_out = tones.series[k:]
@@ -290,7 +293,7 @@ class Experiment(Driver):
             searching = periods == step
             tone = None if searching else self._tone(rows, f)
             swing = float(np.ptp(rows[-round(step / f / self.dt) :, 1])) / 2 if tone is None else tone.swing
-            near = abs(A / max(swing, 1e-9) - 1) <= close and not cut
+            near = abs(A / max(swing, 1e-9) - 1) <= (close if searching else max(close, _MEASURED)) and not cut
             exhausted = A > swing / _SHORT and self._saturated(rows, self._wave)
             usable = near or exhausted or (k >= self.tones.rounds - 1 and abs(swing / A - 1) < USABLE and not cut)
             if usable and not searching:

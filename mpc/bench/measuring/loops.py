@@ -1,14 +1,19 @@
-"""Steady loops of sampled tones: secant and work for any waveform.
+"""Steady loops of sampled tones: stiffness and work for any waveform.
 
 A signal y(t) ≈ c + d t + Re Σ_h Y_h e^{i h ω t} over whole periods is fitted by least squares. A rate-independent
-hysteresis that swings between ±A has the same torque at the turns, and the same work per cycle, for any waveform. A
-loop is therefore described by quantities that are exact for each waveform, with odd harmonics (even ones cancel between
-both turns):
+hysteresis that swings between ±A has the same torque at an angle, upwards and downwards, for any waveform. A loop is
+therefore described by quantities that do not depend on the waveform, with odd harmonics (even ones cancel between both
+halves):
 
     s_i = [T_i(θ_max) - T_i(θ_min)]/(2A)      secant of the torque of muscle i
     a   = -[θ''(θ_max) - θ''(θ_min)]/(2A)     of the acceleration; ω² of a sine
+    m_i = ∮ T_i θ |dθ|/∮ θ² |dθ|              mean stiffness over the stroke
+    b   = ½ ∮ |θ'|³ dt/∮ θ² |dθ|              of the acceleration, since ∮ θ'' θ |dθ| = -½ ∮ |θ'|³ dt; ω² of a sine
     w_i = ∮ T_i dθ/(π A²)                     work as a loss stiffness
     v   = ∮ θ' dθ/(π A²)                      of the velocity; ω of a sine
+
+The secant is the felt stiffness. It needs the acceleration at the turns, to which friction that reverses there adds
+harmonics that a sampled tone lacks; the mean does not, and compares tones of different frequencies.
 
 Readings of the angle with the age δ are advanced in phase, θ_h e^{i h ω δ}.
 """
@@ -23,7 +28,7 @@ from allocator.calculus import Array
 
 HARMONICS = 5  # number of fitted harmonics
 _ODD = 1, 3, 5  # harmonics of a loop
-_QUICK = 2.5  # [Hz] above which the inertia leaves at most a third harmonic
+_FASTEST = 15  # [Hz] of a harmonic
 _GRID = 720  # points per period in the search for its turns
 
 
@@ -33,6 +38,8 @@ class Loop(NamedTuple):
     swing: float  # A [rad]
     secants: tuple[float, float]  # s_i
     acceleration: float  # a [1/s²]
+    means: tuple[float, float]  # m_i
+    mean_acceleration: float  # b [1/s²]
     losses: tuple[float, float]  # w_i
     velocity: float  # v [1/s]
 
@@ -56,7 +63,7 @@ class Tone:
     @property
     def odd(self) -> list[int]:
         """Harmonics of its loop."""
-        return [h for h in _ODD if h == 1 or h * self.frequency < 3 * _QUICK]
+        return [h for h in _ODD if h == 1 or h * self.frequency < _FASTEST]
 
     @property
     def swing(self) -> float:
@@ -71,19 +78,34 @@ class Tone:
         size = abs(sum(found.secants)) + abs(sum(found.losses))
         return sqrt(one**2 + two**2 + (angle * size) ** 2) / found.swing
 
+    @property
+    def acceleration_error(self) -> float:
+        """Standard deviation of a loop's mean acceleration due to noise [1/s²]."""
+        return self.noise[0] * self.omega**2 * sqrt(len(self.odd)) / self.swing
+
     def loop(self, age: float = 0.0) -> Loop:
         """Return the loop with readings of the angle that are `age` [s] old."""
         h = np.array(self.odd)
         Y = self.harmonics[h - 1] * 1.0
         Y[:, 0] *= np.exp(1j * h * self.omega * age)
         phase = np.linspace(0, 2 * pi, _GRID, endpoint=False)
-        theta = (np.exp(1j * np.outer(phase, h)) @ Y[:, 0]).real
+        waves = np.exp(1j * np.outer(phase, h))
+        theta, one, two = (waves @ Y).real.T
+        speed = np.abs((waves @ (1j * h * self.omega * Y[:, 0])).real)
+        stroke = float((theta**2 * speed).mean())
         turn = np.exp(1j * h * _refined(phase, theta))
-        A, one, two = ((turn @ Y).real).tolist()
+        A, up, down = ((turn @ Y).real).tolist()
         acceleration = float((turn @ (Y[:, 0] * (h * self.omega) ** 2)).real)
         work = (h[:, None] * (Y[:, 1:] * Y[:, :1].conj()).imag).sum(axis=0) / A**2
-        velocity = float(self.omega * (h**2 * np.abs(Y[:, 0]) ** 2).sum() / A**2)
-        return Loop(A, (one / A, two / A), acceleration / A, (float(work[0]), float(work[1])), velocity)
+        return Loop(
+            A,
+            (up / A, down / A),
+            acceleration / A,
+            (float((one * theta * speed).mean()) / stroke, float((two * theta * speed).mean()) / stroke),
+            float((speed**3).mean()) / 2 / stroke,
+            (float(work[0]), float(work[1])),
+            float(self.omega * (h**2 * np.abs(Y[:, 0]) ** 2).sum() / A**2),
+        )
 
 
 def _refined(phase: Array, theta: Array) -> float:

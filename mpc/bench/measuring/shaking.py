@@ -22,7 +22,7 @@ from mpc.model.plant import Plant
 _BAND = 0.3, 4.0  # [Hz]
 _BEGIN, _LEAST = 0.05 * BAR, 0.01 * BAR  # root mean square of the noise
 _WINDOW = 1.5  # [s] over which excursions are judged
-_AIM, _TOO_FAR = 0.8, 1.1  # [-] of the wanted amplitude: aim in each window, and limit beyond which the noise is halved
+_AIM, _TOO_FAR = 0.7, 1.1  # [-] of the wanted amplitude: aim in each window, and limit beyond which the noise is halved
 _MIDDLE = 5.0  # [s] over which the middle of the motion is taken
 _GROWTH = 1.25  # of the noise from window to window, at most
 _SETTLE, _END = 1.5, 0.5  # [s] at rest

@@ -1,17 +1,18 @@
 """Strengths of the muscles from loops of equal amplitude: equations (S4), (S5) for any waveform.
 
 With the torques T_i of the model at the measured pressures, the muscles' true strengths g_i, damping D and the known
-inertia J, steady motions about a rest obey J θ'' + D θ' + K θ + T_f = Σ g_i T_i. At the turns, and over a cycle,
+inertia J, steady motions about a rest obey J θ'' + D θ' + K θ + T_f = Σ g_i T_i. As means over the stroke, and over a
+cycle,
 
-    g_1 s_1 + g_2 s_2 + J a = K_felt(A)                                                                        (S4)
+    g_1 m_1 + g_2 m_2 + J b = K_m(A)                                                                           (S4)
     g_1 w_1 + g_2 w_2 - D v = h(A)
 
-with the secants s, a and works w, v of `mpc.bench.measuring.loops`. Secant K_felt and loss h of rate-independent
+with the means m, b and works w, v of `mpc.bench.measuring.loops`. Mean stiffness K_m and loss h of rate-independent
 hysteresis depend on the swing A alone. Tones of equal A in either muscle at a low frequency and in both at high ones,
-one of another amplitude and a slower one therefore determine g_1, g_2, K_felt and h at A_0, their slopes by A, and D:
+one of another amplitude and a slower one therefore determine g_1, g_2, K_m and h at A_0, their slopes by A, and D:
 two equations per tone, by least squares. For sines, A = |Θ| and phasors this is (S5).
 
-K_felt and h are linear in 1/A, as for friction that slips. The age δ of the angle's readings is another unknown, with
+K_m and h are linear in 1/A, as for friction that slips. The age δ of the angle's readings is another unknown, with
 its known value as a prior. If the stiffness rises with the logarithm of the frequency, the measurement is refused. The
 same holds if the joint loses more than hysteresis can: by (S1) and (S2) a loop that loses h softens by
 
@@ -118,14 +119,15 @@ def _equations(tones: list[Tone], A0: float, known: Known, x: Array, rate: bool)
     rows, centre = [], float(np.mean([log(tone.frequency) for tone in tones]))
     for tone in tones:
         here, J = tone.loop(x[7]), known.inertia
-        (s1, s2), (w1, w2), dA, a = here.secants, here.losses, A0 - A0**2 / here.swing, here.acceleration
+        (m1, m2), (w1, w2), dA, b = here.means, here.losses, A0 - A0**2 / here.swing, here.mean_acceleration
         later = _left(tone.loop(x[7] + _TINY), x, J)
         by_age = [(after - now) / _TINY for now, after in zip(_left(here, x, J), later, strict=True)]
         decades = [-(log(tone.frequency) - centre) / log(10)] * rate
-        error = sqrt(tone.error**2 + (_FLOOR * max(abs(x[2]), abs(J * a))) ** 2)
-        secant = [s1, s2, -1, 0, -dA, 0, 0, by_age[0], *decades, by_age[0] * x[7] - J * a]
+        noise = tone.error**2 + (J * tone.acceleration_error) ** 2
+        error = sqrt(noise + (_FLOOR * max(abs(x[2]), abs(J * b))) ** 2)
+        mean = [m1, m2, -1, 0, -dA, 0, 0, by_age[0], *decades, by_age[0] * x[7] - J * b]
         loss = [w1, w2, 0, -1, 0, -dA, -here.velocity, by_age[1], *[0.0] * rate, by_age[1] * x[7]]
-        rows += [(secant, error), (loss, error)]
+        rows += [(mean, error), (loss, error)]
     rest = [0.0] * rate
     rows.append(([0.0] * 7 + [1.0, *rest, known.age], known.age_error))
     rows += [([*load.torque, *[0.0] * 6, *rest, load.weight], load.error) for load in known.loads]
@@ -135,8 +137,8 @@ def _equations(tones: list[Tone], A0: float, known: Known, x: Array, rate: bool)
 
 def _left(loop: Loop, x: Array, inertia: float) -> tuple[float, float]:
     """Return the terms of both equations that change with the age of the readings."""
-    (s1, s2), (w1, w2) = loop.secants, loop.losses
-    return x[0] * s1 + x[1] * s2 + inertia * loop.acceleration, x[0] * w1 + x[1] * w2
+    (m1, m2), (w1, w2) = loop.means, loop.losses
+    return x[0] * m1 + x[1] * m2 + inertia * loop.mean_acceleration, x[0] * w1 + x[1] * w2
 
 
 def why_not(tones: list[Tone], amplitude: float, found: Solution | None, least_swing: float) -> str:
@@ -178,7 +180,7 @@ def why_implausible(strengths: tuple[float, float]) -> str:
 
 def why_rubber(tones: list[Tone], curve: list[Tone], found: Solution, inertia: float) -> str:
     """Return that the losses are not those of hysteresis, since the joint does not soften by (S6), or ""."""
-    narrow, wide = tones[:2], curve[-1] if curve else tones[WIDER]
+    narrow, wide = tones[:2], max((*curve, tones[WIDER]), key=lambda tone: tone.swing)
     rows = np.array([_stiffness(tone, found, inertia) for tone in (*narrow, wide)])
     (K, h), (K_wide, h_wide) = rows[:2].mean(axis=0), rows[2]
     A = float(np.mean([tone.swing for tone in narrow]))
@@ -195,7 +197,7 @@ def why_rubber(tones: list[Tone], curve: list[Tone], found: Solution, inertia: f
 
 
 def _stiffness(tone: Tone, found: Solution, inertia: float) -> tuple[float, float]:
-    """Return K_felt and h of a tone [N·m/rad]   (S4)"""
+    """Return the secant K_felt and h of a tone [N·m/rad]."""
     loop, g = tone.loop(found.values["age"]), np.array(found.strengths)
     K = float(g @ np.array(loop.secants)) + inertia * loop.acceleration
     return K, float(g @ np.array(loop.losses)) - found.values["D"] * loop.velocity

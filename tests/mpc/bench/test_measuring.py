@@ -64,11 +64,23 @@ def test_secant_and_work_of_a_loop_do_not_ask_for_its_waveform(friction):
     assert two.swing == pytest.approx(one.swing, rel=0.01)
     assert two.secants[0] == pytest.approx(one.secants[0], rel=0.03)
     assert two.losses[0] == pytest.approx(one.losses[0], rel=0.03)
+    assert two.means[0] == pytest.approx(one.means[0], rel=0.01)
     secant = friction.loop.secant(A)
     contact = Contact(NOMINAL, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]))
     state = contact.stiffness, contact.pulled, contact.filled
     assert one.secants[0] == pytest.approx(secant.added(*state), rel=0.03)
     assert one.losses[0] == pytest.approx(secant.work(*state) / (np.pi * A**2), rel=0.03)
+
+
+def test_the_mean_over_the_stroke_finds_a_spring_and_an_inertia_in_any_waveform():
+    t, A, K, J = np.arange(0, 3, 0.001), 2 * DEG, 7.0, 0.05
+    w = 2 * np.pi
+    theta = A * (np.sin(w * t) - 0.15 * np.sin(3 * w * t) + 0.04 * np.sin(5 * w * t))
+    bend = -A * w**2 * (np.sin(w * t) - 9 * 0.15 * np.sin(3 * w * t) + 25 * 0.04 * np.sin(5 * w * t))
+    loop = tone_of(t, theta, np.zeros((t.size, 2)), np.column_stack([K * theta, J * bend]), 1.0).loop()
+    assert loop.means[0] == pytest.approx(K, rel=1e-6)
+    assert loop.means[1] == pytest.approx(-J * loop.mean_acceleration, rel=1e-3)
+    assert loop.mean_acceleration != pytest.approx(w**2, rel=0.05)
 
 
 def test_strengths_of_exact_tones_are_exact():
@@ -175,6 +187,18 @@ def test_a_joint_with_rubber_is_refused_and_without_it_measured():
     rubbery = calm._replace(real=Rubber(**vars(calm.real)))
     assert hidden_measured(calm, seed).measured.success
     assert "depends on the rate" in hidden_measured(rubbery, seed).measured.refusal
+
+
+@pytest.mark.slow
+def test_muscles_of_different_strengths_that_friction_held_are_told_apart():
+    """The joint slides by 8° to its true rest while it is first shaken: torques are those of the rest."""
+    h = hidden(43)
+    h = h._replace(real=replace(h.real, force_gains=(1.2, 0.85)))
+    found = hidden_measured(h, 43)
+    assert found.measured.success, found.measured.sentence
+    assert abs(found.measured.theta - h.theta) > 6 * DEG
+    one, two = found.strengths
+    assert abs(one - two) < 0.03
 
 
 def like(strengths, covariance, theta=0.1):

@@ -7,13 +7,14 @@ import shutil
 import socket
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from allocator import AntagonistJoint, Lever, allocate, named_muscle, report_joint
+from allocator import DEG, AntagonistJoint, Lever, Stiffness, allocate, named_muscle, report_joint
 from mpc import Plant, TrackingMPC, simulate, sine
 from mpc.cli import app
 from mpc.explorer.server import HOST, frames, server
@@ -120,6 +121,32 @@ def test_a_lever_is_drawn_as_a_lever_and_its_sliders_move_it():
 
 @pytest.mark.tools
 @pytest.mark.slow
+def test_the_page_shows_backbone_felt_and_shut_stiffness_and_a_slider_changes_all_three():
+    from playwright.sync_api import sync_playwright
+
+    assert CHROMIUM is not None, "a Chromium is needed: apt install chromium"
+    rubbing = replace(report_joint(named_muscle("sarosi-dmsp-20-400n")), friction=0.05)
+    with serving(joint=rubbing) as port, sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        page = browser.new_page()
+        page.goto(f"http://{HOST}:{port}/")
+        page.wait_for_selector("body[data-ready]", state="attached")
+        seen = []
+        for K in (5.0, 7.0):
+            page.fill("#stiffness", str(K))
+            page.wait_for_function(f"document.getElementById('backbone').textContent.startsWith('{K:.2f}')")
+            seen.append([page.inner_text(f"#{name}") for name in ("backbone", "felt", "shut")])
+            a = allocate(0.0, K, 0.0, joint=rubbing)
+            kinds = Stiffness(), Stiffness(amplitude=2 * DEG), Stiffness("shut")
+            expected = [float(rubbing.stiffness(0.0, a.P1, a.P2, s.valves, amplitude=s.amplitude)) for s in kinds]
+            assert seen[-1] == [f"{value:.2f} N·m/rad" for value in expected]
+            assert expected[0] < min(expected[1:])
+        assert all(one != two for one, two in zip(*seen, strict=True))
+        browser.close()
+
+
+@pytest.mark.tools
+@pytest.mark.slow
 def test_the_page_works_in_a_browser():
     from playwright.sync_api import sync_playwright
 
@@ -139,6 +166,7 @@ def test_the_page_works_in_a_browser():
             page.wait_for_function("document.getElementById('P1').textContent.startsWith('3.2550')")
             assert page.inner_text("#P2") == "2.15841"
             assert page.inner_text("#binding") == "none"
+            assert page.inner_text("#felt").endswith("no hysteresis known")
             page.focus("#stiffness-slider")
             before = page.inner_text("#K")
             page.keyboard.press("ArrowRight")  # the keyboard moves it
