@@ -1,6 +1,7 @@
 """Rival belief, which uses the readings that the gates reject and takes over after it has explained them for a time.
 
-It restarts whenever it cannot explain a reading. The time is `Gate.hesitation` if it began near the expected reading,
+It restarts whenever it cannot explain a reading. If an angle and a pressure are rejected, it believes the pressure's sensor
+more than the regulator: the valve may be stuck, and the observer would else stay blind. The time is `Gate.hesitation` if it began near the expected reading,
 and `Gate.patience` after a jump. Thus the observer recovers from a blow, and from an encoder that has lost its zero,
 even in motion.
 """
@@ -13,7 +14,7 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from mpc.observer.filter import Belief, Filter
-from mpc.observer.gating import Gate, SensorGate
+from mpc.observer.gating import SIGMAS, Gate, SensorGate
 
 ONCE = 1.5  # samples; an angle may repeat once when the joint reverses
 
@@ -77,7 +78,7 @@ class Rivalry:
         if self._rival is None and not some:
             return None
         used = y.believed | y.rejected
-        rival = self._rival and predicted(self._rival)
+        rival = self._rival and self._loosened(predicted(self._rival), y.rejected)
         if rival is None or not self._explains(rival, y, used):
             rival = self._begun(expected, y)
         self._count(y, used)
@@ -86,6 +87,17 @@ class Rivalry:
             return None
         self.end()
         return rival
+
+    def _loosened(self, rival: Belief, rejected: Mask) -> Belief:
+        """Return the rival without trust in regulators whose pressures are rejected, if an angle is as well."""
+        n = len(self._gates) - self._filter.plant.m
+        if not rejected[:n].any() or not rejected[n:].any():
+            return rival
+        covariance = rival.covariance.copy()
+        for i in np.flatnonzero(rejected[n:]) + n:
+            j = self._filter.measured[i]
+            covariance[j, j] += (self._jump[i] / SIGMAS) ** 2
+        return Belief(rival.xi, covariance)
 
     def _begun(self, expected: Belief, y: Readings) -> Belief:
         near = np.abs(y.read - expected.xi[self._filter.measured]) <= self._jump

@@ -203,8 +203,9 @@ class Wild(Fault):
 
 
 @needs_gcc
-def test_good_readings_lead_back_from_wild_ones(faulty_loop, exported):
-    process = replace(RealPlant.standard(), faults=(Wild(2.9, 5.9),))
+@pytest.mark.parametrize("beside", [(), (StuckValve(2.0, muscle=1),)], ids=["alone", "with a stuck valve"])
+def test_good_readings_lead_back_from_wild_ones(faulty_loop, exported, beside):
+    process = replace(RealPlant.standard(), faults=(*beside, Wild(2.9, 5.9)))
     samples, wanted = recorded(process, *faulty_loop[:2], sine(K=5.5, duration=8.0))
     got = replayed(tools.compiled(exported["double"], CONTROL, "vectors", *tools.SANITISED), samples)
     assert (got[290:590, RUNG] != Rung.QP).any()

@@ -15,7 +15,7 @@ from allocator.muscles.catalogue import (
     TONDU_MCKIBBEN,
 )
 from mpc import KalmanObserver, Plant, RealPlant, Rung, TrackingMPC, Weights, simulate, sine
-from mpc.model.faults import WrongReadings
+from mpc.model.faults import SupplyDrop, WrongReadings
 from mpc.observer.gating import Gate, SensorGate, Verdict
 
 DT = 0.01
@@ -214,3 +214,21 @@ def test_a_pressure_beyond_the_supply_does_not_move_the_joint():
         replace(real, faults=(WrongReadings(2.0, 2.01, (2,), 49 * BAR),)), controller, wanted, observer=observer
     )
     assert np.abs(hit.theta - quiet.theta).max() < 0.2 * DEG
+
+
+@pytest.mark.compiles
+def test_an_angle_is_found_again_although_the_supply_has_dropped():
+    faults = SupplyDrop(3.0, supply=1.5 * BAR), WrongReadings(5.0, 5.5, (0,), 0.9)
+    real = replace(RealPlant.standard(), faults=faults)
+    controller, observer = loop(real)
+    verdicts, estimate = [], observer.estimate
+
+    def noting(y, u):
+        answer = estimate(y, u)
+        verdicts.append(observer.verdicts[0])
+        return answer
+
+    observer.estimate = noting
+    simulate(real, controller, sine(K=5.5, duration=9.0), observer=observer, seed=1)
+    assert not any(verdict.counts for verdict in verdicts[501:550])
+    assert all(verdict.counts for verdict in verdicts[620:])

@@ -131,6 +131,16 @@ static void challenge(ant_observer *o, const ant_belief *expected, const ant_rea
     ant_unsure(&o->rival, read, rejected);
 }
 
+/* Takes trust from regulators whose pressures are rejected, if an angle is as well. */
+static void loosen(ant_belief *rival, const int rejected[ANT_SENSORS]) {
+    int lost = 0;
+    for (int i = 0; i < ANT_JOINTS; i++) lost = lost || rejected[i];
+    for (int i = ANT_JOINTS; lost && i < ANT_SENSORS; i++) {
+        const ant_real deviation = ANT_GATE_JUMP[i] / ANT_SIGMAS;
+        if (rejected[i]) rival->covariance[ant_measured(i)][ant_measured(i)] += deviation * deviation;
+    }
+}
+
 /* Writes to `expected` the prediction of a rival that has explained the rejected readings for long enough. */
 static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[ANT_SENSORS]) {
     int rejected[ANT_SENSORS], used[ANT_SENSORS], any = 0, contested = 0;
@@ -144,7 +154,10 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
     o->unrivalled = any ? 0 : o->unrivalled < ANT_LONG ? o->unrivalled + 1 : ANT_LONG;
     if (o->unrivalled > ANT_CROSSING) end_rivalry(o); /* not at once: it is near by chance when two motions cross */
     if (!o->rivalled && !any) return;
-    if (o->rivalled) ant_predict_belief(o, &o->rival, 0, ANT_Q_NOISE);
+    if (o->rivalled) {
+        ant_predict_belief(o, &o->rival, 0, ANT_Q_NOISE);
+        loosen(&o->rival, rejected);
+    }
     if (!o->rivalled || !explains(o, read, used)) challenge(o, expected, read, rejected);
     for (int i = 0; i < ANT_SENSORS; i++) {
         o->contested[i] = o->contested[i] || rejected[i];
