@@ -1,9 +1,9 @@
 """Rival belief, which uses the readings that the gates reject and takes over after it has explained them for a time.
 
-It restarts whenever it cannot explain a reading. If an angle and a pressure are rejected, it believes the pressure's sensor
-more than the regulator: the valve may be stuck, and the observer would else stay blind. The time is `Gate.hesitation` if it began near the expected reading,
-and `Gate.patience` after a jump. Thus the observer recovers from a blow, and from an encoder that has lost its zero,
-even in motion.
+It restarts whenever it cannot explain a reading. If an angle and a pressure are rejected, it believes the pressure's
+sensor more than the regulator: the valve may be stuck, and otherwise the observer would stay blind. The time is
+`Gate.hesitation` if it began near the expected reading, and `Gate.patience` after a jump. Thus the observer recovers
+from a blow, and from an encoder that has lost its zero, even in motion.
 """
 
 from collections.abc import Callable
