@@ -185,7 +185,7 @@ def test_an_arm_settles_where_its_action_says():
         ({"actions": "torques"}, MissingBackend, "posture-stiffness, pressures"),
         ({"dynamics": "bullet"}, MissingBackend, "compiled, mujoco"),
         ({"samples": 0}, InvalidInput, "samples"),
-        ({"push": -1.0}, InvalidInput, r"push = -1 N·m"),
+        ({"push": -1.0}, InvalidInput, r"push = -1.0 has to be one number that is not negative \[N·m\]"),
         ({"reach": 1.5}, InvalidInput, "reach"),
     ],
 )

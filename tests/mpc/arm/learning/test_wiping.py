@@ -160,7 +160,7 @@ def test_a_softer_hand_keeps_its_force_at_walls_of_unknown_place():
         ({"period": 0.0}, "period"),
         ({"scale": -1.0}, "scale"),
         ({"clearance": -0.01}, "clearance"),
-        ({"effort": -1.0}, "effort = -1 - has"),
+        ({"effort": -1.0}, "effort = -1.0 has to be one number that is not negative"),
         ({"wall": Wall((1.0,), 0.5)}, "normal has 1 coordinates"),
     ],
 )
