@@ -8,8 +8,9 @@ import pytest
 from allocator import BAR, DEG
 from mpc import KalmanObserver, NonlinearMPC, PlanStatus, Plant, TrackingMPC, Weights, sine
 from mpc.export import export
+from mpc.model.plant import NU, NX
 from mpc.tracking import cost
-from mpc.tracking.cost import SIZES, Residual, Rows, charges, diagonal, residuals
+from mpc.tracking.cost import NY, Residual, Rows, charges, diagonal, residuals
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
 
@@ -18,6 +19,7 @@ from ...rigs.needs import needs
 from ...rigs.replay import CONTROL, record, replayed
 
 PLANT, N = Plant(), 10
+SIZES = Rows(NX, NY, NU, NU)
 
 
 @dataclass(frozen=True)
