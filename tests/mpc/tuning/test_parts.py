@@ -111,8 +111,8 @@ def test_wrong_tables_are_named(tmp_path):
     for text, named in (
         ('[tuning]\ncontroller = "me"', "me"),
         ('[tuning]\ncontroller = "mpc"\nd_walk = 1.0', "theta_error"),
-        (lines.replace("d_walk = 1.9", "d_walk = -1.0"), "d_walk"),
-        (lines.replace("d_walk = 1.9", 'd_walk = "much"'), "d_walk"),
+        (lines.replace(f"d_walk = {USUAL.noise.d_walk}", "d_walk = -1.0"), "d_walk"),
+        (lines.replace(f"d_walk = {USUAL.noise.d_walk}", 'd_walk = "much"'), "d_walk"),
     ):
         path.write_text(text)
         with pytest.raises(InvalidFile, match=named):
