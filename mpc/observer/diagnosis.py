@@ -234,11 +234,13 @@ class Diagnosis:
     def _swung(self, i: int) -> bool:
         """Return whether an earlier fault with one explanation explains the pressure of muscle `i`.
 
-        The fault moves the joint, and with it the gas. Without that, this muscle's pressure would be sound.
+        The fault moves the joint, and with it the gas. A leak throws it as a broken cable does; after other faults this
+        muscle's pressure has to be sound but for that motion.
         """
         own = self.pressures[i]
-        alone = (other.since for other in self.pressures if len(other.suspected) == 1)
-        return self._gas and FaultKind.BROKEN_CABLE in own.suspected and min(alone, default=inf) < own.since
+        sound = FaultKind.BROKEN_CABLE in own.suspected
+        earlier = (other for other in self.pressures if len(other.suspected) == 1 and other.since < own.since)
+        return self._gas and any(sound or FaultKind.LEAK in other.suspected for other in earlier)
 
     def _of_torque(self) -> Iterator[Finding]:
         torque = self.torque
