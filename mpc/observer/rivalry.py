@@ -1,9 +1,9 @@
 """Rival belief, which uses the readings that the gates reject and takes over after it has explained them for a time.
 
-It restarts whenever it cannot explain a reading. If an angle and a pressure are rejected, it believes the pressure's
-sensor more than the regulator: the valve may be stuck, and otherwise the observer would stay blind. The time is
-`Gate.hesitation` if it began near the expected reading, and `Gate.patience` after a jump. Thus the observer recovers
-from a blow, and from an encoder that has lost its zero, even in motion.
+It restarts whenever it cannot explain a reading. If an angle jumps and a pressure is rejected, it believes the sensor
+of the pressure more than the regulator: the valve may be stuck, and otherwise the observer would stay blind. The time
+is `Gate.hesitation` if it began near the expected reading, and `Gate.patience` after a jump. Thus the observer
+recovers from a blow, and from an encoder that has lost its zero, even in motion.
 """
 
 from collections.abc import Callable
@@ -89,9 +89,9 @@ class Rivalry:
         return rival
 
     def _loosened(self, rival: Belief, rejected: Mask) -> Belief:
-        """Return the rival without trust in regulators whose pressures are rejected, if an angle is as well."""
+        """Return the rival without trust in regulators of rejected pressures, if an angle has jumped as well."""
         n = len(self._gates) - self._filter.plant.m
-        if not rejected[:n].any() or not rejected[n:].any():
+        if self._doubted < self.patience or not rejected[:n].any() or not rejected[n:].any():
             return rival
         covariance = rival.covariance.copy()
         for i in np.flatnonzero(rejected[n:]) + n:

@@ -131,7 +131,7 @@ static void challenge(ant_observer *o, const ant_belief *expected, const ant_rea
     ant_unsure(&o->rival, read, rejected);
 }
 
-/* Takes trust from regulators whose pressures are rejected, if an angle is as well. */
+/* Takes trust from regulators whose pressures are rejected, if an angle has jumped as well. */
 static void loosen(ant_belief *rival, const int rejected[ANT_SENSORS]) {
     int lost = 0;
     for (int i = 0; i < ANT_JOINTS; i++) lost = lost || rejected[i];
@@ -156,7 +156,7 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
     if (!o->rivalled && !any) return;
     if (o->rivalled) {
         ant_predict_belief(o, &o->rival, 0, ANT_Q_NOISE);
-        loosen(&o->rival, rejected);
+        if (o->doubted >= ANT_GATE_PATIENCE) loosen(&o->rival, rejected);
     }
     if (!o->rivalled || !explains(o, read, used)) challenge(o, expected, read, rejected);
     for (int i = 0; i < ANT_SENSORS; i++) {
