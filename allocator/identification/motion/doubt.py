@@ -11,7 +11,7 @@ absent from the model, partly attributed by the fit to its own parameters:
 
 The amount is unknown: δp is the greatest change of a parameter p that moves the prediction by at most a share of the
 structured residual, with no unknown moved beyond D. The share makes δp a standard deviation on joints of other laws,
-with gas and without (`python -m benchmarks.motion_truth --strangers`).
+with gas and without (`python -m benchmarks.identification.motion_truth --strangers`).
 
 For the drift, the measured angle is regressed on the predicted one in each piece of the log, and these gains on time:
 

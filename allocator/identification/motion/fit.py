@@ -32,7 +32,7 @@ _SIGNS = {  # parameters identified together, and the sentence if they are not; 
 _UNFILLED = "how fast the valves can fill the muscles: great steps of the pressures would show it"
 _OF_REGULATORS = {_UNFILLED, *(sentence for names, sentence in _SIGNS.items() if names != ("base",))}
 _FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
-_MODEL = 0.05  # relative error on plants of another structure, for logs of any length: `benchmarks.motion_truth`
+_MODEL = 0.05  # relative error on plants of another structure, in any log: benchmarks.identification.motion_truth
 _MODEL_OF_LOOPS = 0.1  # for hysteresis
 _TRADED = 0.2  # share of the dead band that hysteresis may imitate, and growth of the error
 _AT_BOUND = 1.001  # times the lower bound of the search: smaller estimates are at the bound

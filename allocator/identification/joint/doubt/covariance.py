@@ -40,7 +40,7 @@ _MOST_PSEUDO = 300  # forces to which another law is fitted first
 _ROUNDS = 3  # of fitting a constant hysteresis and the unknowns in turn
 _FORCE_WEIGHT = 0.3  # w, of a relative change of force, in that of a stiffness
 _RANK = 1e-3  # singular values of G, its columns scaled to one, in the greatest
-_WIDENED = 1.25  # of standard deviations, for the linearisation: from benchmarks.joint_coverage, seeds below 1000
+_WIDENED = 1.25  # of standard deviations: benchmarks.identification.joint_coverage, seeds below 1000
 _LEAST_STIFFNESS = 0.3  # of the median: least divisor of a change of K
 
 

@@ -48,11 +48,11 @@ _MOST_SETPOINTS = 60
 LEVELS = 8  # of the pressures
 _EXTRA = {"log_ratio": 0.3, "zero": 10 * DEG, "friction": 0.3}
 _LOOSE = 5.0  # prior standard deviation of a muscle's parameter, relative
-_PER_UNKNOWN = 3  # setpoints: from benchmarks.joint_plan, seeds below 1000
+_PER_UNKNOWN = 3  # setpoints: from benchmarks.identification.joint_plan, seeds below 1000
 _GUESS, _UNEQUAL = 0.2, 0.1  # relative standard deviations of the forces of the guess and of the ratio of strengths [-]
 _FRICTION = 0.13  # measured μ of a joint [-]
 _ROOM = 2.0  # standard deviations between an angle and the stops
-_LAW = 0.08  # RMS error of a force law relative to its mean force: from benchmarks.joint_plan, seeds below 4000
+_LAW = 0.08  # RMS error of a force law relative to its mean force: benchmarks.identification.joint_plan, seeds < 4000
 _LOWEST = 1.5 * BAR  # of the default candidates
 
 

@@ -15,7 +15,7 @@ from allocator.identification.joint.samples import JointSamples, SlackReadings
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE
 from allocator.machine_file import load_joint
 from allocator.units import BAR, DEG
-from benchmarks.joint_truth import LABORATORIES, PULLEY, judged, measured, pair
+from benchmarks.identification.joint_truth import LABORATORIES, PULLEY, judged, measured, pair
 
 P = 2.5 * BAR
 ALONE = {"choices": False, "leave_one_out": False}  # neither changes what is stated

@@ -11,7 +11,7 @@ from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
 from allocator.units import BAR, DEG
-from benchmarks.joint_coverage import Covered, campaign
+from benchmarks.identification.joint_coverage import Covered, campaign
 
 
 def test_the_discrepancy_is_the_posterior_of_a_linear_gaussian_model():
@@ -125,7 +125,7 @@ def test_a_prediction_says_how_far_it_may_be_off(wrong, all_twins, truth_of):
 @pytest.mark.slow
 @pytest.mark.parametrize("foreign", [False, True])
 def test_the_stated_interval_of_the_stiffness_holds_under_hysteresis_and_a_wrong_law(foreign):
-    """Three joints of `python -m benchmarks.joint_coverage`, whose report has 56."""
+    """Three joints of `python -m benchmarks.identification.joint_coverage`, whose report has 56."""
     found = [each for each in campaign(range(3, 6), foreign) if isinstance(each, Covered)]
     assert len(found) == 3
     assert np.concatenate([c.inside for c in found]).mean() >= 0.9

@@ -18,7 +18,7 @@ from allocator.machine_file import load_joint
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
-from benchmarks.joint_plan import FRICTION, kept
+from benchmarks.identification.joint_plan import FRICTION, kept
 
 KINDS = {"a sag test", "a second weight", "a push with shut valves"}
 
@@ -183,6 +183,6 @@ def test_setpoints_survive_on_a_joint_that_is_not_the_one_guessed(all_twins, tru
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1001, 1004])
 def test_muscles_of_another_law_are_fitted_and_err_by_no_more_than_twice_the_promise(seed):
-    """On foreign muscles with friction as measured: `benchmarks.joint_plan` counts how often over many joints."""
+    """On foreign muscles with friction as measured: `benchmarks.identification.joint_plan` counts how often."""
     found = kept(seed)
     assert np.sqrt(np.mean(found.error**2)) < 2 * found.expected

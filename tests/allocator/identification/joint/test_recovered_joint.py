@@ -9,7 +9,7 @@ from allocator.units import DEG
 
 pytestmark = pytest.mark.slow  # fits 16 logs
 
-SEEDS = range(2)  # `benchmarks.joint_coverage` has more
+SEEDS = range(2)  # `benchmarks.identification.joint_coverage` has more
 
 
 def recovered(joint, simulated, truth, weights, seed):

@@ -1,6 +1,6 @@
 """Fits of joints with known truth from their angles, and the validity of the stated intervals.
 
-    python -m benchmarks.joint_truth
+    python -m benchmarks.identification.joint_truth
 
 Each line is a synthetic laboratory. K and both forces are compared at θ = 0 and 2.5 bar in both muscles; a force is
 correct if its interval contains the truth, and the table states whether the force common to both muscles was

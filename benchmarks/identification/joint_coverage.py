@@ -1,9 +1,10 @@
 """Coverage of the stated 95 % interval of a fitted joint's stiffness, under hysteresis and a wrong law.
 
-    python -m benchmarks.joint_coverage [--joints 56] [--first 1000] [--catalogue]
+    python -m benchmarks.identification.joint_coverage [--joints 56] [--first 1000] [--catalogue]
 
-Each joint has muscles of a law outside the catalogue (`benchmarks.foreign_laws`), scaled, of unequal strength, on a
-pulley or a lever, an encoder zero, noise, and hysteresis that is constant in the angle or in proportion to the forces.
+Each joint has muscles of a law outside the catalogue (`benchmarks.identification.foreign_laws`), scaled, of unequal
+strength, on a pulley or a lever, an encoder zero, noise, and hysteresis that is constant in the angle or in proportion
+to the forces.
 With --catalogue the true law is one of the catalogue, or fitted to the measured map of the package, and a different law
 is fitted. A laboratory sweeps both pressures both ways and hangs a weight on either side: 100 to 250 equilibria, all
 taut. K is compared at the unloaded equilibria, at fixed θ, P1 and P2.
@@ -34,7 +35,7 @@ from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.muscles import Hildebrandt2005, Muscle, scaled
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
-from benchmarks.foreign_laws import drawn
+from benchmarks.identification.foreign_laws import drawn
 
 MAP = "dmsp-20-300-map"
 FITTED = ("Sarosi2012", "MartensBoblan2017", "Hildebrandt2005", "AffinePolynomial")

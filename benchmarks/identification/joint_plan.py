@@ -1,12 +1,12 @@
 """Error of K after the measurement proposed by `antagonist plan-joint`, against the promised error.
 
-    python -m benchmarks.joint_plan [--joints 24] [--first 5000]
+    python -m benchmarks.identification.joint_plan [--joints 24] [--first 5000]
 
 The plan is made for two Sarosi2012 muscles of about the right strength. The true muscles have a law outside the
-catalogue (`benchmarks.foreign_laws`), unequal strength and the measured friction of a real joint, μ = 0.13. Each
-setpoint is visited from both sides with 0.5° of noise, and Sarosi2012 is fitted, without the proposed sag test. K is
-compared at the setpoints. If the stiffness of the true joint is nearly zero, its relative error is large for any fit.
-Seeds below 4000 were used to choose the number of setpoints, their margins and the error of the law.
+catalogue (`benchmarks.identification.foreign_laws`), unequal strength and the measured friction of a real joint,
+μ = 0.13. Each setpoint is visited from both sides with 0.5° of noise, and Sarosi2012 is fitted, without the proposed
+sag test. K is compared at the setpoints. If the stiffness of the true joint is nearly zero, its relative error is large
+for any fit. Seeds below 4000 were used to choose the number of setpoints, their margins and the error of the law.
 
 Measured on the 14 joints from seed 4000, at a promise of 16 to 17 %: all were fitted, 13 erred by no more than twice
 the promise; the median error was 4.3 %. Of 11 joints from seed 3000, after which the promise was raised from 10 %, two
@@ -27,8 +27,8 @@ from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.muscles import scaled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
-from benchmarks.foreign_laws import drawn
-from benchmarks.joint_coverage import STOPS, equilibria
+from benchmarks.identification.foreign_laws import drawn
+from benchmarks.identification.joint_coverage import STOPS, equilibria
 
 FRICTION, NOISE = 0.13, 0.5 * DEG
 GEOMETRIES = (Pulley(0.30, 0.02, 0.12), Lever(0.30, 0.25, 0.03, 0.0175))

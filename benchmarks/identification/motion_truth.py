@@ -1,6 +1,6 @@
 """Fits of moving joints with known truth from their logs, and the coverage of the stated intervals.
 
-    python -m benchmarks.motion_truth [--plants 24] [--first 0] [--strangers] [--gas]
+    python -m benchmarks.identification.motion_truth [--plants 24] [--first 0] [--strangers] [--gas]
 
 Each plant has another inertia, damping, lag, dead time, dead band, flow limit and hysteresis: Maxwell slip with
 separate springs, an operator of the angle, or Dahl's friction in proportion to the pulls; none has the structure of the
@@ -8,8 +8,8 @@ fitted model. Its log is 90 s of random steps of both commanded pressures at 50 
 joint given to the fit is correct. A loop's true width is the mean over the log, at P1 + P2 = 5 bar. The model error
 that `fit_motion` adds to its intervals was set by these plants.
 
-With `--strangers` the joints are those of `benchmarks.motion_truth_strangers`: a law other than that of the joint given
-to the fit, Bouc–Wen hysteresis, unequal regulators; `--gas` adds the gas.
+With `--strangers` the joints are those of `benchmarks.identification.motion_truth_strangers`: a law other than
+that of the joint given to the fit, Bouc–Wen hysteresis, unequal regulators; `--gas` adds the gas.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from allocator.identification import fit_motion
 from allocator.identification.motion.result import LABELS, MotionFit
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from benchmarks import motion_truth_strangers as other
+from benchmarks.identification import motion_truth_strangers as other
 from mpc import Plant, RealPlant
 from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
