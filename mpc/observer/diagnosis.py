@@ -208,8 +208,7 @@ class Diagnosis:
 
     def _of_pressures(self) -> Iterator[Finding]:
         thrown = self._gas and self.torque.broken is not None
-        moved = self._moved if thrown else self._swung
-        ill = {i: own for i, own in enumerate(self.pressures) if own.suspected and not moved(i)}
+        ill = {i: own for i, own in enumerate(self.pressures) if own.suspected and not (thrown and self._moved(i))}
         several = len(ill) > 1
         common = several and all(FaultKind.SUPPLY_DROP in own.suspected for own in ill.values())
         low = several and all(own.low for own in ill.values()) and self._alike(ill)
@@ -217,7 +216,7 @@ class Diagnosis:
         if self._low_supply:
             yield Finding(_LOW_SUPPLY, min(own.since for own in ill.values()))
         else:
-            yield from map(self._of_pressure, ill)
+            yield from (self._of_pressure(i) for i in ill if thrown or not self._swung(i))
 
     def _alike(self, muscles: Iterable[int]) -> bool:
         """Return whether the pressures of `muscles` are equal, as one low supply leaves them."""

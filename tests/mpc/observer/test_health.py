@@ -137,6 +137,15 @@ def test_a_low_supply_is_among_the_suspects_at_once_and_the_only_one_when_both_m
     assert healths[-1].suspects == (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("joint", ["Sarosi's muscles", "Tondu's muscles"])
+def test_a_supply_that_sinks_is_called_so_once_both_muscles_lack_pressure(joint):
+    sinking = [SupplyDrop(1.0 + 0.04 * k, supply=(5.0 - 0.048 * k) * BAR) for k in range(80)]  # by 1.2 bar/s
+    healths = said(joint, *sinking, duration=6.0)
+    assert Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY) in healths[alarm(healths)].suspects
+    assert healths[-1].suspects == (Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY),)
+
+
 @pytest.mark.compiles
 @pytest.mark.parametrize("joint", JOINTS)
 @pytest.mark.parametrize("load", [0.0, 3.0])
