@@ -92,19 +92,22 @@ class Tone:
         waves = np.exp(1j * np.outer(phase, h))
         theta, one, two = (waves @ Y).real.T
         speed = np.abs((waves @ (1j * h * self.omega * Y[:, 0])).real)
-        stroke = float((theta**2 * speed).mean())
         turn = np.exp(1j * h * _refined(phase, theta))
         A, up, down = ((turn @ Y).real).tolist()
         acceleration = float((turn @ (Y[:, 0] * (h * self.omega) ** 2)).real)
         work = (h[:, None] * (Y[:, 1:] * Y[:, :1].conj()).imag).sum(axis=0) / A**2
+
+        def over_stroke(y: Array) -> float:
+            return float((y * speed).mean() / (theta**2 * speed).mean())
+
         return Loop(
-            A,
-            (up / A, down / A),
-            acceleration / A,
-            (float((one * theta * speed).mean()) / stroke, float((two * theta * speed).mean()) / stroke),
-            float((speed**3).mean()) / 2 / stroke,
-            (float(work[0]), float(work[1])),
-            float(self.omega * (h**2 * np.abs(Y[:, 0]) ** 2).sum() / A**2),
+            swing=A,
+            secants=(up / A, down / A),
+            acceleration=acceleration / A,
+            means=(over_stroke(one * theta), over_stroke(two * theta)),
+            mean_acceleration=over_stroke(speed**2) / 2,
+            losses=(float(work[0]), float(work[1])),
+            velocity=float(self.omega * (h**2 * np.abs(Y[:, 0]) ** 2).sum() / A**2),
         )
 
 
