@@ -73,7 +73,6 @@ def map_command(
     from rich.console import Console
 
     from allocator.joint.antagonist import AntagonistJoint
-    from allocator.presentation.plotting import save_figure
 
     check_ending("--out", out, _ENDINGS)
     claim(out, inputs=options.files, force=force, own=(_OWN_NAME,))
@@ -84,14 +83,7 @@ def map_command(
             raise InvalidInput("--theta and --stiffness are ranges of one joint; several joints take --targets")
         if pressures or stiffness_options != StiffnessOptions():
             raise InvalidInput("--pressures, --valves and --frequency are for one joint")
-        check_ending("--out", out, IMAGES)
-        mechanism: Any = options.build()
-        figure, sentence, values = draw(mechanism, hand, targets, torque, min_force=min_force)
-        save_figure(figure, out)
-        if as_json:
-            print_json(values | {"written": str(out)})
-        else:
-            say(Console(), f"{sentence}\nwritten: {out}")
+        _map_of_several(options.build(), hand, targets, torque, out, min_force, as_json)
         return
     hand.none()
     if targets is not None:
@@ -114,6 +106,29 @@ def map_command(
     for name, found in maps.items():
         say(console, _sentence(name, found))
     say(console, f"written: {out}")
+
+
+def _map_of_several(
+    mechanism: Any,
+    hand: HandOptions,
+    targets: str | None,
+    torque: str | None,
+    out: Path,
+    min_force: float,
+    as_json: bool,
+) -> None:
+    """Draw the feasible targets of several joints."""
+    from rich.console import Console
+
+    from allocator.presentation.plotting import save_figure
+
+    check_ending("--out", out, IMAGES)
+    figure, sentence, values = draw(mechanism, hand, targets, torque, min_force=min_force)
+    save_figure(figure, out)
+    if as_json:
+        print_json(values | {"written": str(out)})
+    else:
+        say(Console(), f"{sentence}\nwritten: {out}")
 
 
 def _axis(option: str, text: str, unit: str) -> "Array":
