@@ -1,7 +1,5 @@
-"""Arm of one joint: a plant as an arm with n = 1 and m = 2, for functions on arms."""
+"""Arm of one joint: a plant as an arm with n = 1 and m = 2."""
 
-from allocator import checks
-from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from mpc.model.arm.bodies import EARTH, Bodies
 from mpc.model.arm.model import Arm
@@ -11,20 +9,13 @@ _CENTRE = 0.15  # [m] of the link's mass from the hinge, at most
 
 
 def arm_of(plant: Plant) -> Arm:
-    """Return the arm of one link with the plant's equation of motion.
+    """Return the arm of one link with the plant's equation of motion, without friction and hysteresis.
 
     A plant knows the link's inertia J about the hinge and its gravity torque m g a; many links share these two numbers.
     This one has its centre of mass in its middle, at most 15 cm from the hinge, and the mass
 
         m = |m g a|/(g a),    I = J - m a² ≥ J/2
-
-    The joint's friction and hysteresis are not included. Raises `InvalidInput` for a plant with the stiffness at a
-    `frequency`, because an arm's is isobaric.
     """
-    if not isinstance(plant, Plant):
-        raise InvalidInput(f"plant = {checks.brief(plant)} has to be a Plant")
-    if plant.frequency:
-        raise InvalidInput(f"frequency = {plant.frequency:g} Hz: the stiffness of an arm is isobaric; leave it out")
     J, G = plant.inertia, abs(plant.gravity_torque)
     a = min(_CENTRE, EARTH * J / (2 * G)) if G else _CENTRE
     m = G / (EARTH * a) if G else J / (2 * a**2)

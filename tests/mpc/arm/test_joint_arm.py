@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, report_joint
+from allocator import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.governor import PressureGovernor
 from mpc.model.plant import Plant
-from tests.mpc.arm.one_joint import arm_of
+
+from ...rigs.one_joint import arm_of
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)
 PLANTS = {
@@ -52,11 +53,6 @@ def test_the_governor_keeps_the_joint_inside():
         free = np.array(step(free, wild, 0.0)).ravel()
         assert left - 1e-6 <= x[0] <= right + 1e-6
     assert abs(free[0]) > right or abs(free[1]) > 0.5  # without it the joint flies
-
-
-def test_a_stiffness_at_a_frequency_is_refused():
-    with pytest.raises(InvalidInput, match="frequency = 2 Hz"):
-        arm_of(Plant(frequency=2.0))
 
 
 def test_mujoco_moves_it_as_the_plant():

@@ -11,7 +11,8 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import CALM
 from mpc.trials.margins import Margins, margins, usual_postures
-from tests.mpc.arm.one_joint import arm_of
+
+from ...rigs.one_joint import arm_of
 
 DT, TOLD = 0.01, Compensation(dead_time=0.02)
 ARM = Arm.machine("arm26")

@@ -21,7 +21,8 @@ from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.arm_trajectories import reference
 from mpc.trials.simulation import in_motion, simulate
-from tests.mpc.arm.one_joint import arm_of
+
+from ...rigs.one_joint import arm_of
 
 JOINT = Plant(gas=False)
 ONE, TWO = arm_of(JOINT), Arm.machine("arm26")
