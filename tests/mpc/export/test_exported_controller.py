@@ -15,9 +15,10 @@ from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Refe
 from mpc.export import export
 from mpc.export.controller.certificate import certificate
 from mpc.export.controller.sizes import check_pair
-from mpc.model.faults import Fault, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
+from mpc.model.faults import Fault, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop, WrongReadings
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.observer.gating import Verdict
 from mpc.repetition.update import Update
 from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.qp.solvers import Riccati
@@ -34,7 +35,7 @@ pytestmark = pytest.mark.tools
 SPAN = 5 * BAR
 STANDARD = RealPlant.standard()
 ELASTIC = MaxwellSlip((0.3, 0.2, -0.1), (0.01, 0.04, np.inf), 0.5, elastic=True)
-U, STATUS, RUNG, EXCESS, MOVED = slice(0, 2), 2, 3, slice(4, 6), slice(6, 9)  # columns of the answers
+U, STATUS, RUNG, EXCESS, MOVED, ANGLE = slice(0, 2), 2, 3, slice(4, 6), slice(6, 9), 9  # columns of the answers
 BAD_INPUT = -1
 FAULTS = (
     SilentSensors(3.0, 3.05, (0,)),
@@ -203,14 +204,20 @@ class Wild(Fault):
 
 
 @needs_gcc
-@pytest.mark.parametrize("beside", [(), (StuckValve(2.0, muscle=1),)], ids=["alone", "with a stuck valve"])
-def test_good_readings_lead_back_from_wild_ones(faulty_loop, exported, beside):
-    process = replace(RealPlant.standard(), faults=(*beside, Wild(2.9, 5.9)))
-    samples, wanted = recorded(process, *faulty_loop[:2], sine(K=5.5, duration=8.0))
+@pytest.mark.parametrize(
+    "faults",
+    [(Wild(2.9, 5.9),), (SupplyDrop(3.0, supply=1.5 * BAR), WrongReadings(5.0, 5.5, (0,), 0.9))],
+    ids=["from wild ones", "from wrong ones at a low supply"],
+)
+def test_good_readings_lead_back(faults, faulty_loop, exported):
+    process = replace(RealPlant.standard(), faults=faults)
+    samples, wanted = recorded(process, *faulty_loop[:2], sine(K=5.5, duration=9.0))
     got = replayed(tools.compiled(exported["double"], CONTROL, "vectors", *tools.SANITISED), samples)
-    assert (got[290:590, RUNG] != Rung.QP).any()
+    lost = got[:, ANGLE] > Verdict.ACCEPTED
+    assert lost[290:590].any()
+    assert not lost[650:].any()
     assert (got[-50:, RUNG] == Rung.QP).all()
-    np.testing.assert_array_equal(got[:, [STATUS, RUNG]], wanted[:, [STATUS, RUNG]])
+    np.testing.assert_array_equal(got[:, [STATUS, RUNG, ANGLE]], wanted[:, [STATUS, RUNG, ANGLE]])
 
 
 @pytest.fixture(scope="module")
