@@ -9,7 +9,7 @@ from allocator.identification.motion.doubt import Bands, possible_changes, struc
 from allocator.identification.motion.problem import MotionProblem
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Difference
-from benchmarks import motion_truth_strangers as strangers
+from benchmarks.identification import motion_truth_strangers as strangers
 
 
 def correlated(n, seed):
