@@ -93,8 +93,8 @@ The QP is solved sample by sample, as in Python (`src/recursions.c` is printed f
 Riccati recursions starts from the slew and supply limits that were active in the last sample, and one more pass
 computes the certificate. If the active set differs, limits are exchanged one after the other, each with two passes (the
 dual active-set method of Goldfarb and Idnani); a new sweep takes the set if more than {items} limits differ. After
-{patience} exchanges, up to {turns} sweeps of a barrier method propose another set. Time and memory grow with N, not with
-its cube.
+{patience} exchanges, up to {turns} sweeps of a barrier method propose another set. Time and memory grow with N, not
+with its cube.
 
 Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
 
