@@ -44,11 +44,23 @@ FLAT = 1e-10  # [-] of its terms: less counts as no slope
 
 
 @inlined
+def based(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
+    """Make the changes that the sweep holds the base, without items."""
+    items, last = a.items, a.items.kind.size - 1
+    at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0
+    items.kind[last], items.sample[last], items.muscle[last], items.side[last] = BOUND, 0, 0, 0
+    lagrangian(path, errors, setting, 0, at, items, sweep)
+    backward(path, setting.cost, bounded, at, sweep)
+    forward(path, sweep, at, a.r)
+    take_base(setting, 0, at, sweep, a)
+
+
+@inlined
 def exchanged(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active, limit: int
 ) -> tuple[bool, int, float]:  # fmt: skip
-    """Move from the result of `begin` to the solution, in at most `limit` exchanges; return whether it is proved, the
-    number of exchanges, and the bound of its suboptimality.
+    """Move from the base to the solution, in at most `limit` exchanges; return whether it is proved, the number of
+    exchanges, and the bound of its suboptimality.
     """
     most, taken = 0.5 * setting.curvature * setting.accuracy**2, limit
     size, tries, enters, violation, items = 0, 0, False, 0.0, a.items
@@ -131,8 +143,8 @@ def rebased(
     size = absorbed(size, sweep, a)
     lead_on(path, at, a)
     lagrangian(path, errors, setting, size, at, items, sweep)
-    backward(path, setting.cost, bounded, at, sweep, False)
-    forward(path, bounded, sweep, at, a.r, False)
+    backward(path, setting.cost, bounded, at, sweep)
+    forward(path, sweep, at, a.r)
     take_base(setting, size, at, sweep, a)
     for q in range(size):
         respond(path, setting.slack, sweep, q, q, items, a.xi)
@@ -180,12 +192,15 @@ def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Swe
     one.
     """
     least, most, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, 0.0, -1, 0, a.items
-    for k in range(a.r.shape[0]):
+    N = path.A.shape[0]
+    for k in range(N + 1):
         for i in range(NU):
             if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
                 pushed = -a.r[k, i] if a.held[k, i] < 0 else a.r[k, i]
-                gain = pushed * pushed / curvature(sweep.D, k, i)
-                if pushed > least and gain > most:
+                if not pushed > least:
+                    continue
+                gain = pushed * pushed / (curvature(sweep.D, k, i) if k < N else setting.slack[1 + 2 * i])
+                if gain > most:
                     most, sample, muscle = gain, k, i
     if sample < 0:
         return False
