@@ -18,7 +18,7 @@ from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.certificate import adjoint, gradients
 from mpc.tracking.compiled.structured_qp.responses import Items
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, backward, forward, take_charges
-from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, LOW, LOWER, NU, NX, UPPER
+from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, LOW, LOWER, NU, NX, NXI, UPPER
 
 TURNS = 20  # sweeps, at most
 SIDES = 4  # of a change: below and above its slew and its supply
@@ -109,26 +109,34 @@ def moved(bounded: Bounded, product: float, at: Point, sweep: Sweep, items: Item
     for k in range(at.v.shape[0]):
         for i in range(NU):
             for side in range(SIDES if sweep.held[k, i] == FREE else 0):
-                gap = distance(bounded, at, side, k, i) - t[side, k, i]
-                more = (product - multiplier[side, k, i] * gap) / t[side, k, i] - multiplier[side, k, i]
-                whole = min(whole, -t[side, k, i] / gap if gap < 0.0 else HUGE)
+                farther, more = changes(bounded, product, at, items, side, k, i)
+                whole = min(whole, -t[side, k, i] / farther if farther < 0.0 else HUGE)
                 dual = min(dual, -multiplier[side, k, i] / more if more < 0.0 else HUGE)
     whole, dual = KEPT * whole, KEPT * dual
     for k in range(at.v.shape[0]):
         for i in range(NU):
             for side in range(SIDES if sweep.held[k, i] == FREE else 0):
-                gap = distance(bounded, at, side, k, i) - t[side, k, i]
-                more = (product - multiplier[side, k, i] * gap) / t[side, k, i] - multiplier[side, k, i]
-                t[side, k, i] += whole * gap
+                farther, more = changes(bounded, product, at, items, side, k, i)
+                t[side, k, i] += whole * farther
                 multiplier[side, k, i] += dual * more
                 total += t[side, k, i] * multiplier[side, k, i]
                 number += 1
     for k in range(at.v.shape[0]):
         for i in range(NU):
             at.v[k, i] -= (1.0 - whole) * sweep.v[k, i]
-        for i in range(NX + NU):
+        for i in range(NXI):
             at.xi[k + 1, i] -= (1.0 - whole) * sweep.xi[k + 1, i]
     return total / max(number, 1)
+
+
+@inlined_flat
+def changes(
+    bounded: Bounded, product: float, at: Point, items: Items, side: int, k: int, i: int
+) -> tuple[float, float]:  # fmt: skip
+    """Return Δt and Δλ of a bound for the whole step."""
+    t, multiplier = items.z[side, k, i], items.r[side, k, i]
+    farther = distance(bounded, at, side, k, i) - t
+    return farther, (product - multiplier * farther) / t - multiplier
 
 
 @inlined_flat

@@ -49,10 +49,18 @@ def based(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Po
     items, last = a.items, a.items.kind.size - 1
     at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0
     items.kind[last], items.sample[last], items.muscle[last], items.side[last] = BOUND, 0, 0, 0
-    lagrangian(path, errors, setting, 0, at, items, sweep)
+    swept(path, errors, setting, bounded, 0, at, sweep, a)
+
+
+@inlined
+def swept(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active
+) -> None:  # fmt: skip
+    """Sweep with the multipliers of `size` items, and take the result as the base."""
+    lagrangian(path, errors, setting, size, at, a.items, sweep)
     backward(path, setting.cost, bounded, at, sweep)
     forward(path, sweep, at, a.r)
-    take_base(setting, 0, at, sweep, a)
+    take_base(setting, size, at, sweep, a)
 
 
 @inlined
@@ -142,10 +150,7 @@ def rebased(
     N, items, last = path.A.shape[0], a.items, a.items.kind.size - 1
     size = absorbed(size, sweep, a)
     lead_on(path, at, a)
-    lagrangian(path, errors, setting, size, at, items, sweep)
-    backward(path, setting.cost, bounded, at, sweep)
-    forward(path, sweep, at, a.r)
-    take_base(setting, size, at, sweep, a)
+    swept(path, errors, setting, bounded, size, at, sweep, a)
     for q in range(size):
         respond(path, setting.slack, sweep, q, q, items, a.xi)
         if items.kind[q] >= RANGE:
