@@ -45,7 +45,7 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     begin, exchange = _Count(functions, kinds, most).of_qp()
     _, plain = _Count(functions, kinds, most, {"rebased": 0}).of_qp()
     stack = _stack(plant.n, plant.m, N + blocks, 4 if single else 8)
-    return Certificate(exchanges, 2 + TURNS + 2 * AGAIN + exchanges, begin, exchange, plain, stack)
+    return Certificate(exchanges, 2 + TURNS + exchanges, begin, exchange, plain, stack)
 
 
 def _stack(n: int, m: int, commands: int, number: int) -> int:

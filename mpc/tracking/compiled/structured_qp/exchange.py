@@ -41,6 +41,7 @@ AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
 FLAT = 1e-10  # [-] of its terms: less counts as no slope
+ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells whether it is one
 
 
 @inlined
@@ -71,21 +72,25 @@ def exchanged(
     exchanges, and the bound of its suboptimality.
     """
     most, taken = 0.5 * setting.curvature * setting.accuracy**2, limit
-    size, tries, enters, violation, items = 0, 0, False, 0.0, a.items
+    size, tries, enters, again, exact, violation, items = 0, 0, False, False, True, 0.0, a.items
     last = items.kind.size - 1
     for step in range(limit):
-        if size == last - 1 or crowd(path, size, items) >= CROWDED:
+        if again or size == last - 1 or crowd(path, size, items) >= CROWDED:
             size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
             if size >= last - 1:
                 taken = step
                 break
             violation = max(over(path, setting, bounded, last, items, at), 0.0)
+            again, exact = False, True
         if not enters:
             if let_go(path, setting, bounded, size, sweep, a):
-                size += 1
+                size, exact = size + 1, False
                 continue
             violation = most_broken(path, setting, bounded, size, at, a)
             items.multiplier[last] = 0.0
+            again = 0.0 < violation < ROUNDED * BREAKS and not exact
+            if again:
+                continue
             if violation > 0.0:
                 respond(path, setting.slack, sweep, size, last, items, a.xi)
                 enters = True
@@ -97,15 +102,13 @@ def exchanged(
         if enters:
             moved, enters, violation = stepped(path, setting, bounded, size, violation, sweep, a)
             if moved >= 0:
-                size = moved
+                size, exact = moved, False
                 continue
         if tries == AGAIN:
             taken = step
             break
         tries += 1
-        enters = False
-        items.multiplier[last] = 0.0
-        size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
+        enters, again, items.multiplier[last] = False, True, 0.0
     return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a)
 
 
