@@ -42,6 +42,7 @@ class Findings(NamedTuple):
     determinant_positive: bool
     slack: int  # forces below `taut_min`
     hysteresis_share: float
+    friction_std: float  # 0 if the friction was not fitted
     scale_std: float | None
 
 
@@ -177,12 +178,14 @@ def findings(
 ) -> Findings:
     """Return the properties that may deserve a warning; `covariance` is that of the unknowns."""
     P, eps = problem.samples.muscles()
+    std = dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     return Findings(
         converged=converged,
         failure=monotonicity_failure(u.muscle, float(P.max()), (max(0.0, float(eps.min())), float(eps.max()))),
         determinant_positive=all(_determinant_positive(joint) for joint in joints),
         slack=int((problem.shares(u) < problem.taut_min).sum()),
         hysteresis_share=_hysteresis_share(problem, u),
+        friction_std=std.get("friction", 0.0),
         scale_std=None if problem.conventional else _scale_std(problem, u, covariance),
     )
 
@@ -212,7 +215,7 @@ def _of_the_data(problem: JointProblem, u: Unknowns, found: Findings) -> Iterato
             f"the encoder's zero would be off by {zero:.3g}°: is the geometry that of the joint, and are the "
             "equilibria at rest and taut? pass zero=False if the encoder was set to zero"
         )
-    if "friction" in problem.extra and u.friction < -NO_FRICTION:
+    if "friction" in problem.extra and u.friction < -max(NO_FRICTION, 2 * found.friction_std):
         yield f"μ = {u.friction:.3g} is negative: the directions look swapped"
     elif not (s.direction != 0).any():
         yield "no direction of motion: hysteresis, if there is any, sits in the error"
