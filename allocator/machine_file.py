@@ -253,6 +253,8 @@ def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], mor
         if len(rows) != 1 or not isinstance(rows[0], list):
             raise limits.fault("angle_limits has one row of a joint, [[lower, upper]] [rad]")
         values["angle_limits"] = tuple(rows[0])
+    if isinstance(file.entries.get("measured"), dict):
+        raise file.fault("[measured] of a fitted muscle has to stand below its [[muscle]], as [muscle.measured]")
     operator = file.table("hysteresis")
     more |= {"hysteresis": None if operator is None else operator.made(PrandtlIshlinskii)}
     more["covariance"] = covariance_rows(file)

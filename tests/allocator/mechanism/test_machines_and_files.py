@@ -153,6 +153,7 @@ def test_a_joint_written_by_hand_has_its_forces_in_newtons(tmp_path):
         ("[routes]", "[bodies]\n[routes]", "the file of a joint has no bodies; it has machine, routes, muscle"),
         ("    [-2.181661564992912, 2.181661564992912],", "-2.0, 2.0", "angle_limits has one row of a joint"),
         ("scale_known = true", 'scale_known = "yes"', r"\[machine\]: scale_known = 'yes' has to be true or false"),
+        ("[routes]", "[measured]\ncontraction = [0.1]\n[routes]", r"below its \[\[muscle\]\], as \[muscle.measured\]"),
         ("scale_known = true", "scale_known = false", "holds a joint whose force scale is unknown"),
     ],
 )
