@@ -20,8 +20,6 @@ For the drift, the measured angle is regressed on the predicted one in each piec
 A muscle that tires or warms up changes g. The standard deviation of r follows from the spread of the gains about the
 line, so it includes the model error, which differs between pieces. Pieces are the stretches of the log, or eight parts
 of it if fewer than four stretches have 50 rows to judge.
-
-A stop shows in an extreme angle that many rows share although their pressures differ.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,17 +32,12 @@ from allocator.calculus import Array, Mask
 from allocator.identification.least_squares import rms
 from allocator.identification.motion.problem import MotionProblem
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.static import Difference
-from allocator.units import DEG
 
 SHARE = 0.95  # of the errors within the band
 _LEAST = 100  # rows of a kind: with fewer it has the width of all rows
 _FINE, _COARSE = 1e-3, 1e-2  # of the usual size of a change: differences of predictions, and of parameters
 _SHARE = 0.7  # of the structured residual
 _MOST = 1.0  # usual sizes of a change: D
-_AT_STOP = 0.005  # of the swing: angles so near an extreme one are at it
-_OFTEN = 0.05  # of the rows, at a stop
-_PUSHED = 0.2  # of the range of the pressure difference, over which a stop holds the angle
 
 
 class AngleBand(NamedTuple):
@@ -165,19 +158,6 @@ class Drift(NamedTuple):
         rest = gains - X @ [g, slope]
         variance = float(np.sum(weights * rest**2)) / (t.size - 2) * np.linalg.inv(information)[1, 1]
         return cls(float(slope / g), float(np.sqrt(variance) / abs(g)), times, gains / g, errors)
-
-
-def stops(log: MotionLog) -> tuple[str, ...]:
-    """Return a sentence for each end of the angle's range at which the joint seems to rest against a stop."""
-    q, found = Difference(log.greatest_pressure)(log.P1, log.P2), []
-    for end, name in ((log.theta.max(), "greatest"), (log.theta.min(), "least")):
-        there = np.abs(log.theta - end) <= _AT_STOP * log.swing
-        if there.mean() >= _OFTEN and np.ptp(np.percentile(q[there], [5, 95])) >= _PUSHED * np.ptp(q):
-            found.append(
-                f"{there.mean():.0%} of the rows are at the {name} angle, {end / DEG:.3g}°, whatever the pressures: "
-                "the fit knows no stops; record a log that stays between them"
-            )
-    return tuple(found)
 
 
 class _Piece(NamedTuple):
