@@ -84,9 +84,17 @@ _UNITS = "SI units: Pa, m, rad, N"
 
 
 def named_machine(name: str) -> Machine:
-    """Return the ready-made machine of this name, or that in the TOML file of this name."""
+    """Return the ready-made machine of this name, or that in the TOML file of this name.
+
+    Raises `MissingBackend` for an unknown name, `InvalidInput` for a MuJoCo model, and as `load_machine`.
+    """
     if name in MACHINES:
         return MACHINES[name]()
+    if name.endswith(".xml"):
+        raise InvalidInput(
+            f"{name} is a MuJoCo model, for track, tune, export controller and export governor; others take TOML: "
+            "save_machine(Mechanism.from_mjcf(…), …) in Python"
+        )
     if not name.endswith(".toml"):
         raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml"])
     return load_machine(name)
