@@ -268,6 +268,7 @@ def _values_of_several(found: "BoxAllocation | AtLeast") -> dict[str, Any]:
 
 
 def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
+    from rich.markup import escape
     from rich.table import Table
 
     from allocator.allocation.at_least import AtLeast
@@ -275,14 +276,14 @@ def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
     a, status = (found.allocation, found.status) if isinstance(found, AtLeast) else (found, found.status)
     m, angles = a.mechanism, ", ".join(f"{number(angle)}°" for angle in a.q / DEG)
     joints = Table("joint", "torque asked [N·m]", "given", title=f"{angles} · {status.name}")
-    joints.add_column(f"{a.kind.text} given [N·m/rad], by {', '.join(m.joint_names)}")
+    joints.add_column(escape(f"{a.kind.text} given [N·m/rad], by {', '.join(m.joint_names)}"))
     for i, name in enumerate(m.joint_names):
         given = ", ".join(number(value) for value in a.K[i])
-        joints.add_row(name, number(a.T[i] + a.T_error[i]), number(a.T[i]), given)
-    muscles = Table("muscle", "pressure [bar]", "pulls [N]", "binding limits")
+        joints.add_row(escape(name), number(a.T[i] + a.T_error[i]), number(a.T[i]), given)
+    muscles = Table(*map(escape, ("muscle", "pressure [bar]", "pulls [N]", "binding limits")))
     for name, P, F in zip(m.muscle_names, a.P, a.forces, strict=True):
         binding = [limit.removeprefix(f"{name} ") for limit in a.active if limit.startswith(f"{name} ")]
-        muscles.add_row(name, f"{P / BAR:.4f}", number(F), ", ".join(binding))
+        muscles.add_row(escape(name), f"{P / BAR:.4f}", number(F), ", ".join(binding))
     return [joints, muscles]
 
 
