@@ -225,7 +225,7 @@ def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
     """Return the joint or the mechanism in a parsed file."""
     limits, routes = (file.needed(name, "a machine") for name in ("machine", "routes"))
     kind = routes.entries.get("kind")
-    if kind not in _kinds():
+    if kind not in list(_kinds()):  # it may be anything, even a list
         raise routes.fault(f"the unknown kind {kind!r}; known: {', '.join(_kinds())}")
     one = kind in _GEOMETRIES
     whose = "the file of a joint" if one else "the file of a machine with such routes"
@@ -275,7 +275,9 @@ def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], mor
 def _mechanism(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> Mechanism:
     limits.only((*_LIMITS, "joints"))
     values = dict(limits.entries)
-    names: dict[str, Any] = {"muscle_names": tuple(muscles), "joint_names": tuple(values.pop("joints", ()))}
+    if not isinstance(joints := values.pop("joints", []), list):
+        raise limits.fault(f"joints = {joints!r} has to be a list of names")
+    names: dict[str, Any] = {"muscle_names": tuple(muscles), "joint_names": tuple(joints)}
     try:
         return Mechanism(led, tuple(muscles.values()), **names, **more, **values)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
@@ -306,7 +308,7 @@ def _muscles(file: Table) -> dict[str, Muscle]:
             found[name] = muscle_from(any_kind, table, "name")
             continue
         table.only(("name", "like"), "a muscle like another")
-        if like not in found:
+        if like not in list(found):
             raise table.fault(f"like = {like!r} has to be the name of a muscle above: {', '.join(found) or 'none'}")
         found[name] = found[like]
     return found

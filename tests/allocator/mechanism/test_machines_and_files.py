@@ -103,6 +103,9 @@ def test_functions_are_not_written(tmp_path):
             r"\[routes\]: a Pulleys has no contraction; it has rest_length, arms, initial_contraction",
         ),
         ('like = "shoulder flexor"', 'like = "biceps"', "has to be the name of a muscle above: shoulder flexor"),
+        ('like = "shoulder flexor"', "like = []", r"like = \[\] has to be the name of a muscle above"),
+        ('kind = "Pulleys"', "kind = [1]", r"unknown kind \[1\]; known: Pulley"),
+        ('joints = ["shoulder", "elbow"]', "joints = 2", "joints = 2 has to be a list of names"),
         ('name = "elbow flexor"', 'name = "shoulder flexor"', "has to be a name, and no other muscle's"),
         ('[[muscle]]\nname = "biarticular extensor"\nlike = "shoulder flexor"', "", "5 given; .* m = 6"),
         (

@@ -129,6 +129,7 @@ def test_wrong_tables_are_named(tmp_path):
     lines = "\n".join(Tuning.start("mpc", USUAL).lines())
     for text, named in (
         ('[tuning]\ncontroller = "me"', "me"),
+        ("[tuning]\ncontroller = [1]", "unknown controller to tune"),
         ('[tuning]\ncontroller = "mpc"\nd_walk = 1.0', "theta_error"),
         (lines.replace(f"d_walk = {USUAL.noise.d_walk}", "d_walk = -1.0"), "d_walk"),
         (lines.replace(f"d_walk = {USUAL.noise.d_walk}", 'd_walk = "much"'), "d_walk"),
