@@ -17,8 +17,17 @@ from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.active import Active, direct, end, lead_on, take_base, walk
-from mpc.tracking.compiled.structured_qp.certificate import adjoint, gap, gradients, lagrangian, over, priced, soften
+from mpc.tracking.compiled.structured_qp.active import Active, direct, end, find_step, lead_on, take_base, walk
+from mpc.tracking.compiled.structured_qp.certificate import (
+    adjoint,
+    gap,
+    gradients,
+    increase,
+    lagrangian,
+    over,
+    priced,
+    soften,
+)
 from mpc.tracking.compiled.structured_qp.responses import (
     Items,
     copy_item,
@@ -40,7 +49,6 @@ CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
-FLAT = 1e-10  # [-] of its terms: less counts as no slope
 ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells whether it is one
 
 
@@ -313,21 +321,6 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
 
 
 @inlined_flat
-def find_step(size: int, a: Active) -> float:
-    """Set the direction for a multiplier of the entering item, and return the decrease of its violation per unit."""
-    items, K, last = a.items, a.items.K, a.items.kind.size - 1
-    for q in range(size):
-        items.step[q] = -K[q, last]
-    solve_items(size, items)
-    slope, terms = -K[last, last], abs(K[last, last])
-    for q in range(size):
-        slope -= items.step[q] * K[last, q]
-        terms += abs(items.step[q] * K[last, q])
-    direct(size, True, a)
-    return slope if slope > FLAT * terms else 0.0
-
-
-@inlined_flat
 def longest(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> tuple[int, int, int]:
     """Set the last `step` to the length of the direction up to which no multiplier changes its sign; return the
     blocking one: the number of an item, or -1 and a held change.
@@ -394,15 +387,3 @@ def interrupted(
         at.xi[:], at.v[:] = 0.0, 0.0
         primal = soften(path, setting, at)
     return float(max(primal - dual, 0.0))
-
-
-@inlined
-def increase(path: Path, errors: Errors, setting: Setting, first: Array, at: Point, sweep: Sweep) -> float:
-    """Return the cost of the changes minus that of the origin, where the gradient is `first`."""
-    total = 0.0
-    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    adjoint(path, sweep.gx, sweep.gv, sweep.g)
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
-            total += 0.5 * (first[k, i] + sweep.g[k, i]) * at.v[k, i]
-    return total
