@@ -258,6 +258,13 @@ def test_soft_rows_with_slacks_take_few_exchanges():
     assert found.unproved == 0
 
 
+def test_changes_without_room_between_slew_and_supply_take_few_exchanges():
+    """The hunt varies QPs whose initial commands are at a limit and move away from it as fast as they may."""
+    *_, found = hunted(3000, 10, seed=3)
+    assert np.percentile(found.exchanges, 99) < 30  # 122, if slews always hold
+    assert found.unproved == 0
+
+
 BOUNDS_CHECKED = """
 from benchmarks.speed.worst_cases import hunted
 for found in hunted(60, 12, seed=13):

@@ -193,15 +193,27 @@ def name_soft(setting: Setting, sweep: Sweep, items: Items) -> int:
 
 @inlined_flat
 def hold_active(setting: Setting, named: int, sweep: Sweep, items: Items) -> int:
-    """Hold each change at its active bound. If both its slew and its supply are active, the supply becomes an item, but
-    not on opposite sides, which leave one value. Return the number of items.
+    """Hold each change at its active bound, and return the number of items. If both its slew and its supply are active,
+    the supply becomes an item.
+
+    On opposite sides they leave one value, the supply's bound of the sample before. Its multiplier then takes over what
+    both have in common, so that one of them is left.
     """
     least, room = HELD * setting.curvature, items.kind.size - SPARE
-    for k in range(sweep.v.shape[0]):
-        for i in range(NU):
+    for i in range(NU):
+        line, shared = 2, 0.0
+        for k in range(sweep.v.shape[0] - 1, -1, -1):
             if sweep.held[k, i] != FREE:
                 continue
+            items.r[line, k, i] += shared
+            shared = 0.0
             slew, supply = active_side(items, 0, least, k, i), active_side(items, 2, least, k, i)
+            if slew * supply < 0:
+                line, opposite = 3 if supply > 0 else 2, 1 if slew > 0 else 0
+                shared = min(items.r[line, k, i], items.r[opposite, k, i])
+                items.r[line, k, i] -= shared
+                items.r[opposite, k, i] -= shared
+                slew, supply = active_side(items, 0, least, k, i), active_side(items, 2, least, k, i)
             sweep.held[k, i] = slew * UPPER if slew != 0 else supply * HIGH
             if slew * supply > 0 and named < room:
                 items.kind[named], items.sample[named] = SUPPLY, k
