@@ -21,7 +21,8 @@ _QP = Path(__file__).parents[1] / "structured_qp"
 _OWN = "mpc.tracking.compiled.structured_qp", "mpc.tracking.compiled.commands"
 _LIMITS = "sizes", "../commands"
 _SOLUTION = (
-    "sizes", "stage_of_many", "../commands", "riccati", "responses", "certificate", "active", "barrier", "exchange",
+    "sizes", "stage_of_many", "../commands", "riccati", "responses", "certificate", "active",
+    "barrier_limits", "barrier_slacks", "barrier", "exchange",
     "solve", "../arm/solve",
 )  # fmt: skip
 
