@@ -10,7 +10,7 @@ import pytest
 
 from allocator import BAR, DEG
 from benchmarks.speed.worst_cases import hunted
-from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, simulate, sine
+from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, simulate, sine
 from mpc.tracking.compiled.structured_qp.solve import MOST, PATIENCE
 from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.qp.certified import certified
@@ -294,3 +294,17 @@ def test_rounding_lets_no_limit_enter_that_depends_on_those_held():
         answer = mpc._qp_step(*situation(mpc, *near), RICCATI, math.inf)
         assert answer.status is PlanStatus.OPTIMAL
         assert mpc._qp_step.structured.exchanges < 450
+
+
+DIVERGING = ([-1.66348634, 2.20599198, 2519.98658, 443724.059], [2523.33244949, 440461.80240748],
+             [215880.49193167, 85573.04688147], [15551.95731427, -9298.46173084],
+             [-1.43559608, -1.76850171, 0.93281569, 11.66227342], -1.32265231)  # fmt: skip
+
+
+def test_a_barrier_that_diverges_is_left_in_time():
+    """Its products would overflow, and the commands would be NaN."""
+    mpc, rng = TrackingMPC(Plant(), N=10, weights=Weights.calm()), np.random.default_rng(1)
+    for _ in range(30):
+        near = [np.multiply(value, 1 + 1e-6 * rng.normal(size=np.shape(value))) for value in DIVERGING]
+        mpc._qp_step.reset()
+        assert mpc._qp_step(*situation(mpc, *near), RICCATI, math.inf).status is PlanStatus.OPTIMAL

@@ -49,6 +49,7 @@ SHARE = 0.03  # [bar] products t λ at the beginning, by the steepest gradient
 CENTRED = 0.1  # of these products in the first turn; later, the less the longer the last step was
 LEAST_CENTRED, MOST_CENTRED = 0.01, 0.5
 KEPT = 0.99  # of the way to a limit, at most
+STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the present limits are taken
 ENOUGH = 1e-5  # [bar²] product t λ by the curvature of a change: the active limits are known
 HELD = 10.0  # λ/t of an active bound by this curvature, at least
 
@@ -77,6 +78,10 @@ def guessed(
             slackened(path, setting, centred * product, at, sweep, a.items, a.xi)
         product, share = moved(path, setting, bounded, centred * product, lines, at, sweep, a.items)
         centred = min(max((1.0 - share) ** 3, LEAST_CENTRED), MOST_CENTRED)
+        if not share > STUCK:
+            break
+    if not product < HUGE:
+        at.xi[:], at.v[:] = 0.0, 0.0
     take_charges(setting.cost, sweep)
     named = name_soft(setting, sweep, a.items) if lines == LIMIT_LINES else 0
     return hold_active(setting, named, sweep, a.items)
