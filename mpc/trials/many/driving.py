@@ -11,12 +11,10 @@ from types import ModuleType
 import numpy as np
 
 from mpc.codegen.modules import imported, with_formulas
-from mpc.model.compiled_friction import friction_numbers
 from mpc.model.plant import NU
 from mpc.observer.base import Observer
 from mpc.observer.compiled.whole import CompiledEstimate
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking.compiled.sample.arrays import Beyond, StepArrays
 from mpc.tracking.compiled.sample.whole import WholeStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
@@ -34,13 +32,8 @@ class Driving:
 
     def __init__(self, controller: TrackingMPC, whole: WholeStep, estimate: CompiledEstimate) -> None:
         self._controller, self._whole, self._estimate = controller, whole, estimate
-        known, preview, qp_step = controller.compensation, controller._preview, whole.qp_step
-        friction = friction_numbers(known.friction)
-        assert friction is not None  # since there is a whole step
-        beyond = Beyond(friction, preview.delay, known.dead_band, controller.rests, controller.rest_mode.rules)
-        gate, feed_forward = (preview.lower, preview.upper), whole.feed_forward.readable
-        self._arrays = StepArrays(qp_step.plant, controller.N, qp_step.structured, feed_forward, gate, beyond)
-        self._modules = {"observer": estimate.module, "joint": qp_step.plant.step}
+        self._arrays = whole.arrays()
+        self._modules = {"observer": estimate.module, "joint": whole.qp_step.plant.step}
 
     def _loop(self, process: ModuleType) -> ModuleType:
         """Return the loop for plants under test of the kind `process`."""

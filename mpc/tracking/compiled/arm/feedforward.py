@@ -1,112 +1,180 @@
 """Template of an arm's feed-forward: the targets of the allocation, and the commands from its result.
 
-`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by the sizes and the formula of
-the arm: n joints, m muscles, the number of entries of svec K, and a function that fills flat arrays, matrices by
-columns:
+`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by a function that fills flat
+arrays, matrices by columns:
 
     statics          (q, ω, ω') ↦ M ω' + C + Dω + g, then at no pressure y' = (τ, svec K), its Jacobian by P, the forces
                      and their slopes by P
 
-The array c holds its numbers. Pressures are in Pa. Of a preview that stands still there is one sample for all.
+Pressures are in Pa. Of a preview that stands still there is one sample for all.
 """
 
 from typing import Any
 
 import numpy as np
 
+from allocator.allocation.box.kernel.data import workspace
 from allocator.calculus import Array
-from mpc.codegen.jit import compiled, inlined
+from allocator.joint.limits import BINDS
+from mpc.codegen.jit import inlined
+from mpc.tracking.compiled.arm.allocation import LEVELS, allocate_at, prove_at
+from mpc.tracking.compiled.arm.records import ArmInverse
+from mpc.tracking.compiled.arm.views import inverse_in
 from mpc.tracking.compiled.commands import finite
+from mpc.tracking.compiled.records import Reference
+from mpc.tracking.compiled.sample.layout import Inputs
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, STIFFNESSES
 
 FORMULAS: Any = None
-n = m = STIFFNESSES = statics = FORMULAS
+statics = FORMULAS
+
+ROWS = JOINTS + STIFFNESSES  # targets of a sample
+SURE = 1e-9  # residual of optimality up to which an allocation is accepted
 
 
-@compiled
-def still(asked: Array, K: Array, d: Array) -> bool:
-    """Return whether all samples of a preview and its torques are equal."""
-    for k in range(1, asked.shape[0]):
-        for i in range(n):
-            if asked[k, i] != asked[0, i] or d[k, i] != d[0, i]:
+@inlined
+def feed_forward(i: Inputs, asked: Array, K: Array, d: Array, found: Reference, moved: Array) -> bool:
+    """Fill in the feed-forward of `mpc.tracking.feedforward.InverseDynamics`, and the distances `moved` (3,).
+
+    Return whether the allocation is proved. `turned` of the inputs (N+1, e, e) turns svec K into a hand's.
+    """
+    inverse, samples = inverse_in(i.inverse), found.x.shape[0]
+    rows = 1 if still(asked, K, d, samples) else samples
+    A, b, lo, hi = np.empty((rows, ROWS, NU)), np.empty((rows, ROWS)), np.empty((rows, NU)), np.empty((rows, NU))
+    if not targets(i, inverse, asked, K, d, found.x, A, b, lo, hi):
+        return False
+    P = np.empty((rows, NU))
+    if i.turned.size == 0:
+        sure = allocated(i, A, b, lo, hi, P)
+    else:
+        of_hand, aims = A.copy(), b.copy()
+        turn_rows(i.turned.reshape(-1, STIFFNESSES, STIFFNESSES), A, b, of_hand, aims)
+        sure = allocated(i, of_hand, aims, lo, hi, P)
+    follow(inverse, asked, K, A, b, P, found, moved)
+    return sure
+
+
+@inlined
+def still(asked: Array, K: Array, d: Array, samples: int) -> bool:
+    """Return whether all samples of flat previews and torques are equal."""
+    for array in (asked, K, d):
+        size = array.size // samples
+        for k in range(size, array.size):
+            if array[k] != array[k % size]:
                 return False
-            for j in range(n):
-                if K[k, i, j] != K[0, i, j]:
-                    return False
     return True
 
 
-@compiled
+@inlined
 def targets(
-    c: Array, slopes1: Array, slopes2: Array, limits: Array, supply: Array, asked: Array, K: Array, d: Array,
-    x: Array, T: Array, A: Array, b: Array, lo: Array, hi: Array,
-) -> bool:  # fmt: skip
+    i: Inputs, inverse: ArmInverse, asked: Array, K: Array, d: Array, x: Array, A: Array, b: Array, lo: Array, hi: Array
+) -> bool:
     """Fill in the allocation's targets at every sample, and angles and velocities of `x`; return False if infeasible.
 
-    `slopes1`, `slopes2` (N+1, N+1) are the derivatives of a preview; one of a single sample stands still.
-    `limits` (2, n) [rad], `supply` (m + 3,): greatest pressures, the least one, the unit of A's columns, least force.
+    The derivatives of a preview are linear in its samples; one that stands still has a single one.
     """
-    samples, d_y = asked.shape[0], n + STIFFNESSES
-    alpha, y0, M, F0, gain = np.empty(n), np.empty(d_y), np.empty(d_y * m), np.empty(m), np.empty(m)
-    low, unit, min_force = supply[m], supply[m + 1], supply[m + 2]
+    samples, n, slopes = b.shape[0], JOINTS, i.slopes.reshape(2, x.shape[0], x.shape[0])
+    alpha, T, y0, M, F0, gain = (
+        np.empty(n),
+        np.empty(n),
+        np.empty(ROWS),
+        np.empty(ROWS * NU),
+        np.empty(NU),
+        np.empty(NU),
+    )
     for k in range(samples):
-        for i in range(n):
-            x[k, i] = min(max(asked[k, i], limits[0, i]), limits[1, i])
+        for j in range(n):
+            x[k, j] = min(max(asked[k * n + j], inverse.left[j]), inverse.right[j])
     for k in range(samples):
-        for i in range(n):
+        for j in range(n):
             omega = speeding = 0.0
             for l in range(samples if samples > 1 else 0):  # noqa: E741
-                omega += slopes1[k, l] * x[l, i]
-                speeding += slopes2[k, l] * x[l, i]
-            x[k, n + i], alpha[i] = omega, speeding
-        statics(x[k, :n], x[k, n : 2 * n], alpha, c, T[k], y0, M, F0, gain)
-        for i in range(n):
-            T[k, i] -= d[k, i]
-            b[k, i] = T[k, i] - y0[i]
+                omega += slopes[0, l, k] * x[l, j]
+                speeding += slopes[1, l, k] * x[l, j]
+            x[k, n + j], alpha[j] = omega, speeding
+        statics(x[k, :n], x[k, n : 2 * n], alpha, i.c, T, y0, M, F0, gain)
+        for j in range(n):
+            b[k, j] = T[j] - d[k * n + j] - y0[j]
         row = n
-        for i in range(n):
-            for j in range(i, n):
-                b[k, row] = (K[k, i, j] if i == j else 2**0.5 * K[k, i, j]) - y0[row]
+        for j in range(n):
+            for l in range(j, n):  # noqa: E741
+                entry = K[(k * n + j) * n + l]
+                b[k, row] = (entry if j == l else 2**0.5 * entry) - y0[row]
                 row += 1
-        for j in range(m):
-            for i in range(d_y):
-                A[k, i, j] = M[j * d_y + i] * unit
-            hi[k, j] = supply[j] / unit
-            lo[k, j] = max(low, (min_force - F0[j]) / gain[j]) / unit
+        for j in range(NU):
+            for row in range(ROWS):
+                A[k, row, j] = M[j * ROWS + row] * inverse.unit
+            hi[k, j] = inverse.most[j] / inverse.unit
+            lo[k, j] = max(inverse.low, (inverse.min_force - F0[j]) / gain[j]) / inverse.unit
             if not (gain[j] > 0.0 and lo[k, j] <= hi[k, j]):
                 return False
     return finite(b)
 
 
-@compiled
+@inlined
+def turn_rows(turned: Array, A: Array, b: Array, of_hand: Array, aims: Array) -> None:
+    """Set the rows of the stiffness to those of a hand's."""
+    for k in range(b.shape[0]):
+        for row in range(STIFFNESSES):
+            aims[k, JOINTS + row] = 0.0
+            for j in range(NU):
+                of_hand[k, JOINTS + row, j] = 0.0
+            for l in range(STIFFNESSES):  # noqa: E741
+                factor = turned[k, row, l]
+                aims[k, JOINTS + row] += factor * b[k, JOINTS + l]
+                for j in range(NU):
+                    of_hand[k, JOINTS + row, j] += factor * A[k, JOINTS + l, j]
+
+
+@inlined
+def allocated(i: Inputs, A: Array, b: Array, lo: Array, hi: Array, P: Array) -> bool:
+    """Fill in the pressures `P` (rows, m), and return whether they are proved."""
+    rows, work = P.shape[0], workspace(ROWS, NU, LEVELS)
+    centre, which, residual = np.zeros((rows, NU)), np.arange(rows), np.empty(rows)
+    side, mu, rounds = (
+        np.zeros((rows, NU + ROWS), np.int8),
+        np.empty((rows, LEVELS + 1, ROWS)),
+        np.zeros(rows, np.int64),
+    )
+    onesided, held, ends = np.zeros(ROWS, np.bool_), np.empty(ROWS + NU, np.bool_), np.array([JOINTS, ROWS])
+    allocate_at(i.allocate, (A, b, onesided, ends, lo, hi, centre, which, True, P, side, mu, rounds, work))
+    prove_at(i.prove, (A, b, onesided, ends, lo, hi, centre, which, P, mu, 0.0, BINDS, residual, held, work))
+    for k in range(rows):
+        if not (rounds[k] > 0 and residual[k] <= SURE):
+            return False
+    return True
+
+
+@inlined
 def follow(
-    lags: Array, unit: float, asked: Array, A: Array, b: Array, found: Array, K: Array, x: Array, y: Array, u: Array
-) -> tuple[float, float, float]:
-    """Fill in pressures of `x`, stiffness of `y` and commands `u` from `found`; return the distances moved."""
-    samples, off, missed, short = asked.shape[0], 0.0, 0.0, 0.0
+    inverse: ArmInverse, asked: Array, K: Array, A: Array, b: Array, P: Array, found: Reference, moved: Array
+) -> None:
+    """Fill in pressures of `x`, stiffness of `y` and commands `u` from `P` (rows, m), and the distances moved."""
+    rows, n, x, y, u, alpha = P.shape[0], JOINTS, found.x, found.y, found.u, inverse.alpha
+    moved[0] = moved[1] = moved[2] = 0.0
     for k in range(x.shape[0]):
-        q = min(k, samples - 1)
-        for j in range(m):
-            x[k, 2 * n + j] = unit * found[q, j]
+        q = min(k, rows - 1)
+        for j in range(NU):
+            x[k, 2 * n + j], y[k, STIFFNESSES + j] = inverse.unit * P[q, j], 0.0
         row = n
-        for i in range(n):
-            x[k, i], x[k, n + i] = x[q, i], x[q, n + i]
-            off = max(off, abs(asked[q, i] - x[k, i]))
-            short = max(short, abs(left_of(A[q, i], b[q, i], found[q])))
-            for j in range(i, n):
-                gap, factor = left_of(A[q, row], b[q, row], found[q]), 1.0 if i == j else 2**0.5
-                y[k, row - n] = factor * K[q, i, j] - gap
-                missed = max(missed, abs(gap) / factor)
+        for j in range(n):
+            x[k, j], x[k, n + j] = x[q, j], x[q, n + j]
+            moved[0] = max(moved[0], abs(asked[q * n + j] - x[k, j]))
+            moved[2] = max(moved[2], abs(left_of(A[q, j], b[q, j], P[q])))
+            for l in range(j, n):  # noqa: E741
+                gap, factor = left_of(A[q, row], b[q, row], P[q]), 1.0 if j == l else 2**0.5
+                y[k, row - n] = factor * K[(q * n + j) * n + l] - gap
+                moved[1] = max(moved[1], abs(gap) / factor)
                 row += 1
         if k > 0:
-            for j in range(m):
+            for j in range(NU):
                 now, before = x[k, 2 * n + j], x[k - 1, 2 * n + j]
-                u[k - 1, j] = (now - lags[j] * before) / (1 - lags[j])
-    return off, missed, short
+                u[k - 1, j] = (now - alpha[j] * before) / (1 - alpha[j])
 
 
 @inlined
 def left_of(row: Array, b: float, x: Array) -> float:
     """Return b - row·x."""
-    for j in range(m):
+    for j in range(NU):
         b -= row[j] * x[j]
     return b
