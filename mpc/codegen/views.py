@@ -2,9 +2,9 @@
 
 A named tuple states the shapes of its fields, some of which depend on sizes: `x: Annotated[Array, "N + 1", 4]`. The
 fields lie in one flat array, in this order, including numbers and nested tuples; the caller supplies fields without a
-shape. Sizes that are known beforehand are constants of the generated functions. Arrays elsewhere in memory are opened by
-a table of their addresses. Both kinds of functions are generated as text, because numba cannot compile code that reads
-annotations.
+shape. Sizes that are known beforehand are constants of the generated functions. Arrays elsewhere in memory are opened
+by a table of their addresses. Both kinds of functions are generated as text, because numba cannot compile code that
+reads annotations.
 """
 
 import ast

@@ -63,7 +63,7 @@ def factory(
         notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
         return Parts(readable, feed_forward.ready())
     try:
-        step, patient, build = (_of_arm if isinstance(plant, Arm) else _of_joint)(plant, *given)
+        step, patient, build = _of_arm(plant, *given) if isinstance(plant, Arm) else _of_joint(plant, *given)
         with nullcontext() if wait or patient else beside.only_kept():
             return build()
     except beside.NotKept:
@@ -106,7 +106,7 @@ def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: Inverse
 
     def build() -> Parts:
         step = CompiledQPStep(made, problem, partial(SizedQP, arm, dt))
-        return Parts(step, feed_forward_of(arm, made, feed_forward.ready()))
+        return Parts(step, feed_forward_of(arm, made, feed_forward))
 
     return Compiling(made.step, False, build)
 

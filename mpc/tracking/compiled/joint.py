@@ -95,7 +95,7 @@ def motion(i: Inputs, known: Known, start: Array, u: Array, d: Array, x: Array) 
 
 @inlined_flat
 def linear_model(i: Inputs, known: Known, start: Array, u: Array, d: Array, path: Path) -> None:
-    """Fill in the motion, its Jacobians A, B, sample by sample (see `mpc.tracking.compiled.module`), and the outputs."""
+    """Fill in the motion, its Jacobians A, B, sample by sample: see `mpc.tracking.compiled.module`; and the outputs."""
     x, c, h, substeps = path.x, i.c, known.h, known.substeps
     for row in range(4):
         x[0, row] = start[row]

@@ -1,8 +1,8 @@
 """Template of a sample of the controller of a machine, or of a part of it.
 
-`mpc.tracking.compiled.module` replaces the lines below that begin with `FORMULAS` by views of the machine's records, and
-by its feed-forward, loads, motion, and outputs (`mpc.tracking.compiled.joint`); `mpc.tracking.compiled.arm.module` does
-so for an arm (`mpc.tracking.compiled.arm.step`, `feedforward`), and sets its sizes.
+`mpc.tracking.compiled.module` replaces the lines below that begin with `FORMULAS` by views of the machine's records,
+and by its feed-forward, loads, motion, and outputs (`mpc.tracking.compiled.joint`); `mpc.tracking.compiled.arm.module`
+does so for an arm (`mpc.tracking.compiled.arm.step`, `feedforward`), and sets its sizes.
 """
 
 from typing import Any
@@ -11,11 +11,11 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.addresses import floats_at, seconds_at
 from mpc.codegen.jit import assign, compiled_flat, inlined_flat
-from mpc.model.compiled_friction import ABSENT, Rubbing, followed, less_friction, rubbing_in
+from mpc.model.compiled_friction import Rubbing, followed, less_friction, rubbing_in
 from mpc.model.friction.contact import Pressed
 from mpc.tracking.compiled.commands import cumulative, excess, finite, limit
 from mpc.tracking.compiled.records import Bounds, Given
-from mpc.tracking.compiled.sample.calls import settle_at
+from mpc.tracking.compiled.sample.calls import settle_at, stage_at
 from mpc.tracking.compiled.sample.layout import Asked, Inputs, Known, Made, Room, State, inputs_at
 from mpc.tracking.compiled.sample.stages import (
     FEED,
@@ -57,17 +57,27 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
         floats_at(out.ctypes.data, out.size),
     )  # not reference-counted
     k, want, now, room = known_in(i.known), asked_in(i.asked), given_in(i.given), room_in(i.room)
-    N, whole, done, rests, springs = now.u.shape[0], what == WHOLE, True, False, rubbing_of(i.friction, 0).springs.size
+    N, whole, done, rests = now.u.shape[0], what == WHOLE, True, False
     delay, size = room.waiting.shape[0], plan_length(N)
-    was, made = made_in(last[:size]), made_in(out[:size])
-    before, after = state_in(last[size:], was.u, springs, delay), state_in(out[size:], made.u, springs, delay)
+    made, (before, after) = made_in(out[:size]), states_of(i, N, last, out)
     wanted, torques = want.theta[delay * JOINTS :], want.torques[delay * JOINTS :]
     matrices = want.K[delay * room.factor.size :]
     copy_set(i.guess, i.kept)
     if whole:
         ask(x, theta, K, want)
-        done = foreseen(i, k, want, before, after, room)
-        rests = done and resting(i.c, k, want, before, after.rest, room)
+        done = plausible(k, want, room.factor)
+        if done:
+            for c in range(want.torques.size):
+                want.torques[c] = want.d[c % JOINTS]
+            assign(after.memory, before.memory)
+            assign(after.angle, before.angle)
+            assign(after.rest, before.rest)
+            done = i.rubbed == 0 or stage_at(i.rubbed, (table, last, out))
+        if done:
+            under_way(before, want.x, room.waiting)
+            motion(i, k, want.x, room.waiting, want.torques, room.path)
+            done = finite(room.path)
+        rests = done and i.rested != 0 and stage_at(i.rested, (table, last, out))
     if done and (whole or what == FEED):
         done = feed_forward(i, wanted, matrices, torques, now.reference, made.moved)
     fed = seconds_at(i.clock, i.name)
@@ -100,64 +110,68 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
 
 
 @inlined_flat
+def states_of(i: Inputs, N: int, last: Array, out: Array) -> tuple[State, State]:
+    """Return the states in the result of the previous sample and in that of this one."""
+    size, springs, delay = plan_length(N), rubbing_of(i.friction, 0).springs.size, room_in(i.room).waiting.shape[0]
+    was, made = made_in(last[:size]), made_in(out[:size])
+    return state_in(last[size:], was.u, springs, delay), state_in(out[size:], made.u, springs, delay)
+
+
+@inlined_flat
 def rubbing_of(friction: Array, joint: int) -> Rubbing:
     """Return the friction of a `joint`."""
     size = friction.size // JOINTS
     return rubbing_in(friction[joint * size : (joint + 1) * size])
 
 
-@inlined_flat
-def foreseen(i: Inputs, known: Known, asked: Asked, before: State, after: State, room: Room) -> bool:
-    """Fill in the predictions of `Preview.task`: the torques, the memories of friction, and the motion until a command
-    acts; return whether the sample is an ordinary one.
+# --- stages that some controllers have, compiled for these only ------------------------------------------------------
+
+
+@compiled_flat
+def rubbed(table: int, last: Array, out: Array) -> bool:
+    """Update the memories of friction, and subtract the friction of the intended motion from the torques; return
+    whether the loads on the sliding surfaces are finite.
     """
-    if not plausible(known, asked, room.factor):
-        return False
-    for k in range(asked.torques.size):
-        asked.torques[k] = asked.d[k % JOINTS]
-    assign(after.memory, before.memory)
-    assign(after.angle, before.angle)
-    rubs = False
+    i = inputs_at(table)
+    known, asked, room = known_in(i.known), asked_in(i.asked), room_in(i.room)
+    before, after = states_of(i, given_in(i.given).u.shape[0], last, out)
+    press(i.c, asked.x, room.loads)
     for joint in range(JOINTS):
-        rubs = rubs or rubbing_of(i.friction, joint).kind != ABSENT
-    if rubs:
-        press(i.c, asked.x, room.loads)
-        for joint in range(JOINTS):
-            rub(joint, rubbing_of(i.friction, joint), known, asked, before, after, room)
-    under_way(before, asked.x, room.waiting)
-    motion(i, known, asked.x, room.waiting, asked.torques, room.path)
-    return finite(room.path)
+        rub(joint, rubbing_of(i.friction, joint), known, asked, before, after, room)
+    return finite(room.loads)
 
 
 @inlined_flat
 def rub(joint: int, f: Rubbing, known: Known, asked: Asked, before: State, after: State, room: Room) -> None:
-    """Update the memory of a joint's friction, and subtract the friction of the intended motion from the torques."""
+    """Update the memory of a joint's friction, and subtract it from the torques."""
     loads, theta = room.loads[joint], asked.theta[joint::JOINTS]
     pressed, now, felt = Pressed(loads[0], loads[1], loads[2]), asked.x[joint], after.memory[joint]
     after.angle[joint] = followed(f, now, pressed, before.angle[joint], before.memory[joint], felt)
-    corrected = 0.0 if known.rests and before.rest[RINGS] > 0 else known.corrected
+    corrected = 0.0 if before.rest[RINGS] > 0 else known.corrected
     back = theta[0] + corrected * (now - theta[0])
     less_friction(f, felt, back, theta, pressed, asked.d[joint], asked.torques[joint::JOINTS])
 
 
-@inlined_flat
-def resting(c: Array, known: Known, asked: Asked, state: State, rest: Array, room: Room) -> bool:
-    """Update the memory of the `rest` mode by a sample, and return whether pressures are held: see `RestMode`."""
-    delay, rules, at = room.waiting.shape[0], known.rules, room.held
-    assign(rest, state.rest)
-    if not known.rests:
-        return False
-    memory = memory_in(rest, JOINTS, NU)
+@compiled_flat
+def rested(table: int, last: Array, out: Array) -> bool:
+    """Update the memory of the rest mode by a sample, and return whether pressures are held: see `RestMode`."""
+    i = inputs_at(table)
+    rules, asked, room = known_in(i.known).rules, asked_in(i.asked), room_in(i.room)
+    before, after = states_of(i, given_in(i.given).u.shape[0], last, out)
+    delay, at, memory = room.waiting.shape[0], room.held, memory_in(after.rest, JOINTS, NU)
     if not constant(memory, rules, asked.theta[delay * JOINTS :], asked.K[delay * room.factor.size :]):
         begin(memory)
-    elif decided(memory, rules, asked.x, state.expected):
-        for i in range(JOINTS):
-            at[i], at[JOINTS + i] = angle(memory, i), 0.0
-        for i in range(NU):
-            at[2 * JOINTS + i] = memory.muscle[i, HELD]
-        isobaric(c, at, room.stiffness, room.gains)
+    elif decided(memory, rules, asked.x, before.expected):
+        for j in range(JOINTS):
+            at[j], at[JOINTS + j] = angle(memory, j), 0.0
+        for j in range(NU):
+            at[2 * JOINTS + j] = memory.muscle[j, HELD]
+        isobaric(i.c, at, room.stiffness, room.gains)
         turn(memory, room.stiffness, room.gains)
-    return bool(rest[RESTS] > 0)
+    return bool(after.rest[RESTS] > 0)
+
+
+# --- before and after the QP ------------------------------------------------------------------------------------------
 
 
 @inlined_flat

@@ -29,7 +29,8 @@ allocate_at, prove_at = (caller(kinds, types.none) for kinds in _KINDS.values())
 @cache
 def addresses() -> tuple[int, int] | None:
     """Return the addresses for `allocate_at` and `prove_at`, or None if the allocation cannot be compiled."""
-    if not pivoting.warm_up():
+    loops: dict[str, Any] = {name: pivoting.loop(name) for name in _KINDS}
+    if not all(hasattr(loop, "overloads") for loop in loops.values()):  # plain Python
         return None
-    one, other = (address_of(pivoting.loop(name), kinds, types.none) for name, kinds in _KINDS.items())
+    one, other = (address_of(loops[name], kinds, types.none) for name, kinds in _KINDS.items())
     return one, other

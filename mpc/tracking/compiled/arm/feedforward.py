@@ -130,7 +130,9 @@ def turn_rows(turned: Array, A: Array, b: Array, of_hand: Array, aims: Array) ->
 def allocated(i: Inputs, A: Array, b: Array, lo: Array, hi: Array, P: Array) -> bool:
     """Fill in the pressures `P` (rows, m), and return whether they are proved."""
     rows, work = P.shape[0], workspace(ROWS, NU, LEVELS)
-    centre, which, residual = np.zeros((rows, NU)), np.arange(rows), np.empty(rows)
+    centre, which, residual = np.zeros((rows, NU)), np.empty(rows, np.int64), np.empty(rows)
+    for k in range(rows):
+        which[k] = k
     side, mu, rounds = (
         np.zeros((rows, NU + ROWS), np.int8),
         np.empty((rows, LEVELS + 1, ROWS)),
@@ -139,10 +141,10 @@ def allocated(i: Inputs, A: Array, b: Array, lo: Array, hi: Array, P: Array) -> 
     onesided, held, ends = np.zeros(ROWS, np.bool_), np.empty(ROWS + NU, np.bool_), np.array([JOINTS, ROWS])
     allocate_at(i.allocate, (A, b, onesided, ends, lo, hi, centre, which, True, P, side, mu, rounds, work))
     prove_at(i.prove, (A, b, onesided, ends, lo, hi, centre, which, P, mu, 0.0, BINDS, residual, held, work))
+    sure = True
     for k in range(rows):
-        if not (rounds[k] > 0 and residual[k] <= SURE):
-            return False
-    return True
+        sure = sure and rounds[k] > 0 and residual[k] <= SURE
+    return sure
 
 
 @inlined

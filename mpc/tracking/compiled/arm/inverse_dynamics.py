@@ -105,5 +105,5 @@ class CompiledHandFeedForward(CompiledArmFeedForward):
 def feed_forward_of(arm: Arm, made: CompiledPlant, readable: InverseDynamics) -> FeedForwardOf:
     """Return the compiled feed-forward, or the `readable` one if there is none or the allocation is not compiled."""
     if not feeds_forward(arm) or addresses() is None:
-        return readable
+        return readable.ready()
     return (CompiledArmFeedForward if arm.endpoint is None else CompiledHandFeedForward)(made, readable)

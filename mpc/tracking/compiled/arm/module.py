@@ -29,7 +29,8 @@ _OWN = tuple(
 _QP = _HERE.parent / "structured_qp"
 _AROUND = "sizes", "stage_of_many", "../commands"
 _SAMPLE = *_AROUND, "../sample/views", "../sample/stages", "../arm/views"
-_SOLUTION = *_AROUND, "riccati", "responses", "certificate", "active", "exchange", "solve", "../arm/views", "../arm/solve"
+_PROOF = "riccati", "responses", "certificate", "active", "exchange", "solve"
+_SOLUTION = *_AROUND, *_PROOF, "../arm/views", "../arm/solve"
 
 
 def compiled_arm(arm: Arm, dt: float) -> CompiledPlant:
@@ -73,7 +74,9 @@ def feed_forward(i, asked, K, d, found, moved):
 
 
 def _assembled(names: Iterable[str], arm: Arm) -> str:
-    """Return the text of these files next to `structured_qp` for the sizes of the arm, which the first file contains."""
+    """Return the text of these files, by their way from `structured_qp`, for the sizes of the arm; the first file has
+    the sizes.
+    """
     first, sizes = "JOINTS, NU, STIFFNESSES = ", f"{arm.n}, {arm.m}, {arm.stiffnesses}"
     parts = [_without_own_imports((_QP / f"{name}.py").read_text(encoding="utf-8")) for name in names]
     lines = [f"{first}{sizes}\n" if line.startswith(first) else line for line in parts[0].splitlines(keepends=True)]

@@ -26,8 +26,9 @@ class SizedQP(StructuredQP):
         self.problem, self._settle, self._stiffnesses = problem, module.settle_path, arm.stiffnesses
         given, buffer = (np.zeros(length_of(record, N, known=module.ARM)) for record in (Given, ArmAlong))
         self.given = in_python(module.given_in)(given)
-        self.path, self.u = in_python(module.path_in)(buffer)
-        self.path.kept[:] = np.exp(-dt / arm.lags)
+        along: ArmAlong = in_python(module.path_in)(buffer)
+        self._arm_path, self.u = along
+        self._arm_path.kept[:] = np.exp(-dt / arm.lags)
         made = setting(problem, in_bar=True)
         self.arrays = flat(made), made.starts, given, buffer
         self.counted = np.zeros(1, np.int64)
@@ -37,7 +38,7 @@ class SizedQP(StructuredQP):
     @property
     def model(self) -> Linearisation:
         """Path as a linearisation of the readable step; copies."""
-        (x, S, y, slope, kept), k = self.path, self._stiffnesses
+        (x, S, y, slope, kept), k = self._arm_path, self._stiffnesses
         N, moving, m = len(S), S.shape[1], kept.size
         A, B = np.zeros((N, moving + m, moving + m)), np.zeros((N, moving + m, m))
         A[:, :moving], B[:, :moving] = S[:, :, : moving + m], S[:, :, moving + m :]

@@ -3,6 +3,8 @@
 The pressures of states count in bar, as commands do.
 """
 
+from typing import Any
+
 import numpy as np
 
 from allocator.calculus import Array
@@ -21,7 +23,8 @@ def settle_path(
     numbers: Array, starts: Indices, given: Array, buffer: Array, guess: Signs, z: Array
 ) -> tuple[bool, int]:
     """Return the results of `mpc.tracking.compiled.structured_qp.solve.settle`."""
-    setting, (path, u), now = setting_in(numbers, starts), path_in(buffer), given_in(given)
+    (path, u), now = path_in(buffer), given_in(given)
+    setting: Any = setting_in(numbers, starts)  # the bounds of angles are arrays
     x, y, u_star = now.reference
     reference = Reference(states_in_bar(x), y, u_star)
     return decide(in_bar(path), u, setting, reference, now.last, guess, z)

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from allocator.calculus import Array
 from mpc.codegen.addresses import clock, entry_of
 from mpc.codegen.views import flat, in_python, length_of, table_of
-from mpc.model.compiled_friction import NO_FRICTION, memory_of
+from mpc.model.compiled_friction import ABSENT, NO_FRICTION, memory_of, rubbing_in
 from mpc.tracking.compiled.records import Given, Setting
+from mpc.tracking.compiled.sample.calls import stage_of
 from mpc.tracking.compiled.sample.layout import Asked, Inputs, JointInverse, Known, Made, Room, State
 from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT
 from mpc.tracking.feedforward import InverseDynamics
@@ -37,8 +38,9 @@ class Feeding(NamedTuple):
 
 def feeding_of(readable: InverseDynamics) -> Feeding:
     """Return the arrays of a joint's feed-forward."""
-    plant, (alpha1, alpha2) = readable.plant, readable.alpha.tolist()
-    numbers = plant.inertia, plant.damping, plant.gravity_torque, alpha1, alpha2, *plant.lags, *plant.joint.angle_range
+    plant, (alpha1, alpha2), (lag1, lag2) = readable.plant, readable.alpha.tolist(), readable.plant.lags
+    left, right = plant.joint.angle_range
+    numbers = plant.inertia, plant.damping, plant.gravity_torque, alpha1, alpha2, lag1, lag2, left, right
     return Feeding(flat(JointInverse(*numbers, readable.min_force)), readable.slopes, np.zeros(0))
 
 
@@ -94,11 +96,14 @@ class StepArrays:
         inverse, slopes, self.turned, allocate, prove = feeding
         qp = structured or _unused(plant, N)
         (numbers, starts, given, path), self.given = qp.arrays, qp.given
-        known = flat(Known(plant.h, plant.substeps, *beyond.gate, *beyond[3:], CORRECTED))
+        known = flat(Known(plant.h, plant.substeps, *beyond.gate, beyond.dead_band, beyond.rules, CORRECTED))
+        rubs = any(in_python(rubbing_in)(friction).kind != ABSENT for friction in beyond.friction)
+        rubbed = stage_of(plant.step.rubbed) if rubs else 0
+        rested = stage_of(plant.step.rested) if beyond.rests else 0
         self._inputs = Inputs(
             plant.c, plant.p, plant.decay, inverse, np.ravel([D.T for D in slopes]), self.turned, known,
             beyond.friction.ravel(), numbers, asked, given, path, qp.answer, room, starts, qp.counted, qp.guess,
-            np.zeros_like(qp.guess), qp.address, allocate, prove, *_CLOCK,
+            np.zeros_like(qp.guess), qp.address, allocate, prove, rubbed, rested, *_CLOCK,
         )  # fmt: skip
         self._table = table_of(self._inputs)
         self.step = entry_of(plant.step.step, _KINDS)
@@ -106,11 +111,13 @@ class StepArrays:
 
     def made(self, out: Array) -> Made:
         """Return views into the plan of a result."""
-        return self._made_of(out[: self.size])
+        made: Made = self._made_of(out[: self.size])
+        return made
 
     def state(self, out: Array) -> State:
         """Return views into the state of a result."""
-        return self._state_of(out[self.size :], self.made(out).u, *self.memory)
+        state: State = self._state_of(out[self.size :], self.made(out).u, *self.memory)
+        return state
 
     def feed_forward(self) -> tuple[bool, Array]:
         """Fill in `given` with the feed-forward of `asked`; return whether it exists, and the distances moved (3,)."""

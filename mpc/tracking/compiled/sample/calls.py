@@ -17,10 +17,7 @@ if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
     from numba.core.typing.templates import Signature
 
-_FLOATS, _INTEGERS, _SIGNS = (
-    types.Array(kind, 1, "C")
-    for kind in (types.float64, types.int64, types.int8)  # type: ignore[attr-defined]
-)
+_FLOATS, _INTEGERS, _SIGNS = (types.Array(kind, 1, "C") for kind in (types.float64, types.int64, types.int8))
 SETTLE = _FLOATS, _INTEGERS, _FLOATS, _FLOATS, _SIGNS, _FLOATS  # of `structured_qp.solve.settle`
 _SETTLED = types.Tuple((types.boolean, types.int64))  # type: ignore[attr-defined]
 
@@ -61,3 +58,10 @@ def caller(kinds: tuple[Type, ...], result: Type = _SETTLED) -> Callable[..., An
 
 
 settle_at = caller(SETTLE)
+STAGE = types.int64, _FLOATS, _FLOATS  # of `mpc.tracking.compiled.step.rubbed` and `rested`
+stage_at = caller(STAGE, types.boolean)
+
+
+def stage_of(function: "Dispatcher") -> int:
+    """Return the address of a stage, compiled now."""
+    return address_of(function, STAGE, types.boolean)

@@ -51,6 +51,8 @@ class Inputs(NamedTuple):
     settle: int  # addresses, see `mpc.tracking.compiled.sample.calls`
     allocate: int  # of an arm, like the next one
     prove: int
+    rubbed: int  # stages of the step, 0 without friction or rests
+    rested: int
     clock: int
     name: int
 
@@ -90,8 +92,7 @@ class Known(NamedTuple):
     lower: Annotated[Array, "x"]
     upper: Annotated[Array, "x"]
     dead_band: float  # [Pa]
-    rests: bool  # whether commands come to rest at a constant reference
-    rules: Rules
+    rules: Rules  # of the rest mode
     corrected: float  # [-] of an angle error counts as motion that friction opposes
 
 

@@ -202,7 +202,8 @@ class WholeStep:
             state.angle[angle] = np.nan if friction.theta is None else friction.theta
         for array, value in (
             (state.u, u), (state.u_star, ladder.u_star), (state.sent, preview.last_sent),
-            (state.waiting, preview.waiting or None), (state.expected, preview.expected), (state.rest, rest_mode.numbers),
+            (state.waiting, preview.waiting or None), (state.expected, preview.expected),
+            (state.rest, rest_mode.numbers),
         ):  # fmt: skip
             array[...] = np.nan if value is None else value
 
