@@ -33,13 +33,19 @@ def _of_casadi(kind: type) -> bool:
 
 
 def _elementary(name: str) -> Callable[[Value], Value]:
+    numeric: np.ufunc = getattr(np, name)
+
     def function(x: Value) -> Value:
+        kind = type(x)
+        if kind is np.ndarray:
+            return numeric(x)
+        if kind is float or kind is complex:
+            return numeric(x).item()  # NumPy scalars upset CasADi further on
         if is_symbol(x):
             import casadi
 
             return getattr(casadi, name)(x)
-        y = getattr(np, name)(x)
-        return y.item() if type(x) in (float, complex) else y  # NumPy scalars upset CasADi further on
+        return numeric(x)
 
     function.__name__ = name
     function.__doc__ = f"`{name}(x)` of a float, an array or a CasADi symbol."

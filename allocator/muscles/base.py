@@ -270,11 +270,14 @@ class Muscle(ABC):
     def unchecked(self, values: Sequence[Value]) -> Self:
         """Return a copy with other values of all parameters, unchecked: complex (derivatives) or CasADi symbols."""
         copy = object.__new__(type(self))
-        unchanged = {name: getattr(self, name) for name in _names(type(self))}
-        for name, value in (unchanged | self._grouped(values) | {"covariance": None}).items():
-            object.__setattr__(copy, name, value)
-        object.__setattr__(copy, "edges", self.edges)  # numbers, whatever the parameters are
+        vars(copy).update(self._unchanged | self._grouped(values))
         return copy
+
+    @cached_property
+    def _unchanged(self) -> dict[str, object]:
+        """Fields, without covariance, and edges, which are numbers whatever the parameters are."""
+        own = {name: getattr(self, name) for name in _names(type(self))}
+        return own | {"covariance": None, "edges": self.edges}
 
     def _grouped(self, values: Sequence[Value]) -> dict[str, Value]:
         """Return the field values from the flat list of all parameters."""

@@ -13,7 +13,7 @@ Plain Python without NumPy, compiled or not, as `allocator.allocation.two_muscle
 from collections.abc import Callable
 from math import inf, isnan
 
-from allocator.search.curves import K_P, P_K, P_T, T_K, T_P, at, pieces, pressure_at
+from allocator.search.curves import K_P, P_K, P_T, T_K, T_P, at, pieces, pressure_at, put_in_order
 from allocator.search.stretches import along, follow, slope, state
 
 _ROUNDING = 1e-15  # of what is added
@@ -120,7 +120,7 @@ def spans(X, one, two, box, view):
                 low = along(X, -far, C, D, free, other, segments, view, inf)[1]
                 high = along(X, far, C, D, free, other, segments, view, inf)[1]
                 found.append((value_at(low, segments, view), value_at(high, segments, view)))
-    found.sort()
+    put_in_order(found)
     return merged(found)
 
 
@@ -209,7 +209,8 @@ def parts(X, met, A, B, free, other, segments, view, first, cuts, least_sum):
     if least_sum == -inf:
         return [(A, B)]
     found, ends = [(A, B)][:0], [A]
-    inside = sorted([cut[0] if first else cut[1] for cut in cuts])
+    inside = [cut[0] if first else cut[1] for cut in cuts]
+    put_in_order(inside)
     rising = A[0] <= B[0]
     for i in range(len(inside)):
         P = inside[i] if rising else inside[-1 - i]

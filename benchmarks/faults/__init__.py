@@ -5,10 +5,15 @@ dead band and a share of the friction. Every fault comes at several moments, in 
 motion, and lasts for the rest of the run, `AFTERWARDS` seconds at most. Without a fault nothing may be suspected, for
 any trajectory, plant (strength of the muscles, lag, assumed but absent friction) and unmodelled load.
 
+With `--plants strangers`, the plants are two draws of each structure of `benchmarks.strangers`, which differ from their
+model in every equation. They have the model and the age of readings of their data sheets, and `mpc.robust_weights`.
+Their broken cables leave the muscle free to contract, which lowers its pressure.
+
 Delays count from the onset, and from the first moment at which the fault has an effect: a stuck valve without commands
 has none. A fault is named correctly if it alone is suspected, as one of a group if others are as well, and wrongly if
 it is not among the suspects; counted at the alarm, and one second later (or at the end of the run).
 
-The output is `faults.csv` (every run) and `faults.md`. The full benchmark takes half an hour of one processor;
-`--quick` takes one run of each fault and trajectory, `--share 0.2` a fifth of everything.
+The output is `faults.csv` (every run) and `faults.md`, or `faults_strangers.csv` and `.md`. The full benchmark takes
+half an hour of one processor; `--quick` takes one run of each fault and trajectory, `--share 0.2` a fifth of
+everything.
 """

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from allocator.units import BAR, DEG
 from benchmarks.closed_loop.cases import PLANTS, VARIANTS
+from benchmarks.strangers.plants import REPORTING, STRUCTURES, Stranger, drawn
 from mpc.model.faults import (
     BrokenCable,
     DriftingSensor,
@@ -65,14 +66,25 @@ MOVED = ("sine", "min-jerk", "steps")  # trajectories with faults
 ONSETS = 2.0, 4.6, 6.0  # [s]
 SOUND: dict[str, RealPlant] = FAULTY | {name: t.real for name, t in VARIANTS.items() if t.N == 20}
 LOADS = 0.0, 1.0, -2.0, 3.0  # [N·m], from LOAD_FROM on
+STRANGERS = tuple(f"{structure} {seed}" for structure in STRUCTURES for seed in (REPORTING, REPORTING + 1))
+PAYLOADS = 0.0, 1.0  # [N·m] of strangers, with their inertia
 LOAD_FROM = 5.0  # [s]
 
 
-def with_fault(plant: str, fault: str, onset: float) -> RealPlant:
+def with_fault(plant: str, fault: str, onset: float) -> RealPlant | Stranger:
     """Return the plant of that name, with the fault from `onset` [s] on."""
-    return replace(FAULTY[plant], faults=(FAULTS[fault].begun(onset),))
+    real = FAULTY[plant] if plant in FAULTY else stranger(plant)
+    return replace(real, faults=(FAULTS[fault].begun(onset),))
 
 
-def with_load(plant: str, load: float) -> RealPlant:
+def with_load(plant: str, load: float) -> RealPlant | Stranger:
     """Return the plant of that name under `load` [N·m]."""
-    return replace(SOUND[plant], torque_profile=((LOAD_FROM, load),))
+    if plant in SOUND:
+        return replace(SOUND[plant], torque_profile=((LOAD_FROM, load),))
+    return stranger(plant).loaded(load, LOAD_FROM)
+
+
+def stranger(name: str) -> Stranger:
+    """Return the stranger of a name of `STRANGERS`."""
+    structure, seed = name.split()
+    return drawn(structure, int(seed))

@@ -1,6 +1,7 @@
 """Runs, and the diagnoses of the joint's health."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -9,12 +10,13 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from benchmarks.closed_loop.cases import SETTINGS
-from benchmarks.faults.cases import FAULTS, FAULTY, LOADS, MOVED, ONSETS, SOUND, K, with_fault, with_load
+from benchmarks.faults.cases import FAULTS, FAULTY, LOADS, MOVED, ONSETS, SOUND, K, stranger, with_fault, with_load
+from benchmarks.strangers.plants import Stranger
 from mpc import KalmanObserver, Run, simulate
 from mpc.model.faults import DriftingSensor, Fault
 from mpc.model.real_plant import RealPlant
 from mpc.observer.health import Health, Suspect
-from mpc.trials.loops import loop
+from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.motions.reference import Reference
 from mpc.trials.motions.trajectories import TRAJECTORIES
 from mpc.trials.simulation import Controller
@@ -45,17 +47,27 @@ class Listener:
 
 
 @cache
-def driver() -> tuple[Controller, Listener]:
-    """Return controller and observer of all runs of a process."""
-    controller, observer = loop("mpc", SETTINGS)
+def driver(plant: str) -> tuple[Controller, Listener]:
+    """Return controller and observer of all runs of a process on our own plants (""), or on a stranger."""
+    controller, observer = loop("mpc", settings(plant))
     assert isinstance(observer, KalmanObserver)
     return controller, Listener(observer)
 
 
-def driven(real: RealPlant, reference: Reference, seed: int) -> tuple[Run, list[Health]]:
+@cache
+def settings(plant: str) -> Settings:
+    """Return the settings for our own plants (""), or for a stranger: those of its data sheet."""
+    if not plant:
+        return SETTINGS
+    real = stranger(plant)
+    told = replace(real.told, reading_age=real.sensors.late * SETTINGS.dt)
+    return robust("mpc", Settings(real.nominal, SETTINGS.dt, compensation=told))
+
+
+def driven(real: RealPlant | Stranger, job: "Job", reference: Reference) -> tuple[Run, list[Health]]:
     """Return a run, and the diagnosis in each of its samples."""
-    controller, listener = driver()
-    return simulate(real, controller, reference, observer=listener, seed=seed), listener.said
+    controller, listener = driver(job.model)
+    return simulate(real, controller, reference, observer=listener, seed=job.seed), listener.said
 
 
 class Job(NamedTuple):
@@ -67,6 +79,11 @@ class Job(NamedTuple):
     fault: str = ""
     onset: float = 0.0
     load: float = 0.0
+
+    @property
+    def model(self) -> str:
+        """Name of the plant that the observer models, "" for all of our own."""
+        return "" if self.plant in SOUND else self.plant
 
 
 class Row(NamedTuple):
@@ -83,29 +100,29 @@ class Row(NamedTuple):
     said: str  # the suspects then
 
 
-def fault_jobs(seeds: range) -> Iterator[Job]:
+def fault_jobs(seeds: range, plants: Iterable[str] = tuple(FAULTY)) -> Iterator[Job]:
     """Return every fault on every plant and trajectory, at every onset."""
-    for plant in FAULTY:
+    for plant in plants:
         for trajectory in MOVED:
             for fault in FAULTS:
                 yield from (Job(plant, trajectory, seed, fault, onset) for onset in ONSETS for seed in seeds)
 
 
-def sound_jobs(seeds: range) -> Iterator[Job]:
+def sound_jobs(seeds: range, plants: Iterable[str] = tuple(SOUND), loads: tuple[float, ...] = LOADS) -> Iterator[Job]:
     """Return every trajectory on every plant under every load, without a fault."""
-    for plant in SOUND:
+    for plant in plants:
         for trajectory in TRAJECTORIES:
-            yield from (Job(plant, trajectory, seed, load=load) for load in LOADS for seed in seeds)
+            yield from (Job(plant, trajectory, seed, load=load) for load in loads for seed in seeds)
 
 
 def row(job: Job) -> Row:
     """Return the judged run of a job."""
     reference = TRAJECTORIES[job.trajectory].about(K)
     if not job.fault:
-        run, said = driven(with_load(job.plant, job.load), reference, job.seed)
+        run, said = driven(with_load(job.plant, job.load), job, reference)
         return Row(job, len(said) * run.dt, *_false_alarms(said), np.nan, np.nan, "", "", "")
     real = with_fault(job.plant, job.fault, job.onset)
-    return judged(job, real.faults[0], *driven(real, _until(reference, job.onset + AFTERWARDS), job.seed))
+    return judged(job, real.faults[0], *driven(real, job, _until(reference, job.onset + AFTERWARDS)))
 
 
 def judged(job: Job, fault: Fault, run: Run, said: list[Health]) -> Row:
@@ -117,7 +134,7 @@ def judged(job: Job, fault: Fault, run: Run, said: list[Health]) -> Row:
         return Row(job, *before, np.nan, np.nan, "", "", "")
     last = min(alarm + round(NAMED_AFTER / run.dt), len(said) - 1)
     later = next(k for k in range(last, -1, -1) if not said[k].well)  # it may be over by then
-    late = max(alarm - _matters(fault, run, onset), 0) * run.dt
+    late = max(alarm - _matters(fault, run, onset, settings(job.model).compensation.delay(run.dt)), 0) * run.dt
     verdicts = (_verdict(FAULTS[job.fault].named, said[k]) for k in (alarm, later))
     return Row(job, *before, (alarm - onset) * run.dt, late, *verdicts, str(said[later]))
 
@@ -138,9 +155,8 @@ def _verdict(named: Suspect, health: Health) -> str:
     return "right" if len(health.suspects) == 1 else "group"
 
 
-def _matters(fault: Fault, run: Run, onset: int) -> int:
-    """Return the first sample at which the fault has an effect."""
-    delay = SETTINGS.compensation.delay(run.dt)
+def _matters(fault: Fault, run: Run, onset: int, delay: int) -> int:
+    """Return the first sample at which the fault has an effect, if commands act after `delay` samples."""
     for k in range(onset, len(run.u)):
         command, P = run.u[max(k - delay, 0)], run.P[k]
         if isinstance(fault, DriftingSensor):

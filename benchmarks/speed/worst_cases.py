@@ -128,8 +128,7 @@ def hunted(number: int, N: int, seed: int = 0) -> Iterator[Hunt]:
         given, structured = arguments(mpc, s), mpc._qp_step.structured
         if rng.random() < 0.5:
             structured.reset()
-        structured.take(*given)
-        mpc._qp_step.linearise()
+        mpc._qp_step._linearise(*given)
         began = thread_time()
         proved = structured.solved()
         found.seconds.append(thread_time() - began)

@@ -41,6 +41,7 @@ class Parts(NamedTuple):
     rubber: float  # [N]
     void: float  # volume of gas at ε = 0 [m³]
     cable: float  # k_c [N/m]
+    whole: Array  # 1 of a cable that holds, 0 of a broken one [-]
     inner_damping: float  # c [N·s/m]
     slip: Array  # H_j + h_j (SLIPS,) at 5 bar [N]
     spring: Array  # k_j (SLIPS,) [N/m]
@@ -164,7 +165,7 @@ def advance(p, x, f, told, until, load, gravity, inertia, duration, work):
         for i in range(2):
             P, eps = x[2 + i], x[4 + i]
             s, lever = stretch(p, i, x[0], eps)
-            F = p.cable * max(s, 0.0)
+            F = p.whole[i] * p.cable * max(s, 0.0)
             torque += lever * F if i == 0 else -lever * F
             A, _, _ = gain(p, eps)
             E, _ = elastic(p, eps)

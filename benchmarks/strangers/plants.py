@@ -15,6 +15,7 @@ from allocator.muscles.models.affine import Sarosi2012
 from benchmarks.strangers import physics
 from benchmarks.strangers.physics import BRAID, EXPONENTIAL, FLOWING, LAGGED, POWER, SLIPS, SPOOLED, TIPS, Parts
 from mpc import Compensation, Plant
+from mpc.model.faults import Fault
 
 STRUCTURES = ("braid", "tips", "power", "exponential")
 TUNING, REPORTING = 1000, 0  # the first seeds for each
@@ -47,6 +48,7 @@ class Stranger:
     told: Compensation  # from data sheets
     payload: float = 0.0  # torque of a weight that is hung at its end [N·m] …
     payload_from: float = inf  # … from then on [s]
+    faults: tuple[Fault, ...] = ()
 
     def loaded(self, payload: float, time: float) -> "Stranger":
         """Return it with a payload [N·m] from a time [s] on."""
@@ -88,6 +90,7 @@ class Trial:
         self.work = np.zeros(3)  # [J] see `physics.advance`
         self._sample = 0
         self._read = deque([x0[0]] * (stranger.sensors.late + 1), maxlen=stranger.sensors.late + 1)
+        self._said = np.full(4, np.nan)
         self._sent: list[tuple[float, Array]] = [(-inf, np.array(x0[2:]))]  # when each command acts from [s]
         self._carrying = False
 
@@ -111,7 +114,15 @@ class Trial:
         self._read.append(self._x[0])
         theta = sensors.step * np.round(self._read[0] / sensors.step) if sensors.step else self._read[0]
         P = self._x[2:4] + sensors.drift * t + sensors.noise * self._noise.standard_normal(2)
-        return np.array([theta, np.nan, *P])
+        y = np.array([theta, np.nan, *P])
+        for fault in self._faults:
+            y = fault.read(y + fault.offset(t), self._said)
+        self._said = y
+        return y
+
+    @property
+    def _faults(self) -> list[Fault]:
+        return [fault for fault in self.stranger.faults if fault.active(self._sample * self.dt)]
 
     def advance(self, u: Array, d: float = 0.0) -> None:
         """Advance by one sample with the commands `u` (2,) [Pa] and a torque `d` [N·m] added to the payload's."""
@@ -121,6 +132,10 @@ class Trial:
             self._sent.pop(0)
         until = np.array([begun - t for begun, _ in self._sent[1:]] + [inf])
         told = np.array([command for _, command in self._sent])
+        parts, at_zero = s.parts, self._x[2:4] - s.parts.offset  # the pressures at which a regulator's error is zero
+        for fault in self._faults:
+            told = np.array([fault.effective(command, at_zero) for command in told])
+            parts = parts._replace(whole=parts.whole * fault.pulling)
         inertia, load = s.parts.inertia, d
         if t >= s.payload_from - 1e-9:
             heavier = inertia + abs(s.payload) * ARM / EARTH
@@ -128,7 +143,7 @@ class Trial:
                 self._x[1] *= inertia / heavier  # the weight was at rest
                 self._carrying = True
             inertia, load = heavier, d + s.payload * np.cos(self._x[0])
-        physics.advance(s.parts, self._x, self._slips, told, until, load, s.parts.gravity, inertia, self.dt, self.work)
+        physics.advance(parts, self._x, self._slips, told, until, load, s.parts.gravity, inertia, self.dt, self.work)
         self._sample += 1
 
 
@@ -177,7 +192,8 @@ def drawn(structure: str, seed: int, **changed: Any) -> Stranger:
     parts = Parts(
         law=BRAID, radius=0.01, angle=23 * DEG, shape=0.0, rest_length=LENGTH, contraction=MIDDLE,
         strength=1 + rng.uniform(0.04, 0.1) * np.array([1, -1]) * rng.choice([-1, 1]),
-        rubber=float(rng.uniform(20, 50)), void=float(rng.uniform(0.9e-4, 1.4e-4)), cable=3e5, inner_damping=150.0,
+        rubber=float(rng.uniform(20, 50)), void=float(rng.uniform(0.9e-4, 1.4e-4)), cable=3e5,
+        whole=np.ones(2), inner_damping=150.0,
         slip=shares, spring=shares / 2 / reach, asymmetry=0.5, slip_base=float(rng.uniform(0.2, 0.8)), bouc_wen=False,
         creep=0.0, creep_time=1.0, lever=LEVER, eccentricity=0.0, inertia=inertia,
         damping=float(2 * rng.uniform(0.1, 0.3) * np.sqrt(5 * inertia)), gravity=float(rng.choice([0.0, 0.3])),
@@ -252,7 +268,7 @@ def told_of(sensors: Sensors) -> Compensation:
 
 
 _TYPE = Parts(
-    BRAID, 0.01, 23 * DEG, 0.0, LENGTH, MIDDLE, np.ones(2), 35.0, 1.3e-4, 1e6, 150.0, np.zeros(SLIPS), np.zeros(SLIPS),
-    0.5, 0.5, False, 0.0, 1.0, LEVER, 0.0, 0.05, 0.1, 0.0, 0.0, 0.01, LAGGED, np.full(2, 0.1), np.full(2, 0.1),
-    5 * BAR, 0.01, 0.0, 1.0, 0.0, 0.0, np.zeros(2),
+    BRAID, 0.01, 23 * DEG, 0.0, LENGTH, MIDDLE, np.ones(2), 35.0, 1.3e-4, 1e6, np.ones(2), 150.0, np.zeros(SLIPS),
+    np.zeros(SLIPS), 0.5, 0.5, False, 0.0, 1.0, LEVER, 0.0, 0.05, 0.1, 0.0, 0.0, 0.01, LAGGED,
+    np.full(2, 0.1), np.full(2, 0.1), 5 * BAR, 0.01, 0.0, 1.0, 0.0, 0.0, np.zeros(2),
 )  # fmt: skip

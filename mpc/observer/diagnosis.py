@@ -134,7 +134,7 @@ class Diagnosis:
         d, pulls = xi[size:].tolist(), self._pulls(xi[:size]).tolist()
         if all(map(isfinite, (*d, *pulls))):
             known = all(verdict.counts for verdict in verdicts)  # d̂ compensates for unknown readings
-            if Verdict.ACCEPTED in verdicts[self.n :]:
+            if Verdict.ACCEPTED in verdicts[self.n :] and Verdict.ACCEPTED not in verdicts[: self.n]:
                 self.torque.numbers[torque_diagnosis.COUNT] = 0.0  # d̂ jumps with the pressure, not because of a cable
             if not known:
                 for loop in self.loops:
@@ -228,7 +228,13 @@ class Diagnosis:
 
         No motion moves the gas of its own muscle; the pressures of the others err later, by an unmodelled motion.
         """
-        return self.torque.broken == i or self.pressures[i].since >= self.torque.since
+        return self.torque.broken == i or self.pressures[i].since >= self._thrown
+
+    @property
+    def _thrown(self) -> float:
+        """Onset of a broken cable [s], which its own muscle's gas may show first."""
+        own = self.pressures[self.torque.broken or 0]
+        return min(own.since, self.torque.since) if self._gas and own.suspected else self.torque.since
 
     def _swung(self, i: int) -> bool:
         """Return whether an earlier fault with one explanation explains the pressure of muscle `i`.
@@ -246,9 +252,7 @@ class Diagnosis:
         explaining = {FaultKind.DRIFTING_SENSOR, FaultKind.BROKEN_CABLE}
         explained = any(explaining & own.suspected for own in self.pressures)
         if torque.broken is not None:
-            own = self.pressures[torque.broken]
-            since = min(own.since, torque.since) if self._gas and own.suspected else torque.since
-            yield Finding((Suspect(FaultKind.BROKEN_CABLE, self.names.muscles[torque.broken]),), since)
+            yield Finding((Suspect(FaultKind.BROKEN_CABLE, self.names.muscles[torque.broken]),), self._thrown)
         elif not explained:
             for loaded, joint, angle in zip(torque.loaded, self.names.joints, self.names.sensors, strict=False):
                 if loaded is not None:

@@ -9,12 +9,16 @@ from that range. Its part beyond MARGIN and the uncertainty due to SWELLING is s
 least zero (Page's CUSUM, 1954). If a sum exceeds LIMIT, something has been wrong since it last was zero. All
 explanations are possible then. Until the pressure has been normal for `HOLD` seconds, an explanation is eliminated by
 
-    stuck valve        P moves
-    leak               P rises, or r > 0
-    supply drop        P still falls after SETTLED, or r > 0, or the other muscle holds more than this one does
+    stuck valve        P + ∫q moves: the valve has let gas pass
+    leak               r > 0, or P + ∫q rises and the loss varies
+    supply drop        r > 0, or the target varies, or the other muscle holds more than this one does
     drifting sensor    r moves quickly, or d̂ does not move by -(∂T/∂P) r
     all but that       d̂ does: the torque of P is missing
-    broken cable       P lies outside the range of regulators without q, with a sum of its own
+    broken cable       P lies outside the range of regulators without q since the onset, with a sum of its own
+
+The target P + τ' (P' + q), over LATELY seconds, is the pressure to which the regulator fills. It is the command of a
+sound muscle, the supply's pressure if that is low, and v - λ P of a leak that loses the share λ/τ of the gas a second.
+A supply or a loss is contradicted if no constant lies within all bounds since the onset.
 
 The regression coefficient of d̂ on -(∂T/∂P) r, with a memory of MEMORY seconds, decides these: 1 for a drift and 0 for
 the others. Limits above the noise are in standard deviations σ of the sensor. If no explanation remained, as when a
@@ -25,7 +29,7 @@ compiled by numba (`mpc.observer.compiled`). Sets of explanations are sums of ST
 """
 
 from collections.abc import Sequence
-from math import exp, nan
+from math import exp, inf, nan
 from typing import NamedTuple, TypeAlias
 
 from allocator.calculus import Array
@@ -36,14 +40,16 @@ MARGIN = 4.5  # [σ]
 SWELLING = 0.07  # relative error of a muscle's change of volume in its model [-]
 LIMIT = 15.0  # [σ], summed over samples
 HOLD = 2.0  # [s] by which a suspicion outlives its cause
-SETTLED = 0.6  # [s] after which a muscle has fallen to the supply's pressure
 MEMORY = 3.0  # [s] of the regression
 
-_MOVED, _QUICK, _FALLS, _HIGHER = 6.0, 10.0, 4.0, 7.5  # [σ] of a pressure: since the onset, within LATELY, than another
+_MOVED, _QUICK, _HIGHER = 6.0, 10.0, 7.5  # [σ] of a pressure: since the onset, within LATELY, than another
+_UNSURE = 2.0  # [σ] of a target of a regulator
 _LATELY = 0.2  # [s]
+_STEADY = 1.25  # [-] spread of the loss of one leak
 _SMOOTH = 0.3  # weight of a new reading in smoothed values
 _SEEN = 0.12  # [-] of the joint's usual torque: standard deviation of (∂T/∂P) r from which the regression counts
 _NO_DRIFT, _DRIFT = 0.35, 0.65  # regression coefficients at most, and at least
+_CLEARLY = 4.0  # [-] of the variance, from which it rules out a drift
 
 STUCK, LEAK, DROP, DRIFT, CABLE = 1, 2, 4, 8, 16
 _ANY = STUCK + LEAK + DROP + DRIFT + CABLE
@@ -55,23 +61,30 @@ _KINDS = {
 (
     P,  # smoothed [Pa]
     R,  # r, smoothed [Pa]
+    COMMAND,  # v, smoothed [Pa]
     READ,  # the last reading [Pa]
+    FALLEN,  # integral of q [Pa]
+    FILLED,  # the reading without the motion's share, P + FALLEN, smoothed [Pa]
     LOW, HIGH,  # sums of r [Pa]
     QUICK, SLOW,  # m of the quick and of the slow regulator [Pa]
     QUICK_STILL, SLOW_STILL,  # the same without q
-    STILL,  # sum of the residuals outside these two [Pa]
+    CARRIED,  # their distance from those with q at the onset, as it fades [Pa]
+    STILL,  # sum of the residuals outside the range of these [Pa]
     UNSURE,  # of m, because of the error SWELLING of q [Pa]
     MEAN_X, MEAN_Y, VARIANCE, COVARIANCE,  # of (∂T/∂P) r and d̂ [N·m]
     SUSPECTED,  # remaining explanations; 0: nothing is suspected
     SINCE,  # onset of the suspected fault [s]
     OPEN,  # whether the elimination is under way, possibly with all explanations POSSIBLE
     POSSIBLE,
-    ONSET, BEGUN, LEAST,  # P and the time [s] then, the least P since [Pa]
+    ONSET, BEGUN, LEAST,  # FILLED and the time [s] then, the least FILLED since [Pa]
+    TURNED,  # FALLEN then [Pa]
+    LEAST_SUPPLY, MOST_SUPPLY,  # bounds of the supply since then, if it is low [Pa]
+    LEAST_LOSS, MOST_LOSS,  # and of the loss of a leak, in the pressure [-]
     ABOVE,  # time for which the other muscle has held more [s]
     ILL,  # last time of a sum beyond LIMIT [s]
     COUNT,  # of the samples put into PAST
-    PAST,  # and following: (P, r) of the samples within LATELY
-) = range(26)  # fmt: skip
+    PAST,  # and following: (P, FILLED, r, v) of the samples within LATELY
+) = range(35)  # fmt: skip
 
 Numbers: TypeAlias = list[float] | Array
 Values: TypeAlias = Sequence[float] | Array
@@ -96,7 +109,7 @@ class Sound(NamedTuple):
 
 def places(dt: float) -> int:
     """Return the size of the memory at the sample time `dt` [s]."""
-    return PAST + 2 * max(round(_LATELY / dt), 1)
+    return PAST + 4 * max(round(_LATELY / dt), 1)
 
 
 class PressureDiagnosis:
@@ -143,27 +156,33 @@ def follow(
     [Pa/s], and `other` the memory of the other muscle. Repeated readings have no effect.
     """
     if m[P] != m[P]:  # NaN: the first one
-        m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = read
+        m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = m[FILLED] = read
+        m[COMMAND] = v
+    m[FALLEN] += k.dt * q
     m[QUICK] = m[QUICK] + k.quick * beyond(v - m[QUICK], k.rest) - k.dt * q
     m[SLOW] = m[SLOW] + k.slow * beyond(v - m[SLOW], k.rest) - k.dt * q
     m[UNSURE] += k.dt * SWELLING * abs(q) - k.slow * m[UNSURE]
     m[QUICK_STILL] = m[QUICK_STILL] + k.quick * beyond(v - m[QUICK_STILL], k.rest)
     m[SLOW_STILL] = m[SLOW_STILL] + k.slow * beyond(v - m[SLOW_STILL], k.rest)
+    m[CARRIED] = m[SLOW] - m[SLOW_STILL] if m[OPEN] == 0 else m[CARRIED] * (1 - k.slow)
     if read != read or read == m[READ]:
         return
     m[READ] = read
-    r, still = outside(read, m[QUICK], m[SLOW]), outside(read, m[QUICK_STILL], m[SLOW_STILL])
+    r, still, carried = outside(read, m[QUICK], m[SLOW]), outside(read, m[QUICK_STILL], m[SLOW_STILL]), m[CARRIED]
+    still -= min(max(still, min(carried, 0.0)), max(carried, 0.0))
     m[P] += _SMOOTH * (read - m[P])
+    m[FILLED] += _SMOOTH * (read + m[FALLEN] - m[FILLED])
     m[R] += _SMOOTH * (r - m[R])
+    m[COMMAND] += _SMOOTH * (v - m[COMMAND])
     regress(m, k.dt / MEMORY, gain * m[R], d)
     most, margin = 2 * LIMIT * k.sigma, MARGIN * k.sigma + m[UNSURE]
     m[LOW] = min(max(m[LOW] - r - margin, 0.0), most)
     m[HIGH] = min(max(m[HIGH] + r - margin, 0.0), most)
     m[STILL] = min(max(m[STILL] + abs(still) - margin, 0.0), most)
     check(m, other, k, t, v)
-    size = (len(m) - PAST) // 2
-    place = PAST + 2 * (int(m[COUNT]) % size)
-    m[place], m[place + 1] = m[P], m[R]
+    size = (len(m) - PAST) // 4
+    place = PAST + 4 * (int(m[COUNT]) % size)
+    m[place], m[place + 1], m[place + 2], m[place + 3] = m[P], m[FILLED], m[R], m[COMMAND]
     m[COUNT] = (
         m[COUNT] + 1 if m[COUNT] + 1 < 2 * size else float(size)
     )  # only its place and whether PAST is full matter
@@ -192,8 +211,10 @@ def check(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> None:
     """Begin, continue or end the elimination of explanations."""
     wrong = m[LOW] > 0 or m[HIGH] > 0
     if wrong and m[OPEN] == 0:
-        m[OPEN], m[POSSIBLE], m[ONSET], m[BEGUN] = 1.0, float(_ANY), m[P], t
-        m[LEAST], m[ABOVE] = m[P], 0.0
+        m[OPEN], m[POSSIBLE], m[ONSET], m[BEGUN] = 1.0, float(_ANY), m[FILLED], t
+        m[LEAST], m[TURNED], m[ABOVE] = m[FILLED], m[FALLEN], 0.0
+        m[LEAST_SUPPLY] = m[LEAST_LOSS] = -inf
+        m[MOST_SUPPLY] = m[MOST_LOSS] = inf
     if m[OPEN] == 0:
         return
     if wrong:
@@ -210,25 +231,43 @@ def check(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> None:
         m[SUSPECTED], m[SINCE] = m[POSSIBLE], m[BEGUN]
 
 
+def bound(m: Numbers, k: Sound, first: int, size: int) -> None:
+    """Bound a low supply, and the loss of a leak, by the target of the regulator since the sample at `first`.
+
+    The target is the supply if the pressure is below that of its command, and v - loss * P by a leak.
+    """
+    P_mean, v, rise = (m[P] + m[first]) / 2, (m[COMMAND] + m[first + 3]) / 2, (m[FILLED] - m[first + 1]) / size
+    one, other = P_mean + rise / k.quick, P_mean + rise / k.slow
+    unsure = k.rest + _UNSURE * k.sigma + m[UNSURE]
+    least, most = min(one, other) - unsure, max(one, other) + unsure
+    m[LEAST_SUPPLY] = max(m[LEAST_SUPPLY], least)
+    if max(m[R], m[first + 2]) < -MARGIN * k.sigma:
+        m[MOST_SUPPLY] = min(m[MOST_SUPPLY], most)
+    if P_mean > LIMIT * k.sigma:
+        m[LEAST_LOSS], m[MOST_LOSS] = max(m[LEAST_LOSS], (v - most) / P_mean), min(m[MOST_LOSS], (v - least) / P_mean)
+
+
 def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
     """Return the contradicted explanations, by the rules in the module's docstring."""
-    sigma, size, count = k.sigma, (len(m) - PAST) // 2, int(m[COUNT])
-    first = PAST + 2 * (count % size if count >= size else 0)  # the oldest of the past
-    P_lately, r_lately = (m[first], m[first + 1]) if count > 0 else (m[P], m[R])
-    m[LEAST] = min(m[LEAST], m[P])
-    falls_on = m[LOW] > 0 and v > m[P] and m[P] < P_lately - _FALLS * sigma and t - m[BEGUN] > SETTLED
+    sigma, size, count = k.sigma, (len(m) - PAST) // 4, int(m[COUNT])
+    first = PAST + 4 * (count % size if count >= size else 0)  # the oldest of the past
+    r_lately = m[first + 2] if count > 0 else m[R]
+    if count >= size and t - m[BEGUN] > _LATELY:
+        bound(m, k, first, size)
+    m[LEAST] = min(m[LEAST], m[FILLED])
+    moved = _MOVED * sigma + SWELLING * abs(m[FALLEN] - m[TURNED])
     if m[LOW] > 0 and other[LOW] == 0 and other[P] > m[P] + _HIGHER * sigma:
         m[ABOVE] += k.dt
     too_high = m[HIGH] > LIMIT / 2 * sigma
     answers = -m[COVARIANCE] / m[VARIANCE] if m[VARIANCE] > k.seen else 0.5
     out = _ANY - DRIFT - CABLE if answers > _DRIFT else 0
-    if abs(m[P] - m[ONSET]) > _MOVED * sigma:
+    if abs(m[FILLED] - m[ONSET]) > moved:
         out |= STUCK
-    if too_high or m[P] > m[LEAST] + _MOVED * sigma:
+    if too_high or (m[FILLED] > m[LEAST] + moved and m[LEAST_LOSS] > _STEADY * m[MOST_LOSS]):
         out |= LEAK
-    if too_high or falls_on or m[ABOVE] > _LATELY:
+    if too_high or m[LEAST_SUPPLY] > m[MOST_SUPPLY] or m[ABOVE] > _LATELY:
         out |= DROP
-    if answers < _NO_DRIFT or abs(m[R] - r_lately) > _QUICK * sigma:
+    if (answers < _NO_DRIFT and m[VARIANCE] > _CLEARLY * k.seen) or abs(m[R] - r_lately) > _QUICK * sigma:
         out |= DRIFT
     if m[STILL] > 0:
         out |= CABLE

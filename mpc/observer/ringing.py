@@ -8,11 +8,12 @@ The loop rings if of the last SWINGS swings between turning points, including th
     each took τ between LEAST and MOST, and none SPREAD times as long as another one,
     each turned the joint by more than SIZE, which is τ |Δω|/π of a sine,
     each moved d̂ by more than UNEXPLAINED of the torque J |Δω| π/τ that accelerates the link,
-    each was KEPT of the one before, and the present one is GROWTH of the greatest.
+    each was KEPT to GAINED of the one before, and the present one is GROWTH of the greatest.
 
 A slower reference does not count, nor does a faster one that the model explains. If the model leaves 5 % of the torque
-unexplained, a reference of 1.4 Hz or more looks like ringing. The response to a load decays. The functions work on a
-memory m as those of `mpc.observer.pressure_diagnosis` do.
+unexplained, a reference of 1.4 Hz or more looks like ringing. The response to a load decays, and a jump of the
+reference that follows it is larger than the next swing of a ringing loop. The functions work on a memory m as those of
+`mpc.observer.pressure_diagnosis` do.
 """
 
 from math import inf, nan, pi
@@ -27,7 +28,7 @@ LEAST, MOST = 0.05, 0.36  # [s] of half a period
 SPREAD = 1.8  # [-]
 SIZE = 4 * DEG  # peak to peak [rad]
 UNEXPLAINED = 0.05  # [-]
-KEPT, GROWTH = 0.65, 0.8  # [-]
+KEPT, GAINED, GROWTH = 0.65, 2.0, 0.8  # [-]
 
 (
     SINCE,  # time since which the loop rings [s]; NaN: it does not
@@ -105,7 +106,7 @@ def rings(m: Numbers, inertia: float, t: float) -> bool:
     shortest, longest, greatest, later, good = MOST, 0.0, 0.0, present, True
     for i in range(TURNS, _OLDEST, 3):
         time, swing = m[i] - m[i + 3], abs(m[i + 1] - m[i + 4])
-        good = good and LEAST < time < MOST and time * swing / pi > SIZE and later >= KEPT * swing
+        good = good and LEAST < time < MOST and time * swing / pi > SIZE and KEPT * swing <= later <= GAINED * swing
         good = good and m[i + 2] > UNEXPLAINED * inertia * swing * pi / time
         shortest, longest, greatest, later = min(shortest, time), max(longest, time), max(greatest, swing), swing
     lasts = shortest / 2 <= m[AT] - m[TURNS] and t - m[TURNS] < MOST

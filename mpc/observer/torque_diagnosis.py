@@ -34,7 +34,7 @@ _PULLS = 0.4  # [T_usual]
 
 BROKEN = 0  # muscle, NONE of them
 SINCE = 1  # its cable is suspected [s]
-ILL = 2  # last time at which the cable was suspected [s]
+PULLED = 2  # time for which its muscle has been seen to pull since [s]
 COUNT = 3  # of the samples put into the past
 LOADED = 4  # and following: time since which each joint has more than a usual load [s]; NaN: it has not
 NONE = -1.0
@@ -97,7 +97,7 @@ def follow(x: Numbers, dt: float, usual: Values, t: float, d: Values, pulls: Val
         for i in range(n):
             x[mean + i] = d[i]
     if count >= size:
-        compare(x, place, usual, t, d, pulls, m)
+        compare(x, place, dt, usual, t, d, pulls, m)
     for i in range(n):
         pulled = 0.0
         for j in range(m):
@@ -113,7 +113,7 @@ def follow(x: Numbers, dt: float, usual: Values, t: float, d: Values, pulls: Val
     x[COUNT] = count + 1 if count + 1 < 2 * size else float(size)  # only its place and whether the past is full matter
 
 
-def compare(x: Numbers, past: int, usual: Values, t: float, d: Values, pulls: Values, m: int) -> None:
+def compare(x: Numbers, past: int, dt: float, usual: Values, t: float, d: Values, pulls: Values, m: int) -> None:
     """Compare loads and broken cables as explanations of the increments since the sample at `past`."""
     n, nearest, found = len(usual), inf, NONE
     ratio, missing, as_load = LOADED + 3 * n, LOADED + 3 * n + m, 0.0
@@ -127,12 +127,12 @@ def compare(x: Numbers, past: int, usual: Values, t: float, d: Values, pulls: Va
         if can_tell and off < _NEAR * (pull + 1) and away > pull / 2:
             x[missing + j] = t
         if x[BROKEN] == j:
-            x[ILL] = max(x[ILL], x[missing + j]) if can_tell else t
-            x[BROKEN] = NONE if t - x[ILL] > HOLD else float(j)
+            x[PULLED] = x[PULLED] + dt if can_tell and x[missing + j] < t else 0.0
+            x[BROKEN] = NONE if x[PULLED] > HOLD else float(j)
         elif x[BROKEN] == NONE and x[ratio + j] > LIMIT and t - x[missing + j] < LASTING / 2 and off < nearest:
             nearest, found = off, float(j)
     if x[BROKEN] == NONE and found != NONE:
-        x[BROKEN], x[SINCE], x[ILL] = found, t, t
+        x[BROKEN], x[SINCE], x[PULLED] = found, t, 0.0
 
 
 def explained(

@@ -72,9 +72,9 @@ def test_a_stuck_valve_matters_from_when_the_command_has_left_the_pressure(part)
     u = P[:-1] + np.where(np.arange(300) >= 150, 0.5 * BAR, 0.0)[:, None]
     run = SimpleNamespace(dt=DT, u=u, P=P)
     late = runs.SETTINGS.compensation.delay(DT)
-    assert runs._matters(StuckValve(1.0, muscle=1), run, 100) == 150 + late
-    assert runs._matters(BrokenCable(1.0), run, 100) == 100
-    assert runs._matters(DriftingSensor(1.0, sensor=2, rate=0.4 * BAR), run, 100) == pytest.approx(150, abs=1)
+    assert runs._matters(StuckValve(1.0, muscle=1), run, 100, late) == 150 + late
+    assert runs._matters(BrokenCable(1.0), run, 100, late) == 100
+    assert runs._matters(DriftingSensor(1.0, sensor=2, rate=0.4 * BAR), run, 100, late) == pytest.approx(150, abs=1)
 
 
 def test_there_are_three_hours_of_sound_motion(part):
@@ -91,6 +91,28 @@ def test_a_share_of_the_runs_is_of_the_runs(part):
     assert set(some) < set(every)
     assert len(some) == pytest.approx(len(every) / 10, abs=2)
     assert {job.fault for job in main.once()} == {job.fault for job in every}
+
+
+def test_strangers_have_every_fault_and_sound_runs(part):
+    main, cases = part("__main__"), part("cases")
+    every = main.jobs(strangers=True)
+    assert {job.plant for job in every} == set(cases.STRANGERS)
+    assert {job.fault for job in every} == {"", *cases.FAULTS}
+    models = [job.model for job in every]
+    assert models == sorted(models)
+    assert {job.model for job in main.jobs()} == {""}
+
+
+@pytest.mark.compiles
+def test_a_fault_of_a_stranger_has_its_effect(part):
+    cases, rest = part("cases"), np.array([0.0, 0.0, 2 * BAR, 2 * BAR])
+    faulty = (cases.with_fault("tips 0", fault, 0.1) for fault in ("broken cable 1", "stuck valve 1"))
+    sound, cut, stuck = (each.begin(DT, rest, 0) for each in (cases.stranger("tips 0"), *faulty))
+    for k in range(40):
+        for trial in (sound, cut, stuck):
+            trial.advance(np.array([2.0 + 0.5 * (k > 10), 2.0]) * BAR)
+    assert cut.x[0] < sound.x[0] - 0.2  # muscle 2 alone pulls
+    assert sound.x[2] > stuck.x[2] + 0.1 * BAR
 
 
 def test_the_loop_names_a_broken_cable_and_leaves_a_sound_joint_alone(part, tmp_path):

@@ -58,13 +58,21 @@ class PullShare(NamedTuple):
     weight: float  # [rad]
 
 
-class Balance(NamedTuple):
+class Torques(NamedTuple):
     """G(θ) and its parts, each (n,)."""
 
     lacking: Array  # G [N·m]
-    stiffness: Array  # K_s = -∂G/∂θ [N·m/rad]
     forces: tuple[Array, Array]  # F1, F2 [N]
     pulls: tuple[Array, Array]  # ∂G/∂F1, -∂G/∂F2 [m]
+
+
+class Balance(NamedTuple):
+    """`Torques` and the slope of G, each (n,)."""
+
+    lacking: Array
+    stiffness: Array  # K_s = -∂G/∂θ [N·m/rad]
+    forces: tuple[Array, Array]
+    pulls: tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -103,23 +111,41 @@ class JointProblem:
         """Return x by meaning."""
         values = dict(zip(self.names, x.tolist(), strict=True))
         free = {name: values[name] for name in self.free}
-        muscle = self.prototype.unchecked([*(self.prototype.parameters | free).values()])
+        muscle = self.prototype.unchecked([*(self._given | free).values()])
         ratio = np.exp(values.get("log_ratio", 0.0)).item()
         return Unknowns(muscle, ratio, *(values.get(name, 0.0) for name in ("zero", "friction", "coulomb", "play")))
 
+    @cached_property
+    def _given(self) -> dict[str, float]:
+        """Parameters of the prototype."""
+        return self.prototype.parameters
+
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
-    def balance(self, u: Unknowns, theta: Array, routes: Routes | None = None) -> Balance:
-        """Return G at the true angles `theta` (n,)."""
+    def torques(self, u: Unknowns, routes: Routes) -> Torques:
+        """Return G where the muscles have these `routes`."""
         s = self.samples
-        (eps1, a1, da1), (eps2, a2, da2), l0 = routes or s.routes(theta)
-        w1, w2 = 1 - u.friction * s.direction, 1 + u.friction * s.direction
+        (eps1, a1, _), (eps2, a2, _), _ = routes
+        w1, w2 = self._frictions(u)
         with np.errstate(all="ignore"):
             F1, F2 = u.muscle.law(s.P1, eps1), u.ratio * u.muscle.law(s.P2, eps2)
+        pull1, pull2 = w1 * a1, w2 * a2
+        return Torques(pull1 * F1 - pull2 * F2 - s.torque - u.coulomb * s.direction, (F1, F2), (pull1, pull2))
+
+    def balance(self, u: Unknowns, theta: Array, routes: Routes | None = None) -> Balance:
+        """Return G and its slope at the true angles `theta` (n,)."""
+        s, routes = self.samples, routes or self.samples.routes(theta)
+        (eps1, a1, da1), (eps2, a2, da2), l0 = routes
+        w1, w2 = self._frictions(u)
+        lacking, (F1, F2), pulls = self.torques(u, routes)
+        with np.errstate(all="ignore"):
             slope1, slope2 = u.muscle.slope(s.P1, eps1), u.ratio * u.muscle.slope(s.P2, eps2)
         elastic = -(w1 * a1**2 * slope1 + w2 * a2**2 * slope2) / l0
-        lacking = w1 * a1 * F1 - w2 * a2 * F2 - s.torque - u.coulomb * s.direction
-        return Balance(lacking, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2), (w1 * a1, w2 * a2))
+        return Balance(lacking, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2), pulls)
+
+    def _frictions(self, u: Unknowns) -> tuple[Array, Array]:
+        """Return the shares (n,) of both muscles' torques that friction leaves."""
+        return 1 - u.friction * self.samples.direction, 1 + u.friction * self.samples.direction
 
     def equilibrium(self, u: Unknowns) -> tuple[Array, Mask]:
         """Return θ_eq (n,) [rad], searched from the measured angles for all samples at once, and whether it exists."""
@@ -135,7 +161,8 @@ class JointProblem:
         """
         low, high = self._searched
         for _ in range(_HALVINGS):
-            below, above = self.balance(u, low).lacking > 0, self.balance(u, high).lacking < 0
+            G_low, G_high = (self.torques(u, self.samples.routes(theta)).lacking for theta in (low, high))
+            below, above = G_low > 0, G_high < 0
             if (below & above).all():
                 break
             low, high = np.where(below, low, (low + start) / 2), np.where(above, high, (high + start) / 2)

@@ -19,13 +19,14 @@ forces as if they had been measured, so that its angles are approximately correc
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
-from allocator.identification.joint.samples import JointSamples
+from allocator.identification.joint.samples import JointSamples, Routes
 from allocator.identification.least_squares import solve, unit_columns
 from allocator.identification.muscle.fit import fit
 from allocator.muscles import Muscle, Recipe, scaled
@@ -236,11 +237,13 @@ class Projection:
         """Return all unknowns (m,) with the best linear ones, and the remaining equation errors (n + 2,)."""
         x = np.zeros(self.linear.size)
         x[~self.linear] = q
-        b = self._equations(x)
+        s, zero = self.problem.samples, self.problem.unknowns(x).zero
+        routes = s.routes(np.clip(s.theta - zero, *s.reach()))  # the same for all linear unknowns
+        b = self._equations(x, routes)
         columns = []
         for i in np.flatnonzero(self.linear):
             x[i] = 1.0
-            columns.append(self._equations(x) - b)
+            columns.append(self._equations(x, routes) - b)
             x[i] = 0.0
         A = np.stack(columns, axis=1)
         good = np.isfinite(A).all(axis=1) & np.isfinite(b)
@@ -248,22 +251,26 @@ class Projection:
         left = A @ x[self.linear] + b
         return x, np.where(np.isfinite(left), left, _CONVENTION_WEIGHT)
 
-    def _equations(self, x: Array) -> Array:
+    def _equations(self, x: Array, routes: Routes) -> Array:
         """Return the equation errors (n,) and the conventions (2,), affine in the linear unknowns."""
         problem, s = self.problem, self.problem.samples
         u = problem.unknowns(x)
-        routes = s.routes(np.clip(s.theta - u.zero, *s.reach()))
         (eps1, a1, _), (eps2, *_), _ = routes
-        balance = problem.balance(u, s.theta, routes)
-        one, two = balance.forces
+        lacking, (one, two), _ = problem.torques(u, routes)
         with np.errstate(all="ignore"):
             given = s.P1 * u.muscle.gain(s.P1, eps1), u.ratio * s.P2 * u.muscle.gain(s.P2, eps2)
-        usual = float(np.mean(s.P1) * np.mean(a1)) * CONVENTIONAL_AREA  # [N·m]
+        arm = np.mean(a1)
+        usual = float(self._pressure * arm) * CONVENTIONAL_AREA  # [N·m]
         share = _SHARE_WEIGHT * (one.sum() + two.sum() - self.share * (given[0].sum() + given[1].sum()))
-        conventions = [share / (s.n * usual / np.mean(a1))]
+        conventions = [share / (s.n * usual / arm)]
         if problem.conventional:
             conventions.append(_CONVENTION_WEIGHT * (problem.mean_area(u).real / CONVENTIONAL_AREA - 1))
-        return np.concatenate([self.weight * balance.lacking / usual, conventions])
+        return np.concatenate([self.weight * lacking / usual, conventions])
+
+    @cached_property
+    def _pressure(self) -> float:
+        """Mean pressure of the agonist [Pa]."""
+        return float(np.mean(self.problem.samples.P1))
 
 
 def _force_scale(samples: JointSamples, deflection: Array, expected: Array) -> float:

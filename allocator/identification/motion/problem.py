@@ -84,6 +84,9 @@ class MotionProblem:
     _last: dict[tuple[float, ...], tuple[Array, Array, Array]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+    _last_squeezed: dict[float, tuple[tuple[Array, Array], float]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
     _last_k: dict[tuple[int, int], tuple[Array, Array, Array]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -155,7 +158,7 @@ class MotionProblem:
     ) -> tuple[Array, Array]:
         """Return both pressures (m,) [Pa] of regulators and gas with the values `lags` of `REGULATOR`."""
         up, down, *others, ratio, volume = lags
-        squeezed, around = self.static.squeezed(theta, volume)
+        squeezed, around = self._squeezed(theta, volume)
         one, two = (
             np.concatenate(
                 [loops.pressures(t[i], u[i], s[i], around, (share * up, share * down, *others)) for i in stretches(t)]
@@ -163,6 +166,15 @@ class MotionProblem:
             for u, s, share in zip(commands, squeezed, shares_of_lag(ratio), strict=True)
         )
         return one, two
+
+    def _squeezed(self, theta: Array, volume: float) -> tuple[tuple[Array, Array], float]:
+        """Return the factors of both pressures. The last result for the angle of the log is cached."""
+        if theta is not self.log.theta:
+            return self.static.squeezed(theta, volume)
+        if volume not in self._last_squeezed:
+            self._last_squeezed.clear()
+            self._last_squeezed[volume] = self.static.squeezed(theta, volume)
+        return self._last_squeezed[volume]
 
     def _lags(self, x: Array) -> tuple[float, ...]:
         values = self.values(x)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from math import pi
 from typing import ClassVar, Self
 
@@ -48,12 +49,12 @@ class MartensBoblan2017(AffineMuscle):
                 f"{self.L0:g}, {self.D0:g}, {self.H0:g} and {self.theta0:g}"
             )
 
-    @property
+    @cached_property
     def fibre_length(self) -> Value:
         """Lf = L0/cos θ0 [m]."""
         return self.L0 / cos(self.theta0)
 
-    @property
+    @cached_property
     def turns(self) -> Value:
         """n = L0 tan θ0/(π D0), turns of a fibre [-]."""
         return self.L0 * sin(self.theta0) / cos(self.theta0) / (pi * self.D0)

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from allocator.compilation.jit import Function
 from allocator.compilation.printer import ArrayKind, Kind, StructKind, parsed, with_called
 from mpc.export.controller.recursions import exchanges_in, items_in, kinds_of, solver_of
+from mpc.tracking.compiled.structured_qp.barrier import TURNS
 from mpc.tracking.compiled.structured_qp.exchange import AGAIN
-from mpc.tracking.compiled.structured_qp.solve import CLAMPED
 from mpc.tracking.controller import TrackingMPC
 
 COMPILER = "arm-none-eabi-gcc 12.2"  # whose stack was measured
@@ -45,7 +45,7 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     begin, exchange = _Count(functions, kinds, most).of_qp()
     _, plain = _Count(functions, kinds, most, {"rebased": 0}).of_qp()
     stack = _stack(plant.n, plant.m, N + blocks, 4 if single else 8)
-    return Certificate(exchanges, 2 + CLAMPED + AGAIN + exchanges, begin, exchange, plain, stack)
+    return Certificate(exchanges, 2 + TURNS + exchanges, begin, exchange, plain, stack)
 
 
 def _stack(n: int, m: int, commands: int, number: int) -> int:
@@ -82,7 +82,7 @@ class _Count:
         """Return the numbers of a QP without exchanges, and of an exchange."""
         begin = sum(map(self.of, ("deviations", "change_bounds", "solve")))
         again, exchange = self.turn  # a turn reaches its end if an answer has no proof
-        return int(begin + AGAIN * max(again - exchange, 0)), int(exchange)
+        return int(begin + 2 * AGAIN * max(again - exchange, 0)), int(exchange)
 
     def of(self, name: str) -> int:
         """Return the greatest number of a function."""

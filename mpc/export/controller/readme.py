@@ -92,8 +92,9 @@ N, the sample time, the supply, the joint range and the observer cannot be tuned
 The QP is solved sample by sample, as in Python (`src/recursions.c` is printed from the Python source): a sweep of
 Riccati recursions starts from the slew and supply limits that were active in the last sample, and one more pass
 computes the certificate. If the active set differs, limits are exchanged one after the other, each with two passes (the
-dual active-set method of Goldfarb and Idnani); a new sweep takes the set if more than {items} limits differ. Time and
-memory grow with N, not with its cube.
+dual active-set method of Goldfarb and Idnani); a new sweep takes the set if more than {items} limits differ. After
+{patience} exchanges, up to {turns} sweeps of a barrier method propose another set. Time and memory grow with N, not
+with its cube.
 
 Worst case of a step, counted from the bounds of the loops (N = {N}, {moves} moves, {rows} rows):
 
@@ -151,7 +152,9 @@ def arm_readme(controller: TrackingMPC, single: bool, printed: list[str]) -> str
 
 
 def _control(controller: TrackingMPC, single: bool) -> str:
+    from mpc.tracking.compiled.structured_qp.barrier import TURNS
     from mpc.tracking.compiled.structured_qp.exchange import CROWDED
+    from mpc.tracking.compiled.structured_qp.solve import PATIENCE
 
     N, blocks = controller.N, len(controller.problem.blocks)
     delay, qps = controller.ahead - N, controller.iterations
@@ -164,6 +167,8 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         N=N,
         moves=moves,
         items=min(CROWDED, items_in(moves, single) - 2),
+        patience=PATIENCE,
+        turns=TURNS,
         each=exchanges_in(1),
         rows=2 * (n + m) * N,
         sweeps=qps * bounds.sweeps,

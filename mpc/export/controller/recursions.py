@@ -109,6 +109,8 @@ def _structs(arm: bool) -> dict[str, StructKind]:
             "inverse": squares,
             "xi": per_xi,
             "v": per_u,
+            "e": per_u,
+            "change": per_u,
         },
     }
     made["items"] = {
@@ -146,11 +148,12 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         **{"xi": sweep["xi"], **dict.fromkeys(("r", "first"), structs["active"].fields["r"])},
         **{"S": _array(_XI, _XI), "SA": _array(_XI, _XI), "F": sweep["feedback"]},
         **{"s": _array(_XI), "p": _array(_XI), "slack": _given(4), "last": _given(2, _M)},
-        **dict.fromkeys(("e", "charge", "before"), _given(_M)),
+        **dict.fromkeys(("e", "charge", "charges"), sweep["e"]),
+        "before": _given(_M),
         **{"u": _given(_N, _M), "guess": _array(f"{_M} * {_BLOCKS}", element=_SIDE)},
         **{"z": items["z"], "pushes": items["r"]},
         **{"commands": sweep["gv"], "states": _given(_AFTER, _X), "forces": _given(_AFTER, _M), "beyond": _array(2)},
         "starts": _given(_BLOCKS, element=INT),
-        **{"free": _array(_M, element=_SIDE), "charges": _given(_M)},
+        "free": _array(_M, element=_SIDE),
         **dict.fromkeys(("left", "right", "limits"), structs["bounds"].fields["left"]),
     }

@@ -1,6 +1,6 @@
 """What is broken is named, soon; what is not broken is not; and what cannot be told apart is said to be so."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -138,6 +138,38 @@ def test_a_low_supply_is_among_the_suspects_at_once_and_the_only_one_when_both_m
 
 
 @pytest.mark.slow
+def test_the_jerk_of_a_broken_cable_is_no_fault_of_the_other_muscle():
+    healths = said("Tondu's muscles", BrokenCable(2.1, muscle=2))
+    cable = Suspect(FaultKind.BROKEN_CABLE, Part.MUSCLE_2)
+    assert all(health.suspects == (cable,) for health in healths[alarm(healths) + 100 :])
+
+
+@dataclass(frozen=True)
+class Outflow(Leak):
+    """Leak through which gas flows in proportion to the pressure, while the regulator works."""
+
+    def effective(self, u, P):
+        return np.where(self._its, u - 0.2 * P, u)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("joint", ["Sarosi's muscles", "Tondu's muscles"])
+@pytest.mark.parametrize("muscle", [1, 2])
+def test_a_leak_with_a_regulator_that_fills_is_among_the_suspects_for_good(joint, muscle):
+    healths = said(joint, Outflow(BEGIN, muscle=muscle))
+    assert all(Suspect(FaultKind.LEAK, MUSCLES[muscle - 1]) in health.suspects for health in healths[alarm(healths) :])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("joint", ["Sarosi's muscles", "Tondu's muscles"])
+@pytest.mark.parametrize("supply", [2.5, 3.0])
+def test_a_supply_above_some_pressures_is_among_the_suspects_for_good(joint, supply):
+    healths = said(joint, SupplyDrop(BEGIN, supply=supply * BAR))
+    for health in healths[alarm(healths) or -1 :]:
+        assert health.well or Suspect(FaultKind.SUPPLY_DROP, Part.SUPPLY) in health.suspects
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", ["Sarosi's muscles", "Tondu's muscles"])
 def test_a_supply_that_sinks_is_called_so_once_both_muscles_lack_pressure(joint):
     sinking = [SupplyDrop(1.0 + 0.04 * k, supply=(5.0 - 0.048 * k) * BAR) for k in range(80)]  # by 1.2 bar/s
@@ -206,11 +238,11 @@ class Muscle:
         self.own, self.other = (PressureDiagnosis(0.12, DT, 0.0, SIGMA, USUAL) for _ in range(2))
         self.random, self.t = np.random.default_rng(1), 0.0
 
-    def follow(self, course, command, d=lambda P: 0.0, other=1.0):
-        """Pressures `course` and `command`s [bar] of as many samples."""
+    def follow(self, course, command, d=lambda P: 0.0, other=1.0, q=0.0):
+        """Pressures `course` and `command`s [bar] of as many samples, of which the motion takes `q` [Pa/s]."""
         for P, v in np.broadcast(course, command):
             noise = SIGMA * self.random.standard_normal(2)
-            self.own.follow(self.t, P * BAR + noise[0], v * BAR, GAIN, d(P), self.other)
+            self.own.follow(self.t, P * BAR + noise[0], v * BAR, GAIN, d(P), self.other, q)
             self.other.follow(self.t, other * BAR + noise[1], other * BAR, GAIN, d(P), self.own)
             self.t += DT
         return self.own.suspected
@@ -234,6 +266,17 @@ def test_a_pressure_that_stops_rising_is_no_low_supply_where_the_other_muscle_ho
     muscle = Muscle()
     muscle.follow(2.0, np.full(50, 2.0), other=3.0)
     assert muscle.follow(2.0, rises(2.0, 1.5, 0.8), other=3.0) == LACKS - {FaultKind.SUPPLY_DROP}
+
+
+def test_gas_that_the_motion_moves_behind_a_stuck_valve_has_not_passed_it():
+    for stuck in (True, False):
+        muscle = Muscle()
+        muscle.follow(2.0, np.full(50, 2.0))
+        muscle.follow(2.0, rises(2.0, 1.5, 0.4))
+        P = rises(2.0, -1.0, 0.4)  # by the motion, or by the valve
+        found = muscle.follow(P, np.full(40, 2.6), q=BAR if stuck else 0.0)
+        assert (FaultKind.STUCK_VALVE in found) == stuck
+        assert found
 
 
 def test_a_pressure_that_departs_slowly_is_a_leak_or_a_drift_as_the_torque_tells():

@@ -7,10 +7,12 @@ import pytest
 
 from allocator import DEG
 from mpc import KalmanObserver, RealPlant, Reference, TrackingMPC, simulate
+from mpc.model.friction.dahl import Friction
 from mpc.observer import ringing
 from mpc.observer.health import FaultKind, Part, Reaction, Suspect
 from mpc.tracking.weights import Weights
-from mpc.trials.motions.trajectories import point_to_point, rested_sine, steps
+from mpc.trials.motions.trajectories import jumps, point_to_point, rested_sine, steps
+from mpc.trials.robust import robust_weights
 
 DT = 0.01
 REAL = RealPlant.standard()
@@ -31,9 +33,9 @@ class Listener(KalmanObserver):
         return answer
 
 
-def said(real, told, reference=STILL):
+def said(real, told, reference=STILL, weights=None):
     """Health sample by sample in a run, and the run."""
-    controller = TrackingMPC(real.nominal, DT, weights=Weights.calm(), compensation=told, compiled=False)
+    controller = TrackingMPC(real.nominal, DT, weights=weights or Weights.calm(), compensation=told, compiled=False)
     listener = Listener(real.nominal, DT, compensation=told, compiled=False)
     run = simulate(real, controller, reference, observer=listener)
     return listener.said, run
@@ -65,6 +67,13 @@ def test_older_commands_than_told_are_named_as_well():
 def test_nothing_rings_where_nothing_is_older_than_told(reference):
     told = replace(REAL.known(), reading_age=0.03)
     healths, _ = said(replace(REAL, reading_age=0.03, torque_profile=((4.0, 1.0),)), told, reference)
+    assert all(health.well for health in healths)
+
+
+@pytest.mark.slow
+def test_a_load_and_then_a_jump_on_a_joint_without_its_told_friction_is_no_ringing():
+    real = replace(REAL, friction=Friction(), torque_profile=((5.0, 1.0),))
+    healths, _ = said(real, REAL.known(), jumps(5.5), robust_weights(REAL.nominal, DT, compensation=REAL.known()))
     assert all(health.well for health in healths)
 
 

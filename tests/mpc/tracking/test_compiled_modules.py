@@ -239,7 +239,7 @@ from mpc.tracking.compiled.structured_qp.stage import choose
 def chosen(v):
     feedback, D = np.zeros((1, 2, 7)), np.array([[1.0, 0.0, 1.0]])
     held, inverse = np.array([[-1, 0]], np.int8), np.zeros((1, 3))
-    choose(np.zeros((1, 2, 6)), np.ones(2), D, np.zeros((1, 2)), v.reshape(1, 2), held, 0, inverse, feedback)
+    choose(np.zeros((1, 2, 6)), np.ones((1, 2)), D, np.zeros((1, 2)), v.reshape(1, 2), held, 0, inverse, feedback)
     return feedback[0, 0, 6]
 ''').chosen
 print(chosen(np.array([3.0, 0.0])), sum(chosen.stats.cache_hits.values()), modules.__file__)

@@ -29,7 +29,7 @@ _OWN = tuple(
 _QP = _HERE.parent / "structured_qp"
 _AROUND = "sizes", "stage_of_many", "../commands"
 _SAMPLE = *_AROUND, "../sample/views", "../sample/stages", "../arm/views"
-_PROOF = "riccati", "responses", "certificate", "active", "exchange", "solve"
+_PROOF = "riccati", "responses", "certificate", "active", "barrier", "exchange", "solve"
 _SOLUTION = *_AROUND, *_PROOF, "../arm/views", "../arm/solve"
 
 

@@ -41,31 +41,56 @@ AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
 FLAT = 1e-10  # [-] of its terms: less counts as no slope
+ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells whether it is one
+
+
+@inlined
+def based(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
+    """Make the changes that the sweep holds the base, without items."""
+    items, last = a.items, a.items.kind.size - 1
+    at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0
+    items.kind[last], items.sample[last], items.muscle[last], items.side[last] = BOUND, 0, 0, 0
+    swept(path, errors, setting, bounded, 0, at, sweep, a)
+
+
+@inlined
+def swept(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active
+) -> None:  # fmt: skip
+    """Sweep with the multipliers of `size` items, and take the result as the base."""
+    lagrangian(path, errors, setting, size, at, a.items, sweep)
+    backward(path, setting.cost, bounded, at, sweep)
+    forward(path, sweep, at, a.r)
+    take_base(setting, size, at, sweep, a)
 
 
 @inlined
 def exchanged(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active, limit: int
 ) -> tuple[bool, int, float]:  # fmt: skip
-    """Move from the result of `begin` to the solution, in at most `limit` exchanges; return whether it is proved, the
-    number of exchanges, and the bound of its suboptimality.
+    """Move from the base to the solution, in at most `limit` exchanges; return whether it is proved, the number of
+    exchanges, and the bound of its suboptimality.
     """
     most, taken = 0.5 * setting.curvature * setting.accuracy**2, limit
-    size, tries, enters, violation, items = 0, 0, False, 0.0, a.items
+    size, tries, enters, again, exact, violation, items = 0, 0, False, False, True, 0.0, a.items
     last = items.kind.size - 1
     for step in range(limit):
-        if size == last - 1 or crowd(path, size, items) >= CROWDED:
+        if again or size == last - 1 or crowd(path, size, items) >= CROWDED:
             size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
             if size >= last - 1:
                 taken = step
                 break
             violation = max(over(path, setting, bounded, last, items, at), 0.0)
+            again, exact = False, True
         if not enters:
             if let_go(path, setting, bounded, size, sweep, a):
-                size += 1
+                size, exact = size + 1, False
                 continue
             violation = most_broken(path, setting, bounded, size, at, a)
             items.multiplier[last] = 0.0
+            again = 0.0 < violation < ROUNDED * BREAKS and not exact
+            if again:
+                continue
             if violation > 0.0:
                 respond(path, setting.slack, sweep, size, last, items, a.xi)
                 enters = True
@@ -77,15 +102,13 @@ def exchanged(
         if enters:
             moved, enters, violation = stepped(path, setting, bounded, size, violation, sweep, a)
             if moved >= 0:
-                size = moved
+                size, exact = moved, False
                 continue
         if tries == AGAIN:
             taken = step
             break
         tries += 1
-        enters = False
-        items.multiplier[last] = 0.0
-        size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
+        enters, again, items.multiplier[last] = False, True, 0.0
     return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a)
 
 
@@ -130,10 +153,7 @@ def rebased(
     N, items, last = path.A.shape[0], a.items, a.items.kind.size - 1
     size = absorbed(size, sweep, a)
     lead_on(path, at, a)
-    lagrangian(path, errors, setting, size, at, items, sweep)
-    backward(path, setting.cost, bounded, at, sweep, False)
-    forward(path, bounded, sweep, at, a.r, False)
-    take_base(setting, size, at, sweep, a)
+    swept(path, errors, setting, bounded, size, at, sweep, a)
     for q in range(size):
         respond(path, setting.slack, sweep, q, q, items, a.xi)
         if items.kind[q] >= RANGE:
@@ -180,12 +200,15 @@ def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Swe
     one.
     """
     least, most, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, 0.0, -1, 0, a.items
-    for k in range(a.r.shape[0]):
+    N = path.A.shape[0]
+    for k in range(N + 1):
         for i in range(NU):
             if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
                 pushed = -a.r[k, i] if a.held[k, i] < 0 else a.r[k, i]
-                gain = pushed * pushed / curvature(sweep.D, k, i)
-                if pushed > least and gain > most:
+                if not pushed > least:
+                    continue
+                gain = pushed * pushed / (curvature(sweep.D, k, i) if k < N else setting.slack[1 + 2 * i])
+                if gain > most:
                     most, sample, muscle = gain, k, i
     if sample < 0:
         return False

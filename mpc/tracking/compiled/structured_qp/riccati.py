@@ -18,13 +18,12 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Cost, Indices, Path, Point, Signs
-from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, LOW, LOWER, NU, NX, NXI, UPPER
+from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, LOW, LOWER, NU, NX, NXI
 from mpc.tracking.compiled.structured_qp.stage import (
     across,
     advance,
     charge_state,
     choose,
-    curvature,
     decided,
     led_back,
     linear_before,
@@ -33,7 +32,6 @@ from mpc.tracking.compiled.structured_qp.stage import (
 )
 
 BREAKS = 1e-9  # [bar], [rad], [N]: less violates no bound
-CHOICES = 3  # per change of a sample, at most
 
 
 class Sweep(NamedTuple):
@@ -49,6 +47,8 @@ class Sweep(NamedTuple):
     inverse: Array  # (N, 3) of D for the free changes: entries 00, 01, 11
     xi: Array  # (N+1, 6) differences from the point
     v: Array  # (N, 2)
+    e: Array  # (N, 2) charges of the commands
+    change: Array  # (N, 2) and of their changes
 
 
 @inlined
@@ -56,7 +56,16 @@ def new_sweep(N: int) -> Sweep:
     """Return the arrays of a sweep."""
     R, D, g, feedback = np.empty((N, NU, NXI)), new_squares(N), np.empty((N, NU)), np.empty((N, NU, NXI + 1))
     gx, gv, xi, v = np.empty((N + 1, NXI)), np.empty((N, NU)), np.empty((N + 1, NXI)), np.empty((N, NU))
-    return Sweep(R, D, g, feedback, np.empty((N + 1, NU), np.int8), gx, gv, new_squares(N), xi, v)
+    e, change = np.empty((N, NU)), np.empty((N, NU))
+    return Sweep(R, D, g, feedback, np.empty((N + 1, NU), np.int8), gx, gv, new_squares(N), xi, v, e, change)
+
+
+@inlined_flat
+def take_charges(cost: Cost, sweep: Sweep) -> None:
+    """Set the charges of commands and changes to those of the cost."""
+    for k in range(sweep.v.shape[0]):
+        for i in range(NU):
+            sweep.e[k, i], sweep.change[k, i] = cost.e[i], cost.change[i]
 
 
 @inlined_flat
@@ -94,59 +103,24 @@ def within(bounded: Bounded, v: float, w: float, k: int, i: int) -> float:
 
 
 @inlined_flat
-def hold(bounded: Bounded, at: Point, sweep: Sweep, side: int, k: int, i: int) -> None:
-    """Hold a change at a bound, or let it go."""
-    sweep.held[k, i] = side
+def hold(bounded: Bounded, at: Point, sweep: Sweep, k: int, i: int) -> None:
+    """Set a held change to the difference from its bound."""
+    side = sweep.held[k, i]
     sweep.v[k, i] = end_of(bounded, side, k, i) - (at.xi[k + 1, NX + i] if abs(side) == HIGH else at.v[k, i])
 
 
-@inlined_flat
-def clamp(bounded: Bounded, at: Point, sweep: Sweep, k: int) -> bool:
-    """Hold the free change that leaves its bounds most at ξ = 0, or else release the held one that is pushed away most;
-    return whether there is one.
-    """
-    most, muscle, side = BREAKS, -1, FREE
-    for i in range(NU):
-        change = sweep.feedback[k, i, NXI]
-        v, w = at.v[k, i] + change, at.xi[k + 1, NX + i] + change
-        lower, upper = bounded.lower[k, i] - v, v - bounded.upper[k, i]
-        low, high = bounded.low[k, i] - w, w - bounded.high[k, i]
-        beyond = max(max(lower, upper), max(low, high))
-        sweep.v[k, i] = change
-        if sweep.held[k, i] == FREE and beyond > most:
-            most, muscle = beyond, i
-            below = max(lower, low) > max(upper, high)
-            side = (LOW if low > lower else LOWER) if below else (HIGH if high > upper else UPPER)
-    if side == FREE:
-        for i in range(NU):
-            push = sweep.g[k, i] + times(sweep.D, k, i, sweep.v)
-            push *= (1.0 if sweep.held[k, i] > 0 else -1.0) / curvature(sweep.D, k, i)
-            if sweep.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i] and push > most:
-                most, muscle = push, i
-    if muscle >= 0:
-        hold(bounded, at, sweep, side, k, muscle)
-    return muscle >= 0
-
-
 @inlined
-def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep, clamps: bool) -> None:
-    """Fill in, for each k, R = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes.
-
-    If it `clamps`, it chooses the held changes of each sample anew, those that would leave their bounds at ξ = 0
-    (Y. Tassa, N. Mansard and E. Todorov, Control-limited differential dynamic programming, ICRA 2014).
-    """
+def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep) -> None:
+    """Fill in, for each k, R = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes."""
     N, R, D, g, feedback = at.v.shape[0], sweep.R, sweep.D, sweep.g, sweep.feedback
     S, SA, s = cost.end.copy(), np.empty((NXI, NXI)), sweep.gx[N].copy()  # of V_{k+1}
     for k in range(N - 1, -1, -1):
-        across(S, path.A, path.B, k, cost.e, SA, R)
+        across(S, path.A, path.B, k, sweep.e, SA, R)
         linear_before(s, path.A, path.B, k)
         for i in range(NU):
             g[k, i] = s[NX + i] + sweep.gv[k, i]
-            free = clamps and bounded.lower[k, i] < bounded.upper[k, i]
-            hold(bounded, at, sweep, FREE if free else sweep.held[k, i], k, i)
-        for turn in range(1 + CHOICES * NU if clamps else 1):
-            if turn == 0 or clamp(bounded, at, sweep, k):
-                choose(R, cost.change, D, g, sweep.v, sweep.held, k, sweep.inverse, feedback)
+            hold(bounded, at, sweep, k, i)
+        choose(R, sweep.change, D, g, sweep.v, sweep.held, k, sweep.inverse, feedback)
         decided(path.A, path.B, k, SA, R, D, feedback, sweep.held, S)
         led_back(R, D, g, feedback, sweep.held, k, s)
         if k > 0:
@@ -156,10 +130,8 @@ def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep, 
 
 
 @inlined_flat
-def forward(path: Path, bounded: Bounded, sweep: Sweep, at: Point, r: Array, clamps: bool) -> None:
-    """Move the point by the feedback, within slew and supply if it `clamps`, and set `r` (N + 1, 2) to the gradient by
-    the held changes, 0 by free ones.
-    """
+def forward(path: Path, sweep: Sweep, at: Point, r: Array) -> None:
+    """Move the point by the feedback, and set `r` (N + 1, 2) to the gradient by the held changes, 0 by free ones."""
     v, xi = sweep.v, sweep.xi
     for i in range(NXI):
         xi[0, i] = 0.0
@@ -168,8 +140,6 @@ def forward(path: Path, bounded: Bounded, sweep: Sweep, at: Point, r: Array, cla
             v[k, i] = sweep.feedback[k, i, NXI]
             for j in range(NXI):
                 v[k, i] += sweep.feedback[k, i, j] * xi[k, j]
-            if clamps:
-                v[k, i] = within(bounded, at.v[k, i] + v[k, i], at.xi[k, NX + i], k, i) - at.v[k, i]
         for i in range(NU):
             r[k, i] = 0.0
             if sweep.held[k, i] != FREE:

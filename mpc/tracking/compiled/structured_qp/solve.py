@@ -1,6 +1,7 @@
 """Solution of the QP along a path, with its proof: a sweep, and an exchange of the limits that it holds wrongly.
 
-The sweep begins with the limits of the last QP, or with better ones if these are far from right.
+The sweep begins with the limits of the last QP. If these are far from right, or an exchange takes long, a barrier
+chooses others.
 
 `buffer` holds the path, `given` the new data of the step (`mpc.tracking.compiled.records`). A copy of this file is
 used, for the reason in `mpc.codegen.modules`.
@@ -10,7 +11,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled, inlined, inlined_flat
-from mpc.tracking.compiled.commands import change_bounds, deviations, new_bounded, new_errors
+from mpc.tracking.compiled.commands import HUGE, change_bounds, deviations, new_bounded, new_errors
 from mpc.tracking.compiled.records import (
     Bounded,
     Errors,
@@ -24,14 +25,16 @@ from mpc.tracking.compiled.records import (
     path_in,
     setting_in,
 )
-from mpc.tracking.compiled.structured_qp.active import Active, new_active, take_base
-from mpc.tracking.compiled.structured_qp.certificate import lagrangian
-from mpc.tracking.compiled.structured_qp.exchange import exchanged
-from mpc.tracking.compiled.structured_qp.riccati import Sweep, backward, forward, give_set, new_sweep, take_set, within
-from mpc.tracking.compiled.structured_qp.sizes import BOUND, FREE, NU, NX, NXI
-from mpc.tracking.compiled.structured_qp.stage import advance, curvature
+from mpc.tracking.compiled.structured_qp.active import Active, new_active
+from mpc.tracking.compiled.structured_qp.barrier import guessed
+from mpc.tracking.compiled.structured_qp.exchange import based, exchanged
+from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, take_charges, take_set
+from mpc.tracking.compiled.structured_qp.sizes import FREE, NU, NX, NXI
+from mpc.tracking.compiled.structured_qp.stage import curvature
 
 MOST = 16  # exchanges per decision, at most
+PATIENCE = 16  # exchanges, before the barrier chooses another set
+FAR = 10.0  # [bar] beyond a limit, for which it does at once; noise takes a set less far
 
 
 @compiled
@@ -73,37 +76,20 @@ def solve(
     """Set the point to the solution, in at most `limit` exchanges; return whether it is proved, the number of
     exchanges, and the bound of its suboptimality.
     """
+    at.xi[:], at.v[:], solved, exchanges, gap = 0.0, 0.0, False, 0, HUGE
     take_set(setting.starts, guess, sweep.held)
-    begin(path, errors, setting, bounded, at, sweep, a)
-    solved, exchanges, gap = exchanged(path, errors, setting, bounded, at, sweep, a, limit)
+    take_charges(setting.cost, sweep)
+    based(path, errors, setting, bounded, at, sweep, a)
+    if limit == 0 or not far(bounded, sweep, at, a.r):
+        solved, exchanges, gap = exchanged(path, errors, setting, bounded, at, sweep, a, min(PATIENCE, limit))
+    if not solved and exchanges < limit:
+        guessed(path, errors, setting, bounded, at, sweep, a.r, a.items)
+        based(path, errors, setting, bounded, at, sweep, a)
+        solved, more, gap = exchanged(path, errors, setting, bounded, at, sweep, a, limit - exchanges)
+        exchanges += more
     if solved:
         give_set(setting.starts, a.guess, guess)
     return solved, exchanges, gap
-
-
-CLAMPED = 2  # sweeps that choose the held changes
-FAR = 10.0  # [bar] beyond a limit; noise takes a set less far, and the exchange mends it
-
-
-@inlined
-def begin(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
-    """Begin at the result of a sweep with the held changes of the last QP.
-
-    If it is far from their limits, sweeps choose others, which saves three of four exchanges of hunted QPs.
-    """
-    items, last = a.items, a.items.kind.size - 1
-    at.xi[:], at.v[:], at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0.0, 0.0, 0
-    items.kind[last], items.sample[last], items.muscle[last], items.side[last] = BOUND, 0, 0, 0
-    for turn in range(CLAMPED + 2):
-        clamps = 0 < turn <= CLAMPED
-        lagrangian(path, errors, setting, 0, at, items, sweep)
-        backward(path, setting.cost, bounded, at, sweep, clamps)
-        forward(path, bounded, sweep, at, a.r, clamps)
-        if turn == 0:
-            if not far(bounded, sweep, at, a.r):
-                break
-            confine(path, bounded, at)
-    take_base(setting, 0, at, sweep, a)
 
 
 @inlined_flat
@@ -118,13 +104,3 @@ def far(bounded: Bounded, sweep: Sweep, at: Point, r: Array) -> bool:
             if beyond > FAR and bounded.lower[k, i] < bounded.upper[k, i]:
                 return True
     return False
-
-
-@inlined_flat
-def confine(path: Path, bounded: Bounded, at: Point) -> None:
-    """Move the changes of the point within slew and supply."""
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
-            at.v[k, i] = within(bounded, at.v[k, i], at.xi[k, NX + i], k, i)
-            at.xi[k + 1, NX + i] = at.xi[k, NX + i] + at.v[k, i]
-        advance(path.A, path.B, k, at.xi)

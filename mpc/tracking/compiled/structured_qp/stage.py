@@ -15,7 +15,7 @@ from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH
 
 @merged
 def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) -> None:
-    """Set SA (6, 6) = S 𝔸 and R[k] (2, 6), the last lines of M = 𝔸ᵀ S 𝔸 + diag(0, `e`), where `e` (2,) is for w."""
+    """Set SA (6, 6) = S 𝔸 and R[k] (2, 6), the last lines of M = 𝔸ᵀ S 𝔸 + diag(0, e[k]), where e[k] (2,) is for w."""
     for i in range(6):
         s0, s1, s2, s3 = S[i, 0], S[i, 1], S[i, 2], S[i, 3]
         t0 = s0 * A[k, 0, 0] + s1 * A[k, 1, 0] + s2 * A[k, 2, 0] + s3 * A[k, 3, 0]
@@ -29,7 +29,7 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
         b0, b1, b2, b3 = B[k, 0, i], B[k, 1, i], B[k, 2, i], B[k, 3, i]
         for j in range(6):
             R[k, i, j] = SA[4 + i, j] + b0 * SA[0, j] + b1 * SA[1, j] + b2 * SA[2, j] + b3 * SA[3, j]
-        R[k, i, 4 + i] += e[i]
+        R[k, i, 4 + i] += e[k, i]
 
 
 @merged
@@ -189,9 +189,9 @@ def choose(
     R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
 ) -> None:
     """Set D, its inverse and the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs; held ones are v,
-    or v - w if their command is held; `charge` (2,) of the changes.
+    or v - w if their command is held; charge[k] (2,) of the changes.
     """
-    D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + charge[0], R[k, 0, 5], R[k, 1, 5] + charge[1]
+    D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + charge[k, 0], R[k, 0, 5], R[k, 1, 5] + charge[k, 1]
     a, b, c = 0.0, 0.0, 0.0  # of the inverse of D, negative
     c0, c1 = g[k, 0], g[k, 1]
     if held[k, 0] == FREE and held[k, 1] == FREE:

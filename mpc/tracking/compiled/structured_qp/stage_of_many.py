@@ -16,7 +16,7 @@ MOVING = 2 * JOINTS  # entries (q, ω)
 
 @inlined_flat
 def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) -> None:
-    """Set SA = S 𝔸 and R[k] (m, NXI), the last lines of M = 𝔸ᵀ S 𝔸 + diag(0, `e`), where `e` (m,) is for w."""
+    """Set SA = S 𝔸 and R[k] (m, NXI), the last lines of M = 𝔸ᵀ S 𝔸 + diag(0, e[k]), where e[k] (m,) is for w."""
     for i in range(NXI):
         for j in range(NXI):
             SA[i, j] = S[i, 0] * A[k, 0, j]
@@ -35,7 +35,7 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
             a = A[k, l, NX + i]
             for j in range(NXI):
                 R[k, i, j] += a * SA[l, j]
-        R[k, i, NX + i] += e[i]
+        R[k, i, NX + i] += e[k, i]
 
 
 @inlined_flat
@@ -227,7 +227,7 @@ def choose(
     R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
 ) -> None:
     """Set D, its inverse and the feedback (m, NXI + 1) of stage `k`, D v + R ξ + g = 0 for the free inputs; held
-    ones are v, or v - w if their command is held; `charge` (m,) of the changes.
+    ones are v, or v - w if their command is held; charge[k] (m,) of the changes.
     """
     free, wanted = np.empty(NU, np.bool_), np.empty((NU, NXI + 1))
     for i in range(NU):
@@ -235,7 +235,7 @@ def choose(
         for j in range(NU):
             D[k, i, j] = R[k, i, NX + j]
             inverse[k, i, j] = D[k, i, j]
-        D[k, i, i] += charge[i]
+        D[k, i, i] += charge[k, i]
         inverse[k, i, i] = D[k, i, i]
         for j in range(NXI):
             wanted[i, j] = R[k, i, j]
@@ -276,7 +276,7 @@ def turn_inside_out(inverse: Array, k: int, free: Mask, charges: Array) -> None:
             if left >> i & 1 and (p < 0 or inverse[k, i, i] > inverse[k, p, p]):
                 p = i
         left &= ~(1 << p)
-        share = 1.0 / max(inverse[k, p, p], charges[p])
+        share = 1.0 / max(inverse[k, p, p], charges[k, p])
         for i in range(NU):
             if free[i] and i != p:
                 factor = inverse[k, i, p] * share
