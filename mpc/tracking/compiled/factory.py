@@ -22,7 +22,6 @@ from mpc.tracking.feedforward import FeedForwardOf, InverseDynamics
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.certified import ACCURACY
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.solvers import Solver
 from mpc.tracking.qp.step import CompilingBeside, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
@@ -43,14 +42,13 @@ def factory(
     problem: TrackingProblem,
     predictor: Predictor,
     feed_forward: InverseDynamics,
-    solve: Solver,
     *,
     wait: bool = True,
     compiled: bool = True,
 ) -> Parts:
     """Return the compiled parts; if compilation fails, warn with `SlowStep` and return the readable parts.
 
-    Parts of an arm are compiled for the QP solver `solve`. If `wait` is false and nothing is compiled yet, return the
+    If `wait` is false and nothing is compiled yet, return the
     readable parts, warn with `CompilingBeside`, and compile in another process. A joint without a kernel always waits.
     If `compiled` is false, return the readable parts without a warning.
     """
@@ -68,7 +66,7 @@ def factory(
             return build()
     except beside.NotKept:
         if not beside.begin(step.__name__, Path(str(step.__file__)).parent, compile_step, plant, dt):
-            return factory(plant, dt, problem, predictor, feed_forward, solve)
+            return factory(plant, dt, problem, predictor, feed_forward)
         notice(_BESIDE.format("a minute or two" if isinstance(plant, Arm) else "some 30 seconds"), CompilingBeside)
         return Parts(readable, feed_forward)
     except Exception as failure:  # see `_tell`

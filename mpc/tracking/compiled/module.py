@@ -29,7 +29,7 @@ from mpc.tracking.compiled.sample.views import SIZES
 
 """
 STEP, _JOINT = (Path(__file__).with_name(f"{name}.py") for name in ("step", "joint"))
-_SOLVE = Path(__file__).with_name("structured_qp") / "solve.py"
+_SETTLE = Path(__file__).with_name("structured_qp") / "settle.py"
 
 
 class CompiledPlant(NamedTuple):
@@ -73,8 +73,8 @@ def register_rest() -> None:
 
 
 def solve_module() -> ModuleType:
-    """Return `mpc.tracking.compiled.structured_qp.solve`, which does not depend on the plant."""
-    return imported(_SOLVE.read_text(encoding="utf-8"))
+    """Return `mpc.tracking.compiled.structured_qp.settle`, which does not depend on the plant."""
+    return imported(_SETTLE.read_text(encoding="utf-8"))
 
 
 _ALLOCATED = {

@@ -13,6 +13,7 @@ from mpc.codegen.addresses import floats_at, seconds_at
 from mpc.codegen.jit import assign, compiled_flat, inlined_flat
 from mpc.model.compiled_friction import Rubbing, followed, less_friction, rubbing_in
 from mpc.model.friction.contact import Pressed
+from mpc.tracking import resting
 from mpc.tracking.compiled.commands import cumulative, excess, finite, limit
 from mpc.tracking.compiled.records import Bounds, Given
 from mpc.tracking.compiled.sample.calls import settle_at, stage_at
@@ -35,7 +36,6 @@ from mpc.tracking.compiled.sample.stages import (
 from mpc.tracking.compiled.sample.views import asked_in, known_in, made_in, memory_in, plan_length, room_in, state_in
 from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU
 from mpc.tracking.rest_memory import HELD, RESTS, RINGS, SIDE
-from mpc.tracking.resting import angle, begin, constant, decided, turn
 
 FORMULAS: Any = None
 given_in = path_in = setting_in = press = isobaric = feed_forward = motion = linear_model = read = FORMULAS
@@ -159,15 +159,15 @@ def rested(table: int, last: Array, out: Array) -> bool:
     rules, asked, room = known_in(i.known).rules, asked_in(i.asked), room_in(i.room)
     before, after = states_of(i, given_in(i.given).u.shape[0], last, out)
     delay, at, memory = room.waiting.shape[0], room.held, memory_in(after.rest, JOINTS, NU)
-    if not constant(memory, rules, asked.theta[delay * JOINTS :], asked.K[delay * room.factor.size :]):
-        begin(memory)
-    elif decided(memory, rules, asked.x, before.expected):
+    if not resting.constant(memory, rules, asked.theta[delay * JOINTS :], asked.K[delay * room.factor.size :]):
+        resting.begin(memory)
+    elif resting.decided(memory, rules, asked.x, before.expected):
         for j in range(JOINTS):
-            at[j], at[JOINTS + j] = angle(memory, j), 0.0
+            at[j], at[JOINTS + j] = resting.angle(memory, j), 0.0
         for j in range(NU):
             at[2 * JOINTS + j] = memory.muscle[j, HELD]
         isobaric(i.c, at, room.stiffness, room.gains)
-        turn(memory, room.stiffness, room.gains)
+        resting.turn(memory, room.stiffness, room.gains)
     return bool(after.rest[RESTS] > 0)
 
 

@@ -36,7 +36,7 @@ _SOLUTION = *_AROUND, *_PROOF, "../arm/views", "../arm/solve"
 def compiled_arm(arm: Arm, dt: float) -> CompiledPlant:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
     motion, feeds = compiled_motion(arm, dt), feeds_forward(arm)
-    formulas, c = f"{IMPORTS}from {motion.module.__name__} import advance\n\n\n", motion.c
+    formulas, c = f"{IMPORTS}from {motion.module.__name__} import advance as move\n\n\n", motion.c
     for name, function in _functions(arm, feeds).items():
         source = filling(name, function, c.size)
         formulas, c = formulas + f"@inlined_flat\n{source.text}\n\n", np.concatenate([c, source.c])

@@ -22,7 +22,7 @@ from mpc.tracking.compiled.structured_qp.stage_of_many import MOVING
 def settle_path(
     numbers: Array, starts: Indices, given: Array, buffer: Array, guess: Signs, z: Array
 ) -> tuple[bool, int]:
-    """Return the results of `mpc.tracking.compiled.structured_qp.solve.settle`."""
+    """Return the results of `mpc.tracking.compiled.structured_qp.solve.decide`."""
     (path, u), now = path_in(buffer), given_in(given)
     setting: Any = setting_in(numbers, starts)  # the bounds of angles are arrays
     x, y, u_star = now.reference

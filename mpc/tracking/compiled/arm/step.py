@@ -8,7 +8,7 @@ functions that fill flat arrays, matrices by columns:
     pressing         x ↦ the loads on the sliding surfaces of each joint
     rigidity         (q, P) ↦ isobaric stiffness, (∂T/∂P)ᵀ
 
-and `advance`, the motion over a sample (`mpc.model.arm.compiled.motion`). The array c holds the formulas' numbers,
+and `move`, the motion over a sample (`mpc.model.arm.compiled.motion`). The array c holds the formulas' numbers,
 `decay` (substeps, 3, m) the remaining share of a pressure's error at beginning, middle and end of each step. The
 response of pressures to commands is always the same.
 """
@@ -25,7 +25,7 @@ from mpc.tracking.compiled.sample.layout import Inputs, Known
 from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU
 
 FORMULAS: Any = None
-advance = outputs = output_slopes = pressing = rigidity = FORMULAS
+move = outputs = output_slopes = pressing = rigidity = FORMULAS
 
 
 @inlined_flat
@@ -49,7 +49,7 @@ def motion(i: Inputs, known: Known, start: Array, u: Array, d: Array, x: Array) 
     for k in range(u.shape[0]):
         for j in range(NU):
             P[j] = BAR * u[k, j]
-        advance(i.c, known.h, decay, x[k], P, d[k * JOINTS : (k + 1) * JOINTS], x[k + 1], None)
+        move(i.c, known.h, decay, x[k], P, d[k * JOINTS : (k + 1) * JOINTS], x[k + 1], None)
 
 
 @inlined
@@ -61,7 +61,7 @@ def linear_model(i: Inputs, known: Known, start: Array, u: Array, d: Array, path
     for k in range(u.shape[0]):
         for j in range(NU):
             P[j] = BAR * u[k, j]
-        advance(i.c, known.h, decay, x[k], P, d[k * JOINTS : (k + 1) * JOINTS], x[k + 1], path.S[k])
+        move(i.c, known.h, decay, x[k], P, d[k * JOINTS : (k + 1) * JOINTS], x[k + 1], path.S[k])
     for k in range(x.shape[0]):
         output_slopes(x[k, :JOINTS], x[k, 2 * JOINTS :], i.c, path.y[k], path.slope[k].reshape(-1))
 

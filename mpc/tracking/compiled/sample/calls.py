@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numba.core.typing.templates import Signature
 
 _FLOATS, _INTEGERS, _SIGNS = (types.Array(kind, 1, "C") for kind in (types.float64, types.int64, types.int8))
-SETTLE = _FLOATS, _INTEGERS, _FLOATS, _FLOATS, _SIGNS, _FLOATS  # of `structured_qp.solve.settle`
+SETTLE = _FLOATS, _INTEGERS, _FLOATS, _FLOATS, _SIGNS, _FLOATS  # of `structured_qp.settle`
 _SETTLED = types.Tuple((types.boolean, types.int64))  # type: ignore[attr-defined]
 
 

@@ -36,7 +36,7 @@ class Both:
         self.predictor = Predictor(arm, DT, N)
         self.inverse = InverseDynamics(arm, DT, N, min_force)
         self.readable = ReadableQPStep(self.problem, self.predictor)
-        self.compiled, self.feed_forward = factory(arm, DT, self.problem, self.predictor, self.inverse, DAQP())
+        self.compiled, self.feed_forward = factory(arm, DT, self.problem, self.predictor, self.inverse)
 
     def situation(self, rng, near=False):
         """Return x, u, d, feed-forward and previous sample; `near` limits of angles and pressures."""
