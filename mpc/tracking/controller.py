@@ -196,7 +196,7 @@ class TrackingMPC(BaseController):
         self._solve = solver_of(self.solver)
         feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
         self._qp_step, self._feed_forward = factory(
-            self.plant, self.dt, self.problem, self._predictor, feed_forward, self._solve,
+            self.plant, self.dt, self.problem, self._predictor, feed_forward,
             wait=self.wait, compiled=self.compiled,
         )  # fmt: skip
         self._join()

@@ -97,7 +97,8 @@ class CompiledFeedForward:
     def __init__(self, plant: "CompiledPlant", readable: InverseDynamics) -> None:
         from mpc.tracking.compiled.sample.arrays import StepArrays
 
-        self._plant, self.readable, self.feeding = plant, readable, self._feeding(readable)
+        self._plant, self.readable = plant, readable
+        self.feeding = self._feeding(readable)
         self.arrays = StepArrays(plant, len(readable.slopes[0]) - 1, feeding=self.feeding)
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:

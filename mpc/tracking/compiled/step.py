@@ -52,55 +52,35 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     """
     i = inputs_at(table)
     began = seconds_at(i.clock, i.name)
-    last, out = (
-        floats_at(last.ctypes.data, last.size),
-        floats_at(out.ctypes.data, out.size),
-    )  # not reference-counted
+    last, out = floats_at(last.ctypes.data, last.size), floats_at(out.ctypes.data, out.size)  # not reference-counted
     k, want, now, room = known_in(i.known), asked_in(i.asked), given_in(i.given), room_in(i.room)
-    N, whole, done, rests = now.u.shape[0], what == WHOLE, True, False
-    delay, size = room.waiting.shape[0], plan_length(N)
-    made, (before, after) = made_in(out[:size]), states_of(i, N, last, out)
-    wanted, torques = want.theta[delay * JOINTS :], want.torques[delay * JOINTS :]
-    matrices = want.K[delay * room.factor.size :]
+    whole, done, rests, delay = what == WHOLE, True, False, room.waiting.shape[0]
+    made, (before, after) = made_in(out[: plan_length(now.u.shape[0])]), states_of(i, now.u.shape[0], last, out)
+    bounds = setting_in(i.numbers, i.starts).bounds
+    torques = want.torques[delay * JOINTS :]
     copy_set(i.guess, i.kept)
     if whole:
         ask(x, theta, K, want)
-        done = plausible(k, want, room.factor)
-        if done:
-            for c in range(want.torques.size):
-                want.torques[c] = want.d[c % JOINTS]
-            assign(after.memory, before.memory)
-            assign(after.angle, before.angle)
-            assign(after.rest, before.rest)
-            done = i.rubbed == 0 or stage_at(i.rubbed, (table, last, out))
-        if done:
-            under_way(before, want.x, room.waiting)
-            motion(i, k, want.x, room.waiting, want.torques, room.path)
-            done = finite(room.path)
+        done = foreseen(i, table, last, out, k, want, room, before, after)
         rests = done and i.rested != 0 and stage_at(i.rested, (table, last, out))
     if done and (whole or what == FEED):
-        done = feed_forward(i, wanted, matrices, torques, now.reference, made.moved)
-    fed = seconds_at(i.clock, i.name)
-    if whole and done and not rests:
+        previews = want.theta[delay * JOINTS :], want.K[delay * room.factor.size :], torques
+        done = feed_forward(i, *previews, now.reference, made.moved)
+    fed = linearised = seconds_at(i.clock, i.name)
+    if whole and done:
         take(room.path[delay], torques, before, now)
-        shift_set(i.starts, i.kept, i.guess)
-    bounds = setting_in(i.numbers, i.starts).bounds
+        if not rests:
+            shift_set(i.starts, i.kept, i.guess)
     if done and not rests and (whole or what == LINEARISE):
         linearise(i, k, bounds, now)
-    linearised = seconds_at(i.clock, i.name)
+        linearised = seconds_at(i.clock, i.name)
     if whole and done and not rests:
         done, i.counted[0] = settle_at(i.settle, (i.numbers, i.starts, i.given, i.buffer, i.guess, i.z))
     if done and (whole or what == ROLLOUT):
-        start, acting = now.x, now.d
-        if rests:
-            hold(after.rest, bounds, before, made)
-            start, acting = room.path[delay], torques
-        else:
-            planned(i, bounds, now, made)
-        done = rollout(i, k, bounds, start, acting, room.y, made)
+        command(i, bounds, now, rests, before, after, made)
+        done = rollout(i, k, bounds, now, room.y, made)
     if whole and done:
         invert_dead_band(k, bounds, want, before, after.rest[SIDE] if rests else 0.0, made)
-        made.rests[0] = 1.0 if rests else 0.0
         remember(want, now, room.path, made, before, after)
         made.times[0], made.times[1] = fed - began, linearised - fed
         made.times[2] = seconds_at(i.clock, i.name) - linearised
@@ -175,6 +155,27 @@ def rested(table: int, last: Array, out: Array) -> bool:
 
 
 @inlined_flat
+def foreseen(
+    i: Inputs, table: int, last: Array, out: Array, known: Known, asked: Asked, room: Room, before: State, after: State
+) -> bool:
+    """Fill in the predictions of `Preview.task`: the torques, the memories of friction, and the motion until a command
+    acts; return whether the sample is an ordinary one.
+    """
+    if not plausible(known, asked, room.factor):
+        return False
+    for place in range(asked.torques.size):
+        asked.torques[place] = asked.d[place % JOINTS]
+    assign(after.memory, before.memory)
+    assign(after.angle, before.angle)
+    assign(after.rest, before.rest)
+    if i.rubbed != 0 and not stage_at(i.rubbed, (table, last, out)):
+        return False
+    under_way(before, asked.x, room.waiting)
+    motion(i, known, asked.x, room.waiting, asked.torques, room.path)
+    return finite(room.path)
+
+
+@inlined_flat
 def linearise(i: Inputs, known: Known, bounds: Bounds, given: Given) -> None:
     """Store in the buffer the commands of `given`, moved to within the limits, and the linear model along them."""
     path, u = path_in(i.buffer)
@@ -183,6 +184,16 @@ def linearise(i: Inputs, known: Known, bounds: Bounds, given: Given) -> None:
             u[k, j] = given.u[k, j] / BAR
     limit(bounds.low, bounds.high, bounds.step, given.last[0], BAR, u)
     linear_model(i, known, given.x, u, given.d, path)
+
+
+@inlined_flat
+def command(i: Inputs, bounds: Bounds, given: Given, rests: bool, before: State, after: State, made: Made) -> None:
+    """Fill in the commands [bar], those of a rest or those of the QP's solution."""
+    made.rests[0] = 1.0 if rests else 0.0
+    if rests:
+        hold(after.rest, bounds, before, made)
+    else:
+        planned(i, bounds, given, made)
 
 
 @inlined_flat
@@ -197,12 +208,12 @@ def planned(i: Inputs, bounds: Bounds, given: Given, made: Made) -> None:
 
 
 @inlined_flat
-def rollout(i: Inputs, known: Known, bounds: Bounds, x0: Array, d: Array, y: Array, made: Made) -> bool:
+def rollout(i: Inputs, known: Known, bounds: Bounds, given: Given, y: Array, made: Made) -> bool:
     """Fill in the commands in Pa, from bar, their states, K and F, and the violations of the soft limits; return
     whether all are finite. `y` is room for the outputs of a state.
     """
     moved, x, K, F = made.u, made.x, made.K, made.F
-    motion(i, known, x0, moved, d, x)
+    motion(i, known, given.x, moved, given.d, x)
     for k in range(x.shape[0]):
         read(i.c, x[k], y)
         for j in range(K.shape[1]):

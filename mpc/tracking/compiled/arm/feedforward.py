@@ -11,15 +11,11 @@ Pressures are in Pa. Of a preview that stands still there is one sample for all.
 
 from typing import Any
 
-import numpy as np
-
-from allocator.allocation.box.kernel.data import workspace
 from allocator.calculus import Array
-from allocator.joint.limits import BINDS
-from mpc.codegen.jit import inlined
-from mpc.tracking.compiled.arm.allocation import LEVELS, allocate_at, prove_at
-from mpc.tracking.compiled.arm.records import ArmInverse
-from mpc.tracking.compiled.arm.views import inverse_in
+from mpc.codegen.jit import inlined_flat
+from mpc.tracking.compiled.arm.allocation import allocate_at, allocation_at, proof_at, prove_at
+from mpc.tracking.compiled.arm.records import ArmInverse, ArmTargets
+from mpc.tracking.compiled.arm.views import inverse_in, targets_in
 from mpc.tracking.compiled.commands import finite
 from mpc.tracking.compiled.records import Reference
 from mpc.tracking.compiled.sample.layout import Inputs
@@ -32,29 +28,24 @@ ROWS = JOINTS + STIFFNESSES  # targets of a sample
 SURE = 1e-9  # residual of optimality up to which an allocation is accepted
 
 
-@inlined
+@inlined_flat
 def feed_forward(i: Inputs, asked: Array, K: Array, d: Array, found: Reference, moved: Array) -> bool:
     """Fill in the feed-forward of `mpc.tracking.feedforward.InverseDynamics`, and the distances `moved` (3,).
 
     Return whether the allocation is proved. `turned` of the inputs (N+1, e, e) turns svec K into a hand's.
     """
-    inverse, samples = inverse_in(i.inverse), found.x.shape[0]
+    inverse, to, samples = inverse_in(i.inverse), targets_in(i.targets), found.x.shape[0]
     rows = 1 if still(asked, K, d, samples) else samples
-    A, b, lo, hi = np.empty((rows, ROWS, NU)), np.empty((rows, ROWS)), np.empty((rows, NU)), np.empty((rows, NU))
-    if not targets(i, inverse, asked, K, d, found.x, A, b, lo, hi):
+    if not targets(i, inverse, rows, asked, K, d, found.x, to):
         return False
-    P = np.empty((rows, NU))
-    if i.turned.size == 0:
-        sure = allocated(i, A, b, lo, hi, P)
-    else:
-        of_hand, aims = A.copy(), b.copy()
-        turn_rows(i.turned.reshape(-1, STIFFNESSES, STIFFNESSES), A, b, of_hand, aims)
-        sure = allocated(i, of_hand, aims, lo, hi, P)
-    follow(inverse, asked, K, A, b, P, found, moved)
+    if i.turned.size > 0:
+        turn_rows(i.turned.reshape(-1, STIFFNESSES, STIFFNESSES), rows, to)
+    sure = allocated(i, rows, to.residual)
+    follow(inverse, rows, asked, K, to, found, moved)
     return sure
 
 
-@inlined
+@inlined_flat
 def still(asked: Array, K: Array, d: Array, samples: int) -> bool:
     """Return whether all samples of flat previews and torques are equal."""
     for array in (asked, K, d):
@@ -65,94 +56,91 @@ def still(asked: Array, K: Array, d: Array, samples: int) -> bool:
     return True
 
 
-@inlined
+@inlined_flat
 def targets(
-    i: Inputs, inverse: ArmInverse, asked: Array, K: Array, d: Array, x: Array, A: Array, b: Array, lo: Array, hi: Array
+    i: Inputs, inverse: ArmInverse, rows: int, asked: Array, K: Array, d: Array, x: Array, to: ArmTargets
 ) -> bool:
-    """Fill in the allocation's targets at every sample, and angles and velocities of `x`; return False if infeasible.
+    """Fill in the allocation's targets of the first `rows` samples, and angles and velocities of `x`; return whether
+    they are finite, and every muscle has a range of pressures.
 
     The derivatives of a preview are linear in its samples; one that stands still has a single one.
     """
-    samples, n, slopes = b.shape[0], JOINTS, i.slopes.reshape(2, x.shape[0], x.shape[0])
-    alpha, T, y0, M, F0, gain = (
-        np.empty(n),
-        np.empty(n),
-        np.empty(ROWS),
-        np.empty(ROWS * NU),
-        np.empty(NU),
-        np.empty(NU),
-    )
-    for k in range(samples):
+    n, slopes, b, y0 = JOINTS, i.slopes.reshape(2, x.shape[0], x.shape[0]), to.b, to.y0
+    for k in range(rows):
         for j in range(n):
             x[k, j] = min(max(asked[k * n + j], inverse.left[j]), inverse.right[j])
-    for k in range(samples):
+    for k in range(rows):
         for j in range(n):
             omega = speeding = 0.0
-            for l in range(samples if samples > 1 else 0):  # noqa: E741
+            for l in range(rows if rows > 1 else 0):  # noqa: E741
                 omega += slopes[0, l, k] * x[l, j]
                 speeding += slopes[1, l, k] * x[l, j]
-            x[k, n + j], alpha[j] = omega, speeding
-        statics(x[k, :n], x[k, n : 2 * n], alpha, i.c, T, y0, M, F0, gain)
+            x[k, n + j], to.alpha[j] = omega, speeding
+        statics(x[k, :n], x[k, n : 2 * n], to.alpha, i.c, to.T, y0, to.M, to.F0, to.gain)
         for j in range(n):
-            b[k, j] = T[j] - d[k * n + j] - y0[j]
+            b[k, j] = to.T[j] - d[k * n + j] - y0[j]
         row = n
         for j in range(n):
             for l in range(j, n):  # noqa: E741
                 entry = K[(k * n + j) * n + l]
                 b[k, row] = (entry if j == l else 2**0.5 * entry) - y0[row]
                 row += 1
-        for j in range(NU):
-            for row in range(ROWS):
-                A[k, row, j] = M[j * ROWS + row] * inverse.unit
-            hi[k, j] = inverse.most[j] / inverse.unit
-            lo[k, j] = max(inverse.low, (inverse.min_force - F0[j]) / gain[j]) / inverse.unit
-            if not (gain[j] > 0.0 and lo[k, j] <= hi[k, j]):
-                return False
-    return finite(b)
+        if not boxed(inverse, k, to):
+            return False
+    return finite(b[:rows])
 
 
-@inlined
-def turn_rows(turned: Array, A: Array, b: Array, of_hand: Array, aims: Array) -> None:
-    """Set the rows of the stiffness to those of a hand's."""
-    for k in range(b.shape[0]):
-        for row in range(STIFFNESSES):
-            aims[k, JOINTS + row] = 0.0
-            for j in range(NU):
-                of_hand[k, JOINTS + row, j] = 0.0
-            for l in range(STIFFNESSES):  # noqa: E741
-                factor = turned[k, row, l]
-                aims[k, JOINTS + row] += factor * b[k, JOINTS + l]
-                for j in range(NU):
-                    of_hand[k, JOINTS + row, j] += factor * A[k, JOINTS + l, j]
+@inlined_flat
+def boxed(inverse: ArmInverse, k: int, to: ArmTargets) -> bool:
+    """Fill in rows and limits of the pressures at the sample `k`, and return whether every muscle has a range."""
+    for j in range(NU):
+        gain, unit = to.gain[j], inverse.unit
+        for row in range(ROWS):
+            to.A[k, row, j] = to.M[j * ROWS + row] * unit
+        to.hi[k, j] = inverse.most[j] / unit
+        to.lo[k, j] = max(inverse.low, (inverse.min_force - to.F0[j]) / gain) / unit
+        if not (gain > 0.0 and to.lo[k, j] <= to.hi[k, j]):
+            return False
+    return True
 
 
-@inlined
-def allocated(i: Inputs, A: Array, b: Array, lo: Array, hi: Array, P: Array) -> bool:
-    """Fill in the pressures `P` (rows, m), and return whether they are proved."""
-    rows, work = P.shape[0], workspace(ROWS, NU, LEVELS)
-    centre, which, residual = np.zeros((rows, NU)), np.empty(rows, np.int64), np.empty(rows)
+@inlined_flat
+def turn_rows(turned: Array, rows: int, to: ArmTargets) -> None:
+    """Fill in the first `rows` targets with the stiffness of a hand."""
     for k in range(rows):
-        which[k] = k
-    side, mu, rounds = (
-        np.zeros((rows, NU + ROWS), np.int8),
-        np.empty((rows, LEVELS + 1, ROWS)),
-        np.zeros(rows, np.int64),
-    )
-    onesided, held, ends = np.zeros(ROWS, np.bool_), np.empty(ROWS + NU, np.bool_), np.array([JOINTS, ROWS])
-    allocate_at(i.allocate, (A, b, onesided, ends, lo, hi, centre, which, True, P, side, mu, rounds, work))
-    prove_at(i.prove, (A, b, onesided, ends, lo, hi, centre, which, P, mu, 0.0, BINDS, residual, held, work))
+        for row in range(ROWS):
+            one = row < JOINTS
+            to.hand_b[k, row] = to.b[k, row] if one else 0.0
+            for j in range(NU):
+                to.hand_A[k, row, j] = to.A[k, row, j] if one else 0.0
+            for l in range(0 if one else STIFFNESSES):  # noqa: E741
+                factor = turned[k, row - JOINTS, l]
+                to.hand_b[k, row] += factor * to.b[k, JOINTS + l]
+                for j in range(NU):
+                    to.hand_A[k, row, j] += factor * to.A[k, JOINTS + l, j]
+
+
+@inlined_flat
+def allocated(i: Inputs, rows: int, residual: Array) -> bool:
+    """Allocate the pressures for the first `rows` targets, one or all, and return whether they are proved."""
+    for place in range(ROWS + NU):
+        i.side[place] = 0  # no guess for the first target
+    allocate_at(i.allocate, allocation_at(i.allocate_one if rows == 1 else i.allocate_all))
+    prove_at(i.prove, proof_at(i.prove_one if rows == 1 else i.prove_all))
     sure = True
     for k in range(rows):
-        sure = sure and rounds[k] > 0 and residual[k] <= SURE
+        sure = sure and i.rounds[k] > 0 and residual[k] <= SURE
     return sure
 
 
-@inlined
+@inlined_flat
 def follow(
-    inverse: ArmInverse, asked: Array, K: Array, A: Array, b: Array, P: Array, found: Reference, moved: Array
+    inverse: ArmInverse, rows: int, asked: Array, K: Array, to: ArmTargets, found: Reference, moved: Array
 ) -> None:
-    """Fill in pressures of `x`, stiffness of `y` and commands `u` from `P` (rows, m), and the distances moved."""
-    rows, n, x, y, u, alpha = P.shape[0], JOINTS, found.x, found.y, found.u, inverse.alpha
+    """Fill in pressures of `x`, stiffness of `y` and commands `u` from those of `rows` targets, and the distances
+    moved.
+    """
+    n, x, y, u, alpha, A, b, P = JOINTS, found.x, found.y, found.u, inverse.alpha, to.A, to.b, to.P
     moved[0] = moved[1] = moved[2] = 0.0
     for k in range(x.shape[0]):
         q = min(k, rows - 1)
@@ -174,7 +162,7 @@ def follow(
                 u[k - 1, j] = (now - alpha[j] * before) / (1 - alpha[j])
 
 
-@inlined
+@inlined_flat
 def left_of(row: Array, b: float, x: Array) -> float:
     """Return b - row·x."""
     for j in range(NU):

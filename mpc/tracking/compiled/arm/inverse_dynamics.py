@@ -12,11 +12,11 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.mechanism.endpoint.targets import EndpointTargets
-from mpc.codegen.views import flat
+from mpc.codegen.views import flat, in_python, length_of
 from mpc.model.arm.model import Arm
-from mpc.tracking.compiled.arm.allocation import addresses
+from mpc.tracking.compiled.arm.allocation import addresses, allocating
 from mpc.tracking.compiled.arm.module import feeds_forward
-from mpc.tracking.compiled.arm.records import ArmInverse
+from mpc.tracking.compiled.arm.records import ArmInverse, ArmTargets
 from mpc.tracking.compiled.module import CompiledPlant
 from mpc.tracking.compiled.qp_step import CompiledFeedForward
 from mpc.tracking.compiled.sample.arrays import Feeding
@@ -70,11 +70,13 @@ class CompiledArmFeedForward(CompiledFeedForward):
     def _feeding(self, readable: InverseDynamics) -> Feeding:
         """Return the arrays of the `readable` feed-forward."""
         arm: Arm = readable.plant
-        (low, high), known = arm.mechanism.pressure_limits, addresses()
-        assert known is not None  # see `feed_forward_of`
+        low, high = arm.mechanism.pressure_limits
         most = np.array([min(muscle.max_pressure, high) for muscle in arm.mechanism.muscles])
         inverse = ArmInverse(readable.alpha, most, low, high, readable.min_force, *map(np.array, arm.angle_limits))
-        return Feeding(flat(inverse), readable.slopes, np.zeros(0), *known)
+        module, of_hand = self._plant.step, arm.endpoint is not None
+        targets = np.zeros(length_of(ArmTargets, len(readable.slopes[0]) - 1, known=module.ARM))
+        room = allocating(targets, in_python(module.targets_in)(targets), of_hand)
+        return Feeding(flat(inverse), readable.slopes, np.zeros(0), room)
 
 
 class CompiledHandFeedForward(CompiledArmFeedForward):

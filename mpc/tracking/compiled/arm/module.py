@@ -2,15 +2,11 @@
 
 import ast
 from collections.abc import Iterable
-from functools import cache
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numba.extending import register_jitable
 
-from allocator.allocation.box.kernel import data
-from allocator.compilation.linked import INNER
 from allocator.lazy import Function
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, filling
@@ -41,7 +37,6 @@ def compiled_arm(arm: Arm, dt: float) -> CompiledPlant:
         source = filling(name, function, c.size)
         formulas, c = formulas + f"@inlined_flat\n{source.text}\n\n", np.concatenate([c, source.c])
     register_rest()
-    _register_workspace()
     parts = with_formulas(_PARTS, formulas) + (with_formulas(_FEED_FORWARD, "") if feeds else _NONE)
     step = imported(f"{_assembled(_SAMPLE, arm)}\n\n{_without_own_imports(with_formulas(STEP, parts))}")
     empty = np.zeros(0)
@@ -56,13 +51,6 @@ def feeds_forward(arm: Arm) -> bool:
 def solve_module(arm: Arm) -> ModuleType:
     """Return the compiled solution of the structured QP, which depends only on the sizes of the arm."""
     return imported(_assembled(_SOLUTION, arm))
-
-
-@cache
-def _register_workspace() -> None:
-    """Register the functions with numba that carve the memory of an allocation."""
-    for function in (data.matrix, data.vector, data.carved, data.flat_arrays, data.workspace):
-        register_jitable(error_model="numpy", **INNER)(function)
 
 
 _NONE = """

@@ -46,6 +46,25 @@ class ArmSetting(NamedTuple):
     starts: Indices
 
 
+class ArmTargets(NamedTuple):
+    """Targets of an arm's allocation, its answer, and working arrays for one of them."""
+
+    A: Annotated[Array, "N + 1", "n + s", "m"]  # of torques and svec K by pressures in units of the supply
+    b: Annotated[Array, "N + 1", "n + s"]
+    hand_A: Annotated[Array, "N + 1", "n + s", "m"]  # the same with the stiffness of a hand
+    hand_b: Annotated[Array, "N + 1", "n + s"]
+    lo: Annotated[Array, "N + 1", "m"]
+    hi: Annotated[Array, "N + 1", "m"]
+    P: Annotated[Array, "N + 1", "m"]
+    residual: Annotated[Array, "N + 1"]  # of optimality
+    alpha: Annotated[Array, "n"]  # ω', and the values of `statics`
+    T: Annotated[Array, "n"]
+    y0: Annotated[Array, "n + s"]
+    M: Annotated[Array, "(n + s) * m"]
+    F0: Annotated[Array, "m"]
+    gain: Annotated[Array, "m"]
+
+
 class ArmInverse(NamedTuple):
     """Numbers of an arm's `mpc.tracking.feedforward.InverseDynamics`."""
 

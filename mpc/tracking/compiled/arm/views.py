@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from allocator.calculus import Array
 from mpc.codegen.views import viewer
-from mpc.tracking.compiled.arm.records import ArmAlong, ArmInverse, ArmSetting
+from mpc.tracking.compiled.arm.records import ArmAlong, ArmInverse, ArmSetting, ArmTargets
 from mpc.tracking.compiled.records import Given, Indices, sizes_of
 from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, STIFFNESSES
 
@@ -14,3 +14,4 @@ given_in: Callable[[Array], Given] = viewer(Given, ARM)
 inverse_in: Callable[[Array], ArmInverse] = viewer(ArmInverse, ARM)
 path_in: Callable[[Array], ArmAlong] = viewer(ArmAlong, ARM)
 setting_in: Callable[[Array, Indices], ArmSetting] = viewer(ArmSetting, ARM)
+targets_in: Callable[[Array], ArmTargets] = viewer(ArmTargets, ARM)

@@ -26,14 +26,26 @@ _CLOCK = clock()
 _KINDS = "(int64, int64, float64[::1], float64[::1], float64[:], float64[:], float64[:])"
 
 
+class Allocating(NamedTuple):
+    """Memory of an arm's allocation, and the addresses for its calls: see `mpc.tracking.compiled.arm.allocation`."""
+
+    targets: Array  # see `mpc.tracking.compiled.arm.records.ArmTargets`
+    side: NDArray[np.int8]
+    rounds: NDArray[np.int64]
+    calls: tuple[int, int, int, int, int, int]  # as in `Inputs`
+    kept: tuple[object, ...]  # everything else at these addresses
+
+
+_NO_ALLOCATION = Allocating(np.zeros(0), np.zeros(0, np.int8), np.zeros(0, np.int64), (0, 0, 0, 0, 0, 0), ())
+
+
 class Feeding(NamedTuple):
-    """Arrays of a feed-forward, and the addresses of an arm's allocation (`mpc.tracking.compiled.arm.allocation`)."""
+    """Arrays of a feed-forward."""
 
     inverse: Array  # numbers
     slopes: tuple[Array, Array]  # (N+1, N+1) derivatives of a preview
     turned: Array  # see `Inputs`
-    allocate: int = 0
-    prove: int = 0
+    allocating: Allocating = _NO_ALLOCATION  # of an arm
 
 
 def feeding_of(readable: InverseDynamics) -> Feeding:
@@ -93,7 +105,8 @@ class StepArrays:
         )
         self.ask: Asked = in_python(plant.step.asked_in)(asked)
         feeding = feeding or Feeding(np.zeros(0), (np.zeros((N + 1, N + 1)),) * 2, np.zeros(0))
-        inverse, slopes, self.turned, allocate, prove = feeding
+        inverse, slopes, self.turned, allocating = feeding
+        targets, side, rounds, calls, self._kept = allocating
         qp = structured or _unused(plant, N)
         (numbers, starts, given, path), self.given = qp.arrays, qp.given
         known = flat(Known(plant.h, plant.substeps, *beyond.gate, beyond.dead_band, beyond.rules, CORRECTED))
@@ -102,8 +115,8 @@ class StepArrays:
         rested = stage_of(plant.step.rested) if beyond.rests else 0
         self._inputs = Inputs(
             plant.c, plant.p, plant.decay, inverse, np.ravel([D.T for D in slopes]), self.turned, known,
-            beyond.friction.ravel(), numbers, asked, given, path, qp.answer, room, starts, qp.counted, qp.guess,
-            np.zeros_like(qp.guess), qp.address, allocate, prove, rubbed, rested, *_CLOCK,
+            beyond.friction.ravel(), numbers, asked, given, path, qp.answer, room, targets, starts, qp.counted, rounds,
+            qp.guess, np.zeros_like(qp.guess), side, qp.address, *calls, rubbed, rested, *_CLOCK,
         )  # fmt: skip
         self._table = table_of(self._inputs)
         self.step = entry_of(plant.step.step, _KINDS)

@@ -44,13 +44,20 @@ class Inputs(NamedTuple):
     buffer: Array
     z: Array  # (n + 1,) decisions, and the bound of their suboptimality
     room: Array
+    targets: Array  # of an arm's allocation, see `mpc.tracking.compiled.arm.records`; otherwise empty
     starts: NDArray[np.int64]  # (blocks,)
     counted: NDArray[np.int64]  # (1,) exchanges
+    rounds: NDArray[np.int64]  # of an arm's allocation, like `side`
     guess: NDArray[np.int8]  # (n,)
     kept: NDArray[np.int8]  # (n,) room for the guess
+    side: NDArray[np.int8]
     settle: int  # addresses, see `mpc.tracking.compiled.sample.calls`
-    allocate: int  # of an arm, like the next one
+    allocate: int  # of an arm's allocation and its arguments, for one target or for all; 0 otherwise
+    allocate_one: int
+    allocate_all: int
     prove: int
+    prove_one: int
+    prove_all: int
     rubbed: int  # stages of the step, 0 without friction or rests
     rested: int
     clock: int
