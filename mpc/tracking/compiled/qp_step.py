@@ -72,8 +72,7 @@ class CompiledQPStep:
     ) -> QPAnswer:
         """Solve the QP as `mpc.tracking.qp.step.QPStep` describes."""
         began = perf_counter()
-        self.structured.take(x, u, d.ravel(), feed, previous)
-        self._arrays.linearise()
+        self.linearise(x, u, d, feed, previous)
         linearised = perf_counter()
         if not isinstance(solve, Riccati):
             return dense_answer(self._problem, self.model, feed, previous, solve, began, deadline)
@@ -82,6 +81,11 @@ class CompiledQPStep:
         now = perf_counter()
         times = linearised - began, 0.0, now - linearised
         return structured_answer(proved, finite, motion.u, motion, self.structured.gap, times, now > deadline)
+
+    def linearise(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
+        """Linearise about the commands `u` within the limits, for the structured QP."""
+        self.structured.take(x, u, d.ravel(), feed, previous)
+        self._arrays.linearise()
 
     @property
     def model(self) -> Linearisation:
