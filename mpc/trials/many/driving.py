@@ -1,7 +1,7 @@
 """Compiled loop of a controller, its observer and a compiled plant, if all three can be compiled.
 
-The controller has to be a `TrackingMPC` with a compiled step, with the `KalmanObserver` of the same plant and
-`Compensation`. The readable parts make the first samples of a run, and the flat values are then copied from them.
+The controller has to be the `TrackingMPC` of a joint with a compiled step, with the `KalmanObserver` of the same plant
+and `Compensation`. The readable parts make the first samples of a run, and the flat values are then copied from them.
 `simulate` makes runs with samples that are not ordinary (`mpc.trials.many.driven`).
 """
 
@@ -11,6 +11,7 @@ from types import ModuleType
 import numpy as np
 
 from mpc.codegen.modules import imported, with_formulas
+from mpc.model.arm.model import Arm
 from mpc.model.plant import NU
 from mpc.observer.base import Observer
 from mpc.observer.compiled.whole import CompiledEstimate
@@ -74,7 +75,7 @@ class Driving:
 
 def driving(controller: Controller, observer: Observer | None) -> Driving | None:
     """Return a compiled driver equal to controller and observer, if they can be compiled."""
-    if not (type(controller) is TrackingMPC and type(observer) is KalmanObserver):
+    if type(controller) is not TrackingMPC or type(observer) is not KalmanObserver or isinstance(controller.plant, Arm):
         return None
     whole, estimate = controller._whole, observer.compiled
     if whole is None or estimate is None:
