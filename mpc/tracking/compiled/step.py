@@ -34,7 +34,7 @@ from mpc.tracking.compiled.sample.stages import (
     under_way,
 )
 from mpc.tracking.compiled.sample.views import asked_in, known_in, made_in, memory_in, plan_length, room_in, state_in
-from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, TRACKED
 from mpc.tracking.rest_memory import HELD, RESTS, RINGS, SIDE
 
 FORMULAS: Any = None
@@ -64,7 +64,7 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
         done = foreseen(i, table, last, out, k, want, room, before, after)
         rests = done and i.rested != 0 and stage_at(i.rested, (table, last, out))
     if done and (whole or what == FEED):
-        previews = want.theta[delay * JOINTS :], want.K[delay * room.factor.size :], torques
+        previews = want.theta[delay * JOINTS :], want.K[delay * TRACKED**2 :], torques
         done = feed_forward(i, *previews, now.reference, made.moved)
     fed = linearised = seconds_at(i.clock, i.name)
     if whole and done:
@@ -139,7 +139,7 @@ def rested(table: int, last: Array, out: Array) -> bool:
     rules, asked, room = known_in(i.known).rules, asked_in(i.asked), room_in(i.room)
     before, after = states_of(i, given_in(i.given).u.shape[0], last, out)
     delay, at, memory = room.waiting.shape[0], room.held, memory_in(after.rest, JOINTS, NU)
-    if not resting.constant(memory, rules, asked.theta[delay * JOINTS :], asked.K[delay * room.factor.size :]):
+    if not resting.constant(memory, rules, asked.theta[delay * JOINTS :], asked.K[delay * TRACKED**2 :]):
         resting.begin(memory)
     elif resting.decided(memory, rules, asked.x, before.expected):
         for j in range(JOINTS):

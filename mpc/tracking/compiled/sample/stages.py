@@ -17,7 +17,7 @@ from mpc.tracking.compiled.commands import limit
 from mpc.tracking.compiled.records import Bounds, Given, Indices, Signs
 from mpc.tracking.compiled.sample.layout import Asked, Known, Made, State
 from mpc.tracking.compiled.sample.views import memory_in
-from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, NX
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, NX, TRACKED
 from mpc.tracking.rest_memory import HELD
 
 WHOLE, FEED, LINEARISE, ROLLOUT = range(4)  # the part of a step to make
@@ -47,27 +47,26 @@ def plausible(known: Known, asked: Asked, factor: Array) -> bool:
     for i in range(JOINTS):
         if not np.isfinite(asked.d[i]):
             return False
-    rows = int(np.sqrt(factor.size) + 0.5)
-    for k in range(asked.K.size // factor.size):
-        if not definite(asked.K[k * factor.size : (k + 1) * factor.size], rows, factor):
+    for k in range(asked.K.size // TRACKED**2):
+        if not definite(asked.K[k * TRACKED**2 : (k + 1) * TRACKED**2], factor):
             return False
     return True
 
 
 @inlined_flat
-def definite(K: Array, rows: int, L: Array) -> bool:
+def definite(K: Array, L: Array) -> bool:
     """Return whether the flat matrix `K` is symmetric and positive definite; `L` is room for its Cholesky factor."""
-    for i in range(rows):
+    for i in range(TRACKED):
         for j in range(i + 1):
-            value = K[i * rows + j]
-            if not abs(value - K[j * rows + i]) <= SYMMETRIC * K[0]:
+            value = K[i * TRACKED + j]
+            if not abs(value - K[j * TRACKED + i]) <= SYMMETRIC * K[0]:
                 return False
             for c in range(j):
-                value -= L[i * rows + c] * L[j * rows + c]
+                value -= L[i * TRACKED + c] * L[j * TRACKED + c]
             if i > j:
-                L[i * rows + j] = value / L[j * rows + j]
+                L[i * TRACKED + j] = value / L[j * TRACKED + j]
             elif _LEAST <= value < inf:
-                L[i * rows + i] = np.sqrt(value)
+                L[i * TRACKED + i] = np.sqrt(value)
             else:
                 return False
     return True

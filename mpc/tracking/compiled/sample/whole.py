@@ -110,7 +110,7 @@ class WholeStep:
         self.qp_step, self.feed_forward, self.beyond = qp_step, feed_forward, beyond
         self._parts, self.rest, plant = parts, parts.rest, parts.plant
         self._arrays = arrays = self.arrays()
-        self._step, self._table, self._size = arrays.step, arrays.address, arrays.nothing.size
+        self._step, self._table, self._size, self._d = arrays.step, arrays.address, arrays.nothing.size, arrays.ask.d
         samples = (arrays.ask.theta.size // plant.n,)
         self._single, constant = plant.angle_shape == (), (plant.angle_shape, plant.stiffness_shape)
         self._shapes = (plant.size,), *((*samples, *shape) for shape in constant)
@@ -126,17 +126,22 @@ class WholeStep:
 
     def plan(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float, deadline: float) -> Plan | None:
         """Return the plan of an ordinary step by the `deadline`; if there is none, change nothing and return None."""
-        newest = self._newest
+        newest, (state, angles, stiffnesses) = self._newest, self._shapes
         if self.behind:
             self._take()
         try:
             if not (
                 x.__class__ is theta_ref.__class__ is K_ref.__class__ is np.ndarray
                 and x.dtype is theta_ref.dtype is K_ref.dtype is _FLOAT
-                and (x.shape, theta_ref.shape, K_ref.shape) == self._shapes
+                and x.shape == state
+                and theta_ref.shape == angles
+                and K_ref.shape == stiffnesses
             ):
                 x, theta_ref, K_ref = self._numbers(x, theta_ref, K_ref)
-            self._arrays.ask.d[:] = d if d.__class__ is float else self._torque(d)
+            if d.__class__ is float:
+                self._d.fill(d)
+            else:
+                self._d[:] = self._torque(d)
         except (InvalidInput, ValueError, TypeError):
             return None  # the readable stages report the error
         if not self._single:
