@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from allocator.mechanism.mechanism import Mechanism
 
 _NOT_MET = 3  # exit code
+_MUSCLES = "agonist", "antagonist"
 
 
 @grouped
@@ -137,8 +138,8 @@ def _values_of_one(a: "PairAllocation", damping: float) -> dict[str, Any]:
         "loss_factor": _loss_factor(a, damping) if a.kind.frequency else None,
         "F1_N": a.forces[0],
         "F2_N": a.forces[1],
-        "F1_std_N": None if a.forces_std is None else a.forces_std[0],
-        "F2_std_N": None if a.forces_std is None else a.forces_std[1],
+        "F1_std_N": _forces_std(a)[0],
+        "F2_std_N": _forces_std(a)[1],
         "torque_reachable_Nm": a.torque_interval,
         "stiffness_reachable_Nm_per_rad": a.stiffness_interval,
         "slack_assumed": a.joint.slack_assumed,
@@ -155,6 +156,16 @@ def _loss_factor(a: "PairAllocation", damping: float) -> float:
     return K.imag / K.real
 
 
+def _forces_std(a: "PairAllocation") -> tuple[float | None, float | None]:
+    """Return the standard deviations of both forces [N], None for a muscle without a covariance."""
+    if a.forces_std is None:
+        return None, None
+    whole, muscles = a.joint.covariance is not None, (a.joint.agonist, a.joint.antagonist)
+    fitted = (whole or muscle.covariance is not None for muscle in muscles)
+    one, two = (float(std) if known else None for std, known in zip(a.forces_std, fitted, strict=True))
+    return one, two
+
+
 def _table(a: "PairAllocation", damping: float) -> "Table":
     from rich.table import Table
     from rich.text import Text
@@ -166,16 +177,17 @@ def _table(a: "PairAllocation", damping: float) -> "Table":
     table.add_row("torque [N·m]", number(a.T_target), number(a.T), f"{T_min} … {T_max}")
     table.add_row(f"{a.stiffness_name} [N·m/rad]", number(a.K_target), number(a.K), f"{K_min} … {K_max} at this torque")
     if a.K_std is not None:
-        table.add_row("  its standard deviation", "", number(a.K_std, 2), "from the fit")
+        exact = [name for name, std in zip(_MUSCLES, _forces_std(a), strict=True) if std is None]
+        whence = f"from the fit; the {exact[0]} counts as exact" if exact else "from the fit"
+        table.add_row("  its standard deviation", "", number(a.K_std, 2), whence)
     if not a.kind.isobaric:
         table.add_row("  isobaric [N·m/rad]", "", number(a.isobaric_stiffness), "with the pressures held")
     if a.kind.frequency:
         viscous = f"with a damping of {number(damping)} N·m·s/rad"
         table.add_row("  its loss factor", "", number(_loss_factor(a, damping)), viscous)
     unseen = ", a common force was not seen" if a.joint.slack_assumed else ""
-    for i, (name, pressure) in enumerate((("agonist", a.P1), ("antagonist", a.P2))):
-        std = "" if a.forces_std is None else f" ± {number(a.forces_std[i], 2)}"
-        pull = f"pulls {number(a.forces[i])}{std} N{unseen}"
+    for name, pressure, force, std in zip(_MUSCLES, (a.P1, a.P2), a.forces, _forces_std(a), strict=True):
+        pull = f"pulls {number(force)}{'' if std is None else f' ± {number(std, 2)}'} N{unseen}"
         table.add_row(Text(f"{name} pressure [bar]"), "", f"{pressure / BAR:.4f}", pull)
     table.add_row("binding limits", "", ", ".join(a.active) or "none", "")
     if a.joint.slack_assumed:
@@ -256,6 +268,7 @@ def _values_of_several(found: "BoxAllocation | AtLeast") -> dict[str, Any]:
 
 
 def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
+    from rich.markup import escape
     from rich.table import Table
 
     from allocator.allocation.at_least import AtLeast
@@ -263,14 +276,14 @@ def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
     a, status = (found.allocation, found.status) if isinstance(found, AtLeast) else (found, found.status)
     m, angles = a.mechanism, ", ".join(f"{number(angle)}°" for angle in a.q / DEG)
     joints = Table("joint", "torque asked [N·m]", "given", title=f"{angles} · {status.name}")
-    joints.add_column(f"{a.kind.text} given [N·m/rad], by {', '.join(m.joint_names)}")
+    joints.add_column(escape(f"{a.kind.text} given [N·m/rad], by {', '.join(m.joint_names)}"))
     for i, name in enumerate(m.joint_names):
         given = ", ".join(number(value) for value in a.K[i])
-        joints.add_row(name, number(a.T[i] + a.T_error[i]), number(a.T[i]), given)
-    muscles = Table("muscle", "pressure [bar]", "pulls [N]", "binding limits")
+        joints.add_row(escape(name), number(a.T[i] + a.T_error[i]), number(a.T[i]), given)
+    muscles = Table(*map(escape, ("muscle", "pressure [bar]", "pulls [N]", "binding limits")))
     for name, P, F in zip(m.muscle_names, a.P, a.forces, strict=True):
         binding = [limit.removeprefix(f"{name} ") for limit in a.active if limit.startswith(f"{name} ")]
-        muscles.add_row(name, f"{P / BAR:.4f}", number(F), ", ".join(binding))
+        muscles.add_row(escape(name), f"{P / BAR:.4f}", number(F), ", ".join(binding))
     return [joints, muscles]
 
 

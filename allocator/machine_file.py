@@ -84,9 +84,17 @@ _UNITS = "SI units: Pa, m, rad, N"
 
 
 def named_machine(name: str) -> Machine:
-    """Return the ready-made machine of this name, or that in the TOML file of this name."""
+    """Return the ready-made machine of this name, or that in the TOML file of this name.
+
+    Raises `MissingBackend` for an unknown name, `InvalidInput` for a MuJoCo model, and as `load_machine`.
+    """
     if name in MACHINES:
         return MACHINES[name]()
+    if name.endswith(".xml"):
+        raise InvalidInput(
+            f"{name} is a MuJoCo model, for track, tune, export controller and export governor; others take TOML: "
+            "save_machine(Mechanism.from_mjcf(…), …) in Python"
+        )
     if not name.endswith(".toml"):
         raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml"])
     return load_machine(name)
@@ -217,7 +225,7 @@ def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
     """Return the joint or the mechanism in a parsed file."""
     limits, routes = (file.needed(name, "a machine") for name in ("machine", "routes"))
     kind = routes.entries.get("kind")
-    if kind not in _kinds():
+    if kind not in list(_kinds()):  # it may be anything, even a list
         raise routes.fault(f"the unknown kind {kind!r}; known: {', '.join(_kinds())}")
     one = kind in _GEOMETRIES
     whose = "the file of a joint" if one else "the file of a machine with such routes"
@@ -253,6 +261,8 @@ def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], mor
         if len(rows) != 1 or not isinstance(rows[0], list):
             raise limits.fault("angle_limits has one row of a joint, [[lower, upper]] [rad]")
         values["angle_limits"] = tuple(rows[0])
+    if isinstance(file.entries.get("measured"), dict):
+        raise file.fault("[measured] of a fitted muscle has to stand below its [[muscle]], as [muscle.measured]")
     operator = file.table("hysteresis")
     more |= {"hysteresis": None if operator is None else operator.made(PrandtlIshlinskii)}
     more["covariance"] = covariance_rows(file)
@@ -265,7 +275,9 @@ def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], mor
 def _mechanism(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> Mechanism:
     limits.only((*_LIMITS, "joints"))
     values = dict(limits.entries)
-    names: dict[str, Any] = {"muscle_names": tuple(muscles), "joint_names": tuple(values.pop("joints", ()))}
+    if not isinstance(joints := values.pop("joints", []), list):
+        raise limits.fault(f"joints = {joints!r} has to be a list of names")
+    names: dict[str, Any] = {"muscle_names": tuple(muscles), "joint_names": tuple(joints)}
     try:
         return Mechanism(led, tuple(muscles.values()), **names, **more, **values)
     except (InvalidInput, TypeError, ValueError, OverflowError) as error:
@@ -296,7 +308,7 @@ def _muscles(file: Table) -> dict[str, Muscle]:
             found[name] = muscle_from(any_kind, table, "name")
             continue
         table.only(("name", "like"), "a muscle like another")
-        if like not in found:
+        if like not in list(found):
             raise table.fault(f"like = {like!r} has to be the name of a muscle above: {', '.join(found) or 'none'}")
         found[name] = found[like]
     return found

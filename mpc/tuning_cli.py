@@ -139,14 +139,17 @@ def _read(options: PlantOptions, file: Path | None) -> "tuple[Any, Compensation,
 
 def _describe(tuned: "Tuned", judged: "tuple[Evaluation, Evaluation] | None", console: "Console") -> None:
     """Print the figures before and after, on the draws of the search and on others."""
+    from rich.markup import escape
     from rich.table import Table
 
     for words, pair in (("the draws", None), ("draws of the other seed", judged))[: 1 if judged is None else 2]:
         table = Table("", "before", "after", title=f"{tuned.tuning.controller}: 80 % quantiles over {words}")
         for row in tuned.rows(pair):
-            table.add_row(*row)
+            table.add_row(*map(escape, row))
         console.print(table)
     say(console, tuned.tuning.summary)
+    if tuned.price:
+        say(console, tuned.price)
     if tuned.warning:
         say(console, f"beware: {tuned.warning}")
 

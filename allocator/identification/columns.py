@@ -149,6 +149,8 @@ def parse_columns(text: str | None) -> dict[str, str]:
     for quantity, _, column in parts:
         if not (quantity.strip() and column.strip()):
             raise InvalidInput(f"--columns {text}: expected QUANTITY=NAME:UNIT, such as pressure=p:bar,force=F:N")
+        if re.search(r"\s\w+=", column):
+            raise InvalidInput(f"--columns {text}: separate quantities by commas, such as pressure=p:bar,force=F:N")
     if len({quantity.strip() for quantity, *_ in parts}) < len(parts):
         raise InvalidInput(f"--columns {text}: a quantity is given twice")
     return {quantity.strip(): column.strip() for quantity, _, column in parts}

@@ -57,7 +57,11 @@ class AntagonistJoint:
     gas: Gas = field(default=AIR, kw_only=True)  # in the muscles, which define their volumes
 
     def __post_init__(self) -> None:
-        """Check the limits against each other."""
+        """Check the parts and the limits against each other."""
+        for name, kind in (("geometry", Geometry), ("agonist", Muscle), ("antagonist", Muscle)):
+            if not isinstance(part := getattr(self, name), kind):
+                how = ", such as named_muscle(name)" if kind is Muscle else ", such as Pulley(…)"
+                raise InvalidInput(f"{name} = {checks.brief(part)} has to be a {kind.__name__}{how}")
         object.__setattr__(self, "pressure_limits", checked_supply(self.pressure_limits))
         object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
         if self.angle_limits is not None:

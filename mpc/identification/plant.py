@@ -110,13 +110,22 @@ class IdentifiedPlant:
 
     @property
     def plant(self) -> Plant:
-        """The plant as it is loaded from the file. Raises `InvalidFile` if its force scale is unknown."""
+        """The plant as it is loaded from the file; raises as `save`, and `InvalidFile` for an unknown force scale."""
         with TemporaryDirectory() as directory:
             self.save(path := Path(directory) / "plant.toml")
             return Plant.load(path)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the file, for every command's --machine. Raises `CannotWrite`."""
+        """Write the file, for every command's --machine.
+
+        Raises `InvalidInput` if its free run over the log leaves its geometry or force laws, `CannotWrite`.
+        """
+        if not np.isfinite(self.run.theta).all():
+            t = self.run.log.t[np.argmin(np.isfinite(self.run.theta))]
+            raise InvalidInput(
+                f"the fitted plant cannot follow its own log: at {t:.3g} s its free run leaves the range of its "
+                "geometry or force laws; see the warnings of the fit, or give a log with less motion"
+            )
         write_text(path, self.text)
 
 
@@ -142,9 +151,8 @@ class _Written:
         usual = {name: self.known.get(name, getattr(Plant(), name)) for name in ("inertia", "damping")}
         if not self.assumed:
             return self._tried(usual)
-        delay = _UNSEEN * self.fit.log.step
-        damping = self.moving.damping or self.moving.stiffness * delay
-        small = self._tried({"damping": damping, "inertia": damping * delay / 2})
+        damping = max(self.moving.damping, self._least_damping)
+        small = self._tried({"damping": damping, "inertia": damping * _UNSEEN * self.fit.log.step / 2})
         if not self.fit.scale_known:
             return small
         tried = self._tried(usual)
@@ -153,8 +161,14 @@ class _Written:
     @property
     def assumed(self) -> tuple[str, ...]:
         """Those of inertia and damping that the log does not show; zero damping with an inertia counts as shown."""
-        names = () if self.moving.inertia else ("damping", "inertia")
-        return tuple(name for name in names if not getattr(self.moving, name))
+        if self.moving.inertia:
+            return ()
+        return ("inertia",) if self.moving.damping >= self._least_damping else ("damping", "inertia")
+
+    @property
+    def _least_damping(self) -> float:
+        """Least damping that the log can show without an inertia [N·m·s/rad]."""
+        return _UNSEEN * self.fit.log.step * self.moving.stiffness
 
     @cached_property
     def _commanded(self) -> bool:

@@ -4,9 +4,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from allocator.calculus import Value
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.compensation import Compensation
+from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Differentiator, Observer
 from mpc.observer.filter import Noise
@@ -14,7 +17,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.weights import Weights
-from mpc.trials.margins import Margins, linear, margins
+from mpc.trials.margins import Margins, linear, margins, usual_postures
 from mpc.trials.motions.reference import Reference
 from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
@@ -89,6 +92,7 @@ GAINS = {"pid": PIDControl.GAINS, "pi": PIControl.GAINS, "predictive-pid": Predi
 
 
 WEIGHED = "mpc", "nmpc", "lqr"  # controllers with `Weights`
+_NEAR = 0.1  # relative distance of a stiffness that still counts as reached
 
 
 def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[Controller, Observer]:
@@ -107,12 +111,12 @@ def loop(name: str, settings: Settings, observer: bool | None = None) -> tuple[C
 def robust(name: str, settings: Settings, reference: Reference | None = None) -> Settings:
     """Return the settings with the weights of `robust_weights`, for a controller `name` with weights.
 
-    The weights are those for the middle of a `reference`, or of the joint for None.
+    The weights are those for the middle of a `reference`, or of the joint for None and for a middle out of reach.
     """
     if name not in WEIGHED:
         return settings
     known = settings.plant, settings.dt, settings.N, settings.compensation
-    posture = None if reference is None else reference.middle
+    posture = None if reference is None else _within_reach(settings.plant, reference)
     return settings._replace(weights=robust_weights(*known, posture=posture, wait=settings.wait))
 
 
@@ -126,10 +130,18 @@ def sliding_margins(
 
 
 def margins_in_words(name: str, settings: Settings, reference: Reference, driver: Controller) -> list[str]:
-    """Return sentences on the margins of the loop `name`, at the middle of a reference.
+    """Return sentences on the margins of the loop `name`, at the middle of a reference or of the joint, see `robust`.
 
     There are none if the `driver`, the loop's controller, is slow: an NLP, or a step without compiled code.
     """
     if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
         return []
-    return sliding_margins(name, settings, [reference.middle])[0].sentences
+    posture = _within_reach(settings.plant, reference) or usual_postures(settings.plant)[1]
+    return sliding_margins(name, settings, [posture])[0].sentences
+
+
+def _within_reach(plant: Machine, reference: Reference) -> tuple[Value, Value] | None:
+    """Return the middle of a reference, or None if its stiffness is beyond limits, at which a loop is not linear."""
+    theta, K = reference.middle
+    reached = plant.tracked_stiffness(plant.at_rest(theta, K))
+    return (theta, K) if np.linalg.norm(reached - K) <= _NEAR * np.linalg.norm(K) else None

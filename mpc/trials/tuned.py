@@ -107,7 +107,7 @@ class Tuning:
 
 def parameters_of(controller: str) -> Mapping[str, Parameter]:
     """Return the tunable numbers of a controller. Raises `MissingBackend` for an unknown one."""
-    if controller not in TUNABLE:
+    if controller not in list(TUNABLE):
         raise MissingBackend("controller to tune", controller, TUNABLE)
     return TUNABLE[controller]
 

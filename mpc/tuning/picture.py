@@ -27,7 +27,7 @@ def plot_tuned(tuned: Tuned, figure: "Figure | None" = None) -> "Figure":
     for i, label, marker in ((before, "before", "s"), (after, "after", "*")):
         axes.plot(peak[i], error[i], marker, color="C3", markersize=13, markerfacecolor="none", zorder=3, label=label)
     axes.axvspan(limit, axes.set_xlim(1.0)[1], color="0.92", zorder=0)
-    axes.text(limit, 0.99, " beyond the limit", transform=axes.get_xaxis_transform(), va="top", color="0.4")
+    axes.text(0.99, 0.99, "beyond the limit", transform=axes.transAxes, ha="right", va="top", color="0.4")
     axes.set_ylim(0)
     axes.set(xlabel="sensitivity peak M_s [-]", ylabel="cost, 80 % quantile over the draws [°]")
     axes.set_title(f"{tuned.tuning.controller}: {len(peak)} evaluations on {len(tuned.problem.draws)} draws")

@@ -47,6 +47,13 @@ class Tuned:
             "shorten the dead time"
         )
 
+    @property
+    def price(self) -> str:
+        """A sentence if the tuning keeps the limit of M_s at the expense of accuracy, or ""."""
+        if not self.after.robust or self.after.error <= self.before.error:
+            return ""
+        return f"the defaults are more accurate, with M_s = {self.before.sensitivity_peak:.2f} above the limit"
+
     def judged(self, seed: int) -> tuple[Evaluation, Evaluation]:
         """Return the evaluations of the defaults and of the tuning on as many draws of another `seed`."""
         other = self.problem.redrawn(seed)

@@ -18,6 +18,7 @@ from allocator.identification.joint.relative import RelativeJoint, describe_refe
 from allocator.identification.joint.result import JointFit
 from allocator.identification.options import SkipRows, Topics, assigned, clock, columns_option, each, print_lines
 from allocator.joint.geometry import Geometry, Lever, Pulley
+from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, within
@@ -45,8 +46,12 @@ def fit_joint_command(
     pulley: Annotated[
         str | None, typer.Option(help="dimensions of a pulley, R,ε0: radius [m] and contraction ratio at θ = 0")
     ] = None,
+    machine: Annotated[
+        Path | None, typer.Option(help="TOML file of a joint with the same mechanism, such as a measured Table")
+    ] = None,
     rest_length: Annotated[
-        float | None, typer.Option(help="rest length of the muscles [mm]; needed unless the file has a column of it")
+        float | None,
+        typer.Option(help="rest length of the muscles [mm]; needed unless the file has a column of it, or --machine"),
     ] = None,
     columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
     skip_rows: SkipRows = 0,
@@ -79,14 +84,14 @@ def fit_joint_command(
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--dead-band", dead_band, "bar", 0, 100)
     check_ending("--plot", plot, IMAGES)
-    claim(out, plot, inputs=log, force=force)
+    claim(out, plot, inputs=(*log, machine), force=force)
     console = Console(stderr=as_json)
     ways, read = _sweeps(sweep or []), parse_columns(columns)
     data = joined_logs(
         {name: read_joint_log(one, ways, read, skip_rows=skip_rows, topics=topics) for name, one in short(log).items()}
     )
     _describe_log(data, console)
-    geometry, groups = _geometry(lever, pulley, rest_length, data.rest_length)
+    geometry, groups = _geometry(lever, pulley, machine, rest_length, data.rest_length)
     groups = groups or list(data.files) or None
     options: dict[str, Any] = {
         "geometry": geometry,
@@ -127,11 +132,15 @@ def _sweeps(settings: list[str]) -> dict[float, float]:
 
 
 def _geometry(
-    lever: str | None, pulley: str | None, rest_length: float | None, column: Array | None
+    lever: str | None, pulley: str | None, machine: Path | None, rest_length: float | None, column: Array | None
 ) -> tuple[Geometry | dict[str, Geometry], list[str] | None]:
     """Return the mechanism, or one for each rest length in the file with the label of each sample."""
-    if (lever is None) == (pulley is None):
-        raise InvalidInput("give the measured mechanism: --lever R,r,offset [m] or --pulley R,ε0")
+    if sum(given is not None for given in (lever, pulley, machine)) != 1:
+        raise InvalidInput("give the mechanism once: --lever R,r,offset [m] or --pulley R,ε0, or --machine FILE")
+    if machine is not None:
+        if rest_length is not None or column is not None:
+            raise InvalidInput(f"{machine} has the rest length: leave out --rest-length and columns of it")
+        return load_joint(machine, scale_needed=False).geometry, None
     if (rest_length is None) == (column is None):
         raise InvalidInput("give the rest length once: --rest-length [mm], or a column rest_length_mm in the file")
 

@@ -12,6 +12,7 @@ from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.relative import stiffness_with_gradient, with_joint_covariance
 from allocator.identification.joint.search import minimise
 from allocator.identification.least_squares import at_bound, determine, rms
+from allocator.identification.stops import stops
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
 from allocator.units import BAR, DEG
@@ -42,6 +43,7 @@ class Findings(NamedTuple):
     determinant_positive: bool
     slack: int  # forces below `taut_min`
     hysteresis_share: float
+    friction_std: float  # 0 if the friction was not fitted
     scale_std: float | None
 
 
@@ -177,12 +179,14 @@ def findings(
 ) -> Findings:
     """Return the properties that may deserve a warning; `covariance` is that of the unknowns."""
     P, eps = problem.samples.muscles()
+    std = dict(zip(problem.names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     return Findings(
         converged=converged,
         failure=monotonicity_failure(u.muscle, float(P.max()), (max(0.0, float(eps.min())), float(eps.max()))),
         determinant_positive=all(_determinant_positive(joint) for joint in joints),
         slack=int((problem.shares(u) < problem.taut_min).sum()),
         hysteresis_share=_hysteresis_share(problem, u),
+        friction_std=std.get("friction", 0.0),
         scale_std=None if problem.conventional else _scale_std(problem, u, covariance),
     )
 
@@ -212,7 +216,8 @@ def _of_the_data(problem: JointProblem, u: Unknowns, found: Findings) -> Iterato
             f"the encoder's zero would be off by {zero:.3g}°: is the geometry that of the joint, and are the "
             "equilibria at rest and taut? pass zero=False if the encoder was set to zero"
         )
-    if "friction" in problem.extra and u.friction < -NO_FRICTION:
+    yield from stops(s.theta, s.P1, s.P2)
+    if "friction" in problem.extra and u.friction < -max(NO_FRICTION, 2 * found.friction_std):
         yield f"μ = {u.friction:.3g} is negative: the directions look swapped"
     elif not (s.direction != 0).any():
         yield "no direction of motion: hysteresis, if there is any, sits in the error"

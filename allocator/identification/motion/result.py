@@ -16,6 +16,7 @@ from allocator.identification.motion.doubt import AngleBand, Bands, Drift
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Equilibrium, fit_muscles
+from allocator.identification.stops import stops
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import Muscle
@@ -97,7 +98,9 @@ class MotionFit:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings, sentences without a full stop."""
-        found = () if self.converged else ("the search stopped before it converged",)
+        found = stops(self.log.theta, self.log.P1, self.log.P2)
+        if not self.converged:
+            found = ("the search stopped before it converged", *found)
         gain = self.parameters.get("gain")
         if gain is None or _GAINS[0] < gain.value < _GAINS[1]:
             return found

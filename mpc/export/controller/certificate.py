@@ -14,11 +14,13 @@ from allocator.compilation.jit import Function
 from allocator.compilation.printer import ArrayKind, Kind, StructKind, parsed, with_called
 from mpc.export.controller.recursions import exchanges_in, items_in, kinds_of, solver_of
 from mpc.tracking.compiled.structured_qp.barrier import TURNS
+from mpc.tracking.compiled.structured_qp.barrier_limits import SIDES
 from mpc.tracking.compiled.structured_qp.exchange import AGAIN
+from mpc.tracking.compiled.structured_qp.responses import SPARE
 from mpc.tracking.controller import TrackingMPC
 
 COMPILER = "arm-none-eabi-gcc 12.2"  # whose stack was measured
-_FRAMES, _NUMBERS = 512, 150  # bytes of frames and saved registers, and single numbers, in the deepest chain of calls
+_FRAMES, _NUMBERS = 576, 150  # bytes of frames and saved registers, and single numbers, in the deepest chain of calls
 
 
 class Certificate(NamedTuple):
@@ -40,6 +42,7 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     sizes["ITEMS"] = items_in(plant.m * blocks, single)
     # greatest values of the names that bound the solver's loops
     most = {"N": N, "last": N, "size": sizes["ITEMS"] - 1, "known": 0, "left": plant.m}
+    most |= {"lines": SIDES + -(-(2 * plant.n + plant.m) // plant.m), "named": sizes["ITEMS"] - SPARE}
     most |= {f"ANT_{name}": size for name, size in sizes.items()}
     functions, kinds, exchanges = with_called(solver_of(plant)), kinds_of(plant), exchanges_in(plant.m * blocks)
     begin, exchange = _Count(functions, kinds, most).of_qp()

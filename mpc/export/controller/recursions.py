@@ -111,6 +111,7 @@ def _structs(arm: bool) -> dict[str, StructKind]:
             "v": per_u,
             "e": per_u,
             "change": per_u,
+            "rows": _array(_AFTER, f"ANT_JOINTS + {_M}"),
         },
     }
     made["items"] = {

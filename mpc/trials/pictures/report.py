@@ -41,23 +41,23 @@ def write_run(
 
 def table_of(run: Run, m: Metrics) -> "Table":
     """Return the errors of a run, the violated limits, and the times and rungs of its steps."""
+    from rich.markup import escape
     from rich.table import Table
-    from rich.text import Text
 
     table = Table("", "RMS, median", "worst, 99 %", title="tracking")
     for row in _errors(run, m):
-        table.add_row(*row)
+        table.add_row(*map(escape, row))
     if m.rest:
         table.add_row(f"after the first rest of {m.rest:.3g} s")
         for name, *figures in _errors(run, m.after_rest):
-            table.add_row(f"  {name}", *figures)
+            table.add_row(escape(f"  {name}"), *figures)
     table.add_section()
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
     if isinstance(run.plant, Plant) and run.plant.joint.slack_assumed:
         table.add_row("slack limits", "", "assumed")
     table.add_section()
-    table.add_row(Text("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
+    table.add_row(escape("time of a step [ms]"), f"{m.step_median:.3g}", f"{m.step_p99:.3g}")
     if run.implementation:
         table.add_row("implementation of the step", "", run.implementation)
     for rung, steps in m.rungs.items():

@@ -33,6 +33,15 @@ def test_the_answer_is_that_of_python():
     assert printed["separating_reach"] is None
 
 
+def test_units_and_names_in_brackets_are_printed(tmp_path):
+    """Tables would take [bar] and [left] for markup."""
+    path = tmp_path / "arm.toml"
+    save_machine(replace(machines.arm26(), joint_names=("hip [left]", "knee [left]")), path)
+    printed = run("allocate", "--machine", path, "--posture", "23,-17", "--stiffness", "10,4,9").output
+    assert "pressure [bar]" in printed
+    assert "hip [left]" in printed
+
+
 def test_what_cannot_be_met_has_its_exit_code_and_its_muscles():
     done = run(*ARM, "--posture", "23,-17", "--torque", "9.36,4.09", "--stiffness", "20")
     assert done.exit_code == 3

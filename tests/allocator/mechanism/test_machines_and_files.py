@@ -50,6 +50,8 @@ def test_machines_hold_themselves_and_couple_what_they_should(name):
 def test_unknown_machines_list_the_known_ones():
     with pytest.raises(MissingBackend, match="arm26, arm48, leg37"):
         named_machine("arm27")
+    with pytest.raises(InvalidInput, match=r"arm.xml is a MuJoCo model, for track, .*Mechanism.from_mjcf"):
+        named_machine("arm.xml")
 
 
 MECHANISMS = {
@@ -101,6 +103,9 @@ def test_functions_are_not_written(tmp_path):
             r"\[routes\]: a Pulleys has no contraction; it has rest_length, arms, initial_contraction",
         ),
         ('like = "shoulder flexor"', 'like = "biceps"', "has to be the name of a muscle above: shoulder flexor"),
+        ('like = "shoulder flexor"', "like = []", r"like = \[\] has to be the name of a muscle above"),
+        ('kind = "Pulleys"', "kind = [1]", r"unknown kind \[1\]; known: Pulley"),
+        ('joints = ["shoulder", "elbow"]', "joints = 2", "joints = 2 has to be a list of names"),
         ('name = "elbow flexor"', 'name = "shoulder flexor"', "has to be a name, and no other muscle's"),
         ('[[muscle]]\nname = "biarticular extensor"\nlike = "shoulder flexor"', "", "5 given; .* m = 6"),
         (
@@ -153,6 +158,7 @@ def test_a_joint_written_by_hand_has_its_forces_in_newtons(tmp_path):
         ("[routes]", "[bodies]\n[routes]", "the file of a joint has no bodies; it has machine, routes, muscle"),
         ("    [-2.181661564992912, 2.181661564992912],", "-2.0, 2.0", "angle_limits has one row of a joint"),
         ("scale_known = true", 'scale_known = "yes"', r"\[machine\]: scale_known = 'yes' has to be true or false"),
+        ("[routes]", "[measured]\ncontraction = [0.1]\n[routes]", r"below its \[\[muscle\]\], as \[muscle.measured\]"),
         ("scale_known = true", "scale_known = false", "holds a joint whose force scale is unknown"),
     ],
 )

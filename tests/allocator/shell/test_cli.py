@@ -1,5 +1,6 @@
 """`antagonist allocate` as a person meets it."""
 
+import json
 import re
 import subprocess
 import sys
@@ -66,6 +67,20 @@ def test_a_fitted_muscle_goes_from_file_to_pressures(tmp_path):
     assert result.exit_code == 0
     assert f"{answer.P1 / BAR:.4f}" in result.output
     assert f"{answer.K_std:.2g}" in result.output
+
+
+def test_a_muscle_without_covariance_has_no_standard_deviation(tmp_path):
+    """A fitted agonist beside a published antagonist, whose error is unknown, not 0."""
+    path = tmp_path / "my.toml"
+    assert CliRunner().invoke(app, ["fit", "--model", "Sarosi2012", "--out", str(path)]).exit_code == 0
+    mixed = ["allocate", "--theta", "10", "--stiffness", "5", "--agonist", str(path)]
+    mixed += ["--antagonist", "sarosi-dmsp-20-400n"]
+    said = json.loads(CliRunner().invoke(app, [*mixed, "--json"]).stdout)
+    assert said["F1_std_N"] > 0
+    assert said["F2_std_N"] is None
+    shown = CliRunner().invoke(app, mixed).output
+    assert "± 0 N" not in shown
+    assert "antagonist counts as exact" in shown
 
 
 @pytest.mark.parametrize("method", ["exact", "qp", "nlp", "convex"])

@@ -2,13 +2,14 @@
 
 import csv
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from allocator import BAR, DEG, AntagonistJoint, Lever, PrandtlIshlinskii
-from allocator.errors import InvalidFile
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.identification import fit_motion
 from allocator.identification.motion.samples import MotionLog, read_motion_log
 from allocator.machine_file import load_joint, save_machine
@@ -17,7 +18,7 @@ from mpc import Compensation, Plant, RealPlant
 from mpc.identification.plant import IdentifiedPlant, replay
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 
-from ...rigs.moving_joint import DEAD_TIME, JOINT, LAG
+from ...rigs.moving_joint import DEAD_TIME, JOINT, LAG, STEP
 
 ROOT = Path(__file__).parents[3]
 FINE = 5e-4  # s
@@ -138,6 +139,28 @@ def test_an_inertia_that_the_log_shows_is_in_the_file(swinging_joint, swinging_f
     assert written.plant.inertia == pytest.approx(plant.inertia, rel=0.3)
     assert written.assumed == ()
     assert written.errors.every < 2 * DEG
+
+
+@pytest.mark.slow
+def test_a_damping_too_small_to_be_seen_is_assumed_and_its_plant_is_not_stiff(slow_fit):
+    """Without inertia a damping of 1e-6 N·m·s/rad is 1e-7 s over the stiffness, in a log of 0.02 s."""
+    fit = replace(slow_fit)
+    for name in ("moving", "moving_early"):
+        vars(fit)[name] = getattr(slow_fit, name)._replace(damping=1e-6, inertia=0.0)
+    written = IdentifiedPlant.of(fit, {"damping": 0.07})
+    assert written.assumed == ("damping", "inertia")
+    numbers = tomllib.loads(written.text)["plant"]
+    assert numbers["damping"] / fit.moving.stiffness > 0.4 * STEP
+    assert np.isfinite(written.errors.every)
+
+
+@pytest.mark.slow
+def test_a_plant_without_an_angle_is_not_written(slow_fit, tmp_path):
+    written = IdentifiedPlant.of(slow_fit)
+    lost = replace(written, run=written.run._replace(theta=np.where(slow_fit.log.t < 3.0, 0.1, np.nan)))
+    with pytest.raises(InvalidInput, match=r"cannot follow its own log: at 3 s"):
+        lost.save(tmp_path / "plant.toml")
+    assert not (tmp_path / "plant.toml").exists()
 
 
 def test_regulators_of_a_file_are_those_of_the_simulated_plant_and_zero_lags_are_unknown(tmp_path):

@@ -9,8 +9,9 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, robust_weights
 from mpc.model.friction.dahl import Friction
 from mpc.tracking.weights import Weights
-from mpc.trials.loops import Settings, robust
-from mpc.trials.margins import margins
+from mpc.trials.loops import Settings, margins_in_words, robust
+from mpc.trials.margins import margins, usual_postures
+from mpc.trials.motions.reference import Reference
 from mpc.trials.pictures.sensitivity import plot_margins
 from mpc.trials.robust import SLOWEST, _root
 
@@ -46,6 +47,23 @@ def test_settings_of_controllers_without_weights_stay():
     settings = Settings(PLANT, DT)
     assert robust("pid", settings) is settings
     assert robust("lqr", settings).weights == robust("mpc", settings).weights != settings.weights
+
+
+def test_weights_and_margins_are_for_postures_within_reach():
+    """At 80 N·m/rad a muscle stays at its supply: the loop is not linear, and its M_s says nothing."""
+    t, settings = DT * np.arange(3), Settings(PLANT, DT)
+    beyond, within = (Reference(t, 0.1 + 0 * t, K + 0 * t) for K in (80.0, 6.0))
+    assert robust("mpc", settings, beyond).weights == robust("mpc", settings).weights
+    said = [margins_in_words("mpc", settings, asked, Quick())[0] for asked in (beyond, within)]
+    K = usual_postures(PLANT)[1][1]
+    assert f"K = {K:.1f} N·m/rad" in said[0]
+    assert "θ = 6°, K = 6.0 N·m/rad" in said[1]
+
+
+class Quick:
+    """Controller whose step is compiled."""
+
+    implementation = "compiled"
 
 
 def test_the_search_ends_at_the_end_of_the_range_where_no_detuning_is_enough():

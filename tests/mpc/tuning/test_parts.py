@@ -10,9 +10,11 @@ from allocator import BAR, InvalidFile, InvalidInput
 from allocator.errors import MissingBackend
 from mpc import Compensation, Plant
 from mpc.trials.loops import Settings, loop
+from mpc.trials.margins import Margins
 from mpc.trials.tuned import TUNABLE, Tuning
+from mpc.tuning.cost import Evaluation, Figures
 from mpc.tuning.draws import LEAST, Spreads, draws, payloads
-from mpc.tuning.result import with_tuning
+from mpc.tuning.result import Tuned, with_tuning
 from mpc.tuning.tour import MOTIONS, Tour
 
 PLANT, TOLD = Plant(gas=True), Compensation(dead_time=0.02, dead_band=0.08 * BAR)
@@ -105,11 +107,29 @@ def test_a_tuning_goes_through_a_plants_file_and_leaves_the_rest_alone(tmp_path)
     assert pickle.loads(pickle.dumps(tuning)) == tuning
 
 
+def test_a_tuning_that_keeps_the_limit_tells_what_it_costs():
+    """The response of a loop with one disturbed reading is all that its M_s depends on."""
+    calm, hard = (Margins.of(0.0, 5.0, np.array([1.0, *[0.0] * 98, a]), 0.01) for a in (0.0, 9.0))
+    start = Tuning.start("mpc", Settings(PLANT))
+
+    def tried(rms, response):
+        return Evaluation(start, (Figures({"sine": rms}, 0.0, 0.0),), (response,), (1.5,), 2.0)
+
+    def price(*evaluations):
+        return Tuned(None, evaluations).price
+
+    assert not tried(1.0, hard).robust
+    assert price(tried(1.0, hard), tried(1.2, calm)).startswith("the defaults are more accurate, with M_s = ")
+    assert price(tried(1.0, hard), tried(0.8, calm)) == ""
+    assert price(tried(1.0, calm), tried(1.2, calm)) == ""
+
+
 def test_wrong_tables_are_named(tmp_path):
     path = tmp_path / "plant.toml"
     lines = "\n".join(Tuning.start("mpc", USUAL).lines())
     for text, named in (
         ('[tuning]\ncontroller = "me"', "me"),
+        ("[tuning]\ncontroller = [1]", "unknown controller to tune"),
         ('[tuning]\ncontroller = "mpc"\nd_walk = 1.0', "theta_error"),
         (lines.replace(f"d_walk = {USUAL.noise.d_walk}", "d_walk = -1.0"), "d_walk"),
         (lines.replace(f"d_walk = {USUAL.noise.d_walk}", 'd_walk = "much"'), "d_walk"),

@@ -118,6 +118,7 @@ def test_the_command_writes_a_plant_that_track_takes(tmp_path):
     assert result.exit_code == 0, result.output
     assert "draws of the other seed" in result.output
     assert "M_s on model and draws" in result.output
+    assert "delay margin on the model [ms]" in result.output
     assert mine.read_text() == before
     assert out.read_text().startswith(before)
     assert picture.stat().st_size > 1000

@@ -118,6 +118,7 @@ typedef struct {
     ant_real gx[ANT_HORIZON + 1][ANT_XI], gv[ANT_HORIZON][ANT_MUSCLES];
     ant_real by_xi[ANT_HORIZON + 1][ANT_XI], by_v[ANT_HORIZON][ANT_MUSCLES]; /* differences */
     ant_real command_charge[ANT_HORIZON][ANT_MUSCLES], change_charge[ANT_HORIZON][ANT_MUSCLES];
+    ant_real row_charge[ANT_HORIZON + 1][ANT_JOINTS + ANT_MUSCLES];
     ant_real z[ANT_HORIZON + 1][ANT_MUSCLES], r[ANT_HORIZON + 1][ANT_MUSCLES];
     ant_real dz[ANT_HORIZON + 1][ANT_MUSCLES], dr[ANT_HORIZON + 1][ANT_MUSCLES];
     ant_real answer[ANT_HORIZON + 1][ANT_XI];

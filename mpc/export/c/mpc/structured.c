@@ -32,7 +32,7 @@ ant_plan_status ant_solve(ant_controller *c, const ant_real u_last[ANT_MUSCLES],
     const ant_qp_bounded bounded = {w->lower, w->upper, w->low, w->high, w->there};
     const ant_qp_point at = {w->xi, w->v, w->sigma};
     const ant_qp_sweep sweep = {w->R, w->D, w->g, w->feedback, w->base, w->gx, w->gv, w->inverse,
-                                w->by_xi, w->by_v, w->command_charge, w->change_charge};
+                                w->by_xi, w->by_v, w->command_charge, w->change_charge, w->row_charge};
     const ant_qp_active active = {w->held, w->guessed, w->z, w->r, w->dz, w->dr, w->answer,
                                   {w->item_z, w->item_r, w->K, w->kind, w->sample, w->muscle, w->side, w->multiplier,
                                    w->step, w->L, w->order, w->known, w->item_p}};

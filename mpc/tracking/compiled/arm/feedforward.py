@@ -24,7 +24,7 @@ from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, STIFFNESSES
 FORMULAS: Any = None
 statics = FORMULAS
 
-ROWS = JOINTS + STIFFNESSES  # targets of a sample
+TARGETS = JOINTS + STIFFNESSES  # targets of a sample
 SURE = 1e-9  # residual of optimality up to which an allocation is accepted
 
 
@@ -95,8 +95,8 @@ def boxed(inverse: ArmInverse, k: int, to: ArmTargets) -> bool:
     """Fill in rows and limits of the pressures at the sample `k`, and return whether every muscle has a range."""
     for j in range(NU):
         gain, unit = to.gain[j], inverse.unit
-        for row in range(ROWS):
-            to.A[k, row, j] = to.M[j * ROWS + row] * unit
+        for row in range(TARGETS):
+            to.A[k, row, j] = to.M[j * TARGETS + row] * unit
         to.hi[k, j] = inverse.most[j] / unit
         to.lo[k, j] = max(inverse.low, (inverse.min_force - to.F0[j]) / gain) / unit
         if not (gain > 0.0 and to.lo[k, j] <= to.hi[k, j]):
@@ -108,7 +108,7 @@ def boxed(inverse: ArmInverse, k: int, to: ArmTargets) -> bool:
 def turn_rows(turned: Array, rows: int, to: ArmTargets) -> None:
     """Fill in the first `rows` targets with the stiffness of a hand."""
     for k in range(rows):
-        for row in range(ROWS):
+        for row in range(TARGETS):
             one = row < JOINTS
             to.hand_b[k, row] = to.b[k, row] if one else 0.0
             for j in range(NU):
@@ -123,7 +123,7 @@ def turn_rows(turned: Array, rows: int, to: ArmTargets) -> None:
 @inlined_flat
 def allocated(i: Inputs, rows: int, residual: Array) -> bool:
     """Allocate the pressures for the first `rows` targets, one or all, and return whether they are proved."""
-    for place in range(ROWS + NU):
+    for place in range(TARGETS + NU):
         i.side[place] = 0  # no guess for the first target
     allocate_at(i.allocate, allocation_at(i.allocate_one if rows == 1 else i.allocate_all))
     prove_at(i.prove, proof_at(i.prove_one if rows == 1 else i.prove_all))

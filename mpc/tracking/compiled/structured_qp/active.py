@@ -7,10 +7,12 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Path, Point, Setting, Signs
-from mpc.tracking.compiled.structured_qp.responses import SPARE, Items, find_item, new_items
+from mpc.tracking.compiled.structured_qp.responses import SPARE, Items, find_item, new_items, solve_items
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of, within
 from mpc.tracking.compiled.structured_qp.sizes import BOUND, FREE, GONE, HIGH, LOWER, NU, NX, NXI, RANGE, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
+
+FLAT = 1e-10  # [-] of its terms: less counts as no slope
 
 
 class Active(NamedTuple):
@@ -76,6 +78,21 @@ def direct(size: int, enters: bool, a: Active) -> None:
             for i in range(NU):
                 dz[k, i] += step * items.z[q, k, i]
                 dr[k, i] += step * items.r[q, k, i]
+
+
+@inlined_flat
+def find_step(size: int, a: Active) -> float:
+    """Set the direction for a multiplier of the entering item, and return the decrease of its violation per unit."""
+    items, K, last = a.items, a.items.K, a.items.kind.size - 1
+    for q in range(size):
+        items.step[q] = -K[q, last]
+    solve_items(size, items)
+    slope, terms = -K[last, last], abs(K[last, last])
+    for q in range(size):
+        slope -= items.step[q] * K[last, q]
+        terms += abs(items.step[q] * K[last, q])
+    direct(size, True, a)
+    return slope if slope > FLAT * terms else 0.0
 
 
 @inlined_flat

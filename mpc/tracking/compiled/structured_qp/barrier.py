@@ -1,152 +1,231 @@
-"""Search for the active bounds of a far QP by a barrier.
+"""Search for the active limits of a far QP by a barrier.
 
 If the solution jumps between the bounds of the slew, most of them change from one QP to the next, and an exchange one
 by one takes hundreds of steps. A few sweeps of a primal-dual interior point find most of them at once (S. J. Wright,
-Primal-Dual Interior-Point Methods, 1997). Its limits are slew and supply, soft rows are left out, and its result is
-only a guess of what is active, which the exchange corrects and proves. With a distance t and a multiplier λ for each
-bound a·z ≤ b,
+Primal-Dual Interior-Point Methods, 1997); the exchange corrects and proves them. With a distance t and a multiplier λ
+for each limit a·z ≤ b,
 
     (H + Σ λ/t a aᵀ) Δz = -∇ - Σ (μ/t + λ/t (a·z + t - b)) a,    Δt = b - a·(z + Δz) - t,    Δλ = μ/t - λ - λ/t Δt
 
-The arrays of the items, unused before an exchange, hold t and λ: lines 0 and 1 for the slew, 2 and 3 for the supply.
+Slews, supplies and soft rows of a sample charge its changes, commands and states; `slackened` adds the slacks.
 """
 
-from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.certificate import adjoint, gradients
-from mpc.tracking.compiled.structured_qp.responses import Items
+from mpc.tracking.compiled.structured_qp.active import Active
+from mpc.tracking.compiled.structured_qp.barrier_limits import (
+    LIMIT_LINES,
+    SIDES,
+    changes,
+    charge,
+    distance,
+    is_limit,
+    pushed_back,
+    row_of,
+)
+from mpc.tracking.compiled.structured_qp.barrier_slacks import slackened
+from mpc.tracking.compiled.structured_qp.certificate import adjoint, gradients, soften
+from mpc.tracking.compiled.structured_qp.responses import SPARE, Items, slack_of, width
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, backward, forward, take_charges
-from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, LOW, LOWER, NU, NX, NXI, UPPER
+from mpc.tracking.compiled.structured_qp.sizes import (
+    ALL,
+    BOUND,
+    FORCE,
+    FREE,
+    GONE,
+    HIGH,
+    LOWER,
+    NU,
+    NXI,
+    RANGE,
+    SUPPLY,
+    UPPER,
+)
 
-TURNS = 20  # sweeps, at most
-SIDES = 4  # of a change: below and above its slew and its supply
+TURNS = 50  # sweeps, at most
 NEAR = 0.04  # [bar] least distance from a bound at the beginning
-SHARE = 0.01  # [bar] products t λ at the beginning, by the steepest gradient
-CENTRED = 0.1  # of these products from one turn to the next
-KEPT = 0.99  # of the way to a bound, at most
-ENOUGH = 1e-3  # [bar²] product t λ by the curvature of a change: the active bounds are known
+SHARE = 0.03  # [bar] products t λ at the beginning, by the steepest gradient
+CENTRED = 0.1  # of these products in the first turn; later, the less the longer the last step was
+LEAST_CENTRED, MOST_CENTRED = 0.01, 0.5
+KEPT = 0.99  # of the way to a limit, at most
+ENOUGH = 1e-5  # [bar²] product t λ by the curvature of a change: the active limits are known
 HELD = 10.0  # λ/t of an active bound by this curvature, at least
 
 
 @inlined
 def guessed(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, r: Array, items: Items
-) -> None:  # fmt: skip
-    """Set the held changes of the sweep to those that the barrier finds, and the point to its last one."""
-    product = placed(path, errors, setting, bounded, at, sweep, items)
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active
+) -> int:  # fmt: skip
+    """Set the held changes of the sweep to those that the barrier finds, and the point to its last one; name items for
+    the other active limits, and return their number. The search begins anew, with soft rows, when one is violated.
+    """
+    at.xi[:], at.v[:], lines, product, centred = 0.0, 0.0, 0, 0.0, CENTRED
     for _ in range(TURNS):
+        wanted = LIMIT_LINES if lines == LIMIT_LINES or soften(path, setting, at) > 0.0 else SIDES
+        if wanted > lines:
+            lines, centred = wanted, CENTRED
+            product = placed(path, errors, setting, bounded, lines, at, sweep, a.items)
         if product < ENOUGH * setting.curvature:
             break
         gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
         take_charges(setting.cost, sweep)
-        weigh(bounded, CENTRED * product, at, sweep, items)
+        weigh(path, setting, bounded, centred * product, lines, at, sweep, a.items)
         backward(path, setting.cost, bounded, at, sweep)
-        forward(path, sweep, at, r)
-        product = moved(bounded, CENTRED * product, at, sweep, items)
+        forward(path, sweep, at, a.r)
+        if lines == LIMIT_LINES:
+            slackened(path, setting, centred * product, at, sweep, a.items, a.xi)
+        product, share = moved(path, setting, bounded, centred * product, lines, at, sweep, a.items)
+        centred = min(max((1.0 - share) ** 3, LEAST_CENTRED), MOST_CENTRED)
     take_charges(setting.cost, sweep)
-    hold_active(setting, sweep, items)
+    named = name_soft(setting, sweep, a.items) if lines == LIMIT_LINES else 0
+    return hold_active(setting, named, sweep, a.items)
 
 
 @inlined
 def placed(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, items: Items
-) -> float:
-    """Set the point to the origin, and its distances and multipliers; return the mean of their products."""
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, lines: int, at: Point, sweep: Sweep, items: Items
+) -> float:  # fmt: skip
+    """Set the point to the origin with its slacks, and its distances and multipliers; return the mean of their
+    products.
+    """
     at.xi[:], at.v[:] = 0.0, 0.0
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
     adjoint(path, sweep.gx, sweep.gv, sweep.g)
-    steepest = 0.0
-    for k in range(at.v.shape[0]):
+    soften(path, setting, at)
+    at.sigma[0], at.sigma[1] = max(at.sigma[0], width(RANGE)), max(at.sigma[1], width(FORCE))
+    N, steepest = at.v.shape[0], 0.0
+    for k in range(N):
         for i in range(NU):
             steepest = max(steepest, abs(sweep.g[k, i]))
-            for side in range(SIDES):
-                items.z[side, k, i] = max(distance(bounded, at, side, k, i), NEAR)
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
-            for side in range(SIDES):
-                items.r[side, k, i] = SHARE * steepest / items.z[side, k, i]
+            sweep.held[k, i] = FREE if bounded.lower[k, i] < bounded.upper[k, i] else LOWER
+    for k in range(N + 1 if lines == LIMIT_LINES else N):
+        for line in range(lines):
+            for i in range(NU):
+                if is_limit(sweep, line, k, i):
+                    least = NEAR if line < SIDES else width(row_of(line, i))
+                    items.z[line, k, i] = max(distance(path, setting, bounded, at, line, k, i), least)
+                    items.r[line, k, i] = SHARE * steepest / items.z[line, k, i]
     return SHARE * steepest
 
 
 @inlined_flat
-def distance(bounded: Bounded, at: Point, side: int, k: int, i: int) -> float:
-    """Return the distance of a change from one of its bounds; negative beyond it."""
-    v, w = at.v[k, i], at.xi[k + 1, NX + i]
-    if side == 0:
-        return float(v - bounded.lower[k, i])
-    if side == 1:
-        return float(bounded.upper[k, i] - v)
-    if side == 2:
-        return float(w - bounded.low[k, i])
-    return float(bounded.high[k, i] - w)
-
-
-@inlined_flat
-def weigh(bounded: Bounded, product: float, at: Point, sweep: Sweep, items: Items) -> None:
-    """Add the barrier's curvature to the charges of the sweep, and its pushes to the gradients; release all changes."""
+def weigh(
+    path: Path, setting: Setting, bounded: Bounded, product: float, lines: int, at: Point, sweep: Sweep, items: Items
+) -> None:  # fmt: skip
+    """Add the curvatures of the limits to the charges of the sweep, and their pushes to the gradients; set the first
+    four entries of `step` to the sums of pushes and curvatures of the rows of each slack.
+    """
+    for j in range(4):
+        items.step[j] = 0.0
     for k in range(at.v.shape[0]):
-        for i in range(NU):
-            sweep.held[k, i] = FREE if bounded.lower[k, i] < bounded.upper[k, i] else LOWER
-            for side in range(SIDES if sweep.held[k, i] == FREE else 0):
-                t, multiplier = items.z[side, k, i], items.r[side, k, i]
-                weight = multiplier / t
-                push = product / t + weight * (t - distance(bounded, at, side, k, i))
-                push = -push if side == 0 or side == 2 else push
-                if side < 2:
-                    sweep.change[k, i] += weight
-                    sweep.gv[k, i] += push
-                else:
-                    sweep.e[k, i] += weight
-                    sweep.gx[k + 1, NX + i] += push
+        for line in range(lines):
+            for i in range(NU):
+                if is_limit(sweep, line, k, i):
+                    weight = items.r[line, k, i] / items.z[line, k, i]
+                    push = pushed_back(items, product, distance(path, setting, bounded, at, line, k, i), line, k, i)
+                    charge(path, sweep, items.p, line, k, i, weight, push)
+                    if line >= SIDES:
+                        items.step[slack_of(row_of(line, i))] += push
+                        items.step[2 + slack_of(row_of(line, i))] += weight
 
 
 @inlined_flat
-def moved(bounded: Bounded, product: float, at: Point, sweep: Sweep, items: Items) -> float:
-    """Shorten the step to keep distances and multipliers positive, and return the mean of their products then."""
+def moved(
+    path: Path, setting: Setting, bounded: Bounded, product: float, lines: int, at: Point, sweep: Sweep, items: Items
+) -> tuple[float, float]:  # fmt: skip
+    """Shorten the step to keep distances and multipliers positive; return the mean of their products then, and the
+    share of the step.
+    """
     t, multiplier, whole, dual, total, number = items.z, items.r, 1.0 / KEPT, 1.0 / KEPT, 0.0, 0
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
-            for side in range(SIDES if sweep.held[k, i] == FREE else 0):
-                farther, more = changes(bounded, product, at, items, side, k, i)
-                whole = min(whole, -t[side, k, i] / farther if farther < 0.0 else HUGE)
-                dual = min(dual, -multiplier[side, k, i] / more if more < 0.0 else HUGE)
+    N = at.v.shape[0]
+    for k in range(N + 1 if lines == LIMIT_LINES else N):
+        for line in range(lines):
+            for i in range(NU):
+                if is_limit(sweep, line, k, i):
+                    away = distance(path, setting, bounded, at, line, k, i)
+                    farther, more = changes(items, product, away, line, k, i)
+                    whole = min(whole, -t[line, k, i] / farther if farther < 0.0 else HUGE)
+                    dual = min(dual, -multiplier[line, k, i] / more if more < 0.0 else HUGE)
     whole, dual = KEPT * whole, KEPT * dual
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
-            for side in range(SIDES if sweep.held[k, i] == FREE else 0):
-                farther, more = changes(bounded, product, at, items, side, k, i)
-                t[side, k, i] += whole * farther
-                multiplier[side, k, i] += dual * more
-                total += t[side, k, i] * multiplier[side, k, i]
-                number += 1
-    for k in range(at.v.shape[0]):
+    for k in range(N + 1 if lines == LIMIT_LINES else N):
+        for line in range(lines):
+            for i in range(NU):
+                if is_limit(sweep, line, k, i):
+                    away = distance(path, setting, bounded, at, line, k, i)
+                    farther, more = changes(items, product, away, line, k, i)
+                    t[line, k, i] += whole * farther
+                    multiplier[line, k, i] += dual * more
+                    total += t[line, k, i] * multiplier[line, k, i]
+                    number += 1
+    for k in range(N):
         for i in range(NU):
             at.v[k, i] -= (1.0 - whole) * sweep.v[k, i]
         for i in range(NXI):
             at.xi[k + 1, i] -= (1.0 - whole) * sweep.xi[k + 1, i]
-    return total / max(number, 1)
+    if lines == LIMIT_LINES:
+        at.sigma[0], at.sigma[1] = t[0, N, 0], t[0, N, 1]  # of the slacks, σ ≥ 0
+    return total / number, min(whole, dual)
 
 
 @inlined_flat
-def changes(
-    bounded: Bounded, product: float, at: Point, items: Items, side: int, k: int, i: int
-) -> tuple[float, float]:  # fmt: skip
-    """Return Δt and Δλ of a bound for the whole step."""
-    t, multiplier = items.z[side, k, i], items.r[side, k, i]
-    farther = distance(bounded, at, side, k, i) - t
-    return farther, (product - multiplier * farther) / t - multiplier
+def name_soft(setting: Setting, sweep: Sweep, items: Items) -> int:
+    """Name items for the slacks that are not 0, and for the active soft rows; return their number."""
+    N, number, room, least = sweep.v.shape[0], 0, items.kind.size - SPARE, HELD * setting.curvature * width(BOUND) ** 2
+    for j in range(2):
+        wide = width(FORCE if j == 1 else RANGE)
+        if items.r[0, N, j] / items.z[0, N, j] * wide**2 <= least:
+            items.kind[number], items.sample[number], items.muscle[number], items.side[number] = GONE, N, j, 0
+            number += 1
+    for k in range(N):
+        for line in range(SIDES, LIMIT_LINES):
+            for i in range(NU):
+                kind = row_of(line, i)
+                if (
+                    kind < ALL
+                    and number < room
+                    and items.r[line, k, i] / items.z[line, k, i] * width(kind) ** 2 > least
+                ):
+                    items.kind[number], items.sample[number], items.muscle[number], items.side[number] = kind, k, 0, 1
+                    number += 1
+    return number
 
 
 @inlined_flat
-def hold_active(setting: Setting, sweep: Sweep, items: Items) -> None:
-    """Hold each change at the bound with the greatest λ/t, if that counts as active."""
-    for k in range(sweep.v.shape[0]):
-        for i in range(NU):
-            most = HELD * setting.curvature
-            for side in range(SIDES if sweep.held[k, i] == FREE else 0):
-                weight = items.r[side, k, i] / items.z[side, k, i]
-                if weight > most:
-                    most = weight
-                    sweep.held[k, i] = (LOWER if side == 0 else UPPER) if side < 2 else (LOW if side == 2 else HIGH)
+def hold_active(setting: Setting, named: int, sweep: Sweep, items: Items) -> int:
+    """Hold each change at its active bound, and return the number of items. If both its slew and its supply are active,
+    the supply becomes an item.
+
+    On opposite sides they leave one value, the supply's bound of the sample before. Its multiplier then takes over what
+    both have in common, so that one of them is left.
+    """
+    least, room = HELD * setting.curvature, items.kind.size - SPARE
+    for i in range(NU):
+        line, shared = 2, 0.0
+        for k in range(sweep.v.shape[0] - 1, -1, -1):
+            if sweep.held[k, i] != FREE:
+                continue
+            items.r[line, k, i] += shared
+            shared = 0.0
+            slew, supply = active_side(items, 0, least, k, i), active_side(items, 2, least, k, i)
+            if slew * supply < 0:
+                line, opposite = 3 if supply > 0 else 2, 1 if slew > 0 else 0
+                shared = min(items.r[line, k, i], items.r[opposite, k, i])
+                items.r[line, k, i] -= shared
+                items.r[opposite, k, i] -= shared
+                slew, supply = active_side(items, 0, least, k, i), active_side(items, 2, least, k, i)
+            sweep.held[k, i] = slew * UPPER if slew != 0 else supply * HIGH
+            if slew * supply > 0 and named < room:
+                items.kind[named], items.sample[named] = SUPPLY, k
+                items.muscle[named], items.side[named] = i, supply
+                named += 1
+    return named
+
+
+@inlined_flat
+def active_side(items: Items, line: int, least: float, k: int, i: int) -> int:
+    """Return the side, -1, 0 or 1, at which a slew (line = 0) or supply (2) is active."""
+    below, above = items.r[line, k, i] / items.z[line, k, i], items.r[line + 1, k, i] / items.z[line + 1, k, i]
+    if max(below, above) <= least:
+        return 0
+    return -1 if below > above else 1

@@ -152,3 +152,15 @@ def adjoint(path: Path, gx: Array, gv: Array, r: Array) -> None:
         if k > 0:
             for i in range(NXI):
                 p[i] += gx[k, i]
+
+
+@inlined
+def increase(path: Path, errors: Errors, setting: Setting, first: Array, at: Point, sweep: Sweep) -> float:
+    """Return the cost of the changes minus that of the origin, where the gradient is `first`."""
+    total = 0.0
+    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
+    adjoint(path, sweep.gx, sweep.gv, sweep.g)
+    for k in range(at.v.shape[0]):
+        for i in range(NU):
+            total += 0.5 * (first[k, i] + sweep.g[k, i]) * at.v[k, i]
+    return total

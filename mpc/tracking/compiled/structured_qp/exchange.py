@@ -17,8 +17,17 @@ from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.active import Active, direct, end, lead_on, take_base, walk
-from mpc.tracking.compiled.structured_qp.certificate import adjoint, gap, gradients, lagrangian, over, priced, soften
+from mpc.tracking.compiled.structured_qp.active import Active, direct, end, find_step, lead_on, take_base, walk
+from mpc.tracking.compiled.structured_qp.certificate import (
+    adjoint,
+    gap,
+    gradients,
+    increase,
+    lagrangian,
+    over,
+    priced,
+    soften,
+)
 from mpc.tracking.compiled.structured_qp.responses import (
     Items,
     copy_item,
@@ -40,17 +49,36 @@ CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
-FLAT = 1e-10  # [-] of its terms: less counts as no slope
 ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells whether it is one
 
 
 @inlined
-def based(path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> None:
-    """Make the changes that the sweep holds the base, without items."""
-    items, last = a.items, a.items.kind.size - 1
+def based(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, named: int, at: Point, sweep: Sweep, a: Active
+) -> int:  # fmt: skip
+    """Make the changes that the sweep holds the base, let those of the `named` items hold that can, and return the
+    number of items.
+    """
+    items, last, size = a.items, a.items.kind.size - 1, 0
     at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0
     items.kind[last], items.sample[last], items.muscle[last], items.side[last] = BOUND, 0, 0, 0
     swept(path, errors, setting, bounded, 0, at, sweep, a)
+    for q in range(named):
+        lead_on(path, at, a)
+        if items.kind[q] == GONE:
+            size = release(path, setting.slack, sweep, items.sample[q], items.muscle[q], size, a)
+            continue
+        name_item(q, last, items)
+        items.multiplier[last] = 0.0
+        respond(path, setting.slack, sweep, size, last, items, a.xi)
+        slope = find_step(size, a)
+        if slope > 0.0:
+            step = over(path, setting, bounded, last, items, at) / slope
+            walk(size, step, step, a)
+            copy_item(last, size, size, items)
+            size += 1
+    items.multiplier[last] = 0.0
+    return size
 
 
 @inlined
@@ -66,13 +94,14 @@ def swept(
 
 @inlined
 def exchanged(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active, limit: int
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active,
+    limit: int
 ) -> tuple[bool, int, float]:  # fmt: skip
-    """Move from the base to the solution, in at most `limit` exchanges; return whether it is proved, the number of
-    exchanges, and the bound of its suboptimality.
+    """Move from the base with the first `size` items to the solution, in at most `limit` exchanges; return whether it
+    is proved, the number of exchanges, and the bound of its suboptimality.
     """
     most, taken = 0.5 * setting.curvature * setting.accuracy**2, limit
-    size, tries, enters, again, exact, violation, items = 0, 0, False, False, True, 0.0, a.items
+    tries, enters, again, exact, violation, items = 0, False, False, True, 0.0, a.items
     last = items.kind.size - 1
     for step in range(limit):
         if again or size == last - 1 or crowd(path, size, items) >= CROWDED:
@@ -83,8 +112,9 @@ def exchanged(
             violation = max(over(path, setting, bounded, last, items, at), 0.0)
             again, exact = False, True
         if not enters:
-            if let_go(path, setting, bounded, size, sweep, a):
-                size, exact = size + 1, False
+            left = let_go(path, setting, bounded, size, sweep, a)
+            if left >= 0:
+                size, exact = left, False
                 continue
             violation = most_broken(path, setting, bounded, size, at, a)
             items.multiplier[last] = 0.0
@@ -195,12 +225,16 @@ def absorbed(size: int, sweep: Sweep, a: Active) -> int:
 
 
 @inlined_flat
-def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Sweep, a: Active) -> bool:
-    """Release the pushed change whose release alone lowers the cost most, by push²/2D, and return whether there is
-    one.
+def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
+    """Release the limit that is pushed away from and whose release alone lowers the cost most; return the number of
+    items then, -1 without such a limit.
     """
-    least, most, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, 0.0, -1, 0, a.items
+    least, most, first, sample, muscle, items = PUSHES * setting.accuracy * setting.curvature, 0.0, -1, -1, 0, a.items
     N = path.A.shape[0]
+    for q in range(size):
+        pushed = -items.multiplier[q] if items.kind[q] != GONE else 0.0
+        if pushed > least and pushed * pushed > -most * items.K[q, q]:
+            most, first = -pushed * pushed / items.K[q, q], q
     for k in range(N + 1):
         for i in range(NU):
             if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
@@ -209,16 +243,36 @@ def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Swe
                     continue
                 gain = pushed * pushed / (curvature(sweep.D, k, i) if k < N else setting.slack[1 + 2 * i])
                 if gain > most:
-                    most, sample, muscle = gain, k, i
+                    most, first, sample, muscle = gain, -1, k, i
+    if first >= 0:
+        return drop(size, first, a)
     if sample < 0:
-        return False
-    add_gone(path, setting.slack, sweep, sample, muscle, size, a)
+        return -1
+    return release(path, setting.slack, sweep, sample, muscle, size, a)
+
+
+@inlined_flat
+def release(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> int:
+    """Release a change of the base, move it to where it is not pushed, and return the number of items then."""
+    items = a.items
+    add_gone(path, slack, sweep, k, i, size, a)
     for q in range(size + 1):
         items.step[q] = -a.r[items.sample[q], items.muscle[q]] if items.kind[q] == GONE else 0.0
     solve_items(size + 1, items)
     direct(size + 1, False, a)
     walk(size + 1, 1.0, 0.0, a)
-    return True
+    return size + 1
+
+
+@inlined_flat
+def drop(size: int, q: int, a: Active) -> int:
+    """Remove a holding item while the others hold, and return the number of items then."""
+    items, last = a.items, a.items.kind.size - 1
+    copy_item(q, last, size, items)
+    size = discard(size, q, items)
+    find_step(size, a)
+    walk(size, -items.multiplier[last], -items.multiplier[last], a)
+    return size
 
 
 @inlined_flat
@@ -264,21 +318,6 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
                 violation, worst = broken, broken / wide
                 items.kind[last], items.sample[last], items.muscle[last], items.side[last] = kind, k, 0, 1
     return violation
-
-
-@inlined_flat
-def find_step(size: int, a: Active) -> float:
-    """Set the direction for a multiplier of the entering item, and return the decrease of its violation per unit."""
-    items, K, last = a.items, a.items.K, a.items.kind.size - 1
-    for q in range(size):
-        items.step[q] = -K[q, last]
-    solve_items(size, items)
-    slope, terms = -K[last, last], abs(K[last, last])
-    for q in range(size):
-        slope -= items.step[q] * K[last, q]
-        terms += abs(items.step[q] * K[last, q])
-    direct(size, True, a)
-    return slope if slope > FLAT * terms else 0.0
 
 
 @inlined_flat
@@ -348,15 +387,3 @@ def interrupted(
         at.xi[:], at.v[:] = 0.0, 0.0
         primal = soften(path, setting, at)
     return float(max(primal - dual, 0.0))
-
-
-@inlined
-def increase(path: Path, errors: Errors, setting: Setting, first: Array, at: Point, sweep: Sweep) -> float:
-    """Return the cost of the changes minus that of the origin, where the gradient is `first`."""
-    total = 0.0
-    gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
-    adjoint(path, sweep.gx, sweep.gv, sweep.g)
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
-            total += 0.5 * (first[k, i] + sweep.g[k, i]) * at.v[k, i]
-    return total

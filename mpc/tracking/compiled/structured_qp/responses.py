@@ -48,7 +48,7 @@ from mpc.tracking.compiled.structured_qp.stage import (
     linear_before,
 )
 
-SPARE = 5  # items beyond the changes of a step: both slacks, a row for each of them, and the entering one
+SPARE = 6  # items beyond the changes of a step: slacks, a row for each, the entering one, a line for the barrier
 
 
 class Items(NamedTuple):

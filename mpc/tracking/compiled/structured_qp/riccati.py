@@ -18,10 +18,11 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Cost, Indices, Path, Point, Signs
-from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, LOW, LOWER, NU, NX, NXI
+from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, JOINTS, LOW, LOWER, NU, NX, NXI, STIFFNESSES
 from mpc.tracking.compiled.structured_qp.stage import (
     across,
     advance,
+    charge_square,
     charge_state,
     choose,
     decided,
@@ -49,6 +50,7 @@ class Sweep(NamedTuple):
     v: Array  # (N, 2)
     e: Array  # (N, 2) charges of the commands
     change: Array  # (N, 2) and of their changes
+    rows: Array  # (N + 1, 3) of the angle and the forces, beyond the costs
 
 
 @inlined
@@ -56,16 +58,27 @@ def new_sweep(N: int) -> Sweep:
     """Return the arrays of a sweep."""
     R, D, g, feedback = np.empty((N, NU, NXI)), new_squares(N), np.empty((N, NU)), np.empty((N, NU, NXI + 1))
     gx, gv, xi, v = np.empty((N + 1, NXI)), np.empty((N, NU)), np.empty((N + 1, NXI)), np.empty((N, NU))
-    e, change = np.empty((N, NU)), np.empty((N, NU))
-    return Sweep(R, D, g, feedback, np.empty((N + 1, NU), np.int8), gx, gv, new_squares(N), xi, v, e, change)
+    held, rows, (e, change) = np.empty((N + 1, NU), np.int8), np.empty((N + 1, JOINTS + NU)), np.empty((2, N, NU))
+    return Sweep(R, D, g, feedback, held, gx, gv, new_squares(N), xi, v, e, change, rows)
 
 
 @inlined_flat
 def take_charges(cost: Cost, sweep: Sweep) -> None:
     """Set the charges of commands and changes to those of the cost."""
+    sweep.rows[:] = 0.0
     for k in range(sweep.v.shape[0]):
         for i in range(NU):
             sweep.e[k, i], sweep.change[k, i] = cost.e[i], cost.change[i]
+
+
+@inlined_flat
+def charge_rows(S: Array, path: Path, sweep: Sweep, k: int) -> None:
+    """Add the charges of soft rows to S (6, 6)."""
+    for i in range(JOINTS):
+        S[i, i] += sweep.rows[k, i]
+    for i in range(NU):
+        if sweep.rows[k, JOINTS + i] != 0.0:
+            charge_square(S, path.slope, k, STIFFNESSES + i, sweep.rows[k, JOINTS + i])
 
 
 @inlined_flat
@@ -114,6 +127,7 @@ def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep) 
     """Fill in, for each k, R = [W_wx W_ww], D, g, and the feedback v = feedback (ξ, 1) of the optimal changes."""
     N, R, D, g, feedback = at.v.shape[0], sweep.R, sweep.D, sweep.g, sweep.feedback
     S, SA, s = cost.end.copy(), np.empty((NXI, NXI)), sweep.gx[N].copy()  # of V_{k+1}
+    charge_rows(S, path, sweep, N)
     for k in range(N - 1, -1, -1):
         across(S, path.A, path.B, k, sweep.e, SA, R)
         linear_before(s, path.A, path.B, k)
@@ -125,6 +139,7 @@ def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep) 
         led_back(R, D, g, feedback, sweep.held, k, s)
         if k > 0:
             charge_state(S, path.slope, k, cost)
+            charge_rows(S, path, sweep, k)
             for i in range(NXI):
                 s[i] += sweep.gx[k, i]
 

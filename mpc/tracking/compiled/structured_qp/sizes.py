@@ -12,3 +12,4 @@ LOW, HIGH = -2, 2  # or with its command held at a bound of the supply
 GONE, BOUND, SUPPLY, RANGE = -1, 0, 1, 2  # kinds of items: released; held at slew or supply; soft rows from here
 FORCE = RANGE + 2 * JOINTS  # the first row of the forces
 ALL = FORCE + NU
+ROWS = ALL - RANGE  # soft rows of a sample

@@ -57,13 +57,13 @@ def solve(
     at.xi[:], at.v[:], solved, exchanges, gap = 0.0, 0.0, False, 0, HUGE
     take_set(setting.starts, guess, sweep.held)
     take_charges(setting.cost, sweep)
-    based(path, errors, setting, bounded, at, sweep, a)
+    size = based(path, errors, setting, bounded, 0, at, sweep, a)
     if limit == 0 or not far(bounded, sweep, at, a.r):
-        solved, exchanges, gap = exchanged(path, errors, setting, bounded, at, sweep, a, min(PATIENCE, limit))
+        solved, exchanges, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, min(PATIENCE, limit))
     if not solved and exchanges < limit:
-        guessed(path, errors, setting, bounded, at, sweep, a.r, a.items)
-        based(path, errors, setting, bounded, at, sweep, a)
-        solved, more, gap = exchanged(path, errors, setting, bounded, at, sweep, a, limit - exchanges)
+        named = guessed(path, errors, setting, bounded, at, sweep, a)
+        size = based(path, errors, setting, bounded, named, at, sweep, a)
+        solved, more, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, limit - exchanges)
         exchanges += more
     if solved:
         give_set(setting.starts, a.guess, guess)

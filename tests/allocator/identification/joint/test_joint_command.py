@@ -6,10 +6,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from allocator import allocate
+from allocator import AntagonistJoint, Table, allocate
 from allocator.identification.joint.cli import fit_joint_command
 from allocator.identification.joint.reading import read_joint_log
-from allocator.machine_file import load_joint
+from allocator.machine_file import load_joint, save_machine
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 
 mpl.use("Agg")
@@ -54,6 +55,17 @@ def test_a_log_becomes_a_joint_that_allocates(table, tmp_path, all_twins):
     answer = allocate(0.2, 4.5, joint=load_joint(joint))
     true = all_twins["martens-pulley"].stiffness(0.2, answer.P1, answer.P2)
     assert answer.K == pytest.approx(true, rel=0.08)
+
+
+@pytest.mark.slow
+def test_the_mechanism_may_come_from_the_file_of_a_joint(table, tmp_path):
+    """Pulleys of 25 and 18 mm are a Table."""
+    theta = np.linspace(-1.0, 1.0, 21)
+    pulleys, made = Table(0.3, theta, 0.11 + 0.025 / 0.3 * theta, 0.11 - 0.018 / 0.3 * theta), tmp_path / "made.toml"
+    save_machine(AntagonistJoint(pulleys, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N), made)
+    result = run(table, "--machine", made, "--out", tmp_path / "joint.toml")
+    assert result.exit_code == 0, result.output
+    assert load_joint(tmp_path / "joint.toml").geometry == pulleys
 
 
 @pytest.mark.slow
@@ -115,6 +127,8 @@ def test_steady_samples_are_picked_from_a_raw_log(tmp_path):
     [
         (("--rest-length", 300), "--lever R,r,offset [m] or --pulley"),
         (("--pulley", "0.02,0.11"), "give the rest length once"),
+        (("--pulley", "0.02,0.11", "--machine", "joint.toml"), "give the mechanism once"),
+        (("--machine", "joint.toml", "--rest-length", 300), "joint.toml has the rest length"),
         (("--pulley", "0.02", "--rest-length", 300), "expected 2 numbers"),
         (("--lever", "a,b", "--rest-length", 300), "expected 2 or 3 numbers"),
         (("--pulley", "0.02,0.11", "--rest-length", 300, "--sweep", "1"), "expected NUMBER=DIRECTION"),

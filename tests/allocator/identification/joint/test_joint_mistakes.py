@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from allocator import AntagonistJoint, Lever, Pulley
+from allocator.identification.joint import report
 from allocator.identification.joint.fit import fit_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
@@ -102,6 +103,16 @@ def test_swapped_directions_show_as_negative_friction_and_are_not_written(data, 
     with pytest.raises(ValueError, match=r"friction μ = -.* is negative, which no joint has"):
         fit.save(tmp_path / "joint.toml")
     assert not (tmp_path / "joint.toml").exists()
+
+
+@pytest.mark.slow
+def test_a_negative_friction_within_its_doubt_is_no_sign_of_swapped_directions(data):
+    fit = fit_joint(**{**data, "direction": -data["direction"]})
+    u = fit.problem.unknowns(fit.x)
+    found = report.findings(fit.problem, u, [], fit.doubt.covariance, True)
+    assert found.friction_std == pytest.approx(fit.standard_deviations["friction"])
+    doubted = found._replace(friction_std=abs(fit.friction))
+    assert not any("swapped" in said for said in report.warnings(fit.problem, fit.x, u, doubted))
 
 
 def test_a_weight_with_the_other_sign(data):

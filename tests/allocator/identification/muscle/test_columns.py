@@ -119,7 +119,9 @@ def test_a_mapping_that_cannot_be_is_one_sentence(tmp_path, columns, said):
     assert said in str(refusal.value)
 
 
-@pytest.mark.parametrize("text", ["pressure", "pressure=", "=p:bar", "pressure=p:bar,pressure=q:bar"])
+@pytest.mark.parametrize(
+    "text", ["pressure", "pressure=", "=p:bar", "pressure=p:bar,pressure=q:bar", "pressure=p:bar force=F:N"]
+)
 def test_a_mapping_on_the_command_line_that_is_none_is_refused(text):
     with pytest.raises(InvalidInput, match="--columns"):
         parse_columns(text)
