@@ -14,7 +14,7 @@ from allocator import allocate
 from allocator.calculus import Array
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
-from mpc.tracking.compiled.arm.inverse_dynamics import CompiledArmFeedForward
+from mpc.tracking.compiled.arm.inverse_dynamics import feed_forward_of
 from mpc.tracking.compiled.arm.module import compiled_arm
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
@@ -41,7 +41,7 @@ class ArmPID:
         self.arm, self.dt, self.gains, self._delay = arm, dt, gains, round(dead_time / dt)
         self.ahead = N + self._delay
         readable = InverseDynamics(arm, dt, N)
-        self._feed_forward = CompiledArmFeedForward(arm, compiled_arm(arm, dt), readable.ready())
+        self._feed_forward = feed_forward_of(arm, compiled_arm(arm, dt), readable)
         self._limits = Limits.of(arm, dt)
         self._filter = np.exp(-dt / _FILTER)
         self.reset()
@@ -84,7 +84,7 @@ class PredictivePID:
         self.arm, self.dt, self.gains, self._limits = arm, dt, gains, Limits.of(arm, dt)
         self._preview = Preview(arm, dt, N, compensation, self._limits)
         readable = InverseDynamics(arm, dt, N)
-        self._feed_forward = CompiledArmFeedForward(arm, compiled_arm(arm, dt), readable.ready())
+        self._feed_forward = feed_forward_of(arm, compiled_arm(arm, dt), readable)
         self.reset()
 
     @property

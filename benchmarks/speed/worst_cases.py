@@ -128,7 +128,7 @@ def hunted(number: int, N: int, seed: int = 0) -> Iterator[Hunt]:
         given, structured = arguments(mpc, s), mpc._qp_step.structured
         if rng.random() < 0.5:
             structured.reset()
-        mpc._qp_step._linearise(*given)
+        mpc._qp_step.linearise(*given)
         began = thread_time()
         proved = structured.solved()
         found.seconds.append(thread_time() - began)

@@ -25,6 +25,7 @@ from allocator.files.atomic import write_text
 from mpc.codegen.jit import KEPT
 
 _MPC = Path(__file__).parents[1]
+_CODEGEN = "jit", "choices", "addresses", "arguments", "records", "views"
 
 
 def with_formulas(template: Path, formulas: str) -> str:
@@ -75,7 +76,7 @@ def _surroundings() -> str:
     files = [
         *sorted(_MPC.glob("*/compiled/**/*.py")),
         *sorted(file for part in ("arm", "model") for file in (_MPC / part).glob("*/compiled/*.py")),
-        *(_MPC / "codegen" / name for name in ("jit.py", "choices.py", "addresses.py", "records.py", "views.py")),
+        *(_MPC / "codegen" / f"{name}.py" for name in _CODEGEN),
         _MPC / "model" / "compiled_friction.py",
         _MPC / "model" / "integration.py",
         _MPC / "tracking" / "resting.py",

@@ -2,13 +2,16 @@
 
 A named tuple states the shapes of its fields, some of which depend on sizes: `x: Annotated[Array, "N + 1", 4]`. The
 fields lie in one flat array, in this order, including numbers and nested tuples; the caller supplies fields without a
-shape. Arrays elsewhere in memory are opened by a table of their addresses. Both kinds of functions are generated as
-text, because numba cannot compile code that reads annotations.
+shape. Sizes that are known beforehand are constants of the generated functions. Arrays elsewhere in memory are opened
+by a table of their addresses. Both kinds of functions are generated as text, because numba cannot compile code that
+reads annotations.
 """
 
 import ast
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -21,13 +24,16 @@ from mpc.codegen.records import Records, kind_of, new_records, piece_of
 
 F = TypeVar("F", bound=Callable[..., object])
 R = TypeVar("R")
+_NAME = re.compile(r"[A-Za-z_]\w*")
 _NUMBERS: dict[object, str] = {float: "{}", int: "int({})", bool: "{} != 0.0"}
 _AT = {np.float64: "floats", np.int64: "integers", np.int8: "signs"}
 
 
-def viewer(record: type[R]) -> Callable[..., R]:
-    """Return (flat, arrays without a shape, sizes) ↦ a `record` of views; a single size follows from the length."""
-    text = _Text(record)
+def viewer(record: type[R], known: Mapping[str, int] = MappingProxyType({})) -> Callable[..., R]:
+    """Return (flat, arrays without a shape, other sizes than the `known` ones) ↦ a `record` of views; a single size
+    follows from the length.
+    """
+    text = _Text(record, known)
     sizes, begin = text.sizes, "    _0 = 0\n"
     if len(sizes) == 1:
         least = text.length(0)
@@ -35,18 +41,18 @@ def viewer(record: type[R]) -> Callable[..., R]:
         sizes = []
     given = ", ".join(["flat", *text.arguments, *sizes])
     made = f"def viewed({given}):\n{begin}{''.join(text.lines)}    return {text.result}\n"
-    return _compiled(record, made, text.records)
+    return _compiled(record, made, text.records, known)
 
 
-def length_of(record: type, *sizes: int) -> int:
-    """Return the length of the flat array of a `record` of views with these `sizes`."""
-    return _Text(record).length(*sizes)
+def length_of(record: type, *sizes: int, known: Mapping[str, int] = MappingProxyType({})) -> int:
+    """Return the length of the flat array of a `record` of views with the `known` sizes and these other `sizes`."""
+    return _Text(record, known).length(*sizes)
 
 
-def measure(record: type) -> Callable[..., int]:
-    """Return sizes ↦ `length_of` a record, for compiled code."""
-    text = _Text(record)
-    return _compiled(record, f"def length({', '.join(text.sizes)}):\n    return {text.total}\n", {})
+def measure(record: type, known: Mapping[str, int] = MappingProxyType({})) -> Callable[..., int]:
+    """Return other sizes than the `known` ones ↦ `length_of` a record, for compiled code."""
+    text = _Text(record, known)
+    return _compiled(record, f"def length({', '.join(text.sizes)}):\n    return {text.total}\n", {}, known)
 
 
 def in_python(function: F) -> F:
@@ -77,19 +83,22 @@ def opened(record: type[R]) -> Callable[[int], R]:
     kinds = {name: kind_of(record, name) for name in get_type_hints(record)}
     fields = (f"{_AT[kind]}(t.{name})" if kind else f"t.{name}" for name, kind in kinds.items())
     text = f"def opened(table):\n    t = table_at(table)\n    return {record.__name__}({', '.join(fields)})\n"
-    return _compiled(record, text, {record.__name__: record, "table_at": addresses.opener(record)} | vars(addresses))
+    return _compiled(
+        record, text, {record.__name__: record, "table_at": addresses.opener(record)} | vars(addresses), {}
+    )
 
 
-def _compiled(record: type, text: str, space: Mapping[str, object]) -> Callable[..., Any]:
+def _compiled(record: type, text: str, space: Mapping[str, object], known: Mapping[str, int]) -> Callable[..., Any]:
     """Return the function of a `text`, which counts as one of the file that has the `record`.
 
-    Its name includes that of the record. numba names compiled functions by module and function, and if two names are
-    equal, one process loads the other function's code from the cache.
+    Its name includes that of the record and the `known` sizes. numba names compiled functions by module and function,
+    and if two names are equal, one process loads the other function's code from the cache.
     """
     name = text[4 : text.index("(")]
+    full = "_".join([name, record.__name__, *map(str, known.values())])
     made: dict[str, Any] = {"__name__": record.__module__, **space}
-    exec(compile(text.replace(name, f"{name}_{record.__name__}", 1), inspect.getfile(record), "exec"), made)
-    function: Callable[..., Any] = made[f"{name}_{record.__name__}"]
+    exec(compile(text.replace(name, full, 1), inspect.getfile(record), "exec"), made)
+    function: Callable[..., Any] = made[full]
     return inlined(function)
 
 
@@ -105,7 +114,8 @@ def _leaves(values: NamedTuple) -> Iterator[ArrayLike]:
 class _Text:
     """The text that makes a record of consecutive views."""
 
-    def __init__(self, record: type) -> None:
+    def __init__(self, record: type, known: Mapping[str, int]) -> None:
+        self._known = known
         self.records: dict[str, type] = {}
         self.sizes: list[str] = []
         self.arguments: list[str] = []
@@ -135,7 +145,7 @@ class _Text:
         if get_origin(hint) is not Annotated:
             self.arguments.append(name)
             return name
-        shape = [str(size) for size in get_args(hint)[1:]]
+        shape = [_NAME.sub(lambda name: str(self._known.get(name[0], name[0])), str(s)) for s in get_args(hint)[1:]]
         for node in (node for size in shape for node in ast.walk(ast.parse(size))):
             if isinstance(node, ast.Name) and node.id not in self.sizes:
                 self.sizes.append(node.id)

@@ -1,6 +1,6 @@
 """Memory and prediction of known friction, as of `Friction` and `MaxwellSlip`: T_f = strength Σ k_i z_i."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import copysign, exp, isinf
 from typing import Annotated, NamedTuple
 
@@ -51,6 +51,22 @@ def friction_numbers(friction: Hysteresis) -> Array | None:
         slip = NO_FRICTION._replace(kind=SLIP, base=friction.base, elastic=bool(friction.elastic))
         return flat(slip._replace(springs=springs, widths=widths))
     return None
+
+
+def numbers_of_joints(frictions: Sequence[Hysteresis]) -> Array | None:
+    """Return the numbers (n, …) of the friction of every joint, with springs without force so that all have as many;
+    None if there is an unsupported model.
+    """
+    known = [numbers for numbers in map(friction_numbers, frictions) if numbers is not None]
+    if len(known) < len(frictions):
+        return None
+    most = max(map(memory_of, known))
+    rows = []
+    for f in map(in_python(rubbing_in), known):
+        springs, widths = np.zeros((2, most))
+        springs[: f.springs.size], widths[: f.springs.size] = f.springs, f.widths
+        rows.append(flat(f._replace(springs=springs, widths=widths)))
+    return np.array(rows)
 
 
 @inlined_flat

@@ -15,7 +15,7 @@ from mpc.codegen.buffered import Buffered
 
 FINE = 0.02  # resolution of simulations, see `Plant.discrete`
 RESOLUTION = 0.5  # of a controller's model
-_SYMMETRIC = 1e-9  # [-] of the greatest entry of a stiffness
+SYMMETRIC = 1e-9  # [-] of the greatest entry of a stiffness
 _DOMINANT = 2 - 1e-9  # [-] sum of a row by its diagonal, less a margin for rounding
 
 
@@ -100,7 +100,7 @@ def check_stiffness(name: str, K: Array, unit: str) -> None:
         return
     if not np.isfinite(K).all():
         raise InvalidInput(f"{name} is not finite [{unit}]")
-    if np.abs(K - K.swapaxes(-1, -2)).max() > _SYMMETRIC * np.abs(K).max():
+    if np.abs(K - K.swapaxes(-1, -2)).max() > SYMMETRIC * np.abs(K).max():
         raise InvalidInput(f"{name} is not symmetric: a stiffness is, K_ij = K_ji")
     try:
         np.linalg.cholesky(K)

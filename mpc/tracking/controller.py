@@ -196,7 +196,7 @@ class TrackingMPC(BaseController):
         self._solve = solver_of(self.solver)
         feed_forward = InverseDynamics(self.plant, self.dt, self.N, self.limits.min_force)
         self._qp_step, self._feed_forward = factory(
-            self.plant, self.dt, self.problem, self._predictor, feed_forward, self._solve,
+            self.plant, self.dt, self.problem, self._predictor, feed_forward,
             wait=self.wait, compiled=self.compiled,
         )  # fmt: skip
         self._join()
@@ -205,13 +205,10 @@ class TrackingMPC(BaseController):
         """Join the compiled parts, if the whole ordinary step is compiled."""
         self._whole: WholeStep | None = None
         if isinstance(self._qp_step, CompiledQPStep) and isinstance(self._feed_forward, CompiledFeedForward):
-            from mpc.model import compiled_friction
             from mpc.tracking.compiled.sample import whole
 
-            numbers = compiled_friction.friction_numbers(self.compensation.friction)
-            if numbers is not None:
-                parts = whole.Parts(self._preview, self.ladder, self.rest_mode, self.rest)
-                self._whole = whole.WholeStep(self._qp_step, self._feed_forward, parts, numbers)
+            parts = whole.Parts(self._preview, self.ladder, self.rest_mode, self.rest, self.plant)
+            self._whole = whole.joined(self._qp_step, self._feed_forward, parts)
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the solver and the compiled code, which each process creates for itself."""

@@ -74,14 +74,14 @@ def change_bounds(setting: Setting, u: Array, last: Array, bounded: Bounded) -> 
 
 @inlined
 def cumulative(starts: Indices, z: Array, du: Array) -> None:
-    """Set `du` (N, 2) to E z, the sum of the changes up to each command."""
-    block, d0, d1 = 0, 0.0, 0.0
-    for k in range(du.shape[0]):
-        if block < starts.size and starts[block] == k:
-            d0 += z[2 * block]
-            d1 += z[2 * block + 1]
-            block += 1
-        du[k, 0], du[k, 1] = d0, d1
+    """Set `du` (N, m) to E z, the sum of the changes up to each command."""
+    for i in range(NU):
+        block, change = 0, 0.0
+        for k in range(du.shape[0]):
+            if block < starts.size and starts[block] == k:
+                change += z[NU * block + i]
+                block += 1
+            du[k, i] = change
 
 
 @inlined

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from math import inf
 from pathlib import Path
 from types import ModuleType
@@ -17,13 +18,11 @@ from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
-from mpc.tracking.feedforward import FeedForward, FeedForwardOf, InverseDynamics
+from mpc.tracking.feedforward import FeedForwardOf, InverseDynamics
 from mpc.tracking.linearise import Predictor
-from mpc.tracking.plan import Moved
 from mpc.tracking.qp.certified import ACCURACY
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.solvers import Solver
-from mpc.tracking.qp.step import CompilingBeside, PreviousSample, QPStep, ReadableQPStep, SlowStep
+from mpc.tracking.qp.step import CompilingBeside, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.records import Setting
@@ -43,14 +42,13 @@ def factory(
     problem: TrackingProblem,
     predictor: Predictor,
     feed_forward: InverseDynamics,
-    solve: Solver,
     *,
     wait: bool = True,
     compiled: bool = True,
 ) -> Parts:
     """Return the compiled parts; if compilation fails, warn with `SlowStep` and return the readable parts.
 
-    Parts of an arm are compiled for the QP solver `solve`. If `wait` is false and nothing is compiled yet, return the
+    If `wait` is false and nothing is compiled yet, return the
     readable parts, warn with `CompilingBeside`, and compile in another process. A joint without a kernel always waits.
     If `compiled` is false, return the readable parts without a warning.
     """
@@ -63,12 +61,12 @@ def factory(
         notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
         return Parts(readable, feed_forward.ready())
     try:
-        step, patient, build = _of_arm(plant, *given, solve) if isinstance(plant, Arm) else _of_joint(plant, *given)
+        step, patient, build = _of_arm(plant, *given) if isinstance(plant, Arm) else _of_joint(plant, *given)
         with nullcontext() if wait or patient else beside.only_kept():
             return build()
     except beside.NotKept:
         if not beside.begin(step.__name__, Path(str(step.__file__)).parent, compile_step, plant, dt):
-            return factory(plant, dt, problem, predictor, feed_forward, solve)
+            return factory(plant, dt, problem, predictor, feed_forward)
         notice(_BESIDE.format("a minute or two" if isinstance(plant, Arm) else "some 30 seconds"), CompilingBeside)
         return Parts(readable, feed_forward)
     except Exception as failure:  # see `_tell`
@@ -97,27 +95,16 @@ def _of_joint(plant: Plant, dt: float, problem: TrackingProblem, feed_forward: I
     return Compiling(made.step, not made.p.size, build)
 
 
-def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics, solve: Solver) -> Compiling:
-    from mpc.tracking.compiled.arm.inverse_dynamics import CompiledArmFeedForward
+def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics) -> Compiling:
+    from mpc.tracking.compiled.arm.inverse_dynamics import feed_forward_of
     from mpc.tracking.compiled.arm.module import compiled_arm
-    from mpc.tracking.compiled.arm.qp_step import CompiledArmQPStep
+    from mpc.tracking.compiled.arm.qp_step import SizedQP
 
     made = compiled_arm(arm, dt)
 
     def build() -> Parts:
-        """Compile now rather than at the arm's first command."""
-        step, N = CompiledArmQPStep(arm, dt, made, problem), sum(problem.blocks)
-        P = np.full(arm.m, np.mean(problem.limits.pressure))
-        x = np.concatenate([arm.middle, np.zeros(arm.n), P])
-        K, d = np.diag(np.diag(arm.tracked_stiffness(x))), np.zeros((N + 1, arm.n))
-        u, states = np.tile(P, (N, 1)), np.tile(x, (N + 1, 1))
-        still = FeedForward(states, np.zeros((N + 1, arm.stiffnesses + arm.m)), u, Moved(0.0, 0.0, 0.0))
-        step(x, u, d[:-1], still, PreviousSample(P, P), solve, inf)
-        ready = feed_forward.ready()
-        linear = arm.mechanism.affine and arm.tracked == arm.n  # torques and K, in the pressures
-        feed = CompiledArmFeedForward(arm, made, ready) if linear else ready
-        feed(states[:, : arm.n], np.tile(K, (N + 1, 1, 1)), d)
-        return Parts(step, feed)
+        step = CompiledQPStep(made, problem, partial(SizedQP, arm, dt))
+        return Parts(step, feed_forward_of(arm, made, feed_forward))
 
     return Compiling(made.step, False, build)
 

@@ -1,4 +1,4 @@
-"""Compiled functions of a plant: the template `step` with its formulas, and the solution of the QP without formulas."""
+"""Compiled functions of a plant: the template `step` with its parts, and the solution of the QP without formulas."""
 
 from functools import cache
 from pathlib import Path
@@ -23,21 +23,28 @@ from mpc.tracking import resting
 
 _KERNELS = """from allocator.allocation.two_muscles.kernels.source import affine_exact, tondu_exact
 from mpc.codegen.jit import merged
+from mpc.tracking.compiled.records import given_in, path_in, setting_in
+from mpc.tracking.compiled.sample.views import SIZES
 
 
 """
-_TEMPLATE = Path(__file__).with_name("step.py")
-_SOLVE = Path(__file__).with_name("structured_qp") / "solve.py"
+STEP, _JOINT = (Path(__file__).with_name(f"{name}.py") for name in ("step", "joint"))
+_SETTLE = Path(__file__).with_name("structured_qp") / "settle.py"
 
 
 class CompiledPlant(NamedTuple):
-    """Compiled functions for a family of plants, and the numbers of one plant."""
+    """Compiled functions for a family of plants or arms, and the numbers of one of them."""
 
     step: ModuleType  # `mpc.tracking.compiled.step` with the formulas
     c: Array
-    p: Array  # numbers of the kernel; empty if there is none
+    p: Array  # numbers of the kernel; empty if there is none, and for an arm
     h: float  # step of the integration [s]
     substeps: int  # per sample
+    decay: Array  # of an arm, see `mpc.model.arm.compiled.module`; empty for a joint
+
+    def stiffness(self, K: Array) -> Array:
+        """Return svec `K` (N + 1, …) in the form of a `Motion`: (N + 1,) for a joint."""
+        return K if self.decay.size else K[:, 0]
 
 
 def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
@@ -50,15 +57,15 @@ def compiled_plant(plant: Plant, dt: float) -> CompiledPlant:
         text, c = text + f"@merged\n{source.text}\n\n", np.concatenate([c, source.c])
     kernel = _kernel_of(plant)
     compiled.register()
-    _register()
+    register_rest()
     numbers = ", ".join(f"int(p[{i}])" if isinstance(value, int) else f"p[{i}]" for i, value in enumerate(kernel.p))
     text += _ALLOCATED[kernel.name].format(numbers=numbers)
-    step = imported(with_formulas(_TEMPLATE, IMPORTS + _KERNELS + text))
-    return CompiledPlant(step, c, np.array(kernel.p, float), dt / substeps, substeps)
+    step = imported(with_formulas(STEP, with_formulas(_JOINT, IMPORTS + _KERNELS + text)))
+    return CompiledPlant(step, c, np.array(kernel.p, float), dt / substeps, substeps, np.zeros(0))
 
 
 @cache
-def _register() -> None:
+def register_rest() -> None:
     """Register the functions of the rest mode with numba; Python runs them unchanged."""
     for function in vars(resting).values():
         if isinstance(function, FunctionType) and function.__module__ == resting.__name__:
@@ -66,8 +73,8 @@ def _register() -> None:
 
 
 def solve_module() -> ModuleType:
-    """Return `mpc.tracking.compiled.structured_qp.solve`, which does not depend on the plant."""
-    return imported(_SOLVE.read_text(encoding="utf-8"))
+    """Return `mpc.tracking.compiled.structured_qp.settle`, which does not depend on the plant."""
+    return imported(_SETTLE.read_text(encoding="utf-8"))
 
 
 _ALLOCATED = {

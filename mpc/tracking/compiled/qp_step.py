@@ -5,15 +5,15 @@ active in the last QP, and an exchange of those that it held wrongly. Other solv
 the readable step.
 """
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from mpc.tracking.compiled.structured_qp.structured import SolvedQP, StructuredQP
+from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.linearise import Linearisation, Motion
 from mpc.tracking.plan import Moved
@@ -23,15 +23,29 @@ from mpc.tracking.qp.step import PreviousSample, QPAnswer, dense_answer, structu
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.module import CompiledPlant  # which imports numba
+    from mpc.tracking.compiled.sample.arrays import Feeding
 
 
-class CompiledStep(ABC):
-    """Compiled step of one controller; two threads must not use its buffers at the same time."""
+class CompiledQPStep:
+    """Compiled step of one controller; two threads must not use its buffers at the same time.
+
+    `structure` makes the structured QP of a problem.
+    """
 
     implementation = "compiled"
-    structured: SolvedQP
-    _given: tuple[Any, ...]  # arguments of the constructor
-    _problem: TrackingProblem
+
+    def __init__(
+        self,
+        plant: "CompiledPlant",
+        problem: TrackingProblem,
+        structure: Callable[[TrackingProblem], StructuredQP] = StructuredQP,
+    ) -> None:
+        from mpc.tracking.compiled.sample.arrays import StepArrays
+
+        self._given = self.plant, self._problem, _ = plant, problem, structure
+        self.structured = structure(problem)
+        self._arrays = StepArrays(plant, sum(problem.blocks), self.structured)
+        self._arrays.linearise()  # compiles now rather than at the machine's first command
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Return a copy with its own buffers."""
@@ -58,85 +72,59 @@ class CompiledStep(ABC):
     ) -> QPAnswer:
         """Solve the QP as `mpc.tracking.qp.step.QPStep` describes."""
         began = perf_counter()
-        self._linearise(x, u, d, feed, previous)
+        self.linearise(x, u, d, feed, previous)
         linearised = perf_counter()
         if not isinstance(solve, Riccati):
             return dense_answer(self._problem, self.model, feed, previous, solve, began, deadline)
-        proved, (finite, motion) = self._solved(feed, previous, solve.limit), self._rolled_out()
+        proved, (finite, made) = self.structured.solved(solve.limit), self._arrays.rollout()
+        motion = Motion(made.u, made.x, self.plant.stiffness(made.K), made.F)
         now = perf_counter()
         times = linearised - began, 0.0, now - linearised
         return structured_answer(proved, finite, motion.u, motion, self.structured.gap, times, now > deadline)
 
-    @property
-    @abstractmethod
-    def model(self) -> Linearisation:
-        """Path as a linearisation of the readable step; copies."""
-
-    @abstractmethod
-    def _linearise(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
-        """Linearise about the commands `u` within the limits."""
-
-    @abstractmethod
-    def _solved(self, feed: FeedForward, previous: PreviousSample, exchanges: float) -> bool:
-        """Solve the structured QP; return whether its `z` is the proved solution, after at most so many exchanges."""
-
-    @abstractmethod
-    def _rolled_out(self) -> tuple[bool, Motion]:
-        """Return whether the motion of the structured QP's answer is finite, and the motion."""
-
-
-class CompiledQPStep(CompiledStep):
-    """Compiled step of a joint."""
-
-    structured: StructuredQP
-
-    def __init__(self, plant: "CompiledPlant", problem: TrackingProblem) -> None:
-        from mpc.tracking.compiled.sample.arrays import StepArrays
-
-        self._given = self.plant, self._problem = plant, problem
-        self.structured = StructuredQP(problem)
-        self._arrays = StepArrays(plant, sum(problem.blocks), self.structured)
-        self._arrays.linearise()  # compiles now rather than at the joint's first command
+    def linearise(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
+        """Linearise about the commands `u` within the limits, for the structured QP."""
+        self.structured.take(x, u, d.ravel(), feed, previous)
+        self._arrays.linearise()
 
     @property
     def model(self) -> Linearisation:
         """Path as a linearisation of the readable step; copies."""
         return self.structured.model
 
-    def _linearise(self, x: Array, u: Array, d: Array, feed: FeedForward, previous: PreviousSample) -> None:
-        self.structured.take(x, u, d, feed, previous)
-        self._arrays.linearise()
-
-    def _solved(self, feed: FeedForward, previous: PreviousSample, exchanges: float) -> bool:
-        return self.structured.solved(exchanges)
-
-    def _rolled_out(self) -> tuple[bool, Motion]:
-        made = self._arrays.rollout()[1]
-        motion = Motion(made.u, made.x, made.K, made.F)
-        return motion.finite, motion
-
 
 class CompiledFeedForward:
     """Compiled `mpc.tracking.feedforward.InverseDynamics`; the readable one is used if the kernel is not sure."""
+
+    whole = True  # whether it is a part of the whole step
 
     def __init__(self, plant: "CompiledPlant", readable: InverseDynamics) -> None:
         from mpc.tracking.compiled.sample.arrays import StepArrays
 
         self._plant, self.readable = plant, readable
-        self.arrays = StepArrays(plant, len(readable.slopes[0]) - 1, inverse=readable)
-        rest = np.zeros(len(readable.slopes[0]))
-        self(rest, rest + 1.0, rest)  # compiles it
+        self.feeding = self._feeding(readable)
+        self.arrays = StepArrays(plant, len(readable.slopes[0]) - 1, feeding=self.feeding)
 
-    def __deepcopy__(self, memo: dict[int, object]) -> "CompiledFeedForward":
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Return a copy with its own buffers."""
-        return CompiledFeedForward(self._plant, self.readable)
+        return type(self)(self._plant, self.readable)
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
-        """Return the feed-forward for `theta` [rad] and `K` [N·m/rad] under torques `d` [N·m], (N+1,)."""
+        """Return the feed-forward for `theta` [rad] and `K` [N·m/rad] under torques `d` [N·m], (N+1, …)."""
+        return self._found(theta, K, d) or self.readable(theta, K, d)
+
+    def _found(self, theta: Array, K: Array, d: Array) -> FeedForward | None:
+        """Return the feed-forward, or None if the kernel is not sure."""
         ask = self.arrays.ask
-        ask.theta[:], ask.K[:], ask.torques[:] = theta, K, d
+        ask.theta[:], ask.K[:], ask.torques[:] = theta.ravel(), K.ravel(), d.ravel()
         sure, moved = self.arrays.feed_forward()
         if not sure:
-            return self.readable(theta, K, d)
+            return None
         found = self.arrays.given.reference
         return FeedForward(found.x.copy(), found.y.copy(), found.u.copy(), Moved(*moved.tolist()))
+
+    def _feeding(self, readable: InverseDynamics) -> "Feeding":
+        """Return the arrays of the `readable` feed-forward."""
+        from mpc.tracking.compiled.sample.arrays import feeding_of
+
+        return feeding_of(readable)

@@ -5,6 +5,7 @@ field by field, which for dozens of arrays takes longer than the step itself.
 """
 
 from collections.abc import Callable
+from math import isqrt
 from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 from mpc.codegen.views import length_of, viewer
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, STIFFNESSES
 
 Indices: TypeAlias = NDArray[np.int64]
 Signs: TypeAlias = NDArray[np.int8]  # the limit at which a change or its command is held, see `sizes`
@@ -20,11 +22,11 @@ Signs: TypeAlias = NDArray[np.int8]  # the limit at which a change or its comman
 class Cost(NamedTuple):
     """Weights of all entries of the rows of `mpc.tracking.cost`, and the terminal cost."""
 
-    x: Annotated[Array, 4]
-    y: Annotated[Array, 3]
-    e: Annotated[Array, 2]  # [cost]/[bar]²
-    change: Annotated[Array, 2]  # of e_k - e_{k-1} [cost]/[bar]²
-    end: Annotated[Array, 6, 6]  # of ξ = (x_N - x*_N, e_{N-1})
+    x: Annotated[Array, "x"]
+    y: Annotated[Array, "y"]
+    e: Annotated[Array, "m"]  # [cost]/[bar]²
+    change: Annotated[Array, "m"]  # of e_k - e_{k-1} [cost]/[bar]²
+    end: Annotated[Array, "xi", "xi"]  # of ξ = (x_N - x*_N, e_{N-1})
 
 
 class Bounds(NamedTuple):
@@ -51,7 +53,7 @@ class Setting(NamedTuple):
 
 
 class Path(NamedTuple):
-    """Motion and the linear model about it."""
+    """Motion of a joint and the linear model about it; that of an arm is in `mpc.tracking.compiled.arm.records`."""
 
     x: Annotated[Array, "N + 1", 4]
     y: Annotated[Array, "N + 1", 3]  # K, F1, F2
@@ -63,9 +65,9 @@ class Path(NamedTuple):
 class Reference(NamedTuple):
     """Arrays of `mpc.tracking.feedforward.FeedForward`; time is the first axis."""
 
-    x: Annotated[Array, "N + 1", 4]  # [Pa]
-    y: Annotated[Array, "N + 1", 3]
-    u: Annotated[Array, "N", 2]  # [Pa]
+    x: Annotated[Array, "N + 1", "x"]  # [Pa]
+    y: Annotated[Array, "N + 1", "y"]
+    u: Annotated[Array, "N", "m"]  # [Pa]
 
 
 class Errors(NamedTuple):
@@ -99,11 +101,11 @@ class Bounded(NamedTuple):
 class Given(NamedTuple):
     """New data of a step."""
 
-    x: Annotated[Array, 4]
-    u: Annotated[Array, "N", 2]  # initial commands [Pa]
-    d: Annotated[Array, "N"]  # [N·m]
+    x: Annotated[Array, "x"]
+    u: Annotated[Array, "N", "m"]  # initial commands [Pa]
+    d: Annotated[Array, "N * n"]  # [N·m]
     reference: Reference
-    last: Annotated[Array, 2, 2]  # command and feed-forward of the previous sample [Pa]
+    last: Annotated[Array, 2, "m"]  # command and feed-forward of the previous sample [Pa]
 
 
 class Along(NamedTuple):
@@ -113,11 +115,22 @@ class Along(NamedTuple):
     u: Annotated[Array, "N", 2]  # [bar]
 
 
-setting_in: Callable[[Array, Indices], Setting] = viewer(Setting)
-given_in: Callable[[Array], Given] = viewer(Given)
-path_in: Callable[[Array], Along] = viewer(Along)
+def sizes_of(n: int, m: int, stiffnesses: int) -> dict[str, int]:
+    """Return the sizes of records of `n` joints and `m` muscles, with so many entries of svec K, by their names.
+
+    They are n, m, the k k entries of K, those s of svec K, and those of a state x, of outputs y and of ξ.
+    """
+    x = 2 * n + m
+    kk = isqrt(2 * stiffnesses) ** 2
+    return {"n": n, "m": m, "kk": kk, "s": stiffnesses, "x": x, "y": stiffnesses + m, "xi": x + m}
+
+
+_JOINT = sizes_of(JOINTS, NU, STIFFNESSES)
+setting_in: Callable[[Array, Indices], Setting] = viewer(Setting, _JOINT)
+given_in: Callable[[Array], Given] = viewer(Given, _JOINT)
+path_in: Callable[[Array], Along] = viewer(Along, _JOINT)
 
 
 def lengths(N: int) -> tuple[int, int]:
-    """Return the lengths of the buffers of a `Given` and of a path."""
-    return length_of(Given, N), length_of(Along, N)
+    """Return the lengths of the buffers of a `Given` and of a path of a joint."""
+    return length_of(Given, N, known=_JOINT), length_of(Along, N, known=_JOINT)

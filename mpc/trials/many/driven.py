@@ -14,8 +14,9 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled
 from mpc.tracking.compiled.records import given_in
-from mpc.tracking.compiled.sample.layout import asked_in, inputs_at, made_in, plan_length
+from mpc.tracking.compiled.sample.layout import inputs_at
 from mpc.tracking.compiled.sample.stages import WHOLE
+from mpc.tracking.compiled.sample.views import asked_in, made_in, plan_length
 from mpc.trials.many.records import Answers, Plant
 
 FORMULAS: Any = None
@@ -34,7 +35,8 @@ def driven(
     the result of the last sample and room for the next. `theta`, `K` (M + ahead,) are the reference.
     """
     i, M, x, y = inputs_at(table), len(answers.u), np.empty(4), np.empty(4)
-    ahead, N = asked_in(i.asked).theta.size, given_in(i.given).u.shape[0]
+    asked, N = asked_in(i.asked), given_in(i.given).u.shape[0]
+    ahead = asked.theta.size
     sample, what = observer.sample_at(observed), np.int64(WHOLE)  # numba would compile the step again for a constant
     xi, last, out = sample.work.ahead.xi, both[0], both[1]
     for k in range(first, M):
@@ -46,7 +48,8 @@ def driven(
         for j in range(4):
             x[j] = xi[j]
         now, then = theta[k : k + ahead : 1], K[k : k + ahead : 1]
-        if not joint.step(what, table, last, out, x[::1], now, then, xi[4]):
+        asked.d[0] = xi[4]
+        if not joint.step(what, table, last, out, x[::1], now, then):
             return k
         made = made_in(out[: plan_length(N)])
         rests = made.rests[0] > 0

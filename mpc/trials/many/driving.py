@@ -1,7 +1,7 @@
 """Compiled loop of a controller, its observer and a compiled plant, if all three can be compiled.
 
-The controller has to be a `TrackingMPC` with a compiled step, with the `KalmanObserver` of the same plant and
-`Compensation`. The readable parts make the first samples of a run, and the flat values are then copied from them.
+The controller has to be the `TrackingMPC` of a joint with a compiled step, with the `KalmanObserver` of the same plant
+and `Compensation`. The readable parts make the first samples of a run, and the flat values are then copied from them.
 `simulate` makes runs with samples that are not ordinary (`mpc.trials.many.driven`).
 """
 
@@ -11,12 +11,11 @@ from types import ModuleType
 import numpy as np
 
 from mpc.codegen.modules import imported, with_formulas
-from mpc.model.compiled_friction import friction_numbers
+from mpc.model.arm.model import Arm
 from mpc.model.plant import NU
 from mpc.observer.base import Observer
 from mpc.observer.compiled.whole import CompiledEstimate
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking.compiled.sample.arrays import Beyond, StepArrays
 from mpc.tracking.compiled.sample.whole import WholeStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
@@ -34,13 +33,8 @@ class Driving:
 
     def __init__(self, controller: TrackingMPC, whole: WholeStep, estimate: CompiledEstimate) -> None:
         self._controller, self._whole, self._estimate = controller, whole, estimate
-        known, preview, qp_step = controller.compensation, controller._preview, whole.qp_step
-        friction = friction_numbers(known.friction)
-        assert friction is not None  # since there is a whole step
-        beyond = Beyond(friction, preview.delay, known.dead_band, controller.rests, controller.rest_mode.rules)
-        gate, feed_forward = (preview.lower, preview.upper), whole.feed_forward.readable
-        self._arrays = StepArrays(qp_step.plant, controller.N, qp_step.structured, feed_forward, gate, beyond)
-        self._modules = {"observer": estimate.module, "joint": qp_step.plant.step}
+        self._arrays = whole.arrays()
+        self._modules = {"observer": estimate.module, "joint": whole.qp_step.plant.step}
 
     def _loop(self, process: ModuleType) -> ModuleType:
         """Return the loop for plants under test of the kind `process`."""
@@ -81,7 +75,7 @@ class Driving:
 
 def driving(controller: Controller, observer: Observer | None) -> Driving | None:
     """Return a compiled driver equal to controller and observer, if they can be compiled."""
-    if not (type(controller) is TrackingMPC and type(observer) is KalmanObserver):
+    if type(controller) is not TrackingMPC or type(observer) is not KalmanObserver or isinstance(controller.plant, Arm):
         return None
     whole, estimate = controller._whole, observer.compiled
     if whole is None or estimate is None:

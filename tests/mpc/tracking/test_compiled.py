@@ -110,7 +110,7 @@ class Case:
         limits = Limits.of(self.plant, dt, 5.0)
         self.problem = TrackingProblem(weights, limits, L, blocks, dt)
         self.predictor, self.inverse = Predictor(self.plant, dt, N), InverseDynamics(self.plant, dt, N, 5.0)
-        self.qp_step, self.feed_forward = factory(self.plant, dt, self.problem, self.predictor, self.inverse, DAQP)
+        self.qp_step, self.feed_forward = factory(self.plant, dt, self.problem, self.predictor, self.inverse)
         self.readable = ReadableQPStep(self.problem, self.predictor)
         left, right = limits.theta
         self.x = self.plant.at_rest(0.7 * left + 0.3 * right, 1.2 * self.plant.stiffness(self.plant.at_rest(0.0, 1.0)))

@@ -1,112 +1,170 @@
 """Template of an arm's feed-forward: the targets of the allocation, and the commands from its result.
 
-`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by the sizes and the formula of
-the arm: n joints, m muscles, the number of entries of svec K, and a function that fills flat arrays, matrices by
-columns:
+`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by a function that fills flat
+arrays, matrices by columns:
 
     statics          (q, ω, ω') ↦ M ω' + C + Dω + g, then at no pressure y' = (τ, svec K), its Jacobian by P, the forces
                      and their slopes by P
 
-The array c holds its numbers. Pressures are in Pa. Of a preview that stands still there is one sample for all.
+Pressures are in Pa. Of a preview that stands still there is one sample for all.
 """
 
 from typing import Any
 
-import numpy as np
-
 from allocator.calculus import Array
-from mpc.codegen.jit import compiled, inlined
+from mpc.codegen.jit import inlined_flat
+from mpc.tracking.compiled.arm.allocation import allocate_at, allocation_at, proof_at, prove_at
+from mpc.tracking.compiled.arm.records import ArmInverse, ArmTargets
+from mpc.tracking.compiled.arm.views import inverse_in, targets_in
 from mpc.tracking.compiled.commands import finite
+from mpc.tracking.compiled.records import Reference
+from mpc.tracking.compiled.sample.layout import Inputs
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, STIFFNESSES
 
 FORMULAS: Any = None
-n = m = STIFFNESSES = statics = FORMULAS
+statics = FORMULAS
+
+TARGETS = JOINTS + STIFFNESSES  # targets of a sample
+SURE = 1e-9  # residual of optimality up to which an allocation is accepted
 
 
-@compiled
-def still(asked: Array, K: Array, d: Array) -> bool:
-    """Return whether all samples of a preview and its torques are equal."""
-    for k in range(1, asked.shape[0]):
-        for i in range(n):
-            if asked[k, i] != asked[0, i] or d[k, i] != d[0, i]:
+@inlined_flat
+def feed_forward(i: Inputs, asked: Array, K: Array, d: Array, found: Reference, moved: Array) -> bool:
+    """Fill in the feed-forward of `mpc.tracking.feedforward.InverseDynamics`, and the distances `moved` (3,).
+
+    Return whether the allocation is proved. `turned` of the inputs (N+1, e, e) turns svec K into a hand's.
+    """
+    inverse, to, samples = inverse_in(i.inverse), targets_in(i.targets), found.x.shape[0]
+    rows = 1 if still(asked, K, d, samples) else samples
+    if not targets(i, inverse, rows, asked, K, d, found.x, to):
+        return False
+    if i.turned.size > 0:
+        turn_rows(i.turned.reshape(-1, STIFFNESSES, STIFFNESSES), rows, to)
+    sure = allocated(i, rows, to.residual)
+    follow(inverse, rows, asked, K, to, found, moved)
+    return sure
+
+
+@inlined_flat
+def still(asked: Array, K: Array, d: Array, samples: int) -> bool:
+    """Return whether all samples of flat previews and torques are equal."""
+    for array in (asked, K, d):
+        size = array.size // samples
+        for k in range(size, array.size):
+            if array[k] != array[k % size]:
                 return False
-            for j in range(n):
-                if K[k, i, j] != K[0, i, j]:
-                    return False
     return True
 
 
-@compiled
+@inlined_flat
 def targets(
-    c: Array, slopes1: Array, slopes2: Array, limits: Array, supply: Array, asked: Array, K: Array, d: Array,
-    x: Array, T: Array, A: Array, b: Array, lo: Array, hi: Array,
-) -> bool:  # fmt: skip
-    """Fill in the allocation's targets at every sample, and angles and velocities of `x`; return False if infeasible.
+    i: Inputs, inverse: ArmInverse, rows: int, asked: Array, K: Array, d: Array, x: Array, to: ArmTargets
+) -> bool:
+    """Fill in the allocation's targets of the first `rows` samples, and angles and velocities of `x`; return whether
+    they are finite, and every muscle has a range of pressures.
 
-    `slopes1`, `slopes2` (N+1, N+1) are the derivatives of a preview; one of a single sample stands still.
-    `limits` (2, n) [rad], `supply` (m + 3,): greatest pressures, the least one, the unit of A's columns, least force.
+    The derivatives of a preview are linear in its samples; one that stands still has a single one.
     """
-    samples, d_y = asked.shape[0], n + STIFFNESSES
-    alpha, y0, M, F0, gain = np.empty(n), np.empty(d_y), np.empty(d_y * m), np.empty(m), np.empty(m)
-    low, unit, min_force = supply[m], supply[m + 1], supply[m + 2]
-    for k in range(samples):
-        for i in range(n):
-            x[k, i] = min(max(asked[k, i], limits[0, i]), limits[1, i])
-    for k in range(samples):
-        for i in range(n):
+    n, slopes, b, y0 = JOINTS, i.slopes.reshape(2, x.shape[0], x.shape[0]), to.b, to.y0
+    for k in range(rows):
+        for j in range(n):
+            x[k, j] = min(max(asked[k * n + j], inverse.left[j]), inverse.right[j])
+    for k in range(rows):
+        for j in range(n):
             omega = speeding = 0.0
-            for l in range(samples if samples > 1 else 0):  # noqa: E741
-                omega += slopes1[k, l] * x[l, i]
-                speeding += slopes2[k, l] * x[l, i]
-            x[k, n + i], alpha[i] = omega, speeding
-        statics(x[k, :n], x[k, n : 2 * n], alpha, c, T[k], y0, M, F0, gain)
-        for i in range(n):
-            T[k, i] -= d[k, i]
-            b[k, i] = T[k, i] - y0[i]
+            for l in range(rows if rows > 1 else 0):  # noqa: E741
+                omega += slopes[0, l, k] * x[l, j]
+                speeding += slopes[1, l, k] * x[l, j]
+            x[k, n + j], to.alpha[j] = omega, speeding
+        statics(x[k, :n], x[k, n : 2 * n], to.alpha, i.c, to.T, y0, to.M, to.F0, to.gain)
+        for j in range(n):
+            b[k, j] = to.T[j] - d[k * n + j] - y0[j]
         row = n
-        for i in range(n):
-            for j in range(i, n):
-                b[k, row] = (K[k, i, j] if i == j else 2**0.5 * K[k, i, j]) - y0[row]
+        for j in range(n):
+            for l in range(j, n):  # noqa: E741
+                entry = K[(k * n + j) * n + l]
+                b[k, row] = (entry if j == l else 2**0.5 * entry) - y0[row]
                 row += 1
-        for j in range(m):
-            for i in range(d_y):
-                A[k, i, j] = M[j * d_y + i] * unit
-            hi[k, j] = supply[j] / unit
-            lo[k, j] = max(low, (min_force - F0[j]) / gain[j]) / unit
-            if not (gain[j] > 0.0 and lo[k, j] <= hi[k, j]):
-                return False
-    return finite(b)
+        if not boxed(inverse, k, to):
+            return False
+    return finite(b[:rows])
 
 
-@compiled
+@inlined_flat
+def boxed(inverse: ArmInverse, k: int, to: ArmTargets) -> bool:
+    """Fill in rows and limits of the pressures at the sample `k`, and return whether every muscle has a range."""
+    for j in range(NU):
+        gain, unit = to.gain[j], inverse.unit
+        for row in range(TARGETS):
+            to.A[k, row, j] = to.M[j * TARGETS + row] * unit
+        to.hi[k, j] = inverse.most[j] / unit
+        to.lo[k, j] = max(inverse.low, (inverse.min_force - to.F0[j]) / gain) / unit
+        if not (gain > 0.0 and to.lo[k, j] <= to.hi[k, j]):
+            return False
+    return True
+
+
+@inlined_flat
+def turn_rows(turned: Array, rows: int, to: ArmTargets) -> None:
+    """Fill in the first `rows` targets with the stiffness of a hand."""
+    for k in range(rows):
+        for row in range(TARGETS):
+            one = row < JOINTS
+            to.hand_b[k, row] = to.b[k, row] if one else 0.0
+            for j in range(NU):
+                to.hand_A[k, row, j] = to.A[k, row, j] if one else 0.0
+            for l in range(0 if one else STIFFNESSES):  # noqa: E741
+                factor = turned[k, row - JOINTS, l]
+                to.hand_b[k, row] += factor * to.b[k, JOINTS + l]
+                for j in range(NU):
+                    to.hand_A[k, row, j] += factor * to.A[k, JOINTS + l, j]
+
+
+@inlined_flat
+def allocated(i: Inputs, rows: int, residual: Array) -> bool:
+    """Allocate the pressures for the first `rows` targets, one or all, and return whether they are proved."""
+    for place in range(TARGETS + NU):
+        i.side[place] = 0  # no guess for the first target
+    allocate_at(i.allocate, allocation_at(i.allocate_one if rows == 1 else i.allocate_all))
+    prove_at(i.prove, proof_at(i.prove_one if rows == 1 else i.prove_all))
+    sure = True
+    for k in range(rows):
+        sure = sure and i.rounds[k] > 0 and residual[k] <= SURE
+    return sure
+
+
+@inlined_flat
 def follow(
-    lags: Array, unit: float, asked: Array, A: Array, b: Array, found: Array, K: Array, x: Array, y: Array, u: Array
-) -> tuple[float, float, float]:
-    """Fill in pressures of `x`, stiffness of `y` and commands `u` from `found`; return the distances moved."""
-    samples, off, missed, short = asked.shape[0], 0.0, 0.0, 0.0
+    inverse: ArmInverse, rows: int, asked: Array, K: Array, to: ArmTargets, found: Reference, moved: Array
+) -> None:
+    """Fill in pressures of `x`, stiffness of `y` and commands `u` from those of `rows` targets, and the distances
+    moved.
+    """
+    n, x, y, u, alpha, A, b, P = JOINTS, found.x, found.y, found.u, inverse.alpha, to.A, to.b, to.P
+    moved[0] = moved[1] = moved[2] = 0.0
     for k in range(x.shape[0]):
-        q = min(k, samples - 1)
-        for j in range(m):
-            x[k, 2 * n + j] = unit * found[q, j]
+        q = min(k, rows - 1)
+        for j in range(NU):
+            x[k, 2 * n + j], y[k, STIFFNESSES + j] = inverse.unit * P[q, j], 0.0
         row = n
-        for i in range(n):
-            x[k, i], x[k, n + i] = x[q, i], x[q, n + i]
-            off = max(off, abs(asked[q, i] - x[k, i]))
-            short = max(short, abs(left_of(A[q, i], b[q, i], found[q])))
-            for j in range(i, n):
-                gap, factor = left_of(A[q, row], b[q, row], found[q]), 1.0 if i == j else 2**0.5
-                y[k, row - n] = factor * K[q, i, j] - gap
-                missed = max(missed, abs(gap) / factor)
+        for j in range(n):
+            x[k, j], x[k, n + j] = x[q, j], x[q, n + j]
+            moved[0] = max(moved[0], abs(asked[q * n + j] - x[k, j]))
+            moved[2] = max(moved[2], abs(left_of(A[q, j], b[q, j], P[q])))
+            for l in range(j, n):  # noqa: E741
+                gap, factor = left_of(A[q, row], b[q, row], P[q]), 1.0 if j == l else 2**0.5
+                y[k, row - n] = factor * K[(q * n + j) * n + l] - gap
+                moved[1] = max(moved[1], abs(gap) / factor)
                 row += 1
         if k > 0:
-            for j in range(m):
+            for j in range(NU):
                 now, before = x[k, 2 * n + j], x[k - 1, 2 * n + j]
-                u[k - 1, j] = (now - lags[j] * before) / (1 - lags[j])
-    return off, missed, short
+                u[k - 1, j] = (now - alpha[j] * before) / (1 - alpha[j])
 
 
-@inlined
+@inlined_flat
 def left_of(row: Array, b: float, x: Array) -> float:
     """Return b - row·x."""
-    for j in range(m):
+    for j in range(NU):
         b -= row[j] * x[j]
     return b

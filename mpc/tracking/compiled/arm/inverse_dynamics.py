@@ -5,22 +5,22 @@ square, K_x = J⁻ᵀ K J⁻¹ is linear in the joints' stiffness, and so is E =
 target stiffness: the error that `allocate` minimises with an `endpoint`.
 """
 
-from copy import deepcopy
+from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from allocator.allocation.box import pivoting
-from allocator.allocation.box.kernel.data import workspace
 from allocator.calculus import Array
-from allocator.joint.limits import BINDS
 from allocator.mechanism.endpoint.targets import EndpointTargets
+from mpc.codegen.views import flat, in_python, length_of
 from mpc.model.arm.model import Arm
-from mpc.tracking.compiled.arm.module import CompiledArm
-from mpc.tracking.feedforward import FeedForward, InverseDynamics
-from mpc.tracking.plan import Moved
-
-_SURE = 1e-9  # residual of optimality up to which an allocation is accepted
+from mpc.tracking.compiled.arm.allocation import addresses, allocating
+from mpc.tracking.compiled.arm.module import feeds_forward
+from mpc.tracking.compiled.arm.records import ArmInverse, ArmTargets
+from mpc.tracking.compiled.module import CompiledPlant
+from mpc.tracking.compiled.qp_step import CompiledFeedForward
+from mpc.tracking.compiled.sample.arrays import Feeding
+from mpc.tracking.feedforward import FeedForward, FeedForwardOf, InverseDynamics
 
 
 class HandTargets(NamedTuple):
@@ -54,13 +54,6 @@ class HandTargets(NamedTuple):
         J = np.linalg.inv(self.to_hand)
         return np.asarray(J.swapaxes(-1, -2) @ self.asked @ J)
 
-    def turned(self, A: Array, b: Array) -> tuple[Array, Array]:
-        """Return the rows `A` (N+1, n + e, m), `b` (N+1, n + e) of (τ, svec K) as those of (τ, svec E)."""
-        n = self.asked.shape[-1]
-        A, b = A.copy(), b.copy()
-        A[:, n:], b[:, n:] = self.rows @ A[:, n:], (self.rows @ b[:, n:, None])[..., 0]
-        return A, b
-
     def seen(self, svec: Array) -> Array:
         """Return K_x (N+1, n, n) [N/m] of svec K (N+1, e)."""
         n = self.asked.shape[-1]
@@ -71,71 +64,48 @@ class HandTargets(NamedTuple):
         return np.asarray(G.swapaxes(-1, -2) @ K @ G)
 
 
-class CompiledArmFeedForward:
-    """Compiled `mpc.tracking.feedforward.InverseDynamics`; the readable one is used if the kernel is not sure."""
+class CompiledArmFeedForward(CompiledFeedForward):
+    """Compiled feed-forward of an arm without a hand."""
 
-    def __init__(self, arm: Arm, made: CompiledArm, readable: InverseDynamics) -> None:
-        rows, n, m = len(readable.slopes[0]), arm.n, arm.m
-        self._arm, self._stiffnesses = arm, n * (n + 1) // 2
-        self._readable, self._compiled, self._c = readable, made.feed_forward, made.c
-        d = n + self._stiffnesses
+    def _feeding(self, readable: InverseDynamics) -> Feeding:
+        """Return the arrays of the `readable` feed-forward."""
+        arm: Arm = readable.plant
         low, high = arm.mechanism.pressure_limits
-        most = [min(muscle.max_pressure, high) for muscle in arm.mechanism.muscles]
-        self._limits = *map(np.ascontiguousarray, readable.slopes), np.array(arm.angle_limits)
-        self._supply, self._unit = np.array([*most, low, high, readable.min_force]), high
-        self._T, self._A, self._b = np.zeros((rows, n)), np.zeros((rows, d, m)), np.zeros((rows, d))
-        self._box = np.zeros((rows, m)), np.zeros((rows, m)), np.zeros((rows, m))
-        self._rows_are = np.zeros(d, np.bool_), np.array([n, d])  # not one-sided; the ends of the levels
-        self._which = np.arange(rows)
-        self._found = (
-            np.zeros((rows, m)),
-            np.zeros((rows, m + d), np.int8),
-            np.zeros((rows, 3, d)),
-            np.zeros(rows, np.int64),
-        )
-        self._residual, self._memory = np.zeros(rows), (np.empty(d + m, np.bool_), workspace(d, m, 2))
-        self._sizes = rows, 2 * n + m, n * (n + 1) // 2 + m, m
-        self._alpha = readable.alpha
+        most = np.array([min(muscle.max_pressure, high) for muscle in arm.mechanism.muscles])
+        inverse = ArmInverse(readable.alpha, most, low, high, readable.min_force, *map(np.array, arm.angle_limits))
+        module, of_hand = self._plant.step, arm.endpoint is not None
+        targets = np.zeros(length_of(ArmTargets, len(readable.slopes[0]) - 1, known=module.ARM))
+        room = allocating(targets, in_python(module.targets_in)(targets), of_hand)
+        return Feeding(flat(inverse), readable.slopes, np.zeros(0), room)
 
-    def __deepcopy__(self, memo: dict[int, object]) -> "CompiledArmFeedForward":
-        """Return a copy with its own buffers."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        for name in ("_T", "_A", "_b", "_residual"):
-            setattr(other, name, getattr(self, name).copy())
-        other._memory = deepcopy(self._memory)
-        other._box, other._found = tuple(a.copy() for a in self._box), tuple(a.copy() for a in self._found)  # type: ignore[assignment]
-        return other
 
-    def __call__(self, q: Array, K: Array, d: Array) -> FeedForward:
-        """Return the feed-forward for previews `q` (N+1, n) [rad], `K` (N+1, k, k), and torques `d` (N+1, n) [N·m]."""
-        samples, size, outputs, m = self._sizes
-        given, hand = (q, K, d), None
-        rows = 1 if self._compiled.still(q, K, d) else samples  # to allocate
-        q, K, d = q[:rows], K[:rows], d[:rows]
-        asked_K = K
-        if self._arm.endpoint is not None:
-            hand = HandTargets.at(self._arm, q, K)
-            K = hand.joint_stiffness
-        x, y, u = np.empty((samples, size)), np.zeros((samples, outputs)), np.empty((samples - 1, m))
-        lo, hi, centre = self._box
-        problem = self._A[:rows], self._b[:rows], *self._rows_are, lo, hi, centre, self._which[:rows]
-        asked = self._c, *self._limits, self._supply, q, K, d
-        if not self._compiled.targets(*asked, x, self._T, self._A, self._b, lo, hi):
-            return self._readable(*given)
-        straight = problem[:2]
-        if hand is not None:
-            problem = *hand.turned(*straight), *problem[2:]
-        found, side, mu, rounds = self._found
-        side[0] = 0
-        held, work = self._memory
-        pivoting.loop("allocate_batch")(*problem, True, found, side, mu, rounds, work)
-        pivoting.loop("residual_batch")(*problem, found, mu, 0.0, BINDS, self._residual, held, work)
-        if not (rounds[:rows].all() and self._residual[:rows].max() <= _SURE):
-            return self._readable(*given)
-        moved = Moved(*self._compiled.follow(self._alpha, self._unit, q, *straight, found, K, x, y, u))
-        if hand is not None:
-            K_x = hand.seen(y[:, : self._stiffnesses])
-            y[:, : self._stiffnesses] = self._arm.svec(K_x)
-            moved = moved._replace(K=float(np.abs(asked_K - K_x).max()))
-        return FeedForward(x, y, u, moved)
+class CompiledHandFeedForward(CompiledArmFeedForward):
+    """Compiled feed-forward of an arm whose hand has a target stiffness."""
+
+    whole = False
+
+    def _feeding(self, readable: InverseDynamics) -> Feeding:
+        """Return the arrays of the `readable` feed-forward, with room for the rows that turn svec K."""
+        rows = readable.plant.stiffnesses
+        return super()._feeding(readable)._replace(turned=np.zeros(len(readable.slopes[0]) * rows**2))
+
+    def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
+        """Return the feed-forward for `theta` (N+1, n) [rad], the hand's `K` (N+1, n, n) [N/m], `d` (N+1, n) [N·m]."""
+        arm = self.readable.plant
+        still = all((array == array[:1]).all() for array in (theta, K, d))
+        hand = HandTargets.at(arm, theta[:1] if still else theta, K[:1] if still else K)
+        self.arrays.turned[: hand.rows.size] = hand.rows.ravel()
+        found = self._found(theta, np.broadcast_to(hand.joint_stiffness, K.shape), d)
+        if found is None:
+            return self.readable(theta, K, d)
+        k = arm.stiffnesses
+        K_x = hand.seen(found.y[:, :k])
+        found.y[:, :k] = arm.svec(K_x)
+        return replace(found, moved=found.moved._replace(K=float(np.abs(K - K_x).max())))
+
+
+def feed_forward_of(arm: Arm, made: CompiledPlant, readable: InverseDynamics) -> FeedForwardOf:
+    """Return the compiled feed-forward, or the `readable` one if there is none or the allocation is not compiled."""
+    if not feeds_forward(arm) or addresses() is None:
+        return readable.ready()
+    return (CompiledArmFeedForward if arm.endpoint is None else CompiledHandFeedForward)(made, readable)

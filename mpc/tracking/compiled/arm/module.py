@@ -1,54 +1,52 @@
 """Compiled functions of an arm: its formulas as a cached Python module, as in `mpc.tracking.compiled.module`."""
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
 
 import numpy as np
 
-from allocator.calculus import Array
 from allocator.lazy import Function
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.python_text import IMPORTS, filling
 from mpc.model.arm.compiled.module import compiled_motion
 from mpc.model.arm.formulas import joint_svec
 from mpc.model.arm.model import Arm
+from mpc.model.arm.pressing import symbolic_pressing
+from mpc.tracking.compiled.module import STEP, CompiledPlant, register_rest
 
-_STEP, _FEED_FORWARD = (Path(__file__).with_name(f"{name}.py") for name in ("step", "feedforward"))
-_QP = Path(__file__).parents[1] / "structured_qp"
-_OWN = "mpc.tracking.compiled.structured_qp", "mpc.tracking.compiled.commands"
-_LIMITS = "sizes", "../commands"
-_SOLUTION = (
-    "sizes", "stage_of_many", "../commands", "riccati", "responses", "certificate", "active",
-    "barrier_limits", "barrier_slacks", "barrier", "exchange",
-    "solve", "../arm/solve",
-)  # fmt: skip
-
-
-class CompiledArm(NamedTuple):
-    """Compiled functions for a family of arms, and the numbers of one arm."""
-
-    step: ModuleType  # `mpc.tracking.compiled.arm.step` with the formulas
-    feed_forward: ModuleType  # `mpc.tracking.compiled.arm.feedforward`, likewise
-    c: Array
-    h: float  # step of the integration [s]
-    decay: Array  # (substeps, 3, m) remainder of a pressure's error at beginning, middle and end of each step
+_HERE = Path(__file__).parent
+_PARTS, _FEED_FORWARD = _HERE / "step.py", _HERE / "feedforward.py"
+_TRACKING = "mpc.tracking.compiled"
+_OWN = tuple(
+    f"{_TRACKING}.{name}" for name in ("structured_qp", "commands", "sample.views", "sample.stages", "arm.views")
+)
+_QP = _HERE.parent / "structured_qp"
+_AROUND = "sizes", "stage_of_many", "../commands"
+_SAMPLE = *_AROUND, "../sample/views", "../sample/stages", "../arm/views"
+_BARRIER = "barrier_limits", "barrier_slacks", "barrier"
+_PROOF = "riccati", "responses", "certificate", "active", *_BARRIER, "exchange", "solve"
+_SOLUTION = *_AROUND, *_PROOF, "../arm/views", "../arm/solve"
 
 
-def compiled_arm(arm: Arm, dt: float) -> CompiledArm:
+def compiled_arm(arm: Arm, dt: float) -> CompiledPlant:
     """Return the compiled functions for `arm` at the sample time `dt` [s]."""
-    motion = compiled_motion(arm, dt)
-    sizes = f"n, m, STIFFNESSES = {arm.n}, {arm.m}, {arm.stiffnesses}"
-    own = {_STEP: f"from {motion.module.__name__} import advance\n\n{_assembled(_LIMITS, arm)}", _FEED_FORWARD: sizes}
-    texts, c = {file: f"{IMPORTS}{text}\n\n\n" for file, text in own.items()}, motion.c
-    for name, function in _functions(arm).items():
+    motion, feeds = compiled_motion(arm, dt), feeds_forward(arm)
+    formulas, c = f"{IMPORTS}from {motion.module.__name__} import advance as move\n\n\n", motion.c
+    for name, function in _functions(arm, feeds).items():
         source = filling(name, function, c.size)
-        texts[_FEED_FORWARD if name == "statics" else _STEP] += f"@inlined\n{source.text}\n\n"
-        c = np.concatenate([c, source.c])
-    step, feed_forward = (imported(with_formulas(template, text)) for template, text in texts.items())
-    return CompiledArm(step, feed_forward, c, motion.h, motion.decay)
+        formulas, c = formulas + f"@inlined_flat\n{source.text}\n\n", np.concatenate([c, source.c])
+    register_rest()
+    parts = with_formulas(_PARTS, formulas) + (with_formulas(_FEED_FORWARD, "") if feeds else _NONE)
+    step = imported(f"{_assembled(_SAMPLE, arm)}\n\n{_without_own_imports(with_formulas(STEP, parts))}")
+    empty = np.zeros(0)
+    return CompiledPlant(step, c, empty, motion.h, len(motion.decay), motion.decay.ravel())
+
+
+def feeds_forward(arm: Arm) -> bool:
+    """Return whether the feed-forward of `arm` is compiled: torques and stiffness are linear in the pressures."""
+    return arm.mechanism.affine and arm.tracked == arm.n
 
 
 def solve_module(arm: Arm) -> ModuleType:
@@ -56,17 +54,26 @@ def solve_module(arm: Arm) -> ModuleType:
     return imported(_assembled(_SOLUTION, arm))
 
 
-def _assembled(names: Sequence[str], arm: Arm) -> str:
-    """Return the text of these files of `structured_qp` for the sizes of the arm, which the first file contains."""
+_NONE = """
+
+@inlined_flat
+def feed_forward(i, asked, K, d, found, moved):
+    return False
+"""
+
+
+def _assembled(names: Iterable[str], arm: Arm) -> str:
+    """Return the text of these files, by their way from `structured_qp`, for the sizes of the arm; the first file has
+    the sizes.
+    """
     first, sizes = "JOINTS, NU, STIFFNESSES = ", f"{arm.n}, {arm.m}, {arm.stiffnesses}"
-    parts = [_without_own_imports(_QP / f"{name}.py") for name in names]
+    parts = [_without_own_imports((_QP / f"{name}.py").read_text(encoding="utf-8")) for name in names]
     lines = [f"{first}{sizes}\n" if line.startswith(first) else line for line in parts[0].splitlines(keepends=True)]
     return "\n\n".join(["".join(lines), *parts[1:]]).replace("@merged", "@inlined_flat")
 
 
-def _without_own_imports(file: Path) -> str:
-    """Return the text of a file without its docstring and its imports from the other files."""
-    text = file.read_text(encoding="utf-8")
+def _without_own_imports(text: str) -> str:
+    """Return the text of a file without its docstring and its imports from files with sizes."""
     lines, body = text.splitlines(keepends=True), ast.parse(text).body
     left_out = body[:1] + [n for n in body if isinstance(n, ast.ImportFrom) and (n.module or "").startswith(_OWN)]
     for node in left_out:
@@ -75,15 +82,20 @@ def _without_own_imports(file: Path) -> str:
     return "".join(lines).strip("\n") + "\n"
 
 
-def _functions(arm: Arm) -> dict[str, "Function"]:
-    """Return the CasADi functions that the template lists."""
+def _functions(arm: Arm, feeds: bool) -> dict[str, "Function"]:
+    """Return the CasADi functions that the templates list."""
     import casadi as ca
 
-    s, bodies, y = arm.statics, arm.bodies, arm.outputs
+    s, bodies, y, x = arm.statics, arm.bodies, arm.outputs, ca.SX.sym("x", arm.size)
     omega, alpha = (ca.SX.sym(name, arm.n) for name in ("omega", "alpha"))
     held = [s.q, s.P]
-    made = {"outputs": (held, [y]), "output_slopes": (held, [y, ca.jacobian(y, ca.vertcat(*held))])}
-    if arm.mechanism.affine:  # else the feed-forward is not compiled
+    made = {
+        "outputs": (held, [y]),
+        "output_slopes": (held, [y, ca.jacobian(y, ca.vertcat(*held))]),
+        "pressing": ([x], [symbolic_pressing(arm)(x)]),
+        "rigidity": (held, [s.stiffness, ca.jacobian(s.torque, s.P).T]),
+    }
+    if feeds:
         stacked = ca.vertcat(s.torque, joint_svec(s))
         empty = ca.substitute([stacked, s.forces], [s.P], [ca.SX.zeros(arm.m)])
         gains = [ca.jacobian(stacked, s.P), ca.diag(ca.jacobian(s.forces, s.P))]

@@ -3,12 +3,16 @@
 The pressures of states count in bar, as commands do.
 """
 
+from typing import Any
+
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.jit import compiled, inlined
-from mpc.tracking.compiled.records import Bounds, Cost, Indices, Path, Reference, Setting, Signs
+from mpc.tracking.compiled.arm.records import ArmPath
+from mpc.tracking.compiled.arm.views import given_in, path_in, setting_in
+from mpc.tracking.compiled.records import Indices, Path, Reference, Signs
 from mpc.tracking.compiled.structured_qp.sizes import NU, NX, NXI, NY
 from mpc.tracking.compiled.structured_qp.solve import decide
 from mpc.tracking.compiled.structured_qp.stage_of_many import MOVING
@@ -16,20 +20,14 @@ from mpc.tracking.compiled.structured_qp.stage_of_many import MOVING
 
 @compiled
 def settle_path(
-    cost_x: Array, cost_y: Array, cost_e: Array, change: Array, end: Array, bounds: Array, ranges: Array, rest: Array,
-    slack: Array, starts: Indices, kept: Array, x: Array, S: Array, y: Array, slope: Array, u: Array,
-    x_ref: Array, y_ref: Array, u_ref: Array, last: Array, guess: Signs, z: Array,
-) -> tuple[bool, int]:  # fmt: skip
-    """Return whether `z` (n + 1,) is the QP's proved solution, and the number of exchanges; see `settle`.
-
-    `bounds` (4,): least and greatest command, greatest change [bar], least force [N]; `ranges` (2, n) of the angles;
-    `rest` (3,) the other fields of a `Setting`; `kept` (m,) the remaining share of a pressure's error after a sample.
-    """
-    cost = Cost(cost_x, cost_y, cost_e, change, end)
-    limits = Bounds(bounds[0], bounds[1], bounds[2], ranges[0], ranges[1], bounds[3])
-    setting = Setting(cost, limits, rest[0], rest[1], rest[2], slack, starts)
-    path, reference = in_bar(x, S, y, slope, kept), Reference(states_in_bar(x_ref), y_ref, u_ref)
-    return decide(path, u / BAR, setting, reference, last, guess, z)
+    numbers: Array, starts: Indices, given: Array, buffer: Array, guess: Signs, z: Array
+) -> tuple[bool, int]:
+    """Return the results of `mpc.tracking.compiled.structured_qp.solve.decide`."""
+    (path, u), now = path_in(buffer), given_in(given)
+    setting: Any = setting_in(numbers, starts)  # the bounds of angles are arrays
+    x, y, u_star = now.reference
+    reference = Reference(states_in_bar(x), y, u_star)
+    return decide(in_bar(path), u, setting, reference, now.last, guess, z)
 
 
 @inlined
@@ -43,8 +41,9 @@ def states_in_bar(x: Array) -> Array:
 
 
 @inlined
-def in_bar(x: Array, S: Array, y: Array, slope: Array, kept: Array) -> Path:
-    """Return the path in bar; `slope` (N + 1, n + m, p) is of the outputs by (q, P)."""
+def in_bar(given: ArmPath) -> Path:
+    """Return the path in bar, with the slopes of outputs by all states."""
+    x, S, y, slope, kept = given
     N, n = S.shape[0], MOVING // 2
     A, turned_over = np.empty((N, MOVING, NXI)), np.zeros((N + 1, NY, NX))
     for k in range(N):

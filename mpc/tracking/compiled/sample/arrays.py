@@ -1,24 +1,18 @@
 """Arrays of the compiled step, and its call."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.codegen.addresses import clock, entry_of
 from mpc.codegen.views import flat, in_python, length_of, table_of
-from mpc.model.compiled_friction import NO_FRICTION, memory_of
-from mpc.model.plant import NU, NX
-from mpc.tracking.compiled.records import Given, Setting, given_in
-from mpc.tracking.compiled.records import lengths as record_lengths
-from mpc.tracking.compiled.sample.layout import (
-    Inputs,
-    Known,
-    Made,
-    asked_of,
-    lengths,
-    made_of,
-)
+from mpc.model.compiled_friction import ABSENT, NO_FRICTION, memory_of, rubbing_in
+from mpc.tracking.compiled.records import Given, Setting
+from mpc.tracking.compiled.sample.calls import stage_of
+from mpc.tracking.compiled.sample.layout import Asked, Inputs, JointInverse, Known, Made, Room, State
 from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.preview import CORRECTED
@@ -29,33 +23,66 @@ if TYPE_CHECKING:
     from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 
 _CLOCK = clock()
-_NO_GATE = np.zeros(NX), np.zeros(NX)
-_KINDS = "(int64, int64, float64[::1], float64[::1], float64[:], float64[:], float64[:], float64)"
+_KINDS = "(int64, int64, float64[::1], float64[::1], float64[:], float64[:], float64[:])"
+
+
+class Allocating(NamedTuple):
+    """Memory of an arm's allocation, and the addresses for its calls: see `mpc.tracking.compiled.arm.allocation`."""
+
+    targets: Array  # see `mpc.tracking.compiled.arm.records.ArmTargets`
+    side: NDArray[np.int8]
+    rounds: NDArray[np.int64]
+    calls: tuple[int, int, int, int, int, int]  # as in `Inputs`
+    kept: tuple[object, ...]  # everything else at these addresses
+
+
+_NO_ALLOCATION = Allocating(np.zeros(0), np.zeros(0, np.int8), np.zeros(0, np.int64), (0, 0, 0, 0, 0, 0), ())
+
+
+class Feeding(NamedTuple):
+    """Arrays of a feed-forward."""
+
+    inverse: Array  # numbers
+    slopes: tuple[Array, Array]  # (N+1, N+1) derivatives of a preview
+    turned: Array  # see `Inputs`
+    allocating: Allocating = _NO_ALLOCATION  # of an arm
+
+
+def feeding_of(readable: InverseDynamics) -> Feeding:
+    """Return the arrays of a joint's feed-forward."""
+    plant, (alpha1, alpha2), (lag1, lag2) = readable.plant, readable.alpha.tolist(), readable.plant.lags
+    left, right = plant.joint.angle_range
+    numbers = plant.inertia, plant.damping, plant.gravity_torque, alpha1, alpha2, lag1, lag2, left, right
+    return Feeding(flat(JointInverse(*numbers, readable.min_force)), readable.slopes, np.zeros(0))
 
 
 class Beyond(NamedTuple):
-    """Constants of the compensation and the rest mode."""
+    """Gate of a measured state, and constants of the compensation and the rest mode."""
 
-    friction: Array  # numbers, see `mpc.model.compiled_friction`
+    gate: tuple[Array, Array]  # (2n + m,) least and greatest values
+    friction: Array  # numbers (n, …), see `mpc.model.compiled_friction`
     delay: int  # [samples]
     dead_band: float  # [Pa]
     rests: bool  # whether commands come to rest at a constant reference
     rules: Rules  # of that
 
-    @property
-    def memory(self) -> int:
-        """Number of entries of the friction's memory."""
-        return memory_of(self.friction)
 
+class _Unused(NamedTuple):
+    """Arrays in the place of those of a structured QP."""
 
-_NOTHING = Beyond(flat(NO_FRICTION), 0, 0.0, rests=False, rules=Rules(*9 * (0.0,)))
+    arrays: tuple[Array, NDArray[np.int64], Array, Array]
+    given: Given
+    answer: Array
+    guess: NDArray[np.int8]
+    counted: NDArray[np.int64]
+    address: int
 
 
 class StepArrays:
     """Arrays of one controller of N samples; two threads must not use them at the same time.
 
-    Without the `structured` QP they serve only the feed-forward, without the `inverse` dynamics everything else. A
-    whole step needs both, and the `gate` of a measured state: least and greatest values (4,).
+    Without the `structured` QP they serve only the feed-forward, without `feeding` everything else. A whole step needs
+    both, and what is known `beyond` the model.
     """
 
     def __init__(
@@ -63,28 +90,47 @@ class StepArrays:
         plant: "CompiledPlant",
         N: int,
         structured: "StructuredQP | None" = None,
-        inverse: InverseDynamics | None = None,
-        gate: tuple[Array, Array] = _NO_GATE,
-        beyond: Beyond = _NOTHING,
+        feeding: Feeding | None = None,
+        beyond: Beyond | None = None,
     ) -> None:
-        asked, self.size, length = lengths(N, beyond.delay, beyond.memory)
-        self.nothing = np.full(length, np.nan)  # no result yet
-        asks = np.zeros(asked)
-        self.ask = asked_of(asks)
-        slopes = np.zeros((2, N + 1, N + 1)) if inverse is None else np.stack([D.T for D in inverse.slopes])
-        self.fixed = plant.c, plant.p, flat(_known(plant, inverse, gate, beyond)), np.ascontiguousarray(slopes)
-        z, guess, counted, address = np.zeros(NU), np.zeros(NU, np.int8), np.zeros(1, np.int64), 0
-        numbers, starts = np.zeros(length_of(Setting)), np.zeros(1, np.int64)
-        given, path = map(np.zeros, record_lengths(N))
-        if structured is not None:
-            (numbers, starts, given, path), address = structured.arrays, structured.address
-            z, guess, counted = structured.answer, structured.guess, structured.counted
-        self.given: Given = in_python(given_in)(given)
-        before = *self.fixed, beyond.friction, numbers, asks, given, path, z, np.zeros(6 * beyond.delay + 4)
-        self._inputs = Inputs(*before, starts, counted, guess, np.zeros_like(guess), address, *_CLOCK)
+        sizes: dict[str, int] = plant.step.SIZES
+        beyond = beyond or _nothing(sizes)
+        self._made_of = in_python(plant.step.made_in)
+        self._state_of, self.memory = in_python(plant.step.state_in), (memory_of(beyond.friction[0]), beyond.delay)
+        self.size = length_of(Made, N, known=sizes)
+        self.nothing = np.full(self.size + length_of(State, *self.memory, known=sizes), np.nan)  # no result yet
+        asked, room = (
+            np.zeros(length_of(record, size, known=sizes))
+            for record, size in ((Asked, N + beyond.delay), (Room, beyond.delay))
+        )
+        self.ask: Asked = in_python(plant.step.asked_in)(asked)
+        feeding = feeding or Feeding(np.zeros(0), (np.zeros((N + 1, N + 1)),) * 2, np.zeros(0))
+        inverse, slopes, self.turned, allocating = feeding
+        targets, side, rounds, calls, self._kept = allocating
+        qp = structured or _unused(plant, N)
+        (numbers, starts, given, path), self.given = qp.arrays, qp.given
+        known = flat(Known(plant.h, plant.substeps, *beyond.gate, beyond.dead_band, beyond.rules, CORRECTED))
+        rubs = any(in_python(rubbing_in)(friction).kind != ABSENT for friction in beyond.friction)
+        rubbed = stage_of(plant.step.rubbed) if rubs else 0
+        rested = stage_of(plant.step.rested) if beyond.rests else 0
+        self._inputs = Inputs(
+            plant.c, plant.p, plant.decay, inverse, np.ravel([D.T for D in slopes]), self.turned, known,
+            beyond.friction.ravel(), numbers, asked, given, path, qp.answer, room, targets, starts, qp.counted, rounds,
+            qp.guess, np.zeros_like(qp.guess), side, qp.address, *calls, rubbed, rested, *_CLOCK,
+        )  # fmt: skip
         self._table = table_of(self._inputs)
         self.step = entry_of(plant.step.step, _KINDS)
         self.address: int = self._table.ctypes.data  # valid during the lifetime of these arrays
+
+    def made(self, out: Array) -> Made:
+        """Return views into the plan of a result."""
+        made: Made = self._made_of(out[: self.size])
+        return made
+
+    def state(self, out: Array) -> State:
+        """Return views into the state of a result."""
+        state: State = self._state_of(out[self.size :], self.made(out).u, *self.memory)
+        return state
 
     def feed_forward(self) -> tuple[bool, Array]:
         """Fill in `given` with the feed-forward of `asked`; return whether it exists, and the distances moved (3,)."""
@@ -101,19 +147,17 @@ class StepArrays:
 
     def _part(self, what: int) -> tuple[bool, Made]:
         out = np.empty(self.nothing.size)
-        asked = self.ask.x, self.ask.theta, self.ask.K, 0.0
-        return self.step(what, self.address, self.nothing, out, *asked), made_of(out[: self.size])
+        return self.step(what, self.address, self.nothing, out, self.ask.x, self.ask.theta, self.ask.K), self.made(out)
 
 
-def _known(plant: "CompiledPlant", inverse: InverseDynamics | None, gate: tuple[Array, Array], beyond: Beyond) -> Known:
-    steps = plant.h, plant.substeps
-    numbers = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *steps, 0.0, 0.0, 0.0
-    nothing = Known(*numbers, *gate, beyond.dead_band, beyond.rests, beyond.rules, CORRECTED)
-    if inverse is None:
-        return nothing
-    physical, (alpha1, alpha2) = inverse.plant, inverse.alpha.tolist()
-    (lag1, lag2), (left, right) = physical.lags, physical.joint.angle_range
-    return nothing._replace(
-        inertia=physical.inertia, damping=physical.damping, gravity=physical.gravity_torque, alpha1=alpha1,
-        alpha2=alpha2, lag1=lag1, lag2=lag2, left=left, right=right, min_force=inverse.min_force,
-    )  # fmt: skip
+def _nothing(sizes: Mapping[str, int]) -> Beyond:
+    gate = np.zeros(sizes["x"]), np.zeros(sizes["x"])
+    return Beyond(gate, np.tile(flat(NO_FRICTION), (sizes["n"], 1)), 0, 0.0, rests=False, rules=Rules(*9 * (0.0,)))
+
+
+def _unused(plant: "CompiledPlant", N: int) -> _Unused:
+    sizes: dict[str, int] = plant.step.SIZES
+    numbers = np.zeros(length_of(Setting, known=sizes) + 2 * sizes["n"])  # bounds of several joints are longer
+    given, starts, m = np.zeros(length_of(Given, N, known=sizes)), np.zeros(1, np.int64), sizes["m"]
+    views = in_python(plant.step.given_in)(given)
+    return _Unused((numbers, starts, given, np.zeros(0)), views, np.zeros(m), np.zeros(m, np.int8), starts.copy(), 0)

@@ -4,6 +4,8 @@ The stages of `mpc.tracking.base` make steps that are not ordinary; the flat sta
 parts get the flat state when one of their attributes is accessed.
 """
 
+from collections.abc import Callable
+from functools import partial
 from math import inf
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -14,10 +16,11 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.model.compensation import FrictionState
-from mpc.model.plant import NX
+from mpc.model.compiled_friction import numbers_of_joints
+from mpc.model.machine import Machine
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.compiled.sample.arrays import Beyond, StepArrays
-from mpc.tracking.compiled.sample.layout import Made, State, made_of, state_of
+from mpc.tracking.compiled.sample.layout import State
 from mpc.tracking.compiled.sample.stages import WHOLE
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.linearise import Motion
@@ -25,7 +28,7 @@ from mpc.tracking.plan import Moved, Plan, PlanStatus, Rung, Times
 from mpc.tracking.preview import Preview
 from mpc.tracking.rest import RestMode
 
-_FLOAT, _STATE = np.dtype(float), (NX,)
+_FLOAT = np.dtype(float)
 
 
 class Parts(NamedTuple):
@@ -35,28 +38,30 @@ class Parts(NamedTuple):
     ladder: Ladder
     rest_mode: RestMode
     rest: bool  # whether the commands may come to rest
+    plant: Machine
 
 
 class Newest:
     """Result of the last whole step (`mpc.tracking.compiled.sample.layout`), including the state."""
 
-    def __init__(self, nothing: Array, plan: int, memory: int, delay: int) -> None:
-        self.out, self._counts = nothing, (plan, memory, delay)
+    def __init__(self, arrays: StepArrays, stiffness: Callable[[Array], Array]) -> None:
+        self.out, self._arrays, self._stiffness = arrays.nothing, arrays, stiffness
         self.known = False  # whether a part was accessed and has this state now
 
     @property
-    def made(self) -> Made:
-        """Views into the plan."""
-        return made_of(self.out[: self._counts[0]])
+    def motion(self) -> Motion:
+        """Motion of the plan."""
+        made = self._arrays.made(self.out)
+        return Motion(made.u, made.x, self._stiffness(made.K), made.F)
 
     @property
     def state(self) -> State:
         """Views into the state."""
-        return state_of(self.out, *self._counts)
+        return self._arrays.state(self.out)
 
     def defer(self, parts: Parts) -> None:
         """Defer the update of the parts with the newest state until they are accessed."""
-        preview, ladder, rest_mode, rest = parts
+        preview, ladder, rest_mode, rest, _ = parts
         preview.defer(_fill_preview, self, preview.frictions)
         ladder.defer(_fill_ladder, self)
         if rest_mode.worthwhile and rest:
@@ -68,14 +73,15 @@ def _fill_preview(preview: Preview, newest: Newest, frictions: tuple[FrictionSta
     """Update `preview` with the newest sample."""
     state, newest.known = newest.state, True
     if not preview.frictionless:
-        frictions[0].go_on(float(state.angle[0]), state.memory)
+        for friction, angle, memory in zip(frictions, state.angle.tolist(), state.memory, strict=True):
+            friction.go_on(angle, memory[: friction.friction.size])
     preview.go_on(state.sent.copy(), state.expected.copy(), list(state.waiting.copy()), frictions)
 
 
 def _fill_ladder(ladder: Ladder, newest: Newest) -> None:
     """Update `ladder` with the newest sample."""
-    made, newest.known = newest.made, True
-    ladder.go_on(Motion(made.u, made.x, made.K, made.F), newest.state.u_star.copy())
+    newest.known = True
+    ladder.go_on(newest.motion, newest.state.u_star.copy())
 
 
 def _fill_rest_mode(rest_mode: RestMode, newest: Newest) -> None:
@@ -84,40 +90,65 @@ def _fill_rest_mode(rest_mode: RestMode, newest: Newest) -> None:
     rest_mode.go_on(newest.state.rest)
 
 
+def joined(qp_step: CompiledQPStep, feed_forward: CompiledFeedForward, parts: Parts) -> "WholeStep | None":
+    """Return the whole step of these parts, or None if a part of it is not compiled."""
+    preview, rest_mode = parts.preview, parts.rest_mode
+    frictions = numbers_of_joints([state.friction for state in preview.frictions])
+    if frictions is None or not feed_forward.whole:
+        return None
+    rests, gate = parts.rest and rest_mode.worthwhile, (preview.lower, preview.upper)
+    beyond = Beyond(gate, frictions, preview.delay, preview.compensation.dead_band, rests, rest_mode.rules)
+    return WholeStep(qp_step, feed_forward, parts, beyond)
+
+
 class WholeStep:
-    """Whole step of one controller and its parts, with the `numbers` of the friction."""
+    """Whole step of one controller and its parts, with what is known `beyond` the model."""
 
     def __init__(
-        self, qp_step: CompiledQPStep, feed_forward: CompiledFeedForward, parts: Parts, numbers: Array
+        self, qp_step: CompiledQPStep, feed_forward: CompiledFeedForward, parts: Parts, beyond: Beyond
     ) -> None:
-        self.qp_step, self.feed_forward, self._parts, self.rest = qp_step, feed_forward, parts, parts.rest
-        preview, N = parts.preview, parts.ladder.predictor.N
-        rests = parts.rest and parts.rest_mode.worthwhile
-        beyond = Beyond(numbers, preview.delay, preview.compensation.dead_band, rests, parts.rest_mode.rules)
-        gate = preview.lower, preview.upper
-        self._arrays = arrays = StepArrays(qp_step.plant, N, qp_step.structured, feed_forward.readable, gate, beyond)
-        self._step, self._table, self._size = arrays.step, arrays.address, arrays.nothing.size
-        self._shape = arrays.ask.theta.shape
-        self._newest = Newest(arrays.nothing, arrays.size, beyond.memory, beyond.delay)
+        self.qp_step, self.feed_forward, self.beyond = qp_step, feed_forward, beyond
+        self._parts, self.rest, plant = parts, parts.rest, parts.plant
+        self._arrays = arrays = self.arrays()
+        self._step, self._table, self._size, self._d = arrays.step, arrays.address, arrays.nothing.size, arrays.ask.d
+        samples = (arrays.ask.theta.size // plant.n,)
+        self._single, constant = plant.angle_shape == (), (plant.angle_shape, plant.stiffness_shape)
+        self._shapes = (plant.size,), *((*samples, *shape) for shape in constant)
+        self._values = (plant.size,), *constant  # shapes without previews
+        self._newest = Newest(arrays, qp_step.plant.stiffness)
+        self._fields = partial(_fields, arrays, plant)
         self.behind = True  # whether the flat state is older than that of the parts
+
+    def arrays(self) -> StepArrays:
+        """Return new arrays of the step."""
+        N = self._parts.ladder.predictor.N
+        return StepArrays(self.qp_step.plant, N, self.qp_step.structured, self.feed_forward.feeding, self.beyond)
 
     def plan(self, x: Any, theta_ref: Any, K_ref: Any, d: Any, began: float, deadline: float) -> Plan | None:
         """Return the plan of an ordinary step by the `deadline`; if there is none, change nothing and return None."""
-        newest = self._newest
+        newest, (state, angles, stiffnesses) = self._newest, self._shapes
         if self.behind:
             self._take()
-        if not (
-            d.__class__ is float and x.__class__ is theta_ref.__class__ is K_ref.__class__ is np.ndarray
-            and x.dtype is theta_ref.dtype is K_ref.dtype is _FLOAT
-            and x.shape == _STATE and theta_ref.shape == K_ref.shape == self._shape
-        ):  # fmt: skip
-            try:
-                x, theta_ref, K_ref, d = self._numbers(x, theta_ref, K_ref, d)
-            except (InvalidInput, ValueError, TypeError):
-                return None  # the readable stages report the error
+        try:
+            if not (
+                x.__class__ is theta_ref.__class__ is K_ref.__class__ is np.ndarray
+                and x.dtype is theta_ref.dtype is K_ref.dtype is _FLOAT
+                and x.shape == state
+                and theta_ref.shape == angles
+                and K_ref.shape == stiffnesses
+            ):
+                x, theta_ref, K_ref = self._numbers(x, theta_ref, K_ref)
+            if d.__class__ is float:
+                self._d.fill(d)
+            else:
+                self._d[:] = self._torque(d)
+        except (InvalidInput, ValueError, TypeError):
+            return None  # the readable stages report the error
+        if not self._single:
+            theta_ref, K_ref = theta_ref.ravel(), K_ref.ravel()
         guess = None if deadline == inf else self.qp_step.active_set
         out = np.empty(self._size)
-        if not self._step(WHOLE, self._table, newest.out, out, x, theta_ref, K_ref, d):
+        if not self._step(WHOLE, self._table, newest.out, out, x, theta_ref, K_ref):
             return None
         now = perf_counter()
         if now > deadline:
@@ -127,7 +158,7 @@ class WholeStep:
         if newest.known:
             newest.defer(self._parts)
         self.behind = False
-        return Plan.later(_fields, self._arrays.size, out, now - began)
+        return Plan.later(self._fields, out, now - began)
 
     def remembered(self) -> Array:
         """Return the result and the state of the last step, taken from the parts: see `layout`."""
@@ -142,41 +173,54 @@ class WholeStep:
         self._parts.ladder.catch_up()
         self._parts.rest_mode.catch_up()
 
-    def _numbers(self, *given: object) -> tuple[Array, Array, Array, float]:
-        """Return the state (4,), previews (ahead + 1,) and torque as arrays of floats, from any kind of numbers.
+    def _numbers(self, *given: object) -> tuple[Array, ...]:
+        """Return the state (2n + m,) and the previews (ahead + 1, …) as arrays of floats, from any kind of numbers.
 
         Raises `InvalidInput`, `ValueError` or `TypeError`.
         """
-        ask, constant = self._arrays.ask, ()
-        x, theta, K, d = (
-            value if value.__class__ is float else checks.floats("a number", value, "") for value in given
-        )
-        for array, value, other in ((ask.x, x, _STATE), (ask.theta, theta, constant), (ask.K, K, constant)):
-            if getattr(value, "shape", constant) not in (array.shape, other):
+        ask, found = self._arrays.ask, []
+        places = zip((ask.x, ask.theta, ask.K), given, self._shapes, self._values, strict=True)
+        for array, numbers, shape, value in places:
+            known = checks.floats("a number", numbers, "")
+            if known.shape not in (shape, value):
                 raise InvalidInput("a shape is wrong")
-            array[...] = value
-        return ask.x, ask.theta, ask.K, float(d)
+            array = array.reshape(shape)
+            array[...] = known
+            found.append(array)
+        return tuple(found)
+
+    def _torque(self, d: object) -> Array:
+        """Return the torque (n,) or (). Raises `InvalidInput`, `ValueError` or `TypeError`."""
+        known = checks.floats("d", d, "N·m")
+        if known.shape not in ((), self._values[1]):
+            raise InvalidInput("a shape is wrong")
+        return known
 
     def _take(self) -> None:
         """Take the state from the parts."""
-        newest, (preview, ladder, rest_mode, _) = self._newest, self._parts
+        newest, (preview, ladder, rest_mode, *_) = self._newest, self._parts
         newest.out, newest.known = self._arrays.nothing.copy(), True
-        state, (friction,), u = newest.state, preview.frictions, None if ladder.motion is None else ladder.motion.u
+        state, u = newest.state, None if ladder.motion is None else ladder.motion.u
+        state.memory[...] = 0.0
+        for friction, memory, angle in zip(preview.frictions, state.memory, range(state.angle.size), strict=True):
+            memory[: friction.friction.size] = friction.memory
+            state.angle[angle] = np.nan if friction.theta is None else friction.theta
         for array, value in (
             (state.u, u), (state.u_star, ladder.u_star), (state.sent, preview.last_sent),
-            (state.waiting, preview.waiting or None), (state.expected, preview.expected), (state.angle, friction.theta),
-            (state.memory, friction.memory), (state.rest, rest_mode.numbers),
+            (state.waiting, preview.waiting or None), (state.expected, preview.expected),
+            (state.rest, rest_mode.numbers),
         ):  # fmt: skip
             array[...] = np.nan if value is None else value
 
 
-def _fields(size: int, out: Array, took: float) -> dict[str, object]:
+def _fields(arrays: StepArrays, plant: Machine, out: Array, took: float) -> dict[str, object]:
     """Return the fields of the plan that was made."""
-    made = made_of(out[:size])
+    made = arrays.made(out)
     (slack, slack_force), (theta, K, T), (feed_forward, linearise, solve), (rests,) = map(np.ndarray.tolist, made[5:])
     status, rung = (PlanStatus.RESTING, Rung.ALLOCATION) if rests else (PlanStatus.OPTIMAL, Rung.QP)
+    stiffness = plant.matrix(made.K[:, 0] if plant.angle_shape == () else made.K)
     return {
-        "u": made.sent, "x": made.x, "K": made.K, "status": status, "rung": rung, "slack": slack,
+        "u": made.sent, "x": made.x, "K": stiffness, "status": status, "rung": rung, "slack": slack,
         "times": Times(feed_forward, linearise, 0.0, solve, took), "slack_force": slack_force,
         "moved": Moved(theta, K, T), "gap": 0.0,
     }  # fmt: skip

@@ -2,29 +2,14 @@
 
 The sweep begins with the limits of the last QP. If these are far from right, or an exchange takes long, a barrier
 chooses others.
-
-`buffer` holds the path, `given` the new data of the step (`mpc.tracking.compiled.records`). A copy of this file is
-used, for the reason in `mpc.codegen.modules`.
 """
 
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.codegen.jit import compiled, inlined, inlined_flat
+from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.commands import HUGE, change_bounds, deviations, new_bounded, new_errors
-from mpc.tracking.compiled.records import (
-    Bounded,
-    Errors,
-    Indices,
-    Path,
-    Point,
-    Reference,
-    Setting,
-    Signs,
-    given_in,
-    path_in,
-    setting_in,
-)
+from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Reference, Setting, Signs
 from mpc.tracking.compiled.structured_qp.active import Active, new_active
 from mpc.tracking.compiled.structured_qp.barrier import guessed
 from mpc.tracking.compiled.structured_qp.exchange import based, exchanged
@@ -37,23 +22,16 @@ PATIENCE = 16  # exchanges, before the barrier chooses another set
 FAR = 10.0  # [bar] beyond a limit, for which it does at once; noise takes a set less far
 
 
-@compiled
-def settle(numbers: Array, starts: Indices, given: Array, buffer: Array, guess: Signs, z: Array) -> tuple[bool, int]:
-    """Return whether `z` (n + 1,) is the QP's proved solution, and the number of exchanges.
-
-    Its last entry is the bound of the suboptimality of the others, which are within slew and supply. `guess` (n,)
-    becomes the active set.
-    """
-    setting, (path, u) = setting_in(numbers, starts), path_in(buffer)
-    _, _, _, reference, last = given_in(given)
-    return decide(path, u, setting, reference, last, guess, z)
-
-
 @inlined
 def decide(
     path: Path, u: Array, setting: Setting, reference: Reference, last: Array, guess: Signs, z: Array
 ) -> tuple[bool, int]:
-    """Return the results of `settle` for a path with the commands `u` [bar]."""
+    """Return whether `z` (n + 1,) is the proved solution of the QP along a path with the commands `u` [bar], and the
+    number of exchanges.
+
+    Its last entry is the bound of the suboptimality of the others, which are within slew and supply. `guess` (n,)
+    becomes the active set.
+    """
     N, starts = u.shape[0], setting.starts
     errors, bounded, sweep = new_errors(N), new_bounded(N), new_sweep(N)
     at = Point(np.empty((N + 1, NXI)), np.empty((N, NU)), np.empty(NU))

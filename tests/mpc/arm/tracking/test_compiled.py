@@ -36,7 +36,7 @@ class Both:
         self.predictor = Predictor(arm, DT, N)
         self.inverse = InverseDynamics(arm, DT, N, min_force)
         self.readable = ReadableQPStep(self.problem, self.predictor)
-        self.compiled, self.feed_forward = factory(arm, DT, self.problem, self.predictor, self.inverse, DAQP())
+        self.compiled, self.feed_forward = factory(arm, DT, self.problem, self.predictor, self.inverse)
 
     def situation(self, rng, near=False):
         """Return x, u, d, feed-forward and previous sample; `near` limits of angles and pressures."""
@@ -115,7 +115,6 @@ def test_the_feed_forward_is_that_of_the_readable_one(both):
     for scale, still in ((1.0, False), (1.0, True), (3.0, False), (3.0, True)):  # 3.0: beyond what the arm can do
         _, _, d, _, _, (q, K) = both.situation(rng)
         q, d = (np.tile(preview[:1], (N + 1, 1)) if still else preview for preview in (q, d))
-        assert both.feed_forward._compiled.still(q, K, d) is still
         readable, compiled = both.inverse(scale * q, scale * K, d), both.feed_forward(scale * q, scale * K, d)
         np.testing.assert_allclose(compiled.x, readable.x, rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(compiled.y, readable.y, rtol=1e-8, atol=1e-8)

@@ -116,7 +116,7 @@ def test_an_endpoint_has_to_be_one_of_the_arm():
 def test_the_compiled_feed_forward_asks_what_the_readable_one_asks(controller):
     N, rng = controller.N, np.random.default_rng(5)
     readable, compiled = InverseDynamics(ARM, controller.dt, N), controller._feed_forward
-    assert type(compiled).__name__ == "CompiledArmFeedForward"
+    assert type(compiled).__name__ == "CompiledHandFeedForward"
     for reach, still in ((1.0, False), (2.0, False), (2.0, True)):  # 2.0: stiffness beyond what the muscles can do
         q = [0.3, 0.6] + 0.1 * rng.random(2) * np.linspace(0, 1, N + 1)[:, None]
         d = 0.1 * rng.normal(size=(N + 1, 2))
