@@ -50,8 +50,8 @@ CENTRED = 0.1  # of these products in the first turn; later, the less the longer
 LEAST_CENTRED, MOST_CENTRED = 0.01, 0.5
 KEPT = 0.99  # of the way to a limit, at most
 STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the present limits are taken
-ENOUGH = 1e-5  # [bar²] product t λ by the curvature of a change: the active limits are known
-HELD = 10.0  # λ/t of an active bound by this curvature, at least
+ENOUGH = 1e-6  # [bar²] product t λ by the curvature of a change: the active limits are known
+HELD = 1e4  # λ/t of an active bound by this curvature, at least: held wrongly, one moves many others
 
 
 @inlined

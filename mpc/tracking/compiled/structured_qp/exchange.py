@@ -234,7 +234,7 @@ def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Swe
     for q in range(size):
         pushed = -items.multiplier[q] if items.kind[q] != GONE else 0.0
         if pushed > least and pushed * pushed > -most * items.K[q, q]:
-            most, first = -pushed * pushed / items.K[q, q], q
+            most, first = -pushed * pushed / items.K[q, q] if items.K[q, q] < 0.0 else HUGE, q
     for k in range(N + 1):
         for i in range(NU):
             if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
