@@ -1,7 +1,7 @@
 """Exchange of a sweep's held limits, one after the other, until they are those of the solution.
 
-First, changes that are pushed away from their limits are released. Then violated limits enter, each with a multiplier t
-up to
+First, the base takes the limits that it can hold, and items hold others that the barrier named. Of both, those that are
+pushed away from are released. Then violated limits enter, each with a multiplier t up to
 
     full        that at which it holds:  t = violation / (-a·dz)
     partial     that at which another multiplier changes its sign: the other one leaves, and this one enters again
