@@ -14,9 +14,8 @@ from allocator.compilation.jit import Function
 from allocator.compilation.printer import ArrayKind, Kind, StructKind, parsed, with_called
 from mpc.export.controller.recursions import exchanges_in, items_in, kinds_of, solver_of
 from mpc.tracking.compiled.structured_qp.barrier import TURNS
-from mpc.tracking.compiled.structured_qp.barrier_limits import SIDES
 from mpc.tracking.compiled.structured_qp.exchange import AGAIN
-from mpc.tracking.compiled.structured_qp.responses import SPARE
+from mpc.tracking.compiled.structured_qp.sizes import limit_lines, spare
 from mpc.tracking.controller import TrackingMPC
 
 COMPILER = "arm-none-eabi-gcc 12.2"  # whose stack was measured
@@ -39,10 +38,10 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     plant, N, blocks = controller.plant, controller.N, len(controller.problem.blocks)
     sizes = {"JOINTS": plant.n, "MUSCLES": plant.m, "STIFFNESSES": plant.stiffnesses, "BLOCKS": blocks, "HORIZON": N}
     sizes |= {"STATES": 2 * plant.n + plant.m, "XI": 2 * plant.n + 2 * plant.m, "OUTPUTS": plant.stiffnesses + plant.m}
-    sizes["ITEMS"] = items_in(plant.m * blocks, single)
+    sizes["ITEMS"] = items_in(plant.n, plant.m, blocks, single)
     # greatest values of the names that bound the solver's loops
     most = {"N": N, "last": N, "size": sizes["ITEMS"] - 1, "known": 0, "left": plant.m}
-    most |= {"lines": SIDES + -(-(2 * plant.n + plant.m) // plant.m), "named": sizes["ITEMS"] - SPARE}
+    most |= {"lines": limit_lines(plant.n, plant.m), "named": max(2, sizes["ITEMS"] - spare(plant.n, plant.m))}
     most |= {f"ANT_{name}": size for name, size in sizes.items()}
     functions, kinds, exchanges = with_called(solver_of(plant)), kinds_of(plant), exchanges_in(plant.m * blocks)
     begin, exchange = _Count(functions, kinds, most).of_qp()

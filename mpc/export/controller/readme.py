@@ -166,7 +166,7 @@ def _control(controller: TrackingMPC, single: bool) -> str:
         plant=controller.plant.summary,
         N=N,
         moves=moves,
-        items=min(CROWDED, items_in(moves, single) - 2),
+        items=min(CROWDED, items_in(n, m, blocks, single) - 2),
         patience=PATIENCE,
         turns=TURNS,
         each=exchanges_in(1),

@@ -53,11 +53,11 @@ def kinds_of(plant: Machine) -> Mapping[str, Kind]:
     return _kinds(_structs(isinstance(plant, Arm)))
 
 
-def items_in(changes: int, single: bool) -> int:
+def items_in(n: int, m: int, blocks: int, single: bool) -> int:
     """Return the maximum number of items in an exchange of active bounds (`structured_qp.responses`)."""
-    from mpc.tracking.compiled.structured_qp.responses import SPARE
+    from mpc.tracking.compiled.structured_qp.sizes import spare
 
-    return min(changes + SPARE, _ITEMS[single])
+    return min(m * blocks + spare(n, m), _ITEMS[single])
 
 
 def exchanges_in(changes: int) -> int:

@@ -63,7 +63,10 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
             "AGE": (known.age(dt), "age of the angle's readings in samples"),
             "SUBSTEPS": (plant.substeps(dt, RESOLUTION), "integration steps per sample"),
             "AHEAD": (controller.ahead, "samples of reference after the present one"),
-            "ITEMS": (items_in(plant.m * blocks, single), "maximum number of limits that differ from those of a sweep"),
+            "ITEMS": (
+                items_in(plant.n, plant.m, blocks, single),
+                "maximum number of limits that differ from those of a sweep",
+            ),
             "EXCHANGES": (bounds.exchanges, "maximum number of exchanges in a QP; may be set smaller"),
             "QP_SWEEPS": (f"({bounds.sweeps - bounds.exchanges} + ANT_EXCHANGES)", "maximum number of sweeps in a QP"),
             "QP_MULTIPLICATIONS": (

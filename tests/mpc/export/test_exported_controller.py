@@ -335,7 +335,7 @@ def test_no_qp_multiplies_more_often_than_its_certificate_allows_nor_much_less(f
     assert exchanges.max() > 15
     many = exchanges > 10
     assert (counted[many] / exchanges[many]).max() > bounds.plain / 5  # the bound holds for all items at once
-    assert counted[exchanges == 0].max() > bounds.begin / 20  # one sweep and a proof; the bound has six more
+    assert counted[exchanges == 0].max() > bounds.begin / 20  # one sweep and a proof; the bound has a barrier
 
 
 @needs_arm_gcc

@@ -7,9 +7,9 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Path, Point, Setting, Signs
-from mpc.tracking.compiled.structured_qp.responses import SPARE, Items, find_item, new_items, solve_items
+from mpc.tracking.compiled.structured_qp.responses import Items, find_item, new_items, solve_items
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of, within
-from mpc.tracking.compiled.structured_qp.sizes import BOUND, FREE, GONE, HIGH, LOWER, NU, NX, NXI, RANGE, UPPER
+from mpc.tracking.compiled.structured_qp.sizes import BOUND, FREE, GONE, HIGH, LOWER, NU, NX, NXI, RANGE, SPARE, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
 
 FLAT = 1e-10  # [-] of its terms: less counts as no slope

@@ -15,8 +15,6 @@ from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.active import Active
 from mpc.tracking.compiled.structured_qp.barrier_limits import (
-    LIMIT_LINES,
-    SIDES,
     changes,
     charge,
     distance,
@@ -26,7 +24,7 @@ from mpc.tracking.compiled.structured_qp.barrier_limits import (
 )
 from mpc.tracking.compiled.structured_qp.barrier_slacks import slackened
 from mpc.tracking.compiled.structured_qp.certificate import adjoint, gradients, soften
-from mpc.tracking.compiled.structured_qp.responses import SPARE, Items, slack_of, width
+from mpc.tracking.compiled.structured_qp.responses import Items, set_limit, slack_of, width
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, backward, forward, take_charges
 from mpc.tracking.compiled.structured_qp.sizes import (
     ALL,
@@ -35,10 +33,13 @@ from mpc.tracking.compiled.structured_qp.sizes import (
     FREE,
     GONE,
     HIGH,
+    LIMIT_LINES,
     LOWER,
     NU,
     NXI,
     RANGE,
+    SIDES,
+    SPARE,
     SUPPLY,
     UPPER,
 )
@@ -50,8 +51,8 @@ CENTRED = 0.1  # of these products in the first turn; later, the less the longer
 LEAST_CENTRED, MOST_CENTRED = 0.01, 0.5
 KEPT = 0.99  # of the way to a limit, at most
 STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the present limits are taken
-ENOUGH = 1e-6  # [bar²] product t λ by the curvature of a change: the active limits are known
-HELD = 1e4  # λ/t of an active bound by this curvature, at least: held wrongly, one moves many others
+COARSE, FINE = 1e-3, 1e-6  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows
+HELD = 0.01  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
 
 
 @inlined
@@ -67,7 +68,7 @@ def guessed(
         if wanted > lines:
             lines, centred = wanted, CENTRED
             product = placed(path, errors, setting, bounded, lines, at, sweep, a.items)
-        if product < ENOUGH * setting.curvature:
+        if product < enough(lines) * setting.curvature:
             break
         gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
         take_charges(setting.cost, sweep)
@@ -83,8 +84,15 @@ def guessed(
     if not product < HUGE:
         at.xi[:], at.v[:] = 0.0, 0.0
     take_charges(setting.cost, sweep)
-    named = name_soft(setting, sweep, a.items) if lines == LIMIT_LINES else 0
-    return hold_active(setting, named, sweep, a.items)
+    least = HELD / enough(lines) * setting.curvature
+    named = name_soft(least, sweep, a.items) if lines == LIMIT_LINES else 0
+    return hold_active(least, named, sweep, a.items)
+
+
+@inlined_flat
+def enough(lines: int) -> float:
+    """Return the product at the end [bar²]; a limit held wrongly moves many others if soft rows hold."""
+    return FINE if lines == LIMIT_LINES else COARSE
 
 
 @inlined
@@ -148,8 +156,7 @@ def moved(
         for line in range(lines):
             for i in range(NU):
                 if is_limit(sweep, line, k, i):
-                    away = distance(path, setting, bounded, at, line, k, i)
-                    farther, more = changes(items, product, away, line, k, i)
+                    farther, more = changes(path, setting, bounded, product, at, items, line, k, i)
                     whole = min(whole, -t[line, k, i] / farther if farther < 0.0 else HUGE)
                     dual = min(dual, -multiplier[line, k, i] / more if more < 0.0 else HUGE)
     whole, dual = KEPT * whole, KEPT * dual
@@ -157,8 +164,7 @@ def moved(
         for line in range(lines):
             for i in range(NU):
                 if is_limit(sweep, line, k, i):
-                    away = distance(path, setting, bounded, at, line, k, i)
-                    farther, more = changes(items, product, away, line, k, i)
+                    farther, more = changes(path, setting, bounded, product, at, items, line, k, i)
                     t[line, k, i] += whole * farther
                     multiplier[line, k, i] += dual * more
                     total += t[line, k, i] * multiplier[line, k, i]
@@ -170,41 +176,37 @@ def moved(
             at.xi[k + 1, i] -= (1.0 - whole) * sweep.xi[k + 1, i]
     if lines == LIMIT_LINES:
         at.sigma[0], at.sigma[1] = t[0, N, 0], t[0, N, 1]  # of the slacks, σ ≥ 0
-    return total / number, min(whole, dual)
+    return total / max(number, 1), min(whole, dual)
 
 
 @inlined_flat
-def name_soft(setting: Setting, sweep: Sweep, items: Items) -> int:
+def name_soft(least: float, sweep: Sweep, items: Items) -> int:
     """Name items for the slacks that are not 0, and for the active soft rows; return their number."""
-    N, number, room, least = sweep.v.shape[0], 0, items.kind.size - SPARE, HELD * setting.curvature * width(BOUND) ** 2
+    N, number, unit = sweep.v.shape[0], 0, width(BOUND)
     for j in range(2):
-        wide = width(FORCE if j == 1 else RANGE)
+        wide = width(FORCE if j == 1 else RANGE) / unit
         if items.r[0, N, j] / items.z[0, N, j] * wide**2 <= least:
-            items.kind[number], items.sample[number], items.muscle[number], items.side[number] = GONE, N, j, 0
+            set_limit(number, GONE, N, j, 0, items)
             number += 1
     for k in range(N):
         for line in range(SIDES, LIMIT_LINES):
             for i in range(NU):
                 kind = row_of(line, i)
-                if (
-                    kind < ALL
-                    and number < room
-                    and items.r[line, k, i] / items.z[line, k, i] * width(kind) ** 2 > least
-                ):
-                    items.kind[number], items.sample[number], items.muscle[number], items.side[number] = kind, k, 0, 1
+                there = kind < ALL and number < items.kind.size - SPARE
+                if there and items.r[line, k, i] / items.z[line, k, i] * (width(kind) / unit) ** 2 > least:
+                    set_limit(number, kind, k, 0, 1, items)
                     number += 1
     return number
 
 
 @inlined_flat
-def hold_active(setting: Setting, named: int, sweep: Sweep, items: Items) -> int:
+def hold_active(least: float, named: int, sweep: Sweep, items: Items) -> int:
     """Hold each change at its active bound, and return the number of items. If both its slew and its supply are active,
     the supply becomes an item.
 
     On opposite sides they leave one value, the supply's bound of the sample before. Its multiplier then takes over what
     both have in common, so that one of them is left.
     """
-    least, room = HELD * setting.curvature, items.kind.size - SPARE
     for i in range(NU):
         line, shared = 2, 0.0
         for k in range(sweep.v.shape[0] - 1, -1, -1):
@@ -220,9 +222,8 @@ def hold_active(setting: Setting, named: int, sweep: Sweep, items: Items) -> int
                 items.r[opposite, k, i] -= shared
                 slew, supply = active_side(items, 0, least, k, i), active_side(items, 2, least, k, i)
             sweep.held[k, i] = slew * UPPER if slew != 0 else supply * HIGH
-            if slew * supply > 0 and named < room:
-                items.kind[named], items.sample[named] = SUPPLY, k
-                items.muscle[named], items.side[named] = i, supply
+            if slew * supply > 0 and named < items.kind.size - SPARE:
+                set_limit(named, SUPPLY, k, i, supply, items)
                 named += 1
     return named
 

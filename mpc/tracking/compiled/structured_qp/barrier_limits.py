@@ -13,10 +13,7 @@ from mpc.codegen.jit import inlined_flat
 from mpc.tracking.compiled.records import Bounded, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.responses import Items, row_push, row_side, row_value, slack_of
 from mpc.tracking.compiled.structured_qp.riccati import Sweep
-from mpc.tracking.compiled.structured_qp.sizes import ALL, FORCE, FREE, JOINTS, NU, NX, NXI, RANGE, ROWS
-
-SIDES = 4  # of a change: below and above its slew and its supply
-LIMIT_LINES = SIDES + (ROWS + NU - 1) // NU
+from mpc.tracking.compiled.structured_qp.sizes import ALL, FORCE, FREE, JOINTS, NU, NX, NXI, RANGE, SIDES
 
 
 @inlined_flat
@@ -88,6 +85,9 @@ def pushed_back(items: Items, product: float, away: float, line: int, k: int, i:
 
 
 @inlined_flat
-def changes(items: Items, product: float, away: float, line: int, k: int, i: int) -> tuple[float, float]:
-    """Return Δt and Δλ of a limit, whose distance is `away` after the whole step."""
+def changes(
+    path: Path, setting: Setting, bounded: Bounded, product: float, at: Point, items: Items, line: int, k: int, i: int
+) -> tuple[float, float]:  # fmt: skip
+    """Return Δt and Δλ of a limit, with the point where the whole step ends."""
+    away = distance(path, setting, bounded, at, line, k, i)
     return away - items.z[line, k, i], pushed_back(items, product, away, line, k, i) - items.r[line, k, i]

@@ -11,10 +11,10 @@ for both slacks together. While its rows weigh little against its own terms, y i
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.barrier_limits import LIMIT_LINES, SIDES, pushed_back, row_of
+from mpc.tracking.compiled.structured_qp.barrier_limits import pushed_back, row_of
 from mpc.tracking.compiled.structured_qp.responses import Items, row_push, row_value, slack_of
 from mpc.tracking.compiled.structured_qp.riccati import Sweep
-from mpc.tracking.compiled.structured_qp.sizes import ALL, NU, NX, NXI
+from mpc.tracking.compiled.structured_qp.sizes import ALL, LIMIT_LINES, NU, NX, NXI, SIDES
 from mpc.tracking.compiled.structured_qp.stage import advance, answered, gone_along, linear_before
 
 COUPLED = 0.1  # [-] of the slack's own curvature: more is solved with the changes

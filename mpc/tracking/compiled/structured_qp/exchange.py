@@ -37,6 +37,7 @@ from mpc.tracking.compiled.structured_qp.responses import (
     respond,
     row_side,
     row_value,
+    set_limit,
     slack_of,
     solve_items,
     width,
@@ -61,7 +62,7 @@ def based(
     """
     items, last, size = a.items, a.items.kind.size - 1, 0
     at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0
-    items.kind[last], items.sample[last], items.muscle[last], items.side[last] = BOUND, 0, 0, 0
+    set_limit(last, BOUND, 0, 0, 0, items)
     swept(path, errors, setting, bounded, 0, at, sweep, a)
     for q in range(named):
         lead_on(path, at, a)
@@ -280,7 +281,7 @@ def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, 
     """Release a change of the base, which becomes the next item."""
     items = a.items
     a.held[k, i] = FREE
-    items.kind[size], items.sample[size], items.muscle[size], items.side[size] = GONE, k, i, 0
+    set_limit(size, GONE, k, i, 0, items)
     items.multiplier[size] = 0.0
     respond(path, slack, sweep, size, size, items, a.xi)
 
@@ -306,8 +307,7 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
                     continue
                 if find_item(kind, k, i, size, items) < 0:
                     violation, worst = broken, broken / wide
-                    items.kind[last], items.sample[last], items.muscle[last] = kind, k, i
-                    items.side[last] = -1 if below > above else 1
+                    set_limit(last, kind, k, i, -1 if below > above else 1, items)
     if violation > 0.0:
         return violation
     for k in range(N):
@@ -316,7 +316,7 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
             broken -= at.sigma[slack_of(kind)]
             if broken > max(worst * wide, ROW_BREAKS) and find_item(kind, k, 0, size, items) < 0:
                 violation, worst = broken, broken / wide
-                items.kind[last], items.sample[last], items.muscle[last], items.side[last] = kind, k, 0, 1
+                set_limit(last, kind, k, 0, 1, items)
     return violation
 
 

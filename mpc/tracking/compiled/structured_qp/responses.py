@@ -48,8 +48,6 @@ from mpc.tracking.compiled.structured_qp.stage import (
     linear_before,
 )
 
-SPARE = 6  # items beyond the changes of a step: slacks, a row for each, the entering one, a line for the barrier
-
 
 class Items(NamedTuple):
     """Items, as lines of arrays; the last one is the entering item."""
@@ -208,6 +206,12 @@ def copy_item(source: int, target: int, size: int, items: Items) -> None:
     items.K[target, enters] = items.K[source, enters]
     items.K[enters, target] = items.K[source, enters]
     items.K[target, target] = own
+
+
+@inlined_flat
+def set_limit(q: int, kind: int, k: int, i: int, side: int, items: Items) -> None:
+    """Set the limit of an item."""
+    items.kind[q], items.sample[q], items.muscle[q], items.side[q] = kind, k, i, side
 
 
 @inlined_flat

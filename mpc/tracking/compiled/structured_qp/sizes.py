@@ -12,4 +12,19 @@ LOW, HIGH = -2, 2  # or with its command held at a bound of the supply
 GONE, BOUND, SUPPLY, RANGE = -1, 0, 1, 2  # kinds of items: released; held at slew or supply; soft rows from here
 FORCE = RANGE + 2 * JOINTS  # the first row of the forces
 ALL = FORCE + NU
-ROWS = ALL - RANGE  # soft rows of a sample
+SIDES = 4  # of a change: below and above its slew and its supply
+
+
+def limit_lines(n: int, m: int) -> int:
+    """Return the number of lines for the limits of a sample, as many to a line as there are muscles."""
+    return SIDES - (-(2 * n + m) // m)
+
+
+def spare(n: int, m: int) -> int:
+    """Return the number of items beyond the changes of a step: both slacks, a row for each of them, and the entering
+    one; at least, with a single block, the lines of the barrier and its responses to both slacks.
+    """
+    return max(5, limit_lines(n, m) + 2 - m)
+
+
+LIMIT_LINES, SPARE = limit_lines(JOINTS, NU), spare(JOINTS, NU)
