@@ -44,7 +44,7 @@ from mpc.tracking.compiled.structured_qp.sizes import (
     UPPER,
 )
 
-TURNS = 50  # sweeps, at most
+TURNS = 40  # sweeps, at most
 NEAR = 0.04  # [bar] least distance from a bound at the beginning
 SHARE = 0.03  # [bar] products t λ at the beginning, by the steepest gradient
 CENTRED = 0.1  # of these products in the first turn; later, the less the longer the last step was
