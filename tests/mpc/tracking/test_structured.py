@@ -266,11 +266,18 @@ def test_changes_without_room_between_slew_and_supply_take_few_exchanges():
 
 
 BOUNDS_CHECKED = """
-from benchmarks.speed.worst_cases import hunted
+import numpy as np
+from benchmarks.speed.worst_cases import arguments, hunted, random_situation
+from mpc import Plant, TrackingMPC
 for found in hunted(60, 12, seed=13):
     pass
 assert max(found.exchanges) > 40, found.exchanges
 assert not found.unsolved
+least, rng = TrackingMPC(Plant(), N=8, blocks=(8,)), np.random.default_rng(0)  # the fewest items
+for _ in range(60):
+    least._qp_step.linearise(*arguments(least, random_situation(rng, least.plant)))
+    least._qp_step.reset()
+    assert least._qp_step.structured.solved()
 """
 
 
