@@ -48,9 +48,9 @@ def factory(
 ) -> Parts:
     """Return the compiled parts; if compilation fails, warn with `SlowStep` and return the readable parts.
 
-    If `wait` is false and nothing is compiled yet, return the readable parts, warn with `CompilingBeside`, and compile in
-    another process. A joint without a kernel always waits. If `compiled` is false, return the readable parts without a
-    warning.
+    If `wait` is false and nothing is compiled yet, return the readable parts, warn with `CompilingBeside`, and compile
+    in another process. A joint without a kernel always waits. If `compiled` is false, return the readable parts without
+    a warning.
     """
     structured, readable = None, ReadableQPStep(problem, predictor)
     given = dt, problem, feed_forward
