@@ -116,7 +116,8 @@ class Row(NamedTuple):
 
 @cache
 def _loop() -> tuple[Arm, TrackingMPC, KalmanObserver]:
-    arm, known = Arm.machine("arm26"), Compensation(dead_time=DEAD_TIME)
+    arm = Arm.machine("arm26")
+    known = Compensation(dead_time=DEAD_TIME, lag_up=arm.lags[0], lag_down=arm.lags[0])  # measured ones
     return arm, TrackingMPC(arm, weights=CALM, compensation=known), KalmanObserver(arm, DT, CALM_NOISE, known)
 
 

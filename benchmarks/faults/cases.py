@@ -67,6 +67,7 @@ ONSETS = 2.0, 4.6, 6.0  # [s]
 SOUND: dict[str, RealPlant] = FAULTY | {name: t.real for name, t in VARIANTS.items() if t.N == 20}
 LOADS = 0.0, 1.0, -2.0, 3.0  # [N·m], from LOAD_FROM on
 STRANGERS = tuple(f"{structure} {seed}" for structure in STRUCTURES for seed in (REPORTING, REPORTING + 1))
+IDENTIFIED = tuple(f"{name} identified" for name in STRANGERS)  # the same, with the models that are fitted to them
 PAYLOADS = 0.0, 1.0  # [N·m] of strangers, with their inertia
 LOAD_FROM = 5.0  # [s]
 
@@ -85,6 +86,6 @@ def with_load(plant: str, load: float) -> RealPlant | Stranger:
 
 
 def stranger(name: str) -> Stranger:
-    """Return the stranger of a name of `STRANGERS`."""
-    structure, seed = name.split()
+    """Return the stranger of a name of `STRANGERS` or `IDENTIFIED`."""
+    structure, seed = name.split()[:2]
     return drawn(structure, int(seed))

@@ -10,7 +10,20 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from benchmarks.closed_loop.cases import SETTINGS
-from benchmarks.faults.cases import FAULTS, FAULTY, LOADS, MOVED, ONSETS, SOUND, K, stranger, with_fault, with_load
+from benchmarks.faults.cases import (
+    FAULTS,
+    FAULTY,
+    IDENTIFIED,
+    LOADS,
+    MOVED,
+    ONSETS,
+    SOUND,
+    K,
+    stranger,
+    with_fault,
+    with_load,
+)  # fmt: skip
+from benchmarks.strangers.identified import identified
 from benchmarks.strangers.plants import Stranger
 from mpc import KalmanObserver, Run, simulate
 from mpc.model.faults import DriftingSensor, Fault
@@ -56,10 +69,13 @@ def driver(plant: str) -> tuple[Controller, Listener]:
 
 @cache
 def settings(plant: str) -> Settings:
-    """Return the settings for our own plants (""), or for a stranger: those of its data sheet."""
+    """Return the settings for our own plants (""), or for a stranger: of its data sheet, or of the fit to its logs."""
     if not plant:
         return SETTINGS
     real = stranger(plant)
+    if plant in IDENTIFIED:
+        model = identified(real)
+        return robust("mpc", Settings(model.plant, SETTINGS.dt, compensation=model.told))
     told = replace(real.told, reading_age=real.sensors.late * SETTINGS.dt)
     return robust("mpc", Settings(real.nominal, SETTINGS.dt, compensation=told))
 

@@ -39,7 +39,8 @@ class Compensation:
     Observer and controllers take account of the friction, the dead time and the dead band, the observer of the reading
     age. If angle and pressures are read with the same delay, it is a dead time: add it to `dead_time`. The pressures
     are predicted with the lag of the `Plant`; `lag_up`, `lag_down` and `flow` apply only to simulated plants
-    (`RealPlant.of`).
+    (`RealPlant.of`). If both lags are given, the observer's diagnosis takes the `Plant`'s for measured and its limits
+    are narrower.
     """
 
     friction: Hysteresis = field(default_factory=Friction)  # a `PrandtlIshlinskii` becomes `MaxwellSlip.of` it
@@ -124,6 +125,11 @@ class Compensation:
         lags = {} if alike else {"rising": self.lag_up, "falling": self.lag_down}
         parts = [f"lag {lag:.3g} s of a {way} pressure" for way, lag in lags.items() if lag is not None]
         return " and ".join(parts + [f"flow up to {self.flow / BAR:.3g} bar/s"] * (self.flow < inf))
+
+    @property
+    def measured_lags(self) -> bool:
+        """Whether both lags of the regulators are known, as `fit_motion` finds them."""
+        return self.lag_up is not None and self.lag_down is not None
 
     @property
     def frictionless(self) -> bool:

@@ -16,6 +16,7 @@ turns in one direction; each step begins with the memory of the previous one.
 """
 
 from dataclasses import dataclass, field, fields, replace
+from math import prod, sqrt
 from typing import Self
 
 import numpy as np
@@ -83,13 +84,14 @@ class RealPlant(RealMachine):
         return replace(self, **{name: getattr(off, name) for name in effects})
 
     def known(self, share: float = 0.75) -> Compensation:
-        """Return a controller's knowledge of this plant: dead time, dead band, and a `share` [-] of the friction, as
-        Dahl's.
+        """Return a controller's knowledge of this plant: its regulators, and a `share` [-] of the friction, as Dahl's.
 
         The whole friction would be best for this plant and worst if the friction vanished, because the compensation
         would then push the intended motion. Less is safe.
         """
-        return Compensation(self.friction.as_dahl(self.nominal).share(share), self.dead_time, self.dead_band)
+        up, down = (sqrt(prod(lags)) for lags in zip(*self.lags, strict=True))
+        friction = self.friction.as_dahl(self.nominal).share(share)
+        return Compensation(friction, self.dead_time, self.dead_band, lag_up=up, lag_down=down)
 
     # --- the equations ----------------------------------------------------------------------------------------------
 

@@ -22,7 +22,8 @@ flow = 500000.0                # fastest change of a pressure [Pa/s]; optional
 [sensors]
 reading_age = 0.0              # of the angle's readings [s]
 
-Observers and controllers predict with the lag of [plant]; lag_up, lag_down and flow shape simulated plants.
+Observers and controllers predict with the lag of [plant]; lag_up, lag_down and flow shape simulated plants. If both
+lags are there, the diagnosis of faults has narrower limits.
 """
 
 from collections.abc import Collection, Mapping

@@ -25,7 +25,7 @@ from mpc.model.plant import Plant
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import PARTS, WELL, FaultKind, Finding, Health, Part, Parts, Suspect
-from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound, Values
+from mpc.observer.pressure_diagnosis import DATA_SHEET, SPREAD, Numbers, PressureDiagnosis, Sound, Values
 from mpc.observer.pulling import Pulls
 from mpc.observer.ringing import RingingDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
@@ -64,8 +64,9 @@ class Diagnosis:
         self.names = PARTS if isinstance(plant, Plant) else Parts.of(plant.labels.angles, plant.labels.pressures)
         self._pulls = Pulls(plant)
         along, usual = self._usual(plant)
+        spread = SPREAD if compensation.measured_lags else DATA_SHEET
         self.pressures = [
-            PressureDiagnosis(lag, dt, compensation.dead_band, sigma, torque)
+            PressureDiagnosis(Sound.of(lag, dt, compensation.dead_band, sigma, torque, spread))
             for lag, torque in zip(plant.lags, along, strict=True)
         ]
         inertias = np.atleast_1d(plant.inertias).tolist()
@@ -287,7 +288,8 @@ def follow(
     for j in range(m):
         gain, along = seen_along(d, pulls, j, n, m)
         other, fallen = muscles[richest(muscles, j)], pulls[2 * n * m + j]
-        pressure_diagnosis.follow(muscles[j], other, k.muscles[j], t, read[j], v[j], gain, along, fallen)
+        missing = torque_diagnosis.missing(torque, k.usual, d, pulls, j, m)
+        pressure_diagnosis.follow(muscles[j], other, k.muscles[j], t, read[j], v[j], gain, along, fallen, missing)
     if moved:
         torque_diagnosis.follow(torque, k.muscles[0].dt, k.usual, t, d, pulls, m)
     for i in range(n):

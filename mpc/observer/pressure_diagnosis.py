@@ -2,19 +2,22 @@
 
 A sound regulator turns the acting commands v into a pressure between those of a quick and of a slow one,
 
-    m' = dz(v - m)/τ' - q,   τ' = τ/SPREAD and SPREAD τ,   dz(e) = e minus the dead band, 0 within it,
+    m' = dz(v - m)/τ' - q,   τ' = τ/s and s τ,   dz(e) = e minus the dead band, 0 within it,
 
-q being the fall of a gas's pressure by the motion (`Plant.expansion`). The residual r is the distance of the measured P
-from that range. Its part beyond MARGIN and the uncertainty due to SWELLING is summed for each sign, and the sums are at
+s being SPREAD if the lags of the regulators were measured, else DATA_SHEET: theirs is that of some volume. q is
+the fall of a gas's pressure by the motion (`Plant.expansion`). The residual r is the distance of the measured P from
+that range. Its part beyond MARGIN and the uncertainty due to SWELLING is summed for each sign, and the sums are at
 least zero (Page's CUSUM, 1954). If a sum exceeds LIMIT, something has been wrong since it last was zero. All
 explanations are possible then. Until the pressure has been normal for `HOLD` seconds, an explanation is eliminated by
 
     stuck valve        P + ∫q moves: the valve has let gas pass
     leak               r > 0, or P + ∫q rises and the loss varies
     supply drop        r > 0, or the target varies, or the other muscle holds more than this one does
+    all three          d̂ moves against the muscle's torque by more than half of it, which P alone explains
     drifting sensor    r moves quickly, or d̂ does not move by -(∂T/∂P) r
     all but that       d̂ does: the torque of P is missing
-    broken cable       P lies outside the range of regulators without q since the onset, with a sum of its own
+    broken cable       P lies outside the range of regulators without q since the onset, with a sum of its own; they
+                       begin at the lowest P within SNAP seconds, since a free muscle contracts at once
 
 The target P + τ' (P' + q), over LATELY seconds, is the pressure to which the regulator fills. It is the command of a
 sound muscle, the supply's pressure if that is low, and v - λ P of a leak that loses the share λ/τ of the gas a second.
@@ -35,12 +38,15 @@ from typing import NamedTuple, TypeAlias
 from allocator.calculus import Array
 from mpc.observer.health import FaultKind
 
-SPREAD = 1.3  # of the lag that counts as sound [-]
+SPREAD = 1.3  # of a measured lag that counts as sound [-]
+DATA_SHEET = 2.2  # of any other
 MARGIN = 4.5  # [σ]
 SWELLING = 0.07  # relative error of a muscle's change of volume in its model [-]
 LIMIT = 15.0  # [σ], summed over samples
 HOLD = 2.0  # [s] by which a suspicion outlives its cause
 MEMORY = 3.0  # [s] of the regression
+SNAP = 0.1  # [s] in which a muscle without its cable contracts
+MISSED = 0.025  # [s] for which its torque has to be missing
 
 _MOVED, _QUICK, _HIGHER = 6.0, 10.0, 7.5  # [σ] of a pressure: since the onset, within LATELY, than another
 _UNSURE = 2.0  # [σ] of a target of a regulator
@@ -81,10 +87,11 @@ _KINDS = {
     LEAST_SUPPLY, MOST_SUPPLY,  # bounds of the supply since then, if it is low [Pa]
     LEAST_LOSS, MOST_LOSS,  # and of the loss of a leak, in the pressure [-]
     ABOVE,  # time for which the other muscle has held more [s]
+    MISSING,  # time for which the torque has been missing [s]
     ILL,  # last time of a sum beyond LIMIT [s]
     COUNT,  # of the samples put into PAST
     PAST,  # and following: (P, FILLED, r, v) of the samples within LATELY
-) = range(35)  # fmt: skip
+) = range(36)  # fmt: skip
 
 Numbers: TypeAlias = list[float] | Array
 Values: TypeAlias = Sequence[float] | Array
@@ -101,9 +108,13 @@ class Sound(NamedTuple):
     seen: float  # [N²·m²]
 
     @classmethod
-    def of(cls, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float) -> "Sound":
-        """Return the constants for the time constant `lag` [s], `dead_band` and deviation `sigma` [Pa]."""
-        gains = 1 - exp(-dt * SPREAD / lag), 1 - exp(-dt / (SPREAD * lag))
+    def of(
+        cls, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float, spread: float = SPREAD
+    ) -> "Sound":
+        """Return the constants for the time constant `lag` [s] within a factor of `spread`, `dead_band` and deviation
+        `sigma` [Pa].
+        """
+        gains = 1 - exp(-dt * spread / lag), 1 - exp(-dt / (spread * lag))
         return cls(*gains, dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2)
 
 
@@ -113,10 +124,10 @@ def places(dt: float) -> int:
 
 
 class PressureDiagnosis:
-    """Diagnosis of a muscle with the time constant `lag` [s], `dead_band` and sensor deviation `sigma` [Pa]."""
+    """Diagnosis of a muscle with the constants of `Sound.of`."""
 
-    def __init__(self, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float) -> None:
-        self.sound = Sound.of(lag, dt, dead_band, sigma, usual_torque)
+    def __init__(self, sound: Sound) -> None:
+        self.sound = sound
         self.reset()
 
     def reset(self) -> None:
@@ -141,19 +152,22 @@ class PressureDiagnosis:
         return self.numbers[LOW]
 
     def follow(
-        self, t: float, read: float, v: float, gain: float, d: float, other: "PressureDiagnosis", q: float = 0.0
-    ) -> None:
+        self, t: float, read: float, v: float, gain: float, d: float, other: "PressureDiagnosis", q: float = 0.0,
+        missing: bool = False,
+    ) -> None:  # fmt: skip
         """Update by a reading, like the function `follow`; `other` is the other muscle's diagnosis."""
-        follow(self.numbers, other.numbers, self.sound, t, read, v, gain, d, q)
+        follow(self.numbers, other.numbers, self.sound, t, read, v, gain, d, q, missing)
 
 
 def follow(
-    m: Numbers, other: Numbers, k: Sound, t: float, read: float, v: float, gain: float, d: float, q: float
-) -> None:
+    m: Numbers, other: Numbers, k: Sound, t: float, read: float, v: float, gain: float, d: float, q: float,
+    missing: bool,
+) -> None:  # fmt: skip
     """Update the memory by the reading `read` [Pa] at `t` [s], NaN if not believed, while the command `v` [Pa] acts.
 
-    `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], `q` the fall of the pressure by the motion
-    [Pa/s], and `other` the memory of the other muscle. Repeated readings have no effect.
+    `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], which is where the muscle's torque would be
+    `missing`, `q` the fall of the pressure by the motion [Pa/s], and `other` the memory of the other muscle. Repeated
+    readings have no effect.
     """
     if m[P] != m[P]:  # NaN: the first one
         m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = m[FILLED] = read
@@ -165,9 +179,12 @@ def follow(
     m[QUICK_STILL] = m[QUICK_STILL] + k.quick * beyond(v - m[QUICK_STILL], k.rest)
     m[SLOW_STILL] = m[SLOW_STILL] + k.slow * beyond(v - m[SLOW_STILL], k.rest)
     m[CARRIED] = m[SLOW] - m[SLOW_STILL] if m[OPEN] == 0 else m[CARRIED] * (1 - k.slow)
+    m[MISSING] = m[MISSING] + k.dt if missing else 0.0
     if read != read or read == m[READ]:
         return
     m[READ] = read
+    if m[OPEN] > 0 and t - m[BEGUN] < SNAP:
+        contract(m, read)
     r, still, carried = outside(read, m[QUICK], m[SLOW]), outside(read, m[QUICK_STILL], m[SLOW_STILL]), m[CARRIED]
     still -= min(max(still, min(carried, 0.0)), max(carried, 0.0))
     m[P] += _SMOOTH * (read - m[P])
@@ -179,13 +196,18 @@ def follow(
     m[LOW] = min(max(m[LOW] - r - margin, 0.0), most)
     m[HIGH] = min(max(m[HIGH] + r - margin, 0.0), most)
     m[STILL] = min(max(m[STILL] + abs(still) - margin, 0.0), most)
-    check(m, other, k, t, v)
+    check(m, other, k, t, read, v)
     size = (len(m) - PAST) // 4
     place = PAST + 4 * (int(m[COUNT]) % size)
     m[place], m[place + 1], m[place + 2], m[place + 3] = m[P], m[FILLED], m[R], m[COMMAND]
     m[COUNT] = (
         m[COUNT] + 1 if m[COUNT] + 1 < 2 * size else float(size)
     )  # only its place and whether PAST is full matter
+
+
+def contract(m: Numbers, read: float) -> None:
+    """Let the regulators without q begin at the reading if it is lower."""
+    m[QUICK_STILL], m[SLOW_STILL] = min(m[QUICK_STILL], read), min(m[SLOW_STILL], read)
 
 
 def beyond(e: float, rest: float) -> float:
@@ -207,12 +229,13 @@ def regress(m: Numbers, weight: float, x: float, y: float) -> None:
     m[COVARIANCE] = (1 - weight) * (m[COVARIANCE] + weight * dx * dy)
 
 
-def check(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> None:
+def check(m: Numbers, other: Numbers, k: Sound, t: float, read: float, v: float) -> None:
     """Begin, continue or end the elimination of explanations."""
     wrong = m[LOW] > 0 or m[HIGH] > 0
     if wrong and m[OPEN] == 0:
         m[OPEN], m[POSSIBLE], m[ONSET], m[BEGUN] = 1.0, float(_ANY), m[FILLED], t
-        m[LEAST], m[TURNED], m[ABOVE] = m[FILLED], m[FALLEN], 0.0
+        m[LEAST], m[TURNED], m[ABOVE], m[STILL] = m[FILLED], m[FALLEN], 0.0, 0.0
+        contract(m, read)
         m[LEAST_SUPPLY] = m[LEAST_LOSS] = -inf
         m[MOST_SUPPLY] = m[MOST_LOSS] = inf
     if m[OPEN] == 0:
@@ -261,6 +284,8 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
     too_high = m[HIGH] > LIMIT / 2 * sigma
     answers = -m[COVARIANCE] / m[VARIANCE] if m[VARIANCE] > k.seen else 0.5
     out = _ANY - DRIFT - CABLE if answers > _DRIFT else 0
+    if m[MISSING] > MISSED:
+        out |= STUCK + LEAK + DROP
     if abs(m[FILLED] - m[ONSET]) > moved:
         out |= STUCK
     if too_high or (m[FILLED] > m[LEAST] + moved and m[LEAST_LOSS] > _STEADY * m[MOST_LOSS]):

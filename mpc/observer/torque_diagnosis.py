@@ -113,6 +113,17 @@ def follow(x: Numbers, dt: float, usual: Values, t: float, d: Values, pulls: Val
     x[COUNT] = count + 1 if count + 1 < 2 * size else float(size)  # only its place and whether the past is full matter
 
 
+def missing(x: Numbers, usual: Values, d: Values, pulls: Values, j: int, m: int) -> bool:
+    """Return whether d̂ has moved from b by more than half of the torque of muscle `j`, against it."""
+    n, along, square, sense = len(usual), 0.0, 0.0, 0.0
+    for i in range(n):
+        T = pulls[j * n + i]
+        along += (x[LOADED + n + i] - d[i]) * T / usual[i] ** 2
+        square += (T / usual[i]) ** 2
+        sense += T * pulls[(m + j) * n + i]
+    return sense > 0 and square > _PULLS**2 and along > square / 2
+
+
 def compare(x: Numbers, past: int, dt: float, usual: Values, t: float, d: Values, pulls: Values, m: int) -> None:
     """Compare loads and broken cables as explanations of the increments since the sample at `past`."""
     n, nearest, found = len(usual), inf, NONE

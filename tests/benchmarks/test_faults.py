@@ -93,10 +93,11 @@ def test_a_share_of_the_runs_is_of_the_runs(part):
     assert {job.fault for job in main.once()} == {job.fault for job in every}
 
 
-def test_strangers_have_every_fault_and_sound_runs(part):
+@pytest.mark.parametrize("plants", ["strangers", "identified"])
+def test_strangers_have_every_fault_and_sound_runs(part, plants):
     main, cases = part("__main__"), part("cases")
-    every = main.jobs(strangers=True)
-    assert {job.plant for job in every} == set(cases.STRANGERS)
+    every = main.jobs(plants=plants)
+    assert {job.plant for job in every} == set(main.PLANTS[plants])
     assert {job.fault for job in every} == {"", *cases.FAULTS}
     models = [job.model for job in every]
     assert models == sorted(models)

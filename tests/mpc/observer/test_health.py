@@ -15,7 +15,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import MUSCLES, SENSORS, FaultKind, Finding, Health, Part, Reaction, Suspect
-from mpc.observer.pressure_diagnosis import PressureDiagnosis
+from mpc.observer.pressure_diagnosis import DATA_SHEET, SPREAD, PressureDiagnosis, Sound
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
 from mpc.trials.motions.trajectories import usual_stiffness
 
@@ -234,15 +234,17 @@ GAIN = 3.5 / BAR  # [N·m/Pa]
 class Muscle:
     """Two diagnoses, the course of whose pressures is given sample by sample; P2 follows its command of 1 bar."""
 
-    def __init__(self):
-        self.own, self.other = (PressureDiagnosis(0.12, DT, 0.0, SIGMA, USUAL) for _ in range(2))
+    def __init__(self, spread=SPREAD):
+        self.own, self.other = (PressureDiagnosis(Sound.of(0.12, DT, 0.0, SIGMA, USUAL, spread)) for _ in range(2))
         self.random, self.t = np.random.default_rng(1), 0.0
 
-    def follow(self, course, command, d=lambda P: 0.0, other=1.0, q=0.0):
-        """Pressures `course` and `command`s [bar] of as many samples, of which the motion takes `q` [Pa/s]."""
+    def follow(self, course, command, d=lambda P: 0.0, other=1.0, q=0.0, missing=False):
+        """Pressures `course` and `command`s [bar] of as many samples, of which the motion takes `q` [Pa/s]; the torque
+        may be `missing`.
+        """
         for P, v in np.broadcast(course, command):
             noise = SIGMA * self.random.standard_normal(2)
-            self.own.follow(self.t, P * BAR + noise[0], v * BAR, GAIN, d(P), self.other, q)
+            self.own.follow(self.t, P * BAR + noise[0], v * BAR, GAIN, d(P), self.other, q, missing)
             self.other.follow(self.t, other * BAR + noise[1], other * BAR, GAIN, d(P), self.own)
             self.t += DT
         return self.own.suspected
@@ -286,6 +288,41 @@ def test_a_pressure_that_departs_slowly_is_a_leak_or_a_drift_as_the_torque_tells
         found = muscle.follow(rises(2.0, -0.2, 4.0), np.full(400, 2.0), d=lambda P, a=answer: a * (P - 2.0))
         assert found <= names
         assert (FaultKind.DRIFTING_SENSOR in found) == (answer != 0.0)
+
+
+def test_a_muscle_that_contracts_at_once_and_fills_again_has_lost_its_cable_and_one_that_stays_low_has_not():
+    filling = 2.0 - 0.4 * np.exp(-DT / 0.12 * np.arange(60))
+    for course, cable in ((filling, True), (np.full(60, 1.6), False)):
+        muscle = Muscle()
+        muscle.follow(2.0, np.full(50, 2.0))
+        found = muscle.follow(course, np.full(60, 2.0))
+        assert (FaultKind.BROKEN_CABLE in found) == cable
+        assert found
+
+
+def test_a_torque_that_is_missing_though_the_pressure_tells_it_is_no_leak():
+    for missing in (False, True):
+        muscle = Muscle()
+        muscle.follow(2.0, np.full(50, 2.0))
+        found = muscle.follow(1.6, np.full(8, 2.0), missing=missing)
+        assert (FaultKind.LEAK in found) != missing
+        assert FaultKind.BROKEN_CABLE in found
+
+
+def test_a_regulator_twice_as_quick_as_told_is_sound_unless_its_lag_was_measured():
+    steps, P = np.repeat(np.tile([2.0, 4.0], 10), 50), [2.0]
+    for v in steps:
+        P.append(P[-1] + (1 - np.exp(-DT / 0.06)) * (v - P[-1]))
+    assert not Muscle(DATA_SHEET).follow(np.array(P[1:]), steps)
+    assert Muscle(SPREAD).follow(np.array(P[1:]), steps)
+
+
+def test_both_lags_say_that_they_were_measured():
+    quicks = [
+        Diagnosis(PLANT, DT, SIGMA, Compensation(**lags), tolerance=0.1).sound.muscles[0].quick
+        for lags in ({}, {"lag_up": 0.1}, {"lag_up": 0.1, "lag_down": 0.1})
+    ]
+    assert quicks[0] == quicks[1] > quicks[2]
 
 
 def test_a_torque_that_the_missing_muscle_explains_is_a_load_if_it_stays_and_a_broken_cable_if_it_follows():
