@@ -1,16 +1,16 @@
 """Arms that differ from their models: the MPC against predictive PIDs with the same feed-forward.
 
-    python -m benchmarks.arm.unmodelled [--seeds 5] [--arms arm26 three] [--tune pid]
+    python -m benchmarks.arm.unmodelled [--seeds 5] [--arms arm26 three arm48] [--tune EVALUATIONS]
 
 Forces have random errors of ±10 %, with 20 ms of dead time, encoder steps of 0.02°, pressure noise of 0.02 bar and
-pressure offsets of ±0.03 bar. An unknown payload, 0.5 kg at the hand of arm26 and 0.2 kg at that of three joints under
-gravity (`three_joints.xml`), adds inertia and weight. The joints have a hysteresis of 0 or 5° (Maxwell slip); both
-controllers assume 75 % of it. The error is the RMS over circle and reach, except the first second, at the worst joint;
-at rest there are mean, swing and rate of the commands in the last second. Reported seeds are below 1000. The gains of
-the PIDs were found by Nelder and Mead's method on seed 1001 with 5° (`--tune`), in 44 evaluations for arm26 and 39 for
-three joints, of which the last ten gained 10 %. The numbers of the MPC are those that were tuned for arm26 on another
-plant (`benchmarks.arm.rough`). The MPC has the observer's disturbance torque, which a predictive PID replaces by its
-integral.
+pressure offsets of ±0.03 bar. An unknown payload, 0.5 kg at the hand of arm26 and 0.2 kg at those of arm48 and of three
+joints under gravity (`three_joints.xml`), adds inertia and weight. The joints have a hysteresis of 0 or 5° (Maxwell
+slip); both controllers assume 75 % of it. The error is the RMS over circle and reach, except the first second, at the
+worst joint; at rest there are mean, swing and rate of the commands in the last second. Reported seeds are below 1000.
+The gains of the PIDs were found by Nelder and Mead's method on seed 1001 with 5° (`--tune`), in 44 evaluations for
+arm26, 39 for three joints and 60 for arm48, of which the last ten gained at most 10 %. The numbers of the MPC are those
+that were tuned for arm26 on another plant (`benchmarks.arm.rough`). The MPC has the observer's disturbance torque,
+which a predictive PID replaces by its integral.
 """
 
 import argparse
@@ -44,17 +44,22 @@ from mpc.trials.motions.arm_trajectories import circle, reach
 from mpc.trials.simulation import Run, in_motion, simulate
 
 NAME, TUNED_ON = "arm_unmodelled", 1001
-ARMS, CONTROLLERS, WIDTHS = ("arm26", "three"), ("MPC", "predictive PID"), (0.0, 5.0)
+ARMS, CONTROLLERS, WIDTHS = ("arm26", "three", "arm48"), ("MPC", "predictive PID"), (0.0, 5.0)
 OFF, OFFSET, TOLD = 0.10, 0.03 * BAR, 0.75
-PAYLOAD = {"arm26": 0.5, "three": 0.2}  # [kg]
+PAYLOAD = {"arm26": 0.5, "three": 0.2, "arm48": 0.2}  # [kg]
 STEP = 1 / 300  # [s] of the integration
 LOST = 20.0  # [°] a greater error counts as lost
 _HERE = Path(__file__).parent
 _BEGIN, _LAST = 1.0, 1.0  # [s]
-START = {"arm26": [0.7, 0.4, 20.0, 16.0, 2.8, 0.5], "three": [1.0, 0.6, 0.4, 13.0, 12.0, 20.0, 0.8, 0.4, 0.03]}
+START = {
+    "arm26": [0.7, 0.4, 20.0, 16.0, 2.8, 0.5],
+    "three": [1.0, 0.6, 0.4, 13.0, 12.0, 20.0, 0.8, 0.4, 0.03],
+    "arm48": [1.0, 0.7, 0.5, 0.3, 10.0, 7.0, 12.0, 3.5, 1.2, 0.6, 0.2, 0.09],
+}
 GAINS: dict[str, list[float]] = {
     "arm26": [0.283, 0.565, 23.6, 17.4, 3.14, 0.706],
     "three": [1.0, 0.6, 0.4, 13.0, 12.0, 20.0, 1.32, 0.4, 0.03],
+    "arm48": [0.88, 1.17, 0.37, 0.237, 9.35, 16.5, 19.0, 2.09, 1.87, 0.457, 0.187, 0.106],
 }
 """P, I and D of every joint."""
 

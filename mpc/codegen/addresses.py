@@ -8,11 +8,9 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numba import carray, from_dtype
 from numba.core import cgutils, types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined
@@ -85,30 +83,13 @@ def _pointer(kind: "Type") -> "Dispatcher":
     return made
 
 
-_floats, _integers, _signs = (
-    _pointer(types.CPointer(kind))  # type: ignore[attr-defined]
-    for kind in (types.float64, types.int64, types.int8)
-)
+_floats = _pointer(types.CPointer(types.float64))  # type: ignore[attr-defined]
 
 
 @inlined
 def floats(piece: Piece) -> Array:
     """Return the array of a piece."""
     found: Array = carray(_floats(piece.address), piece.size)
-    return found
-
-
-@inlined
-def integers(piece: Piece) -> NDArray[np.int64]:
-    """Return the array of a piece."""
-    found: NDArray[np.int64] = carray(_integers(piece.address), piece.size)
-    return found
-
-
-@inlined
-def signs(piece: Piece) -> NDArray[np.int8]:
-    """Return the array of a piece."""
-    found: NDArray[np.int8] = carray(_signs(piece.address), piece.size)
     return found
 
 

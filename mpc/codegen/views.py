@@ -2,9 +2,8 @@
 
 A named tuple states the shapes of its fields, some of which depend on sizes: `x: Annotated[Array, "N + 1", 4]`. The
 fields lie in one flat array, in this order, including numbers and nested tuples; the caller supplies fields without a
-shape. Sizes that are known beforehand are constants of the generated functions. Arrays elsewhere in memory are opened
-by a table of their addresses. Both kinds of functions are generated as text, because numba cannot compile code that
-reads annotations.
+shape. Sizes that are known beforehand are constants of the generated functions. These are generated as text, because
+numba cannot compile code that reads annotations.
 """
 
 import ast
@@ -18,15 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array
-from mpc.codegen import addresses
 from mpc.codegen.jit import inlined
-from mpc.codegen.records import Records, kind_of, new_records, piece_of
+from mpc.codegen.parts import part
 
 F = TypeVar("F", bound=Callable[..., object])
 R = TypeVar("R")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _NUMBERS: dict[object, str] = {float: "{}", int: "int({})", bool: "{} != 0.0"}
-_AT = {np.float64: "floats", np.int64: "integers", np.int8: "signs"}
 
 
 def viewer(record: type[R], known: Mapping[str, int] = MappingProxyType({})) -> Callable[..., R]:
@@ -41,7 +38,7 @@ def viewer(record: type[R], known: Mapping[str, int] = MappingProxyType({})) -> 
         sizes = []
     given = ", ".join(["flat", *text.arguments, *sizes])
     made = f"def viewed({given}):\n{begin}{''.join(text.lines)}    return {text.result}\n"
-    return _compiled(record, made, text.records, known)
+    return _compiled(record, made, text.records | {"part": part}, known)
 
 
 def length_of(record: type, *sizes: int, known: Mapping[str, int] = MappingProxyType({})) -> int:
@@ -64,28 +61,6 @@ def in_python(function: F) -> F:
 def flat(values: NamedTuple) -> Array:
     """Return the numbers of a record, in the order in which they are viewed."""
     return np.concatenate([np.ravel(value) for value in _leaves(values)]).astype(float)
-
-
-def table_of(values: NamedTuple) -> Records:
-    """Return an array (1,) of the addresses of arrays, and of numbers, in the order of their record.
-
-    Raises a `TypeError` for an array whose memory layout differs from the one that is read.
-    """
-    records = new_records(type(values))
-    for name, value in zip(values._fields, values, strict=True):
-        kind = kind_of(type(values), name)
-        records[0][name] = piece_of(value, kind) if kind else value
-    return records
-
-
-def opened(record: type[R]) -> Callable[[int], R]:
-    """Return the address of a `table_of` such a record ↦ the record, for compiled code."""
-    kinds = {name: kind_of(record, name) for name in get_type_hints(record)}
-    fields = (f"{_AT[kind]}(t.{name})" if kind else f"t.{name}" for name, kind in kinds.items())
-    text = f"def opened(table):\n    t = table_at(table)\n    return {record.__name__}({', '.join(fields)})\n"
-    return _compiled(
-        record, text, {record.__name__: record, "table_at": addresses.opener(record)} | vars(addresses), {}
-    )
 
 
 def _compiled(record: type, text: str, space: Mapping[str, object], known: Mapping[str, int]) -> Callable[..., Any]:
@@ -116,7 +91,7 @@ class _Text:
 
     def __init__(self, record: type, known: Mapping[str, int]) -> None:
         self._known = known
-        self.records: dict[str, type] = {}
+        self.records: dict[str, Any] = {}
         self.sizes: list[str] = []
         self.arguments: list[str] = []
         self.lines: list[str] = []
@@ -141,7 +116,7 @@ class _Text:
         if isinstance(hint, type) and hasattr(hint, "_fields"):
             return self._record(hint)
         if hint in _NUMBERS:
-            return _NUMBERS[hint].format(f"flat[{self._taken('1')[0]}]")
+            return _NUMBERS[hint].format(f"flat[{self._taken('1')}]")
         if get_origin(hint) is not Annotated:
             self.arguments.append(name)
             return name
@@ -149,13 +124,12 @@ class _Text:
         for node in (node for size in shape for node in ast.walk(ast.parse(size))):
             if isinstance(node, ast.Name) and node.id not in self.sizes:
                 self.sizes.append(node.id)
-        begin, end = self._taken(" * ".join(f"({size})" for size in shape))
-        part = f"flat[{begin}:{end}]"
-        return part if len(shape) == 1 else f"{part}.reshape({', '.join(shape)})"
+        begin = self._taken(" * ".join(f"({size})" for size in shape))
+        return f"part(flat, {begin}, ({', '.join(shape)},))"
 
-    def _taken(self, length: str) -> tuple[str, str]:
-        """Return the slice of the next part, of `length` numbers."""
+    def _taken(self, length: str) -> str:
+        """Return the place of the next part, of `length` numbers."""
         count = len(self.lines)
         self.lines.append(f"    _{count + 1} = _{count} + {length}\n")
         self._lengths.append(length)
-        return f"_{count}", f"_{count + 1}"
+        return f"_{count}"

@@ -10,7 +10,7 @@ from allocator import BAR, DEG
 from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Rung, TrackingMPC, Weights
-from mpc.codegen.views import table_of
+from mpc.codegen.tables import table_of
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.tracking.linearise import Motion

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.codegen.addresses import clock, entry_of
-from mpc.codegen.views import flat, in_python, length_of, table_of
+from mpc.codegen.tables import table_of
+from mpc.codegen.views import flat, in_python, length_of
 from mpc.model.compiled_friction import ABSENT, NO_FRICTION, memory_of, rubbing_in
 from mpc.tracking.compiled.records import Given, Setting
 from mpc.tracking.compiled.sample.calls import stage_of

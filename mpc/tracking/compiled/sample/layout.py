@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from mpc.codegen.views import opened, viewer
+from mpc.codegen.tables import opened
+from mpc.codegen.views import viewer
 from mpc.tracking.rest_memory import Rules
 
 
