@@ -12,8 +12,9 @@ halves):
     w_i = ∮ T_i dθ/(π A²)                     work as a loss stiffness
     v   = ∮ θ' dθ/(π A²)                      of the velocity; ω of a sine
 
-The secant is the felt stiffness. It needs the acceleration at the turns, to which friction that reverses there adds
-harmonics that a sampled tone lacks; the mean does not, and compares tones of different frequencies.
+The secant needs the acceleration at the turns, to which friction that reverses there adds harmonics that a sampled tone
+lacks; the mean does not, and compares tones of different frequencies. `mpc.bench.measuring.springs` has the felt
+stiffness.
 
 Readings of the angle with the age δ are advanced in phase, θ_h e^{i h ω δ}.
 """
@@ -83,16 +84,21 @@ class Tone:
         """Standard deviation of a loop's mean acceleration due to noise [1/s²]."""
         return self.noise[0] * self.omega**2 * sqrt(len(self.odd)) / self.swing
 
-    def loop(self, age: float = 0.0) -> Loop:
-        """Return the loop with readings of the angle that are `age` [s] old."""
+    def phasors(self, age: float = 0.0) -> tuple[Array, Array]:
+        """Return the odd harmonics (n,) and their phasors (n, 3), with readings of the angle that are `age` [s] old."""
         h = np.array(self.odd)
         Y = self.harmonics[h - 1] * 1.0
         Y[:, 0] *= np.exp(1j * h * self.omega * age)
+        return h, Y
+
+    def loop(self, age: float = 0.0) -> Loop:
+        """Return the loop with readings of the angle that are `age` [s] old."""
+        h, Y = self.phasors(age)
         phase = np.linspace(0, 2 * pi, _GRID, endpoint=False)
         waves = np.exp(1j * np.outer(phase, h))
         theta, one, two = (waves @ Y).real.T
         speed = np.abs((waves @ (1j * h * self.omega * Y[:, 0])).real)
-        turn = np.exp(1j * h * _refined(phase, theta))
+        turn = np.exp(1j * h * refined(phase, theta))
         A, up, down = ((turn @ Y).real).tolist()
         acceleration = float((turn @ (Y[:, 0] * (h * self.omega) ** 2)).real)
         work = (h[:, None] * (Y[:, 1:] * Y[:, :1].conj()).imag).sum(axis=0) / A**2
@@ -111,7 +117,7 @@ class Tone:
         )
 
 
-def _refined(phase: Array, theta: Array) -> float:
+def refined(phase: Array, theta: Array) -> float:
     """Return the phase of the greatest angle, by a parabola through three points about it."""
     k = int(theta.argmax())
     before, here, after = theta[k - 1], theta[k], theta[(k + 1) % theta.size]
