@@ -98,7 +98,7 @@ class Tone:
         waves = np.exp(1j * np.outer(phase, h))
         theta, one, two = (waves @ Y).real.T
         speed = np.abs((waves @ (1j * h * self.omega * Y[:, 0])).real)
-        turn = np.exp(1j * h * refined(phase, theta))
+        turn = np.exp(1j * h * _refined(phase, theta))
         A, up, down = ((turn @ Y).real).tolist()
         acceleration = float((turn @ (Y[:, 0] * (h * self.omega) ** 2)).real)
         work = (h[:, None] * (Y[:, 1:] * Y[:, :1].conj()).imag).sum(axis=0) / A**2
@@ -117,7 +117,7 @@ class Tone:
         )
 
 
-def refined(phase: Array, theta: Array) -> float:
+def _refined(phase: Array, theta: Array) -> float:
     """Return the phase of the greatest angle, by a parabola through three points about it."""
     k = int(theta.argmax())
     before, here, after = theta[k - 1], theta[k], theta[(k + 1) % theta.size]

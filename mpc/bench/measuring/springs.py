@@ -1,21 +1,20 @@
 """Felt stiffness of a steady loop by springs that slip: a backbone and stops of the measured angle.
 
-The torque of the muscles, without that of the inertia and the damping, is Kθ + Σ w_j s_j(θ; r_j) with stops s_j of half
-widths r_j = ρ_j A on a grid of shares of the swing. As phasors Y of a tone's odd harmonics h,
+Along a steady loop between ±A, with stops s_j of half widths ρ_j A on a grid,
 
-    Σ g_i T_i,h + (J h²ω² - i h ω D) θ_h = K θ_h + Σ w_j S_j,h,        K, w_j ≥ 0                               (F1)
+    Σ g_i T_i - J θ'' - D θ' = K θ + Σ w_j s_j(θ; ρ_j A),        K, w_j ≥ 0                                     (F1)
 
-and the secant is K + Σ w_j ρ_j. The torque at the turns themselves is no measure of it: friction that reverses there
-lets the acceleration jump, of which a sampled tone has the mean.
+by least squares over the stroke, ∮ … |dθ|, and the secant is K + Σ w_j ρ_j. The torque at the turns themselves is no
+measure of it: friction that reverses there lets the acceleration jump, of which a sampled tone has the mean, or holds
+the joint while the torque changes.
 """
 
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.bench.measuring.loops import Tone, refined
+from mpc.bench.measuring.loops import Tone
 
-_SHARES = np.array([0.02, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8])  # ρ_j
-_ERROR = 0.01  # [-] of the torque's fundamental, in any harmonic
+_SHARES = np.array([0.001, 0.03, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8])  # ρ_j
 _GRID = 360  # points per period
 
 
@@ -39,24 +38,12 @@ def solved(X: Array, y: Array) -> Array:
 def secant(tone: Tone, strengths: Array, age: float, inertia: float, damping: float) -> float:
     """Return the stiffness [N·m/rad] between the turns of a tone, gravity included."""
     h, Y = tone.phasors(age)
-    omega = h * tone.omega
-    force = Y[:, 1:] @ strengths + (inertia * omega**2 - 1j * omega * damping) * Y[:, 0]
-    X = np.column_stack([Y[:, 0], _stops(h, Y[:, 0])])
-    angle, one, two = tone.noise
-    error = np.sqrt((_ERROR * abs(force[0])) ** 2 + one**2 + two**2 + (inertia * omega**2 * angle) ** 2)
-    rows, y = X / error[:, None], force / error
-    found = solved(np.concatenate([rows.real, rows.imag]), np.concatenate([y.real, y.imag]))
+    waves = np.exp(1j * np.outer(2 * np.pi * np.arange(_GRID) / _GRID, h))
+    rate = 1j * h * tone.omega * Y[:, 0]
+    force = Y[:, 1:] @ strengths + inertia * (h * tone.omega) ** 2 * Y[:, 0] - damping * rate
+    theta, omega, T = (waves @ np.column_stack([Y[:, 0], rate, force])).real.T
+    A, up = np.ptp(theta) / 2, np.sign(omega)[:, None]
+    stops = up * np.minimum(A + up * theta[:, None] - _SHARES * A, _SHARES * A)
+    stroke = np.sqrt(np.abs(omega))
+    found = solved(np.column_stack([theta, stops]) * stroke[:, None], T * stroke)
     return float(found[0] + found[1:] @ _SHARES)
-
-
-def _stops(h: Array, theta: Array) -> Array:
-    """Return the phasors (odd harmonics, stops) of stops in the steady loop of the angle with phasors `theta`."""
-    phase = 2 * np.pi * np.arange(_GRID) / _GRID
-    angle = (np.exp(1j * np.outer(phase, h)) @ theta).real
-    top = refined(phase, angle)
-    half = top + phase[: _GRID // 2]  # from the upper turn down to the lower one; the other half is its mirror image
-    waves = np.exp(1j * np.outer(half, h))
-    angle = (waves @ theta).real
-    A = angle[0]
-    s = np.maximum(_SHARES * A - A + angle[:, None], -_SHARES * A)
-    return np.asarray(4 / _GRID * waves.conj().T @ s)
