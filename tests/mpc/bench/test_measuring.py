@@ -177,7 +177,7 @@ def test_a_joint_on_a_device_is_measured_with_soft_start_and_safe_stop():
     clock = SimulatedClock()
     device = SimulatedDevice(REAL, clock, seed=5)
     told = Told(REAL.nominal, KNOWN, inertia_error=0.05)
-    m, cycle = measure(device, told, 0.1, 6.0, tones=Tones(series=()), clock=clock)
+    m, cycle = measure(device, told, 0.1, 6.0, tones=QUICK, clock=clock)
     assert m.success, m.sentence
     assert min(m.strengths_std) > 0.045  # of the inertia
     assert str(cycle.ending.reason) == "finished"
@@ -189,7 +189,7 @@ def test_a_weight_fixes_the_scale_where_the_inertia_is_hardly_known_and_checks_i
     clock = SimulatedClock()
     device = SimulatedDevice(REAL, clock, seed=5)
     wrong = replace(REAL.nominal, inertia=1.3 * REAL.nominal.inertia)
-    weight, tones = Weight(1.0, device.hang), Tones(series=(8 * DEG,))
+    weight, tones = Weight(1.0, device.hang), Tones(series=(8 * DEG,), longest=80.0)
     source = Experiment(wrong, KNOWN, 0.1, 6.0, 0.01, tones, weight)
     cycle = Cycle(device, source, Limits.of(wrong, 0.01), Settings(), about=about(0.01), clock=clock)
     ending = cycle.run()
