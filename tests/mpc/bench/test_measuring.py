@@ -177,7 +177,7 @@ def test_a_joint_on_a_device_is_measured_with_soft_start_and_safe_stop():
     clock = SimulatedClock()
     device = SimulatedDevice(REAL, clock, seed=5)
     told = Told(REAL.nominal, KNOWN, inertia_error=0.05)
-    m, cycle = measure(device, told, 0.1, 6.0, tones=QUICK, clock=clock)
+    m, cycle = measure(device, told, 0.1, 6.0, clock=clock)
     assert m.success, m.sentence
     assert min(m.strengths_std) > 0.045  # of the inertia
     assert str(cycle.ending.reason) == "finished"
