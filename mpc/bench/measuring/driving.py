@@ -4,13 +4,14 @@ A joint with friction that stops between two tones stays at an edge of its loop,
 by twice its amplitude. Each tone therefore fades in while the one before fades out. A drive is halved as soon as the
 angle is 1.4 times the wanted amplitude away from the middle of the last period.
 
-The drive of a joint with friction is about affine in its swing, F = F_c + c A, and F_c may be large. The search for the
-drive of a swing is therefore a secant method, in bounded steps.
+The drive of a joint with friction is about affine in its swing, F = F_c + c A, and F_c may be large: near A it is a
+power of the swing with the exponent c A/F. The search for the drive of a swing is therefore a secant method of
+logarithms, in bounded steps. Its exponent is kept from tone to tone.
 """
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
-from math import isfinite, pi, sin
+from math import isfinite, log, pi, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from mpc.bench.guard import Pressures
 from mpc.bench.measuring.loops import Tone, tone_of
 from mpc.model.plant import Plant
 
-_EXPONENT = 0.4  # of the first step of a search
+_JUMPING, CAUTIOUS, _PROPORTIONAL = 0.15, 0.4, 1.0  # exponents of a drive by its swing: least, first, greatest
 _STEP, _FARTHER = 1.3, 1.5  # greatest steps: of a swing below _STARTED, else
 _STARTED = 0.3  # of the wanted amplitude
 _ENOUGH = 1.4  # times the wanted amplitude: the drive is cut …
@@ -38,6 +39,10 @@ QUICK = 1.6  # [Hz], above slow tones
 
 class Refused(Exception):  # a finding, reported in the result
     """Refusal of a measurement about this rest; the message has the reason."""
+
+
+class Late(Refused):
+    """Refusal of a tone for which no time is left."""
 
 
 @dataclass
@@ -72,24 +77,22 @@ class Wave(NamedTuple):
 
 
 class Search:
-    """Search for the scale of a drive whose swing is A: the drive of a joint with friction is about affine in A."""
+    """Search for the scale of a drive whose swing is A, as a power of the swing: `exponent` is 1 without friction."""
 
-    def __init__(self, A: float, scale: float) -> None:
-        self.A, self.scale = A, scale
-        self._tried: list[tuple[float, float]] = []  # (swing, scale)
+    def __init__(self, A: float, scale: float, exponent: float = CAUTIOUS) -> None:
+        self.A, self.scale, self.exponent = A, scale, exponent
+        self._tried: tuple[float, float] | None = None  # swing, scale
 
     def learn(self, swing: float, cut: bool) -> None:
         """Set the next scale by the swing at the present one."""
-        if cut:
-            swing = max(swing, _ENOUGH * self.A)
-        self._tried = [*self._tried[-1:], (swing, self.scale)]
-        ratio = self.A / max(swing, 1e-9)
-        guess = self.scale * ratio**_EXPONENT
-        if len(self._tried) == 2:
-            (a, s), (b, t) = self._tried
-            if (b - a) * (t - s) > 0:
-                guess = t + (t - s) / (b - a) * (self.A - b)
+        swing = max(swing, 1e-9, _ENOUGH * self.A * cut)
+        if self._tried is not None:
+            rise, more = log(swing / self._tried[0]), log(self.scale / self._tried[1])
+            if rise * more > 0:
+                self.exponent = min(max(more / rise, _JUMPING), _PROPORTIONAL)
+        self._tried = swing, self.scale
         most = _STEP if swing < _STARTED * self.A else _FARTHER
+        guess = self.scale * (self.A / swing) ** self.exponent
         self.scale = min(max(guess, self.scale / _STEP), self.scale * most)
 
 

@@ -7,13 +7,15 @@
     both muscles at a low frequency with a series of amplitudes: the curve K_felt(A)
     with a weight, both muscles at the low frequency and A, without it and with it
 
-Each tone begins with the drive that the one before suggests, and is brought to its amplitude by a secant method
-(`mpc.bench.measuring.driving`). A tone that stays apart from its amplitude ends the experiment: friction jumps.
+Each tone begins with the drive that the one before suggests, and is brought to its amplitude by a search
+(`mpc.bench.measuring.driving`). A tone that stays apart from its amplitude ends the experiment: friction jumps. So does
+one for which no time is left, except for the third high frequency and the series, which are then left out. The third
+high frequency is left out as well if the regulators hardly reach the other two.
 """
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from math import atan, cos, pi, sqrt
+from math import atan, cos, inf, pi, sqrt
 
 import numpy as np
 
@@ -22,7 +24,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.bench.cycle import Decision, Phase, Tick
-from mpc.bench.measuring.driving import QUICK, Driver, Refused, Search, Wave, resting, room
+from mpc.bench.measuring.driving import CAUTIOUS, QUICK, Driver, Late, Refused, Search, Wave, resting, room
 from mpc.bench.measuring.loops import Tone
 from mpc.bench.measuring.strengths import APART, USABLE
 from mpc.bench.measuring.weighing import Weight
@@ -61,7 +63,7 @@ class Tones:
     slow: float = 1.0  # of the series [Hz]
     settle: float = 1.0  # at rest [s]
     rounds: int = 8  # of the search for an amplitude, at most
-    longest: float = 55.0  # without the third high frequency and the series after this time [s]
+    longest: float = 60.0  # of the experiment without a weight [s]
 
     def __post_init__(self) -> None:
         for name, unit in (
@@ -104,6 +106,8 @@ class Experiment(Driver):
         self._gains = self._torque_gains(theta)
         self._backbone = float(plant.joint.stiffness(theta, *self.first)) + plant.gravity_torque * cos(theta)
         self._scales = {False: 1.0, True: 0.8}  # drive over the expected one: of slow and of quick tones
+        self._exponents = {False: CAUTIOUS, True: CAUTIOUS}  # of the drive by the swing, in the last search
+        self._until = tones.longest  # [s], the end
         self._decisions = self._all()
 
     def decide(self, tick: Tick) -> Decision | None:
@@ -145,18 +149,25 @@ class Experiment(Driver):
         found.append((yield from self._brought(tones.slowest, BOTH, A)))
         upper, further = self._upper(self._stiff(A))
         lowest = _LOWEST_ABOVE * self._resonance(self._stiff(A))
-        tone, upper = yield from self._reached(upper, lowest, MORE, A)
-        found += [tone, (yield from self._brought(upper, LESS, A))]
-        if self.findings.duration < tones.longest:
-            tone, _ = yield from self._reached(max(further, 1.08 * upper), 1.08 * upper, BOTH, A)
-            found += [tone] if tone.swing > _SHORT * A else []
-        for k, amplitude in enumerate(tones.series):
-            if self.findings.duration > tones.longest:
-                self.findings.left_out = tones.series[k:]
-                break
-            self.findings.curve.append((yield from self._brought(tones.slow, BOTH, amplitude, close=0.15)))
+        more, reached = yield from self._reached(upper, lowest, MORE, A)
+        less, reached = yield from self._reached(reached, lowest, LESS, A)
+        found += [more, less]
+        yield from self._optional(A, further if reached == upper and min(more.swing, less.swing) > _SHORT * A else 0.0)
         if self.weight is not None:
+            self._until = inf
             yield from self._weighed(self.weight, A)
+
+    def _optional(self, A: float, further: float) -> Iterator[Decision]:
+        """Play the tones that lack of time may leave out: one at a `further` frequency (0: none), and the series."""
+        tones, curve = self.tones, self.findings.curve
+        try:
+            if further:
+                tone = yield from self._brought(further, BOTH, A)
+                self.findings.tones += [tone] if tone.swing > _SHORT * A else []
+            for amplitude in tones.series:
+                curve.append((yield from self._brought(tones.slow, BOTH, amplitude, close=0.15)))
+        except Late:
+            self.findings.left_out = tones.series[len(curve) :]
 
     def _weighed(self, weight: Weight, A: float) -> Iterator[Decision]:
         """Swing slowly without the weight, request it with the pressures held, and swing with it."""
@@ -252,7 +263,7 @@ class Experiment(Driver):
         further = min(_ABOVE[1] / _ABOVE[0] * upper, self._highest)
         while further > 1.1 * upper and not self._follows(further, BOTH[0], stiffness):
             further *= 0.97
-        return upper, further
+        return upper, max(further, 1.08 * upper)
 
     def _follows(self, frequency: float, share: float, stiffness: complex) -> bool:
         """Return whether the pressures of a tone respect flow, slew, supply and taut cables."""
@@ -285,10 +296,15 @@ class Experiment(Driver):
         """Drive a tone until the angle swings by A, and return it. Raises `Refused` if it stays apart from A."""
         expected, quick = self._drive(f, shares, A), f > QUICK
         step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
-        self._asked, search, tone = A, Search(A, self._scales[quick] * _BEGIN), None
+        self._asked, tone = A, None
+        search = Search(A, self._scales[quick] * _BEGIN, self._exponents[quick])
         periods, fade = step, 3.0 if quick else 1.0 if f >= self.tones.low else 0.5
         for k in range(self.tones.rounds + _MORE_ROUNDS):
-            rows, cut = yield from self._played(expected.times(search.scale), periods + (k == 0) * fade, fade)
+            played = periods + (k == 0) * fade
+            needed = played + (periods == step) * measured + 1  # periods, with the fading out
+            if self.findings.duration + needed / f > self._until:
+                raise Late(f"{self._until:.0f} s were too short to bring the amplitudes together: {APART}")
+            rows, cut = yield from self._played(expected.times(search.scale), played, fade)
             fade = 1.0 if quick else _FADE
             searching = periods == step
             tone = None if searching else self._tone(rows, f)
@@ -307,6 +323,7 @@ class Experiment(Driver):
                 f"the amplitudes did not come together (±{swing / DEG:.3g}° instead of ±{A / DEG:.3g}° at {f:.2g} Hz): "
                 f"{APART}"
             )
+        self._exponents[quick] = search.exponent
         if not quick:
             self._learn(tone)
         self._correct(shares)

@@ -42,6 +42,7 @@ from allocator.joint.felt import Loop
 from allocator.units import DEG
 from mpc.bench.logs import read_log
 from mpc.bench.measuring.result import Felt, MeasuredStiffness
+from mpc.bench.measuring.springs import solved, stop
 from mpc.bench.measuring.strengths import Known, why_implausible
 from mpc.model.plant import Plant
 
@@ -127,8 +128,8 @@ def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredSt
     if len(table.y) < 4 * table.X.shape[1]:
         return refused(middle, duration, f"{duration:.0f} s are too short")
     X = table.X[:, :_SHAPE]
-    left = float(np.std(table.y - X @ _solved(X, table.y)) / np.std(table.y))
-    x = _solved(table.X, table.y)
+    left = float(np.std(table.y - X @ solved(X, table.y)) / np.std(table.y))
+    x = solved(table.X, table.y)
     scale = _scale(x)
     scattered = _scatter(table)
     std = np.sqrt(np.diag(scattered)[:2]) / np.maximum(x[:2], 1e-9)
@@ -193,7 +194,7 @@ def _part(plant: Plant, log: Samples, part: slice, known: Known, r: Array, scale
     P1, P2 = (np.interp(even, t, P[part]) for P in (log.P1, log.P2))
     agonist, antagonist = plant.joint.sides(theta)
     share = (agonist.stiffness(P1) + antagonist.stiffness(P2)) / scale
-    stops = [_stop(theta, width) for width in r]
+    stops = [stop(theta, width) for width in r]
     columns = [agonist.torque(P1), antagonist.torque(P2), *(-s for s in stops), *(-share * s for s in stops)]
     z = np.arange(-m, m + 1) / m
     bump, slope, bend = (
@@ -211,23 +212,6 @@ def _part(plant: Plant, log: Samples, part: slice, known: Known, r: Array, scale
     return X, known.inertia * over(theta, bend) + plant.gravity_torque * over(np.sin(theta), bump)
 
 
-def _stop(theta: Array, r: float) -> Array:
-    """Return the stop e = clip(e + Δθ, ±r) (n,) [rad] of half width r."""
-    e, out = 0.0, [0.0]
-    for step in np.diff(theta).tolist():
-        e = max(-r, min(r, e + step))
-        out.append(e)
-    return np.array(out)
-
-
-def _solved(X: Array, y: Array) -> Array:
-    """Return the nonnegative least-squares solution, with scaled columns."""
-    from scipy.optimize import nnls
-
-    size = np.maximum(np.sqrt((X**2).mean(axis=0)), 1e-30)
-    return np.asarray(nnls(X / size, y)[0] / size)
-
-
 def _scale(x: Array) -> Array:
     """Return g_1, g_2 and e (3,), the unknowns of the backbone."""
     return np.array([x[0], x[1], x[_SHAPE] - x[_SHAPE + 1]])
@@ -239,7 +223,7 @@ def _scatter(table: _Table) -> Array:
     found = []
     for a, b in pairwise(ends.tolist()):
         keep = np.r_[0:a, b : len(table.y)]
-        x = _solved(table.X[keep], table.y[keep])
+        x = solved(table.X[keep], table.y[keep])
         found.append([*_scale(x), x[_DAMPING]])
     off = np.array(found) - np.mean(found, axis=0)
     return np.asarray((_PARTS - 1) / _PARTS * off.T @ off)
@@ -249,7 +233,7 @@ def _by_age(plant: Plant, log: Samples, known: Known, x: Array) -> Array:
     """Return the covariance (3, 3) of g_1, g_2 and e by the age of the readings."""
     error = max(known.age_error, _AGE)
     later = _Table.of(plant, log, replace(known, age=known.age + error))
-    off = _scale(_solved(later.X, later.y)) - _scale(x)
+    off = _scale(solved(later.X, later.y)) - _scale(x)
     return np.outer(off, off)
 
 

@@ -12,8 +12,9 @@ halves):
     w_i = ∮ T_i dθ/(π A²)                     work as a loss stiffness
     v   = ∮ θ' dθ/(π A²)                      of the velocity; ω of a sine
 
-The secant is the felt stiffness. It needs the acceleration at the turns, to which friction that reverses there adds
-harmonics that a sampled tone lacks; the mean does not, and compares tones of different frequencies.
+The secant needs the acceleration at the turns, to which friction that reverses there adds harmonics that a sampled tone
+lacks; the mean does not, and compares tones of different frequencies. `mpc.bench.measuring.springs` has the felt
+stiffness.
 
 Readings of the angle with the age δ are advanced in phase, θ_h e^{i h ω δ}.
 """
@@ -83,11 +84,16 @@ class Tone:
         """Standard deviation of a loop's mean acceleration due to noise [1/s²]."""
         return self.noise[0] * self.omega**2 * sqrt(len(self.odd)) / self.swing
 
-    def loop(self, age: float = 0.0) -> Loop:
-        """Return the loop with readings of the angle that are `age` [s] old."""
+    def phasors(self, age: float = 0.0) -> tuple[Array, Array]:
+        """Return the odd harmonics (n,) and their phasors (n, 3), with readings of the angle that are `age` [s] old."""
         h = np.array(self.odd)
         Y = self.harmonics[h - 1] * 1.0
         Y[:, 0] *= np.exp(1j * h * self.omega * age)
+        return h, Y
+
+    def loop(self, age: float = 0.0) -> Loop:
+        """Return the loop with readings of the angle that are `age` [s] old."""
+        h, Y = self.phasors(age)
         phase = np.linspace(0, 2 * pi, _GRID, endpoint=False)
         waves = np.exp(1j * np.outer(phase, h))
         theta, one, two = (waves @ Y).real.T

@@ -7,12 +7,12 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.felt import Loop
 from allocator.units import BAR, DEG
 from mpc.bench.measuring.driving import Findings
 from mpc.bench.measuring.experiment import Tones
 from mpc.bench.measuring.loops import Tone
+from mpc.bench.measuring.springs import secant
 from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_implausible, why_not, why_rubber
 from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
@@ -130,10 +130,8 @@ class MeasuredStiffness:
         theta, P = float(middle[0]), (float(middle[1]), float(middle[2]))
         k = np.array([float(s.stiffness(p)) for s, p in zip(plant.joint.sides(theta), P, strict=True)])
         g, C = np.array(found.strengths), found.covariance
-        gravity = plant.gravity_torque * float(np.cos(theta))
         slow = [*findings.tones[:3], *findings.curve]
-        age = found.values["age"]
-        curve = [_felt(tone, age, plant.joint, loop, theta, P, g, C, plant.inertia, gravity) for tone in slow]
+        curve = [_felt(tone, found, plant, loop, theta, P, C) for tone in slow]
         felt = (_mean(*curve[:2]), *curve[2:])
         K = float(g @ k)
         C = C + (_CABLES * max(felt[0].K / K - 1, 0.0)) ** 2 * np.outer(g, g)
@@ -220,23 +218,15 @@ def _balance(plant: Plant, tones: list[Tone], A: float) -> Load:
 
 
 def _felt(
-    tone: Tone,
-    age: float,
-    joint: AntagonistJoint,
-    loop: Loop,
-    theta: float,
-    P: tuple[float, float],
-    g: Array,
-    C: Array,
-    inertia: float,
-    gravity: float,
+    tone: Tone, found: Solution, plant: Plant, loop: Loop, theta: float, P: tuple[float, float], C: Array
 ) -> Felt:
-    """Return the felt stiffness of a slow tone: the secant of torque, inertia and gravity at its turns."""
+    """Return the felt stiffness of a slow tone; `C` (2, 2) is the covariance of the strengths."""
+    g, age = np.array(found.strengths), found.values["age"]
     cycle = tone.loop(age)
     s = np.array(cycle.secants)
-    K = float(g @ s) + inertia * cycle.acceleration - gravity
+    K = secant(tone, g, age, plant.inertia, found.values["D"]) - plant.gravity_torque * float(np.cos(theta))
     std = sqrt(float(s @ C @ s) + tone.error**2 + (_SCATTER * K) ** 2)
-    model = float(joint.stiffness(theta, *P, amplitude=cycle.swing, loop=loop))
+    model = float(plant.joint.stiffness(theta, *P, amplitude=cycle.swing, loop=loop))
     return Felt(cycle.swing, K, std, float(g @ np.array(cycle.losses)) / K, model)
 
 

@@ -29,6 +29,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.bench.measuring.loops import Loop, Tone
+from mpc.bench.measuring.springs import secant
 
 NAMES = ("g1", "g2", "K", "h", "dK/dA", "dh/dA", "D", "age")
 WIDER = 2  # number of the tone of another amplitude
@@ -199,5 +200,5 @@ def why_rubber(tones: list[Tone], curve: list[Tone], found: Solution, inertia: f
 def _stiffness(tone: Tone, found: Solution, inertia: float) -> tuple[float, float]:
     """Return the secant K_felt and h of a tone [N·m/rad]."""
     loop, g = tone.loop(found.values["age"]), np.array(found.strengths)
-    K = float(g @ np.array(loop.secants)) + inertia * loop.acceleration
+    K = secant(tone, g, found.values["age"], inertia, found.values["D"])
     return K, float(g @ np.array(loop.losses)) - found.values["D"] * loop.velocity

@@ -16,12 +16,14 @@ from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.loop import about
+from mpc.bench.measuring.driving import Search
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.loops import tone_of
 from mpc.bench.measuring.picture import plot_measured
 from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.session import Told, encoder_step, measure, result_of
 from mpc.bench.measuring.simulation import driven
+from mpc.bench.measuring.springs import secant
 from mpc.bench.measuring.strengths import Known, solve
 from mpc.bench.measuring.update import combined, strengthened, update
 from mpc.bench.measuring.weighing import Weight
@@ -83,6 +85,44 @@ def test_the_mean_over_the_stroke_finds_a_spring_and_an_inertia_in_any_waveform(
     assert loop.mean_acceleration != pytest.approx(w**2, rel=0.05)
 
 
+def sliding(J, K, most, presliding, f, h=1e-4):
+    """Angles (600,) every 10 ms of a mass on a spring with friction of `most` [N·m] under a sine of 0.55 N·m."""
+    theta = omega = friction = 0.0
+    out = []
+    for k in range(round(6 / h)):
+        out.append(theta)
+        omega += h / J * (0.55 * np.sin(2 * np.pi * f * k * h) - K * theta - friction)
+        theta += h * omega
+        friction = float(np.clip(friction + most / presliding * h * omega, -most, most))
+    return np.array(out)[::100]
+
+
+@pytest.mark.parametrize("f", [0.8, 1.2])
+@pytest.mark.parametrize("presliding", [0.1 * DEG, 0.3 * DEG])
+@pytest.mark.parametrize("most", [0.1, 0.2, 0.3])
+def test_a_tone_has_the_stiffness_of_a_push_although_friction_reverses_at_its_turns(most, presliding, f):
+    J, K, t = 0.05, 6.0, np.arange(0, 6, 0.01)
+    late = t >= 6 - 3 / f - 1e-6
+    theta, T = sliding(J, K, most, presliding, f)[late], 0.55 * np.sin(2 * np.pi * f * t[late])
+    tone = tone_of(t[late], theta, np.zeros((theta.size, 2)), np.column_stack([T, 0 * T]), f)
+    pushed = K + most / (np.ptp(theta) / 2)
+    assert secant(tone, np.ones(2), 0.0, J, 0.0) == pytest.approx(pushed, rel=0.03)
+    loop = tone.loop()
+    assert sum(loop.secants) + J * loop.acceleration < 0.98 * pushed  # at the turns
+
+
+@pytest.mark.parametrize("exponent", [0.25, 0.6, 1.0])
+def test_a_search_finds_the_drive_of_a_power_law_and_keeps_its_exponent(exponent):
+    search = Search(3.0, 0.8)
+    for _ in range(3):
+        search.learn(3.0 * (search.scale / 0.9) ** (1 / exponent), cut=False)
+    assert search.exponent == pytest.approx(exponent)
+    assert search.scale == pytest.approx(0.9, rel=0.01)
+    again = Search(3.0, 0.8, search.exponent)
+    again.learn(3.0 * (again.scale / 0.9) ** (1 / exponent), cut=False)
+    assert again.scale == pytest.approx(0.9, rel=1e-6)
+
+
 def test_strengths_of_exact_tones_are_exact():
     """A linear joint: K + iωD - Jω² with strengths, an age of the readings, and no noise."""
     J, K, D, age, g = 0.05, 8.0, 0.2, 0.01, (1.1, 0.9)
@@ -126,7 +166,7 @@ def test_a_hidden_joint_is_measured_within_its_errors(measured):
     low, high = REAL.nominal.pressure_limits
     assert ((rows[:, 4:] >= low) & (rows[:, 4:] <= high)).all()
     assert np.abs(np.diff(rows[:, 4:], axis=0)).max() <= REAL.nominal.slew * 0.01 * (1 + 1e-9)
-    assert e.findings.duration < 90
+    assert e.findings.duration <= 60
     assert encoder_step(rows[:, 1]) == pytest.approx(REAL.encoder, rel=1e-6)
     axes = plot_measured([m], REAL.nominal.joint, REAL.friction.loop).axes[0]
     assert len(axes.get_legend().get_texts()) == 4
@@ -137,7 +177,7 @@ def test_a_joint_on_a_device_is_measured_with_soft_start_and_safe_stop():
     clock = SimulatedClock()
     device = SimulatedDevice(REAL, clock, seed=5)
     told = Told(REAL.nominal, KNOWN, inertia_error=0.05)
-    m, cycle = measure(device, told, 0.1, 6.0, tones=Tones(series=()), clock=clock)
+    m, cycle = measure(device, told, 0.1, 6.0, clock=clock)
     assert m.success, m.sentence
     assert min(m.strengths_std) > 0.045  # of the inertia
     assert str(cycle.ending.reason) == "finished"
@@ -149,7 +189,7 @@ def test_a_weight_fixes_the_scale_where_the_inertia_is_hardly_known_and_checks_i
     clock = SimulatedClock()
     device = SimulatedDevice(REAL, clock, seed=5)
     wrong = replace(REAL.nominal, inertia=1.3 * REAL.nominal.inertia)
-    weight, tones = Weight(1.0, device.hang), Tones(series=(8 * DEG,))
+    weight, tones = Weight(1.0, device.hang), Tones(series=(8 * DEG,), longest=80.0)
     source = Experiment(wrong, KNOWN, 0.1, 6.0, 0.01, tones, weight)
     cycle = Cycle(device, source, Limits.of(wrong, 0.01), Settings(), about=about(0.01), clock=clock)
     ending = cycle.run()
@@ -175,6 +215,14 @@ def test_what_cannot_be_measured_is_refused():
     assert m.sentence.startswith("not measured, because")
     with pytest.raises(InvalidInput, match="nothing was measured"):
         combined([m])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1010, 1034])
+def test_a_joint_that_jumps_is_refused_within_a_minute(seed):
+    m = hidden_measured(hidden(seed), seed).measured
+    assert "too short to bring the amplitudes together" in m.refusal
+    assert 40 < m.duration <= 60
 
 
 @pytest.mark.slow
