@@ -29,6 +29,8 @@ from allocator.units import BAR, DEG, MM, PERCENT
 if TYPE_CHECKING:
     from allocator.identification.joint.planning.plan import JointPlan
 
+_BETTER = 0.8  # times the error of the fit: a law worth trying
+
 
 def fit_joint_command(
     log: Annotated[
@@ -113,7 +115,7 @@ def fit_joint_command(
     else:
         if compared is not None:
             _report(compared, console)
-        _describe(fit, console)
+        _describe(fit, _better_laws(fit, measured, options), console)
     if out is not None:
         fit.save(out, group)
         say(console, f"written: {out}")
@@ -190,8 +192,15 @@ def _report(comparison: JointComparison, console: Console) -> None:
     print_lines(console, (*comparison.sentences, *failures))
 
 
-def _describe(fit: JointFit, console: Console) -> None:
-    """Print the fit, its uncertainties, and the quantities that the data leave open."""
+def _better_laws(fit: JointFit, measured: tuple[Array, Array, Array], options: dict[str, Any]) -> list[str]:
+    """Return the laws that predict the angles better if the joint is fitted with them, as --model does."""
+    names = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < _BETTER * fit.rms]
+    others = compare_joint_models(*measured, models=names, leave_one_out=False, **options).fits
+    return [name for name, other in others.items() if other.rms < _BETTER * fit.rms]
+
+
+def _describe(fit: JointFit, better: list[str], console: Console) -> None:
+    """Print the fit, its uncertainties, the `better` laws, and the quantities that the data leave open."""
     s, std, found = fit.samples, fit.standard_deviations, fit.doubt.discrepancy
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
@@ -203,6 +212,8 @@ def _describe(fit: JointFit, console: Console) -> None:
         f"force) and reading noise of {found.noise / DEG:.2f}°, both estimated from the residuals",
         *_choice_lines(fit),
     ]
+    if better:
+        lines.append(f"  {' and '.join(better)} predict(s) these angles better: try --model")
     if not np.isnan(fit.hysteresis_share):
         lines.append(f"  {fit.hysteresis_share:.0%} of the squared error without friction is hysteresis")
     if len(fit.groups) > 1:
@@ -233,15 +244,13 @@ def _plus_minus(std: float) -> str:
 
 
 def _choice_lines(fit: JointFit) -> list[str]:
-    """Return a line on each alternative choice, and one on laws that predict the angles better."""
+    """Return a line on each alternative choice."""
     K = "K/K_ref" if fit.scale is None else "K"
-    lines = [
+    return [
         f"  with {c.name} instead: {c.rms / DEG:.2f}°, zero {c.zero / DEG:+.2f}°, ratio {c.ratio:.3f}, "
         f"μ = {c.friction:.3f}, {K} other by {c.stiffness:.1%}"
         for c in fit.doubt.choices
     ]
-    better = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < 0.8 * fit.rms]
-    return lines + ([f"  {' and '.join(better)} predict(s) these angles better: try --model"] if better else [])
 
 
 def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:

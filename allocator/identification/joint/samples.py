@@ -198,7 +198,7 @@ class JointSamples:
                 raise InvalidInput(
                     f"theta[{i}] = {self.theta[i]:.4g} rad cannot be reached with this geometry: the {muscle}'s "
                     f"contraction would be {eps[i]:.2g}; is the rest length or the lever wrong, or the angle in "
-                    "another unit?"
+                    "another unit, or from another zero?"
                 )
 
 

@@ -79,6 +79,7 @@ class MotionFit:
     unseen: tuple[str, ...]  # quantities that the log does not identify, and suggested experiments
     converged: bool
     given: AntagonistJoint | None = field(repr=False)  # initial joint
+    zero: float  # encoder reading at its 0 [rad]
     scale_known: bool = field(repr=False)
     problem: MotionProblem = field(repr=False)
     x: Array = field(repr=False)  # its unknowns
@@ -187,10 +188,11 @@ class MotionFit:
             )
         run, given, log = self.problem.run(x, used), self.given, self.log
         rows = np.flatnonzero(used)[np.linspace(0, used.sum() - 1, min(int(used.sum()), _MUSCLE_ROWS)).astype(int)]
-        agonist, antagonist, zero = fit_muscles(given, run.static[rows], run.P1[rows], run.P2[rows])
+        agonist, antagonist, further = fit_muscles(given, run.static[rows] - self.zero, run.P1[rows], run.P2[rows])
         if isinstance(self.problem.static, Equilibrium) and self.problem.gas:
             more = self.problem.static.supplement(self.problem.values(x)["volume"])
             agonist, antagonist = (_holding(*one, given) for one in zip((agonist, antagonist), more, strict=True))
+        zero = self.zero + further
         low, high = given.pressure_limits
         least, limits = _reach(given, log.theta - zero)
         joint = replace(

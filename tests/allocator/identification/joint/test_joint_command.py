@@ -1,5 +1,7 @@
 """`antagonist fit-joint` as a person meets it."""
 
+from dataclasses import replace
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -7,7 +9,9 @@ import typer
 from typer.testing import CliRunner
 
 from allocator import AntagonistJoint, Table, allocate
-from allocator.identification.joint.cli import fit_joint_command
+from allocator.identification.joint.cli import _better_laws, fit_joint_command
+from allocator.identification.joint.doubt.covariance import Choice
+from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import read_joint_log
 from allocator.machine_file import load_joint, save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
@@ -143,3 +147,15 @@ def test_a_missing_column_is_named(tmp_path):
     path.write_text("theta_deg,pressure1_bar\n1,2\n")
     with pytest.raises(ValueError, match="no column for the pressure2"):
         read_joint_log(path)
+
+
+def test_only_laws_that_fit_better_when_they_are_tried_are_suggested(all_twins, log_maker):
+    joint = all_twins["martens-pulley"]
+    measured, options = log_maker(joint, 3).fit_arguments()
+    options["geometry"] = joint.geometry
+    fit = fit_joint(*measured, model="ChouHannaford1996", **options)
+    better = _better_laws(fit, measured, options)
+    assert "MartensBoblan2017" in better
+    promised = Choice("TonduLopez2000", "law", 0.0, 1.0, 0.0, 0.0, 0.0)
+    fit = replace(fit, doubt=replace(fit.doubt, choices=(*fit.doubt.choices, promised)))
+    assert _better_laws(fit, measured, options) == better  # with this law itself the angles are no better

@@ -152,3 +152,18 @@ def test_a_sag_test_that_contradicts_and_a_torque_in_other_units_are_warned_of(g
     assert "N·m" not in right
     assert "the sag test contradicts the law or the equilibria" in warnings_of(grid, add=2.5 * BAR)
     assert "N/bar, more than any is known to: is the torque in N·m?" in warnings_of(grid, times=100.0)
+
+
+@pytest.mark.parametrize("zero", [-33 * DEG, 28 * DEG])
+def test_an_encoder_that_was_not_set_to_zero_is_found(data, zero):
+    still = fit_joint(**data, choices=False)
+    turned = fit_joint(**{**data, "theta": data["theta"] + zero}, choices=False)
+    assert turned.zero == pytest.approx(still.zero + zero, abs=0.1 * DEG)
+    assert turned.rms < 1.02 * still.rms
+
+
+def test_an_encoder_zero_beyond_the_search_is_not_written(data, tmp_path):
+    fit = fit_joint(**{**data, "theta": data["theta"] + 60 * DEG, "model": "Sarosi2012"}, choices=False)
+    with pytest.raises(ValueError, match=r"zero would be \+34.4° or more, so nothing was written: subtract"):
+        fit.save(tmp_path / "joint.toml")
+    assert not (tmp_path / "joint.toml").exists()
