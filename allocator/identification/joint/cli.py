@@ -40,13 +40,13 @@ def fit_joint_command(
     lever: Annotated[
         str | None,
         typer.Option(
-            help="dimensions of a lever, R,r or R,r,offset [m]; the distance from axis to anchor, the lever, and "
+            help="dimensions of a lever, R,r or R,r,offset [mm]; the distance from axis to anchor, the lever, and "
             "an offset. The muscle is √(R² + r² ∓ 2 R r sin θ) + offset long; the offset of a cable in "
             "between is negative"
         ),
     ] = None,
     pulley: Annotated[
-        str | None, typer.Option(help="dimensions of a pulley, R,ε0: radius [m] and contraction ratio at θ = 0")
+        str | None, typer.Option(help="dimensions of a pulley, R,ε0: radius [mm] and contraction ratio at θ = 0")
     ] = None,
     machine: Annotated[
         Path | None, typer.Option(help="TOML file of a joint with the same mechanism, such as a measured Table")
@@ -138,7 +138,7 @@ def _geometry(
 ) -> tuple[Geometry | dict[str, Geometry], list[str] | None]:
     """Return the mechanism, or one for each rest length in the file with the label of each sample."""
     if sum(given is not None for given in (lever, pulley, machine)) != 1:
-        raise InvalidInput("give the mechanism once: --lever R,r,offset [m] or --pulley R,ε0, or --machine FILE")
+        raise InvalidInput("give the mechanism once: --lever R,r,offset [mm] or --pulley R,ε0, or --machine FILE")
     if machine is not None:
         if rest_length is not None or column is not None:
             raise InvalidInput(f"{machine} has the rest length: leave out --rest-length and columns of it")
@@ -148,13 +148,21 @@ def _geometry(
 
     def make(l0: float) -> Geometry:
         if lever is not None:
-            return Lever(l0, *_numbers("--lever", lever, (2, 3)))
-        return Pulley(l0, *_numbers("--pulley", pulley or "", (2,)))
+            return Lever(l0, *_lengths("--lever", _numbers("--lever", lever, (2, 3)), signed=2))
+        radius, contraction = _numbers("--pulley", pulley or "", (2,))
+        return Pulley(l0, _lengths("--pulley", [radius])[0], contraction)
 
     if rest_length is not None:
         return make(rest_length * MM), None
     labels = [f"{length / MM:g}" for length in column] if column is not None else []
     return {label: make(float(label) * MM) for label in dict.fromkeys(labels)}, labels
+
+
+def _lengths(option: str, lengths: list[float], signed: int | None = None) -> list[float]:
+    """Return lengths [mm] in metres; those from the index `signed` on may be zero or negative."""
+    for length in lengths[:signed]:
+        within(option, length, "mm", 1, 10_000)
+    return [length * MM for length in lengths]
 
 
 def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:

@@ -43,7 +43,7 @@ def test_a_log_becomes_a_joint_that_allocates(table, tmp_path, all_twins):
     result = run(
         table,
         "--pulley",
-        "0.02,0.11",
+        "20,0.11",
         "--rest-length",
         300,
         "--model",
@@ -78,7 +78,7 @@ def test_several_files_make_one_joint_and_each_is_left_out_in_turn(table, tmp_pa
     one, two, both = (tmp_path / name for name in ("one.csv", "two.csv", "both.toml"))
     one.write_text("\n".join([header, *rows[::2]]))
     two.write_text("\n".join([header, *rows[1::2]]))
-    given = ["--pulley", "0.02,0.11", "--rest-length", 300, "--model", "MartensBoblan2017"]
+    given = ["--pulley", "20,0.11", "--rest-length", 300, "--model", "MartensBoblan2017"]
     result = run(one, two, *given, "--out", both)
     assert result.exit_code == 0, result.output
     assert f"group one.csv: {len(rows[::2])} samples" in result.output
@@ -93,7 +93,7 @@ def test_several_files_make_one_joint_and_each_is_left_out_in_turn(table, tmp_pa
 def test_without_a_weight_it_says_that_stiffness_is_relative(table, tmp_path):
     rows = [row for row in table.read_text().splitlines() if row.split(",")[3] in ("torque_Nm", "0")]
     table.write_text("\n".join(rows))
-    result = run(table, "--pulley", "0.02,0.11", "--rest-length", 300, "--model", "AffinePolynomial")
+    result = run(table, "--pulley", "20,0.11", "--rest-length", 300, "--model", "AffinePolynomial")
     assert result.exit_code == 0, result.output
     assert "relative only" in result.output
     assert "all forces times one factor" in result.output
@@ -107,7 +107,7 @@ def test_several_rest_lengths_in_one_file(all_twins, log_maker, tmp_path):
     for theta, P1, P2, way in zip(log.theta, log.P1, log.P2, log.direction, strict=True):
         lines += [f"{theta};{P1 / 1e3};{P2 / 1e3};{1 if way < 0 else 2};{mm}" for mm in (400, 401)]
     path.write_text("\n".join(lines))
-    result = run(path, "--pulley", "0.02,0.1375", "--model", "AffinePolynomial", "--sweep", "1=-1", "--sweep", "2=1")
+    result = run(path, "--pulley", "20,0.1375", "--model", "AffinePolynomial", "--sweep", "1=-1", "--sweep", "2=1")
     assert result.exit_code == 0, result.output
     assert "groups left out in turn" in result.output
 
@@ -129,13 +129,15 @@ def test_steady_samples_are_picked_from_a_raw_log(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--rest-length", 300), "--lever R,r,offset [m] or --pulley"),
-        (("--pulley", "0.02,0.11"), "give the rest length once"),
-        (("--pulley", "0.02,0.11", "--machine", "joint.toml"), "give the mechanism once"),
+        (("--rest-length", 300), "--lever R,r,offset [mm] or --pulley"),
+        (("--pulley", "20,0.11"), "give the rest length once"),
+        (("--pulley", "20,0.11", "--machine", "joint.toml"), "give the mechanism once"),
         (("--machine", "joint.toml", "--rest-length", 300), "joint.toml has the rest length"),
-        (("--pulley", "0.02", "--rest-length", 300), "expected 2 numbers"),
+        (("--pulley", "20", "--rest-length", 300), "expected 2 numbers"),
         (("--lever", "a,b", "--rest-length", 300), "expected 2 or 3 numbers"),
-        (("--pulley", "0.02,0.11", "--rest-length", 300, "--sweep", "1"), "expected NUMBER=DIRECTION"),
+        (("--lever", "0.25,0.03", "--rest-length", 300), "--lever 0.25: expected 1 to 10000 mm"),
+        (("--pulley", "0.02,0.11", "--rest-length", 300), "--pulley 0.02: expected 1 to 10000 mm"),
+        (("--pulley", "20,0.11", "--rest-length", 300, "--sweep", "1"), "expected NUMBER=DIRECTION"),
     ],
 )
 def test_what_is_missing_on_the_command_line_is_said(table, arguments, sentence):
