@@ -36,7 +36,7 @@ from mpc.model.plant import NU, Plant
 from mpc.model.real_experiment import RealMachine
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RealPlant(RealMachine):
     """Nominal plant with model errors, friction, delays and faults added. Immutable; SI units."""
 

@@ -89,6 +89,9 @@ class Reference:
         theta, K = ((values.min(axis=0) + values.max(axis=0)) / 2 for values in (self.theta, self.K))
         return theta, K
 
+    def __repr__(self) -> str:
+        return f"Reference{f' {self.name}' * bool(self.name)}: {self.t.size} samples, {self.summary}"
+
     @property
     def summary(self) -> str:
         """One line with the ranges of angle and stiffness and the duration."""
