@@ -18,7 +18,10 @@ MODEL = "inertia 0.05 kg·m², damping 0.1 N·m·s/rad"
     [
         (arm26, "Mechanism: 2 joints, 6 muscles Sarosi2012 on Pulleys, 0 … 5 bar"),
         (lambda: Mechanism.from_joint(Plant().joint), "Mechanism: 1 joint, 2 muscles Tondu2021 on Pulleys, 0 … 5 bar"),
-        (lambda: sine(duration=5.0, ramp=1.0), "Reference: 251 samples, angle -40 … 40°, stiffness 7.3 … 7.9 N·m/rad, 5 s"),
+        (
+            lambda: sine(duration=5.0, ramp=1.0),
+            "Reference: 251 samples, angle -40 … 40°, stiffness 7.3 … 7.9 N·m/rad, 5 s",
+        ),
         (lambda: RealPlant(Plant()), "RealPlant: without effects; nominal Plant: AntagonistJoint"),
         (lambda: RealPlant(Plant(), dead_band=0.1 * BAR), "RealPlant: differs in dead_band; nominal Plant"),
         (lambda: RealArm(Arm.machine("arm26"), mass=1.2), "RealArm: differs in mass; nominal Arm: 2 joints, 6 muscles"),
