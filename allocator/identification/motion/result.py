@@ -16,7 +16,7 @@ from allocator.identification.motion.doubt import AngleBand, Bands, Drift
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Equilibrium, fit_muscles
-from allocator.identification.stops import stops
+from allocator.identification.stops import described, stops
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import Muscle
@@ -99,7 +99,7 @@ class MotionFit:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings, sentences without a full stop."""
-        found = stops(self.log.theta, self.log.P1, self.log.P2)
+        found = tuple(map(described, stops(self.log.theta, self.log.P1, self.log.P2)))
         if not self.converged:
             found = ("the search stopped before it converged", *found)
         gain = self.parameters.get("gain")
