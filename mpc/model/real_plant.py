@@ -20,6 +20,7 @@ from typing import Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import report_joint
@@ -46,6 +47,7 @@ class RealPlant(RealMachine):
 
     def __post_init__(self) -> None:
         """Check the effects."""
+        checks.instance("nominal", self.nominal, Plant, "a Plant")
         super().__post_init__()
         object.__setattr__(self, "friction", friction_of(self.friction))
 
