@@ -29,8 +29,6 @@ from allocator.units import BAR, DEG, MM, PERCENT
 if TYPE_CHECKING:
     from allocator.identification.joint.planning.plan import JointPlan
 
-_BETTER = 0.8  # times the error of the fit: a law worth trying
-
 
 def fit_joint_command(
     log: Annotated[
@@ -94,12 +92,11 @@ def fit_joint_command(
     )
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, machine, rest_length, data.rest_length)
-    groups = groups or list(data.files) or None
     options: dict[str, Any] = {
         "geometry": geometry,
         "torque": data.torque,
         "direction": data.direction,
-        "group": groups,
+        "group": groups or list(data.files) or None,
         "slack": data.slack,
         "average": average,
         "friction": friction,
@@ -202,9 +199,10 @@ def _report(comparison: JointComparison, console: Console) -> None:
 
 def _better_laws(fit: JointFit, measured: tuple[Array, Array, Array], options: dict[str, Any]) -> list[str]:
     """Return the laws that predict the angles better if the joint is fitted with them, as --model does."""
-    names = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < _BETTER * fit.rms]
+    most = 0.8 * fit.rms  # of a law worth trying
+    names = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < most]
     others = compare_joint_models(*measured, models=names, leave_one_out=False, **options).fits
-    return [name for name, other in others.items() if other.rms < _BETTER * fit.rms]
+    return [name for name, other in others.items() if other.rms < most]
 
 
 def _describe(fit: JointFit, better: list[str], console: Console) -> None:
@@ -219,9 +217,8 @@ def _describe(fit: JointFit, better: list[str], console: Console) -> None:
         f"  ± is one standard deviation. It allows for a smooth error of the force law ({found.law:.1%} of the mean "
         f"force) and reading noise of {found.noise / DEG:.2f}°, both estimated from the residuals",
         *_choice_lines(fit),
+        *([f"  {' and '.join(better)} predict(s) these angles better: try --model"] if better else []),
     ]
-    if better:
-        lines.append(f"  {' and '.join(better)} predict(s) these angles better: try --model")
     if not np.isnan(fit.hysteresis_share):
         lines.append(f"  {fit.hysteresis_share:.0%} of the squared error without friction is hysteresis")
     if len(fit.groups) > 1:
