@@ -3,6 +3,7 @@
 import operator
 from collections.abc import Iterable
 from math import nan
+from types import UnionType
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -186,6 +187,12 @@ def number(name: str, value: object, unit: str) -> float:
     if array.ndim:
         raise InvalidInput(f"{name} = {brief(value)} has to be one number [{unit}]")
     return float(array)
+
+
+def instance(name: str, value: object, kind: type | UnionType, known: str) -> None:
+    """Insist that `value` is of this kind, in words `known`."""
+    if not isinstance(value, kind):
+        raise InvalidInput(f"{name} = {brief(value)} has to be {known}")
 
 
 def not_negative(name: str, value: object, unit: str) -> float:

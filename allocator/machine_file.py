@@ -29,7 +29,8 @@ kappa = 1.3
 atmosphere = 101325.0          # [Pa]
 corner = 0.04                  # [Hz] below which slow motions are isothermal; or without this line
 
-[source]                       # where the numbers come from, for the reader; ignored when loading
+[source]                       # where the numbers come from, for the reader; not read by `load`
+encoder_zero_deg = 0.3         # reading at 0 of the joint, for fits of its motion
 
 [plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
 [intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`
@@ -54,8 +55,10 @@ base = 0.2                     # share of the widths that is left without pressu
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from inspect import signature
+from math import pi
 from typing import Any, TypeAlias
 
+from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.files.atomic import write_text
 from allocator.files.text import FilePath
@@ -69,6 +72,7 @@ from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import FILED, Link, Sites
 from allocator.muscles import Muscle
 from allocator.muscles.storage import covariance_rows, muscle_from, muscle_lines
+from allocator.units import DEG
 
 Machine: TypeAlias = AntagonistJoint | Mechanism
 
@@ -248,6 +252,20 @@ def scale_known_in(file: Table) -> bool:
     if table is not None and not isinstance(known, bool):
         raise table.fault(f"scale_known = {known!r} has to be true or false")
     return bool(known)
+
+
+def encoder_zero_in(file: Table) -> float:
+    """Return the encoder reading [rad] at 0 of the joint in a parsed file; 0 unless its table [source] has one."""
+    table = file.table("source")
+    if table is None:
+        return 0.0
+    try:
+        zero = checks.number("encoder_zero_deg", table.entries.get("encoder_zero_deg", 0.0), "deg") * DEG
+    except InvalidInput as error:
+        raise table.fault(error) from None
+    if abs(zero) > 2 * pi:
+        raise table.fault(f"encoder_zero_deg = {zero / DEG:g} is over a turn")
+    return zero
 
 
 def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> AntagonistJoint:

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.machine_options import OF_ONE_JOINT, MachineOptions
+from allocator.shell.machine_options import A_MUSCLE, OF_ONE_JOINT, MachineOptions
 from allocator.shell.options import numbers, within
 from allocator.shell.outputs import Force, claim
 from allocator.units import BAR, MM
 
 if TYPE_CHECKING:
+    from allocator.muscles import Muscle
     from mpc.model.arm.model import Arm
     from mpc.model.arm.reading import Read
     from mpc.model.compensation import Compensation
@@ -252,6 +253,7 @@ def init_command(
         str | None,
         typer.Option(help="arm26, arm48 or leg37; writes several joints and their bodies instead of a joint"),
     ] = None,
+    muscle: Annotated[str | None, typer.Option(help=f"all muscles; {A_MUSCLE}")] = None,
     gas: Annotated[
         bool | None,
         typer.Option(help="motion compresses the gas in the muscles; by default yes for one joint, no for several"),
@@ -263,16 +265,31 @@ def init_command(
     The file is valid as it is; every command takes it with --machine.
     """
     from allocator.files.atomic import write_text
+    from allocator.muscles.catalogue import named_muscle
 
-    claim(file, force=force)
+    claim(file, inputs=(muscle,), force=force)
+    law = None if muscle is None else named_muscle(muscle)
     if machine is not None:
         from mpc.model.arm.model import Arm
         from mpc.model.arm.storage import save_arm
 
         arm = Arm.machine(machine)
+        if law is not None:
+            arm = replace(arm, mechanism=replace(arm.mechanism, muscles=(law,) * arm.m))
         save_arm(arm if gas is None else replace(arm, gas=gas), file)
         typer.echo(f"written: {file}; edit it, then try `antagonist track --machine {file}`")
         return
     text = (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8")
+    if law is not None:
+        text = _with_muscle(text, law)
     write_text(file, text.replace("gas = true ", "gas = false", 1) if gas is False else text)
     typer.echo(f"written: {file}; edit it, then try `antagonist map --machine {file}`")
+
+
+def _with_muscle(text: str, muscle: "Muscle") -> str:
+    """Return the text of a joint's file with this muscle on both sides."""
+    from allocator.joint.antagonist import report_joint
+    from allocator.machine_file import muscle_text
+
+    joint = replace(report_joint(), agonist=muscle, antagonist=muscle)
+    return text[: text.index("[[muscle]]")] + muscle_text(joint) + text[text.index("[plant]") :]

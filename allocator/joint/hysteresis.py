@@ -184,16 +184,6 @@ class PrandtlIshlinskii:
         weights = tuple(-w[j] / (W[j] * W[j - 1]) for j in range(1, len(r)))
         return PrandtlIshlinskii((1 / w[0], *weights), thresholds, base=self.base)
 
-    def plays_of_inverse(self, plays: Value) -> Value:
-        """Return the plays p' [rad] of `inverse` that correspond to the `plays` [rad] of this operator."""
-        later = [sum(w * plays[i] for i, w in enumerate(self.weights[1:]) if i > j) for j in range(self.size)]
-        found = [self.slopes[j + 1] * plays[j] + later[j] for j in range(self.size)]
-        if any(is_symbol(p) for p in found):
-            import casadi as ca
-
-            return ca.vertcat(*found)
-        return np.array(found) if found else np.asarray(plays)
-
     @cached_property
     def slip(self) -> Slip:
         """Hysteresis as friction: Maxwell slip with springs in proportion to the stiffness K.

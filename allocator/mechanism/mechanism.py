@@ -74,6 +74,14 @@ class Mechanism:
         object.__setattr__(self, "joint_names", _names("joint", self.joint_names, n))
         checked_gas(self.gas)
 
+    def __repr__(self) -> str:
+        laws = " and ".join(dict.fromkeys(type(muscle).__name__ for muscle in self.muscles))
+        low, high = (P / BAR for P in self.pressure_limits)
+        return (
+            f"Mechanism: {self.n} joint{'s' * (self.n > 1)}, {self.m} muscles {laws} on {type(self.routes).__name__}, "
+            f"{low:g} … {high:g} bar"
+        )
+
     @classmethod
     def from_joint(cls, joint: AntagonistJoint) -> Self:
         """Return an antagonistic joint as a mechanism with n = 1 and m = 2, without its friction."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from allocator.mechanism.routes.base import Routes
     from allocator.muscles import Muscle
 
-_MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
+A_MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
 OF_ONE_JOINT = "agonist", "antagonist", "radius", "stops", "friction"  # options
 
 
@@ -36,7 +36,8 @@ class MachineOptions:
         ),
     ] = None
     muscle: Annotated[
-        list[str] | None, Option(help=f"all muscles; {_MUSCLE}. Repeat it to give one muscle each to several joints")
+        list[str] | None,
+        Option(help=f"all muscles; {A_MUSCLE}. Repeat it to give one muscle each to several joints"),
     ] = None
     agonist: Annotated[str | None, Option(help="the muscle that shortens as the angle grows; as --muscle")] = None
     antagonist: Annotated[str | None, Option(help="the muscle that lengthens as the angle grows; as --muscle")] = None

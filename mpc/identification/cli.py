@@ -14,7 +14,7 @@ from allocator.identification.motion.fit import STEPS, fit_motion
 from allocator.identification.motion.result import LABELS, MotionFit
 from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.options import SkipRows, Topics, clock, columns_option
-from allocator.machine_file import joint_from, scale_known_in
+from allocator.machine_file import encoder_zero_in, joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim
 from allocator.shell.printing import AsJSON, print_json, say
@@ -79,6 +79,7 @@ def fit_motion_command(
             data.P1,
             data.P2,
             joint=given,
+            zero=0.0 if content is None else encoder_zero_in(content),
             measured=data.measured,
             scale_known=content is None or scale_known_in(content),
             gas=gas,

@@ -14,7 +14,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
@@ -22,7 +21,7 @@ from allocator.files.toml import Table, section
 from allocator.identification.motion.problem import shares_of_lag
 from allocator.identification.motion.result import Errors, MotionFit, MovingJoint
 from allocator.identification.motion.samples import TAUT_FROM, MotionLog
-from allocator.machine_file import dumps
+from allocator.machine_file import dumps, encoder_zero_in
 from allocator.units import DEG
 from mpc.model.compensation import Compensation
 from mpc.model.free_run import free_run
@@ -51,17 +50,12 @@ def replay(path: str | PathLike[str], log: MotionLog) -> Replay:
     table [source] holds the encoder's zero, and whether the pressures of the log are commands. Raises `InvalidFile`.
     """
     real = RealPlant.of(Plant.load(path, scale_needed=False), Compensation.load(path, scale_needed=False))
-    table = Table.read(path).table("source")
-    source = {} if table is None else table.entries
-    zero, pressures = source.get("encoder_zero_deg", 0.0), source.get("pressures", COMMANDED)
+    file = Table.read(path)
+    table = file.table("source")
+    zero = encoder_zero_in(file)
+    pressures = COMMANDED if table is None else table.entries.get("pressures", COMMANDED)
     if pressures not in (COMMANDED, IMPOSED):
         raise InvalidFile(path, f"[source]: pressures has to be {COMMANDED!r} or {IMPOSED!r}")
-    try:
-        zero = checks.number("encoder_zero_deg", zero, "deg") * DEG
-    except InvalidInput as error:
-        raise InvalidFile(path, f"[source]: {error}") from None
-    if abs(zero) > 2 * np.pi:
-        raise InvalidFile(path, f"[source]: encoder_zero_deg = {zero / DEG:g} is over a turn")
     commanded = pressures == COMMANDED
     theta = []
     for part in log.parts:

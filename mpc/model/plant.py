@@ -66,6 +66,8 @@ class Plant:
 
     def __post_init__(self) -> None:
         """Convert the parameters to plain floats (CasADi does not accept NumPy scalars) and check them."""
+        known = "an AntagonistJoint; Plant.load reads a file, and an Arm has several joints"
+        checks.instance("joint", self.joint, AntagonistJoint, known)
         for name, check, unit in _CHECKS:
             object.__setattr__(self, name, check(name, getattr(self, name), unit))
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:

@@ -26,7 +26,7 @@ from mpc.model.integration import integrated
 from mpc.model.real_experiment import RealMachine
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RealArm(RealMachine):
     """Nominal arm with model errors, friction, delays and faults added. Immutable; SI units.
 

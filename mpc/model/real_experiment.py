@@ -7,7 +7,7 @@ dead time, sensors with steps, offsets, noise and age, and faults.
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from math import ceil, inf, isfinite, prod
 from typing import Any, Self
@@ -29,7 +29,7 @@ from mpc.model.machine import Machine
 from mpc.model.plant import MOST_SUBSTEPS, Plant
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RealMachine(ABC):
     """Nominal machine with model errors, friction, delays and faults added. Immutable; SI units.
 
@@ -73,6 +73,12 @@ class RealMachine(ABC):
             raise InvalidInput(
                 f"torque_profile = {self.torque_profile} has to be finite pairs (s, N·m), times in order"
             )
+
+    def __repr__(self) -> str:
+        exact = type(self)(self.nominal)
+        effects = [f.name for f in fields(self) if getattr(self, f.name) != getattr(exact, f.name)]
+        differs = f"differs in {', '.join(effects)}" if effects else "without effects"
+        return f"{type(self).__name__}: {differs}; nominal {self.nominal!r}"
 
     @classmethod
     def of(cls, machine: Machine, known: Compensation, **effects: Any) -> Self:

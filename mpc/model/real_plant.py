@@ -21,6 +21,7 @@ from typing import Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import report_joint
@@ -37,7 +38,7 @@ from mpc.model.plant import NU, Plant
 from mpc.model.real_experiment import RealMachine
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RealPlant(RealMachine):
     """Nominal plant with model errors, friction, delays and faults added. Immutable; SI units."""
 
@@ -47,6 +48,7 @@ class RealPlant(RealMachine):
 
     def __post_init__(self) -> None:
         """Check the effects."""
+        checks.instance("nominal", self.nominal, Plant, "a Plant")
         super().__post_init__()
         object.__setattr__(self, "friction", friction_of(self.friction))
 

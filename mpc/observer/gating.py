@@ -29,6 +29,7 @@ from typing import Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.units import DEG
 from mpc.model.machine import Machine
@@ -94,8 +95,9 @@ class Gate:
     @classmethod
     def of(cls, plant: Machine, dt: float, noise: tuple[float, float] = (0.0, 0.0)) -> Self:
         """Return the gate for `plant`, sampled every `dt` [s] with the standard deviations `noise` of θ [rad] and P
-        [Pa].
+        [Pa]. Raises `InvalidInput` for anything but a `Plant` or an `Arm`.
         """
+        checks.instance("plant", plant, Machine, "a Plant or an Arm; the model of a RealPlant is its nominal")
         (left, right), (low, high) = map(np.atleast_1d, plant.angle_limits), plant.pressure_limits
         (T, T_most), supply, span, inertia = plant.torque_reach(), high - low, right - left, plant.inertias
         margin = _MARGIN if plant.has_stops else _NO_STOPS

@@ -71,6 +71,9 @@ class BaseController(ABC):
     _feed_forward: FeedForwardOf
     _first: bool = True  # whether there was no step since the last reset
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}: samples of {1e3 * self.dt:g} ms; model: {self.plant.summary}"
+
     def _check_model(self) -> None:
         """Raise `InvalidInput` unless plant and compensation have the right types."""
         if not isinstance(self.plant, self.machines):

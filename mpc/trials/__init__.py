@@ -11,6 +11,11 @@ if TYPE_CHECKING:
     from mpc.trials.files import save_recording as save_recording
     from mpc.trials.files import save_reference as save_reference
     from mpc.trials.files import save_run as save_run
+    from mpc.trials.io_systems import at_rest as at_rest
+    from mpc.trials.io_systems import closed_loop as closed_loop
+    from mpc.trials.io_systems import sampled_controller as sampled_controller
+    from mpc.trials.io_systems import sampled_plant as sampled_plant
+    from mpc.trials.io_systems import sampled_real_plant as sampled_real_plant
     from mpc.trials.loops import Settings as Settings
     from mpc.trials.loops import loop as loop
     from mpc.trials.margins import Margins as Margins

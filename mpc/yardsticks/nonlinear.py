@@ -30,7 +30,7 @@ from mpc.yardsticks.shooting import Shooting
 _TOLERANCE = 1e-6  # of the conditions, in the units of `mpc.yardsticks.shooting`
 
 
-@dataclass
+@dataclass(repr=False)
 class NonlinearMPC(BaseController):
     """Nonlinear MPC that tracks references of angle and stiffness with `plant` as its model.
 

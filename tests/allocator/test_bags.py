@@ -119,6 +119,9 @@ def test_errors_name_the_topics_and_fields_that_there_are(tmp_path):
         (tmp_path / "b.mcap").write_bytes(content)
         with pytest.raises(InvalidFile, match=rf"is no MCAP file that can be read \(.*{said}.*`mcap recover`"):
             read_topics(tmp_path / "b.mcap", Quantity.parse("theta=/q.v"))
+    (tmp_path / "none").mkdir()
+    with pytest.raises(InvalidFile, match=r"is a folder without metadata\.yaml: it is no ROS 2 bag"):
+        read_topics(tmp_path / "none", Quantity.parse("theta=/q.v"))
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / "metadata.yaml").write_text("no: [")
     with pytest.raises(InvalidFile, match="is no ROS bag that can be read") as refusal:

@@ -26,7 +26,7 @@ from mpc.trials.motions.reference import Reference
 ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # from a data sheet
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
 HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11), gas=False)
-GEOMETRY = "--pulley", "0.02,0.1375", "--rest-length", "400"  # of `antagonist fit-joint`
+GEOMETRY = "--pulley", "20,0.1375", "--rest-length", "400"  # of `antagonist fit-joint`
 _VENTED = np.zeros(4)
 
 

@@ -38,13 +38,13 @@ def fit_joint_command(
     lever: Annotated[
         str | None,
         typer.Option(
-            help="dimensions of a lever, R,r or R,r,offset [m]; the distance from axis to anchor, the lever, and "
+            help="dimensions of a lever, R,r or R,r,offset [mm]; the distance from axis to anchor, the lever, and "
             "an offset. The muscle is √(R² + r² ∓ 2 R r sin θ) + offset long; the offset of a cable in "
             "between is negative"
         ),
     ] = None,
     pulley: Annotated[
-        str | None, typer.Option(help="dimensions of a pulley, R,ε0: radius [m] and contraction ratio at θ = 0")
+        str | None, typer.Option(help="dimensions of a pulley, R,ε0: radius [mm] and contraction ratio at θ = 0")
     ] = None,
     machine: Annotated[
         Path | None, typer.Option(help="TOML file of a joint with the same mechanism, such as a measured Table")
@@ -92,12 +92,11 @@ def fit_joint_command(
     )
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, machine, rest_length, data.rest_length)
-    groups = groups or list(data.files) or None
     options: dict[str, Any] = {
         "geometry": geometry,
         "torque": data.torque,
         "direction": data.direction,
-        "group": groups,
+        "group": groups or list(data.files) or None,
         "slack": data.slack,
         "average": average,
         "friction": friction,
@@ -113,7 +112,7 @@ def fit_joint_command(
     else:
         if compared is not None:
             _report(compared, console)
-        _describe(fit, console)
+        _describe(fit, _better_laws(fit, measured, options), console)
     if out is not None:
         fit.save(out, group)
         say(console, f"written: {out}")
@@ -136,7 +135,7 @@ def _geometry(
 ) -> tuple[Geometry | dict[str, Geometry], list[str] | None]:
     """Return the mechanism, or one for each rest length in the file with the label of each sample."""
     if sum(given is not None for given in (lever, pulley, machine)) != 1:
-        raise InvalidInput("give the mechanism once: --lever R,r,offset [m] or --pulley R,ε0, or --machine FILE")
+        raise InvalidInput("give the mechanism once: --lever R,r,offset [mm] or --pulley R,ε0, or --machine FILE")
     if machine is not None:
         if rest_length is not None or column is not None:
             raise InvalidInput(f"{machine} has the rest length: leave out --rest-length and columns of it")
@@ -146,13 +145,21 @@ def _geometry(
 
     def make(l0: float) -> Geometry:
         if lever is not None:
-            return Lever(l0, *_numbers("--lever", lever, (2, 3)))
-        return Pulley(l0, *_numbers("--pulley", pulley or "", (2,)))
+            return Lever(l0, *_lengths("--lever", _numbers("--lever", lever, (2, 3)), signed=2))
+        radius, contraction = _numbers("--pulley", pulley or "", (2,))
+        return Pulley(l0, _lengths("--pulley", [radius])[0], contraction)
 
     if rest_length is not None:
         return make(rest_length * MM), None
     labels = [f"{length / MM:g}" for length in column] if column is not None else []
     return {label: make(float(label) * MM) for label in dict.fromkeys(labels)}, labels
+
+
+def _lengths(option: str, lengths: list[float], signed: int | None = None) -> list[float]:
+    """Return lengths [mm] in metres; those from the index `signed` on may be zero or negative."""
+    for length in lengths[:signed]:
+        within(option, length, "mm", 1, 10_000)
+    return [length * MM for length in lengths]
 
 
 def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
@@ -190,8 +197,16 @@ def _report(comparison: JointComparison, console: Console) -> None:
     print_lines(console, (*comparison.sentences, *failures))
 
 
-def _describe(fit: JointFit, console: Console) -> None:
-    """Print the fit, its uncertainties, and the quantities that the data leave open."""
+def _better_laws(fit: JointFit, measured: tuple[Array, Array, Array], options: dict[str, Any]) -> list[str]:
+    """Return the laws that predict the angles better if the joint is fitted with them, as --model does."""
+    most = 0.8 * fit.rms  # of a law worth trying
+    names = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < most]
+    others = compare_joint_models(*measured, models=names, leave_one_out=False, **options).fits
+    return [name for name, other in others.items() if other.rms < most]
+
+
+def _describe(fit: JointFit, better: list[str], console: Console) -> None:
+    """Print the fit, its uncertainties, the `better` laws, and the quantities that the data leave open."""
     s, std, found = fit.samples, fit.standard_deviations, fit.doubt.discrepancy
     means = f", means of {s.measured} over cells of {s.cell / BAR:.2g} bar" if s.measured else ""
     lines = [
@@ -202,6 +217,7 @@ def _describe(fit: JointFit, console: Console) -> None:
         f"  ± is one standard deviation. It allows for a smooth error of the force law ({found.law:.1%} of the mean "
         f"force) and reading noise of {found.noise / DEG:.2f}°, both estimated from the residuals",
         *_choice_lines(fit),
+        *([f"  {' and '.join(better)} predict(s) these angles better: try --model"] if better else []),
     ]
     if not np.isnan(fit.hysteresis_share):
         lines.append(f"  {fit.hysteresis_share:.0%} of the squared error without friction is hysteresis")
@@ -233,15 +249,13 @@ def _plus_minus(std: float) -> str:
 
 
 def _choice_lines(fit: JointFit) -> list[str]:
-    """Return a line on each alternative choice, and one on laws that predict the angles better."""
+    """Return a line on each alternative choice."""
     K = "K/K_ref" if fit.scale is None else "K"
-    lines = [
+    return [
         f"  with {c.name} instead: {c.rms / DEG:.2f}°, zero {c.zero / DEG:+.2f}°, ratio {c.ratio:.3f}, "
         f"μ = {c.friction:.3f}, {K} other by {c.stiffness:.1%}"
         for c in fit.doubt.choices
     ]
-    better = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < 0.8 * fit.rms]
-    return lines + ([f"  {' and '.join(better)} predict(s) these angles better: try --model"] if better else [])
 
 
 def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:

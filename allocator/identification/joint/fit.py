@@ -60,8 +60,9 @@ def fit_joint(
     """Fit the muscles of a joint to equilibria: angles [rad] at pressures (P1, P2) [Pa, gauge], arrays that broadcast.
 
     More than 1000 samples are averaged over cells of 0.05 bar, or wider if necessary; see `JointSamples.binned`.
-    Samples at which the force law cannot be evaluated are left out and counted, as are outliers among angles at similar
-    pressures, see `allocator.identification.outliers`.
+    Samples at which the force law cannot be evaluated are left out and counted, as are samples at rest on an end stop,
+    see `allocator.identification.stops`, and outliers among angles at similar pressures, see
+    `allocator.identification.outliers`.
 
     Parameters
     ----------
@@ -113,6 +114,7 @@ def fit_joint(
     dead = checks.not_negative("dead_band", checks.pressure("dead_band", dead_band), "Pa")
     slack_by_pressure = (samples.P1 < dead) | (samples.P2 < dead)
     samples = samples.without(slack_by_pressure, f"a pressure below the dead band of {dead / BAR:g} bar")
+    samples = samples.without_stops()
     _check_data(samples, friction and not average)
     samples = samples.without_outliers().binned(_MOST_SAMPLES)
     if average:
@@ -168,9 +170,13 @@ def _within(samples: JointSamples, muscle: Muscle) -> JointSamples:
     kept = samples.without(short, f"a contraction below {least:.4g}, where {name} ends")
     kept = kept.without(~np.isfinite(F[~short]), f"a contraction or pressure for which {name} has no force")
     if not kept.n:
-        reasons = "; ".join(f"{n} with {reason}" for reason, n in kept.dropped.items())
-        raise InvalidInput(f"no equilibrium is left that {name} can be fitted to ({reasons})")
+        raise InvalidInput(f"no equilibrium is left that {name} can be fitted to ({_reasons(kept)})")
     return kept
+
+
+def _reasons(samples: JointSamples) -> str:
+    """Return how many samples were left out, and why."""
+    return "; ".join(f"{n} with {reason}" for reason, n in samples.dropped.items())
 
 
 def _problem(
@@ -187,8 +193,10 @@ def _problem(
     conventional = bool(free) and not samples.loaded
     problem = JointProblem(prototype, free, extra, lower, upper, samples, taut_min, conventional)
     if samples.n < len(problem.names) + 1:
+        left_out = f"; left out were {reasons}" if (reasons := _reasons(samples)) else ""
         raise InvalidInput(
             f"{samples.n} equilibria cannot determine the {len(problem.names)} unknowns {', '.join(problem.names)}"
+            f"{left_out}"
         )
     return problem
 
@@ -196,8 +204,7 @@ def _problem(
 def _check_data(samples: JointSamples, friction: bool) -> None:
     """Refuse slack joints, swapped muscles, one co-contraction only; with `friction` one direction of motion only."""
     if not samples.n:
-        reasons = "; ".join(f"{n} with {reason}" for reason, n in samples.dropped.items())
-        raise InvalidInput(f"no equilibrium is left in which both muscles can be taut ({reasons})")
+        raise InvalidInput(f"no equilibrium is left in which both muscles can be taut ({_reasons(samples)})")
     _check_signs(samples)
     total = samples.P1 + samples.P2
     if np.ptp(total) <= _ONE_LEVEL * np.abs(total).mean():

@@ -149,7 +149,7 @@ class JointProblem:
 
     def equilibrium(self, u: Unknowns) -> tuple[Array, Mask]:
         """Return θ_eq (n,) [rad], searched from the measured angles for all samples at once, and whether it exists."""
-        start = np.clip(self.samples.theta - u.zero, *self._searched)
+        start = np.clip(self.samples.theta - u.zero, *self._searched(u.zero))
         low, high, reached = self._bracket(u, start)
         theta = falling_root(lambda theta: self.balance(u, theta)[:2], start, low, high, _CLOSE, reached)
         return theta, reached
@@ -159,7 +159,7 @@ class JointProblem:
 
         They lie nearer to `start` if the law bends back further out.
         """
-        low, high = self._searched
+        low, high = self._searched(u.zero)
         for _ in range(_HALVINGS):
             G_low, G_high = (self.torques(u, self.samples.routes(theta)).lacking for theta in (low, high))
             below, above = G_low > 0, G_high < 0
@@ -168,11 +168,19 @@ class JointProblem:
             low, high = np.where(below, low, (low + start) / 2), np.where(above, high, (high + start) / 2)
         return low, high, below & above
 
+    def _searched(self, zero: float) -> tuple[Array, Array]:
+        """Return the ends (n,) [rad] of the true angles among which equilibria are searched."""
+        (low, high), (least, most) = self._reach, self._ends
+        return np.maximum(low, least - zero - self.margin), np.minimum(high, most - zero + self.margin)
+
     @cached_property
-    def _searched(self) -> tuple[Array, Array]:
-        low, high = self.samples.reach()
-        measured = self.samples.theta
-        return np.maximum(low, measured.min() - self.margin), np.minimum(high, measured.max() + self.margin)
+    def _reach(self) -> tuple[Array, Array]:
+        return self.samples.reach()
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        """Least and greatest measured angle [rad]."""
+        return float(self.samples.theta.min()), float(self.samples.theta.max())
 
     # --- least squares ----------------------------------------------------------------------------------------------
 
@@ -253,7 +261,7 @@ class JointProblem:
     def _measured(self) -> tuple[Array, Array, Array]:
         """Return pressures [Pa], contractions and moment arms [m] (2n,) at the measured angles, the agonist's first."""
         s = self.samples
-        (eps1, a1, _), (eps2, a2, _), _ = s.routes(np.clip(s.theta, *self._searched))
+        (eps1, a1, _), (eps2, a2, _), _ = s.routes(np.clip(s.theta, *self._reach))
         return np.concatenate([s.P1, s.P2]), np.concatenate([eps1, eps2]), np.concatenate([a1, a2])
 
     def _strength(self, u: Unknowns) -> Array:

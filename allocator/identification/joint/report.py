@@ -12,7 +12,6 @@ from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.joint.relative import stiffness_with_gradient, with_joint_covariance
 from allocator.identification.joint.search import minimise
 from allocator.identification.least_squares import at_bound, determine, rms
-from allocator.identification.stops import stops
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
 from allocator.units import BAR, DEG
@@ -214,9 +213,9 @@ def _of_the_data(problem: JointProblem, u: Unknowns, found: Findings) -> Iterato
     if abs(zero) >= _LARGE_ZERO:
         yield (
             f"the encoder's zero would be off by {zero:.3g}°: is the geometry that of the joint, and are the "
-            "equilibria at rest and taut? pass zero=False if the encoder was set to zero"
+            "equilibria at rest and taut? if so, set the encoder to zero before `run`, which takes its readings for "
+            "angles; zero=False in Python leaves the zero out of the fit"
         )
-    yield from stops(s.theta, s.P1, s.P2)
     if "friction" in problem.extra and u.friction < -max(NO_FRICTION, 2 * found.friction_std):
         yield f"μ = {u.friction:.3g} is negative: the directions look swapped"
     elif not (s.direction != 0).any():

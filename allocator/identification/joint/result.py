@@ -258,8 +258,15 @@ class JointFit:
     def save(self, path: str | PathLike[str], group: object = None) -> None:
         """Write the joint (of `group`) as TOML for `load_joint` and every command's --machine.
 
-        Raises InvalidInput if μ is significantly negative: friction would drive the joint.
+        Raises InvalidInput if the encoder's zero is beyond the search, and if μ is significantly negative: friction
+        would drive the joint.
         """
+        ended = at_bound(self.x, self.problem.lower, self.problem.upper, 1e-5, 1e-2)
+        if "zero" in self.problem.names and ended[self.problem.names.index("zero")]:
+            raise InvalidInput(
+                f"the encoder's zero would be {self.zero / DEG:+.3g}° or more, so nothing was written: subtract the "
+                "reading at θ = 0 from the angles, or correct the geometry"
+            )
         noise = dict(zip(self.problem.names, np.sqrt(np.diag(self.doubt.formal)).tolist(), strict=True))
         if self.friction < -max(report.NO_FRICTION, 4 * noise.get("friction", 0.0)):
             raise InvalidInput(

@@ -11,6 +11,7 @@ from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.outliers import outlying, some
+from allocator.identification.stops import stops
 from allocator.joint.geometry import Geometry
 from allocator.units import BAR, DEG
 
@@ -99,6 +100,14 @@ class JointSamples:
         if not drop.any():
             return self
         return replace(self.where(~drop), dropped={**self.dropped, reason: int(drop.sum())})
+
+    def without_stops(self) -> Self:
+        """Return the samples without those that rest on an end stop, which carries torque; they are counted."""
+        kept, free = self, np.ones(self.n, bool)
+        for stop in stops(self.theta, self.P1, self.P2):
+            reason = f"an angle at a stop, the {stop.end} one of {stop.angle / DEG:.3g}°, whatever the pressures"
+            kept, free = kept.without(stop.there[free], reason), free & ~stop.there
+        return kept
 
     def without_outliers(self) -> Self:
         """Return the samples without outliers among angles at similar pressures, which are listed."""
@@ -198,7 +207,7 @@ class JointSamples:
                 raise InvalidInput(
                     f"theta[{i}] = {self.theta[i]:.4g} rad cannot be reached with this geometry: the {muscle}'s "
                     f"contraction would be {eps[i]:.2g}; is the rest length or the lever wrong, or the angle in "
-                    "another unit?"
+                    "another unit, or from another zero?"
                 )
 
 

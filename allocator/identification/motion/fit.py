@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.motion.doubt import Bands, possible_changes
@@ -54,6 +55,7 @@ def fit_motion(
     P2: ArrayLike,
     *,
     joint: AntagonistJoint | None = None,
+    zero: float = 0.0,
     measured: tuple[ArrayLike, ArrayLike] | None = None,
     scale_known: bool = True,
     gas: bool | None = None,
@@ -75,6 +77,8 @@ def fit_motion(
         A joint of the same kind, as returned by `fit_joint`, whose static angle is corrected; `MotionFit.joint` refits
         its muscles. Without one the static angle is a polynomial of the pressures, linear in its coefficients, and
         there is no plant to save.
+    zero
+        Encoder reading [rad] at 0 of `joint`, `JointFit.zero`; corrected by up to 20°, like the muscles.
     measured
         Pressures of both sensors [Pa], arrays (n,), if `P1` and `P2` are commands. The regulators are then fitted to
         these, and the angle determines `reading_age` separately from `dead_time`.
@@ -93,12 +97,13 @@ def fit_motion(
         For an invalid log, and for one with too little motion, with a suggested experiment.
     """
     log = MotionLog.checked(t, theta, P1, P2)
+    zero = float(checks.angle("zero", checks.number("zero", zero, "rad")))
     tell = progress or (lambda step: None)
     full, taken = (joint, "") if joint is None or gas is False else with_volumes(joint)
     every = log.settled
     early = every & (np.arange(log.n) < TRAINED * log.n)
     kinds = [False] if joint is None or gas is False else [True] if gas else [False, True]
-    problems = [MotionProblem.of(log, _static(full, log.greatest_pressure, held)) for held in kinds]
+    problems = [MotionProblem.of(log, _static(full, log.greatest_pressure, held, zero)) for held in kinds]
     sensed = None if measured is None else sensed_at(log.t, t, measured)
     trained, unseen = min((_seen(problem, early, tell) for problem in problems), key=lambda seen: seen[0].rms)
     if sensed is not None and log.varies_speed:
@@ -129,6 +134,7 @@ def fit_motion(
         unseen=(*unseen, *_taken(found, run), *([taken] if taken and found.problem.gas else [])),
         converged=found.converged,
         given=full if found.problem.gas else joint,
+        zero=zero,
         scale_known=scale_known,
         problem=found.problem,
         x=found.x,
@@ -136,7 +142,7 @@ def fit_motion(
     )
 
 
-def _static(joint: AntagonistJoint | None, greatest: float, gas: bool) -> Difference | Equilibrium:
+def _static(joint: AntagonistJoint | None, greatest: float, gas: bool, zero: float) -> Difference | Equilibrium:
     """Return the variable of the static angle's polynomial, for pressures up to `greatest` [Pa]."""
     if joint is None:
         return Difference(greatest)
@@ -145,7 +151,7 @@ def _static(joint: AntagonistJoint | None, greatest: float, gas: bool) -> Differ
             f"the pressures of the log go up to {greatest / BAR:.3g} bar, those of the joint up to {supply / BAR:.3g} "
             "bar: check the unit of P1 and P2 [Pa], or the joint's supply"
         )
-    return Equilibrium(joint, greatest, gas)
+    return Equilibrium(joint, greatest, gas, zero)
 
 
 def _check_sign(found: Found, used: Mask) -> None:

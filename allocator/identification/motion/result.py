@@ -16,7 +16,7 @@ from allocator.identification.motion.doubt import AngleBand, Bands, Drift
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Equilibrium, fit_muscles
-from allocator.identification.stops import stops
+from allocator.identification.stops import described, stops
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import Muscle
@@ -79,6 +79,7 @@ class MotionFit:
     unseen: tuple[str, ...]  # quantities that the log does not identify, and suggested experiments
     converged: bool
     given: AntagonistJoint | None = field(repr=False)  # initial joint
+    zero: float  # encoder reading at its 0 [rad]
     scale_known: bool = field(repr=False)
     problem: MotionProblem = field(repr=False)
     x: Array = field(repr=False)  # its unknowns
@@ -98,7 +99,7 @@ class MotionFit:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings, sentences without a full stop."""
-        found = stops(self.log.theta, self.log.P1, self.log.P2)
+        found = tuple(map(described, stops(self.log.theta, self.log.P1, self.log.P2)))
         if not self.converged:
             found = ("the search stopped before it converged", *found)
         gain = self.parameters.get("gain")
@@ -187,10 +188,11 @@ class MotionFit:
             )
         run, given, log = self.problem.run(x, used), self.given, self.log
         rows = np.flatnonzero(used)[np.linspace(0, used.sum() - 1, min(int(used.sum()), _MUSCLE_ROWS)).astype(int)]
-        agonist, antagonist, zero = fit_muscles(given, run.static[rows], run.P1[rows], run.P2[rows])
+        agonist, antagonist, further = fit_muscles(given, run.static[rows] - self.zero, run.P1[rows], run.P2[rows])
         if isinstance(self.problem.static, Equilibrium) and self.problem.gas:
             more = self.problem.static.supplement(self.problem.values(x)["volume"])
             agonist, antagonist = (_holding(*one, given) for one in zip((agonist, antagonist), more, strict=True))
+        zero = self.zero + further
         low, high = given.pressure_limits
         least, limits = _reach(given, log.theta - zero)
         joint = replace(

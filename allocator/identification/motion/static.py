@@ -5,10 +5,11 @@ joint are corrected so that its equilibria match the log of another joint of its
 
     minimise  Σ_k (u_k - z - θ_eq(P1_k, P2_k; p))²  +  n w² [(z/z⁰)² + (‖F(p) - F⁰‖/‖F⁰‖)²]    over the zero z and p
 
-z is the encoder's zero, p are the parameters of both muscles, F(p) their forces on a grid of pressures and contractions
-and F⁰ those of the given ones. So properties that the angles do not determine keep their values, above all the force
-scale. A zero is hard to distinguish from other muscles, and the errors come from the model as much as from the sensor:
-with a smaller w both move far away to gain a few tenths of a degree. No parameter changes its sign.
+z is the encoder's zero beyond the given one, p are the parameters of both muscles, F(p) their forces on a grid of
+pressures and contractions and F⁰ those of the given ones. So properties that the angles do not determine keep their
+values, above all the force scale. A zero is hard to distinguish from other muscles, and the errors come from the model
+as much as from the sensor: with a smaller w both move far away to gain a few tenths of a degree. No parameter changes
+its sign.
 """
 
 from dataclasses import dataclass, replace
@@ -62,6 +63,7 @@ class Equilibrium:
     joint: AntagonistJoint
     greatest: float  # P_max [Pa]
     gas: bool = True  # whether motion compresses the gas in its muscles
+    zero: float = 0.0  # encoder reading at 0 of the joint [rad]
 
     def __call__(self, P1: Array, P2: Array) -> Array:
         """Return q (…) [rad]."""
@@ -86,7 +88,9 @@ class Equilibrium:
         return cell, share - cell
 
     def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
-        """Return the factors of both absolute pressures for half of each move of `theta` (n,) [rad], two rows (n,).
+        """Return the factors of both absolute pressures for half of each move of `theta`, two rows (n,).
+
+        `theta` (n,) are encoder readings [rad].
 
         √((V_{k-1}/V_k)^κ), 1 at the first   (G3); and p_a [Pa]. In the middle V is `volume` times that of the joint.
         """
@@ -94,7 +98,7 @@ class Equilibrium:
             return (np.ones(theta.size), np.ones(theta.size)), 0.0
         gas, P = self.joint.gas, self.greatest / 2
         low, high = self.joint.geometry.reach
-        inside = np.clip(theta, max(low, -_TURN), min(high, _TURN))
+        inside = np.clip(theta - self.zero, max(low, -_TURN), min(high, _TURN))
         squeezed = []
         for side, more in zip(self.joint.sides(inside, (1.0, 1.0)), self.supplement(volume), strict=True):
             log_V = np.log(side.volume(P) + more)

@@ -89,6 +89,9 @@ class Reference:
         theta, K = ((values.min(axis=0) + values.max(axis=0)) / 2 for values in (self.theta, self.K))
         return theta, K
 
+    def __repr__(self) -> str:
+        return f"Reference{f' {self.name}' * bool(self.name)}: {self.t.size} samples, {self.summary}"
+
     @property
     def summary(self) -> str:
         """One line with the ranges of angle and stiffness and the duration."""
@@ -142,6 +145,13 @@ def sine(
     Both amplitudes rise smoothly (twice differentiable) during the first `ramp` seconds and fall during the last, so
     that the joint begins and ends at rest, like a real one. `ramp=0` starts and stops in full motion.
     """
+    checks.number("amplitude", amplitude, "rad")
+    for name, value in (("K", K), ("K_amplitude", K_amplitude)):
+        checks.number(name, value, "N·m/rad")
+    for name, value in (("frequency", frequency), ("K_frequency", K_frequency)):
+        checks.number(name, value, "Hz")
+    for name, value in (("duration", duration), ("ramp", ramp), ("dt", dt)):
+        checks.number(name, value, "s")
     if not (duration > 0 and 0 <= 2 * ramp <= duration and 0 < dt <= duration):
         raise InvalidInput(f"duration = {duration:g} s has to cover two ramps of {ramp:g} s and a dt of {dt:g} s")
     t = dt * np.arange(round(duration / dt) + 1.0)

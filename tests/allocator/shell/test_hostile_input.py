@@ -40,7 +40,7 @@ CASES = {
     ("fit", "cell.csv"): "cell.csv, line 2: a cell has over 131072 characters",
     ("fit", "twice.csv"): "twice",
     ("fit", "int.csv"): "is not a finite number",
-    ("fit-joint", "log_quote.csv", "--pulley", "0.02,0.1", "--rest-length", "400"): "a quotation mark is not closed",
+    ("fit-joint", "log_quote.csv", "--pulley", "20,0.1", "--rest-length", "400"): "a quotation mark is not closed",
     ("track", "t_quote.csv"): "t_quote.csv, line 2: a quotation mark is not closed",
     ("track", "t_cell.csv"): "t_cell.csv, line 3: a cell has over 131072 characters",
     ("track", "t_twice.csv"): "column 't': there are two columns of this name",

@@ -44,7 +44,7 @@ def test_no_command_writes_over_what_it_reads(here):
         ("fit", "data.csv", "--out", "./sub/../data.csv"),
         ("fit", "data.csv", "--out", "linked.toml"),
         ("fit", "data.csv", "--out", "symbolic.toml"),
-        ("fit-joint", "data.csv", "--out", "data.csv", "--pulley", "0.02,0.1", "--rest-length", "400"),
+        ("fit-joint", "data.csv", "--out", "data.csv", "--pulley", "20,0.1", "--rest-length", "400"),
         ("track", "track.csv", "--out", "track.csv"),
     ):
         assert "is read by this command" in refused(*arguments, "--force")

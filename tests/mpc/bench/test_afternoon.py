@@ -37,7 +37,7 @@ ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
 WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
 HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11), gas=False)
 DT = 0.01
-GEOMETRY = "--pulley", "0.02,0.1375", "--rest-length", "400"
+GEOMETRY = "--pulley", "20,0.1375", "--rest-length", "400"
 
 
 def antagonist(*arguments):

@@ -95,6 +95,17 @@ def test_a_file_says_the_error_that_its_numbers_make_on_the_sample_log(tmp_path)
     assert_the_file_is_as_it_says(tmp_path / "plant.toml", *rows)
 
 
+@pytest.mark.slow
+def test_an_encoder_zero_of_the_joints_file_is_that_of_its_plant(slow_joint, slow_fit, tmp_path):
+    t, theta, P1, P2 = slow_joint.rows
+    fit = fit_motion(t, theta + 33 * DEG, P1, P2, joint=JOINT, zero=33 * DEG)
+    assert fit.error.every == pytest.approx(slow_fit.error.every, rel=1e-3)
+    assert fit.moving.zero == pytest.approx(slow_fit.moving.zero + 33 * DEG, abs=0.1 * DEG)
+    IdentifiedPlant.of(fit).save(tmp_path / "plant.toml")
+    again = replay(tmp_path / "plant.toml", fit.log).errors().every
+    assert again == pytest.approx(IdentifiedPlant.of(slow_fit).errors.every, rel=0.05)
+
+
 @pytest.fixture(scope="module")
 def measured(shared):
     lines = shared(Path("data") / "joint_log_40hz.csv").read_text(encoding="utf-8").splitlines()

@@ -7,7 +7,7 @@ import pytest
 from allocator import DEG, InvalidInput
 from mpc import KalmanObserver, NonlinearMPC, Plant, RealPlant, TrackingMPC, simulate, sine
 from mpc.model.faults import Leak
-from mpc.trials.io_systems import at_rest, closed_loop, sampled_controller, sampled_plant, sampled_real_plant
+from mpc.trials import at_rest, closed_loop, sampled_controller, sampled_plant, sampled_real_plant
 from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIDControl
 
 DT = 0.01

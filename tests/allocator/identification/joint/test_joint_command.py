@@ -1,5 +1,7 @@
 """`antagonist fit-joint` as a person meets it."""
 
+from dataclasses import replace
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -7,7 +9,9 @@ import typer
 from typer.testing import CliRunner
 
 from allocator import AntagonistJoint, Table, allocate
-from allocator.identification.joint.cli import fit_joint_command
+from allocator.identification.joint.cli import _better_laws, fit_joint_command
+from allocator.identification.joint.doubt.covariance import Choice
+from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import read_joint_log
 from allocator.machine_file import load_joint, save_machine
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
@@ -39,7 +43,7 @@ def test_a_log_becomes_a_joint_that_allocates(table, tmp_path, all_twins):
     result = run(
         table,
         "--pulley",
-        "0.02,0.11",
+        "20,0.11",
         "--rest-length",
         300,
         "--model",
@@ -74,7 +78,7 @@ def test_several_files_make_one_joint_and_each_is_left_out_in_turn(table, tmp_pa
     one, two, both = (tmp_path / name for name in ("one.csv", "two.csv", "both.toml"))
     one.write_text("\n".join([header, *rows[::2]]))
     two.write_text("\n".join([header, *rows[1::2]]))
-    given = ["--pulley", "0.02,0.11", "--rest-length", 300, "--model", "MartensBoblan2017"]
+    given = ["--pulley", "20,0.11", "--rest-length", 300, "--model", "MartensBoblan2017"]
     result = run(one, two, *given, "--out", both)
     assert result.exit_code == 0, result.output
     assert f"group one.csv: {len(rows[::2])} samples" in result.output
@@ -89,7 +93,7 @@ def test_several_files_make_one_joint_and_each_is_left_out_in_turn(table, tmp_pa
 def test_without_a_weight_it_says_that_stiffness_is_relative(table, tmp_path):
     rows = [row for row in table.read_text().splitlines() if row.split(",")[3] in ("torque_Nm", "0")]
     table.write_text("\n".join(rows))
-    result = run(table, "--pulley", "0.02,0.11", "--rest-length", 300, "--model", "AffinePolynomial")
+    result = run(table, "--pulley", "20,0.11", "--rest-length", 300, "--model", "AffinePolynomial")
     assert result.exit_code == 0, result.output
     assert "relative only" in result.output
     assert "all forces times one factor" in result.output
@@ -103,7 +107,7 @@ def test_several_rest_lengths_in_one_file(all_twins, log_maker, tmp_path):
     for theta, P1, P2, way in zip(log.theta, log.P1, log.P2, log.direction, strict=True):
         lines += [f"{theta};{P1 / 1e3};{P2 / 1e3};{1 if way < 0 else 2};{mm}" for mm in (400, 401)]
     path.write_text("\n".join(lines))
-    result = run(path, "--pulley", "0.02,0.1375", "--model", "AffinePolynomial", "--sweep", "1=-1", "--sweep", "2=1")
+    result = run(path, "--pulley", "20,0.1375", "--model", "AffinePolynomial", "--sweep", "1=-1", "--sweep", "2=1")
     assert result.exit_code == 0, result.output
     assert "groups left out in turn" in result.output
 
@@ -125,13 +129,15 @@ def test_steady_samples_are_picked_from_a_raw_log(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--rest-length", 300), "--lever R,r,offset [m] or --pulley"),
-        (("--pulley", "0.02,0.11"), "give the rest length once"),
-        (("--pulley", "0.02,0.11", "--machine", "joint.toml"), "give the mechanism once"),
+        (("--rest-length", 300), "--lever R,r,offset [mm] or --pulley"),
+        (("--pulley", "20,0.11"), "give the rest length once"),
+        (("--pulley", "20,0.11", "--machine", "joint.toml"), "give the mechanism once"),
         (("--machine", "joint.toml", "--rest-length", 300), "joint.toml has the rest length"),
-        (("--pulley", "0.02", "--rest-length", 300), "expected 2 numbers"),
+        (("--pulley", "20", "--rest-length", 300), "expected 2 numbers"),
         (("--lever", "a,b", "--rest-length", 300), "expected 2 or 3 numbers"),
-        (("--pulley", "0.02,0.11", "--rest-length", 300, "--sweep", "1"), "expected NUMBER=DIRECTION"),
+        (("--lever", "0.25,0.03", "--rest-length", 300), "--lever 0.25: expected 1 to 10000 mm"),
+        (("--pulley", "0.02,0.11", "--rest-length", 300), "--pulley 0.02: expected 1 to 10000 mm"),
+        (("--pulley", "20,0.11", "--rest-length", 300, "--sweep", "1"), "expected NUMBER=DIRECTION"),
     ],
 )
 def test_what_is_missing_on_the_command_line_is_said(table, arguments, sentence):
@@ -143,3 +149,15 @@ def test_a_missing_column_is_named(tmp_path):
     path.write_text("theta_deg,pressure1_bar\n1,2\n")
     with pytest.raises(ValueError, match="no column for the pressure2"):
         read_joint_log(path)
+
+
+def test_only_laws_that_fit_better_when_they_are_tried_are_suggested(all_twins, log_maker):
+    joint = all_twins["martens-pulley"]
+    measured, options = log_maker(joint, 3).fit_arguments()
+    options["geometry"] = joint.geometry
+    fit = fit_joint(*measured, model="ChouHannaford1996", **options)
+    better = _better_laws(fit, measured, options)
+    assert "MartensBoblan2017" in better
+    promised = Choice("TonduLopez2000", "law", 0.0, 1.0, 0.0, 0.0, 0.0)
+    fit = replace(fit, doubt=replace(fit.doubt, choices=(*fit.doubt.choices, promised)))
+    assert _better_laws(fit, measured, options) == better  # with this law itself the angles are no better

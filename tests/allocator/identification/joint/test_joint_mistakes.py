@@ -152,3 +152,37 @@ def test_a_sag_test_that_contradicts_and_a_torque_in_other_units_are_warned_of(g
     assert "N·m" not in right
     assert "the sag test contradicts the law or the equilibria" in warnings_of(grid, add=2.5 * BAR)
     assert "N/bar, more than any is known to: is the torque in N·m?" in warnings_of(grid, times=100.0)
+
+
+@pytest.mark.parametrize("zero", [-33 * DEG, 28 * DEG])
+def test_an_encoder_that_was_not_set_to_zero_is_found(data, zero):
+    still = fit_joint(**data, choices=False)
+    turned = fit_joint(**{**data, "theta": data["theta"] + zero}, choices=False)
+    assert turned.zero == pytest.approx(still.zero + zero, abs=0.1 * DEG)
+    assert turned.rms < 1.02 * still.rms
+
+
+def test_an_encoder_zero_beyond_the_search_is_not_written(data, tmp_path):
+    fit = fit_joint(**{**data, "theta": data["theta"] + 60 * DEG, "model": "Sarosi2012"}, choices=False)
+    with pytest.raises(ValueError, match=r"zero would be \+34.4° or more, so nothing was written: subtract"):
+        fit.save(tmp_path / "joint.toml")
+    assert not (tmp_path / "joint.toml").exists()
+
+
+def test_rests_on_a_stop_are_left_out_and_counted(data, all_twins, log_maker):
+    joint = all_twins["martens-pulley"]
+    log = log_maker(joint, 3, noise=0.0)
+    beyond = np.abs(log.theta) > 20 * DEG
+    noise = 0.05 * DEG * np.random.default_rng(0).standard_normal(beyond.size)
+    measured = np.clip(log.theta, -20 * DEG, 20 * DEG) + noise
+    fit = fit_joint(measured, *log.fit_arguments()[0][1:], **log.fit_arguments()[1], geometry=joint.geometry)
+    at_stops = {why: n for why, n in fit.samples.dropped.items() if "at a stop" in why}
+    assert [why.split(" of ")[1] for why in at_stops] == ["20°, whatever the pressures", "-20°, whatever the pressures"]
+    assert sum(at_stops.values()) == pytest.approx(beyond.sum(), abs=5)
+    assert fit.rms < 0.1 * DEG  # 1° and more with them
+    assert fit.friction == pytest.approx(joint.friction, abs=0.01)
+
+
+def test_too_few_rests_beside_the_stops_are_refused_with_those_left_out(data):
+    short = np.clip(data["theta"], -1 * DEG, 1 * DEG)
+    refused(data, r"left out were \d+ with an angle at a stop, the greatest one of 1°", theta=short)

@@ -95,5 +95,5 @@ def test_several_columns_are_ignored_and_a_unit_of_the_row_below_the_names_is_be
 def test_the_command_says_which_columns_it_does_not_use_before_it_fits(written):
     app = typer.Typer(pretty_exceptions_enable=False)
     app.command("fit-joint")(fit_joint_command)
-    result = CliRunner().invoke(app, [str(written("note")), "--pulley", "0.02,0.1375", "--rest-length", "400"])
+    result = CliRunner().invoke(app, [str(written("note")), "--pulley", "20,0.1375", "--rest-length", "400"])
     assert "columns not used: note" in result.output

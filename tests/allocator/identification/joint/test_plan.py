@@ -114,7 +114,7 @@ def test_the_filled_table_is_fitted_as_it_is_and_shows_where_cables_go_slack(tmp
         slack = {found[i]: found[i + 2] for i, word in enumerate(found) if word in ("P1", "P2")}
         filled.append(",".join([theta or found[0], P1 or slack["P1"], P2 or slack["P2"], *rest, expected]))
     plan.write_text("\n".join(filled), encoding="utf-8")
-    fitted = ["fit-joint", str(plan), "--pulley", "0.02,0.1375", "--rest-length", "400", "--out", str(joint)]
+    fitted = ["fit-joint", str(plan), "--pulley", "20,0.1375", "--rest-length", "400", "--out", str(joint)]
     result = CliRunner().invoke(app, fitted)
     assert result.exit_code == 0, result.output
     found, true = (
