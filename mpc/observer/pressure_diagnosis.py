@@ -13,11 +13,11 @@ explanations are possible then. Until the pressure has been normal for `HOLD` se
     stuck valve        P + ∫q moves: the valve has let gas pass
     leak               r > 0, or P + ∫q rises and the loss varies
     supply drop        r > 0, or the target varies, or the other muscle holds more than this one does
-    all three          d̂ moves against the muscle's torque by more than half of it, which P alone explains
     drifting sensor    r moves quickly, or d̂ does not move by -(∂T/∂P) r
     all but that       d̂ does: the torque of P is missing
     broken cable       P lies outside the range of regulators without q since the onset, with a sum of its own; they
                        begin at the lowest P within SNAP seconds, since a free muscle contracts at once
+    the first three    d̂ moves against the muscle's torque by more than half of it, and a broken cable explains that
 
 The target P + τ' (P' + q), over LATELY seconds, is the pressure to which the regulator fills. It is the command of a
 sound muscle, the supply's pressure if that is low, and v - λ P of a leak that loses the share λ/τ of the gas a second.
@@ -284,8 +284,6 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
     too_high = m[HIGH] > LIMIT / 2 * sigma
     answers = -m[COVARIANCE] / m[VARIANCE] if m[VARIANCE] > k.seen else 0.5
     out = _ANY - DRIFT - CABLE if answers > _DRIFT else 0
-    if m[MISSING] > MISSED:
-        out |= STUCK + LEAK + DROP
     if abs(m[FILLED] - m[ONSET]) > moved:
         out |= STUCK
     if too_high or (m[FILLED] > m[LEAST] + moved and m[LEAST_LOSS] > _STEADY * m[MOST_LOSS]):
@@ -296,4 +294,6 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
         out |= DRIFT
     if m[STILL] > 0:
         out |= CABLE
+    if m[MISSING] > MISSED and int(m[POSSIBLE]) & ~out & CABLE:
+        out |= STUCK + LEAK + DROP
     return out
