@@ -17,7 +17,8 @@ explanations are possible then. Until the pressure has been normal for `HOLD` se
     all but that       d̂ does: the torque of P is missing
     broken cable       P lies outside the range of regulators without q since the onset, with a sum of its own; they
                        begin at the lowest P within SNAP seconds, since a free muscle contracts at once
-    the first three    d̂ moves against the muscle's torque by more than half of it, and a broken cable explains that
+    the first three    d̂ moves against the muscle's torque by more than half of it, and a broken cable still explains
+                       the pressure half as long again after the snap
 
 The target P + τ' (P' + q), over LATELY seconds, is the pressure to which the regulator fills. It is the command of a
 sound muscle, the supply's pressure if that is low, and v - λ P of a leak that loses the share λ/τ of the gas a second.
@@ -294,6 +295,6 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
         out |= DRIFT
     if m[STILL] > 0:
         out |= CABLE
-    if m[MISSING] > MISSED and int(m[POSSIBLE]) & ~out & CABLE:
+    if m[MISSING] > MISSED and t - m[BEGUN] > 1.5 * SNAP and int(m[POSSIBLE]) & ~out & CABLE:
         out |= STUCK + LEAK + DROP
     return out
