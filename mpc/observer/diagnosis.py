@@ -33,6 +33,7 @@ from mpc.observer.torque_diagnosis import TorqueDiagnosis
 LARGE, LARGE_STILL = 0.1 * BAR, 0.08 * BAR  # [Pa] |offset| of a sensor to report, and to stop reporting
 ALIKE = 7.5  # [σ] between pressures that one supply feeds
 SHOWN = 0.01 * BAR  # [Pa] resolution of the reported offset
+_TOGETHER = 0.03  # [s] between the onsets of one cause
 _FORGETTING = 1.0  # [s]: readings lost earlier hardly count
 _FLAGS = {
     Verdict.SILENT: FaultKind.SILENT_SENSOR,
@@ -214,10 +215,16 @@ class Diagnosis:
         common = several and all(FaultKind.SUPPLY_DROP in own.suspected for own in ill.values())
         low = several and all(own.low for own in ill.values()) and self._alike(ill)
         self._low_supply = bool(ill) and (common or low or (self._low_supply and not thrown))
-        if self._low_supply:
+        if self._low_supply and not self._snapped(ill.values()):
             yield Finding(_LOW_SUPPLY, min(own.since for own in ill.values()))
         else:
             yield from (self._of_pressure(i) for i in ill if thrown or not self._swung(i))
+
+    @staticmethod
+    def _snapped(ill: Iterable[PressureDiagnosis]) -> bool:
+        """Return whether the first pressure that errs may have a broken cable, which moves the gas of the others."""
+        first, *others = sorted(ill, key=lambda own: own.since)
+        return FaultKind.BROKEN_CABLE in first.suspected and all(own.since > first.since + _TOGETHER for own in others)
 
     def _alike(self, muscles: Iterable[int]) -> bool:
         """Return whether the pressures of `muscles` are equal, as one low supply leaves them."""

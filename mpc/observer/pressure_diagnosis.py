@@ -16,7 +16,8 @@ explanations are possible then. Until the pressure has been normal for `HOLD` se
     drifting sensor    r moves quickly, or d̂ does not move by -(∂T/∂P) r
     all but that       d̂ does: the torque of P is missing
     broken cable       P lies outside the range of regulators without q since the onset, with a sum of its own; they
-                       begin at the lowest P within SNAP seconds, since a free muscle contracts at once
+                       begin at the lowest P within SNAP seconds, since a free muscle contracts at once, and their
+                       lags are within DATA_SHEET, since its volume is another one
     the first three    d̂ moves against the muscle's torque by more than half of it, and a broken cable still explains
                        the pressure half as long again after the snap
 
@@ -103,6 +104,8 @@ class Sound(NamedTuple):
 
     quick: float  # share of a step that the quick regulator follows in a sample [-]
     slow: float
+    quick_free: float  # the same of a muscle that a broken cable leaves free
+    slow_free: float
     rest: float  # half of the dead band [Pa]
     dt: float  # [s]
     sigma: float  # [Pa]
@@ -115,8 +118,10 @@ class Sound(NamedTuple):
         """Return the constants for the time constant `lag` [s] within a factor of `spread`, `dead_band` and deviation
         `sigma` [Pa].
         """
-        gains = 1 - exp(-dt * spread / lag), 1 - exp(-dt / (spread * lag))
-        return cls(*gains, dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2)
+        quick, slow, quick_free, slow_free = (
+            1 - exp(-dt * s / lag) for s in (spread, 1 / spread, DATA_SHEET, 1 / DATA_SHEET)
+        )
+        return cls(quick, slow, quick_free, slow_free, dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2)
 
 
 def places(dt: float) -> int:
@@ -177,8 +182,8 @@ def follow(
     m[QUICK] = m[QUICK] + k.quick * beyond(v - m[QUICK], k.rest) - k.dt * q
     m[SLOW] = m[SLOW] + k.slow * beyond(v - m[SLOW], k.rest) - k.dt * q
     m[UNSURE] += k.dt * SWELLING * abs(q) - k.slow * m[UNSURE]
-    m[QUICK_STILL] = m[QUICK_STILL] + k.quick * beyond(v - m[QUICK_STILL], k.rest)
-    m[SLOW_STILL] = m[SLOW_STILL] + k.slow * beyond(v - m[SLOW_STILL], k.rest)
+    m[QUICK_STILL] = m[QUICK_STILL] + k.quick_free * beyond(v - m[QUICK_STILL], k.rest)
+    m[SLOW_STILL] = m[SLOW_STILL] + k.slow_free * beyond(v - m[SLOW_STILL], k.rest)
     m[CARRIED] = m[SLOW] - m[SLOW_STILL] if m[OPEN] == 0 else m[CARRIED] * (1 - k.slow)
     m[MISSING] = m[MISSING] + k.dt if missing else 0.0
     if read != read or read == m[READ]:

@@ -29,7 +29,7 @@ LOAD = 1.5  # [T_usual] of usual loads
 MISMATCH = 0.15  # of the muscles' strength [-]
 LATELY = 0.05  # [s]
 LASTING = 0.3  # [s], longer than a broken cable takes
-_NEAR = 0.2  # of T_j and of T_usual: how near d̂ has to be to b - T_j
+_NEAR, _NEARER = 0.2, 1 / 3  # of |T_j| + T_usual, and of |T_j|: how near d̂ has to be to b - T_j
 _PULLS = 0.4  # [T_usual]
 
 BROKEN = 0  # muscle, NONE of them
@@ -135,7 +135,7 @@ def compare(x: Numbers, past: int, dt: float, usual: Values, t: float, d: Values
         gained = (min(as_load, Z**2) - min(as_broken, Z**2)) / 2
         x[ratio + j] = min(max(x[ratio + j] + gained, 0.0), 2 * LIMIT)
         can_tell = pull > _PULLS  # else its cable cannot be judged
-        if can_tell and off < _NEAR * (pull + 1) and away > pull / 2:
+        if can_tell and off < min(_NEAR * (pull + 1), _NEARER * pull) and away > pull / 2:
             x[missing + j] = t
         if x[BROKEN] == j:
             x[PULLED] = x[PULLED] + dt if can_tell and x[missing + j] < t else 0.0

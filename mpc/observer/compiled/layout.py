@@ -39,9 +39,11 @@ class Known:
     theta_noise: float  # [rad]
     theta_floor: Annotated[Array, "n"]  # [rad]
     sigma: float  # [Pa]
-    seen: Annotated[Array, "m"]  # of `Sound`, as the next two
+    seen: Annotated[Array, "m"]  # of `Sound`, as the next four
     quick: Annotated[Array, "m"]
     slow: Annotated[Array, "m"]
+    quick_free: Annotated[Array, "m"]
+    slow_free: Annotated[Array, "m"]
     usual: Annotated[Array, "n"]  # [N·m]
     inertia: Annotated[Array, "n"]  # [kg·m²]
 

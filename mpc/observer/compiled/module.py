@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 _HERE = Path(__file__).parent
 _TEMPLATE, _JOINT, _ARM = (_HERE / f"{name}.py" for name in ("sample", "joint", "arm"))
 _SOUND = f"from {Sound.__module__} import Sound"
+_GAINS = "quick", "slow", "quick_free", "slow_free"  # of `Sound`
 _PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # modules with functions that the template calls
 
 
@@ -102,7 +103,8 @@ def _formulas(plant: Machine) -> dict[str, "Function"]:
 
 def _tuples(n: int, m: int) -> str:
     """Return functions of the template that return a tuple with an entry for each muscle or joint."""
-    sound = "Sound(k.quick[{0}], k.slow[{0}], k.dead_band / 2, k.dt, k.sigma, k.seen[{0}])"
+    gains = ", ".join(f"k.{name}[{{0}}]" for name in _GAINS)
+    sound = f"Sound({gains}, k.dead_band / 2, k.dt, k.sigma, k.seen[{{0}}])"
     made = {
         "regulators(p)": ("floats(p.parts[{0}])", range(m)),
         "loops(p)": ("floats(p.parts[{0}])", range(m + 1, m + 1 + n)),
@@ -124,7 +126,7 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
         "dead_band": own.compensation.dead_band, "learning": dt / OFFSET_TIME,
         "most_offset": own.noise.offset, "theta_noise": own.noise.theta, "theta_floor": gate.floor[:n],
         "sigma": muscles[0].sigma, "usual": judged.sound.usual, "inertia": judged.sound.inertia,
-        **{name: [getattr(one, name) for one in muscles] for name in ("seen", "quick", "slow")},
+        **{name: [getattr(one, name) for one in muscles] for name in ("seen", *_GAINS)},
     }  # fmt: skip
     age = own.compensation.age(dt)
     sizes = [one.size for one in own.frictions]

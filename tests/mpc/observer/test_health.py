@@ -339,6 +339,13 @@ def test_a_torque_that_the_missing_muscle_explains_is_a_load_if_it_stays_and_a_b
         assert torque.broken == (0 if follows else None)
 
 
+def test_a_load_of_three_fifths_of_a_muscle_s_torque_is_no_broken_cable():
+    torque, grown = TorqueDiagnosis(DT, [3.4]), np.clip((np.arange(230) - 200) / 14, 0, 1)
+    for k, share in enumerate(grown):  # a payload that a weak muscle holds, and that stretches it
+        torque.follow(k * DT, [1.15 * share], [1.15 - 0.7 * share, -1.05 - 0.9 * share, GAIN, -GAIN])
+    assert torque.broken is None
+
+
 @pytest.mark.slow
 def test_an_angle_that_drifts_far_is_not_told_apart_from_a_load():
     healths = said("Sarosi's muscles", DriftingSensor(BEGIN, sensor=THETA, rate=40 * DEG))
