@@ -39,8 +39,8 @@ class Compensation:
     Observer and controllers take account of the friction, the dead time and the dead band, the observer of the reading
     age. If angle and pressures are read with the same delay, it is a dead time: add it to `dead_time`. The pressures
     are predicted with the lag of the `Plant`; `lag_up`, `lag_down` and `flow` apply only to simulated plants
-    (`RealPlant.of`). If both lags are given, the observer's diagnosis takes the `Plant`'s for measured and its limits
-    are narrower.
+    (`RealPlant.of`). If both lags are given, the observer's diagnosis counts the lag of the `Plant` as measured, which
+    narrows its limits.
     """
 
     friction: Hysteresis = field(default_factory=Friction)  # a `PrandtlIshlinskii` becomes `MaxwellSlip.of` it

@@ -18,8 +18,8 @@ explanations are possible then. Until the pressure has been normal for `HOLD` se
     broken cable       P lies outside the range of regulators without q since the onset, with a sum of its own; they
                        begin at the lowest P within SNAP seconds, since a free muscle contracts at once, and their
                        lags are within DATA_SHEET, since its volume is another one
-    the first three    d̂ moves against the muscle's torque by more than half of it, and a broken cable still explains
-                       the pressure half as long again after the snap
+    the first three    d̂ moves against the muscle's torque by more than half of it for MISSED seconds, while a broken
+                       cable explains the pressure for REFILLED seconds
 
 The target P + τ' (P' + q), over LATELY seconds, is the pressure to which the regulator fills. It is the command of a
 sound muscle, the supply's pressure if that is low, and v - λ P of a leak that loses the share λ/τ of the gas a second.
@@ -48,7 +48,7 @@ LIMIT = 15.0  # [σ], summed over samples
 HOLD = 2.0  # [s] by which a suspicion outlives its cause
 MEMORY = 3.0  # [s] of the regression
 SNAP = 0.1  # [s] in which a muscle without its cable contracts
-MISSED = 0.025  # [s] for which its torque has to be missing
+MISSED, REFILLED = 0.025, 0.15  # [s] for which its torque has to be missing, and its pressure to fill again
 
 _MOVED, _QUICK, _HIGHER = 6.0, 10.0, 7.5  # [σ] of a pressure: since the onset, within LATELY, than another
 _UNSURE = 2.0  # [σ] of a target of a regulator
@@ -171,9 +171,9 @@ def follow(
 ) -> None:  # fmt: skip
     """Update the memory by the reading `read` [Pa] at `t` [s], NaN if not believed, while the command `v` [Pa] acts.
 
-    `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], which is where the muscle's torque would be
-    `missing`, `q` the fall of the pressure by the motion [Pa/s], and `other` the memory of the other muscle. Repeated
-    readings have no effect.
+    `gain` is ∂T/∂P [N·m/Pa], `d` the observer's disturbance torque [N·m], `q` the fall of the pressure by the motion
+    [Pa/s], and `other` the memory of the other muscle. The muscle's torque is `missing` if `d` opposes it, see
+    `mpc.observer.torque_diagnosis.missing`. Repeated readings have no effect.
     """
     if m[P] != m[P]:  # NaN: the first one
         m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = m[FILLED] = read
@@ -212,7 +212,7 @@ def follow(
 
 
 def contract(m: Numbers, read: float) -> None:
-    """Let the regulators without q begin at the reading if it is lower."""
+    """Let the regulators of a free muscle begin at the reading if it is lower."""
     m[QUICK_STILL], m[SLOW_STILL] = min(m[QUICK_STILL], read), min(m[SLOW_STILL], read)
 
 
@@ -300,6 +300,6 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
         out |= DRIFT
     if m[STILL] > 0:
         out |= CABLE
-    if m[MISSING] > MISSED and t - m[BEGUN] > 1.5 * SNAP and int(m[POSSIBLE]) & ~out & CABLE:
+    if m[MISSING] > MISSED and t - m[BEGUN] > REFILLED and int(m[POSSIBLE]) & ~out & CABLE:
         out |= STUCK + LEAK + DROP
     return out

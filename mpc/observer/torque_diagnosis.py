@@ -114,7 +114,7 @@ def follow(x: Numbers, dt: float, usual: Values, t: float, d: Values, pulls: Val
 
 
 def missing(x: Numbers, usual: Values, d: Values, pulls: Values, j: int, m: int) -> bool:
-    """Return whether d̂ has moved from b by more than half of the torque of muscle `j`, against it."""
+    """Return whether d̂ - b, seen along the torque of muscle `j`, opposes it with more than half of its size."""
     n, along, square, sense = len(usual), 0.0, 0.0, 0.0
     for i in range(n):
         T = pulls[j * n + i]
