@@ -77,17 +77,25 @@ class Wave(NamedTuple):
 
 
 class Search:
-    """Search for the scale of a drive whose swing is A, as a power of the swing: `exponent` is 1 without friction."""
+    """Search for the scale of a drive whose swing is A, as a power of the swing: `exponent` is 1 without friction.
+
+    The exponent is that between the last two swings, or once those of the last two on either side of A: friction
+    remembers earlier drives, but between neighbouring ones noise decides.
+    """
 
     def __init__(self, A: float, scale: float, exponent: float = CAUTIOUS) -> None:
         self.A, self.scale, self.exponent = A, scale, exponent
         self._tried: tuple[float, float] | None = None  # swing, scale
+        self._across: tuple[float, float] | None = None  # the same, on the other side of A
 
     def learn(self, swing: float, cut: bool) -> None:
         """Set the next scale by the swing at the present one."""
-        swing = max(swing, 1e-9, _ENOUGH * self.A * cut)
-        if self._tried is not None:
-            rise, more = log(swing / self._tried[0]), log(self.scale / self._tried[1])
+        swing, last = max(swing, 1e-9, _ENOUGH * self.A * cut), self._tried
+        if last is not None:
+            crossed = (last[0] < self.A) != (swing < self.A)
+            other = last if crossed else self._across or last
+            self._across = last if crossed else None
+            rise, more = log(swing / other[0]), log(self.scale / other[1])
             if rise * more > 0:
                 self.exponent = min(max(more / rise, _JUMPING), _PROPORTIONAL)
         self._tried = swing, self.scale

@@ -1,9 +1,9 @@
 """Experiment that measures a joint's stiffness: tones of both pressures about a rest, sample by sample.
 
     hold the rest, then swing more and more up to A, which brings the joint to the middle of its loop
-    each muscle alone at a low frequency, until the angle swings by A       (their amplitudes brought together)
+    each muscle alone at a low frequency, until the angle swings by about A; from the first one on, A is its swing
     both muscles against each other: low at 1.4 A, and slower at A
-    both muscles in three proportions at two frequencies well above the resonance that the low tones have shown
+    both muscles in three proportions at two frequencies above the resonance that the low tones have shown
     both muscles at a low frequency with a series of amplitudes: the curve K_felt(A)
     with a weight, both muscles at the low frequency and A, without it and with it
 
@@ -38,9 +38,11 @@ _LOST = 0.25  # [-] off the amplitude: the tone cannot be controlled
 _BETWEEN = 0.3, 3.0  # of a drive over the expected one
 _CLOSE, _MEASURED = 0.08, 0.09  # [-] of the amplitude: close enough to measure, and as measured
 _MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
-_BEGIN = 0.8  # [-] of the expected drive
+_BEGIN = 0.8  # [-] of the amplitude, to which the first drive is expected to swing
+_OTHER = 0.85  # of the drive, for a muscle that may be the stronger one
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
-_LEAST_ABOVE, _ENOUGH_ABOVE, _LOWEST_ABOVE = 1.3, 1.5, 1.2
+_ENOUGH_ABOVE = 1.5  # … by which the amplitude is planned
+_CALM = 0.44  # of |K_felt + i h|: least |K_felt + i h - J ω²| of an upper tone, 1.2 times the resonance without losses
 _USED = 1.2  # of the slew: beyond it sines become triangles
 _SHORT = 0.93  # [-] of the amplitude: less counts as not reached
 _PLANNED = 1.0, 1.4, 0.75, 0.5  # [-] of the wanted amplitude, in the order of the trials
@@ -143,12 +145,14 @@ class Experiment(Driver):
         self._rest = self._centre()  # which friction has let go
         self._gains = self._torque_gains(self._rest)
         self._check_range()
-        for share in (ONE, TWO):
-            found.append((yield from self._brought(tones.low, share, A)))
+        found.append((yield from self._brought(tones.low, ONE, A, close=0.15)))
+        A = self._amplitude = found[0].swing
+        self._scales[False] *= _OTHER
+        found.append((yield from self._brought(tones.low, TWO, A)))
         found.append((yield from self._brought(tones.low, BOTH, 1.4 * A, close=0.15)))
         found.append((yield from self._brought(tones.slowest, BOTH, A)))
         upper, further = self._upper(self._stiff(A))
-        lowest = _LOWEST_ABOVE * self._resonance(self._stiff(A))
+        lowest = self._lowest(self._stiff(A))
         more, reached = yield from self._reached(upper, lowest, MORE, A)
         less, reached = yield from self._reached(reached, lowest, LESS, A)
         found += [more, less]
@@ -249,13 +253,18 @@ class Experiment(Driver):
     def _resonance(self, stiffness: complex) -> float:
         return sqrt(max(stiffness.real, 0.0) / self.plant.inertia) / 2 / pi
 
+    def _lowest(self, stiffness: complex) -> float:
+        """Return the least frequency [Hz], from the resonance on, at which the swing is not sensitive to the drive."""
+        calm = (_CALM * abs(stiffness)) ** 2 - stiffness.imag**2
+        return self._resonance(stiffness + sqrt(max(calm, 0.0)))
+
     def _upper(self, stiffness: complex) -> tuple[float, float]:
-        """Return the two upper frequencies [Hz]: well above the resonance, as far as valves and samples permit."""
-        resonance = self._resonance(stiffness)
+        """Return the two upper frequencies [Hz]: above the resonance, as far as valves and samples permit."""
+        resonance, lowest = self._resonance(stiffness), self._lowest(stiffness)
         upper = min(max(_ABOVE[0] * resonance, 3 * self.tones.low), self._highest / 1.2)
-        while upper > _LEAST_ABOVE * resonance and not self._follows(upper, max(MORE), stiffness):
-            upper *= 0.97
-        if upper < _LOWEST_ABOVE * resonance or not self._follows(upper, max(MORE), stiffness):
+        while upper > lowest and not self._follows(upper, max(MORE), stiffness):
+            upper = max(0.97 * upper, lowest)
+        if upper < lowest or not self._follows(upper, max(MORE), stiffness):
             raise Refused(
                 f"the regulators cannot move the joint by ±{self._amplitude / DEG:.2g}° above its resonance of "
                 f"{resonance:.2g} Hz (flow, slack cables, or the sample time {self.dt:g} s); take a smaller amplitude"
@@ -283,7 +292,7 @@ class Experiment(Driver):
     ) -> Generator[Decision, None, tuple[Tone, float]]:
         """Return a tone that swings by A, and its frequency [Hz], lower than `f` if the regulators are too slow."""
         tone = yield from self._brought(f, shares, A)
-        while tone.swing < _SHORT * A and f > lowest:
+        while tone.swing < (1 - _MEASURED) * A and f > lowest:
             f = max(0.9 * f, lowest)
             tone = yield from self._brought(f, shares, A)
         return tone, f
@@ -297,7 +306,7 @@ class Experiment(Driver):
         expected, quick = self._drive(f, shares, A), f > QUICK
         step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
         self._asked, tone = A, None
-        search = Search(A, self._scales[quick] * _BEGIN, self._exponents[quick])
+        search = Search(A, self._scales[quick] * _BEGIN ** self._exponents[quick], self._exponents[quick])
         periods, fade = step, 3.0 if quick else 1.0 if f >= self.tones.low else 0.5
         for k in range(self.tones.rounds + _MORE_ROUNDS):
             played = periods + (k == 0) * fade

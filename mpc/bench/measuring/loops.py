@@ -27,9 +27,8 @@ import numpy as np
 
 from allocator.calculus import Array
 
-HARMONICS = 5  # number of fitted harmonics
-_ODD = 1, 3, 5  # harmonics of a loop
-_FASTEST = 15  # [Hz] of a harmonic
+HARMONICS = 11  # number of fitted harmonics, at most
+_FASTEST, _SAMPLES = 15, 3  # [Hz] of a loop's harmonics; samples per period of any harmonic, at least
 _GRID = 720  # points per period in the search for its turns
 
 
@@ -50,7 +49,7 @@ class Tone:
     """Tone of one `frequency` [Hz]: harmonics of angle and model torques, and the quality of their measurement."""
 
     frequency: float  # [Hz]
-    harmonics: Array  # complex (HARMONICS, 3): θ [rad], T_1, T_2 [N·m] at measured pressures and the angle at rest
+    harmonics: Array  # complex (n, 3): θ [rad], T_1, T_2 [N·m] at measured pressures and the angle at rest
     noise: tuple[float, float, float]  # standard deviations of a phasor of each
     coherence: float  # share of the angle's variance that is the tone and its harmonics [-]
     middle: tuple[float, float, float]  # means of angle [rad] and pressures [Pa]
@@ -64,7 +63,7 @@ class Tone:
     @property
     def odd(self) -> list[int]:
         """Harmonics of its loop."""
-        return [h for h in _ODD if h == 1 or h * self.frequency < _FASTEST]
+        return [h for h in range(1, len(self.harmonics) + 1, 2) if h == 1 or h * self.frequency < _FASTEST]
 
     @property
     def swing(self) -> float:
@@ -74,7 +73,7 @@ class Tone:
     @property
     def error(self) -> float:
         """Standard deviation of a secant of both torques due to noise [N·m/rad], for strengths of 1."""
-        angle, one, two = (n * sqrt(len(self.odd)) for n in self.noise)
+        angle, one, two = self.noise
         found = self.loop()
         size = abs(sum(found.secants)) + abs(sum(found.losses))
         return sqrt(one**2 + two**2 + (angle * size) ** 2) / found.swing
@@ -82,7 +81,7 @@ class Tone:
     @property
     def acceleration_error(self) -> float:
         """Standard deviation of a loop's mean acceleration due to noise [1/s²]."""
-        return self.noise[0] * self.omega**2 * sqrt(len(self.odd)) / self.swing
+        return self.noise[0] * self.omega**2 / self.swing
 
     def phasors(self, age: float = 0.0) -> tuple[Array, Array]:
         """Return the odd harmonics (n,) and their phasors (n, 3), with readings of the angle that are `age` [s] old."""
@@ -133,7 +132,8 @@ def tone_of(t: Array, theta: Array, P: Array, T: Array, frequency: float) -> Ton
     periods = max(int((t[-1] - t[0] + step) * frequency * (1 + 1e-9) + 1e-6), 1)
     keep = t > t[-1] + step / 2 - periods / frequency
     t, theta, P, T = t[keep], theta[keep], P[keep], T[keep]
-    waves = [wave(h * omega * t) for h in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)]
+    n = max(min(HARMONICS, int(1 / (_SAMPLES * step * frequency))), 1)
+    waves = [wave(h * omega * t) for h in range(1, n + 1) for wave in (np.cos, np.sin)]
     X = np.stack([np.ones(t.size), t - t.mean(), *waves], axis=1)
     signals = np.column_stack([theta, T])
     c, *_ = np.linalg.lstsq(X, signals, rcond=None)

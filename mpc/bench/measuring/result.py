@@ -13,7 +13,17 @@ from mpc.bench.measuring.driving import Findings
 from mpc.bench.measuring.experiment import Tones
 from mpc.bench.measuring.loops import Tone
 from mpc.bench.measuring.springs import secant
-from mpc.bench.measuring.strengths import WIDER, Known, Load, Solution, solve, why_implausible, why_not, why_rubber
+from mpc.bench.measuring.strengths import (
+    LOSSY,
+    WIDER,
+    Known,
+    Load,
+    Solution,
+    solve,
+    why_implausible,
+    why_not,
+    why_rubber,
+)
 from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
 
@@ -225,9 +235,10 @@ def _felt(
     cycle = tone.loop(age)
     s = np.array(cycle.secants)
     K = secant(tone, g, age, plant.inertia, found.values["D"]) - plant.gravity_torque * float(np.cos(theta))
-    std = sqrt(float(s @ C @ s) + tone.error**2 + (_SCATTER * K) ** 2)
+    h = float(g @ np.array(cycle.losses))
+    std = sqrt(float(s @ C @ s) + tone.error**2 + (_SCATTER * K) ** 2 + (LOSSY * h) ** 2)
     model = float(plant.joint.stiffness(theta, *P, amplitude=cycle.swing, loop=loop))
-    return Felt(cycle.swing, K, std, float(g @ np.array(cycle.losses)) / K, model)
+    return Felt(cycle.swing, K, std, h / K, model)
 
 
 def _mean(one: Felt, two: Felt) -> Felt:

@@ -15,6 +15,7 @@ from allocator.calculus import Array
 from mpc.bench.measuring.loops import Tone
 
 _SHARES = np.array([0.001, 0.03, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8])  # ρ_j
+_HARMONICS = 3  # odd ones: where friction reverses, higher ones of the acceleration oscillate
 _GRID = 360  # points per period
 
 
@@ -37,7 +38,7 @@ def solved(X: Array, y: Array) -> Array:
 
 def secant(tone: Tone, strengths: Array, age: float, inertia: float, damping: float) -> float:
     """Return the stiffness [N·m/rad] between the turns of a tone, gravity included."""
-    h, Y = tone.phasors(age)
+    h, Y = (each[:_HARMONICS] for each in tone.phasors(age))
     waves = np.exp(1j * np.outer(2 * np.pi * np.arange(_GRID) / _GRID, h))
     rate = 1j * h * tone.omega * Y[:, 0]
     force = Y[:, 1:] @ strengths + inertia * (h * tone.omega) ** 2 * Y[:, 0] - damping * rate

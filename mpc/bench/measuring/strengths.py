@@ -34,13 +34,14 @@ from mpc.bench.measuring.springs import secant
 NAMES = ("g1", "g2", "K", "h", "dK/dA", "dh/dA", "D", "age")
 WIDER = 2  # number of the tone of another amplitude
 _FLOOR = 0.006  # [-] of the impedance K - Jω² + …: errors beyond the scatter of periods (waveform, dead band)
+LOSSY = 0.03  # [-] of h: how far friction differs from tone to tone, by hidden joints (seeds >= 1000)
 _MODEL = 0.02  # [-] of the strengths, common to both: model error of the equations, by hidden joints (seeds >= 1000)
 _TINY, _STILL = 1e-4, 1e-7  # [s] of a difference, and of the last step
 _STEPS = 12  # of Gauss–Newton in the age
 USABLE = 0.10  # [-] of the amplitude: tones farther apart are useless
-_RATE = 3.5  # standard errors of an accepted rate dependence
+_RATE = 4.0  # standard errors of an accepted rate dependence
 _RATE_LEAST = 0.06  # [-] of K_felt per decade, below which a rate dependence is irrelevant
-_SOFTENS = 1.2  # standard errors of an accepted lack of softening
+_SOFTENS = 3.5  # standard errors of an accepted lack of softening
 _PLAUSIBLE = 0.5, 2.0  # strengths
 APART = "friction jumps, or the regulators are too slow; shake the joint instead (--shake 10)"
 
@@ -125,7 +126,7 @@ def _equations(tones: list[Tone], A0: float, known: Known, x: Array, rate: bool)
         by_age = [(after - now) / _TINY for now, after in zip(_left(here, x, J), later, strict=True)]
         decades = [-(log(tone.frequency) - centre) / log(10)] * rate
         noise = tone.error**2 + (J * tone.acceleration_error) ** 2
-        error = sqrt(noise + (_FLOOR * max(abs(x[2]), abs(J * b))) ** 2)
+        error = sqrt(noise + (_FLOOR * max(abs(x[2]), abs(J * b))) ** 2 + (LOSSY * x[3]) ** 2)
         mean = [m1, m2, -1, 0, -dA, 0, 0, by_age[0], *decades, by_age[0] * x[7] - J * b]
         loss = [w1, w2, 0, -1, 0, -dA, -here.velocity, by_age[1], *[0.0] * rate, by_age[1] * x[7]]
         rows += [(mean, error), (loss, error)]

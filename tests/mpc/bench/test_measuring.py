@@ -86,15 +86,15 @@ def test_the_mean_over_the_stroke_finds_a_spring_and_an_inertia_in_any_waveform(
 
 
 def sliding(J, K, most, presliding, f, h=1e-4):
-    """Angles (600,) every 10 ms of a mass on a spring with friction of `most` [N·m] under a sine of 0.55 N·m."""
+    """Angles and friction (60000, 2) of a mass on a spring with friction of `most` [N·m] under a sine of 0.55 N·m."""
     theta = omega = friction = 0.0
     out = []
     for k in range(round(6 / h)):
-        out.append(theta)
+        out.append((theta, friction))
         omega += h / J * (0.55 * np.sin(2 * np.pi * f * k * h) - K * theta - friction)
         theta += h * omega
         friction = float(np.clip(friction + most / presliding * h * omega, -most, most))
-    return np.array(out)[::100]
+    return np.array(out)
 
 
 @pytest.mark.parametrize("f", [0.8, 1.2])
@@ -103,12 +103,15 @@ def sliding(J, K, most, presliding, f, h=1e-4):
 def test_a_tone_has_the_stiffness_of_a_push_although_friction_reverses_at_its_turns(most, presliding, f):
     J, K, t = 0.05, 6.0, np.arange(0, 6, 0.01)
     late = t >= 6 - 3 / f - 1e-6
-    theta, T = sliding(J, K, most, presliding, f)[late], 0.55 * np.sin(2 * np.pi * f * t[late])
+    fine = sliding(J, K, most, presliding, f)
+    theta, T = fine[::100, 0][late], 0.55 * np.sin(2 * np.pi * f * t[late])
     tone = tone_of(t[late], theta, np.zeros((theta.size, 2)), np.column_stack([T, 0 * T]), f)
     pushed = K + most / (np.ptp(theta) / 2)
     assert secant(tone, np.ones(2), 0.0, J, 0.0) == pytest.approx(pushed, rel=0.03)
-    loop = tone.loop()
-    assert sum(loop.secants) + J * loop.acceleration < 0.98 * pushed  # at the turns
+    angle, friction = (fine[-round(1e4 / f) :] - fine[-round(1e4 / f) :].mean(axis=0)).T
+    stroke = angle * np.abs(np.gradient(angle))
+    mean, loop = K + (friction @ stroke) / (angle @ stroke), tone.loop()
+    assert loop.means[0] + J * loop.mean_acceleration == pytest.approx(mean, rel=0.015)
 
 
 @pytest.mark.parametrize("exponent", [0.25, 0.6, 1.0])
@@ -218,7 +221,7 @@ def test_what_cannot_be_measured_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1010, 1034])
+@pytest.mark.parametrize("seed", [1017, 1034])
 def test_a_joint_that_jumps_is_refused_within_a_minute(seed):
     m = hidden_measured(hidden(seed), seed).measured
     assert "too short to bring the amplitudes together" in m.refusal

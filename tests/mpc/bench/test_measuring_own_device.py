@@ -60,7 +60,7 @@ def some_missing(reading, rng):
 
 @pytest.mark.slow
 def test_a_joint_behind_two_functions_is_measured_with_some_readings_missing_and_amplitudes_without_time():
-    m = tried(some_missing, tones=Tones(series=(3 * DEG, 5 * DEG), longest=56.0))
+    m = tried(some_missing, tones=Tones(series=(3 * DEG, 5 * DEG), longest=42.0))
     assert m.success, m.sentence
     assert m.left_out == (3 * DEG, 5 * DEG)
     assert [cells[1] for cells in m.rows].count("no time left") == 2
