@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from mpc.bench.measuring.experiment import Tones
+    from mpc.bench.measuring.log import Samples
     from mpc.bench.measuring.result import MeasuredStiffness
     from mpc.model.plant import Plant
 
@@ -92,12 +93,12 @@ def measure_command(
         raise InvalidInput("a log takes none of --device, --around, --weight and --shake")
     if log is None and (columns or skip_rows or topics):
         raise InvalidInput("--columns, --skip-rows and --topics describe a log: name its file")
+    samples = None if log is None else _read(log, parse_columns(columns), skip_rows, topics, console)
     scaled = bench.device.partition(":")[0] == "sim" or (weight and inertia_error >= _HARDLY_KNOWN)
-    if (log is not None or bench.device) and not scaled:
+    if (samples is not None or bench.device) and not scaled:
         _check_inertia(options, "" if log else ", or with --inertia-error 50 a --weight [N·m]")
-    if log is not None:
-        read = {"columns": parse_columns(columns), "skip_rows": skip_rows, "topics": topics}
-        found, code = [_in_log(log, options, inertia_error, read, console)], 0
+    if samples is not None:
+        found, code = [_in_log(samples, options, inertia_error, console)], 0
     else:
         method = _tones(amplitude, series) if not shake else _shaken(shake, weight)
         found, code = _on_device(options, bench, around or [], method, inertia_error, weight, dt, console)
@@ -169,18 +170,21 @@ def _on_device(
     return found, 0
 
 
-def _in_log(
-    log: Path, options: PlantOptions, inertia_error: float, read: dict[str, Any], console: "Console"
-) -> "MeasuredStiffness":
-    """Return the measurement from a log; `read` has the options of its reader."""
-    from mpc.bench.measuring.log import from_log, read_log_of_motion
+def _read(log: Path, columns: dict[str, str], skip_rows: int, topics: str | None, console: "Console") -> "Samples":
+    from mpc.bench.measuring.log import read_log_of_motion
+
+    samples = read_log_of_motion(log, columns, skip_rows=skip_rows, topics=topics)
+    for note in samples.notes:
+        say(console, note)
+    return samples
+
+
+def _in_log(samples: "Samples", options: PlantOptions, inertia_error: float, console: "Console") -> "MeasuredStiffness":
+    from mpc.bench.measuring.log import from_log
     from mpc.bench.measuring.strengths import Known
 
     plant, known = options.plant(), options.compensation()
     told = Known(plant.inertia, inertia_error * PERCENT, known.reading_age)
-    samples = read_log_of_motion(log, **read)
-    for note in samples.notes:
-        say(console, note)
     return _shown(from_log(plant, known.friction.loop, samples, told), console)
 
 

@@ -125,7 +125,13 @@ def test_the_command_reads_a_log_and_updates_the_file(noise, tmp_path, monkeypat
     np.savetxt("still.csv", rows * [1, 0, 1, 1], delimiter=",", header=head, comments="")
     with pytest.raises(InvalidFile, match="no motion"):
         read_log_of_motion("still.csv")
-    cases = (["run.csv", "--device", "sim"], "a log takes none of --device"), ([], "--device is missing")
+    cases = (
+        (["run.csv", "--device", "sim"], "a log takes none of --device"),
+        ([], "--device is missing"),
+        (["still.csv"], "no motion"),
+        (["joint.toml"], "joint.toml"),
+        (["run.csv"], "give --inertia"),
+    )
     for arguments, why in cases:
         refused = CliRunner().invoke(app, ["measure", *arguments])
         assert why in str(refused.exception)
