@@ -42,7 +42,7 @@ from allocator.joint.felt import Loop
 from allocator.units import DEG
 from mpc.bench.logs import read_log
 from mpc.bench.measuring.result import Felt, MeasuredStiffness
-from mpc.bench.measuring.springs import solved, stop
+from mpc.bench.measuring.springs import SPRINGS, solved, stop
 from mpc.bench.measuring.strengths import Known, why_implausible
 from mpc.model.plant import Plant
 
@@ -56,7 +56,6 @@ _SETTLED = 4  # bumps at the beginning, until the state of the stops is known
 LEAST_ROWS = 400
 _UNEXPLAINED = 0.15  # of the inertia's torque (RMS), beyond which a log is refused
 _KNOWN = 0.05  # standard deviation of a strength, beyond which a log is refused
-_SPRINGS = 0.15  # [-] of the stiffness of hysteresis, which neighbouring stops share
 _MODEL = 0.0125  # [-] of the strengths: model error of the equations, by hidden joints (seeds >= 1000)
 _AGE = 0.002  # [s] standard deviation of the age of the angle's readings, which turns accelerations into damping
 _CURVE = 1 * DEG, 2 * DEG, 4 * DEG, 8 * DEG  # amplitudes of the felt stiffness
@@ -268,7 +267,7 @@ def _felt(A: float, K: float, K_std: float, w: Array, r: Array, model: float) ->
     """Return the felt stiffness of the springs found, by (S1)."""
     K_h = float(w @ np.minimum(1.0, r / A))
     work = float(4 * w * r @ np.maximum(A - r, 0.0))
-    return Felt(A, K + K_h, sqrt(K_std**2 + (_SPRINGS * K_h) ** 2), work / (np.pi * A**2 * (K + K_h)), model)
+    return Felt(A, K + K_h, sqrt(K_std**2 + (SPRINGS * K_h) ** 2), work / (np.pi * A**2 * (K + K_h)), model)
 
 
 def refused(middle: Sequence[float], duration: float, why: str) -> MeasuredStiffness:

@@ -1,7 +1,7 @@
 """Result of a measurement: strengths, backbone K, felt K by amplitude, loss and damping, or the reason of a refusal."""
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import hypot, sqrt
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -12,7 +12,7 @@ from allocator.units import BAR, DEG
 from mpc.bench.measuring.driving import Findings
 from mpc.bench.measuring.experiment import Tones
 from mpc.bench.measuring.loops import Tone
-from mpc.bench.measuring.springs import secant
+from mpc.bench.measuring.springs import SPRINGS, backbone, secant
 from mpc.bench.measuring.strengths import (
     LOSSY,
     WIDER,
@@ -28,10 +28,10 @@ from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
 
 _LEAST_STEPS = 4.0  # of the encoder in a swing
-_SCATTER = 0.015  # [-] of K_felt: waveform of the turns, beyond the errors of phasors
+_SCATTER = 0.02  # [-] of K_felt: waveform of the turns, beyond the errors of phasors (seeds >= 1000)
 _BALANCED = 0.025  # [-] of a muscle's torque: offsets of sensors, muscle model
 _CENTRED = 0.25  # of the height of a loop: how well it is centred
-_SHAPE = 0.05  # [-] of the backbone K: the force law's shape, by strangers (seeds 1000-1005)
+_SHAPE = 0.06  # [-] of the backbone K: the force law's shape, by strangers (seeds 1000-1015)
 _CABLES = 0.04  # [-] of the strengths per K_felt/K - 1: stuck hysteresis stretches cables, by the same strangers
 _SCALE_KNOWN = 0.25  # greatest useful standard deviation of the scale by a weight
 _NORMAL = 1.96  # of 95 %
@@ -55,7 +55,7 @@ class MeasuredStiffness:
     pressures: tuple[float, float]  # [Pa]
     strengths: tuple[float, float]  # g_i [-], relative to the model's
     covariance: Array  # of the strengths (2, 2) [-]
-    K: float  # backbone [N·m/rad]: the model's with these strengths, in a log also corrected for its force laws' shape
+    K: float  # backbone [N·m/rad]: that of the model with these strengths and that of the loops, averaged; or by a log
     K_std: float
     model_K: float  # backbone by the previous model [N·m/rad]
     felt: tuple[Felt, ...]
@@ -143,10 +143,14 @@ class MeasuredStiffness:
         slow = [*findings.tones[:3], *findings.curve]
         curve = [_felt(tone, found, plant, loop, theta, P, C) for tone in slow]
         felt = (_mean(*curve[:2]), *curve[2:])
-        K = float(g @ k)
-        C = C + (_CABLES * max(felt[0].K / K - 1, 0.0)) ** 2 * np.outer(g, g)
+        by_model = float(g @ k)
+        C = C + (_CABLES * max(felt[0].K / by_model - 1, 0.0)) ** 2 * np.outer(g, g)
+        by_loops = backbone(slow, g, found.values["age"], plant.inertia, found.values["D"]) - _gravity(plant, theta)
+        widest = max(felt, key=lambda f: f.amplitude)
+        unsure = hypot(widest.K_std, SPRINGS * (widest.K - by_loops))
+        K, error = _average((by_model, by_loops), (_SHAPE * by_model, unsure))
         return cls(
-            theta, P, found.strengths, C, K, sqrt(float(k @ C @ k) + (_SHAPE * K) ** 2), float(k.sum()), felt,
+            theta, P, found.strengths, C, K, sqrt(float(k @ C @ k) + error**2), float(k.sum()), felt,
             found.values["D"], found.errors["D"], found.values["age"], found, findings.duration, findings.furthest,
             left_out=findings.left_out,
         )  # fmt: skip
@@ -215,6 +219,18 @@ class MeasuredStiffness:
         }
 
 
+def _average(values: tuple[float, float], errors: tuple[float, float]) -> tuple[float, float]:
+    """Return the average of two independent values and its error, greater if they differ by more than their errors."""
+    weights = 1 / np.square(errors)
+    mean = float(weights @ np.array(values) / weights.sum())
+    return mean, max(1.0, abs(values[0] - values[1]) / hypot(*errors)) / sqrt(weights.sum())
+
+
+def _gravity(plant: Plant, theta: float) -> float:
+    """Return the stiffness of gravity [N·m/rad], which loops contain."""
+    return plant.gravity_torque * float(np.cos(theta))
+
+
 def _balance(plant: Plant, tones: list[Tone], A: float) -> Load:
     """Return the balance of the mean torques during slow tones, whose symmetric loops have no mean of their own.
 
@@ -234,7 +250,7 @@ def _felt(
     g, age = np.array(found.strengths), found.values["age"]
     cycle = tone.loop(age)
     s = np.array(cycle.secants)
-    K = secant(tone, g, age, plant.inertia, found.values["D"]) - plant.gravity_torque * float(np.cos(theta))
+    K = secant(tone, g, age, plant.inertia, found.values["D"]) - _gravity(plant, theta)
     h = float(g @ np.array(cycle.losses))
     std = sqrt(float(s @ C @ s) + tone.error**2 + (_SCATTER * K) ** 2 + (LOSSY * h) ** 2)
     model = float(plant.joint.stiffness(theta, *P, amplitude=cycle.swing, loop=loop))

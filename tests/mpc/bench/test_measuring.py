@@ -23,7 +23,7 @@ from mpc.bench.measuring.picture import plot_measured
 from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.session import Told, encoder_step, measure, result_of
 from mpc.bench.measuring.simulation import driven
-from mpc.bench.measuring.springs import secant
+from mpc.bench.measuring.springs import backbone, secant, stop
 from mpc.bench.measuring.strengths import Known, solve
 from mpc.bench.measuring.update import combined, strengthened, update
 from mpc.bench.measuring.weighing import Weight
@@ -112,6 +112,19 @@ def test_a_tone_has_the_stiffness_of_a_push_although_friction_reverses_at_its_tu
     stroke = angle * np.abs(np.gradient(angle))
     mean, loop = K + (friction @ stroke) / (angle @ stroke), tone.loop()
     assert loop.means[0] + J * loop.mean_acceleration == pytest.approx(mean, rel=0.015)
+
+
+@pytest.mark.parametrize("springs", [((4.0, 0.5),), ((2.0, 0.3), (1.5, 2.0)), ((1.0, 1.0), (1.0, 3.0))])
+def test_loops_of_several_amplitudes_have_the_backbone_that_does_not_slip(springs):
+    """Springs (w [N·m/rad], r [°]) that slip."""
+    K, J, f, t = 6.0, 0.05, 1.0, np.arange(0, 4, 0.01)
+    tones = []
+    for A in (3 * DEG, 4.2 * DEG, 8 * DEG):
+        theta = A * np.sin(2 * np.pi * f * t)
+        T = (K - J * (2 * np.pi * f) ** 2) * theta + sum(w * stop(theta, r * DEG) for w, r in springs)
+        T, late = np.column_stack([T, 0 * T]), t >= 1
+        tones.append(tone_of(t[late], theta[late], np.zeros((late.sum(), 2)), T[late], f))
+    assert backbone(tones, np.ones(2), 0.0, J, 0.0) == pytest.approx(K, rel=0.03)
 
 
 @pytest.mark.parametrize("exponent", [0.25, 0.6, 1.0])
