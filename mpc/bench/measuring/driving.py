@@ -100,7 +100,7 @@ class Search:
                 self.exponent = min(max(more / rise, _JUMPING), _PROPORTIONAL)
         self._tried = swing, self.scale
         most = _STEP if swing < _STARTED * self.A else _FARTHER
-        guess = self.scale * (self.A / swing) ** self.exponent
+        guess = self.scale * (self.A / swing) ** self.exponent if swing <= _ENOUGH * self.A else 0.0
         self.scale = min(max(guess, self.scale / _STEP), self.scale * most)
 
 

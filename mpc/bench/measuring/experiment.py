@@ -39,7 +39,7 @@ _BETWEEN = 0.3, 3.0  # of a drive over the expected one
 _CLOSE, _MEASURED = 0.08, 0.09  # [-] of the amplitude: close enough to measure, and as measured
 _MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
 _BEGIN = 0.8  # [-] of the amplitude, to which the first drive is expected to swing
-_OTHER = 0.85  # of the drive, for a muscle that may be the stronger one
+_OTHER = 0.85  # of the drive, for a muscle that may be the stronger one, and for a slow tone
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
 _ENOUGH_ABOVE = 1.5  # … by which the amplitude is planned
 _CALM = 0.44  # of |K_felt + i h|: least |K_felt + i h - J ω²| of an upper tone, 1.2 times the resonance without losses
@@ -150,6 +150,7 @@ class Experiment(Driver):
         self._scales[False] *= _OTHER
         found.append((yield from self._brought(tones.low, TWO, A)))
         found.append((yield from self._brought(tones.low, BOTH, 1.4 * A, close=0.15)))
+        self._scales[False] *= _OTHER
         found.append((yield from self._brought(tones.slowest, BOTH, A)))
         upper, further = self._upper(self._stiff(A))
         lowest = self._lowest(self._stiff(A))
