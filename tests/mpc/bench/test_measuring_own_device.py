@@ -174,4 +174,10 @@ def test_the_inertia_has_to_be_known(tmp_path, monkeypatch):
     device = "--device", "serial:/dev/none"
     assert "was fitted in proportion to the model's stiffness" in refused("--machine", "fitted.toml", *device)
     assert "is not in --machine" in refused("--machine", "static.toml", *device)
-    assert "--weight" not in refused("log.csv", "--machine", "static.toml")
+    t = np.arange(0, 5, 0.01)
+    rows = np.column_stack([t, 3 * np.sin(t), 2 + 0.5 * np.sin(t), 2 - 0.5 * np.sin(t)])
+    head = "time [s],theta [deg],pressure1 [bar],pressure2 [bar]"
+    np.savetxt("log.csv", rows, delimiter=",", header=head, comments="")
+    asked = refused("log.csv", "--machine", "static.toml")
+    assert "give --inertia" in asked
+    assert "--weight" not in asked
