@@ -174,7 +174,7 @@ def test_the_inertia_has_to_be_known(tmp_path, monkeypatch):
     device = "--device", "serial:/dev/none"
     assert "was fitted in proportion to the model's stiffness" in refused("--machine", "fitted.toml", *device)
     assert "is not in --machine" in refused("--machine", "static.toml", *device)
-    t = np.arange(0, 5, 0.01)
+    t = np.arange(0, 60, 0.01)
     rows = np.column_stack([t, 3 * np.sin(t), 2 + 0.5 * np.sin(t), 2 - 0.5 * np.sin(t)])
     head = "time [s],theta [deg],pressure1 [bar],pressure2 [bar]"
     np.savetxt("log.csv", rows, delimiter=",", header=head, comments="")
