@@ -154,8 +154,7 @@ def track(
     from mpc.trials.loops import loop, margins_in_words, robust, sliding_margins
     from mpc.trials.motions.corrections import Owner, compared
     from mpc.trials.pictures.animation import save_animation
-    from mpc.trials.pictures.report import write_run
-    from mpc.trials.pictures.sensitivity import plot_margins
+    from mpc.trials.pictures.report import plot_margins, write_run
     from mpc.trials.simulation import simulate
 
     console = Console()

@@ -71,7 +71,7 @@ def _save(joint: "AntagonistJoint", played: dict[str, object] | None, out: Path)
     from rich.console import Console
     from rich.progress import track
 
-    from mpc.explorer.saved import saved_page
+    from mpc.explorer.server import saved_page
 
     page = saved_page(joint, played, partial(track, description="answers", console=Console(stderr=True)))
     write_text(out, page)

@@ -51,7 +51,7 @@ class ControllerOptions(PlantOptions):
         from mpc.observer.filter import CALM_NOISE
         from mpc.observer.kalman import KalmanObserver
         from mpc.tracking.controller import TrackingMPC
-        from mpc.tracking.weights import CALM
+        from mpc.tracking.cost import CALM
         from mpc.trials.loops import Settings
         from mpc.trials.robust import robust_weights
 
@@ -152,8 +152,8 @@ def fmu_command(
 ) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
     from mpc.export.building import check
+    from mpc.export.fmu.archive import PLATFORMS, checked
     from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
-    from mpc.export.fmu.platforms import PLATFORMS, checked
     from mpc.model.real_plant import RealPlant
 
     if source_only and platforms is not None:

@@ -14,7 +14,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.codegen.buffered import Buffered
-from mpc.tracking.qp.options import SolverOptions, with_options
+from mpc.tracking.qp.solvers import SolverOptions, with_options
 from mpc.yardsticks.shooting import Given, Shooting
 
 

@@ -24,11 +24,10 @@ from allocator.lazy import SX, Function
 from allocator.units import BAR
 from mpc.codegen.buffered import Buffered
 from mpc.model.plant import NU, NX, Plant
-from mpc.tracking.cost import COMMANDS, NY, Rows, charges
+from mpc.tracking.cost import COMMANDS, NY, Rows, Weights, charges
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion
-from mpc.tracking.weights import Weights
 
 _FORCE, _COST = 100.0, 1e4  # [N], [cost]
 _S, _S_F = 1e-3, 0.1  # slacks [rad], [N]

@@ -15,8 +15,16 @@ from functools import cache
 from inspect import isbuiltin
 
 from allocator.compilation.jit import Function
-from allocator.compilation.printer.array_expressions import Expressions
-from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind, TupleKind, declared, kind_of
+from allocator.compilation.printer.array_expressions import (
+    ArrayKind,
+    Expressions,
+    Kind,
+    Kinds,
+    StructKind,
+    TupleKind,
+    declared,
+    kind_of,
+)
 from allocator.compilation.printer.array_simplified import simplified
 from allocator.compilation.printer.c_layout import (
     ATOM,

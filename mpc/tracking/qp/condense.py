@@ -19,12 +19,11 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.model.plant import NU
-from mpc.tracking.cost import Rows, charged, diagonal
+from mpc.tracking.cost import Rows, Weights, charged, diagonal
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Linearisation
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.weights import Weights
 
 SLACKS = 2  # s and s_F, the last decisions
 

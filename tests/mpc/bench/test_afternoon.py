@@ -19,13 +19,11 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, IdentifiedPlant, KalmanObserver, Plant, TrackingMPC, Weights
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
-from mpc.bench.devices.modbus import ModbusDevice
-from mpc.bench.devices.register_map import RegisterMap
+from mpc.bench.devices.modbus import ModbusDevice, RegisterMap
 from mpc.bench.devices.simulated import SimulatedDevice, simulated
-from mpc.bench.loop import RealTimeLoop
+from mpc.bench.loop import RealTimeLoop, Tracking, replay
 from mpc.bench.safety import SoftStart
 from mpc.bench.sweep import Sweep, random_steps, visits_of, within
-from mpc.bench.tracking import Tracking, replay
 from mpc.cli import app
 from mpc.tracking.limits import Limits
 from mpc.trials.files import load_recording

@@ -6,8 +6,8 @@ from typer.testing import CliRunner
 
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant
+from mpc.bench.loop import Tracking, replay
 from mpc.bench.safety import Reason
-from mpc.bench.tracking import Tracking, replay
 from mpc.cli import app
 from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
