@@ -14,8 +14,7 @@ from allocator.joint.limits import Limits
 from allocator.lazy import Console, Figure
 from allocator.shell.machine_options import Hand, HandOptions, MachineOptions, torques
 from allocator.shell.options import grouped, numbers, within
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.shell.stiffness_options import StiffnessOptions
 from allocator.units import DEG
 

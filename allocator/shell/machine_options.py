@@ -1,4 +1,7 @@
-"""Options of a machine, shared by all commands; in millimetres, degrees and bar."""
+"""Options of a machine, shared by all commands; in millimetres, degrees and bar.
+
+Options of the posture and the hand of several joints; in degrees, millimetres and N.
+"""
 
 from dataclasses import dataclass, replace
 from inspect import signature

@@ -10,7 +10,7 @@ import typer
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import within
-from allocator.shell.printing import say
+from allocator.shell.outputs import say
 from allocator.units import BAR, DEG
 from mpc.repetition.options import RepeatOptions, progress, report
 

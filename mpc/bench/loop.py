@@ -6,6 +6,13 @@
 
 Controller and observer are used as on a simulated plant (`mpc.trials.simulation.simulate`). `mpc.bench.loop`
 decides on the commands; `mpc.bench.cycle` is responsible for the time, the limits and the safe stop.
+
+Tracking: a controller and its observer as the command source of a loop, also for the replay of a log.
+
+An observer assumes evenly spaced readings, and at 1 rad/s a millisecond is 0.06°: late readings are therefore projected
+to their due time. So is an angle that its device dates up to a sample earlier, by the estimated velocity; the observer
+compensates a constant age (`Compensation.reading_age`). For each missed sample the observer gets a sample without a
+reading, under the held command.
 """
 
 from collections.abc import Callable

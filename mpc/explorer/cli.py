@@ -9,8 +9,7 @@ from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, within
-from allocator.shell.outputs import Force, claim
-from allocator.shell.printing import say
+from allocator.shell.outputs import Force, claim, say
 
 if TYPE_CHECKING:
     from allocator import AntagonistJoint

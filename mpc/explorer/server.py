@@ -1,4 +1,10 @@
-"""Server of the page and of its questions as JSON, on this machine only."""
+"""Server of the page and of its questions as JSON, on this machine only.
+
+Explorer as one file: the page with its answers on a grid, for a browser without the command.
+
+Every number is an answer of `allocate`: the page's sliders step along the grid and nothing is interpolated. Supply,
+geometry and valves are those of the joint.
+"""
 
 import gzip
 import json

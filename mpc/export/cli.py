@@ -9,8 +9,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import Command, grouped
-from allocator.shell.outputs import Force, claim
-from allocator.shell.printing import say
+from allocator.shell.outputs import Force, claim, say
 from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
 
@@ -152,8 +151,7 @@ def fmu_command(
 ) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
     from mpc.export.building import check
-    from mpc.export.fmu.archive import PLATFORMS, checked
-    from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
+    from mpc.export.fmu.entry import PLATFORMS, checked, export_controller_fmu, export_plant_fmu
     from mpc.model.real_plant import RealPlant
 
     if source_only and platforms is not None:

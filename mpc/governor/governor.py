@@ -1,4 +1,10 @@
-"""Governor of the pressures of a mechanism."""
+"""Governor of the pressures of a mechanism.
+
+Loop over commands, compiled by numba from the kernel and a mechanism's formulas, or plain Python.
+
+numba needs as much time to unpack thirty arrays as the kernel for several commands. Its numbers and memory are
+therefore parts of one table, and the states and commands rows of another.
+"""
 
 import threading
 from collections.abc import Callable
@@ -19,8 +25,7 @@ from allocator.errors import InvalidInput, notice
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.mechanism import Mechanism
 from mpc.governor import kernel
-from mpc.governor.interval import Interval, Posed, Scaled, ends, rows
-from mpc.governor.model import Dynamics
+from mpc.governor.model import Dynamics, Interval, Posed, Scaled, ends, rows
 from mpc.governor.rules import Limits, Made, make, memory_for
 from mpc.tracking.qp.step import SlowStep
 

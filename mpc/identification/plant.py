@@ -2,6 +2,11 @@
 
 The file holds all fitted numbers. If the log does not show inertia or damping, the file has the caller's values, or
 those of `Plant()`. If the log contradicts these, the file has values too small to be seen in it.
+
+Free run of a plant over the pressures of a log: no measured angle is fed back.
+
+`free_run` simulates exactly the objects that `Plant.load` and `Compensation.load` return, so that an error stated for a
+plant's file is the error of that file.
 """
 
 from collections.abc import Mapping

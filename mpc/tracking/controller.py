@@ -57,9 +57,7 @@ from mpc.tracking.cost import Weights
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import Plan, PlanStatus, Rung
-from mpc.tracking.qp.condense import TrackingProblem, condense
-from mpc.tracking.qp.named import NamedQP, named
-from mpc.tracking.qp.softened import softened
+from mpc.tracking.qp.condense import NamedQP, TrackingProblem, condense, named, softened
 from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.qp.step import QPAnswer

@@ -11,6 +11,20 @@ with the weights W_x, W_y and w_u of `mpc.tracking.cost`, and C the gradients of
 The rate weight w_t = `Weights.terminal_rate` is far above that within the horizon: w_θ (1°)² = w_t (2.5 bar/s)², so
 that the regulator beyond the horizon seldom exceeds the slew limit. Otherwise a horizon shorter than the time to brake
 ends in a limit cycle at the slew limit.
+
+Discrete algebraic Riccati equation for semidefinite costs, and a factor of its solution.
+
+The least cost of bringing ξ to zero, ½ ξᵀ S ξ = min ½ Σ (ξᵀ Q ξ + 2 ξᵀ N u + uᵀ R u) over ξ⁺ = A ξ + B u, solves
+
+    S = Aᵀ S A + Q - (Aᵀ S B + N) (R + Bᵀ S B)⁻¹ (Bᵀ S A + Nᵀ)                                                [R]
+
+If a change of pressures costs nothing (a joint whose stiffness does not depend on its pressures, an arm with more
+muscles than targets), S is singular. Its least eigenvalue is then a rounding error of either sign, so that a Cholesky
+factorisation may fail, depending on the processor.
+
+[R] is solved by structured doubling (Chu, Fan, Lin, Wang, Int. J. Control 77, 2004): step k gives the cost of 2ᵏ
+samples, as a sum of semidefinite terms without cancellation. The ordered Schur form of
+`scipy.linalg.solve_discrete_are` is less accurate by four digits and fails for some weights.
 """
 
 from typing import NamedTuple

@@ -1,6 +1,22 @@
 """Back-end "convex" with `uncertainty`: problem [U] as a second-order cone programme in cvxpy.
 
 The certificate does not use the cones: bounds come from root finding, optimality from the remaining step inside them.
+
+Allocation problem under uncertain muscle parameters, and the force limits kept in draws of them.
+
+The parameters p of the (affine) muscles are normal with covariance C = L Lᵀ. To first order in p every force, torque
+and stiffness is normal, with a standard deviation that is the norm of an affine function of the pressures. So
+
+    minimise    w_T E[(T - T*)²] + w_K E[(K - K*)²] + ρ ‖P - P_ref‖²
+    subject to  prob(min_force ≤ F_i ≤ max_force, i = 1, 2) ≥ 1 - α,   supply, slew, floor                        [U]
+
+is a second-order cone programme: E[(T - T*)²] = (T̂ - T*)² + ‖Lᵀ∂T/∂p‖², and each of the m force limits is kept with
+probability 1 - α/m (Bonferroni), F̂_i - z ‖Lᵀ∂F_i/∂p‖ ≥ min_force with z the normal quantile. For the lexicographic
+priorities the mean of the first target is met and kept; the second enters by its expectation.
+
+Each force limit depends on one pressure only, so it is a bound on that pressure: the feasible set is a box again,
+`chance_box`, found without the cones. Since the first order may underestimate the risk, the box also keeps the limits
+in draws of the parameters (`sampled_box`).
 """
 
 from collections.abc import Iterator

@@ -5,6 +5,8 @@
 >>> env = gymnasium.make("mpc.arm.learning.environment:antagonist/Reach-v0", task=Reaching(actions="posture-stiffness"))
 >>> observation, info = env.reset(seed=0)
 >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+
+Episodes of many arms: actions, governor, delay, dynamics and sensors of a task, for both environments.
 """
 
 from collections.abc import Callable, Mapping

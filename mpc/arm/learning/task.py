@@ -3,6 +3,11 @@
 Observations are the encoders now and one sample before, the pressure sensors, the last commands and the task's targets:
 (q, q before, P, u, targets) (blocks of n, m or a numbers), angles in rad, pressures in bar. Velocities and parameters
 of the arm are not observed. Rewards are minus the costs of the task and of the pressures.
+
+Domain randomisation: arms that differ from the nominal one within its uncertainty.
+
+The parameters of every fitted muscle are drawn from the normal distribution with the covariance of its fit, equal for
+all muscles of a kind, because they were fitted once. Parameters without a fit are drawn with the widths of `Variation`.
 """
 
 from abc import ABC, abstractmethod

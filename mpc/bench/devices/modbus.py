@@ -3,6 +3,32 @@
 The module needs pymodbus (`pip install 'antagonist[modbus]'`). `NoAnswer` is a late or missing answer, an exception of
 the device, or an answer to another request (of another function, to another register). The next call then opens a new
 connection, so that a late answer cannot be mistaken for that of another request. A failed connection is a `DeviceLost`.
+
+Register maps of Modbus devices: TOML files with the quantity, unit and scale of each register.
+
+    device_id = 1            # the Modbus unit
+    timeout = 0.02           # for an answer [s]; without one, the sample has no reading
+    word_order = "big"       # of two registers with one number
+
+    [read.theta]             # and [read.P1], [read.P2], if measured
+    register = 0             # address on the wire, counted from 0 (4xxxx or 3xxxx in a manual: counted from 1)
+    kind = "input"           # function 4; or "holding", function 3
+    type = "int16"           # or uint16, int32, uint32, float32
+    unit = "deg"             # or rad; of a pressure bar, mbar, kPa, MPa, Pa, psi; gauge
+    scale = 0.01             # value [unit] = scale · number + offset
+    offset = 0.0
+
+    [write.P1]               # and [write.P2]: holding registers, function 16
+    register = 0
+    type = "uint16"
+    unit = "bar"
+    scale = 0.001
+
+    [[vent]]                 # vents both muscles; without it both are commanded 0 Pa
+    register = 2
+    number = 0
+
+The generic one, `generic_valve_terminal.toml` in `mpc/data/`, is a commented example to begin with.
 """
 
 import re

@@ -1,4 +1,7 @@
-"""Sizes, numbers and tables of an exported controller and its observer."""
+"""Sizes, numbers and tables of an exported controller and its observer.
+
+Rest mode as C (`resting.h`, `resting.c`), printed from the Python source that runs in Python.
+"""
 
 from collections.abc import Iterator
 from functools import cache

@@ -1,4 +1,7 @@
-"""Simulation of many closed loops: thousands of seeds, plants or gains."""
+"""Simulation of many closed loops: thousands of seeds, plants or gains.
+
+Distribution of runs over processes, in batches that stop soon after an interrupt.
+"""
 
 import pickle
 import signal

@@ -1,4 +1,7 @@
-"""Reports of a run: a table of its errors, and files in the format of their suffix."""
+"""Reports of a run: a table of its errors, and files in the format of their suffix.
+
+Picture of a loop's robustness: its sensitivity over the frequency, and its Nyquist plot.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from os import PathLike

@@ -3,6 +3,8 @@
 Targets of a hand become targets of the joints, if the hand has as many coordinates as there are joints. With J(q)
 square, K_x = J⁻ᵀ K J⁻¹ is linear in the joints' stiffness, and so is E = S K Sᵀ, S = K_x*^(-1/2) J⁻ᵀ, which is 1 at the
 target stiffness: the error that `allocate` minimises with an `endpoint`.
+
+Calls of the allocation of many targets, and of its proof, from an arm's compiled step.
 """
 
 from dataclasses import replace
@@ -17,7 +19,7 @@ from allocator.allocation.box.kernel.data import workspace
 from allocator.calculus import Array
 from allocator.joint.limits import BINDS
 from allocator.mechanism.endpoint.targets import EndpointTargets
-from mpc.codegen.arguments import described, described_at
+from mpc.codegen.addresses import described, described_at
 from mpc.codegen.views import flat, in_python, length_of
 from mpc.model.arm.model import Arm
 from mpc.tracking.compiled.arm.module import feeds_forward

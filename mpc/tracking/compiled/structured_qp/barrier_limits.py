@@ -6,6 +6,15 @@ multipliers λ of the limits of each sample k:
     0, 1    changes, the slew below and above; for k = N the slacks, σ ≥ 0
     2, 3    commands, the supply below and above
     4 …     soft rows, as many to a line as there are muscles
+
+Slacks in the barrier: two more unknowns of a sweep, at its border.
+
+A slack σ enters all soft rows of its kind, a·ξ - σ ≤ b, so that it couples all samples. With y the response of the
+changes to it, and w = λ/t,
+
+    (ρ₂ + λ_σ/σ + Σ w - Σ w a·y) Δσ = -∇_σ,        y = H⁻¹ Σ w a
+
+for both slacks together. While its rows weigh little against its own terms, y is left out.
 """
 
 from allocator.calculus import Array
