@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 from allocator.faces import face
 
 if TYPE_CHECKING:
+    from mpc.bench.device import CallableDevice as CallableDevice
     from mpc.bench.device import DeviceLost as DeviceLost
     from mpc.bench.device import NoAnswer as NoAnswer
     from mpc.bench.device import Reading as Reading
     from mpc.bench.device import SimulatedClock as SimulatedClock
-    from mpc.bench.devices.functions import CallableDevice as CallableDevice
     from mpc.bench.devices.serial_line import SerialDevice as SerialDevice
     from mpc.bench.devices.simulated import SimulatedDevice as SimulatedDevice
     from mpc.bench.loop import RealTimeLoop as RealTimeLoop

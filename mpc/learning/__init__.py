@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from mpc.arm.learning.plant import ArmBatch as ArmBatch
     from mpc.arm.learning.plant import VariedArm as VariedArm
     from mpc.arm.learning.plant import Wall as Wall
-    from mpc.arm.learning.reaching import Reaching as Reaching
+    from mpc.arm.learning.task import Reaching as Reaching
     from mpc.arm.learning.task import Task as Task
     from mpc.arm.learning.task import Variation as Variation
     from mpc.arm.learning.wiping import Wiping as Wiping

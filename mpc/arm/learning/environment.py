@@ -1,7 +1,7 @@
 """Environments of gymnasium with one arm that reaches or wipes, or many at a time.
 
 >>> import gymnasium
->>> from mpc.arm.learning.reaching import Reaching
+>>> from mpc.arm.learning.task import Reaching
 >>> env = gymnasium.make("mpc.arm.learning.environment:antagonist/Reach-v0", task=Reaching(actions="posture-stiffness"))
 >>> observation, info = env.reset(seed=0)
 >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
@@ -24,8 +24,7 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.arm.learning.actions import KINDS, Governor, governor_of, within
 from mpc.arm.learning.plant import ArmBatch, VariedArm
-from mpc.arm.learning.reaching import Reaching
-from mpc.arm.learning.task import Batch, Task
+from mpc.arm.learning.task import Batch, Reaching, Task
 from mpc.arm.learning.wiping import Wiping
 
 if TYPE_CHECKING:
