@@ -226,8 +226,6 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
             say(console, f"known to the controller: {known.summary}")
         if known.untold:
             say(console, f"not known to the controller, since its C has no such numbers: {known.untold}")
-        found = _margins(built)
-        say(console, f"margins on the model at {found}")
-        if found.advice:
-            say(console, found.advice)
+        for sentence in _margins(built).sentences:
+            say(console, sentence)
     say(console, f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")
