@@ -37,6 +37,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.friction.contact import Contacts, Loads
 from mpc.model.machine import Machine
 from mpc.observer.gating import Gate
+from mpc.observer.pressure_diagnosis import spread_of
 
 OFFSET_TIME = 0.5  # T_o [s]
 SETTLED = 0.2 * BAR
@@ -109,6 +110,8 @@ class Filter:
         n, m, size = plant.n, plant.m, plant.size
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
+        rates, spread = dt / np.asarray(plant.lags), spread_of(compensation)
+        self.share, self.shares = 1 - np.exp(-rates), 1 - np.exp(-np.outer([spread, 1 / spread], rates))
         self.Q_rest = np.tile(replace(noise, d_walk=0.0).Q(dt, n, m), (n + m, 1, 1))  # by repeating sensor
         for i in range(n):  # a new load would have moved a repeating angle, but other joints may have one
             others = [size + j for j in range(n) if j != i]
@@ -181,6 +184,14 @@ class Filter:
         error = np.where(there[:n].all() & there[n:] & (np.abs(v - P) <= SETTLED), read[n:] - P, 0.0)
         moved = offset + self.dt / OFFSET_TIME * error
         return np.asarray(np.minimum(np.maximum(moved, -most), most))
+
+    def apart(self, apart: Array, belief: Belief, v: Array) -> Array:
+        """Return by how much the pressures of quick and of slow regulators (2, m) [Pa] exceed those of the model a sample
+        after `belief`, when `apart` was the difference and the commands `v` (m,) [Pa] act.
+        """
+        P = self.within(belief.xi)[2 * self.plant.n : self.plant.size]
+        e = self.compensation.after_dead_band(v, P) - P
+        return np.asarray(apart + self.shares * (e - apart) - self.share * e)
 
     def can_be_sent(self, u: Array) -> Mask:
         """Return whether `u` (m,) [Pa] are valid commands."""
