@@ -175,13 +175,14 @@ class Filter:
         xi[self.measured[there]] = read[there]
         return Belief(xi, self.unsure)
 
-    def learned(self, offset: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
+    def learned(self, offset: Array, apart: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
         """Return the offsets (m,) [Pa] updated by the innovations of the readings `there` (n + m,) of `read`.
 
         `v` (m,) [Pa] are the commands that act.
         """
         n, most, P = self.plant.n, self.noise.offset, expected.xi[self.measured[self.plant.n :]]
-        error = np.where(there[:n].all() & there[n:] & (np.abs(v - P) <= SETTLED), read[n:] - P, 0.0)
+        settled = (np.abs(v - P - np.vstack([apart, np.zeros_like(P)])) <= SETTLED).all(axis=0)
+        error = np.where(there[:n].all() & there[n:] & settled, read[n:] - P, 0.0)
         moved = offset + self.dt / OFFSET_TIME * error
         return np.asarray(np.minimum(np.maximum(moved, -most), most))
 

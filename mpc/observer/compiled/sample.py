@@ -102,7 +102,8 @@ def filtered(o: Sample, y: Array, u: Array) -> bool:
         return False
     for j in range(m):
         P = s.belief.xi[2 * n + j]
-        if abs(commands[j] - P) <= SETTLED:
+        e, quick, slow = commands[j] - P, s.apart[0, j], s.apart[1, j]
+        if max(abs(e), abs(e - quick), abs(e - slow)) <= SETTLED:
             moved = s.offset[j] + k.learning * (w.taken[n + j] - P)
             s.offset[j] = min(max(moved, -k.most_offset), k.most_offset)
     for sensor in range(SENSORS):
