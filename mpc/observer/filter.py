@@ -13,9 +13,9 @@ follows the filter's innovations,
 
     o_{k+1} = o_k + dt/T_o (y_P - o - P̂_{k|k-1})_k within ± `Noise.offset`,      T_o = `OFFSET_TIME`
 
-while the pressure is within `SETTLED` of its command, so that leaks and lags do not count as offsets. All angles have
-to be believed, since the motion moves the gas. Within a known dead band P̂ is constant and the innovations cancel, so
-that o does not wind up.
+while the pressure, also that of a quick or a slow regulator, is within `SETTLED` of its command, so that leaks and lags
+do not count as offsets. All angles have to be believed, since the motion moves the gas. Within a known dead band P̂ is
+constant and the innovations cancel, so that o does not wind up.
 
 The plant is evaluated only within the joint range and the supply, for which its muscle models are valid. Outside, it is
 extrapolated linearly: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state inside.
@@ -187,12 +187,18 @@ class Filter:
         return np.asarray(np.minimum(np.maximum(moved, -most), most))
 
     def apart(self, apart: Array, belief: Belief, v: Array) -> Array:
-        """Return by how much the pressures of quick and of slow regulators (2, m) [Pa] exceed those of the model a sample
-        after `belief`, when `apart` was the difference and the commands `v` (m,) [Pa] act.
+        """Return by how much pressures of quick and of slow regulators (2, m) [Pa] exceed those of the model, a sample
+        after `belief` and `apart`, while the commands `v` (m,) [Pa] act.
         """
         P = self.within(belief.xi)[2 * self.plant.n : self.plant.size]
         e = self.compensation.after_dead_band(v, P) - P
         return np.asarray(apart + self.shares * (e - apart) - self.share * e)
+
+    def bounds(self, expected: Belief, apart: Array) -> tuple[Array, Array]:
+        """Return the least and the greatest readings (n + m,) of sound sensors and regulators."""
+        xi, angles = expected.xi[self.measured], np.zeros(self.plant.n)
+        least, most = np.minimum(apart, 0.0).min(axis=0), np.maximum(apart, 0.0).max(axis=0)
+        return xi + np.append(angles, least), xi + np.append(angles, most)
 
     def can_be_sent(self, u: Array) -> Mask:
         """Return whether `u` (m,) [Pa] are valid commands."""

@@ -92,9 +92,8 @@ class KalmanObserver:
         self.rebuilt = 0  # number of times that the state was not finite and was rebuilt
         self._read = np.full(self._measured.size, np.nan)  # readings of the previous sample
         self._offset = np.zeros(self.plant.m)  # of the pressure sensors against the regulators [Pa]
-        self._apart = np.zeros((2, self.plant.m))  # of quick and slow regulators from the model's [Pa]
-        self._silent = np.zeros(self._measured.size)  # duration of silence [s]
-        self._repeating = np.zeros(self._measured.size)  # duration of repetition [s]
+        self._apart = np.zeros((2, self.plant.m))  # see `Filter.apart`
+        self._silent, self._repeating = np.zeros((2, self._measured.size))  # durations [s]
         self._frozen = np.zeros(self._measured.size, bool)
         self._without: dict[int, Belief] = {}  # by repeating sensor: belief without it
         self.rivalry.reset()
@@ -231,8 +230,8 @@ class KalmanObserver:
             return None
         return {
             "belief": belief, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
-            "read": self._read, "offset": self._offset, "apart": self._apart, "repeating": self._repeating, "step": self._step,
-            "samples": 0.0,
+            "read": self._read, "offset": self._offset, "apart": self._apart, "repeating": self._repeating,
+            "step": self._step, "samples": 0.0,
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
             "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
             "angle": [nan if one.theta is None else one.theta for one in self._frictions],
@@ -332,10 +331,8 @@ class KalmanObserver:
         return zip(said[self._angles].tolist(), expected[self._angles].tolist(), strict=True)
 
     def _checked(self, read: Array, expected: Belief) -> list[Verdict]:
-        i, none = self._measured, np.zeros((2, self.plant.n))
-        apart = np.hstack([none, self._apart])
-        least, most = expected.xi[i] + np.minimum(apart, 0).min(axis=0), expected.xi[i] + np.maximum(apart, 0).max(axis=0)
-        numbers = np.array([read, least, most, expected.covariance[i, i] + self._variances]).T.tolist()
+        variance = expected.covariance[self._measured, self._measured] + self._variances
+        numbers = np.array([read, *self.filter.bounds(expected, self._apart), variance]).T.tolist()
         return [gate.check(*of_sensor) for gate, of_sensor in zip(self._gates, numbers, strict=True)]
 
     def _without_frozen(

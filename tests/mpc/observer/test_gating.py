@@ -53,14 +53,15 @@ def test_of_a_right_model_s_readings_as_many_are_rejected_as_is_said():
     gate, rng = SensorGate(replace(GATE, floor=(0.0, 0.0, 0.0)), 0, DT), np.random.default_rng(0)
     beyond = [gate.width(1e-6) / 2 < abs(reading) for reading in 1e-3 * rng.standard_normal(200_000)]
     assert np.mean(beyond) == pytest.approx(0.0027, rel=0.1)
-    assert all(SensorGate(GATE, 0, DT).check(1e-6 * y, 0.0, 1e-12) is Verdict.BELIEVED for y in rng.normal(size=1000))
+    readings = 1e-6 * rng.normal(size=1000)
+    assert all(SensorGate(GATE, 0, DT).check(y, 0.0, 0.0, 1e-12) is Verdict.BELIEVED for y in readings)
 
 
 def test_a_gate_that_rejects_opens_slowly_whatever_the_variance_has_become():
     gate, widest = SensorGate(GATE, 0, DT), GATE.floor[0]
-    verdicts = [gate.check(0.5 + 1e-3 * k, 0.0, 1.0 if k else 0.0) for k in range(30)]
+    verdicts = [gate.check(0.5 + 1e-3 * k, 0.0, 0.0, 1.0 if k else 0.0) for k in range(30)]
     assert set(verdicts) == {Verdict.REJECTED}
-    assert gate.check(0.9 * widest, 0.0, 1.0) is Verdict.BELIEVED
+    assert gate.check(0.9 * widest, 0.0, 0.0, 1.0) is Verdict.BELIEVED
 
 
 @pytest.mark.parametrize(
@@ -68,7 +69,7 @@ def test_a_gate_that_rejects_opens_slowly_whatever_the_variance_has_become():
     [(np.nan, Verdict.SILENT), (np.inf, Verdict.SILENT), (1e300, Verdict.IMPOSSIBLE), (-2.6, Verdict.IMPOSSIBLE)],
 )
 def test_what_no_sensor_of_this_joint_says_is_named(reading, verdict):
-    assert SensorGate(GATE, 0, DT).check(reading, 0.0, 1e-6) is verdict
+    assert SensorGate(GATE, 0, DT).check(reading, 0.0, 0.0, 1e-6) is verdict
 
 
 @given(theta=st.floats(-1.5, 1.5), turns=st.integers(-1000, 1000))
