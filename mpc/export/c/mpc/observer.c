@@ -195,10 +195,11 @@ static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real 
 }
 
 /* Updates the distances of the pressures of quick and of slow regulators from those of the model. */
-static void move_apart(ant_observer *o, ant_belief previous) {
-    ant_within(previous.xi);
+static void move_apart(ant_observer *o, const ant_belief *previous) {
     for (int i = 0; i < ANT_MUSCLES; i++) {
-        const ant_real P = previous.xi[2 * ANT_JOINTS + i], e = ant_after_dead_band(o->commands[0][i], P) - P;
+        const int sensor = ANT_JOINTS + i;
+        const ant_real P = ant_clip(previous->xi[ant_measured(sensor)], ANT_GATE_LOWER[sensor], ANT_GATE_UPPER[sensor]);
+        const ant_real e = ant_after_dead_band(o->commands[0][i], P) - P;
         for (int k = 0; k < 2; k++) o->apart[k][i] += ANT_SHARES[k][i] * (e - o->apart[k][i]) - (1 - ANT_KEPT[i]) * e;
     }
 }
@@ -232,7 +233,7 @@ static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     ant_contacts_of(&previous, contacts);
     for (int i = 0; i < ANT_JOINTS; i++) ant_friction_follow(&o->friction[i], i, previous.xi[i], contacts[i]);
     ant_predict_belief(o, &expected, 0, ANT_Q_NOISE);
-    move_apart(o, previous);
+    move_apart(o, &previous);
     ant_real read[ANT_SENSORS];
     int there[ANT_SENSORS], rested[ANT_SENSORS], rests = 0;
     for (int i = 0; i < ANT_JOINTS; i++) read[i] = ant_unwrapped(said[i], expected.xi[i], ANT_NEAR_A_TURN);
