@@ -248,6 +248,7 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     return [
         ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
         ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", inverse.alpha),
+        ("ANT_SHARES", "shares of a step that a quick and a slow one follow in a sample [-]", observer.filter.shares),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
         ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(observer.filter.Q)),
