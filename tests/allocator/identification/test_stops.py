@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from allocator.identification.stops import described, stops
+from allocator.identification.outliers import described, stops
 
 
 def stepped(stop, hysteresis=0.0):
