@@ -30,7 +30,7 @@ atmosphere = 101325.0          # [Pa]
 corner = 0.04                  # [Hz] below which slow motions are isothermal; or without this line
 
 [source]                       # where the numbers come from, for the reader; not read by `load`
-encoder_zero_deg = 0.3         # reading at 0 of the joint, for fits of its motion
+encoder_zero_deg = 0.3         # reading at 0 of the joint; loops on a device and fits subtract it
 
 [plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
 [intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`

@@ -90,6 +90,14 @@ class PlantOptions(MachineOptions):
         return Plant(joint, **(otherwise | stored | self._numbers()))
 
     @property
+    def encoder_zero(self) -> float:
+        """Encoder reading [rad] at 0 of the joint, by its file."""
+        from allocator.files.toml import Table
+        from allocator.machine_file import encoder_zero_in
+
+        return 0.0 if self.file is None else encoder_zero_in(Table.read(self.file))
+
+    @property
     def is_mujoco(self) -> bool:
         """Whether the machine is a MuJoCo model."""
         return self.machine is not None and self.machine.endswith(".xml")

@@ -146,7 +146,7 @@ def _on_device(
     from mpc.bench.measuring.session import Told, measure, shake
     from mpc.bench.measuring.weighing import Weight
 
-    settings, found = bench.settings(), []
+    settings, found = bench.settings(options), []
     opened = bench.opened(options)
     rests = [_rest(text, opened.plant) for text in around] or [_middle(opened.plant)]
     for theta, K in rests:
@@ -178,7 +178,7 @@ def _in_log(
 
     plant, known = options.plant(), options.compensation()
     told = Known(plant.inertia, inertia_error * PERCENT, known.reading_age)
-    samples = read_log_of_motion(log, **read)
+    samples = read_log_of_motion(log, zero=options.encoder_zero, **read)
     for note in samples.notes:
         say(console, note)
     return _shown(from_log(plant, known.friction.loop, samples, told), console)

@@ -11,6 +11,7 @@ from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import Command, grouped
 from allocator.shell.outputs import Force, claim
 from allocator.shell.printing import say
+from allocator.units import DEG
 from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
 
@@ -68,15 +69,17 @@ class ControllerOptions(PlantOptions):
         elif not (tuned or several):
             weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, compiled=False)
         controller = TrackingMPC(s.plant, s.dt, s.N, weights, compensation=s.compensation, compiled=False)
-        return Built(controller, KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False), tuned)
+        observer = KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False)
+        return Built(controller, observer, tuned, self.encoder_zero)
 
 
 class Built(NamedTuple):
-    """A controller with its observer, and a sentence about a tuning, or ""."""
+    """A controller with its observer, a sentence about a tuning, or "", and the encoder's zero [rad]."""
 
     controller: "TrackingMPC"
     observer: "KalmanObserver"
     tuned: str
+    zero: float = 0.0
 
 
 @export_app.callback()
@@ -228,6 +231,8 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
             say(console, f"known to the controller: {known.summary}")
         if known.untold:
             say(console, f"not known to the controller, since its C has no such numbers: {known.untold}")
+        if built.zero:
+            say(console, f"the encoder reads {built.zero / DEG:.4g}° at 0 of the joint: subtract it before every step")
         found = _margins(built)
         say(console, f"margins on the model at {found}")
         if found.advice:
