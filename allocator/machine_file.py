@@ -95,10 +95,7 @@ def named_machine(name: str) -> Machine:
     if name in MACHINES:
         return MACHINES[name]()
     if name.endswith(".xml"):
-        raise InvalidInput(
-            f"{name} is a MuJoCo model, for track, tune, export controller and export governor; others take TOML: "
-            "save_machine(Mechanism.from_mjcf(…), …) in Python"
-        )
+        raise InvalidInput(f"{name} is a MuJoCo model: Mechanism.from_mjcf reads it with its muscles")
     if not name.endswith(".toml"):
         raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml"])
     return load_machine(name)
