@@ -84,6 +84,9 @@ class KalmanObserver:
         self.reset()
         self._compile()
 
+    def __repr__(self) -> str:
+        return f"KalmanObserver: samples of {1e3 * self.dt:g} ms, {self.implementation}; model: {self.plant.summary}"
+
     def reset(self) -> None:
         """Forget the past samples: the next measurement is the state, and there is no disturbance torque."""
         self._catch_up()
@@ -221,9 +224,7 @@ class KalmanObserver:
             self.compiled.give()
 
     def _remembered(self) -> dict[str, object] | None:
-        """Return the fields of `State` and `Tail` for a compiled estimate to continue from; None if they are not
-        ordinary.
-        """
+        """Return fields of `State` and `Tail` for a compiled estimate to continue from; None unless ordinary."""
         belief, diagnosis = self._belief, self.diagnosis
         quiet = not self.rivalry.going_on and not self._frozen.any() and all(gate.quiet for gate in self._gates)
         if belief is None or not quiet:
