@@ -115,7 +115,8 @@ def save_machine(
 
 
 def dumps(machine: Machine, *, scale_known: bool = True, source: Mapping[str, str | float] | None = None) -> str:
-    """Return the TOML text of a joint or a mechanism."""
+    """Return the TOML text of a joint or a mechanism. Raises `InvalidInput` for anything else."""
+    checks.instance("machine", machine, AntagonistJoint | Mechanism, "an AntagonistJoint or a Mechanism")
     joint = machine if isinstance(machine, AntagonistJoint) else None
     own = _of_a_joint(joint, scale_known) if joint else {}
     lines = section("machine", _limits(machine) | own, _UNITS)[1:]

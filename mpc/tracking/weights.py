@@ -1,11 +1,9 @@
 """Weights of the tracking cost."""
 
 from dataclasses import dataclass, fields
-from math import isfinite
 from typing import Self
 
 from allocator import checks
-from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 
 
@@ -34,9 +32,9 @@ class Weights:
     def __post_init__(self) -> None:
         """Raise `InvalidInput` unless all are positive, because otherwise the QP's solution is not unique."""
         for entry in fields(self):
-            value = getattr(self, entry.name)
-            if not (isfinite(value) and value > 0):
-                raise InvalidInput(f"Weights: {entry.name} = {value!r} has to be positive and finite")
+            object.__setattr__(
+                self, entry.name, checks.positive(f"Weights: {entry.name}", getattr(self, entry.name), "-")
+            )
 
     @classmethod
     def calm(cls, detuning: float = 1.0) -> Self:
