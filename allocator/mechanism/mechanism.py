@@ -60,9 +60,12 @@ class Mechanism:
 
     def __post_init__(self) -> None:
         """Check the parts against each other."""
+        checks.instance("routes", self.routes, Routes, "Routes, such as Pulleys(…)")
         n, m = self.n, self.m
         muscles = (self.muscles,) * m if isinstance(self.muscles, Muscle) else tuple(self.muscles)
-        if len(muscles) != m or not all(isinstance(muscle, Muscle) for muscle in muscles):
+        for muscle in muscles:
+            checks.instance("muscles: an entry", muscle, Muscle, "a Muscle, such as named_muscle(name)")
+        if len(muscles) != m:
             raise InvalidInput(f"muscles: {len(muscles)} given; the routes lead m = {m} muscles over n = {n} joints")
         checked_cables(muscles, self.routes.rest_length)
         object.__setattr__(self, "muscles", muscles)

@@ -303,6 +303,10 @@ def _check_parts(
             raise InvalidInput(f"{name} = {checks.brief(value)} has to be {known}")
     if observer is not None:
         check_observer(observer, controller.dt)
+    n, pair = plant.nominal.n, isinstance(plant.nominal, Plant)
+    if reference.theta.shape[1:] != (() if pair else (n,)):
+        wanted_shape = "(M,)" if pair else f"(M, {n})"
+        raise InvalidInput(f"reference: theta has the shape {reference.theta.shape}; this plant takes {wanted_shape}")
 
 
 def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:

@@ -5,10 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import DEG, InvalidInput, named_muscle, report_joint, save_machine
-from mpc import Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, margins, robust_weights, tune
+from allocator import DEG, InvalidInput, feasibility_map, named_muscle, report_joint, save_machine
+from mpc import (
+    Arm,
+    Compensation,
+    KalmanObserver,
+    Plant,
+    RealPlant,
+    Reference,
+    TrackingMPC,
+    Weights,
+    margins,
+    robust_weights,
+    simulate,
+    tune,
+)
+from mpc.export import export
+from mpc.trials import closed_loop, sampled_controller, sampled_plant, sampled_real_plant
 
 PLANT = Plant()
+ARM = Arm.machine("arm26")
 NAN = float("nan")
 
 
@@ -18,6 +34,10 @@ def observer(plant=PLANT, dt=0.01, **others):
 
 def controller(**others):
     return TrackingMPC(PLANT, compiled=False, **others)
+
+
+def short():
+    return Reference(np.array([0, 0.1]), np.array([0.1, 0.1]), np.array([7.5, 7.5]))
 
 
 def real(**effects):
@@ -44,6 +64,16 @@ def real(**effects):
         (lambda: tune(None), "plant = None has to be a Plant or an Arm"),
         (lambda: tune(real()), "the model of a RealPlant is its nominal"),
         (lambda: robust_weights(3), "plant = 3 has to be a Plant or an Arm"),
+        (lambda: simulate(ARM, controller(), short()), "theta has the shape (2,); this plant takes (M, 2)"),
+        (lambda: replace(ARM.mechanism, muscles=("a",) * 6), "muscles: an entry = 'a' has to be a Muscle"),
+        (lambda: replace(ARM.mechanism, routes=None), "routes = None has to be Routes"),
+        (lambda: sampled_plant(ARM, 0.01), "plant = Arm"),
+        (lambda: sampled_plant(PLANT, 0), "dt = 0 s has to be a sample time"),
+        (lambda: sampled_real_plant(PLANT, 0.01), "has to be a RealPlant"),
+        (lambda: sampled_controller(controller(), observer()), "reference = KalmanObserver"),
+        (lambda: closed_loop(PLANT, controller(), short(), observer=observer(dt=0.02)), "dt = 0.02 s of the observer"),
+        (lambda: export("never", controller=observer()), "controller = KalmanObserver"),
+        (lambda: export("never", controller=PLANT), "has to be a TrackingMPC"),
         (lambda: Weights(theta="1"), "Weights: theta = '1' is not a number"),
         (lambda: Compensation(frictions=3), "frictions = 3 has to be a row of friction models"),
         (lambda: real(force_gains=0.9), "force_gains = 0.9 has to be a row of values"),
@@ -78,3 +108,8 @@ def test_two_lags_may_stand_in_a_list(lags):
 def test_margins_show_themselves_in_a_line():
     found = margins(controller(), observer(), [(10 * DEG, 7.5)])
     assert repr(found[0]).startswith("Margins: θ = 10°, K = 7.5 N·m/rad: M_s = ")
+
+
+def test_a_map_shows_itself_in_a_line():
+    found = repr(feasibility_map(theta=[-0.5, 0.0, 0.5], K=[7.0, 8.0]))
+    assert found == "FeasibilityMap: 3 theta × 2 K, 100% feasible; isobaric stiffness"
