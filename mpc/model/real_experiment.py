@@ -58,7 +58,7 @@ class RealMachine(ABC):
         for name, usual in (("force_gains", 1.0), ("pressure_offset", 0.0), ("shut", False)):
             values = checks.row(name, getattr(self, name))
             if len(values or (usual,) * m) != m:
-                raise InvalidInput(f"{name} = {checks.brief(values)} has to be m = {m} values, one a muscle")
+                raise InvalidInput(f"{name} = {checks.brief(values)} has to be m = {m} numbers, one a muscle")
             object.__setattr__(self, name, values or (usual,) * m)
         for fault in checks.row("faults", self.faults):
             checks.instance("faults: an entry", fault, Fault, "a Fault")

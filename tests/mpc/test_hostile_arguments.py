@@ -77,7 +77,7 @@ def real(**effects):
         (lambda: Weights(theta="1"), "Weights: theta = '1' is not a number"),
         (lambda: Compensation(frictions=3), "frictions = 3 has to be a row of friction models"),
         (lambda: real(force_gains=0.9), "force_gains = 0.9 has to be a row of values"),
-        (lambda: real(force_gains=(0.9,)), r"force_gains = (0.9,) has to be m = 2 values"),
+        (lambda: real(force_gains=(0.9,)), r"force_gains = (0.9,) has to be m = 2 numbers"),
         (lambda: real(shut="x"), "shut = 'x' has to be a row of values"),
         (lambda: real(pressure_offset=-1), "pressure_offset = -1 has to be a row of values"),
         (lambda: real(torque_profile=(1, 2)), "torque_profile: an entry = 1 has to be a pair (time [s], torque [N·m])"),
