@@ -143,7 +143,7 @@ class KalmanObserver:
 
     @property
     def implementation(self) -> str:
-        """Implementation of ordinary samples: "compiled", or "readable", which is about ten times slower."""
+        """Implementation of ordinary samples: "compiled", or "readable", which is about a hundred times slower."""
         return "readable" if self.compiled is None else "compiled"
 
     @property

@@ -163,8 +163,8 @@ class TrackingMPC(BaseController):
 
     @property
     def implementation(self) -> str:
-        """Implementation of all steps: "compiled", or "readable", which is about ten times slower (after a `SlowStep`
-        or `CompilingBeside` warning).
+        """Implementation of all steps: "compiled", or "readable", about thirty times slower (after a `SlowStep` or
+        `CompilingBeside` warning).
         """
         return self._qp_step.implementation
 

@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 class SlowStep(UserWarning):
-    """Warning that a controller's step could not be compiled; the uncompiled step answers, about ten times slower."""
+    """Warning that a controller's step could not be compiled; the uncompiled one is about thirty times slower."""
 
 
 class CompilingBeside(UserWarning):
-    """Warning that a controller's step is being compiled in the background; until then it is about ten times slower."""
+    """Warning that a controller's step is being compiled in the background; about thirty times slower until then."""
 
 
 class PreviousSample(NamedTuple):

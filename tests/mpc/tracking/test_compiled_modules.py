@@ -71,7 +71,7 @@ def test_without_a_directory_to_write_to_the_readable_step_answers(monkeypatch, 
     (tmp_path / "file").touch()
     monkeypatch.setattr(modules, "_directory", lambda: tmp_path / "file" / "below")
     modules.imported.cache_clear()
-    with pytest.warns(SlowStep, match="ten times as long"):
+    with pytest.warns(SlowStep, match="thirty times as long"):
         mpc = TrackingMPC(Plant(), N=12)
     assert mpc.implementation == "readable"
     assert mpc.step(Plant().at_rest(0.0, 7.6), 0.1, 7.8).status is PlanStatus.OPTIMAL
