@@ -9,10 +9,9 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.lazy import Table
 from allocator.presentation.tables import number
-from allocator.shell.hand_options import HandOptions, torques
-from allocator.shell.machine_options import MachineOptions
+from allocator.shell.machine_options import HandOptions, MachineOptions, torques
 from allocator.shell.options import finite, grouped, row
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import AsJSON, print_json, say
 from allocator.shell.stiffness_options import StiffnessOptions
 from allocator.units import BAR, DEG
 

@@ -12,7 +12,7 @@ from allocator.identification.bag_cli import bag_command
 from allocator.identification.joint.cli import fit_joint_command, plan_joint_command
 from allocator.identification.muscle.cli import fit_command
 from allocator.shell.options import Command
-from allocator.shell.printing import say
+from allocator.shell.outputs import say
 
 app = typer.Typer(
     name="antagonist",

@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.tracking.cost import Rows, charges
+from mpc.tracking.cost import Rows, Weights, charges
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
-from mpc.tracking.weights import Weights
 from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run
 

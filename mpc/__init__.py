@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from mpc.observer.kalman import KalmanObserver as KalmanObserver
     from mpc.tracking.controller import LongStep as LongStep
     from mpc.tracking.controller import TrackingMPC as TrackingMPC
+    from mpc.tracking.cost import Weights as Weights
     from mpc.tracking.plan import Plan as Plan
     from mpc.tracking.plan import PlanStatus as PlanStatus
     from mpc.tracking.plan import Rung as Rung
     from mpc.tracking.qp.step import CompilingBeside as CompilingBeside
     from mpc.tracking.qp.step import SlowStep as SlowStep
-    from mpc.tracking.weights import Weights as Weights
     from mpc.trials.many.entry import simulate_many as simulate_many
     from mpc.trials.many.runs import Runs as Runs
     from mpc.trials.margins import margins as margins

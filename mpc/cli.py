@@ -19,8 +19,7 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.lazy import Console
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped, within
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run
-from allocator.shell.printing import say
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run, say
 from allocator.units import BAR, DEG
 from mpc.arm.cli import ArmOptions, track_arm
 from mpc.bench.cli import devices_command, run_command, sweep_command
@@ -154,8 +153,7 @@ def track(
     from mpc.trials.loops import loop, margins_in_words, robust, sliding_margins
     from mpc.trials.motions.corrections import Owner, compared
     from mpc.trials.pictures.animation import save_animation
-    from mpc.trials.pictures.report import write_run
-    from mpc.trials.pictures.sensitivity import plot_margins
+    from mpc.trials.pictures.report import plot_margins, write_run
     from mpc.trials.simulation import simulate
 
     console = Console()

@@ -15,8 +15,7 @@ from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
 from allocator.lazy import Console
 from allocator.shell.options import grouped
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from mpc.plant_cli import LoopOptions, PlantOptions
 
 if TYPE_CHECKING:

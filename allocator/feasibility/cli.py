@@ -12,11 +12,9 @@ from allocator.errors import InvalidInput
 from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import Limits
 from allocator.lazy import Console, Figure
-from allocator.shell.hand_options import Hand, HandOptions, torques
-from allocator.shell.machine_options import MachineOptions
+from allocator.shell.machine_options import Hand, HandOptions, MachineOptions, torques
 from allocator.shell.options import grouped, numbers, within
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.shell.stiffness_options import StiffnessOptions
 from allocator.units import DEG
 

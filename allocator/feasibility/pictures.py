@@ -11,7 +11,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.lazy import Axes
 from allocator.mechanism.endpoint import Endpoint
-from allocator.mechanism.endpoint.points import LinkagePoint
+from allocator.mechanism.endpoint.endpoint import LinkagePoint
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import Link, Pulleys, Sites
 from allocator.mechanism.routes.linkage import Linkage

@@ -15,8 +15,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.lazy import Axes
-from allocator.mechanism.endpoint.endpoint import Endpoint, inverses, load_of
-from allocator.mechanism.endpoint.points import Place
+from allocator.mechanism.endpoint.endpoint import Endpoint, Place, inverses, load_of
 
 _NAME = re.compile(r"(Kx|K|T)(\d+)(?:,(\d+))?")
 _UNITS = {"T": "N·m", "K": "N·m/rad", "Kx": "N/m"}

@@ -26,7 +26,7 @@ from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import TAUT, Limits
 from allocator.lazy import Axes
 from allocator.mechanism.endpoint import Endpoint
-from allocator.mechanism.endpoint.points import Place
+from allocator.mechanism.endpoint.endpoint import Place
 from allocator.mechanism.mechanism import Mechanism, TargetsMap
 
 

@@ -2,7 +2,7 @@
 
 Separators are a comma, a semicolon, a tab or spaces; with all but the comma numbers may have decimal commas. `#` begins
 a comment. Lines above the names, a row of units below them, and the headers of LabVIEW files are recognised
-(`allocator.files.layout`, `allocator.files.labview`).
+(`allocator.files.layout`, `allocator.files.layout`).
 """
 
 import re
@@ -13,10 +13,18 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.files import labview
-from allocator.files.cells import complaint, floats, is_missing, is_misspelled, is_number, listed, thousands
-from allocator.files.clock import clock_seconds, is_clock
-from allocator.files.layout import Layout, lay_out
+from allocator.files.cells import (
+    clock_seconds,
+    complaint,
+    floats,
+    is_clock,
+    is_missing,
+    is_misspelled,
+    is_number,
+    listed,
+    thousands,
+)
+from allocator.files.layout import Layout, fill_times, filled_names, lay_out, without_headers
 from allocator.files.text import FilePath, read_text
 
 
@@ -127,16 +135,16 @@ def read_table(path: FilePath, *, skip_rows: int = 0, is_unit: Callable[[str], b
     if not 0 <= skip_rows < len(lines):
         raise InvalidInput(f"skip_rows = {skip_rows}: expected 0 to {len(lines) - 1}, as {path} has {len(lines)} lines")
     lines = lines[skip_rows:]
-    header = labview.without_headers(lines)
+    header = without_headers(lines)
     found = lay_out(path, lines if header is None else header.lines, is_unit)
-    names = found.names if header is None else labview.filled_names(found.names, header.units)
+    names = found.names if header is None else filled_names(found.names, header.units)
     while len(names) > 1 and not names[-1] and all(len(row) < len(names) or not row[-1] for _, row in found.rows):
         names = names[:-1]
     numbers, rows, repeated, cut = _samples(path, names, found, whole=text.endswith(("\n", "\r")))
     if not rows:
         raise InvalidFile(path, "has column names but no samples")
     if header is not None:
-        labview.fill_times(names, rows, header.step)
+        fill_times(names, rows, header.step)
     first = min((i for i, line in lines if line.strip()), default=1)
     notes = []
     if header is not None or found.before:

@@ -1,8 +1,7 @@
 """Identification of muscles from forces, of joints from angles at rest, and of their motion from logs."""
 
-from allocator.identification.arm.episodes import Episode, Windows
+from allocator.identification.arm.episodes import ArmLog, Episode, Windows, read_arm_log
 from allocator.identification.arm.fit import ArmFit, assign_muscles, fit_arm
-from allocator.identification.arm.reading import ArmLog, read_arm_log
 from allocator.identification.joint.fit import compare_joint_models, fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.plotting import plot_joint_fit

@@ -8,8 +8,7 @@ from rich.console import Console
 
 from allocator.errors import InvalidInput
 from allocator.files import bags
-from allocator.shell.outputs import Force, check_ending, claim
-from allocator.shell.printing import say
+from allocator.shell.outputs import Force, check_ending, claim, say
 
 
 def bag_command(

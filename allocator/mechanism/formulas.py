@@ -7,8 +7,7 @@ from typing import Any
 
 from allocator.errors import InvalidInput
 from allocator.lazy import SX, Function
-from allocator.mechanism.endpoint.endpoint import Endpoint
-from allocator.mechanism.endpoint.points import LinkagePoint
+from allocator.mechanism.endpoint.endpoint import Endpoint, LinkagePoint
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import Routes
 

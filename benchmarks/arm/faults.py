@@ -39,7 +39,7 @@ from mpc.observer.filter import CALM_NOISE
 from mpc.observer.health import FaultKind, Health, Part
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.weights import CALM
+from mpc.tracking.cost import CALM
 from mpc.trials.motions.arm_trajectories import REFERENCES
 from mpc.trials.simulation import in_motion, simulate
 

@@ -15,7 +15,7 @@ from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.condense import SLACKS
 from mpc.tracking.qp.step import PreviousSample, QPAnswer
-from mpc.yardsticks.nlp_solvers import IPOPT
+from mpc.yardsticks.shooting import IPOPT
 
 _SLACK_UNITS = 1e-3, 1.0  # [rad], [N]: of the order of their values
 

@@ -20,9 +20,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.presentation.tables import number
 from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
-from mpc.arm.learning.reaching import Reaching
-from mpc.arm.learning.task import Task
-from mpc.arm.learning.variation import Variation
+from mpc.arm.learning.task import Reaching, Task, Variation
 from mpc.arm.learning.wiping import Wiping
 from mpc.model.arm.model import Arm
 

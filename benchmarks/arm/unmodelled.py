@@ -39,7 +39,7 @@ from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.observer.filter import Noise
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 from mpc.trials.motions.arm_trajectories import circle, reach
 from mpc.trials.simulation import Run, in_motion, simulate
 

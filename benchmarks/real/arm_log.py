@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import InvalidFile
-from allocator.identification.arm.episodes import Episode, Windows
-from allocator.identification.arm.reading import read_arm_log
+from allocator.identification.arm.episodes import Episode, Windows, read_arm_log
 
 SAMPLE = Path(__file__).parent / "data" / "mpi_arm.csv.gz"
 HORIZON = 40  # samples of a free run

@@ -18,9 +18,9 @@ from benchmarks.speed.mpc_loop import DT, Loop, closed_loop
 from benchmarks.speed.mpc_rivals import CvxpyOSQP, DoMPC
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import Plant, TrackingMPC
-from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.step import certified
 from mpc.trials.simulation import Controller
 from mpc.yardsticks.nonlinear import NonlinearMPC
 

@@ -23,10 +23,9 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from mpc import PlanStatus, Plant, TrackingMPC, Weights
 from mpc.tracking.compiled.structured_qp.solve import MOST
-from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import solver
-from mpc.tracking.qp.step import PreviousSample
+from mpc.tracking.qp.step import PreviousSample, certified
 
 DT, KEPT = 0.01, 40
 CHECKED = 101  # one of so many: not a multiple of the settings

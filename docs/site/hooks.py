@@ -14,7 +14,7 @@ from nbconvert import MarkdownExporter
 from allocator import Limit, Status, report_joint
 from allocator.muscles import MODELS, AffineMuscle
 from mpc import PlanStatus, Rung
-from mpc.explorer.saved import saved_page
+from mpc.explorer.server import saved_page
 
 ROOT = Path(__file__).parents[2]
 REPORTS = "benchmarks/results"

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from mpc.arm.mjcf import to_mjcf as to_mjcf
     from mpc.arm.mujoco_plant import MujocoPlant as MujocoPlant
     from mpc.arm.picture import Camera as Camera
-    from mpc.arm.sensors import Readings as Readings
+    from mpc.arm.rig import Readings as Readings
     from mpc.model.arm.bodies import Bodies as Bodies
     from mpc.model.arm.bodies import arm26_bodies as arm26_bodies
     from mpc.model.arm.model import Arm as Arm

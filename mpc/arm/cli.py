@@ -10,7 +10,7 @@ import typer
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import within
-from allocator.shell.printing import say
+from allocator.shell.outputs import say
 from allocator.units import BAR, DEG
 from mpc.repetition.options import RepeatOptions, progress, report
 
@@ -79,8 +79,7 @@ def track_arm(
     from mpc.trials.metrics import metrics
     from mpc.trials.motions.corrections import Owner, compared, digest_of
     from mpc.trials.pictures.animation import ENDINGS, check_film
-    from mpc.trials.pictures.report import table_of, write_run
-    from mpc.trials.pictures.sensitivity import plot_margins
+    from mpc.trials.pictures.report import plot_margins, table_of, write_run
     from mpc.trials.simulation import in_motion, simulate
 
     console = Console()
@@ -243,7 +242,7 @@ def _loop(
     tuning or "".
     """
     from mpc.observer.filter import CALM_NOISE
-    from mpc.tracking.weights import CALM
+    from mpc.tracking.cost import CALM
     from mpc.trials.loops import Settings, loop
 
     settings = Settings(arm, dt, horizon, wait=wait)

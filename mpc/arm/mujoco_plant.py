@@ -25,9 +25,7 @@ from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.experiments import MujocoExperiment, pushed_stiffness, settle
 from mpc.arm.mjcf import to_mjcf
-from mpc.arm.rubbing import Given, Rubbing, loads
-from mpc.arm.sensors import Readings, Sensors, encoders_of
-from mpc.arm.supply import Supply
+from mpc.arm.rig import Given, Readings, Rubbing, Sensors, Supply, encoders_of, loads
 from mpc.model.arm.mechanics.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics, beyond
@@ -86,9 +84,9 @@ class MujocoPlant:
         dead_time, dead_band
             Of the commands [s], and of the regulators [Pa], in total.
         friction, muscle_friction
-            At the joints and in the muscles, see `mpc.arm.rubbing`: a `Friction` or `MaxwellSlip` for all, or one each.
+            At the joints and in the muscles, see `mpc.arm.rig`: a `Friction` or `MaxwellSlip` for all, or one each.
         encoder, pressure_noise, pressure_offset, faults
-            Of the sensors, see `mpc.arm.sensors`; faults may also be those of valves and cables.
+            Of the sensors, see `mpc.arm.rig`; faults may also be those of valves and cables.
         nominal
             The arm with these bodies, as the controllers' model; `simulate` needs it.
 

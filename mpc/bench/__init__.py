@@ -5,14 +5,15 @@ from typing import TYPE_CHECKING
 from allocator.faces import face
 
 if TYPE_CHECKING:
+    from mpc.bench.device import CallableDevice as CallableDevice
     from mpc.bench.device import DeviceLost as DeviceLost
     from mpc.bench.device import NoAnswer as NoAnswer
     from mpc.bench.device import Reading as Reading
     from mpc.bench.device import SimulatedClock as SimulatedClock
-    from mpc.bench.devices.functions import CallableDevice as CallableDevice
     from mpc.bench.devices.serial_line import SerialDevice as SerialDevice
     from mpc.bench.devices.simulated import SimulatedDevice as SimulatedDevice
     from mpc.bench.loop import RealTimeLoop as RealTimeLoop
+    from mpc.bench.loop import replay as replay
     from mpc.bench.measuring.due import check_due as check_due
     from mpc.bench.measuring.experiment import Tones as Tones
     from mpc.bench.measuring.log import Samples as Samples
@@ -28,6 +29,5 @@ if TYPE_CHECKING:
     from mpc.bench.measuring.update import combined as combined
     from mpc.bench.measuring.update import update as update
     from mpc.bench.measuring.weighing import Weight as Weight
-    from mpc.bench.tracking import replay as replay
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

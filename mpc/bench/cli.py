@@ -12,8 +12,7 @@ from allocator import checks
 from allocator.errors import AntagonistError
 from allocator.lazy import Console
 from allocator.shell.options import finite, grouped, within
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim
-from allocator.shell.printing import say
+from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
 from allocator.units import BAR, DEG, PERCENT
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import LoopOptions, PlantOptions

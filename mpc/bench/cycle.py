@@ -22,9 +22,20 @@ from typing import Any, NamedTuple, Protocol
 from allocator.errors import CannotWrite
 from allocator.identification.encoder import remark
 from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
-from mpc.bench.guard import Guard, Pressures, checked
 from mpc.bench.record import Lateness, Recorder, Row
-from mpc.bench.safety import Action, Ending, Reason, RefusedStart, SafeStop, SoftStart, Stopped, Watchdog
+from mpc.bench.safety import (
+    Action,
+    Ending,
+    Guard,
+    Pressures,
+    Reason,
+    RefusedStart,
+    SafeStop,
+    SoftStart,
+    Stopped,
+    Watchdog,
+    checked,
+)
 from mpc.bench.stops import Stops, said
 from mpc.tracking.limits import Limits
 

@@ -10,8 +10,7 @@ from allocator.errors import InvalidInput
 from allocator.identification.columns import parse_columns
 from allocator.identification.options import SkipRows, Topics, columns_option
 from allocator.shell.options import finite, grouped, row, within
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.units import BAR, DEG, PERCENT
 from mpc.bench.cli import Watch, exit_code, hanger, say_ending
 from mpc.bench.options import BenchOptions

@@ -24,7 +24,7 @@ from allocator.files.atomic import write_text
 from allocator.identification.joint.planning.plan import JointPlan, Setpoint
 from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
-from mpc.bench.guard import Pressures
+from mpc.bench.safety import Pressures
 
 STEPS = (
     0.5 * BAR,

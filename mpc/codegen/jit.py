@@ -9,7 +9,16 @@ from numba.extending import lower_builtin, type_callable
 from allocator.calculus import Array
 from allocator.compilation.cache import keep
 from allocator.compilation.linked import INNER
-from mpc.codegen.choices import pick
+
+
+def pick(test: bool, a: float, b: float) -> float:
+    """Return `a` if `test` else `b`.
+
+    `mpc.codegen.jit` compiles it without a branch. Formulas have many choices, and a compiler walks all branches: a
+    plant of 170 choices compiles in half the time.
+    """
+    return a if test else b
+
 
 if config.DISABLE_JIT:
     raise ImportError("compilation is switched off by NUMBA_DISABLE_JIT")

@@ -25,7 +25,7 @@ from allocator.files.atomic import write_text
 from mpc.codegen.jit import KEPT
 
 _MPC = Path(__file__).parents[1]
-_CODEGEN = "jit", "choices", "addresses", "arguments", "parts", "records", "tables", "views"
+_CODEGEN = "jit", "addresses", "records", "tables", "views"
 
 
 def with_formulas(template: Path, formulas: str) -> str:

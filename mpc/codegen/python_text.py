@@ -17,7 +17,7 @@ IMPORTS = """import math
 
 import numpy as np
 
-from mpc.codegen.choices import pick
+from mpc.codegen.jit import pick
 
 
 """  # that these functions need

@@ -9,8 +9,7 @@ from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, within
-from allocator.shell.outputs import Force, claim
-from allocator.shell.printing import say
+from allocator.shell.outputs import Force, claim, say
 
 if TYPE_CHECKING:
     from allocator import AntagonistJoint
@@ -71,7 +70,7 @@ def _save(joint: "AntagonistJoint", played: dict[str, object] | None, out: Path)
     from rich.console import Console
     from rich.progress import track
 
-    from mpc.explorer.saved import saved_page
+    from mpc.explorer.server import saved_page
 
     page = saved_page(joint, played, partial(track, description="answers", console=Console(stderr=True)))
     write_text(out, page)

@@ -9,8 +9,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import Command, grouped
-from allocator.shell.outputs import Force, claim
-from allocator.shell.printing import say
+from allocator.shell.outputs import Force, claim, say
 from allocator.units import DEG
 from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
@@ -52,7 +51,7 @@ class ControllerOptions(PlantOptions):
         from mpc.observer.filter import CALM_NOISE
         from mpc.observer.kalman import KalmanObserver
         from mpc.tracking.controller import TrackingMPC
-        from mpc.tracking.weights import CALM
+        from mpc.tracking.cost import CALM
         from mpc.trials.loops import Settings
         from mpc.trials.robust import robust_weights
 
@@ -155,8 +154,7 @@ def fmu_command(
 ) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
     from mpc.export.building import check
-    from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
-    from mpc.export.fmu.platforms import PLATFORMS, checked
+    from mpc.export.fmu.entry import PLATFORMS, checked, export_controller_fmu, export_plant_fmu
     from mpc.model.real_plant import RealPlant
 
     if source_only and platforms is not None:
@@ -233,8 +231,6 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
             say(console, f"not known to the controller, since its C has no such numbers: {known.untold}")
         if built.zero:
             say(console, f"the encoder reads {built.zero / DEG:.4g}° at 0 of the joint: subtract it before every step")
-        found = _margins(built)
-        say(console, f"margins on the model at {found}")
-        if found.advice:
-            say(console, found.advice)
+        for sentence in _margins(built).sentences:
+            say(console, sentence)
     say(console, f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")

@@ -26,7 +26,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 
 WHAT = ("allocate", "mpc", "all")
 

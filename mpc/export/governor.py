@@ -13,7 +13,7 @@ from mpc.export import text
 from mpc.export.building import check, write
 from mpc.export.parts import BUILD, Files, build_words, copied, is_single, machine_words, model_files
 from mpc.governor import Interval, PressureGovernor, kernel
-from mpc.governor.interval import ends
+from mpc.governor.model import ends
 
 _SEED = 20  # of the demonstration's commands
 

@@ -12,6 +12,6 @@ IEEE TAC 61(5), 2016: a command passes if its energy cannot reach the limit.
 """
 
 from mpc.governor.governor import Governed, GovernorStatus, PressureGovernor
-from mpc.governor.interval import Interval
+from mpc.governor.model import Interval
 
 __all__ = ["Governed", "GovernorStatus", "Interval", "PressureGovernor"]

@@ -16,8 +16,7 @@ from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.options import SkipRows, Topics, clock, columns_option
 from allocator.machine_file import encoder_zero_in, joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.units import DEG
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ follows the filter's innovations,
 
     o_{k+1} = o_k + dt/T_o (y_P - o - P̂_{k|k-1})_k within ± `Noise.offset`,      T_o = `OFFSET_TIME`
 
-while the pressure is within `SETTLED` of its command, so that leaks and lags do not count as offsets. All angles have
-to be believed, since the motion moves the gas. Within a known dead band P̂ is constant and the innovations cancel, so
-that o does not wind up.
+while the pressure, also that of a quick or a slow regulator, is within `SETTLED` of its command, so that leaks and lags
+do not count as offsets. All angles have to be believed, since the motion moves the gas. Within a known dead band P̂ is
+constant and the innovations cancel, so that o does not wind up.
 
 The plant is evaluated only within the joint range and the supply, for which its muscle models are valid. Outside, it is
 extrapolated linearly: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state inside.
@@ -37,6 +37,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.friction.contact import Contacts, Loads
 from mpc.model.machine import Machine
 from mpc.observer.gating import Gate
+from mpc.observer.pressure_diagnosis import spread_of
 
 OFFSET_TIME = 0.5  # T_o [s]
 SETTLED = 0.2 * BAR
@@ -122,6 +123,8 @@ class Filter:
         n, m, size = plant.n, plant.m, plant.size
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
+        rates, spread = dt / np.asarray(plant.lags), spread_of(compensation)
+        self.share, self.shares = 1 - np.exp(-rates), 1 - np.exp(-np.outer([spread, 1 / spread], rates))
         self.Q_rest = np.tile(replace(noise, d_walk=0.0).Q(dt, n, m), (n + m, 1, 1))  # by repeating sensor
         for i in range(n):  # a new load would have moved a repeating angle, but other joints may have one
             others = [size + j for j in range(n) if j != i]
@@ -185,15 +188,30 @@ class Filter:
         xi[self.measured[there]] = read[there]
         return Belief(xi, self.unsure)
 
-    def learned(self, offset: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
+    def learned(self, offset: Array, apart: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
         """Return the offsets (m,) [Pa] updated by the innovations of the readings `there` (n + m,) of `read`.
 
         `v` (m,) [Pa] are the commands that act.
         """
         n, most, P = self.plant.n, self.noise.offset, expected.xi[self.measured[self.plant.n :]]
-        error = np.where(there[:n].all() & there[n:] & (np.abs(v - P) <= SETTLED), read[n:] - P, 0.0)
+        settled = (np.abs(v - P - np.vstack([apart, np.zeros_like(P)])) <= SETTLED).all(axis=0)
+        error = np.where(there[:n].all() & there[n:] & settled, read[n:] - P, 0.0)
         moved = offset + self.dt / OFFSET_TIME * error
         return np.asarray(np.minimum(np.maximum(moved, -most), most))
+
+    def apart(self, apart: Array, belief: Belief, v: Array) -> Array:
+        """Return by how much pressures of quick and of slow regulators (2, m) [Pa] exceed those of the model, a sample
+        after `belief` and `apart`, while the commands `v` (m,) [Pa] act.
+        """
+        P = self.within(belief.xi)[2 * self.plant.n : self.plant.size]
+        e = self.compensation.after_dead_band(v, P) - P
+        return np.asarray(apart + self.shares * (e - apart) - self.share * e)
+
+    def bounds(self, expected: Belief, apart: Array) -> tuple[Array, Array]:
+        """Return the least and the greatest readings (n + m,) of sound sensors and regulators."""
+        xi, angles = expected.xi[self.measured], np.zeros(self.plant.n)
+        least, most = np.minimum(apart, 0.0).min(axis=0), np.maximum(apart, 0.0).max(axis=0)
+        return xi + np.append(angles, least), xi + np.append(angles, most)
 
     def can_be_sent(self, u: Array) -> Mask:
         """Return whether `u` (m,) [Pa] are valid commands."""

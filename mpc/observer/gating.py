@@ -4,10 +4,11 @@ A reading y with the expected value ŷ and the variance S of their difference is
 
     |y - ŷ| > max(6 √S, floor)                              floor: 8 standard deviations of the noise
 
-which rejects one true reading in 5·10⁸ if the model is exact. Before this test, angles that are off by whole turns are
-unwrapped, and impossible readings count as silence. S grows while a sensor is not believed and would soon include any
-reading; after the first rejection the width is therefore no longer that of S, and grows by its first value per
-`widening`.
+which rejects one true reading in 5·10⁸ if the model is exact. The lags of regulators are not: of a pressure, ŷ is the
+value nearest to y between those of a quick and of a slow regulator (`Filter.apart`). Before this test, angles that are
+off by whole turns are unwrapped, and impossible readings count as silence. S grows while a sensor is not believed and
+would soon include any reading; after the first rejection the width is therefore no longer that of S, and grows by its
+first value per `widening`.
 
 No model is exact, so that true motion is sometimes rejected. But rejected readings that a motion of this joint explains
 are accepted (`mpc.observer.rivalry`). Those that began near the expected value are accepted after `hesitation`: a blow,
@@ -140,8 +141,8 @@ class SensorGate:
         self._since = 0  # samples since the first one, inclusive; 0: there are none
         self._refused = nan  # the last rejected or frozen reading
 
-    def check(self, read: float, expected: float, variance: float) -> Verdict:
-        """Return the verdict on `read` for the `expected` value; `variance` is that of their difference."""
+    def check(self, read: float, least: float, most: float, variance: float) -> Verdict:
+        """Return the verdict on `read` if values from `least` to `most` are expected, with this `variance`."""
         self._since += self._since > 0
         if not isfinite(read):
             return Verdict.SILENT
@@ -149,7 +150,7 @@ class SensorGate:
             return Verdict.IMPOSSIBLE
         width = self.width(variance) if self._since == 0 else self._width * (1 + (self._since - 1) * self._growth)
         repeated = read == self._refused  # and expected only because two motions cross
-        if abs(read - expected) <= width and not repeated:
+        if abs(read - min(max(read, least), most)) <= width and not repeated:
             self.reset()
             return Verdict.BELIEVED
         if self._since == 0 and not repeated and abs(read - self._refused) <= self.jump:  # it was at rest, not frozen

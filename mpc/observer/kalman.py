@@ -69,10 +69,9 @@ class KalmanObserver:
         wait: bool = True,
         compiled: bool = True,
     ) -> None:
-        self.plant, self.dt, self.wait = plant, sample_time(dt), checks.flag("wait", wait)
-        self.tolerance = checks.not_negative("tolerance", tolerance, "s")
+        self.plant, self.wait = plant, checks.flag("wait", wait)
+        self.dt, self.tolerance = dt, tolerance = sample_time(dt), checks.not_negative("tolerance", tolerance, "s")
         self.noise, self.compensation, self.gate = settings(plant, self.dt, noise, compensation, gate)
-        dt, tolerance = self.dt, self.tolerance
         self.filter = Filter(plant, dt, self.noise, self.compensation, self.gate)
         self._measured, self._angles = self.filter.measured, slice(plant.n)
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(self._measured.size)]
@@ -95,8 +94,8 @@ class KalmanObserver:
         self.rebuilt = 0  # number of times that the state was not finite and was rebuilt
         self._read = np.full(self._measured.size, np.nan)  # readings of the previous sample
         self._offset = np.zeros(self.plant.m)  # of the pressure sensors against the regulators [Pa]
-        self._silent = np.zeros(self._measured.size)  # duration of silence [s]
-        self._repeating = np.zeros(self._measured.size)  # duration of repetition [s]
+        self._apart = np.zeros((2, self.plant.m))  # see `Filter.apart`
+        self._silent, self._repeating = np.zeros((2, self._measured.size))  # durations [s]
         self._frozen = np.zeros(self._measured.size, bool)
         self._without: dict[int, Belief] = {}  # by repeating sensor: belief without it
         self.rivalry.reset()
@@ -231,8 +230,8 @@ class KalmanObserver:
             return None
         return {
             "belief": belief, "variances": self._variances, "floor": [gate.floor for gate in self._gates],
-            "read": self._read, "offset": self._offset, "repeating": self._repeating, "step": self._step,
-            "samples": 0.0,
+            "read": self._read, "offset": self._offset, "apart": self._apart, "repeating": self._repeating,
+            "step": self._step, "samples": 0.0,
             "repeats": [sensor in self._without for sensor in range(self._measured.size)],
             "without": [self._without.get(sensor, belief) for sensor in range(self._measured.size)],
             "angle": [nan if one.theta is None else one.theta for one in self._frictions],
@@ -248,7 +247,7 @@ class KalmanObserver:
         samples, sensors = int(state.samples), range(self._measured.size)
         self._belief, self._verdicts = Belief.of(state.belief), [Verdict.BELIEVED] * len(sensors)
         self._read, self._repeating, self._silent = state.read.copy(), state.repeating.copy(), np.zeros(len(sensors))
-        self._offset = state.offset.copy()
+        self._offset, self._apart = state.offset.copy(), state.apart.copy()
         self._without = {i: Belief.of(state.without[i]) for i in sensors if state.repeats[i]}
         self._step, self._variances = state.step.copy(), state.variances.copy()
         for gate, floor in zip(self._gates, state.floor.tolist(), strict=True):
@@ -306,6 +305,7 @@ class KalmanObserver:
         followed = zip(self._frictions, previous.xi.tolist(), self.filter.contacts(previous), strict=False)
         memories = [friction.follow(theta, loads) for friction, theta, loads in followed]
         expected = self.filter.predicted(previous, self._commands[0], memories, self.filter.Q)
+        self._apart = self.filter.apart(self._apart, previous, self._commands[0])
         read = said.copy()
         if not expected.sound:
             self._verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
@@ -321,7 +321,7 @@ class KalmanObserver:
         expected = self._without_frozen(previous, expected, repeated, read, memories)
         expected = self._rival_or(expected, read, memories)
         believed = self._believed
-        self._offset = self.filter.learned(self._offset, read, expected, believed, self._commands[0])
+        self._offset = self.filter.learned(self._offset, self._apart, read, expected, believed, self._commands[0])
         found = self.filter.corrected(expected, read, believed, self._variances)
         self._samples = min(self._samples + 1, FIRST + 1)
         self._belief = found if found.sound else self._rebuilt(previous, read, believed)
@@ -331,9 +331,9 @@ class KalmanObserver:
         return zip(said[self._angles].tolist(), expected[self._angles].tolist(), strict=True)
 
     def _checked(self, read: Array, expected: Belief) -> list[Verdict]:
-        i = self._measured
-        foreseen, variance = expected.xi[i].tolist(), (expected.covariance[i, i] + self._variances).tolist()
-        return [gate.check(*one) for gate, *one in zip(self._gates, read.tolist(), foreseen, variance, strict=True)]
+        variance = expected.covariance[self._measured, self._measured] + self._variances
+        numbers = np.array([read, *self.filter.bounds(expected, self._apart), variance]).T.tolist()
+        return [gate.check(*of_sensor) for gate, of_sensor in zip(self._gates, numbers, strict=True)]
 
     def _without_frozen(
         self, previous: Belief, expected: Belief, repeated: Mask, read: Array, memories: list[Value]

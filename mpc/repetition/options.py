@@ -11,7 +11,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.lazy import Console, Table
-from allocator.shell.printing import say
+from allocator.shell.outputs import say
 from allocator.units import DEG
 
 if TYPE_CHECKING:

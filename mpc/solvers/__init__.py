@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from mpc.tracking.qp.solvers import SCS as SCS
     from mpc.tracking.qp.solvers import Clarabel as Clarabel
     from mpc.tracking.qp.solvers import Riccati as Riccati
-    from mpc.yardsticks.nlp_solvers import IPOPT as IPOPT
-    from mpc.yardsticks.nlp_solvers import Fatrop as Fatrop
+    from mpc.yardsticks.shooting import IPOPT as IPOPT
+    from mpc.yardsticks.shooting import Fatrop as Fatrop
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -27,7 +27,7 @@ way will have brought the joint at the end of the dead time, the torque d_k cont
 `mpc.tracking.qp.step` builds and solves one QP about a plan, `mpc.tracking.compiled.qp_step` does so in compiled code.
 
 Every step returns a plan. If no solution of the QP passes the check of its optimality conditions
-(`mpc.tracking.qp.certified`) within the time budget, the fallback ladder chooses the commands
+(`mpc.tracking.qp.step`) within the time budget, the fallback ladder chooses the commands
 (`mpc.tracking.fallback`). Commands always satisfy the hard limits exactly.
 """
 
@@ -53,17 +53,15 @@ from mpc.model.plant import Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
+from mpc.tracking.cost import Weights
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import Plan, PlanStatus, Rung
-from mpc.tracking.qp.condense import TrackingProblem, condense
-from mpc.tracking.qp.named import NamedQP, named
-from mpc.tracking.qp.softened import softened
+from mpc.tracking.qp.condense import NamedQP, TrackingProblem, condense, named, softened
 from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.qp.step import QPAnswer
 from mpc.tracking.terminal import terminal_factor
-from mpc.tracking.weights import Weights
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.sample.whole import WholeStep  # which imports numba

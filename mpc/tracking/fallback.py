@@ -1,7 +1,7 @@
 """Fallback ladder: the sources of a sample's commands, best first.
 
     QP          the proved solution of the QP
-    SOFTENED    commands that are not proved optimal: of an interrupted solver, or of `mpc.tracking.qp.softened`
+    SOFTENED    commands that are not proved optimal: of an interrupted solver, or of `mpc.tracking.qp.condense`
     PREVIOUS    the remainder of the last such plan, at most to its end
     ALLOCATION  the feed-forward, approached within the limits
     HOLD        constant commands; after a while both pressures are vented slowly

@@ -2,7 +2,7 @@
 
 Each status has one origin: `BAD_INPUT` and `BLIND` from the inputs (`mpc.tracking.preview.Task.halted`), `RESTING` from
 the rest mode (`mpc.tracking.rest`), `OPTIMAL`, `UNSOLVED` and `REFUSED` from the QP's proof
-(`mpc.tracking.qp.certified`), `LATE` from the clock; `status_of` combines them.
+(`mpc.tracking.qp.step`), `LATE` from the clock; `status_of` combines them.
 """
 
 from collections.abc import Callable

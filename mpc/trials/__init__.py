@@ -6,7 +6,7 @@ from allocator.faces import face
 
 if TYPE_CHECKING:
     from mpc.observer.filter import CALM_NOISE as CALM_NOISE
-    from mpc.tracking.weights import CALM as CALM
+    from mpc.tracking.cost import CALM as CALM
     from mpc.trials.files import load_recording as load_recording
     from mpc.trials.files import save_recording as save_recording
     from mpc.trials.files import save_reference as save_reference

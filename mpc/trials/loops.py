@@ -16,7 +16,7 @@ from mpc.observer.filter import Noise
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 from mpc.trials.margins import Margins, linear, margins, usual_postures
 from mpc.trials.motions.reference import Reference
 from mpc.trials.robust import robust_weights

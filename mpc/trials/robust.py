@@ -16,8 +16,8 @@ from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine, check_machine
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.cost import Weights
 from mpc.tracking.qp.step import CompilingBeside, SlowStep
-from mpc.tracking.weights import Weights
 from mpc.trials.margins import ROBUST, linear, margins, usual_postures
 
 QUICKEST, SLOWEST = 0.75, 32.0  # detuning; a faster loop has a delay margin below two samples

@@ -25,13 +25,11 @@ from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
-from mpc.tracking.cost import diagonal
+from mpc.tracking.cost import Weights, diagonal
 from mpc.tracking.feedforward import FeedForward, FeedForwardOf, InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import Task
-from mpc.tracking.riccati import solve_riccati
-from mpc.tracking.terminal import middle, regulator
-from mpc.tracking.weights import Weights
+from mpc.tracking.terminal import middle, regulator, solve_riccati
 
 _PREVIEW = 10  # samples, enough for the derivatives of the reference
 

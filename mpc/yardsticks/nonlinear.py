@@ -19,13 +19,12 @@ from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
+from mpc.tracking.cost import Weights
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.terminal import terminal_factor
-from mpc.tracking.weights import Weights
-from mpc.yardsticks.nlp_solvers import NLPOptions, NLPSolver
-from mpc.yardsticks.shooting import Shooting
+from mpc.yardsticks.shooting import NLPOptions, NLPSolver, Shooting
 
 _TOLERANCE = 1e-6  # of the conditions, in the units of `mpc.yardsticks.shooting`
 

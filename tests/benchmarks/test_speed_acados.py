@@ -5,9 +5,9 @@ from math import inf
 import numpy as np
 import pytest
 
-from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.step import certified
 
 pytestmark = pytest.mark.slow
 

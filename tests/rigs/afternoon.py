@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from typer.testing import CliRunner
 
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.joint.antagonist import report_joint
@@ -18,6 +19,7 @@ from mpc.bench.logs import Record
 from mpc.bench.loop import RealTimeLoop, about
 from mpc.bench.safety import SoftStart, Watchdog
 from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of, within
+from mpc.cli import app
 from mpc.export.serial.simulated import SimulatedBoard
 from mpc.tracking.limits import Limits
 from mpc.trials.files import reference_called
@@ -28,6 +30,13 @@ WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SARO
 HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11), gas=False)
 GEOMETRY = "--pulley", "20,0.1375", "--rest-length", "400"  # of `antagonist fit-joint`
 _VENTED = np.zeros(4)
+
+
+def antagonist(*arguments: object) -> str:
+    """Return the output of a command, which has to succeed."""
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    assert result.exit_code == 0, result.output
+    return result.output
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,9 @@
 The plant has Maxwell slip in the torque, an inertia that oscillates, and regulators with lag and dead time.
 """
 
+import csv
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,3 +75,15 @@ def slow_fit(slow_joint, tmp_path_factory):
 def swinging_fit(swinging_joint, tmp_path_factory):
     """Return the fit of the oscillating joint."""
     return once(tmp_path_factory, "swinging_fit", lambda: fit_motion(*swinging_joint[1].rows, joint=JOINT))
+
+
+@pytest.fixture(scope="session")
+def measured(shared):
+    """Return the rows of a measured joint: times [s], angles [rad] and both pressures [Pa]."""
+    lines = shared(Path("data") / "joint_log_40hz.csv").read_text(encoding="utf-8").splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    t, theta, P1, P2 = (
+        np.array([float(row[name]) for row in rows])
+        for name in ("time_s", "theta_rad", "pressure1_mpa", "pressure2_mpa")
+    )
+    return t, theta, 10 * BAR * P1, 10 * BAR * P2

@@ -1,6 +1,5 @@
 """Least pressures for at least a stiffness: a semidefinite programme, with proofs of both outcomes."""
 
-from allocator.allocation.at_least.entry import allocate_at_least
-from allocator.allocation.at_least.result import AtLeast, Infeasibility
+from allocator.allocation.at_least.entry import AtLeast, Infeasibility, allocate_at_least
 
 __all__ = ["AtLeast", "Infeasibility", "allocate_at_least"]

@@ -2,7 +2,7 @@
 
 Torques and stiffnesses are linear in the force F and own stiffness k of every muscle; only the curves (F(P), k(P)) of
 the muscles are nonlinear (`model`). `descent` finds local optima. `curves` encloses the curves in polygons, over which
-`bound` finds a lower bound of the cost. `search` branches until both agree. Torques that come first have no gap, since
+it finds a lower bound of the cost. `search` branches until both agree. Torques that come first have no gap, since
 they do not depend on k; a target that is met has the bound 0.
 """
 

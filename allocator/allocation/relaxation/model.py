@@ -10,8 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from allocator.allocation.box.problem import BoxProblem
-from allocator.allocation.relaxation.bound import Level
-from allocator.allocation.relaxation.curves import Curve, not_rising
+from allocator.allocation.relaxation.curves import Curve, Level, not_rising
 from allocator.calculus import Array
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.mechanism import Indices

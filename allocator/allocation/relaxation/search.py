@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from allocator.allocation.box.pivoting import Solved, residuals
 from allocator.allocation.box.problem import BoxProblem
-from allocator.allocation.relaxation.bound import Level, Relaxed, relax
-from allocator.allocation.relaxation.curves import Curve
+from allocator.allocation.relaxation.curves import Curve, Level, Relaxed, relax
 from allocator.allocation.relaxation.descent import Found, certified, descend, lower
 from allocator.allocation.relaxation.model import Model
 from allocator.allocation.status import CLOSED_FORM

@@ -22,10 +22,9 @@ All other constructs raise `Unprintable`, in either form.
 In C a variable is real, an int (flags and truth values) or a struct, by the value assigned to it.
 """
 
-from allocator.compilation.printer.array_kinds import ArrayKind, Kind, StructKind
+from allocator.compilation.printer.array_expressions import ArrayKind, Kind, StructKind
 from allocator.compilation.printer.arrays_to_c import MIN_AND_MAX, c_functions, parsed, with_called
-from allocator.compilation.printer.c_declarations import Outside
-from allocator.compilation.printer.c_layout import INT, REAL, Printed, number
+from allocator.compilation.printer.c_layout import INT, REAL, Outside, Printed, number
 from allocator.compilation.printer.python_text import Source, Unprintable
 from allocator.compilation.printer.to_c import c_form
 from allocator.compilation.printer.to_numpy import array_form, array_functions

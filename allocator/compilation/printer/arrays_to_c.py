@@ -15,9 +15,16 @@ from functools import cache
 from inspect import isbuiltin
 
 from allocator.compilation.jit import Function
-from allocator.compilation.printer.array_expressions import Expressions
-from allocator.compilation.printer.array_kinds import ArrayKind, Kind, Kinds, StructKind, TupleKind, declared, kind_of
-from allocator.compilation.printer.array_simplified import simplified
+from allocator.compilation.printer.array_expressions import (
+    ArrayKind,
+    Expressions,
+    Kind,
+    Kinds,
+    StructKind,
+    TupleKind,
+    declared,
+    kind_of,
+)
 from allocator.compilation.printer.c_layout import (
     ATOM,
     INT,
@@ -31,7 +38,7 @@ from allocator.compilation.printer.c_layout import (
     number,
     wrapped,
 )  # fmt: skip
-from allocator.compilation.printer.python_text import Unprintable, refuse
+from allocator.compilation.printer.python_text import Unprintable, refuse, simplified
 
 MIN_AND_MAX = "\n".join(
     f"static inline {kind} ant_{name}{suffix}({kind} a, {kind} b) {{ return b {sign} a ? b : a; }}"

@@ -8,13 +8,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from allocator.identification.arm.episodes import Windows
+from allocator.identification.arm.episodes import Windows, read_arm_log
 from allocator.identification.arm.fit import ArmFit, fit_arm
-from allocator.identification.arm.reading import read_arm_log
 from allocator.identification.columns import parse_columns
 from allocator.identification.options import SkipRows, Topics, clock, columns_option
 from allocator.shell.options import within
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import AsJSON, print_json, say
 from allocator.units import DEG
 
 

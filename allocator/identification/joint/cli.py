@@ -22,8 +22,7 @@ from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, within
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.units import BAR, DEG, MM, PERCENT
 
 if TYPE_CHECKING:

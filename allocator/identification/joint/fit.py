@@ -61,7 +61,7 @@ def fit_joint(
 
     More than 1000 samples are averaged over cells of 0.05 bar, or wider if necessary; see `JointSamples.binned`.
     Samples at which the force law cannot be evaluated are left out and counted, as are samples at rest on an end stop,
-    see `allocator.identification.stops`, and outliers among angles at similar pressures, see
+    see `allocator.identification.outliers`, and outliers among angles at similar pressures, see
     `allocator.identification.outliers`.
 
     Parameters

@@ -21,8 +21,7 @@ from allocator.identification.options import SkipRows, Topics, assigned, columns
 from allocator.muscles import MODELS, Muscle
 from allocator.presentation.plotting import save_figure
 from allocator.shell.options import within
-from allocator.shell.outputs import IMAGES, Force, check_ending, claim
-from allocator.shell.printing import AsJSON, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.units import BAR, MM
 
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further

@@ -15,8 +15,7 @@ from typing import Self
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from allocator.mechanism.endpoint.endpoint import Endpoint, inverses, lifted, load_of, stiffness_of, torque_of
-from allocator.mechanism.endpoint.points import Place
+from allocator.mechanism.endpoint.endpoint import Endpoint, Place, inverses, lifted, load_of, stiffness_of, torque_of
 from allocator.mechanism.mechanism import TargetsMap
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from mpc.arm.drawing import DRAWN, row
-from mpc.arm.learning.plant import RESOLUTION, Touch, VariedArm, views
-from mpc.arm.learning.wall import Wall
+from mpc.arm.learning.plant import RESOLUTION, Touch, VariedArm, Wall, views
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 

@@ -6,7 +6,16 @@
 The factors s, b and g_j, the lags τ_j, the muscles' parameters and the numbers of the wall differ between arms: each
 has a row of values of a `VariedArm`. Beyond the angle limits is an end stop, τ_stop = -I_i (Ω² e + 2Ω ω_i) with the
 excess e, about as stiff relative to the inertia as MuJoCo's. N is the force of the hand on a wall with the normal ν
-(`mpc.arm.learning.wall`), J the Jacobian of the hand; without a wall N = 0.
+(`mpc.arm.learning.plant`), J the Jacobian of the hand; without a wall N = 0.
+
+Wall that a hand touches: a spring and a damper behind a plane, which push and never pull.
+
+With the penetration e = ν·x - e0 of the hand at x, the force of the hand on the wall is
+
+    N = max(k e + c e', 0)  if e > 0,  else 0
+
+along the normal ν, without friction: the law of Kelvin and Voigt, cut off where it would pull. With c > 0 the force
+begins with a step.
 """
 
 from collections.abc import Callable
@@ -16,7 +25,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from allocator.calculus import Array, Mask
+from allocator import checks
+from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput, notice
 from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
@@ -24,7 +34,6 @@ from allocator.lazy import SX
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.formulas import symbolic_lengths, symbolic_position
 from allocator.muscles import Muscle
-from mpc.arm.learning.wall import Wall, pushed_back
 from mpc.codegen.buffered import Buffered
 from mpc.codegen.python_text import IMPORTS, filling
 from mpc.model.arm.formulas import varied_acceleration
@@ -33,6 +42,45 @@ from mpc.model.arm.ranges import about_the_middle
 from mpc.model.gas import fall
 from mpc.model.integration import integrated
 from mpc.tracking.qp.step import SlowStep
+
+_UNIT = 1e-9  # greatest error of the square of a unit vector
+
+
+@dataclass(frozen=True)
+class Wall:
+    """Half space behind a plane, without friction; immutable. SI units."""
+
+    normal: tuple[float, ...] = (1.0, 0.0)  # ν, a unit vector into the wall, of the hand's coordinates
+    offset: float = 0.59  # e0 = ν·x of the surface [m]
+    stiffness: float = 3000.0  # k [N/m]
+    damping: float = 30.0  # c [N·s/m]
+
+    def __post_init__(self) -> None:
+        """Check the fields and convert them to floats. Raises `InvalidInput`."""
+        normal = checks.real("Wall: normal", self.normal, "-")
+        if normal.ndim != 1 or abs(float(normal @ normal) - 1) > _UNIT:
+            raise InvalidInput(
+                f"Wall: normal = {checks.brief(self.normal)} has to be a unit vector, such as (1.0, 0.0)"
+            )
+        object.__setattr__(self, "normal", tuple(normal.tolist()))
+        object.__setattr__(self, "offset", checks.number("Wall: offset", self.offset, "m"))
+        object.__setattr__(self, "stiffness", checks.positive("Wall: stiffness", self.stiffness, "N/m"))
+        object.__setattr__(self, "damping", checks.not_negative("Wall: damping", self.damping, "N·s/m"))
+
+    @property
+    def numbers(self) -> Array:
+        """Row (3,) of offset [m], stiffness [N/m] and damping [N·s/m], which vary between arms."""
+        return np.array([self.offset, self.stiffness, self.damping])
+
+
+def pushed_back(depth: Value, speed: Value, stiffness: Value, damping: Value) -> Value:
+    """Return the force of a spring and a damper that only push, at the `depth` beyond their end and its rate `speed`.
+
+    Units are those of a translation or a rotation; numbers, arrays or CasADi symbols.
+    """
+    force = stiffness * depth + damping * speed
+    return force * (force > 0) * (depth > 0)
+
 
 Move: TypeAlias = Callable[[Array, Array, Array, Array, float, int], None]
 """Function (x, u, v, d, h, substeps) ↦ None, which advances the states x."""

@@ -9,9 +9,8 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from mpc.arm.learning.plant import Touch, VariedArm
+from mpc.arm.learning.plant import Touch, VariedArm, Wall
 from mpc.arm.learning.task import Batch, Judge, Samples, Task
-from mpc.arm.learning.wall import Wall
 from mpc.model.arm.hand_paths import OutOfReach, followed
 
 _POINTS = 21  # of the table of postures along the wall

@@ -7,8 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.bench.cycle import CommandSource, Tick
 from mpc.bench.device import Reading
-from mpc.bench.guard import Guard, Pressures
-from mpc.bench.safety import Watchdog
+from mpc.bench.safety import Guard, Pressures, Watchdog
 from mpc.model.experiment import Experiment
 from mpc.tracking.limits import Limits
 

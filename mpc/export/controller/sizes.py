@@ -1,19 +1,37 @@
-"""Sizes, numbers and tables of an exported controller and its observer."""
+"""Sizes, numbers and tables of an exported controller and its observer.
+
+Rest mode as C (`resting.h`, `resting.c`), printed from the Python source that runs in Python.
+"""
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.compilation.printer import (
+    MIN_AND_MAX,
+    REAL,
+    ArrayKind,
+    Kind,
+    StructKind,
+    c_functions,
+    number,
+    with_called,
+)
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.export import text
 from mpc.export.controller.certificate import COMPILER, certificate
 from mpc.export.controller.demonstration import control_tables
-from mpc.export.controller.friction import check_frictions, friction_numbers, friction_sizes, friction_tables
-from mpc.export.controller.model import variational_of
+from mpc.export.controller.model import (
+    check_frictions,
+    friction_numbers,
+    friction_sizes,
+    friction_tables,
+    variational_of,
+)
 from mpc.export.controller.recursions import items_in, recursion_files
-from mpc.export.controller.resting import rest_rules, resting_files
 from mpc.export.controller.tuning import tuning_constants, tuning_definition
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
@@ -24,10 +42,56 @@ from mpc.model.machine import Machine
 from mpc.observer import gating, kalman, rivalry
 from mpc.observer.filter import OFFSET_TIME, SETTLED
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking import preview
+from mpc.tracking import preview, resting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.qp import certified
+from mpc.tracking.qp.step import ACCURACY
+from mpc.tracking.rest_memory import QUARTERS, Memory, Rules
+
+_N, _M, _SAMPLES = "ANT_JOINTS", "ANT_MUSCLES", "(ANT_HORIZON + 1)"
+_ENTRIES = (
+    resting.clear, resting.begin, resting.constant, resting.decided, resting.turn,
+    resting.holds, resting.rings, resting.side, resting.pressure, resting.angle,
+)  # fmt: skip
+
+
+@cache
+def resting_files(single: bool) -> dict[str, str]:
+    """Return the files of the rest mode, which are the same for every machine; antagonist_config.h has the sizes."""
+    memory = StructKind("ant_rest", dict(zip(Memory._fields, _memory(), strict=True)), True)
+    rules = StructKind("ant_rest_rules", dict.fromkeys(Rules._fields, REAL), False)
+    names = {entry.__name__: f"ant_rest_{entry.__name__}" for entry in _ENTRIES}
+    made = c_functions(with_called([*_ENTRIES]), _kinds(memory, rules), single, names, {})
+    about = "Rest mode: commands that rest at a constant reference; printed from the Python source."
+    head = "\n\n".join([memory.definition(), rules.definition(), made.head])
+    return {
+        "src/resting.h": text.header("ANT_RESTING_H", about, head),
+        "src/resting.c": f'/* {about} */\n#include "antagonist.h"\n#include "real.h"\n\n{MIN_AND_MAX}\n\n{made.body}\n',
+    }
+
+
+def rest_rules(controller: TrackingMPC, single: bool) -> str:
+    """Return the definition of `ANT_REST_RULES`."""
+    listed = ",\n".join(
+        f"    {number(float(value), single)} /* {name} */"
+        for name, value in controller.rest_mode.rules._asdict().items()
+    )
+    return f"const ant_rest_rules ANT_REST_RULES = {{\n{listed}}};"
+
+
+def _memory() -> list[ArrayKind]:
+    """Return the arrays of a `Memory`, in their order."""
+    quarters = str(QUARTERS)
+    sizes = ("9",), (_N, "9"), (_M, "4"), (quarters, _N, "3"), (quarters, _M), (f"{_N} * {_N}",)
+    return [ArrayKind(REAL, each) for each in sizes]
+
+
+def _kinds(memory: StructKind, rules: StructKind) -> dict[str, Kind]:
+    """Return the kinds of arguments, by their names in all functions."""
+    preview, matrices = f"{_N} * {_SAMPLES}", f"{_N} * {_N} * {_SAMPLES}"
+    given = {"theta": preview, "stiffness": matrices, "seen": "ANT_STATES", "expected": _N, "slopes": f"{_N} * {_M}"}
+    arrays = {name: ArrayKind(REAL, (size,), True) for name, size in given.items()}
+    return {"m": memory, "k": rules, **arrays}
 
 
 def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
@@ -124,7 +188,7 @@ def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) ->
             "PATIENCE": (controller.patience * late, "longest time without a measured angle [s]"),
             "HOLDING": (ladder.holding, "time that the last rung holds the pressures [s]"),
             "VENTING": (ladder.venting, "rate at which they fall afterwards [Pa/s]"),
-            "ACCURACY": (certified.ACCURACY, "greatest distance of an answer's changes to the solution's [bar]"),
+            "ACCURACY": (ACCURACY, "greatest distance of an answer's changes to the solution's [bar]"),
             "LONG": (2**30, "samples, upper end of every counter"),
             "RESTS": (int(controller.rests), "whether commands come to rest at a constant reference"),
             "JITTER": (compensation.JITTER, "smaller motions count as angle noise [rad]"),
@@ -184,6 +248,7 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     return [
         ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
         ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", inverse.alpha),
+        ("ANT_SHARES", "shares of a step that a quick and a slow one follow in a sample [-]", observer.filter.shares),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),
         ("ANT_Q_NOISE", "variance of the model's errors over a sample", np.diag(observer.filter.Q)),

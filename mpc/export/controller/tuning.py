@@ -21,7 +21,7 @@ from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
 from mpc.tracking.compiled.factory import setting
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 
 Entry = tuple[str, Array]  # description and values
 

@@ -9,7 +9,7 @@ import typer
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.shell.options import within
-from allocator.shell.printing import say
+from allocator.shell.outputs import say
 from allocator.units import BAR
 
 if TYPE_CHECKING:

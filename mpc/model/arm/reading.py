@@ -19,9 +19,8 @@ from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.mjcf import Source, load, muscle_lengths, name_of, read_mjcf, said
 from allocator.muscles import Muscle
-from mpc.model.arm.mechanics.mjcf_bodies import check_hinges, tree_of, without_formulas
 from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
-from mpc.model.arm.mechanics.tree import TreeBodies
+from mpc.model.arm.mechanics.tree import TreeBodies, check_hinges, tree_of, without_formulas
 
 if TYPE_CHECKING:
     from mujoco import MjModel

@@ -34,6 +34,8 @@ class Known:
     substeps: int
     tolerance: float  # [s]
     dead_band: float  # [Pa]
+    share: Annotated[Array, "m"]  # of a step that a regulator follows in a sample [-]
+    shares: Annotated[Array, 2, "m"]  # the same of quick and of slow ones
     learning: float  # change of an offset per sample and innovation [-]
     most_offset: float  # [Pa]
     theta_noise: float  # [rad]
@@ -57,6 +59,7 @@ class State:
     floor: Annotated[Array, "n + m"]  # of the gates
     read: Annotated[Array, "n + m"]
     offset: Annotated[Array, "m"]  # of the pressures' sensors [Pa]
+    apart: Annotated[Array, 2, "m"]  # of quick and slow regulators from the model's [Pa]
     repeating: Annotated[Array, "n + m"]  # [s]
     repeats: Annotated[Array, "n + m"]  # whether there is a belief without the sensor
     step: Annotated[Array, "n"]  # of the encoders [rad]

@@ -123,9 +123,10 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
     known = {
         "inner": own.inner, "outer": own.outer, "Q": own.Q, "Q_rest": own.Q_rest, "possible": (gate.lower, gate.upper),
         "dt": dt, "h": dt / substeps, "substeps": substeps, "tolerance": judged.tolerance,
-        "dead_band": own.compensation.dead_band, "learning": dt / OFFSET_TIME,
-        "most_offset": own.noise.offset, "theta_noise": own.noise.theta, "theta_floor": gate.floor[:n],
-        "sigma": muscles[0].sigma, "usual": judged.sound.usual, "inertia": judged.sound.inertia,
+        "dead_band": own.compensation.dead_band, "share": own.share, "shares": own.shares,
+        "learning": dt / OFFSET_TIME, "most_offset": own.noise.offset,
+        "theta_noise": own.noise.theta, "theta_floor": gate.floor[:n], "sigma": muscles[0].sigma,
+        "usual": judged.sound.usual, "inertia": judged.sound.inertia,
         **{name: [getattr(one, name) for one in muscles] for name in ("seen", *_GAINS)},
     }  # fmt: skip
     age = own.compensation.age(dt)

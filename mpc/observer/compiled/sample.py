@@ -97,11 +97,13 @@ def filtered(o: Sample, y: Array, u: Array) -> bool:
             s.step[i], s.variances[i], s.floor[i] = change, rough * rough, max(k.theta_floor[i], ROUGH * rough)
     follow_friction(o)
     predicted(o, o.past.belief, 0, k.Q, s.belief)
+    move_apart(o)
     if not (sound(s.belief) and believed(o) and not_frozen(o)):
         return False
     for j in range(m):
         P = s.belief.xi[2 * n + j]
-        if abs(commands[j] - P) <= SETTLED:
+        e, quick, slow = commands[j] - P, s.apart[0, j], s.apart[1, j]
+        if max(abs(e), abs(e - quick), abs(e - slow)) <= SETTLED:
             moved = s.offset[j] + k.learning * (w.taken[n + j] - P)
             s.offset[j] = min(max(moved, -k.most_offset), k.most_offset)
     for sensor in range(SENSORS):
@@ -123,6 +125,16 @@ def brought_ahead(o: Sample) -> bool:
 
 
 @inlined
+def move_apart(o: Sample) -> None:
+    """Update the distances of quick and slow regulators from the model's after its prediction: see `Filter.apart`."""
+    k, w, apart = o.known, o.work, o.now.apart
+    for j in range(m):
+        e = w.acting[j] - w.inside[2 * n + j]
+        for i in range(2):
+            apart[i, j] += k.shares[i, j] * (e - apart[i, j]) - k.share[j] * e
+
+
+@inlined
 def believed(o: Sample) -> bool:
     """Return whether all readings are near the expected ones, and no angle has to be unwrapped."""
     k, s, belief, taken = o.known, o.now, o.now.belief, o.work.taken
@@ -133,7 +145,11 @@ def believed(o: Sample) -> bool:
         read, place = taken[i], place_of(i)
         variance = belief.covariance[place, place] + s.variances[i]
         near = near and k.possible[0, i] <= read <= k.possible[1, i]
-        near = near and abs(read - belief.xi[place]) <= max(SIGMAS * np.sqrt(variance), s.floor[i])
+        least = most = belief.xi[place]
+        if i >= n:
+            quick, slow = s.apart[0, i - n], s.apart[1, i - n]
+            least, most = least + min(quick, slow, 0.0), most + max(quick, slow, 0.0)
+        near = near and abs(read - min(max(read, least), most)) <= max(SIGMAS * np.sqrt(variance), s.floor[i])
     return bool(near)
 
 

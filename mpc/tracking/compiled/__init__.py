@@ -10,5 +10,5 @@ functions of `commands` that it uses. Other parts are written in C under the sam
     structured_qp.structured mpc/structured.c: ant_solve
     mpc.tracking.base        mpc/controller.c; preview, fallback, rest have files of their names
 
-The rest mode is printed from `mpc.tracking.resting` (`mpc.export.controller.resting`).
+The rest mode is printed from `mpc.tracking.resting` (`mpc.export.controller.sizes`).
 """

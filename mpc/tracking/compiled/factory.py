@@ -20,9 +20,8 @@ from mpc.model.plant import Plant
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import FeedForwardOf, InverseDynamics
 from mpc.tracking.linearise import Predictor
-from mpc.tracking.qp.certified import ACCURACY
 from mpc.tracking.qp.condense import TrackingProblem
-from mpc.tracking.qp.step import CompilingBeside, QPStep, ReadableQPStep, SlowStep
+from mpc.tracking.qp.step import ACCURACY, CompilingBeside, QPStep, ReadableQPStep, SlowStep
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.records import Setting

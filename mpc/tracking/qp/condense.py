@@ -8,23 +8,34 @@ of every block, after which the commands move as ū does. With δx_0 = 0 the lin
     δx_{k+1} = A_k δx_k + B_k E_k z      so      x_k = x̄_k + G_k z,    G_0 = 0,    G_{k+1} = A_k G_k + B_k E_k
 
 and every term of the cost is a residual r̄ + M z: H = MᵀM, f = Mᵀr̄. Pressures count in bar within z, s in rad, s_F in N.
+
+Inspection of a step's QP: its matrices, and the names of its decisions and rows.
+
+Softened QP, which always has a solution, found by a different method.
+
+    minimise   ½ zᵀ H z + fᵀ z + ½ Σ_i w_i max(0, breach_i(z))²      over      lower ≤ z ≤ upper
+
+Only the bounds on z, the slew limits, are hard. Every other row costs the square of its violation; slacks are left out.
+The method is bounded least squares (SciPy's BVLS), repeated with the rows violated by the last solution: a Newton
+method for a convex, piecewise quadratic cost, which has converged when the rows repeat. The result is the best point
+found when the time is over. It is feasible and better than z = 0.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from time import perf_counter
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 from allocator.units import BAR
 from mpc.model.plant import NU
-from mpc.tracking.cost import Rows, charged, diagonal
+from mpc.tracking.cost import Rows, Weights, charged, diagonal
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Linearisation
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.weights import Weights
 
 SLACKS = 2  # s and s_F, the last decisions
 
@@ -144,3 +155,164 @@ def _rows(problem: TrackingProblem, model: Linearisation, G: Array) -> tuple[Arr
         np.concatenate([np.minimum(P_lo / BAR - u, 0.0), -never, below, limits.min_force - F]),
         np.concatenate([np.maximum(P_hi / BAR - u, 0.0), above, never, np.full(F.shape, np.inf)]),
     )
+
+
+_SHOWN = 3  # of a kind, from each end
+
+
+@dataclass(frozen=True, eq=False)
+class NamedQP:
+    """Unsolved problem of one step of a `TrackingMPC`; its arrays are read-only.
+
+        minimise ½ zᵀ H z + fᵀ z   subject to   lower ≤ z ≤ upper,   rows_lower ≤ rows z ≤ rows_upper
+
+    The decisions z are the changes of the commands, less those of `u`, and the slacks. The horizon begins when a
+    command given now acts; [k] counts its samples.
+    """
+
+    H: Array  # (n, n)
+    f: Array  # (n,)
+    lower: Array  # (n,)
+    upper: Array  # (n,)
+    rows: Array  # (m, n)
+    rows_lower: Array  # (m,)
+    rows_upper: Array  # (m,)
+    decisions: tuple[str, ...]  # n names; pressures count in bar, slacks in rad and N
+    row_names: tuple[str, ...]  # m
+    u: Array  # (N, m) commands for z = 0 [Pa], without those of a dead band's inverse
+    _u_last: Array = field(repr=False)  # (m,) [Pa]
+    _E: Array = field(repr=False)  # (N, m, n) [Pa]
+    _limits: Limits = field(repr=False)
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for array in (self.H, self.f, self.lower, self.upper, self.rows, self.rows_lower, self.rows_upper, self.u):
+            array.setflags(write=False)
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Make the arrays of a copy read-only."""
+        self.__dict__.update(state)
+        self.__post_init__()
+
+    def commands(self, z: Array) -> Array:
+        """Return the commands [Pa] of the decisions `z` (n,), within the hard limits as a plan's are."""
+        return self._limits.limited(self._u_last, self.u + self._E @ z)
+
+    def __repr__(self) -> str:
+        """Return tables of decisions and rows, long ones shortened."""
+        n, m = self.rows.shape[1], len(self.rows)
+        head = f"QP of a step: {n} decisions, {m} rows; minimise ½ zᵀ H z + fᵀ z"
+        decisions = [f"{'decision':<24}{'lower':>12}{'upper':>12}{'f':>12}{'H[i, i]':>12}"]
+        of_decisions = self.lower, self.upper, self.f, np.diag(self.H)
+        decisions += [_line(name, *numbers) for name, *numbers in zip(self.decisions, *of_decisions, strict=True)]
+        rows = [f"{'row':<24}{'lower':>12}{'upper':>12}"]
+        of_rows = self.rows_lower, self.rows_upper
+        rows += [_line(name, *numbers) for name, *numbers in zip(self.row_names, *of_rows, strict=True)]
+        return "\n".join([head, "", *_shortened(decisions), "", *_shortened(rows)])
+
+
+def named(problem: TrackingProblem, qp: QP, u: Array, u_last: Array) -> NamedQP:
+    """Return `qp` of `problem` about the commands `u` (N, m) after `u_last` (m,), with names."""
+    arrays = qp.H, qp.f, qp.lower, qp.upper, qp.R, qp.rows_lower, qp.rows_upper
+    names = tuple(decision_names(problem)), tuple(row_names(problem))
+    return NamedQP(*arrays, *names, u, u_last, problem.E, problem.limits)
+
+
+def decision_names(problem: TrackingProblem) -> Iterator[str]:
+    """Yield the names of the decisions, in the order of `mpc.tracking.qp.condense`."""
+    for k in problem.starts:
+        yield from (f"ΔP{j}[{k}]" for j in range(1, problem.muscles + 1))
+    yield from ("slack angle", "slack force")
+
+
+def row_names(problem: TrackingProblem) -> Iterator[str]:
+    """Yield the names of the rows, in the order of `mpc.tracking.qp.condense`."""
+    N, n, m = sum(problem.blocks), problem.joints, problem.muscles
+    angles = ["angle"] if n == 1 else [f"angle {i}" for i in range(1, n + 1)]
+    muscles = ["agonist", "antagonist"] if (n, m) == (1, 2) else [f"muscle {j}" for j in range(1, m + 1)]
+    for k in range(N):
+        yield from (f"P{j}[{k}] supply" for j in range(1, m + 1))
+    for side in ("upper", "lower"):
+        for k in range(1, N + 1):
+            yield from (f"{angle}[{k}] {side}" for angle in angles)
+    for k in range(1, N + 1):
+        yield from (f"{muscle} taut[{k}]" for muscle in muscles)
+
+
+def _line(name: str, *numbers: float) -> str:
+    return f"{name:<24}" + "".join(f"{number:12.4g}" for number in numbers)
+
+
+def _shortened(lines: list[str]) -> list[str]:
+    """Return the lines without those in the middle of runs of one kind: names that differ in their numbers only."""
+    kinds = ["".join(c for c in line.split("  ")[0] if not c.isdigit()) for line in lines]
+    kept: list[str] = []
+    for i, line in enumerate(lines):
+        same = [j for j in range(len(lines)) if kinds[j] == kinds[i]]
+        at = same.index(i)
+        if at < _SHOWN or at >= len(same) - _SHOWN:
+            kept.append(line)
+        elif kept[-1] != "…":
+            kept.append("…")
+    return kept
+
+
+COMMAND = 1e6  # w of the supply [cost]/[bar]²; commands are clipped to it before they are sent
+ROUNDS = 10
+
+
+def softened(qp: QP, deadline: float) -> Array | None:
+    """Return decisions z (n,) with zero slacks, found by `deadline` [s]; None if z = 0 is the best point found."""
+    hard, w = _without_slacks(qp), _charges(qp)
+    best, least = None, cost(hard, w, np.zeros_like(hard.f))
+    z, charged = np.zeros_like(hard.f), np.zeros(len(w), bool)
+    took = 0.0  # duration of the last round [s]
+    for _ in range(ROUNDS):
+        if (began := perf_counter()) + took > deadline:
+            break
+        try:
+            z = _bounded_least_squares(_charging(hard, w, charged, z))
+        except np.linalg.LinAlgError:  # H is not positive definite to rounding: keep the best point
+            break
+        took = perf_counter() - began
+        if (price := cost(hard, w, z)) < least:
+            best, least = z, price
+        broken = hard.breaches(z) > 0
+        if (broken == charged).all():
+            break
+        charged = broken
+    return None if best is None else np.append(best, SLACKS * [0.0])
+
+
+def cost(qp: QP, w: Array, z: Array) -> float:
+    """Return the cost to minimise; `qp` has no slacks."""
+    return qp.cost(z) + 0.5 * float(w @ np.maximum(qp.breaches(z), 0.0) ** 2)
+
+
+def _without_slacks(qp: QP) -> QP:
+    n = qp.f.size - SLACKS
+    return replace(qp, H=qp.H[:n, :n], f=qp.f[:n], lower=qp.lower[:n], upper=qp.upper[:n], R=qp.R[:, :n])
+
+
+def _charges(qp: QP) -> Array:
+    """Return w (m,), the QP's cost of the square of each row's slack, and COMMAND for the rows of commands."""
+    w = np.square(qp.R[:, -SLACKS:]) @ np.diag(qp.H)[-SLACKS:]
+    return np.where(w > 0, w, COMMAND)
+
+
+def _charging(qp: QP, w: Array, charged: Mask, z: Array) -> QP:
+    """Return `qp` without rows, with a cost ½ w (R z' - b)² for each `charged` one; `z` violates the bounds b."""
+    R, w = qp.R[charged], w[charged]
+    b = np.clip(R @ z, qp.rows_lower[charged], qp.rows_upper[charged])
+    H, f = qp.H + R.T @ (w[:, None] * R), qp.f - R.T @ (w * b)
+    return replace(qp.with_rows(np.zeros(len(qp.R), bool)), H=H, f=f)
+
+
+def _bounded_least_squares(qp: QP) -> Array:
+    """Return the minimum within the bounds, of ½ |Lᵀ z + L⁻¹ f|² with H = L Lᵀ."""
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import lsq_linear
+
+    L = np.linalg.cholesky(qp.H)
+    found = lsq_linear(L.T, -solve_triangular(L, qp.f, lower=True), (qp.lower, qp.upper), method="bvls")
+    return np.asarray(np.clip(found.x, qp.lower, qp.upper))

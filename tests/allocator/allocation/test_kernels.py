@@ -189,12 +189,12 @@ def test_compiled_and_plain_python_give_the_same_digits(name):
 def test_threads_change_nothing(at_once, monkeypatch):
     import numba
 
-    from allocator.allocation.two_muscles.kernels import arrays
+    from allocator.allocation.two_muscles.kernels import calls
 
     joint = report_joint()
     targets = mixed_targets(joint, 20_000, seed=4)
-    monkeypatch.setattr(arrays, "_PIECE", 3000)
-    monkeypatch.setattr(arrays, "_PARALLEL", 1)
+    monkeypatch.setattr(calls, "_PIECE", 3000)
+    monkeypatch.setattr(calls, "_PARALLEL", 1)
     answers = []
     for n in (1, 3):
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", n)

@@ -7,7 +7,7 @@ import pytest
 
 from allocator import AntagonistJoint, InvalidInput, Lever, Limits, Stiffness, allocate, report_joint, warm_up
 from allocator.allocation.two_muscles import exact
-from allocator.allocation.two_muscles.kernels import arrays, calls
+from allocator.allocation.two_muscles.kernels import calls
 from allocator.joint.limits import TAUT
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 
@@ -49,7 +49,7 @@ MANY = {
 def no_readable(monkeypatch):
     """Fails where the readable implementation would answer."""
     unwanted = Mock(side_effect=AssertionError("the readable implementation was asked"))
-    for module in (exact, arrays):
+    for module in (exact, calls):
         monkeypatch.setattr(module, "solve", unwanted)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allocator import AntagonistError, AntagonistJoint, Limits, Method, Pulley, Status, allocate
-from allocator.allocation.uncertain.problem import chance_box
+from allocator.allocation.uncertain.chance import chance_box
 from allocator.identification import fit, load_dataset
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Sarosi2012

@@ -9,7 +9,7 @@ from numba.core.errors import TypingError
 from numba.core.targetconfig import TargetConfig
 from numba.core.types.functions import BaseFunction
 
-from allocator.compilation.resolution import remembering
+from allocator.compilation.cache import remembering
 
 
 def summed(x, y):

@@ -8,8 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from allocator import Gas, InvalidInput, Limits, Method, Status, Stiffness, allocate
-from allocator.allocation.relaxation.bound import Level, _safe, relax
-from allocator.allocation.relaxation.curves import Curve
+from allocator.allocation.relaxation.curves import Curve, Level, _safe, relax
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Pulleys, machines
 from allocator.muscles import Andrikopoulos2016, TonduLopez2000, Wickramatunge2010

@@ -8,7 +8,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from allocator import Method, allocate
 from allocator.allocation.box.arguments import problem_from
-from allocator.allocation.relaxation.bound import relax
+from allocator.allocation.relaxation.curves import relax
 from allocator.allocation.relaxation.model import Model
 from allocator.mechanism import Mechanism, Pulleys, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N

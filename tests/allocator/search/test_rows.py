@@ -12,9 +12,9 @@ from allocator.muscles import MODELS
 from allocator.muscles.basis import Basis
 from allocator.search import curves
 from allocator.search.arcs import gradient
+from allocator.search.batch import rows
 from allocator.search.curves import K_T, T_K, T_P, at, pieces
 from allocator.search.pairs import nearest
-from allocator.search.rows import rows
 from tests.exact_everywhere.joints import GEOMETRIES, MUSCLES, joint_of, muscle_of
 
 SUPPLY = (0.0, 5 * BAR)

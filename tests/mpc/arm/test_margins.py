@@ -9,7 +9,7 @@ from mpc.model.plant import Plant
 from mpc.observer.filter import CALM_NOISE
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.weights import CALM
+from mpc.tracking.cost import CALM
 from mpc.trials.margins import Margins, margins, usual_postures
 
 from ...rigs.one_joint import arm_of

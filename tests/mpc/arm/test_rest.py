@@ -15,8 +15,8 @@ from mpc.observer.filter import CALM_NOISE
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking import rest_memory, resting
 from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.cost import CALM
 from mpc.tracking.plan import PlanStatus
-from mpc.tracking.weights import CALM
 from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import simulate
 

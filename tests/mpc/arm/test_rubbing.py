@@ -16,7 +16,7 @@ from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
 from mpc.observer.filter import CALM_NOISE
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking.weights import CALM
+from mpc.tracking.cost import CALM
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.arm_trajectories import reference

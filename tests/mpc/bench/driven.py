@@ -15,8 +15,7 @@ import numpy as np
 
 from allocator import BAR
 from mpc import Plant, Reference
-from mpc.bench.device import Reading
-from mpc.bench.devices.functions import CallableDevice
+from mpc.bench.device import CallableDevice, Reading
 from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import SafeStop, SoftStart, Watchdog
 from mpc.observer.base import Differentiator

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from allocator import DEG, Pulley
 from allocator.identification import fit_joint
@@ -13,37 +12,23 @@ from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.identification.motion.fit import fit_motion
 from allocator.identification.motion.samples import read_motion_log
-from allocator.joint.antagonist import report_joint
-from allocator.muscles import scaled
-from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, IdentifiedPlant, KalmanObserver, Plant, TrackingMPC, Weights
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
-from mpc.bench.devices.modbus import ModbusDevice
-from mpc.bench.devices.register_map import RegisterMap
+from mpc.bench.devices.modbus import ModbusDevice, RegisterMap
 from mpc.bench.devices.simulated import SimulatedDevice, simulated
-from mpc.bench.loop import RealTimeLoop
+from mpc.bench.loop import RealTimeLoop, Tracking, replay
 from mpc.bench.safety import SoftStart
 from mpc.bench.sweep import Sweep, random_steps, visits_of, within
-from mpc.bench.tracking import Tracking, replay
-from mpc.cli import app
 from mpc.tracking.limits import Limits
 from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.trajectories import point_to_point, shrunk, usual_stiffness
-from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 
-ROUGH = Plant(report_joint(SAROSI_DMSP_20_400N))  # what a data sheet tells
-WEAKER = {"agonist": scaled(SAROSI_DMSP_20_400N, 0.9), "antagonist": scaled(SAROSI_DMSP_20_400N, 0.82)}
-HIDDEN = Plant(replace(ROUGH.joint, **WEAKER), inertia=0.04, damping=0.15, lag=(0.09, 0.11), gas=False)
+from ...rigs.afternoon import GEOMETRY, HIDDEN, ROUGH, antagonist
+from .valve_terminal import HOST, ValveTerminal
+
 DT = 0.01
-GEOMETRY = "--pulley", "20,0.1375", "--rest-length", "400"
-
-
-def antagonist(*arguments):
-    result = CliRunner().invoke(app, [str(a) for a in arguments])
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 @pytest.mark.slow

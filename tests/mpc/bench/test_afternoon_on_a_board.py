@@ -2,17 +2,15 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant
+from mpc.bench.loop import Tracking, replay
 from mpc.bench.safety import Reason
-from mpc.bench.tracking import Tracking, replay
-from mpc.cli import app
 from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
 
-from ...rigs.afternoon import GEOMETRY, HIDDEN, Afternoon
+from ...rigs.afternoon import GEOMETRY, HIDDEN, Afternoon, antagonist
 from ...rigs.needs import needs, posix
 
 pytestmark = [
@@ -22,11 +20,6 @@ pytestmark = [
     posix,
 ]
 AFTERNOON = Afternoon(real_time=False)
-
-
-def antagonist(*arguments):
-    result = CliRunner().invoke(app, [str(a) for a in arguments])
-    assert result.exit_code == 0, result.output
 
 
 def test_from_sweep_to_a_tracked_trajectory_over_a_serial_line(tmp_path):

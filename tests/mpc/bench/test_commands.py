@@ -11,7 +11,7 @@ from mpc.bench.device import DeviceLost
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.display import dashboard
 from mpc.bench.logs import read_log
-from mpc.bench.tracking import Tracking
+from mpc.bench.loop import Tracking
 from mpc.cli import app
 from mpc.trials.files import load_recording
 

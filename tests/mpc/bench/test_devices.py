@@ -9,8 +9,7 @@ import pytest
 from allocator import BAR, DEG
 from allocator.errors import InvalidInput, MissingBackend
 from mpc import Plant
-from mpc.bench.device import DeviceError, MonotonicClock, Reading, SimulatedClock
-from mpc.bench.devices.functions import CallableDevice
+from mpc.bench.device import CallableDevice, DeviceError, MonotonicClock, Reading, SimulatedClock
 from mpc.bench.devices.registry import kinds, open_device
 from mpc.bench.devices.simulated import STEP, SimulatedDevice
 from mpc.model.real_plant import RealPlant

@@ -8,7 +8,7 @@ import pytest
 from allocator import DEG, InvalidInput, PrandtlIshlinskii
 from mpc import RealPlant, simulate
 from mpc.bench.measuring.due import check_due, imbalance
-from mpc.tracking.weights import CALM
+from mpc.tracking.cost import CALM
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run

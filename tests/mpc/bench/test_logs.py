@@ -10,10 +10,9 @@ from mpc.bench.cycle import Phase, Tick
 from mpc.bench.device import NoAnswer, Reading, SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log, run_of
-from mpc.bench.loop import RealTimeLoop
+from mpc.bench.loop import RealTimeLoop, Tracking, replay
 from mpc.bench.record import Lateness, Row
 from mpc.bench.safety import SoftStart, Watchdog
-from mpc.bench.tracking import Tracking, replay
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator
 from mpc.trials.files import load_recording

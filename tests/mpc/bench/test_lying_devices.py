@@ -12,8 +12,7 @@ import pytest
 from allocator import BAR
 from mpc import Plant
 from mpc.bench.cycle import Cycle, Decision, Phase, Settings
-from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, Reading, SimulatedClock
-from mpc.bench.devices.functions import CallableDevice
+from mpc.bench.device import CallableDevice, DeviceError, DeviceLost, NoAnswer, Reading, SimulatedClock
 from mpc.bench.logs import read_log
 from mpc.bench.safety import Reason, RefusedStart, SafeStop, SoftStart
 from mpc.bench.sweep import Sweep, Visit

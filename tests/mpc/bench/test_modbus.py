@@ -8,8 +8,7 @@ import pytest
 from allocator import BAR, DEG
 from allocator.errors import InvalidFile, InvalidInput
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, SimulatedClock
-from mpc.bench.devices.modbus import ModbusDevice, open_modbus
-from mpc.bench.devices.register_map import Entry, RegisterMap
+from mpc.bench.devices.modbus import Entry, ModbusDevice, RegisterMap, open_modbus
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.model.real_plant import RealPlant
 from tests.mpc.bench.valve_terminal import HOST, ValveTerminal

@@ -12,8 +12,7 @@ import pytest
 from allocator import BAR
 from allocator.errors import InvalidFile
 from mpc.bench.device import NoAnswer
-from mpc.bench.devices.modbus import ModbusDevice
-from mpc.bench.devices.register_map import RegisterMap
+from mpc.bench.devices.modbus import ModbusDevice, RegisterMap
 
 MAP = replace(RegisterMap.generic(), timeout=5.0)
 READ = bytes([4, 6]) + struct.pack(">3H", 100, 2000, 3000)  # three input registers

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import typeof
 
-from mpc.codegen.arguments import described, described_at
+from mpc.codegen.addresses import described, described_at
 from mpc.codegen.jit import compiled
 
 pytestmark = pytest.mark.compiles

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled, inlined
-from mpc.codegen.parts import part
 from mpc.codegen.tables import opened, table_of
+from mpc.codegen.views import part
 
 pytestmark = pytest.mark.compiles
 

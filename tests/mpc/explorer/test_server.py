@@ -187,7 +187,7 @@ def test_a_saved_page_answers_without_the_server(tmp_path, monkeypatch):
 
     assert CHROMIUM is not None, "a Chromium is needed: apt install chromium"
     for name, steps in (("_ANGLES", 8), ("_STIFFNESSES", 8), ("_TORQUES", 6)):
-        monkeypatch.setattr(f"mpc.explorer.saved.{name}", steps)
+        monkeypatch.setattr(f"mpc.explorer.server.{name}", steps)
     assert CliRunner().invoke(app, ["explore", "--save", str(tmp_path / "page.html")]).exit_code == 0
     with sync_playwright() as driver:
         page = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS).new_page()

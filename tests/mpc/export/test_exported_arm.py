@@ -166,7 +166,7 @@ def test_friction_of_each_joint_and_old_readings_are_python_s_in_c(age, tmp_path
         for i, (w, steps) in enumerate([(2, (0.01, 0.04)), (3, (0.02,))])
     )
     known = Compensation(frictions=slips, dead_time=0.02, reading_age=age)
-    controller, observer = pair(ARM, 6, known, compiled=False)
+    controller, observer = pair(ARM, 6, known)
     faults = (SilentSensors(0.5, 0.55, (0,), **SIZES), FrozenSensors(0.9, 1.2, (5,), **SIZES))
     samples, wanted = recorded(real(known, faults=faults), controller, observer, circle(ARM, turns=0.8))
     directory = export(tmp_path / "c", controller=controller, observer=observer)

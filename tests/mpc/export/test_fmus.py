@@ -20,8 +20,7 @@ from allocator.units import BAR, DEG
 from mpc import KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.cli import app
 from mpc.export.building import compiler
-from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
-from mpc.export.fmu.platforms import PLATFORMS, this_machine
+from mpc.export.fmu.entry import PLATFORMS, export_controller_fmu, export_plant_fmu, this_machine
 from mpc.model.faults import StuckValve
 from mpc.model.friction.dahl import Friction
 from mpc.tracking.preview import BadNumbers

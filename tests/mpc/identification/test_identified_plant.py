@@ -1,6 +1,5 @@
 """The plant's file as somebody meets it who has nothing but the file, the log and a textbook."""
 
-import csv
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -104,15 +103,6 @@ def test_an_encoder_zero_of_the_joints_file_is_that_of_its_plant(slow_joint, slo
     IdentifiedPlant.of(fit).save(tmp_path / "plant.toml")
     again = replay(tmp_path / "plant.toml", fit.log).errors().every
     assert again == pytest.approx(IdentifiedPlant.of(slow_fit).errors.every, rel=0.05)
-
-
-@pytest.fixture(scope="module")
-def measured(shared):
-    lines = shared(Path("data") / "joint_log_40hz.csv").read_text(encoding="utf-8").splitlines()
-    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
-    P = (column[f"pressure{i}_mpa"] * 10 * BAR for i in (1, 2))
-    return column["time_s"], column["theta_rad"], *P
 
 
 @pytest.mark.slow

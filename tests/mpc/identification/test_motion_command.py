@@ -28,14 +28,21 @@ def write(path, header, log, rows=None):
     return path
 
 
-@pytest.mark.slow
-def test_a_log_becomes_a_plant_a_picture_and_json(slow_joint, tmp_path):
-    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint, 1500)
-    save_machine(JOINT, tmp_path / "joint.toml")
-    out, picture = tmp_path / "plant.toml", tmp_path / "fit.png"
-    result = run(log, "--machine", tmp_path / "joint.toml", "--out", out, "--plot", picture, "--json")
+@pytest.fixture(scope="module")
+def identified(slow_joint, tmp_path_factory):
+    """The directory of a plant.toml and a fit.png that the command made of a log, and what it printed."""
+    made = tmp_path_factory.mktemp("identified")
+    log = write(made / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint, 1500)
+    save_machine(JOINT, made / "joint.toml")
+    out, picture = made / "plant.toml", made / "fit.png"
+    result = run(log, "--machine", made / "joint.toml", "--out", out, "--plot", picture, "--json")
     assert result.exit_code == 0, result.output
-    said = json.loads(result.stdout)
+    return made, json.loads(result.stdout)
+
+
+@pytest.mark.slow
+def test_a_log_becomes_a_plant_a_picture_and_json(identified):
+    made, said = identified
     assert said["lag_up_s_low"] < said["lag_up_s"] < said["lag_up_s_high"]
     assert said["held_out_deg"] < 1.5
     assert said["plant_rms_last_40_percent_deg"] < 1.02 * said["plant_held_out_deg"]  # the same rows, fitted or not
@@ -43,22 +50,16 @@ def test_a_log_becomes_a_plant_a_picture_and_json(slow_joint, tmp_path):
     assert said["plant_held_out_deg"] < 0.3
     assert 0.9 < said["band_coverage"] < 0.99
     assert len(said["hysteresis"]["weights"]) == len(said["hysteresis"]["thresholds_deg"]) + 1
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert load_joint(out).hysteresis is not None
-    text = out.read_text(encoding="utf-8")
+    assert (made / "fit.png").read_bytes().startswith(b"\x89PNG")
+    assert load_joint(made / "plant.toml").hysteresis is not None
+    text = (made / "plant.toml").read_text(encoding="utf-8")
     assert "[regulators]" in text
     assert "[plant]" in text
 
 
 @pytest.mark.slow
-def test_a_log_becomes_a_plant_that_is_tracked_and_exported_and_whose_effects_controllers_are_told(
-    slow_joint, tmp_path
-):
-    log = write(tmp_path / "log.csv", "t,phi [deg],p1 [bar],P2_bar", slow_joint, 1000)
-    save_machine(JOINT, tmp_path / "joint.toml")
-    path = tmp_path / "plant.toml"
-    result = run(log, "--machine", tmp_path / "joint.toml", "--out", path)
-    assert result.exit_code == 0, result.output
+def test_the_plant_of_a_log_is_tracked_and_exported_and_its_effects_are_told_to_controllers(identified, tmp_path):
+    path = identified[0] / "plant.toml"
     known, plant = Compensation.load(path), Plant.load(path)
     assert known.friction == MaxwellSlip.of(load_joint(path).hysteresis)
     assert known.dead_time == pytest.approx(DEAD_TIME, abs=0.015)

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from allocator import BAR, DEG, InvalidInput, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, Plant, RealPlant
-from mpc.model.free_run import free_run
+from mpc.identification.plant import free_run
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)
 PLANT = Plant(JOINT, inertia=0.03, damping=0.4, lag=(0.1, 0.1), gas=False)

@@ -19,7 +19,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
 from mpc.model.real_plant import RealPlant
 from mpc.observer.kalman import KalmanObserver
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 from mpc.trials.loops import CONTROLLERS, Settings, loop
 from mpc.trials.motions.reference import Reference, min_jerk
 from mpc.trials.simulation import simulate

@@ -14,12 +14,14 @@ from allocator.muscles.catalogue import (
     TONDU_DMSP_20_400N,
     TONDU_MCKIBBEN,
 )
-from mpc import KalmanObserver, Plant, RealPlant, Rung, TrackingMPC, Weights, simulate, sine
+from mpc import Compensation, KalmanObserver, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, simulate, sine
 from mpc.model.faults import SupplyDrop, WrongReadings
+from mpc.observer.filter import Belief
 from mpc.observer.gating import Gate, SensorGate, Verdict
+from mpc.observer.pressure_diagnosis import DATA_SHEET, SPREAD
 
-DT = 0.01
-PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
+DT, LAG = 0.01, 0.12
+PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=LAG)
 GATE = Gate.of(PLANT, DT, (0.01 * DEG, 0.02 * BAR))
 REST = PLANT.at_rest(0.1, 5.5)
 
@@ -53,14 +55,15 @@ def test_of_a_right_model_s_readings_as_many_are_rejected_as_is_said():
     gate, rng = SensorGate(replace(GATE, floor=(0.0, 0.0, 0.0)), 0, DT), np.random.default_rng(0)
     beyond = [gate.width(1e-6) / 2 < abs(reading) for reading in 1e-3 * rng.standard_normal(200_000)]
     assert np.mean(beyond) == pytest.approx(0.0027, rel=0.1)
-    assert all(SensorGate(GATE, 0, DT).check(1e-6 * y, 0.0, 1e-12) is Verdict.BELIEVED for y in rng.normal(size=1000))
+    readings = 1e-6 * rng.normal(size=1000)
+    assert all(SensorGate(GATE, 0, DT).check(y, 0.0, 0.0, 1e-12) is Verdict.BELIEVED for y in readings)
 
 
 def test_a_gate_that_rejects_opens_slowly_whatever_the_variance_has_become():
     gate, widest = SensorGate(GATE, 0, DT), GATE.floor[0]
-    verdicts = [gate.check(0.5 + 1e-3 * k, 0.0, 1.0 if k else 0.0) for k in range(30)]
+    verdicts = [gate.check(0.5 + 1e-3 * k, 0.0, 0.0, 1.0 if k else 0.0) for k in range(30)]
     assert set(verdicts) == {Verdict.REJECTED}
-    assert gate.check(0.9 * widest, 0.0, 1.0) is Verdict.BELIEVED
+    assert gate.check(0.9 * widest, 0.0, 0.0, 1.0) is Verdict.BELIEVED
 
 
 @pytest.mark.parametrize(
@@ -68,7 +71,7 @@ def test_a_gate_that_rejects_opens_slowly_whatever_the_variance_has_become():
     [(np.nan, Verdict.SILENT), (np.inf, Verdict.SILENT), (1e300, Verdict.IMPOSSIBLE), (-2.6, Verdict.IMPOSSIBLE)],
 )
 def test_what_no_sensor_of_this_joint_says_is_named(reading, verdict):
-    assert SensorGate(GATE, 0, DT).check(reading, 0.0, 1e-6) is verdict
+    assert SensorGate(GATE, 0, DT).check(reading, 0.0, 0.0, 1e-6) is verdict
 
 
 @given(theta=st.floats(-1.5, 1.5), turns=st.integers(-1000, 1000))
@@ -217,6 +220,41 @@ def test_a_pressure_beyond_the_supply_does_not_move_the_joint():
 
 
 @pytest.mark.compiles
+def test_lags_that_were_not_measured_reject_no_pressure():
+    """Without a doubt of the lags, 29 readings are rejected."""
+    real = RealPlant(replace(PLANT, lag=2 * LAG))
+    untold = replace(real.known(), lag_up=None, lag_down=None)
+    t = DT * np.arange(600)
+    high = t // 1 % 2 > 0
+    jumps = Reference(t, np.where(high, 20, -20) * DEG, np.where(high, 6.0, 4.5))
+    verdicts = []
+
+    class Heard(KalmanObserver):
+        def estimate(self, y, u):
+            found = super().estimate(y, u)
+            verdicts.extend(self.verdicts)
+            return found
+
+    controller, observer = TrackingMPC(PLANT, DT, 10, compensation=untold), Heard(PLANT, DT, compensation=untold)
+    simulate(real, controller, jumps, observer=observer)
+    assert set(verdicts) == {Verdict.BELIEVED}
+
+
+def test_gates_allow_the_pressures_of_quick_and_slow_regulators():
+    rng, told = np.random.default_rng(0), Compensation(lag_up=LAG, lag_down=LAG)
+    for compensation, spread in ((told, SPREAD), (Compensation(), DATA_SHEET)):
+        own = KalmanObserver(PLANT, DT, compensation=compensation).filter
+        model, quick, slow, apart = REST[2:], REST[2:], REST[2:], np.zeros((2, 2))
+        for v in rng.uniform(1 * BAR, 5 * BAR, (50, 2)):
+            belief = Belief(np.concatenate([REST[:2], model, [0.0]]), own.stationary)
+            apart = own.apart(apart, belief, v)
+            model, quick, slow = (
+                v + (P - v) * np.exp(-DT / lag)
+                for P, lag in ((model, LAG), (quick, LAG / spread), (slow, LAG * spread))
+            )
+            assert np.allclose(model + apart, [quick, slow], rtol=0, atol=1e-6)
+
+
 def test_an_angle_is_found_again_although_the_supply_has_dropped():
     faults = SupplyDrop(3.0, supply=1.5 * BAR), WrongReadings(5.0, 5.5, (0,), 0.9)
     real = replace(RealPlant.standard(), faults=faults)

@@ -11,7 +11,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import KalmanObserver, Plant, Reference, TrackingMPC, simulate
 from mpc.model.real_plant import RealPlant
 from mpc.observer.filter import Noise
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 
 DT = 0.01
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)

@@ -10,7 +10,7 @@ from allocator.errors import InvalidFile
 from allocator.files.atomic import write_text
 from mpc import Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, simulate, sine
 from mpc.model.storage import save_plant
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 
 DT = 0.01
 PLANT = Plant(lag=0.12)

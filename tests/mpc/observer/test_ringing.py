@@ -10,7 +10,7 @@ from mpc import KalmanObserver, RealPlant, Reference, TrackingMPC, simulate
 from mpc.model.friction.dahl import Friction
 from mpc.observer import ringing
 from mpc.observer.health import FaultKind, Part, Reaction, Suspect
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 from mpc.trials.motions.trajectories import jumps, point_to_point, rested_sine, steps
 from mpc.trials.robust import robust_weights
 

@@ -19,10 +19,10 @@ from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
-from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import SLACKS, condense
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.step import certified
 
 _EDGE = 0.15  # from an end of the joint range [rad]
 _SPEED = 1.0  # standard deviation [rad/s]

@@ -2,86 +2,26 @@
 
 import math
 from copy import deepcopy
-from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 
-from allocator import BAR, DEG, Table
-from mpc import PlanStatus, Plant, SlowStep, TrackingMPC, Weights
-from mpc.codegen import python_text
-from mpc.codegen.graphs import PYTHON
-from mpc.codegen.python_text import translated
+from allocator import BAR, DEG
+from mpc import PlanStatus, Plant, TrackingMPC, Weights
 from mpc.tracking.compiled import module
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
-from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.programme import QP
 from mpc.tracking.qp.solvers import solver
-from mpc.tracking.qp.step import PreviousSample, ReadableQPStep
+from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, certified
 from mpc.tracking.terminal import terminal_factor
 
 RNG = np.random.default_rng(8)
 DAQP, RICCATI = solver("daqp"), solver("riccati")
-
-
-# --- translation ------------------------------------------------------------------------------------------------------
-
-
-def evaluated(function, *values):
-    """The outputs (n,) of the CasADi `function`, by CasADi and by its translation."""
-    source, names = translated("law", function), {}
-    exec(python_text.IMPORTS + source.text, names)
-    given = [ca.DM(function.sparsity_in(i), np.ravel(v)) for i, v in enumerate(values)]
-    wanted = np.concatenate([v.nonzeros() for v in function.call(given)])
-    return wanted, np.array(names["law"](*np.concatenate([np.ravel(v) for v in values]).tolist(), source.c))
-
-
-def test_every_joint_s_law_is_translated_to_the_last_digits(joint):
-    plant = Plant(joint=joint, gravity_torque=0.8, lag=(0.1, 0.07))
-    rng = np.random.default_rng(0)  # its own draws, whichever tests ran before
-    left, right = joint.angle_range
-    for name, function in module._functions(plant).items():
-        for _ in range(5):
-            x = np.array([rng.uniform(left, right), rng.normal(), *rng.uniform(1 * BAR, 4 * BAR, 2)])
-            u, d = rng.uniform(1, 4, 2), rng.normal()
-            S = np.random.default_rng(1).normal(size=function.nnz_in(1 % function.n_in()))
-            given = {1: (x,), 3: (x, u, d), 4: (x, S, u, d)}[function.n_in()]
-            wanted, found = evaluated(function, *((x[0],) if name == "coefficients" else given))
-            np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
-
-
-@pytest.mark.slow
-def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
-    angles = np.linspace(-1.5, 1.5, 45)
-    table = Table(0.40, angles, 0.13 + 0.04 * np.sin(angles), 0.13 - 0.04 * np.sin(angles))
-    plant = Plant(joint=replace(joints["sarosi-table"], geometry=table))
-    with pytest.warns(SlowStep, match=r"thirty times as long: the law's function .* operations, more than"):
-        mpc = TrackingMPC(plant, N=4)
-    assert mpc.implementation == "readable"
-
-
-@pytest.mark.compiles
-def test_what_the_compiler_fails_at_is_left_to_the_readable_step(monkeypatch):
-    wrong = {**PYTHON.operations, "OP_SIN": "float({0} > 0.0)"}  # which numba does not take
-    monkeypatch.setattr(python_text, "PYTHON", replace(PYTHON, operations=wrong))
-    with pytest.warns(SlowStep, match="thirty times as long: Failed in nopython mode") as said:
-        mpc = TrackingMPC(Plant(gravity_torque=0.5), N=4)
-    assert (mpc.implementation, len(said), said[0].filename) == ("readable", 1, __file__)
-    assert "\n" not in str(said[0].message)
-    assert mpc.step(mpc.plant.at_rest(0.0, 7.6), 0.1, 7.8).status is PlanStatus.OPTIMAL
-
-
-@pytest.mark.compiles
-def test_joints_that_differ_in_their_numbers_share_the_compiled_code():
-    one, two = (module.compiled_plant(Plant(inertia=J, damping=b, lag=b), 0.01) for J, b in ((0.05, 0.1), (0.07, 0.13)))
-    assert one.step is two.step
-    assert (one.c != two.c).any()
 
 
 # --- the QP -----------------------------------------------------------------------------------------------------------

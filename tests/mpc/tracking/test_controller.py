@@ -11,7 +11,7 @@ from allocator import BAR, DEG, InvalidInput
 from mpc import PlanStatus, Plant, Rung, TrackingMPC, Weights
 from mpc.codegen.buffered import Buffered
 from mpc.tracking.preview import BadNumbers
-from mpc.tracking.qp.softened import softened
+from mpc.tracking.qp.condense import softened
 
 pytestmark = pytest.mark.compiles
 

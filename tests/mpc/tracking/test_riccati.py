@@ -10,8 +10,7 @@ from allocator import BAR, InvalidInput, report_joint
 from allocator.muscles import PolynomialMcKibben
 from mpc import Plant, Weights
 from mpc.tracking.cost import diagonal
-from mpc.tracking.riccati import semidefinite_factor, solve_riccati
-from mpc.tracking.terminal import middle, regulator, terminal_factor
+from mpc.tracking.terminal import middle, regulator, semidefinite_factor, solve_riccati, terminal_factor
 from mpc.yardsticks.baselines import LQRControl
 
 # fitted to measured forces; its stiffness does not depend on the pressure: B. Tondu, arXiv 2104.13167, (13) and (14)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mpc import Plant, TrackingMPC
+from mpc.tracking.qp.condense import softened
 from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.softened import softened
 from mpc.tracking.qp.solvers import solver
 from tests.mpc.tracking.hard_limits import hard_solutions
 
@@ -23,7 +23,7 @@ def qps():
 
 
 def with_a_slack_for_each_row(qp):
-    """The problem of `mpc.tracking.qp.softened` as a QP: every row may be broken for ½ w times the square of its own
+    """The problem of `mpc.tracking.qp.condense` as a QP: every row may be broken for ½ w times the square of its own
     slack."""
     n, m = qp.f.size - 2, len(qp.R)
     w = np.where(qp.R[:, -2] != 0, qp.H[-2, -2], np.where(qp.R[:, -1] != 0, qp.H[-1, -1], COMMAND))

@@ -13,10 +13,9 @@ from benchmarks.speed.worst_cases import hunted
 from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, simulate, sine
 from mpc.tracking.compiled.structured_qp.solve import MOST, PATIENCE
 from mpc.tracking.compiled.structured_qp.structured import StructuredQP
-from mpc.tracking.qp.certified import certified
 from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import Riccati, solver
-from mpc.tracking.qp.step import PreviousSample, ReadableQPStep
+from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, certified
 
 pytestmark = pytest.mark.compiles
 

@@ -12,7 +12,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Plant, TrackingMPC
 from mpc.model.friction.dahl import Friction
 from mpc.model.real_plant import RealPlant
-from mpc.tracking.weights import Weights
+from mpc.tracking.cost import Weights
 from mpc.trials.loops import Settings, loop, sliding_margins
 from mpc.trials.margins import LISTEN, Margins, margins
 

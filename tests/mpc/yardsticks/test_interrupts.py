@@ -2,7 +2,7 @@
 
 import pytest
 
-from mpc.yardsticks.nlp_solvers import interruptible
+from mpc.yardsticks.shooting import interruptible
 
 
 def test_a_conversion_that_returns_with_the_interrupt_set_is_an_interrupt():

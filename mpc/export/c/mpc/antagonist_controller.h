@@ -72,6 +72,7 @@ typedef struct {
     ant_real step[ANT_JOINTS];       /* the least change of each angle's reading so far [rad] */
     ant_real read[ANT_SENSORS];      /* a sample ago */
     ant_real offset[ANT_MUSCLES];    /* of the pressures' sensors against the regulators [Pa] */
+    ant_real apart[2][ANT_MUSCLES];  /* of quick and of slow regulators from the model's [Pa] */
     ant_real silent[ANT_SENSORS];    /* for how long [s] */
     ant_real repeating[ANT_SENSORS]; /* for how long [s] */
     ant_friction friction[ANT_JOINTS];

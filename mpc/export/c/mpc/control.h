@@ -22,7 +22,7 @@ ant_real ant_inverse_dead_band(ant_real v, ant_real P); /* its inverse, smooth [
 void ant_gate_reset(ant_gate *g);
 void ant_gate_frozen(ant_gate *g, ant_real read); /* the sensor is frozen at this reading */
 ant_verdict ant_first_verdict(int sensor, ant_real read); /* by the range of the sensor alone */
-ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real expected, ant_real variance);
+ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real least, ant_real most, ant_real variance);
 ant_real ant_gate_width(const ant_gate *g, ant_real variance);                     /* greatest deviation of a reading */
 ant_real ant_unwrapped(ant_real theta, ant_real expected, ant_real within); /* without whole turns, if that is near */
 

@@ -31,14 +31,14 @@ ant_real ant_gate_width(const ant_gate *g, ant_real variance) {
     return width > g->floor ? width : g->floor;
 }
 
-ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real expected, ant_real variance) {
+ant_verdict ant_check_reading(ant_gate *g, int sensor, ant_real read, ant_real least, ant_real most, ant_real variance) {
     const ant_verdict first = ant_first_verdict(sensor, read);
     if (g->since > 0 && g->since < ANT_LONG) g->since++;
     if (first != ANT_BELIEVED) return first;
     ant_real width = g->width * (1 + (ant_real)(g->since - 1) * ANT_GATE_GROWTH);
     if (g->since == 0) width = ant_gate_width(g, variance);
     const int repeated = ant_equal(read, g->refused); /* and expected only because two motions cross */
-    if (ant_abs(read - expected) <= width && !repeated) {
+    if (ant_abs(read - ant_clip(read, least, most)) <= width && !repeated) {
         ant_gate_reset(g);
         return ANT_BELIEVED;
     }

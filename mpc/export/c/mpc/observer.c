@@ -194,6 +194,37 @@ static void rebuild(ant_observer *o, const ant_belief *previous, const ant_real 
     ant_unsure(&o->belief, read, there);
 }
 
+/* Updates the distances of the pressures of quick and of slow regulators from those of the model. */
+static void move_apart(ant_observer *o, const ant_belief *previous) {
+    for (int i = 0; i < ANT_MUSCLES; i++) {
+        const int sensor = ANT_JOINTS + i;
+        const ant_real P = ant_clip(previous->xi[ant_measured(sensor)], ANT_GATE_LOWER[sensor], ANT_GATE_UPPER[sensor]);
+        const ant_real e = ant_after_dead_band(o->commands[0][i], P) - P;
+        for (int k = 0; k < 2; k++) o->apart[k][i] += ANT_SHARES[k][i] * (e - o->apart[k][i]) - (1 - ANT_KEPT[i]) * e;
+    }
+}
+
+static void check(ant_observer *o, const ant_belief *expected, const ant_real read[ANT_SENSORS]) {
+    for (int i = 0; i < ANT_SENSORS; i++) {
+        ant_real least = 0, most = 0;
+        for (int k = 0; k < 2 && i >= ANT_JOINTS; k++) {
+            const ant_real apart = o->apart[k][i - ANT_JOINTS];
+            if (apart < least) least = apart;
+            if (apart > most) most = apart;
+        }
+        const ant_real value = expected->xi[ant_measured(i)];
+        o->verdicts[i] = ant_check_reading(&o->gates[i], i, read[i], value + least, value + most,
+                                           ant_innovation_variance(o, expected, i));
+    }
+}
+
+/* Whether the pressures of a muscle, and of the quick and of the slow regulator, are near to the command. */
+static int settled(const ant_observer *o, int muscle, ant_real P) {
+    const ant_real e = o->commands[0][muscle] - P;
+    return ant_abs(e) <= ANT_SETTLED && ant_abs(e - o->apart[0][muscle]) <= ANT_SETTLED &&
+           ant_abs(e - o->apart[1][muscle]) <= ANT_SETTLED;
+}
+
 /* From the last estimate to the present one. */
 static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     const ant_belief previous = o->belief;
@@ -202,6 +233,7 @@ static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     ant_contacts_of(&previous, contacts);
     for (int i = 0; i < ANT_JOINTS; i++) ant_friction_follow(&o->friction[i], i, previous.xi[i], contacts[i]);
     ant_predict_belief(o, &expected, 0, ANT_Q_NOISE);
+    move_apart(o, &previous);
     ant_real read[ANT_SENSORS];
     int there[ANT_SENSORS], rested[ANT_SENSORS], rests = 0;
     for (int i = 0; i < ANT_JOINTS; i++) read[i] = ant_unwrapped(said[i], expected.xi[i], ANT_NEAR_A_TURN);
@@ -212,9 +244,7 @@ static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
         rebuild(o, &previous, said, there);
         return;
     }
-    for (int i = 0; i < ANT_SENSORS; i++)
-        o->verdicts[i] = ant_check_reading(&o->gates[i], i, read[i], expected.xi[ant_measured(i)],
-                                   ant_innovation_variance(o, &expected, i));
+    check(o, &expected, read);
     for (int i = 0; i < ANT_SENSORS; i++) {
         rested[i] = o->verdicts[i] == ANT_ACCEPTED;
         rests = rests || rested[i];
@@ -225,7 +255,7 @@ static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     believed(o, there);
     for (int i = 0; i < ANT_MUSCLES; i++) {
         const ant_real P = expected.xi[2 * ANT_JOINTS + i];
-        const int learns = all(there) && there[ANT_JOINTS + i] && ant_abs(o->commands[0][i] - P) <= ANT_SETTLED;
+        const int learns = all(there) && there[ANT_JOINTS + i] && settled(o, i, P);
         const ant_real error = learns ? read[ANT_JOINTS + i] - P : 0;
         o->offset[i] = ant_clip(o->offset[i] + ANT_LEARNING * error, -ANT_MOST_OFFSET, ANT_MOST_OFFSET);
     }

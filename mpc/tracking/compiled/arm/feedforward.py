@@ -13,7 +13,7 @@ from typing import Any
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat
-from mpc.tracking.compiled.arm.allocation import allocate_at, allocation_at, proof_at, prove_at
+from mpc.tracking.compiled.arm.inverse_dynamics import allocate_at, allocation_at, proof_at, prove_at
 from mpc.tracking.compiled.arm.records import ArmInverse, ArmTargets
 from mpc.tracking.compiled.arm.views import inverse_in, targets_in
 from mpc.tracking.compiled.commands import finite

@@ -25,7 +25,7 @@ _OWN = tuple(
 _QP = _HERE.parent / "structured_qp"
 _AROUND = "sizes", "stage_of_many", "../commands"
 _SAMPLE = *_AROUND, "../sample/views", "../sample/stages", "../arm/views"
-_BARRIER = "barrier_limits", "barrier_slacks", "barrier"
+_BARRIER = "barrier_limits", "barrier"
 _PROOF = "riccati", "responses", "certificate", "active", *_BARRIER, "exchange", "solve"
 _SOLUTION = *_AROUND, *_PROOF, "../arm/views", "../arm/solve"
 

@@ -28,7 +28,7 @@ _KINDS = "(int64, int64, float64[::1], float64[::1], float64[:], float64[:], flo
 
 
 class Allocating(NamedTuple):
-    """Memory of an arm's allocation, and the addresses for its calls: see `mpc.tracking.compiled.arm.allocation`."""
+    """Memory of an arm's allocation and the addresses for its calls: `mpc.tracking.compiled.arm.inverse_dynamics`."""
 
     targets: Array  # see `mpc.tracking.compiled.arm.records.ArmTargets`
     side: NDArray[np.int8]

@@ -21,8 +21,8 @@ from mpc.tracking.compiled.structured_qp.barrier_limits import (
     is_limit,
     pushed_back,
     row_of,
+    slackened,
 )
-from mpc.tracking.compiled.structured_qp.barrier_slacks import slackened
 from mpc.tracking.compiled.structured_qp.certificate import adjoint, gradients, soften
 from mpc.tracking.compiled.structured_qp.responses import Items, set_limit, slack_of, width
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, backward, forward, take_charges

@@ -1,6 +1,5 @@
 """A moving joint is recovered from its log, of plants whose truth is known and of measured ones."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -85,13 +84,8 @@ def test_swapped_muscles_wrong_units_and_pressures_never_seen_are_refused(fit, s
 # --- measured logs, and those of the strangers ----------------------------------------------------------------------
 
 
-def test_a_measured_joint_is_predicted_within_4_1_degrees_and_3_3_where_taut(shared):
-    lines = shared(Path("data") / "joint_log_40hz.csv").read_text(encoding="utf-8").splitlines()
-    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
-    fit = fit_motion(
-        column["time_s"], column["theta_rad"], column["pressure1_mpa"] * 10 * BAR, column["pressure2_mpa"] * 10 * BAR
-    )
+def test_a_measured_joint_is_predicted_within_4_1_degrees_and_3_3_where_taut(measured):
+    fit = fit_motion(*measured)
     for errors in (fit.held_out, fit.left_out):
         assert errors.every < 4.1 * DEG
         assert errors.taut < 3.3 * DEG

@@ -12,9 +12,9 @@ from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
+from mpc.tracking.cost import Weights
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import BadNumbers
-from mpc.tracking.weights import Weights
 from mpc.trials.motions.arm_trajectories import circle, hold, reach, reference
 from mpc.trials.simulation import in_motion, simulate
 

@@ -1,0 +1,223 @@
+"""Parts of a simulated machine's rig that MuJoCo lacks: sensors, the path of the commands, friction.
+
+Encoders and pressure sensors have steps, noise, offsets and faults; commands reach the regulators through supply, slew
+and dead time. The friction models are those of one joint (`mpc.model.friction.contact.Hysteresis`). They act along the
+coordinates s = (q, l): the angles of the joints, and the lengths of the muscles. With J = ∂s/∂q the torques at the
+joints are
+
+    τ = -Jᵀ f,    f_i = T_f,i of the path of s_i
+
+The loads of a muscle are its force, twice its pressure and its own stiffness; its friction is in N, its lengths in m.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allocator import checks
+from allocator.calculus import Array, Mask
+from allocator.errors import InvalidFile, InvalidInput
+from allocator.mechanism.routes.base import per_muscle
+from mpc.model.arm.pressing import CROSSES
+from mpc.model.faults import Fault
+from mpc.model.friction.contact import Hysteresis, Pressed
+from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import friction_of
+
+
+class Readings(NamedTuple):
+    """Sensor readings of a machine; velocities are not measured."""
+
+    q: Array  # encoders (n,) [rad, or m of slides]
+    P: Array  # pressure sensors (m,) [Pa]
+
+
+class Sensors:
+    """Sensors of n joints and m muscles.
+
+    Encoders have steps of `encoder` [rad or m]. Pressure sensors have the offset `pressure_offset` [Pa], a number or a
+    row (m,), and noise of the standard deviation `pressure_noise` [Pa]. `faults` are made with `joints=n, muscles=m`.
+    """
+
+    def __init__(
+        self, n: int, m: int, encoder: float, pressure_noise: float, pressure_offset: ArrayLike, faults: Sequence[Fault]
+    ) -> None:
+        """Check the numbers. Raises `InvalidInput`."""
+        self.n, self.m = n, m
+        self.encoder = checks.not_negative("encoder", encoder, "rad")
+        self.pressure_noise = checks.not_negative("pressure_noise", pressure_noise, "Pa")
+        self.pressure_offset = per_muscle("pressure_offset", pressure_offset, m, "Pa")
+        self.faults = tuple(faults)
+        for fault in self.faults:
+            if not isinstance(fault, Fault) or (fault.joints, fault.muscles) != (n, m):
+                raise InvalidInput(f"faults: {fault!r} is not one of joints={n}, muscles={m}; give it these numbers")
+        self.begin(0)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the readings are exact."""
+        return not (self.encoder or self.pressure_noise or self.pressure_offset.any() or self.faults)
+
+    def begin(self, seed: int) -> None:
+        """Restart with the noise of the `seed`."""
+        self._noise = np.random.default_rng(seed)
+        self._said = np.full(2 * self.n + self.m, np.nan)
+
+    def active(self, t: float) -> list[Fault]:
+        """Return the faults that are active at the time `t` [s]."""
+        return [fault for fault in self.faults if fault.active(t)]
+
+    def broken(self, t: float) -> tuple[Array, Mask]:
+        """Return the remaining shares (m,) of the muscles' forces at the time `t` [s], and the valves (m,) shut by
+        faults.
+        """
+        pulling, shut = np.ones(self.m), np.zeros(self.m, bool)
+        for fault in self.active(t):
+            pulling, shut = pulling * np.array(fault.pulling), shut | np.array(fault.shut)
+        return pulling, shut
+
+    def effective(self, command: Array, P: Array, t: float) -> Array:
+        """Return the regulators' inputs (m,) [Pa] instead of a `command` at the pressures `P` and the time `t`."""
+        for fault in self.active(t):
+            command = fault.effective(command, P)
+        return command
+
+    def read(self, q: Array, P: Array, t: float) -> Readings:
+        """Return the readings of the angles `q` (n,) and pressures `P` (m,) at the time `t` [s]."""
+        if self.encoder:
+            q = self.encoder * np.round(q / self.encoder)
+        P = P + self.pressure_offset + self.pressure_noise * self._noise.standard_normal(self.m)
+        y = np.concatenate([q, np.full(self.n, np.nan), P])
+        for fault in self.active(t):
+            y = fault.read(y + fault.offset(t), self._said)
+        self._said = y
+        return Readings(y[: self.n], y[2 * self.n :])
+
+
+def encoders_of(model: Any, source: str) -> NDArray[np.intp]:
+    """Return the joints of a MuJoCo `model` that have encoders: hinges and slides. Raises `InvalidFile`."""
+    import mujoco
+
+    if model.na and not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION):
+        raise InvalidFile(source, "has actuators with states, which are not integrated; switch actuation off")
+    if not model.ntendon:
+        raise InvalidFile(source, "has no tendons; the tendons of the model are the muscles")
+    kinds = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    turning = np.flatnonzero(np.isin(model.jnt_type, kinds))
+    if not turning.size:
+        raise InvalidFile(source, "has neither hinges nor slides, which is where encoders are")
+    return turning
+
+
+class Supply:
+    """Delayed commands to regulators within `limits` [Pa] and `slew` [Pa/s], after a `dead_time` [s]."""
+
+    def __init__(self, limits: tuple[float, float], slew: float, dead_time: float) -> None:
+        """Check the numbers. Raises `InvalidInput`."""
+        low, high = checks.limits("pressure_limits", limits, "Pa")
+        checks.pressure("pressure_limits", (low, high))
+        if not 0 <= low < high:
+            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
+        self.limits = low, high
+        self.slew = inf if slew == inf else checks.number("slew", slew, "Pa/s")
+        if self.slew <= checks.LOOKS_LIKE_BAR[1]:
+            raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
+        self.dead_time = checks.not_negative("dead_time", dead_time, "s")
+
+    def begin(self, P: Array) -> None:
+        """Begin with regulators that follow the pressures `P` (m,) [Pa]."""
+        self.command = P.copy()
+        self.waiting: list[tuple[float, Array]] = []  # delayed commands with their times of arrival
+
+    def pieces(self, now: float, asked: Array, dt: float) -> Iterator[float]:
+        """Yield the pieces [s] of a sample of `dt` [s] from `now` [s] on; `command` is the regulators' input in each.
+
+        The commands `asked` (m,) [Pa] are given now.
+        """
+        asked, reach = np.clip(asked, *self.limits), self.slew * dt
+        last = self.waiting[-1][1] if self.waiting else self.command
+        end = now + dt
+        self.waiting.append((now + self.dead_time, np.clip(asked, last - reach, last + reach)))
+        arriving = [max(t, now) for t, _ in self.waiting if t < end - 1e-9 * dt]
+        for begin, until in zip([now, *arriving], [*arriving, end], strict=True):
+            if until - begin > 1e-9 * dt:
+                yield until - begin
+            if until in arriving:
+                self.command = self.waiting.pop(0)[1]
+
+
+Given = Hysteresis | Sequence[Hysteresis] | None  # one for all, one each, or none
+
+
+class Rubbing:
+    """Friction of n joints and m muscles, and its memory."""
+
+    def __init__(self, joints: Given, muscles: Given, n: int, m: int) -> None:
+        """Check the models. Raises `InvalidInput` for a number of models other than n or m."""
+        self._models = *_each("friction", joints, n), *_each("muscle_friction", muscles, m)
+        self._places = [i for i, model in enumerate(self._models) if not model.absent]
+        self.absent = not self._places
+        self.begin(np.zeros(n + m))
+
+    def begin(self, s: Array) -> None:
+        """Forget the past: nothing has moved from `s` (n + m,) [rad, m]."""
+        self._from = s.copy()
+        self._memories = [model.begun(at) for model, at in zip(self._models, s.tolist(), strict=True)]
+
+    def forces(self, s: Array, loads: Array) -> Array:
+        """Return f (n + m,) [N·m, N] at `s` (n + m,), on the path from the `s` of the last `go_on`.
+
+        `loads` (n + m, 3) are those of `mpc.model.friction.contact.Pressed`.
+        """
+        f = np.zeros(s.size)
+        for i, memory, own in self._moved(s, loads):
+            f[i] = self._models[i].torque(memory, own)
+        return f
+
+    def go_on(self, s: Array, loads: Array) -> None:
+        """Update the memory by a motion to `s` (n + m,) in one direction."""
+        for i, memory, _ in self._moved(s, loads):
+            self._memories[i] = memory
+        self._from = s.copy()
+
+    @property
+    def kept(self) -> tuple[Array, list[Any]]:
+        """Memory, for `restore`."""
+        return self._from, list(self._memories)
+
+    def restore(self, kept: tuple[Array, list[Any]]) -> None:
+        """Restore the memory `kept`."""
+        self._from, self._memories = kept[0], list(kept[1])
+
+    def _moved(self, s: Array, loads: Array) -> list[tuple[int, Any, Pressed]]:
+        """Return index, memory and loads of every friction that is not absent, at `s` (n + m,)."""
+        motion, given = (s - self._from).tolist(), loads.tolist()
+        found = []
+        for i in self._places:
+            own = Pressed(*given[i])
+            found.append((i, self._models[i].moved(self._memories[i], motion[i], own), own))
+        return found
+
+
+def loads(arms: Array, k: Array, forces: Array, P: Array) -> Array:
+    """Return the loads (n + m, 3) at joints and muscles, in the order of `Pressed`.
+
+    Muscles with the `arms` (m, n) [m] and own stiffness `k` (m,) [N/m] pull with `forces` (m,) [N] at the pressures
+    `P` (m,) [Pa]. The curvature of the tendon routes is neglected in the joint stiffness.
+    """
+    r = np.abs(arms)
+    crossing = r > CROSSES
+    filled = 2 * (P @ crossing) / np.maximum(crossing.sum(axis=0), 1)
+    joints = np.stack([forces @ r, filled, k @ r**2], axis=1)
+    return np.vstack([joints, np.stack([forces, 2 * P, k], axis=1)])
+
+
+def _each(name: str, given: Given, count: int) -> tuple[Hysteresis, ...]:
+    if given is None or not isinstance(given, Sequence):
+        return (Friction() if given is None else friction_of(given),) * count
+    if len(given) != count:
+        raise InvalidInput(f"{name}: {len(given)} models given for {count}; give one for all, or one each")
+    return tuple(map(friction_of, given))
