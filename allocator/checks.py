@@ -189,6 +189,22 @@ def number(name: str, value: object, unit: str) -> float:
     return float(array)
 
 
+def row(name: str, value: object) -> tuple[Any, ...]:
+    """Return the entries of a tuple, a list or an array with one axis."""
+    if not isinstance(value, tuple | list) and np.ndim(value) != 1:  # type: ignore[arg-type]  # any object has one
+        raise InvalidInput(f"{name} = {brief(value)} has to be a row of values")
+    return tuple(value)  # type: ignore[arg-type]  # it has an axis
+
+
+def pair(name: str, value: Any, known: str) -> tuple[Any, Any]:
+    """Return both parts of a pair, in words `known`."""
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{name} = {brief(value)} has to be a pair {known}") from None
+    return first, second
+
+
 def instance(name: str, value: object, kind: type | UnionType, known: str) -> None:
     """Insist that `value` is of this kind, in words `known`."""
     if not isinstance(value, kind):
@@ -268,6 +284,13 @@ def broadcast(**arrays: Array) -> tuple[Array, ...]:
     except ValueError:
         shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
         raise InvalidInput(f"shapes do not broadcast: {shapes}") from None
+
+
+def fitting(**values: Value) -> tuple[Any, ...]:
+    """Return arrays whose shapes broadcast; CasADi symbols pass."""
+    if len({array.shape for array in values.values() if array.shape}) > 1 and not any(map(is_symbol, values.values())):
+        broadcast(**values)
+    return tuple(values.values())
 
 
 # --- numbers that may be none ---------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ atmosphere = 101325.0          # [Pa]
 corner = 0.04                  # [Hz] below which slow motions are isothermal; or without this line
 
 [source]                       # where the numbers come from, for the reader; not read by `load`
-encoder_zero_deg = 0.3         # reading at 0 of the joint, for fits of its motion
+encoder_zero_deg = 0.3         # reading at 0 of the joint; loops on a device and fits subtract it
 
 [plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
 [intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`
@@ -95,10 +95,7 @@ def named_machine(name: str) -> Machine:
     if name in MACHINES:
         return MACHINES[name]()
     if name.endswith(".xml"):
-        raise InvalidInput(
-            f"{name} is a MuJoCo model, for track, tune, export controller and export governor; others take TOML: "
-            "save_machine(Mechanism.from_mjcf(…), …) in Python"
-        )
+        raise InvalidInput(f"{name} is a MuJoCo model: Mechanism.from_mjcf reads it with its muscles")
     if not name.endswith(".toml"):
         raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml"])
     return load_machine(name)
@@ -118,7 +115,8 @@ def save_machine(
 
 
 def dumps(machine: Machine, *, scale_known: bool = True, source: Mapping[str, str | float] | None = None) -> str:
-    """Return the TOML text of a joint or a mechanism."""
+    """Return the TOML text of a joint or a mechanism. Raises `InvalidInput` for anything else."""
+    checks.instance("machine", machine, AntagonistJoint | Mechanism, "an AntagonistJoint or a Mechanism")
     joint = machine if isinstance(machine, AntagonistJoint) else None
     own = _of_a_joint(joint, scale_known) if joint else {}
     lines = section("machine", _limits(machine) | own, _UNITS)[1:]

@@ -11,7 +11,7 @@ from allocator.errors import InvalidInput
 from allocator.shell.machine_options import A_MUSCLE, OF_ONE_JOINT, MachineOptions
 from allocator.shell.options import numbers, within
 from allocator.shell.outputs import Force, claim
-from allocator.units import BAR, MM
+from allocator.units import BAR
 
 if TYPE_CHECKING:
     from allocator.muscles import Muscle
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _LAGS = ("lag_up", "lag_down")
 _DRY = 0.5  # [-] known share of the dry friction of a MuJoCo model without a tuning
-_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults of a MuJoCo model
 
 
 @dataclass(frozen=True)
@@ -90,9 +89,12 @@ class PlantOptions(MachineOptions):
         return Plant(joint, **(otherwise | stored | self._numbers()))
 
     @property
-    def is_mujoco(self) -> bool:
-        """Whether the machine is a MuJoCo model."""
-        return self.machine is not None and self.machine.endswith(".xml")
+    def encoder_zero(self) -> float:
+        """Encoder reading [rad] at 0 of the joint, by its file."""
+        from allocator.files.toml import Table
+        from allocator.machine_file import encoder_zero_in
+
+        return 0.0 if self.file is None else encoder_zero_in(Table.read(self.file))
 
     @property
     def of_several(self) -> bool:
@@ -120,21 +122,9 @@ class PlantOptions(MachineOptions):
 
         Raises `InvalidFile`, `InvalidInput`, `MissingBackend` and `MissingPackage`.
         """
-        from allocator.muscles.catalogue import named_muscle
         from mpc.model.arm.reading import read_arm
 
-        muscles = [replace(named_muscle(name), **self.volumes) for name in self.mujoco_muscles]
-        lengths, eps = self.rest_lengths, self.contractions
-        if lengths is not None:
-            lengths, eps = [length * MM for length in lengths], eps or [_CONTRACTION]
-        supply = {} if self.supply is None else {"pressure_limits": (0.0, self.supply * BAR)}
-        one = muscles[0] if len(muscles) == 1 else muscles
-        return read_arm(str(self.machine), one, _one_or_all(lengths), None, _one_or_all(eps), hand=hand, **supply)
-
-    @property
-    def mujoco_muscles(self) -> list[str]:
-        """Names of a MuJoCo model's muscles, one for all or one each."""
-        return self.muscle or [_MUSCLE]
+        return read_arm(str(self.machine), hand=hand, **self.mujoco_numbers())
 
     def mujoco_arm(self, read: "Read") -> "Arm":
         """Return the arm of a MuJoCo model that was read, with its regulators and gas as given."""
@@ -225,10 +215,6 @@ class PlantOptions(MachineOptions):
         if len(lags) not in (1, m):
             raise InvalidInput(f"--lag {self.lag}: expected one time or {m}, one a muscle")
         return tuple(lags) if len(lags) == m else tuple(lags * m)
-
-
-def _one_or_all(numbers: list[float] | None) -> float | list[float] | None:
-    return numbers[0] if numbers is not None and len(numbers) == 1 else numbers
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _MOST_SLICES = 7
 
 _LETTER = 5  # pixels
+_INSIDE = 1.5  # [-] length of an edge over its label, at least, where the label lies inside between other edges
 
 _SUPPLY = Limit.P1_UPPER | Limit.P2_UPPER | Limit.AGONIST_VALIDITY | Limit.ANTAGONIST_VALIDITY
 _SLACK = Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK | Limit.P1_LOWER | Limit.P2_LOWER
@@ -222,7 +223,8 @@ def _label_edges(axes: "Axes", feasible: "FeasibilityMap", x: str, y: str) -> No
     loops = outlines(feasible)
     for edge in feasible.edges:
         curve = to_pixels(np.stack(_curve(edge, x, y), axis=1))
-        if np.hypot(*np.ptp(curve, axis=0)) < _LETTER * len(limit_text(edge.limits)):
+        room = _INSIDE if edge.limits & _ENDS else 1.0
+        if np.hypot(*np.ptp(curve, axis=0)) < room * _LETTER * len(limit_text(edge.limits)):
             continue  # no space; the dashes identify it
         middle, tangent = _halfway(curve)
         centre = to_pixels(np.mean(loops[edge.part], axis=1))

@@ -45,6 +45,10 @@ class FeasibilityMap:
         for array in (self.theta, self.K, self.T, self.status, self.limits, self.P1, self.P2, self._state):
             array.setflags(write=False)
 
+    def __repr__(self) -> str:
+        axes = " × ".join(f"{getattr(self, name).size} {name}" for name in self.varied)
+        return f"FeasibilityMap: {axes}, {self.share:.0%} feasible; {self.kind.text}"
+
     @property
     def _state(self) -> NDArray[np.int8]:
         """States of the valves, all open unless they are free."""

@@ -38,6 +38,7 @@ class Table(NamedTuple):
     decimal_comma: bool
     names_line: int = 1
     notes: tuple[str, ...] = ()  # about lines that were not read
+    comments: tuple[str, ...] = ()  # whole lines, as written
 
     def numbers(self, index: int, *, gaps: bool = False, hint: str = "") -> Array:
         """Return the column (n,) as floats; with `gaps` a cell without a number is NaN, unless half of them are.
@@ -151,7 +152,8 @@ def read_table(path: FilePath, *, skip_rows: int = 0, is_unit: Callable[[str], b
         notes.append(f"not read: {above}, above the column names")
     notes += [f"the column names are repeated in {listed(repeated)}"] if repeated else []
     notes += [f"line {cut}, the last one, is cut off and was not read"] if cut else []
-    return Table(path, names, rows, numbers, found.separator != ",", found.line, tuple(notes))
+    comments = tuple(line for _, line in lines if line.startswith("#"))
+    return Table(path, names, rows, numbers, found.separator != ",", found.line, tuple(notes), comments)
 
 
 def _samples(

@@ -47,9 +47,19 @@ def without_headers(lines: list[Line]) -> LabView | None:
             name, *values = _entries(line)
             entries[name.casefold()] = values
         begin = end + 1
-    kept += lines[begin:]
+    kept = _with_comments(kept + lines[begin:])
     steps = floats(entries.get("delta_x", [])[:1], decimal_comma=True)
     return LabView(kept, entries.get("y_unit_label", []), float(steps[0]) if steps.size and steps[0] > 0 else None)
+
+
+def _with_comments(lines: list[Line]) -> list[Line]:
+    """Return the lines with an empty cell where LabVIEW has left out the last column, that of comments."""
+    names = next((line for _, line in lines if line.casefold().startswith("x_value")), "")
+    if _entries(names)[-1].casefold() != "comment":
+        return lines
+    mark = next(mark for mark in "\t;," if mark in names)
+    count = names.count(mark)
+    return [(k, line + mark * (count - line.count(mark) if line.strip() else 0)) for k, line in lines]
 
 
 def filled_names(names: list[str], units: list[str]) -> list[str]:

@@ -20,6 +20,7 @@ from allocator.files import bags
 from allocator.files.cells import listed
 from allocator.files.csv_table import Table, read_table
 from allocator.files.text import FilePath
+from allocator.identification import encoder
 from allocator.identification.headers import UNITS, Meaning, is_unit, meaning_of, quantity_named, unit_of, unit_said
 from allocator.units import BAR, DEG
 
@@ -89,7 +90,8 @@ def read_columns(
 
     `skip_rows` lines are skipped at the beginning of the file. `topics` maps quantities to numbers of a recording (see
     `allocator.files.bags`); its lines are then the messages of the first topic. With a column of times, rows with a
-    missing number are left out, unless they are half of all.
+    missing number are left out, unless they are half of all. Angles are readings of the encoder: a zero that the log's
+    loop has subtracted is added again.
 
     Raises `InvalidFile`, with line and column, for a column that is missing, given twice, or implausible in its unit,
     and for an unread column with a unit of torque if a torque is wanted.
@@ -105,6 +107,9 @@ def read_columns(
     notes = table.notes
     if unused:
         notes = (*notes, f"columns not used: {', '.join(table.names[i] for i in unused)}")
+    if "theta" in values and (zero := encoder.subtracted(table.comments)):
+        values["theta"] = values["theta"] + zero
+        notes = (*notes, f"angles are the encoder's readings: its zero, {zero / DEG:.4g}°, was added to theta again")
     measured = complete(Measured(table, chosen, values, notes))
     for kind in _PLAUSIBLE:
         _check_unit(measured, kind)

@@ -51,7 +51,7 @@ _NAMES = {
     "theta": "theta θ phi φ angle jointangle winkel gelenkwinkel",
     "torque": "torque drehmoment couple tau τ moment lastmoment loadtorque torqueload externaltorque weight last poids "
     "gewicht gewichtsmoment",
-    "time": "time t zeit temps timestamp stamp zeitstempel uhrzeit datetime datumzeit datumuhrzeit xvalue xaxis "
+    "time": "time %time t zeit temps timestamp stamp zeitstempel uhrzeit datetime datumzeit datumuhrzeit xvalue xaxis "
     "elapsed elapsedtime relativetime rosbagtimestamp zeitpunkt horodatage clock clocktime timeofday",
     "direction": "direction richtung dir sens bewegungsrichtung drehrichtung branch",
     "sweep": "sweep",

@@ -109,6 +109,9 @@ _FEWEST = 3  # readings
 _LEVEL = 0.05  # of the angle's mean slope with the pressure difference: a stop holds the angle
 _ROUNDS = 4
 _PUSHED = 0.2  # of the range of the pressure difference, at least
+_FLAT = 0.1  # of the mean slope: a group of rests with a smaller slope, by two standard deviations, is held by a stop
+_FEWEST_RESTS, _APART = 5, 0.08  # rests of a group, and its part of the range of the pressure difference, at least
+_SCATTER = 3.0  # standard deviations of the rests on a stop
 
 
 class Stop(NamedTuple):
@@ -127,8 +130,7 @@ def stops(theta: Array, P1: Array, P2: Array) -> Iterator[Stop]:
     """
     if not theta.size:
         return
-    greatest = max(float(P1.max()), float(P2.max()))
-    q, span = (P1 - P2) / (P1 + P2 + greatest / 2), np.ptp(theta)
+    q, span = _difference(P1, P2), np.ptp(theta)
     for end, extreme in (("greatest", float(theta.max())), ("least", float(theta.min()))):
         for near in _SAME_ANGLE:
             there = np.abs(theta - extreme) <= near * span
@@ -138,6 +140,37 @@ def stops(theta: Array, P1: Array, P2: Array) -> Iterator[Stop]:
             if pushed >= max(_PUSHED, near / _LEVEL):
                 yield Stop(end, *_whole(theta, extreme, near * span))
                 break
+
+
+def stops_of_rests(theta: Array, P1: Array, P2: Array) -> dict[str, Stop]:
+    """Return the stops of angles at rest, by their ends.
+
+    Besides those of `stops`, they are ends at which the angle hardly changes with the pressure difference. This finds
+    stops under noise and with few rests, whose angles are spread.
+    """
+    found = {stop.end: stop for stop in stops(theta, P1, P2)}
+    if theta.size < 2 * _FEWEST_RESTS or not np.ptp(q := _difference(P1, P2)):
+        return found
+    usual = _FLAT * abs(float(np.polyfit(q, theta, 1)[0]))
+    for end, sign in (("greatest", 1.0), ("least", -1.0)):
+        order = np.argsort(-sign * q)
+        for count in range(theta.size // 2, _FEWEST_RESTS - 1, -1):
+            group = order[:count]
+            x, y = q[group] - q[group].mean(), theta[group] - theta[group].mean()
+            if np.ptp(x) < _APART * np.ptp(q):
+                break
+            slope = float(x @ y) / float(x @ x)
+            scatter = float(np.sqrt(((y - slope * x) ** 2).sum() / (count - 2)))
+            if abs(slope) + 2 * scatter / np.sqrt(x @ x) <= usual:
+                angle = float(theta[group].mean())
+                found[end] = Stop(end, angle, np.asarray(sign * (theta - angle) >= -_SCATTER * scatter - 1e-12))
+                break
+    return found
+
+
+def _difference(P1: Array, P2: Array) -> Array:
+    """Return the pressure difference (n,) over the sum [-], which determines the angle of a free joint roughly."""
+    return np.asarray((P1 - P2) / (P1 + P2 + max(float(P1.max()), float(P2.max())) / 2))
 
 
 def _whole(theta: Array, extreme: float, width: float) -> tuple[float, Mask]:

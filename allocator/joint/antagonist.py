@@ -71,6 +71,8 @@ class AntagonistJoint:
                 raise InvalidInput(f"angle_limits = ({left:g}, {right:g}) rad have to increase")
             object.__setattr__(self, "angle_limits", (left, right))
         object.__setattr__(self, "friction", checks.not_negative("friction", self.friction, "share of the forces"))
+        if self.friction > 1:
+            raise InvalidInput(f"friction = {self.friction:g} has to be a share of the muscle forces, 0 to 1")
         if not isinstance(self.hysteresis, PrandtlIshlinskii | None):
             raise InvalidInput(f"hysteresis = {checks.brief(self.hysteresis)} has to be a PrandtlIshlinskii, or None")
         checked_gas(self.gas)
@@ -260,7 +262,8 @@ class AntagonistJoint:
         return self.friction * direction * (agonist.torque(P1) - antagonist.torque(P2))
 
     def _checked(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value, Value]:
-        return checks.angle_or_symbol("theta", theta), *checks.pressures_or_symbols(P1, P2)
+        P1, P2 = checks.pressures_or_symbols(P1, P2)
+        return checks.fitting(theta=checks.angle_or_symbol("theta", theta), P1=P1, P2=P2)
 
     @property
     def loop(self) -> Loop:

@@ -35,7 +35,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import FILLED, PRESLIDING, Slip
 from allocator.units import DEG
 
-_LEAST, _MOST = 1e-6, 3.2  # [rad] of a push
+_LEAST, _MOST = 1e-6, 1.6  # [rad] of a push
 
 
 @dataclass(frozen=True)

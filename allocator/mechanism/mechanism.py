@@ -60,9 +60,12 @@ class Mechanism:
 
     def __post_init__(self) -> None:
         """Check the parts against each other."""
+        checks.instance("routes", self.routes, Routes, "Routes, such as Pulleys(…)")
         n, m = self.n, self.m
         muscles = (self.muscles,) * m if isinstance(self.muscles, Muscle) else tuple(self.muscles)
-        if len(muscles) != m or not all(isinstance(muscle, Muscle) for muscle in muscles):
+        for muscle in muscles:
+            checks.instance("muscles: an entry", muscle, Muscle, "a Muscle, such as named_muscle(name)")
+        if len(muscles) != m:
             raise InvalidInput(f"muscles: {len(muscles)} given; the routes lead m = {m} muscles over n = {n} joints")
         checked_cables(muscles, self.routes.rest_length)
         object.__setattr__(self, "muscles", muscles)
@@ -103,19 +106,21 @@ class Mechanism:
         rest_length: ArrayLike | None = None,
         *,
         cable: ArrayLike | None = None,
+        contraction: ArrayLike | None = None,
         pressure_limits: tuple[float, float] = (0.0, 5 * BAR),
     ) -> Self:
         """Return the mechanism whose muscles are the tendons of a MuJoCo model, with the model's names.
 
         `file` may also be MJCF text or an `MjModel`. Spatial tendons through sites become `Sites`, fixed ones
         `Pulleys`. `rest_length` and `cable` [m] (the part of the tendon that is cable, by default 0) are numbers or
-        rows (m,), required unless `mpc.arm.mjcf.to_mjcf` wrote the model. Joints have to be hinges or slides; their
+        rows (m,), required unless `mpc.arm.mjcf.to_mjcf` wrote the model. The muscles' `contraction` [-] in the model's
+        own posture may replace `cable`. Joints have to be hinges or slides; their
         ranges become angle limits if all have one. Needs `antagonist[mujoco]`. Raises `InvalidFile`, also for a model
         without tendons, `InvalidInput` and `MissingBackend`.
         """
         from allocator.mechanism.routes.mjcf import read_mjcf
 
-        model = read_mjcf(file, rest_length, cable)
+        model = read_mjcf(file, rest_length, cable, contraction)
         return cls(
             model.routes,
             muscles,  # type: ignore[arg-type]  # one or a sequence, see __post_init__

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from allocator import checks
 from allocator.errors import MissingBackend
 from allocator.muscles.base import Muscle
 from allocator.muscles.models.affine import Sarosi2012
@@ -68,7 +69,11 @@ SOURCES = {
 
 
 def named_muscle(name: str) -> Muscle:
-    """Return the muscle of this name in the catalogue, or the one in the TOML file of this name."""
+    """Return the muscle of this name in the catalogue, or the one in the TOML file of this name.
+
+    Raises `InvalidInput`, `InvalidFile` and `MissingBackend`.
+    """
+    checks.instance("name", name, str, "the name of a muscle, or of a file")
     if name in MUSCLES:
         return MUSCLES[name]
     if not name.endswith(".toml"):

@@ -17,6 +17,7 @@ from allocator.units import BAR, DEG
 
 GREY = "#8c8c8c"
 FILL = "#dbe7f1"
+_BELOW = 0.45  # [inch] from the x axis to a legend, past ticks and label
 
 
 class Quantity(NamedTuple):
@@ -94,6 +95,24 @@ def legend_outside(axes: "Axes", title: str | None = None) -> None:
             frameon=False,
             fontsize="small",
         )
+
+
+def legend_below(axes: "Axes", title: str | None = None, markerscale: float = 1.0) -> None:
+    """Draw a legend in rows below the label of the x axis, where no data are."""
+    from matplotlib.transforms import ScaledTranslation
+
+    figure = axes.get_figure(root=True)
+    assert figure is not None  # axes without one are not drawn
+    axes.legend(
+        title=title,
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        bbox_transform=axes.transAxes + ScaledTranslation(0, -_BELOW, figure.dpi_scale_trans),
+        ncols=min(3, len(axes.get_legend_handles_labels()[1])),
+        frameon=False,
+        fontsize="small",
+        markerscale=markerscale,
+    )
 
 
 def shades(n: int) -> list[tuple[float, float, float, float]]:

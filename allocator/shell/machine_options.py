@@ -101,6 +101,11 @@ def _angles(option: str, text: str, counts: dict[int, str]) -> list[float]:
 
 A_MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
 OF_ONE_JOINT = "agonist", "antagonist", "radius", "stops", "friction"  # options
+_MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults of a MuJoCo model
+
+
+def _one_or_all(values: list[Any]) -> Any:
+    return values[0] if len(values) == 1 else values
 
 
 @dataclass(frozen=True)
@@ -112,8 +117,9 @@ class MachineOptions:
     machine: Annotated[
         str | None,
         Option(
-            help="a TOML file of a joint or of several joints, or arm26, arm48, leg37; `antagonist init` writes "
-            "such a file. By default the joint of Tondu's report. The options below override the file"
+            help="a TOML file of a joint or of several joints, arm26, arm48 or leg37, or a MuJoCo model (.xml); "
+            "`antagonist init` writes a TOML file. By default the joint of Tondu's report. The options below override "
+            "the file"
         ),
     ] = None
     muscle: Annotated[
@@ -160,6 +166,8 @@ class MachineOptions:
         from allocator.mechanism.mechanism import Mechanism
 
         base = self.base
+        if self.is_mujoco:
+            return base
         return self._changed(base) if isinstance(base, Mechanism) else self._one(base)
 
     def joint(self) -> "AntagonistJoint":
@@ -167,11 +175,10 @@ class MachineOptions:
         from allocator.machine_file import described
         from allocator.mechanism.mechanism import Mechanism
 
-        base = self.base
-        if isinstance(base, Mechanism):
-            raise InvalidInput(
-                f"this command takes one joint with two muscles; --machine {self.machine} is {described(base)}"
-            )
+        base = None if self.is_mujoco else self.base
+        if base is None or isinstance(base, Mechanism):
+            what = "a MuJoCo model" if base is None else described(base)
+            raise InvalidInput(f"this command takes one joint with two muscles; --machine {self.machine} is {what}")
         return self._one(base)
 
     def compared(self, base: "AntagonistJoint") -> dict[str, "AntagonistJoint"]:
@@ -182,11 +189,39 @@ class MachineOptions:
 
     @property
     def base(self) -> "Machine":
-        """The machine without the changes."""
+        """The machine without the changes, but a MuJoCo model has the muscles of the options."""
         from allocator.joint.antagonist import report_joint
         from allocator.machine_file import named_machine
+        from allocator.mechanism.mechanism import Mechanism
 
+        if self.is_mujoco:
+            return Mechanism.from_mjcf(str(self.machine), **self.mujoco_numbers())
         return report_joint() if self.machine is None else named_machine(self.machine)
+
+    @property
+    def is_mujoco(self) -> bool:
+        """Whether the machine is a MuJoCo model."""
+        return self.machine is not None and self.machine.endswith(".xml")
+
+    @property
+    def mujoco_muscles(self) -> list[str]:
+        """Names of a MuJoCo model's muscles, one for all or one each."""
+        return self.muscle or [_MUSCLE]
+
+    def mujoco_numbers(self) -> dict[str, Any]:
+        """Return muscles, rest lengths and cables of a MuJoCo model, which has tendons only. Raises `InvalidInput`."""
+        from allocator.muscles.catalogue import named_muscle
+
+        self._refuse_one_joints()
+        muscles = [replace(named_muscle(name), **self.volumes) for name in self.mujoco_muscles]
+        lengths, eps = self.rest_lengths, self.contractions
+        found: dict[str, Any] = {"muscles": _one_or_all(muscles)}
+        if lengths is not None:
+            found["rest_length"] = _one_or_all([length * MM for length in lengths])
+            found["contraction"] = _one_or_all(eps or [_CONTRACTION])
+        elif eps is not None:
+            raise InvalidInput("--initial-contraction of a MuJoCo model goes with --rest-length, of its muscles")
+        return found if self.supply is None else found | {"pressure_limits": (0.0, self.supply * BAR)}
 
     @property
     def file(self) -> str | None:
@@ -224,8 +259,7 @@ class MachineOptions:
 
     def _changed(self, base: "Mechanism") -> "Mechanism":
         """Return `base` with everything that is given."""
-        if option := self.given(*OF_ONE_JOINT):
-            raise InvalidInput(f"{option} is for one joint with two muscles; edit {self.machine} instead")
+        self._refuse_one_joints()
         changes: dict[str, Any] = {}
         if self.muscle:
             changes["muscles"] = self.all_muscles(base.m)
@@ -238,6 +272,11 @@ class MachineOptions:
         if lengths:
             changes["routes"] = self._routes(base.routes, lengths)
         return replace(base, **changes) if changes else base
+
+    def _refuse_one_joints(self) -> None:
+        """Refuse options of one joint."""
+        if option := self.given(*OF_ONE_JOINT):
+            raise InvalidInput(f"{option} is for one joint with two muscles; edit {self.machine} instead")
 
     def all_muscles(self, m: int) -> tuple["Muscle", ...]:
         """Return the muscles that --muscle names, one for all `m` or one each. Raises `InvalidInput`."""

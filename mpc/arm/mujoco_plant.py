@@ -74,8 +74,7 @@ class MujocoPlant:
         muscles
             One for all tendons or m of them, in the order of the tendons.
         rest_length, cable
-            L and the part of the tendon that is cable [m], numbers or rows (m,); without them, the model has to contain
-            them, as those of `to_mjcf` do.
+            Rest length, and the length of cable in the tendon [m], numbers or rows (m,); models of `to_mjcf` have both.
         pressure_limits, lag, slew
             Limits of the supply [Pa], to which commands are clipped; time constants of the regulators [s], a number
             or a row (m,), and the greatest rate of their input [Pa/s].
@@ -129,6 +128,9 @@ class MujocoPlant:
         """Return bodies and muscles of `arm` on MuJoCo, with unmodelled `effects` by name."""
         given = {"pressure_limits": arm.pressure_limits, "lag": arm.lag, "slew": arm.slew, "nominal": arm} | effects
         return cls(to_mjcf(arm.mechanism, arm.bodies), arm.mechanism.muscles, **given)
+
+    def __repr__(self) -> str:
+        return f"MujocoPlant: {self.n} joints, {self.m} muscles, steps of {1e3 * self.model.opt.timestep:g} ms or less"
 
     @property
     def n(self) -> int:
@@ -286,9 +288,8 @@ class MujocoPlant:
         compliances is inverted; the error is of second order in the push. The machine then returns to its former state.
         Raises `InvalidInput` like `settle`.
         """
-        return pushed_stiffness(
-            self, checks.positive("push", push, "N·m"), self._row("load", load, self.n, "N·m"), shut
-        )
+        push = checks.positive("push", push, "N·m")
+        return pushed_stiffness(self, push, self._row("load", load, self.n, "N·m"), shut)
 
     def own_stiffness(self) -> Array:
         """Return the muscles' own share of the present stiffness of all degrees of freedom (nv, nv) [N·m/rad]."""
@@ -320,8 +321,7 @@ class MujocoPlant:
     # --- integration ------------------------------------------------------------------------------------------------
 
     def _integrate(self, duration: float) -> None:
-        steps = ceil(duration / self.model.opt.timestep * (1 - 1e-12))
-        for _ in range(steps):
+        for _ in range(steps := ceil(duration / self.model.opt.timestep * (1 - 1e-12))):
             self._substep(duration / steps)
 
     def _substep(self, h: float, brake: Array | None = None, shut: bool = False) -> None:

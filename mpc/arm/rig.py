@@ -101,8 +101,8 @@ def encoders_of(model: Any, source: str) -> NDArray[np.intp]:
     """Return the joints of a MuJoCo `model` that have encoders: hinges and slides. Raises `InvalidFile`."""
     import mujoco
 
-    if model.na:
-        raise InvalidFile(source, "has actuators with states, which are not integrated")
+    if model.na and not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION):
+        raise InvalidFile(source, "has actuators with states, which are not integrated; switch actuation off")
     if not model.ntendon:
         raise InvalidFile(source, "has no tendons; the tendons of the model are the muscles")
     kinds = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]

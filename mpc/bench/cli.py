@@ -92,7 +92,7 @@ def run_command(
     learned = repeated.written(trajectory)
     inputs = (trajectory, repeated.learned, *options.files)
     claim(*files, None if journal in files else journal, *learned, inputs=inputs, force=force)
-    settings = bench.settings(settle)
+    settings = bench.settings(options, settle)
     opened = bench.opened(options)
     plant, known = opened.plant, opened.known
     reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, plant))
@@ -115,8 +115,8 @@ def run_command(
         watch = Watch(plant.joint.pressure_limits[1], at.dt, bench)
         driven = RealTimeLoop(
             opened.device, driver, observer, asked, plant=plant, start=settings.start, stop=settings.stop,
-            watchdog=settings.watchdog, overrun=settings.overrun, log=journal, replace=force or learner is not None,
-            clock=opened.clock, watch=watch,
+            watchdog=settings.watchdog, overrun=settings.overrun, zero=settings.zero, log=journal,
+            replace=force or learner is not None, clock=opened.clock, watch=watch,
         )  # fmt: skip
         watch.health = lambda: "" if driven.tracking.health.well else driven.tracking.health
         _run(driven.cycle, watch, console)
@@ -185,13 +185,15 @@ def sweep_command(
     checks.count("--seed", seed, least=0)
     files = [out / name for name in ("joint_log.csv", "motion_log.csv", "sweep.csv")]
     claim(*files, inputs=options.files, force=force)
-    settings = bench.settings()
+    settings = bench.settings(options)
     opened = bench.opened(options)
     joint, pace = opened.plant.joint, Pace(rate=rate * BAR, motion=motion)
     limits = Limits.of(opened.plant, dt)
     plan = plan_joint_experiment(inside(joint), accuracy=accuracy * PERCENT, weights=weight)
     steps = random_steps(joint, round(motion / pace.every), seed)
-    source = Sweep(visits_of(plan, joint, weights), steps, dt, hanger(opened.device, console), out, pace)
+    source = Sweep(
+        visits_of(plan, joint, weights), steps, dt, hanger(opened.device, console), out, pace, settings.about
+    )
     say(
         console,
         f"{len(source.visits)} visits of setpoints, {motion:g} s of random steps: {source.duration / 60:.1f} min",

@@ -1,7 +1,7 @@
 """Sequence of all loops on a device, for any source of commands.
 
     wait for the deadline t0 + k dt          absolute, so that lateness does not add up
-    read                                     `NoAnswer`: a sample without a reading
+    read                                     `NoAnswer`: a sample without a reading; less the encoder's zero
     check                                    signals, silence, limits
     decide                                   by a `CommandSource`: controller, or list of commands
     guard and write                          within the supply's range and the slew limit
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from allocator.errors import CannotWrite
+from allocator.identification.encoder import remark
 from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.record import Lateness, Recorder, Row
 from mpc.bench.safety import (
@@ -100,6 +101,12 @@ class Settings(NamedTuple):
     start: SoftStart = SoftStart()
     watchdog: Watchdog = Watchdog()
     stop: SafeStop = SafeStop()
+    zero: float = 0.0  # encoder reading at 0 of the joint [rad], subtracted from all readings
+
+    @property
+    def about(self) -> tuple[str, ...]:
+        """Comment of logs of angles: the zero that was subtracted, if any."""
+        return (remark(self.zero),) if self.zero else ()
 
 
 class Cycle:
@@ -124,7 +131,7 @@ class Cycle:
     ) -> None:
         self.device, self.source, self.dt, self.limits, self.settings = device, source, source.dt, limits, settings
         self.clock: Clock = MonotonicClock() if clock is None else clock
-        self.recorder = Recorder(log, about, replace=replace)
+        self.recorder = Recorder(log, (*about, *settings.about), replace=replace)
         self.ending: Ending | None = None
         self._watch = watch
         self._guard = Guard(limits, settings.watchdog, settings.start.angle_margin)
@@ -286,7 +293,7 @@ class Cycle:
         self._calling = "read"
         reading = checked(self.device.read())
         self._calling = ""
-        return reading
+        return reading._replace(theta=reading.theta - self.settings.zero)
 
     def _check(self, reading: Reading) -> None:
         """Raise `Stopped` if readings are missing for too long, or a limit is violated."""

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.bench.cycle import Cycle, Decision, Overrun, Phase, Settings, Tick
@@ -166,6 +167,9 @@ class RealTimeLoop:
         Model that defines the limits and the rest at the end of the soft start; by default the controller's.
     start, stop, watchdog, overrun
         See `mpc.bench.safety` and `mpc.bench.cycle.Overrun`.
+    zero
+        Encoder reading at 0 of the joint [rad], as of a fit. It is subtracted from every reading, before the observer,
+        the limits and the log; the log's head states it.
     log
         CSV file that is written sample by sample; see `mpc.bench.record`.
     replace
@@ -189,13 +193,15 @@ class RealTimeLoop:
         stop: SafeStop | None = None,
         watchdog: Watchdog | None = None,
         overrun: Overrun = Overrun.SKIP,
+        zero: float = 0.0,
         log: str | Path | None = None,
         replace: bool = False,
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
         self.plant = _plant_of(controller) if plant is None else plant
-        settings = Settings(overrun, start or SoftStart(), watchdog or Watchdog(), stop or SafeStop())
+        zero = float(checks.angle("zero", zero))
+        settings = Settings(overrun, start or SoftStart(), watchdog or Watchdog(), stop or SafeStop(), zero)
         dt = controller.dt
         limits = Limits.of(self.plant, dt)
         _rehearse(self.plant, controller, observer, reference)

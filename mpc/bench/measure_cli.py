@@ -92,7 +92,7 @@ def measure_command(
         raise InvalidInput("a log takes none of --device, --around, --weight and --shake")
     if log is None and (columns or skip_rows or topics):
         raise InvalidInput("--columns, --skip-rows and --topics describe a log: name its file")
-    samples = None if log is None else _read(log, parse_columns(columns), skip_rows, topics, console)
+    samples = None if log is None else _read(log, options.encoder_zero, parse_columns(columns), skip_rows, topics, console)
     scaled = bench.device.partition(":")[0] == "sim" or (weight and inertia_error >= _HARDLY_KNOWN)
     if (samples is not None or bench.device) and not scaled:
         _check_inertia(options, "" if log else ", or with --inertia-error 50 a --weight [N·m]")
@@ -146,7 +146,7 @@ def _on_device(
     from mpc.bench.measuring.session import Told, measure, shake
     from mpc.bench.measuring.weighing import Weight
 
-    settings, found = bench.settings(), []
+    settings, found = bench.settings(options), []
     opened = bench.opened(options)
     rests = [_rest(text, opened.plant) for text in around] or [_middle(opened.plant)]
     for theta, K in rests:
@@ -169,10 +169,12 @@ def _on_device(
     return found, 0
 
 
-def _read(log: Path, columns: dict[str, str], skip_rows: int, topics: str | None, console: "Console") -> "Samples":
+def _read(
+    log: Path, zero: float, columns: dict[str, str], skip_rows: int, topics: str | None, console: "Console"
+) -> "Samples":
     from mpc.bench.measuring.log import read_log_of_motion
 
-    samples = read_log_of_motion(log, columns, skip_rows=skip_rows, topics=topics)
+    samples = read_log_of_motion(log, columns, skip_rows=skip_rows, topics=topics, zero=zero)
     for note in samples.notes:
         say(console, note)
     return samples

@@ -71,15 +71,15 @@ class BenchOptions:
             plant = RealPlant.standard().nominal if options == PlantOptions() else plant
             real = simulated(plant, known)
             found = replace(real.known(share=1.0), **known.told)
-            return Opened(SimulatedDevice(real, clock), clock, plant, found)
+            return Opened(SimulatedDevice(real, clock, zero=options.encoder_zero), clock, plant, found)
         if name == _SIM:
             return Opened(open_simulated(address, clock), clock, plant, known)
         if self.fast:
             raise InvalidInput(f"--fast is for --device {_SIM}: {name} is as fast as it is")
         return Opened(open_device(self.device), clock, plant, known)
 
-    def settings(self, settle: float = 0.0) -> "Settings":
-        """Return the settings of a loop: its start, its ends and its safe stop."""
+    def settings(self, options: PlantOptions, settle: float = 0.0) -> "Settings":
+        """Return the settings of a loop: its start, its ends, its safe stop, and the encoder's zero of the file."""
         from mpc.bench.cycle import Overrun, Settings
         from mpc.bench.safety import Action, SafeStop, SoftStart
 
@@ -93,7 +93,8 @@ class BenchOptions:
             one, two = numbers("--present", self.present, 2, 2, "0:0")
             present = one * BAR, two * BAR
         start = SoftStart(self.start_rate * BAR, settle=settle, present=present)
-        return Settings(policies[self.overrun], start, stop=SafeStop(Action(self.stop), self.stop_rate * BAR))
+        stop = SafeStop(Action(self.stop), self.stop_rate * BAR)
+        return Settings(policies[self.overrun], start, stop=stop, zero=options.encoder_zero)
 
 
 class Opened(NamedTuple):

@@ -9,7 +9,7 @@ experiment writes:
     motion_log.csv   a row for each sample of the random steps: the angle, and the commands as P1 and P2
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -144,6 +144,8 @@ class Sweep:
         Called at every sample after a change of the weight; returns whether the weight of this torque [N·m] hangs.
     directory
         Directory of `joint_log.csv` and `motion_log.csv`; the first is written after every visit.
+    about
+        Comments at the head of both.
     """
 
     def __init__(
@@ -154,11 +156,13 @@ class Sweep:
         hang: Callable[[float], bool],
         directory: Path,
         pace: Pace | None = None,
+        about: Sequence[str] = (),
     ) -> None:
         if not visits and not steps:
             raise InvalidInput("there is nothing to sweep: neither setpoints nor random steps")
         self.visits, self.steps, self.dt, self.hang, self.directory = visits, steps, dt, hang, directory
         self.pace = Pace() if pace is None else pace
+        self._head = "".join(f"# {line}\n" for line in about)
         self.first: Pressures = steps[0] if steps else visits[0].come_from
         self.equilibria: list[Equilibrium] = []
         self.restless = 0  # visits whose angle did not come to rest
@@ -233,7 +237,7 @@ class Sweep:
 
     def _write(self, name: str, text: str) -> None:
         path = self.directory / name
-        write_text(path, text)
+        write_text(path, self._head + text)
         if path not in self.written:
             self.written.append(path)
 

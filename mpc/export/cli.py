@@ -10,6 +10,7 @@ from allocator.errors import InvalidInput
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import Command, grouped
 from allocator.shell.outputs import Force, claim, say
+from allocator.units import DEG
 from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
 
@@ -67,15 +68,17 @@ class ControllerOptions(PlantOptions):
         elif not (tuned or several):
             weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, compiled=False)
         controller = TrackingMPC(s.plant, s.dt, s.N, weights, compensation=s.compensation, compiled=False)
-        return Built(controller, KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False), tuned)
+        observer = KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False)
+        return Built(controller, observer, tuned, self.encoder_zero)
 
 
 class Built(NamedTuple):
-    """A controller with its observer, and a sentence about a tuning, or ""."""
+    """A controller with its observer, a sentence about a tuning, or "", and the encoder's zero [rad]."""
 
     controller: "TrackingMPC"
     observer: "KalmanObserver"
     tuned: str
+    zero: float = 0.0
 
 
 @export_app.callback()
@@ -226,6 +229,8 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
             say(console, f"known to the controller: {known.summary}")
         if known.untold:
             say(console, f"not known to the controller, since its C has no such numbers: {known.untold}")
+        if built.zero:
+            say(console, f"the encoder reads {built.zero / DEG:.4g}° at 0 of the joint: subtract it before every step")
         for sentence in _margins(built).sentences:
             say(console, sentence)
     say(console, f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")

@@ -3,6 +3,7 @@
 from os import PathLike
 from pathlib import Path
 
+from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
@@ -98,6 +99,8 @@ def pair(
     joint: AntagonistJoint | None, controller: TrackingMPC | None, observer: KalmanObserver | None
 ) -> tuple[TrackingMPC, KalmanObserver]:
     """Return controller and observer, by default those of `export`. Raises `InvalidInput`; see `export`."""
+    for name, part, kind in (("controller", controller, TrackingMPC), ("observer", observer, KalmanObserver)):
+        checks.instance(name, part, kind | None, f"a {kind.__name__}")
     if controller is not None and isinstance(controller.plant, Arm):
         if joint is not None:
             raise InvalidInput("joint is for a controller of one joint; leave it away for that of an arm")

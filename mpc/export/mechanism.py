@@ -36,6 +36,8 @@ from mpc.export.parts import BUILD, Files, Functions, build_words, copied, is_si
 
 _FREE = 4 * np.pi  # [rad] of a joint without end stops
 _SEED = 19  # of the demonstration's targets
+_TRIES = 200
+_HOLDS = 1e-3  # least eigenvalue of a demonstrated stiffness, over its greatest entry
 
 
 def export_mechanism(out: str | PathLike[str], mechanism: Mechanism, *, precision: str = "double") -> Path:
@@ -128,14 +130,25 @@ def _numbers(mechanism: Mechanism, single: bool) -> str:
 
 
 def _targets(mechanism: Mechanism) -> Array:
-    """Return demonstration targets as rows (q, T, K): of random taut pressures, the last one out of reach."""
+    """Return demonstration targets as rows (q, T, K): of random taut pressures, the last one out of reach.
+
+    Raises `InvalidInput` if the mechanism hardly ever holds itself.
+    """
     rng = np.random.default_rng(_SEED)
     rows = []
     for far in (1.0, 1.0, 1.0, 3.0):
         reach = 0.3 if mechanism.angle_limits is None else 0.4 * np.array(mechanism.angle_limits)[:, 1]
-        q = np.round(rng.uniform(-1, 1, mechanism.n) * reach, 3)
-        P = rng.uniform(*mechanism.pressure_box(q))
-        rows.append([*q, *(far * mechanism.torque(q, P)), *mechanism.stiffness(q, P)[mechanism.upper_triangle]])
+        for _ in range(_TRIES):
+            q = np.round(rng.uniform(-1, 1, mechanism.n) * reach, 3)
+            P = rng.uniform(*mechanism.pressure_box(q))
+            K = mechanism.stiffness(q, P)
+            if np.linalg.eigvalsh(K)[0] > _HOLDS * np.abs(K).max():
+                break
+        else:
+            raise InvalidInput(
+                f"mechanism: none of {_TRIES} random pressures holds it, its muscles only destabilise it"
+            )
+        rows.append([*q, *(far * mechanism.torque(q, P)), *K[mechanism.upper_triangle]])
     return np.asarray(np.round(rows, 4))
 
 

@@ -55,6 +55,7 @@ class Compensation:
     def __post_init__(self) -> None:
         """Check the numbers."""
         object.__setattr__(self, "friction", friction_of(self.friction))
+        checks.instance("frictions", self.frictions, tuple | list, "a row of friction models, one a joint")
         object.__setattr__(self, "frictions", tuple(map(friction_of, self.frictions)))
         for name, unit in (("dead_time", "s"), ("reading_age", "s"), ("dead_band", "Pa")):
             object.__setattr__(self, name, checks.not_negative(name, getattr(self, name), unit))

@@ -72,7 +72,7 @@ class Plant:
             object.__setattr__(self, name, check(name, getattr(self, name), unit))
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
-        lags = self.lag if isinstance(self.lag, tuple) else (self.lag, self.lag)
+        lags = tuple(np.ravel(self.lag)) if isinstance(self.lag, tuple | list | np.ndarray) else (self.lag, self.lag)
         if len(lags) != NU:
             raise InvalidInput(f"lag = {self.lag!r} has to be one time constant or a pair of them [s]")
         object.__setattr__(self, "lag", tuple(checks.positive("lag", lag, "s") for lag in lags))

@@ -56,19 +56,27 @@ class RealMachine(ABC):
         """Check the effects, fill in the defaults and convert numbers to floats. Raises `InvalidInput`."""
         m = self.nominal.m
         for name, usual in (("force_gains", 1.0), ("pressure_offset", 0.0), ("shut", False)):
-            object.__setattr__(self, name, tuple(getattr(self, name)) or (usual,) * m)
+            values = checks.row(name, getattr(self, name))
+            if len(values or (usual,) * m) != m:
+                raise InvalidInput(f"{name} = {checks.brief(values)} has to be m = {m} numbers, one a muscle")
+            object.__setattr__(self, name, values or (usual,) * m)
+        for fault in checks.row("faults", self.faults):
+            checks.instance("faults: an entry", fault, Fault, "a Fault")
         for name, unit in _UNITS:
             object.__setattr__(self, name, checks.not_negative(name, getattr(self, name), unit))
         check_regulators(self)
         offsets = tuple(checks.number("pressure_offset", offset, "Pa") for offset in self.pressure_offset)
-        if len(offsets) != m or max(map(abs, offsets)) > BAR:
-            raise InvalidInput(f"pressure_offset = {self.pressure_offset} Pa has to be m = {m} numbers within ±1e5 Pa")
+        if max(map(abs, offsets)) > BAR:
+            raise InvalidInput(f"pressure_offset = {offsets} Pa has to lie within ±1e5 Pa")
         object.__setattr__(self, "pressure_offset", offsets)
-        object.__setattr__(self, "force_gains", tuple(float(g) for g in self.force_gains))
-        if len(self.force_gains) != m or not all(isfinite(g) and g >= 0 for g in self.force_gains):
-            raise InvalidInput(f"force_gains = {self.force_gains} have to be m = {m} numbers of 0 or more [-]")
-        times = [t for t, _ in self.torque_profile]
-        finite = all(isfinite(t) and np.isfinite(torque).all() for t, torque in self.torque_profile)
+        gains = tuple(checks.not_negative("force_gains: an entry", g, "-") for g in self.force_gains)
+        object.__setattr__(self, "force_gains", gains)
+        profile = [
+            checks.pair("torque_profile: an entry", entry, "(time [s], torque [N·m])")
+            for entry in checks.row("torque_profile", self.torque_profile)
+        ]
+        times = [t for t, _ in profile]
+        finite = all(isfinite(t) and np.isfinite(torque).all() for t, torque in profile)
         if not finite or times != sorted(times):
             raise InvalidInput(
                 f"torque_profile = {self.torque_profile} has to be finite pairs (s, N·m), times in order"

@@ -4,7 +4,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
 
 
 @runtime_checkable
@@ -20,6 +22,13 @@ class Observer(Protocol):
 
         `u` (m,) [Pa] is the last command sent.
         """
+
+
+def check_observer(observer: object, dt: float) -> None:
+    """Raise `InvalidInput` unless `observer` is one, for samples of `dt` [s]."""
+    checks.instance("observer", observer, Observer, "an observer, such as a KalmanObserver")
+    if (own := getattr(observer, "dt", dt)) != dt:
+        raise InvalidInput(f"dt = {own:g} s of the observer is not the dt = {dt:g} s of the controller")
 
 
 class Differentiator:

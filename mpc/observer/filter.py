@@ -101,6 +101,19 @@ class Belief(NamedTuple):
         )
 
 
+def settings(
+    plant: Machine, dt: float, noise: Noise | None, compensation: Compensation | None, gate: Gate | None
+) -> tuple[Noise, Compensation, Gate]:
+    """Return the settings of an observer, by default usual ones. Raises `InvalidInput` for other types."""
+    noise = Noise() if noise is None else noise
+    checks.instance("noise", noise, Noise, "a Noise")
+    compensation = Compensation() if compensation is None else compensation
+    checks.instance("compensation", compensation, Compensation, "a Compensation")
+    gate = Gate.of(plant, dt, (noise.theta, noise.pressure)) if gate is None else gate
+    checks.instance("gate", gate, Gate, "a Gate")
+    return noise, compensation, gate
+
+
 class Filter:
     """Equations of the filter, without a memory."""
 

@@ -30,10 +30,9 @@ from typing import Self
 
 import numpy as np
 
-from allocator import checks
 from allocator.calculus import Array
 from allocator.units import DEG
-from mpc.model.machine import Machine
+from mpc.model.machine import Machine, check_machine
 
 PerSensor = tuple[float, ...]  # (n + m,) of the sensors of angles [rad] and pressures [Pa]
 
@@ -98,7 +97,7 @@ class Gate:
         """Return the gate for `plant`, sampled every `dt` [s] with the standard deviations `noise` of θ [rad] and P
         [Pa]. Raises `InvalidInput` for anything but a `Plant` or an `Arm`.
         """
-        checks.instance("plant", plant, Machine, "a Plant or an Arm; the model of a RealPlant is its nominal")
+        check_machine(plant)
         (left, right), (low, high) = map(np.atleast_1d, plant.angle_limits), plant.pressure_limits
         (T, T_most), supply, span, inertia = plant.torque_reach(), high - low, right - left, plant.inertias
         margin = _MARGIN if plant.has_stops else _NO_STOPS

@@ -20,16 +20,17 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.machine import Machine
+from mpc.model.machine import Machine, sample_time
 from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State, Tail
 from mpc.observer.diagnosis import Diagnosis
-from mpc.observer.filter import Belief, Filter, Noise
+from mpc.observer.filter import Belief, Filter, Noise, settings
 from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
 from mpc.observer.rivalry import Readings, Rivalry
@@ -54,7 +55,7 @@ class KalmanObserver:
 
     Ordinary samples, in which all readings are believed, are compiled (`implementation`). This takes some seconds for
     the first observer of a kind of plant. If `wait` is false, another process compiles for the next run. With
-    `compiled` False nothing is compiled, for an observer that is only exported.
+    `compiled` False nothing is compiled, for an observer that is only exported. Raises `InvalidInput`.
     """
 
     def __init__(
@@ -68,11 +69,9 @@ class KalmanObserver:
         wait: bool = True,
         compiled: bool = True,
     ) -> None:
-        self.plant = plant
-        self.dt, self.tolerance, self.wait = dt, tolerance, wait
-        self.noise = Noise() if noise is None else noise
-        self.compensation = Compensation() if compensation is None else compensation
-        self.gate = Gate.of(plant, dt, (self.noise.theta, self.noise.pressure)) if gate is None else gate
+        self.plant, self.wait = plant, checks.flag("wait", wait)
+        self.dt, self.tolerance = dt, tolerance = sample_time(dt), checks.not_negative("tolerance", tolerance, "s")
+        self.noise, self.compensation, self.gate = settings(plant, self.dt, noise, compensation, gate)
         self.filter = Filter(plant, dt, self.noise, self.compensation, self.gate)
         self._measured, self._angles = self.filter.measured, slice(plant.n)
         self._gates = [SensorGate(self.gate, sensor, dt) for sensor in range(self._measured.size)]
@@ -80,9 +79,12 @@ class KalmanObserver:
         self.age = self.compensation.age(dt)  # of the angle's readings [samples]
         self.diagnosis = Diagnosis(plant, dt, self.noise.pressure, self.compensation, tolerance)
         self.compiled: CompiledEstimate | None = None
-        self._compiles = compiled
+        self._compiles = checks.flag("compiled", compiled)
         self.reset()
         self._compile()
+
+    def __repr__(self) -> str:
+        return f"KalmanObserver: samples of {1e3 * self.dt:g} ms, {self.implementation}; model: {self.plant.summary}"
 
     def reset(self) -> None:
         """Forget the past samples: the next measurement is the state, and there is no disturbance torque."""
@@ -140,7 +142,7 @@ class KalmanObserver:
 
     @property
     def implementation(self) -> str:
-        """Implementation of ordinary samples: "compiled", or "readable", which is about ten times slower."""
+        """Implementation of ordinary samples: "compiled", or "readable", which is about a hundred times slower."""
         return "readable" if self.compiled is None else "compiled"
 
     @property
@@ -221,9 +223,7 @@ class KalmanObserver:
             self.compiled.give()
 
     def _remembered(self) -> dict[str, object] | None:
-        """Return the fields of `State` and `Tail` for a compiled estimate to continue from; None if they are not
-        ordinary.
-        """
+        """Return fields of `State` and `Tail` for a compiled estimate to continue from; None unless ordinary."""
         belief, diagnosis = self._belief, self.diagnosis
         quiet = not self.rivalry.going_on and not self._frozen.any() and all(gate.quiet for gate in self._gates)
         if belief is None or not quiet:

@@ -6,7 +6,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.lazy import Figure
-from allocator.presentation.plotting import GREY, new_figure
+from allocator.presentation.plotting import GREY, legend_below, new_figure
 from allocator.units import DEG
 from mpc.repetition.learner import Learner
 
@@ -32,7 +32,7 @@ def plot_learning(
         left.semilogy(number, promised, "--", color="k", lw=1, label="RMS predicted")
     left.set(xlabel="repetition", ylabel="angle error [°]", title=title)
     left.set_xticks(_ticks(rms.size))
-    left.legend(frameon=False, fontsize="small")
+    legend_below(left)
     course = learner.course
     shown = slice(course.begin, course.count)  # without the first rest
     t, wanted = course.wanted.t[shown], course.wanted.theta[shown]
@@ -41,7 +41,7 @@ def plot_learning(
         lines[0].set_label(f"{name} repetition")
     right.axhline(0, color="k", lw=0.6)
     right.set(xlabel="time [s]", ylabel="angle error [°]", title="before and after")
-    right.legend(frameon=False, fontsize="small")
+    legend_below(right)
     return figure
 
 

@@ -134,6 +134,8 @@ class TrackingMPC(BaseController):
         if not isinstance(self.blocks, Iterable):
             raise InvalidInput(f"blocks = {checks.brief(self.blocks)} have to be lengths [samples], N in all")
         lengths = tuple(checks.count("a length of blocks", length, least=1) for length in self.blocks)
+        if lengths == usual_blocks(self.plant, sum(lengths)):
+            return usual_blocks(self.plant, self.N)  # by `dataclasses.replace` with another N
         if sum(lengths) != self.N:
             raise InvalidInput(f"blocks = {lengths} cover {sum(lengths)} samples, not the N = {self.N} of the horizon")
         return lengths
@@ -159,8 +161,8 @@ class TrackingMPC(BaseController):
 
     @property
     def implementation(self) -> str:
-        """Implementation of all steps: "compiled", or "readable", which is about ten times slower (after a `SlowStep`
-        or `CompilingBeside` warning).
+        """Implementation of all steps: "compiled", or "readable", about thirty times slower (after a `SlowStep` or
+        `CompilingBeside` warning).
         """
         return self._qp_step.implementation
 

@@ -19,14 +19,12 @@ from which the QP (`mpc.tracking.qp.condense`, `mpc.tracking.compiled`, the expo
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from math import isfinite
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array, Value
-from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.model.plant import NU
 
@@ -56,9 +54,8 @@ class Weights:
     def __post_init__(self) -> None:
         """Raise `InvalidInput` unless all are positive, because otherwise the QP's solution is not unique."""
         for entry in fields(self):
-            value = getattr(self, entry.name)
-            if not (isfinite(value) and value > 0):
-                raise InvalidInput(f"Weights: {entry.name} = {value!r} has to be positive and finite")
+            value = checks.positive(f"Weights: {entry.name}", getattr(self, entry.name), "-")
+            object.__setattr__(self, entry.name, value)
 
     @classmethod
     def calm(cls, detuning: float = 1.0) -> Self:

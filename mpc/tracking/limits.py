@@ -7,11 +7,9 @@ import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array, Value
-from allocator.errors import InvalidInput
-from mpc.model.machine import Machine
+from mpc.model.machine import Machine, sample_time
 
 LONGEST_HORIZON = 1000  # samples; the time of a step grows with its square
-_SHORTEST = 1e-5  # sample time [s]
 
 
 @dataclass(frozen=True)
@@ -26,8 +24,7 @@ class Limits:
     @classmethod
     def of(cls, plant: Machine, dt: float, min_force: float = 0.0) -> Self:
         """Return the limits of `plant` at the sample time `dt` [s], and the least force [N] of its muscles."""
-        if not _SHORTEST <= dt < 1:
-            raise InvalidInput(f"dt = {dt:g} s has to be a sample time between {_SHORTEST:g} and 1 s")
+        dt = sample_time(dt)
         least = float(checks.not_negative("min_force", min_force, "N"))
         return cls(plant.pressure_limits, plant.slew * dt, plant.angle_limits, least)
 

@@ -18,14 +18,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.codegen.buffered import Buffered
 from mpc.model.experiment import FINE
+from mpc.model.machine import sample_time
 from mpc.model.plant import INPUTS, NU, NX, STATES, Plant
 from mpc.model.real_experiment import RealExperiment
 from mpc.model.real_plant import RealPlant
-from mpc.observer.base import Differentiator, Observer
+from mpc.observer.base import Differentiator, Observer, check_observer
 from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller
 
@@ -39,6 +41,8 @@ def sampled_plant(plant: Plant, dt: float) -> "InputOutputSystem":
     """Return `plant` every `dt` [s] as a system: inputs (P1_command, P2_command, d), outputs (the states, K)."""
     import control
 
+    checks.instance("plant", plant, Plant, "a Plant; sampled_real_plant takes a RealPlant")
+    dt = sample_time(dt)
     step = Buffered(plant.discrete(dt, FINE))
     return control.nlsys(
         lambda t, x, u, params: step(x, u[:NU], u[NU])[0][0],
@@ -60,6 +64,8 @@ def sampled_real_plant(real: RealPlant, dt: float, seed: int = 0) -> "InputOutpu
     """
     import control
 
+    checks.instance("real", real, RealPlant, "a RealPlant")
+    dt = sample_time(dt)
     if real.faults:
         raise InvalidInput("a plant with faults is no I/O system, since the memory of faults is no state; use simulate")
     experiment, noise = RealExperiment(real, dt, np.zeros(NX), seed), _Noise(seed)
@@ -111,6 +117,10 @@ def sampled_controller(
     """
     import control
 
+    checks.instance("controller", controller, Controller, "a controller, such as a TrackingMPC")
+    checks.instance("reference", reference, Reference, "a Reference")
+    if observer is not None:
+        check_observer(observer, controller.dt)
     names = STATES if velocity else _MEASURED
     memory = _Rewindable(
         controller, reference, Differentiator(controller.dt) if observer is None else observer, u_before
@@ -135,6 +145,9 @@ def closed_loop(
     """
     import control
 
+    checks.instance("plant", plant, Plant | RealPlant, "a Plant or a RealPlant")
+    checks.instance("controller", controller, Controller, "a controller, such as a TrackingMPC")
+    checks.instance("reference", reference, Reference, "a Reference")
     dt = controller.dt
     process = sampled_plant(plant, dt) if isinstance(plant, Plant) else sampled_real_plant(plant, dt, seed)
     u_before = at_rest(plant, dt, reference)[2:NX]

@@ -38,7 +38,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.model.machine import Machine
 from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
-from mpc.observer.base import Observer
+from mpc.observer.base import Observer, check_observer
 from mpc.tracking.base import BaseController
 
 ROBUST = 2.0  # greatest M_s recommended by textbooks
@@ -122,6 +122,9 @@ class Margins:
         phase, omega = self._crossovers
         return float((phase % (2 * pi) / omega).min(initial=inf)) if self.stable else 0.0
 
+    def __repr__(self) -> str:
+        return f"Margins: {self}"
+
     def __str__(self) -> str:
         """Return the margins in a line."""
         at = self.place
@@ -165,8 +168,10 @@ def margins(
     response is computed for `listen` [s], by default for 2 s, or 8 s if it has not decayed by then. Controller and
     observer are used and reset; rest mode is off meanwhile. They need a compensation without friction and dead band,
     which are nonlinear, as for sliding joints and moving regulators. Raises `InvalidInput` for a compensation with
-    friction or a dead band.
+    friction or a dead band, for other types, and for an observer with another sample time.
     """
+    checks.instance("controller", controller, BaseController, "a controller, such as a TrackingMPC")
+    check_observer(observer, controller.dt)
     plant, told = controller.plant, controller.compensation
     if told != linear(told):
         raise InvalidInput(
@@ -176,7 +181,10 @@ def margins(
     places = usual_postures(plant) if postures is None else postures
     rests, controller.rest = controller.rest, False
     try:
-        at = [(checks.real("theta", theta, "rad"), checks.real("K", K, "N·m/rad")) for theta, K in places]
+        at = [
+            (checks.angle("theta", theta), checks.real("K", K, "N·m/rad"))
+            for theta, K in (checks.pair("postures: an entry", one, "(θ [rad], K [N·m/rad])") for one in places)
+        ]
         return tuple(_at(controller, observer, theta[()], K[()], listen) for theta, K in at)
     finally:
         controller.rest = rests

@@ -13,7 +13,7 @@ from allocator import checks
 from allocator.calculus import Value
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
-from mpc.model.machine import Machine
+from mpc.model.machine import Machine, check_machine
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import Weights
@@ -45,6 +45,7 @@ def robust_weights(
     `compiled`; dt is in seconds. s is limited to 0.75 to 32, so that a long dead time can lead to a greater peak.
     Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
     """
+    check_machine(plant)
     wanted = checks.number("sensitivity_peak", sensitivity_peak, "-")
     if not wanted > 1:
         raise InvalidInput(f"sensitivity_peak = {wanted:g} has to be above 1, which no loop with a lag stays below")

@@ -25,7 +25,7 @@ from allocator.units import BAR, DEG
 from mpc.model.experiment import Experiment
 from mpc.model.machine import Machine
 from mpc.model.plant import NX, Plant
-from mpc.observer.base import Differentiator, Observer
+from mpc.observer.base import Differentiator, Observer, check_observer
 from mpc.tracking.plan import Moved, Plan
 from mpc.trials.motions.reference import Reference
 
@@ -296,14 +296,17 @@ def _check_parts(
         ("plant", plant, isinstance(plant, Process), "a Plant, a RealPlant, an Arm or a MujocoPlant"),
         ("controller", controller, isinstance(controller, Controller), "a controller, such as a TrackingMPC"),
         ("reference", reference, isinstance(reference, Reference), "a Reference"),
-        ("observer", observer, observer is None or isinstance(observer, Observer), "an observer or None"),
         ("load", load, load is None or callable(load), "a function of the time [s] or None"),
     )
     for name, value, right, known in wanted:
         if not right:
             raise InvalidInput(f"{name} = {checks.brief(value)} has to be {known}")
-    if (dt := getattr(observer, "dt", controller.dt)) != controller.dt:
-        raise InvalidInput(f"dt = {dt:g} s of the observer is not the dt = {controller.dt:g} s of the controller")
+    if observer is not None:
+        check_observer(observer, controller.dt)
+    n, pair = plant.nominal.n, isinstance(plant.nominal, Plant)
+    if reference.theta.shape[1:] != (() if pair else (n,)):
+        wanted_shape = "(M,)" if pair else f"(M, {n})"
+        raise InvalidInput(f"reference: theta has the shape {reference.theta.shape}; this plant takes {wanted_shape}")
 
 
 def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:

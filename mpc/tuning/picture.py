@@ -3,7 +3,7 @@
 import numpy as np
 
 from allocator.lazy import Figure
-from allocator.presentation.plotting import new_figure
+from allocator.presentation.plotting import legend_below, new_figure
 from mpc.tuning.result import Tuned
 
 _MOST_PEAK = 3.0  # greatest M_s shown, over its limit; greater peaks and unsettled loops are drawn at the edge
@@ -31,5 +31,5 @@ def plot_tuned(tuned: Tuned, figure: "Figure | None" = None) -> "Figure":
     axes.set_ylim(0)
     axes.set(xlabel="sensitivity peak M_s [-]", ylabel="cost, 80 % quantile over the draws [°]")
     axes.set_title(f"{tuned.tuning.controller}: {len(peak)} evaluations on {len(tuned.problem.draws)} draws")
-    axes.legend(frameon=False)
+    legend_below(axes)
     return figure

@@ -18,7 +18,7 @@ from allocator.calculus import Value
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
-from mpc.model.machine import Machine
+from mpc.model.machine import Machine, check_machine
 from mpc.trials.loops import Settings, robust
 from mpc.trials.margins import ROBUST
 from mpc.trials.tuned import Tuning, parameters_of
@@ -88,6 +88,7 @@ def tune(
     MissingBackend
         For a controller that cannot be tuned.
     """
+    check_machine(plant)
     evaluations, n = checks.count("evaluations", evaluations, least=2), checks.count("n_draws", n_draws, least=1)
     seed = checks.count("seed", seed, least=0)
     if not (peak := checks.number("peak", peak, "-")) > 1:

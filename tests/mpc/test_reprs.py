@@ -5,8 +5,8 @@ import pytest
 from allocator.mechanism import Mechanism
 from allocator.mechanism.machines import arm26
 from allocator.units import BAR
-from mpc import NonlinearMPC, Plant, RealPlant, sine
-from mpc.arm import RealArm
+from mpc import KalmanObserver, NonlinearMPC, Plant, RealPlant, sine
+from mpc.arm import MujocoPlant, RealArm
 from mpc.model.arm.model import Arm
 from mpc.trials import FeedForwardControl
 
@@ -26,6 +26,11 @@ MODEL = "inertia 0.05 kg·m², damping 0.1 N·m·s/rad"
         (lambda: RealPlant(Plant(), dead_band=0.1 * BAR), "RealPlant: differs in dead_band; nominal Plant"),
         (lambda: RealArm(Arm.machine("arm26"), mass=1.2), "RealArm: differs in mass; nominal Arm: 2 joints, 6 muscles"),
         (lambda: NonlinearMPC(Plant()), f"NonlinearMPC: samples of 10 ms; model: {MODEL}"),
+        (
+            lambda: KalmanObserver(Plant(), 0.02, compiled=False),
+            f"KalmanObserver: samples of 20 ms, readable; model: {MODEL}",
+        ),
+        (lambda: MujocoPlant.of(Arm.machine("arm26")), "MujocoPlant: 2 joints, 6 muscles, steps of "),
         (lambda: FeedForwardControl(Plant(), 0.02), f"FeedForwardControl: samples of 20 ms; model: {MODEL}"),
     ],
 )

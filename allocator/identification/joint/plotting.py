@@ -6,7 +6,7 @@ from allocator.calculus import Array
 from allocator.identification.joint.relative import RelativeJoint, stiffness_with_gradient
 from allocator.identification.joint.result import JointFit
 from allocator.lazy import Axes, Figure
-from allocator.presentation.plotting import new_figure
+from allocator.presentation.plotting import legend_below, new_figure
 from allocator.units import BAR, DEG
 
 _WAYS = ((1.0, "rising θ", "C1", "^"), (-1.0, "falling θ", "C0", "v"), (0.0, "direction unknown", "C2", "o"))
@@ -33,7 +33,7 @@ def _angles(fit: JointFit, axes: "Axes") -> None:
             axes.plot(predicted[here], measured[here], marker, color=colour, markersize=3.5, alpha=0.7, label=label)
     axes.set(xlabel="predicted angle [°]", ylabel="measured angle [°]")
     axes.set_title(f"{fit.model}: {fit.rms / DEG:.2f}° RMS, μ = {fit.friction:.3f}")
-    axes.legend(frameon=False, fontsize="small")
+    legend_below(axes)
 
 
 def _residuals(fit: JointFit, axes: "Axes") -> None:
@@ -57,7 +57,7 @@ def _residuals(fit: JointFit, axes: "Axes") -> None:
     axes.set(xlabel="predicted angle without friction [°]", ylabel="measured minus predicted [°]")
     share = "" if np.isnan(fit.hysteresis_share) else f"{fit.hysteresis_share:.0%} of the squared error is hysteresis"
     axes.set_title(share or "error without friction")
-    axes.legend(frameon=False, fontsize="small", title="band: friction μ" if fit.friction else None)
+    legend_below(axes, "band: friction μ" if fit.friction else None)
 
 
 def _envelope(values: Array) -> tuple[Array, Array]:
@@ -91,4 +91,4 @@ def _stiffness(fit: JointFit, axes: "Axes") -> None:
     where = "" if len(fit.shapes) == 1 else f" ({label})"
     axes.set_title(f"stiffness ± 2 std{where}" if known else f"force scale unknown: K/K_ref ± 2 std{where}")
     axes.set_ylim(bottom=0)
-    axes.legend(frameon=False, fontsize="small")
+    legend_below(axes)

@@ -213,8 +213,8 @@ def _of_the_data(problem: JointProblem, u: Unknowns, found: Findings) -> Iterato
     if abs(zero) >= _LARGE_ZERO:
         yield (
             f"the encoder's zero would be off by {zero:.3g}°: is the geometry that of the joint, and are the "
-            "equilibria at rest and taut? if so, set the encoder to zero before `run`, which takes its readings for "
-            "angles; zero=False in Python leaves the zero out of the fit"
+            "equilibria at rest and taut? If so, `run` subtracts the zero in the joint's file from all readings; "
+            "zero=False in Python leaves it out of the fit"
         )
     if "friction" in problem.extra and u.friction < -max(NO_FRICTION, 2 * found.friction_std):
         yield f"μ = {u.friction:.3g} is negative: the directions look swapped"

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.outliers import outlying, some, stops
+from allocator.identification.outliers import outlying, some, stops_of_rests
 from allocator.joint.geometry import Geometry
 from allocator.units import BAR, DEG
 
@@ -103,7 +103,7 @@ class JointSamples:
     def without_stops(self) -> Self:
         """Return the samples without those that rest on an end stop, which carries torque; they are counted."""
         kept, free = self, np.ones(self.n, bool)
-        for stop in stops(self.theta, self.P1, self.P2):
+        for stop in stops_of_rests(self.theta, self.P1, self.P2).values():
             reason = f"an angle at a stop, the {stop.end} one of {stop.angle / DEG:.3g}°, whatever the pressures"
             kept, free = kept.without(stop.there[free], reason), free & ~stop.there
         return kept

@@ -4,7 +4,7 @@ import numpy as np
 
 from allocator.identification.motion.result import MotionFit
 from allocator.lazy import Axes, Figure
-from allocator.presentation.plotting import new_figure
+from allocator.presentation.plotting import legend_below, new_figure
 from allocator.units import DEG
 
 _SHOWN = 30.0  # [s] of the log
@@ -29,7 +29,7 @@ def _angles(fit: MotionFit, axes: "Axes") -> None:
     axes.plot(t[shown], fit.run.theta[shown] / DEG, color="C3", linewidth=1, label="free run")
     axes.plot(t[shown], fit.run.static[shown] / DEG, color="C0", linewidth=0.7, label="static angle")
     axes.set(xlabel="time [s]", ylabel="angle [°]", title=f"free run: {fit.error.every / DEG:.2f}° RMS")
-    axes.legend(frameon=False, fontsize="small")
+    legend_below(axes)
 
 
 def _errors(fit: MotionFit, axes: "Axes") -> None:
@@ -37,7 +37,7 @@ def _errors(fit: MotionFit, axes: "Axes") -> None:
     _, low, high = fit.bands.about(0 * t, fit.problem.taut(fit.run))
     axes.fill_between(t, low / DEG, high / DEG, color="C0", alpha=0.3, linewidth=0, label="band of 95 %")
     axes.plot(t, fit.errors() / DEG, color="C3", linewidth=0.6)
-    axes.legend(frameon=False, fontsize="small")
+    legend_below(axes)
     axes.axhline(0, color="0.6", linewidth=1)
     axes.axvspan(_HELD * t[-1], t[-1], color="0.92", zorder=0)
     held, left_out = fit.held_out.every / DEG, fit.left_out.every / DEG
@@ -54,7 +54,7 @@ def _residuals(fit: MotionFit, axes: "Axes") -> None:
             )
     axes.axhline(0, color="0.6", linewidth=1)
     axes.set(xlabel="angle of the free run [°]", ylabel="measured minus free run [°]")
-    axes.legend(frameon=False, fontsize="small", markerscale=5)
+    legend_below(axes, markerscale=5)
 
 
 def _loops(fit: MotionFit, axes: "Axes") -> None:
@@ -65,4 +65,4 @@ def _loops(fit: MotionFit, axes: "Axes") -> None:
         u = np.concatenate([to, fro, to])
         axes.plot(u[200:] / DEG, (fit.operator.run(u) - u)[200:] / DEG, label=f"± {height / DEG:.3g}°")
     axes.set(xlabel="static angle [°]", ylabel="angle minus static angle [°]", title="hysteresis at P1 + P2 = 5 bar")
-    axes.legend(frameon=False, fontsize="small")
+    legend_below(axes)

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias, Union
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allocator.calculus import Array
+from allocator import checks
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.mechanism.routes.base import Routes
+from allocator.mechanism.routes.base import Routes, per_muscle, rest_lengths
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage, Site
 from allocator.mechanism.routes.pulleys import Pulleys
 from allocator.mechanism.routes.sites import Sites
@@ -40,8 +41,15 @@ class Model:
     ranges: tuple[tuple[float, float], ...] | None  # of the joints [rad or m]; None unless all are limited
 
 
-def read_mjcf(source: Source, rest_length: ArrayLike | None = None, cable: ArrayLike | None = None) -> Model:
+def read_mjcf(
+    source: Source,
+    rest_length: ArrayLike | None = None,
+    cable: ArrayLike | None = None,
+    contraction: ArrayLike | None = None,
+) -> Model:
     """Read the tendons of a `source` of `load`; `rest_length` and `cable` [m] are those of `Sites`, or of the model.
+
+    The muscles' `contraction` [-] in the model's own posture may replace `cable`.
 
     Raises `MissingPackage` without MuJoCo; `InvalidFile` for a file that MuJoCo cannot read, without tendons, with
     joints other than hinges and slides, or with tendons that are neither all straight lines between sites nor all
@@ -53,7 +61,7 @@ def read_mjcf(source: Source, rest_length: ArrayLike | None = None, cable: Array
     if not model.ntendon:
         raise InvalidFile(file, "has no tendons; the tendons of the model are the muscles")
     links, frames = linkage_of(model, source)
-    lengths = tendon_lengths(model, source, rest_length, cable)
+    lengths = muscle_lengths(model, source, rest_length, cable, contraction)
     try:
         if (model.wrap_type == int(wrap.mjWRAP_JOINT)).all():
             routes: Routes = _pulleys(model, *lengths)
@@ -147,6 +155,60 @@ def tells(model: "MjModel") -> bool:
     import mujoco
 
     return bool(model.nuser_tendon == 2 and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, MARK) >= 0)
+
+
+def muscle_lengths(
+    model: "MjModel",
+    source: Source,
+    rest_length: ArrayLike | None,
+    cable: ArrayLike | None,
+    contraction: ArrayLike | None,
+) -> tuple[Array, Array]:
+    """Return rest lengths and cables (m,) [m], `cable` or the `contraction` in the model's own posture being given.
+
+    Raises `InvalidInput`.
+    """
+    m, now = int(model.ntendon), _own_lengths(model)
+    if rest_length is None and not tells(model):
+        listed = ", ".join(f"{1e3 * length:.4g}" for length in now.tolist())
+        raise InvalidInput(
+            f"give the rest lengths of the muscles (rest_length [m], --rest-length [mm]): {said(source)} has none; its "
+            f"tendons are {listed} mm long in its own posture"
+        )
+    if contraction is None or rest_length is None:
+        if contraction is not None:
+            raise InvalidInput("contraction is given without the rest lengths of the muscles")
+        lengths, cables = tendon_lengths(model, source, rest_length, cable)
+        return np.array(rest_lengths("muscles", lengths, m)), per_muscle("cable", cables, m, "m")
+    if cable is not None:
+        raise InvalidInput("cable and contraction are both given; each of them determines where the muscles begin")
+    lengths, eps = np.array(rest_lengths("muscles", rest_length, m)), per_muscle("contraction", contraction, m, "-")
+    if (wrong := ~((eps >= -0.1) & (eps <= 0.5))).any():
+        raise InvalidInput(f"contraction{checks.at(eps, wrong)} has to be a ratio of -0.1 to 0.5, not per cent")
+    cables = now - lengths * (1 - eps)
+    if (short := (cables < 0) & _drawn(model)).any():
+        j = int(np.argmax(short))
+        raise InvalidInput(
+            f"tendon {name_of(model.tendon(j), j)} of {said(source)} is {1e3 * now[j]:.4g} mm long in the model's own "
+            f"posture, shorter than its muscle, {1e3 * (now - cables)[j]:.4g} mm"
+        )
+    return lengths, cables
+
+
+def _drawn(model: "MjModel") -> Mask:
+    """Return which tendons (m,) run through space; the others are sums of angles, which have no lengths."""
+    import mujoco
+
+    return np.asarray(model.wrap_type[model.tendon_adr] != int(mujoco.mjtWrap.mjWRAP_JOINT))
+
+
+def _own_lengths(model: "MjModel") -> Array:
+    """Return the lengths (m,) [m] of the tendons in the model's own posture."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    return np.array(data.ten_length)
 
 
 def _pulleys(model: "MjModel", rest_length: ArrayLike, cable: ArrayLike) -> Pulleys:

@@ -5,12 +5,15 @@ that a command acts from the time at which it is written.
 """
 
 from dataclasses import replace
+from math import nan
 from typing import Any, Self
 
 import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array
+from allocator.files.toml import Table
+from allocator.machine_file import encoder_zero_in
 from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
@@ -38,6 +41,8 @@ class SimulatedDevice:
         Seed of the sensors' noise.
     measures_pressure
         Whether its regulators measure their pressures.
+    zero
+        Reading of its encoder at 0 of the joint [rad].
     """
 
     def __init__(
@@ -49,6 +54,7 @@ class SimulatedDevice:
         pressures: tuple[float, float] = (_VENTED, _VENTED),
         seed: int = 0,
         measures_pressure: bool = True,
+        zero: float = 0.0,
     ) -> None:
         plant = RealPlant.standard() if plant is None else plant
         self.plant = RealPlant(plant) if isinstance(plant, Plant) else plant
@@ -57,6 +63,7 @@ class SimulatedDevice:
         at = middle if theta is None else float(checks.angle("theta", theta))
         self._x0 = np.array([at, 0.0, *checks.pressure("pressures", pressures)])
         self._seed, self._measures_pressure = seed, measures_pressure
+        self._zero = float(checks.angle("zero", zero))
         self._entered = 0
         self.torque = 0.0  # of a weight on the joint [N·m], positive if it pulls θ down
         self._experiment: RealExperiment | None = None
@@ -85,8 +92,8 @@ class SimulatedDevice:
         """Return the sensor readings; their time is that of the state, independent of its computation time."""
         experiment = self._now()
         theta, _, P1, P2 = experiment.measure().tolist()
-        nan = float("nan")
-        return Reading(self._began + self._steps * STEP, theta, *((P1, P2) if self._measures_pressure else (nan, nan)))
+        shown = (P1, P2) if self._measures_pressure else (nan, nan)
+        return Reading(self._began + self._steps * STEP, theta + self._zero, *shown)
 
     def write(self, P1: float, P2: float) -> None:
         """Command pressures [Pa] from now on."""
@@ -131,4 +138,5 @@ def open_simulated(address: str = "", clock: Clock | None = None) -> SimulatedDe
     """Simulate a joint in real time: sim for the benchmark's, or sim:plant.toml for that of a file."""
     if not address:
         return SimulatedDevice(RealPlant.standard(), clock)
-    return SimulatedDevice(simulated(Plant.load(address), Compensation.load(address)), clock)
+    zero = encoder_zero_in(Table.read(address))
+    return SimulatedDevice(simulated(Plant.load(address), Compensation.load(address)), clock, zero=zero)

@@ -66,7 +66,7 @@ class Samples:
     """Rows of a moving joint with its measured pressures; arrays (n,)."""
 
     t: Array  # [s], increasing; gaps end a stretch
-    theta: Array  # as the encoder shows it [rad]
+    theta: Array  # of the joint [rad]
     P1: Array  # in the muscle, gauge [Pa]
     P2: Array
     notes: tuple[str, ...] = ()  # sentences about rows of a file that were left out
@@ -85,11 +85,17 @@ class Samples:
 
 
 def read_log_of_motion(
-    path: str | Path, columns: Mapping[str, str] | None = None, *, skip_rows: int = 0, topics: str | None = None
+    path: str | Path,
+    columns: Mapping[str, str] | None = None,
+    *,
+    skip_rows: int = 0,
+    topics: str | None = None,
+    zero: float = 0.0,
 ) -> Samples:
     """Read a log of `antagonist run`, or any that `fit-motion` reads, with measured pressures.
 
-    `columns`, `skip_rows` and `topics` are those of `read_motion_log`. Raises `InvalidFile`.
+    `columns`, `skip_rows` and `topics` are those of `read_motion_log`. `zero` [rad] is subtracted from the encoder's
+    readings; a log of `run` has angles of the joint. Raises `InvalidFile`.
     """
     notes: tuple[str, ...] = ()
     if not columns and not topics and _of_a_run(Path(path)):
@@ -99,7 +105,7 @@ def read_log_of_motion(
     else:
         log = read_motion_log(path, columns, skip_rows=skip_rows, topics=topics)
         notes = log.notes
-        rows = [log.t, log.theta, *((log.P1, log.P2) if log.measured is None else log.measured)]
+        rows = [log.t, log.theta - zero, *((log.P1, log.P2) if log.measured is None else log.measured)]
     try:
         return Samples.of(rows[0], rows[1], rows[2], rows[3], notes)
     except InvalidInput as error:

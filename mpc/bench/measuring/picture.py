@@ -7,7 +7,7 @@ import numpy as np
 
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.felt import Loop
-from allocator.presentation.plotting import new_figure
+from allocator.presentation.plotting import legend_below, new_figure
 from allocator.units import DEG
 from mpc.bench.measuring.result import MeasuredStiffness
 
@@ -45,5 +45,5 @@ def plot_measured(
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.legend(frameon=False, fontsize="small")
+    legend_below(axes)
     return figure

@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allocator import checks
-from allocator.calculus import Array, Mask
-from allocator.errors import InvalidFile, InvalidInput
+from allocator.calculus import Array
+from allocator.errors import InvalidFile
 from allocator.mechanism import Mechanism
 from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.routes import Routes
-from allocator.mechanism.routes.base import per_muscle, rest_lengths
-from allocator.mechanism.routes.mjcf import Source, load, name_of, read_mjcf, said, tells, tendon_lengths
+from allocator.mechanism.routes.mjcf import Source, load, muscle_lengths, name_of, read_mjcf, said
 from allocator.muscles import Muscle
 from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
 from mpc.model.arm.mechanics.tree import TreeBodies, check_hinges, tree_of, without_formulas
@@ -66,7 +64,7 @@ def read_arm(
         raise InvalidFile(said(source), "has no tendons; the tendons of the model are the muscles")
     check_hinges(model, source)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-    lengths, cables = _lengths(model, source, rest_length, cable, contraction)
+    lengths, cables = muscle_lengths(model, source, rest_length, cable, contraction)
     mechanics, unread = Mechanics(model), [without_formulas(model), _winding(model)]
     bodies = MujocoBodies(mechanics) if any(unread) else tree_of(model, source)
     limited = bool(np.all(model.jnt_limited))
@@ -87,48 +85,6 @@ def read_arm(
         name = ""
     dry = np.array(model.dof_frictionloss[model.jnt_dofadr])
     return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), dry, point, name)
-
-
-def _lengths(
-    model: "MjModel",
-    source: Source,
-    rest_length: ArrayLike | None,
-    cable: ArrayLike | None,
-    contraction: ArrayLike | None,
-) -> tuple[Array, Array]:
-    """Return rest lengths and cables (m,) [m]. Raises `InvalidInput`."""
-    m, now = int(model.ntendon), Mechanics(model).tendons(model.qpos0[model.jnt_qposadr][None])[0][0]
-    if rest_length is None and not tells(model):
-        listed = ", ".join(f"{1e3 * length:.4g}" for length in now.tolist())
-        raise InvalidInput(
-            f"the rest lengths of the muscles have to be given: {said(source)} does not tell; its tendons are {listed} "
-            "mm long in its own posture"
-        )
-    if contraction is None or rest_length is None:
-        if contraction is not None:
-            raise InvalidInput("contraction is given without the rest lengths of the muscles")
-        lengths, cables = tendon_lengths(model, source, rest_length, cable)
-        return np.array(rest_lengths("muscles", lengths, m)), per_muscle("cable", cables, m, "m")
-    if cable is not None:
-        raise InvalidInput("cable and contraction are both given; each of them determines where the muscles begin")
-    lengths, eps = np.array(rest_lengths("muscles", rest_length, m)), per_muscle("contraction", contraction, m, "-")
-    if (wrong := ~((eps >= -0.1) & (eps <= 0.5))).any():
-        raise InvalidInput(f"contraction{checks.at(eps, wrong)} has to be a ratio of -0.1 to 0.5, not per cent")
-    cables = now - lengths * (1 - eps)
-    if (short := (cables < 0) & _drawn(model)).any():
-        j = int(np.argmax(short))
-        raise InvalidInput(
-            f"tendon {name_of(model.tendon(j), j)} of {said(source)} is {1e3 * now[j]:.4g} mm long in the model's own "
-            f"posture, shorter than its muscle, {1e3 * (now - cables)[j]:.4g} mm"
-        )
-    return lengths, cables
-
-
-def _drawn(model: "MjModel") -> Mask:
-    """Return which tendons (m,) run through space; the others are sums of angles, which have no lengths."""
-    import mujoco
-
-    return np.asarray(model.wrap_type[model.tendon_adr] != int(mujoco.mjtWrap.mjWRAP_JOINT))
 
 
 def _winding(model: "MjModel") -> str:

@@ -69,7 +69,7 @@ def factory(
         notice(_BESIDE.format("a minute or two" if isinstance(plant, Arm) else "some 30 seconds"), CompilingBeside)
         return Parts(readable, feed_forward)
     except Exception as failure:  # see `_tell`
-        _tell("takes about ten times as long", failure)
+        _tell("takes about thirty times as long", failure)
         structured = None if isinstance(plant, Arm) else _structured(problem)
     return Parts(ReadableQPStep(problem, predictor, structured), feed_forward.ready())
 
@@ -116,7 +116,7 @@ def _tell(longer: str, failure: Exception) -> None:
 
 _BESIDE = (
     "another process compiles the controller's step for the next run, {}; this run takes the readable "
-    "one, about ten times as slow (--wait, or wait=True, waits)"
+    "one, about thirty times as slow (--wait, or wait=True, waits)"
 )
 
 

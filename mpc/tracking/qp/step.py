@@ -71,11 +71,11 @@ def certified(solve: Solver, qp: QP, deadline: float, curvature: float) -> Answe
 
 
 class SlowStep(UserWarning):
-    """Warning that a controller's step could not be compiled; the uncompiled step answers, about ten times slower."""
+    """Warning that a controller's step could not be compiled; the uncompiled one is about thirty times slower."""
 
 
 class CompilingBeside(UserWarning):
-    """Warning that a controller's step is being compiled in the background; until then it is about ten times slower."""
+    """Warning that a controller's step is being compiled in the background; about thirty times slower until then."""
 
 
 class PreviousSample(NamedTuple):

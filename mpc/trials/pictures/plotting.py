@@ -9,7 +9,7 @@ from allocator.calculus import Array
 from allocator.joint.limits import Limits
 from allocator.lazy import Axes, Figure
 from allocator.mechanism.endpoint import Endpoint
-from allocator.presentation.plotting import GREY, legend_outside, new_figure, save_figure
+from allocator.presentation.plotting import GREY, legend_below, legend_outside, new_figure, save_figure
 from allocator.units import BAR, DEG
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
@@ -61,7 +61,7 @@ def draw_hand(axes: "Axes", run: Run, way: Way) -> None:
     _at_least(axes, way.asked)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="path of the hand")
-    axes.legend(frameon=False, fontsize="small")
+    legend_below(axes)
 
 
 def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
@@ -76,7 +76,7 @@ def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
         axes.plot(x + moved[0], y + moved[1], color=COLOURS[0], lw=1)
         axes.plot(x, y, ".", color=COLOURS[1], ms=3)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="compliance: displacement by 1 N")
+    axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="displacement by 1 N")
 
 
 def _at_least(axes: "Axes", points: Array) -> None:

@@ -115,6 +115,11 @@ def labels(axes):
     return [text.get_text() for text in axes.texts]
 
 
+def test_a_label_without_space_inside_the_set_is_left_out():
+    axes = feasibility_map(joint=report_joint(SAROSI_DMSP_20_400N)).plot()
+    assert labels(axes) == ["both slack", "P2 upper", "P1 upper"]
+
+
 def test_the_map_shows_the_set_with_its_edges_named_and_units_on_the_axes():
     axes = feasibility_map().plot()
     assert labels(axes) == ["both slack", "P2 upper", "P1 upper", "joint range", "joint range"]

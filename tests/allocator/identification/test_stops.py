@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from allocator.identification.outliers import described, stops
+from allocator.identification.outliers import described, stops, stops_of_rests
 
 
 def stepped(stop, hysteresis=0.0):
@@ -40,3 +40,32 @@ def test_readings_on_a_stop_are_found_under_noise_and_hardly_any_others():
     found = np.any([stop.there for stop in stops(noisy, P1, P2)], axis=0)
     assert found[on].mean() > 0.98
     assert found[~on].mean() < 0.05
+
+
+def rests(noise, stop=np.inf, seed=0):
+    """Return 40 rests of a joint with hysteresis of ±2°, and which of them are on a stop."""
+    rng = np.random.default_rng(seed)
+    P = rng.uniform(1.0, 4.5, (2, 40)) * BAR
+    free = 1.2 * (P[0] - P[1]) / P.sum(0) + 2 * DEG * rng.choice([-1, 1], 40)
+    return np.clip(free, -stop, stop) + noise * rng.standard_normal(40), *P, np.abs(free) > stop
+
+
+def test_most_stops_of_rests_are_found_under_noise():
+    count = dict.fromkeys((stops, stops_of_rests), 0)
+    for seed in range(30):
+        *data, on = rests(0.3 * DEG, 20 * DEG, seed)
+        count[stops] += len(list(stops(*data)))
+        found = stops_of_rests(*data)
+        count[stops_of_rests] += len(found)
+        for end, angle in (("greatest", 20 * DEG), ("least", -20 * DEG)):
+            if end in found:
+                assert found[end].angle == pytest.approx(angle, abs=0.7 * DEG)
+                assert found[end].there[~on].mean() < 0.2
+    assert count[stops_of_rests] >= 30  # of 60
+    assert count[stops] < 20
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 2.0])
+def test_rests_of_a_free_joint_have_no_stops(noise):
+    for seed in range(100):
+        assert not stops_of_rests(*rests(noise * DEG, np.inf, seed)[:3]), seed

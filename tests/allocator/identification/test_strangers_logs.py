@@ -75,6 +75,8 @@ BLANK = [""] * N
 LAYOUTS = {
     "LabVIEW": LABVIEW + lines(separator="\t", comma=True, end="\t\n"),
     "LabVIEW without times": LABVIEW + lines(BLANK, THETA, P1, P2, separator="\t", comma=True, end="\t\n"),
+    "LabVIEW without comments": LABVIEW + lines(separator="\t", comma=True),
+    "rostopic echo -p": "%time,angle [deg],P1 [bar],P2 [bar]\n" + BODY,
     "a header that ends": "***\nlab 5\t1\n***End_of_Header***\n"
     + HEADER.replace(",", "\t")
     + "\n"
