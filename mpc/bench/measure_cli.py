@@ -92,7 +92,7 @@ def measure_command(
         raise InvalidInput("a log takes none of --device, --around, --weight and --shake")
     if log is None and (columns or skip_rows or topics):
         raise InvalidInput("--columns, --skip-rows and --topics describe a log: name its file")
-    samples = None if log is None else _read(log, options.encoder_zero, parse_columns(columns), skip_rows, topics, console)
+    samples = None if log is None else _read(log, options, parse_columns(columns), skip_rows, topics, console)
     scaled = bench.device.partition(":")[0] == "sim" or (weight and inertia_error >= _HARDLY_KNOWN)
     if (samples is not None or bench.device) and not scaled:
         _check_inertia(options, "" if log else ", or with --inertia-error 50 a --weight [N·m]")
@@ -170,11 +170,11 @@ def _on_device(
 
 
 def _read(
-    log: Path, zero: float, columns: dict[str, str], skip_rows: int, topics: str | None, console: "Console"
+    log: Path, options: PlantOptions, columns: dict[str, str], skip_rows: int, topics: str | None, console: "Console"
 ) -> "Samples":
     from mpc.bench.measuring.log import read_log_of_motion
 
-    samples = read_log_of_motion(log, columns, skip_rows=skip_rows, topics=topics, zero=zero)
+    samples = read_log_of_motion(log, columns, skip_rows=skip_rows, topics=topics, zero=options.encoder_zero)
     for note in samples.notes:
         say(console, note)
     return samples
