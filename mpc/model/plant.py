@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import product
 from math import inf, sqrt
 from os import PathLike
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -72,7 +72,9 @@ class Plant:
             object.__setattr__(self, name, check(name, getattr(self, name), unit))
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
-        lags = tuple(np.ravel(self.lag)) if isinstance(self.lag, tuple | list | np.ndarray) else (self.lag, self.lag)
+        said: Any = self.lag  # also a list or an array
+        several = isinstance(said, tuple | list) or (isinstance(said, np.ndarray) and said.ndim == 1)
+        lags = tuple(said) if several else (said, said)
         if len(lags) != NU:
             raise InvalidInput(f"lag = {self.lag!r} has to be one time constant or a pair of them [s]")
         object.__setattr__(self, "lag", tuple(checks.positive("lag", lag, "s") for lag in lags))

@@ -176,7 +176,7 @@ ONE_NUMBER = {
     "threshold": lambda value: replace(report_joint(), min_contraction=value),
     "friction": lambda value: replace(report_joint(), friction=value),
     "inertia": lambda value: Plant(inertia=value),
-    "lag": lambda value: Plant(lag=value),
+    "lag": lambda value: Plant(lag=(0.1, value)),
     "rest": lambda value: Plant().at_rest(value, 7.6),
     "pressure limits": lambda value: replace(report_joint(), pressure_limits=(value,)),
     "angle limits": lambda value: replace(report_joint(), angle_limits=(-1.0, value, 1.0)),

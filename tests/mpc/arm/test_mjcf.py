@@ -119,7 +119,7 @@ def test_what_cannot_be_written_is_refused():
 
 def test_a_model_that_does_not_tell_its_rest_lengths_says_so():
     text = to_mjcf(*MACHINES["arm26"]).replace('name="antagonist" data', 'name="other" data')
-    with pytest.raises(InvalidInput, match=r"rest_length \[m\] of the muscles has to be given"):
+    with pytest.raises(InvalidInput, match=r"give the rest lengths of the muscles \(rest_length \[m\]"):
         Mechanism.from_mjcf(text, SAROSI_DMSP_20_400N)
     read = Mechanism.from_mjcf(text, SAROSI_DMSP_20_400N, 0.4, cable=-0.345)
     assert read.routes.initial_contraction == pytest.approx((0.1375,) * 6)
