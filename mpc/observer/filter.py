@@ -13,9 +13,9 @@ follows the filter's innovations,
 
     o_{k+1} = o_k + dt/T_o (y_P - o - P̂_{k|k-1})_k within ± `Noise.offset`,      T_o = `OFFSET_TIME`
 
-while the pressure, also that of a quick or a slow regulator, is within `SETTLED` of its command, so that leaks and lags
-do not count as offsets. All angles have to be believed, since the motion moves the gas. Within a known dead band P̂ is
-constant and the innovations cancel, so that o does not wind up.
+while the pressure is within `SETTLED` of its command, so that leaks and lags do not count as offsets. All angles have
+to be believed, since the motion moves the gas. Within a known dead band P̂ is constant and the innovations cancel, so
+that o does not wind up.
 
 The plant is evaluated only within the joint range and the supply, for which its muscle models are valid. Outside, it is
 extrapolated linearly: f_d(x) ≈ f_d(x̂) + A (x - x̂), x̂ being the nearest state inside.
@@ -188,14 +188,13 @@ class Filter:
         xi[self.measured[there]] = read[there]
         return Belief(xi, self.unsure)
 
-    def learned(self, offset: Array, apart: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
+    def learned(self, offset: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
         """Return the offsets (m,) [Pa] updated by the innovations of the readings `there` (n + m,) of `read`.
 
         `v` (m,) [Pa] are the commands that act.
         """
         n, most, P = self.plant.n, self.noise.offset, expected.xi[self.measured[self.plant.n :]]
-        settled = (np.abs(v - P - np.vstack([apart, np.zeros_like(P)])) <= SETTLED).all(axis=0)
-        error = np.where(there[:n].all() & there[n:] & settled, read[n:] - P, 0.0)
+        error = np.where(there[:n].all() & there[n:] & (np.abs(v - P) <= SETTLED), read[n:] - P, 0.0)
         moved = offset + self.dt / OFFSET_TIME * error
         return np.asarray(np.minimum(np.maximum(moved, -most), most))
 

@@ -321,7 +321,7 @@ class KalmanObserver:
         expected = self._without_frozen(previous, expected, repeated, read, memories)
         expected = self._rival_or(expected, read, memories)
         believed = self._believed
-        self._offset = self.filter.learned(self._offset, self._apart, read, expected, believed, self._commands[0])
+        self._offset = self.filter.learned(self._offset, read, expected, believed, self._commands[0])
         found = self.filter.corrected(expected, read, believed, self._variances)
         self._samples = min(self._samples + 1, FIRST + 1)
         self._belief = found if found.sound else self._rebuilt(previous, read, believed)

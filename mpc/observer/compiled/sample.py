@@ -102,8 +102,7 @@ def filtered(o: Sample, y: Array, u: Array) -> bool:
         return False
     for j in range(m):
         P = s.belief.xi[2 * n + j]
-        e, quick, slow = commands[j] - P, s.apart[0, j], s.apart[1, j]
-        if max(abs(e), abs(e - quick), abs(e - slow)) <= SETTLED:
+        if abs(commands[j] - P) <= SETTLED:
             moved = s.offset[j] + k.learning * (w.taken[n + j] - P)
             s.offset[j] = min(max(moved, -k.most_offset), k.most_offset)
     for sensor in range(SENSORS):

@@ -218,13 +218,6 @@ static void check(ant_observer *o, const ant_belief *expected, const ant_real re
     }
 }
 
-/* Whether the pressures of a muscle, and of the quick and of the slow regulator, are near to the command. */
-static int settled(const ant_observer *o, int muscle, ant_real P) {
-    const ant_real e = o->commands[0][muscle] - P;
-    return ant_abs(e) <= ANT_SETTLED && ant_abs(e - o->apart[0][muscle]) <= ANT_SETTLED &&
-           ant_abs(e - o->apart[1][muscle]) <= ANT_SETTLED;
-}
-
 /* From the last estimate to the present one. */
 static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     const ant_belief previous = o->belief;
@@ -255,7 +248,7 @@ static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     believed(o, there);
     for (int i = 0; i < ANT_MUSCLES; i++) {
         const ant_real P = expected.xi[2 * ANT_JOINTS + i];
-        const int learns = all(there) && there[ANT_JOINTS + i] && settled(o, i, P);
+        const int learns = all(there) && there[ANT_JOINTS + i] && ant_abs(o->commands[0][i] - P) <= ANT_SETTLED;
         const ant_real error = learns ? read[ANT_JOINTS + i] - P : 0;
         o->offset[i] = ant_clip(o->offset[i] + ANT_LEARNING * error, -ANT_MOST_OFFSET, ANT_MOST_OFFSET);
     }
