@@ -25,7 +25,7 @@ from mpc.model.plant import Plant
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import PARTS, WELL, FaultKind, Finding, Health, Part, Parts, Suspect
-from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound, Values, spread_of
+from mpc.observer.pressure_diagnosis import DATA_SHEET, SPREAD, Numbers, PressureDiagnosis, Sound, Values
 from mpc.observer.pulling import Pulls
 from mpc.observer.ringing import RingingDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
@@ -65,7 +65,7 @@ class Diagnosis:
         self.names = PARTS if isinstance(plant, Plant) else Parts.of(plant.labels.angles, plant.labels.pressures)
         self._pulls = Pulls(plant)
         along, usual = self._usual(plant)
-        spread = spread_of(compensation)
+        spread = SPREAD if compensation.measured_lags else DATA_SHEET
         self.pressures = [
             PressureDiagnosis(Sound.of(lag, dt, compensation.dead_band, sigma, torque, spread))
             for lag, torque in zip(plant.lags, along, strict=True)

@@ -37,7 +37,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.friction.contact import Contacts, Loads
 from mpc.model.machine import Machine
 from mpc.observer.gating import Gate
-from mpc.observer.pressure_diagnosis import spread_of
+from mpc.observer.pressure_diagnosis import DATA_SHEET
 
 OFFSET_TIME = 0.5  # T_o [s]
 SETTLED = 0.2 * BAR
@@ -123,7 +123,7 @@ class Filter:
         n, m, size = plant.n, plant.m, plant.size
         self.measured = np.array([*range(n), *range(2 * n, size)])  # of ξ
         self.Q, self.R = noise.Q(dt, n, m), noise.R(n, m)
-        rates, spread = dt / np.asarray(plant.lags), spread_of(compensation)
+        rates, spread = dt / np.asarray(plant.lags), 1.0 if compensation.measured_lags else DATA_SHEET
         self.share, self.shares = 1 - np.exp(-rates), 1 - np.exp(-np.outer([spread, 1 / spread], rates))
         self.Q_rest = np.tile(replace(noise, d_walk=0.0).Q(dt, n, m), (n + m, 1, 1))  # by repeating sensor
         for i in range(n):  # a new load would have moved a repeating angle, but other joints may have one

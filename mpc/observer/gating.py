@@ -4,11 +4,11 @@ A reading y with the expected value ŷ and the variance S of their difference is
 
     |y - ŷ| > max(6 √S, floor)                              floor: 8 standard deviations of the noise
 
-which rejects one true reading in 5·10⁸ if the model is exact. The lags of regulators are not: of a pressure, ŷ is the
-value nearest to y between those of a quick and of a slow regulator (`Filter.apart`). Before this test, angles that are
-off by whole turns are unwrapped, and impossible readings count as silence. S grows while a sensor is not believed and
-would soon include any reading; after the first rejection the width is therefore no longer that of S, and grows by its
-first value per `widening`.
+which rejects one true reading in 5·10⁸ if the model is exact. Unless the lags of the regulators were measured, ŷ of a
+pressure is the value nearest to y between those of a quick and of a slow regulator (`Filter.apart`). Before this test,
+angles that are off by whole turns are unwrapped, and impossible readings count as silence. S grows while a sensor is
+not believed and would soon include any reading; after the first rejection the width is therefore no longer that of S,
+and grows by its first value per `widening`.
 
 No model is exact, so that true motion is sometimes rejected. But rejected readings that a motion of this joint explains
 are accepted (`mpc.observer.rivalry`). Those that began near the expected value are accepted after `hesitation`: a blow,

@@ -38,7 +38,6 @@ from math import exp, inf, nan
 from typing import NamedTuple, TypeAlias
 
 from allocator.calculus import Array
-from mpc.model.compensation import Compensation
 from mpc.observer.health import FaultKind
 
 SPREAD = 1.3  # of a measured lag that counts as sound [-]
@@ -98,11 +97,6 @@ _KINDS = {
 
 Numbers: TypeAlias = list[float] | Array
 Values: TypeAlias = Sequence[float] | Array
-
-
-def spread_of(compensation: Compensation) -> float:
-    """Return the factor by which the lag of a sound regulator may differ from that of the plant."""
-    return SPREAD if compensation.measured_lags else DATA_SHEET
 
 
 class Sound(NamedTuple):

@@ -18,7 +18,7 @@ from mpc import Compensation, KalmanObserver, Plant, RealPlant, Reference, Rung,
 from mpc.model.faults import SupplyDrop, WrongReadings
 from mpc.observer.filter import Belief
 from mpc.observer.gating import Gate, SensorGate, Verdict
-from mpc.observer.pressure_diagnosis import DATA_SHEET, SPREAD
+from mpc.observer.pressure_diagnosis import DATA_SHEET
 
 DT, LAG = 0.01, 0.12
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=LAG)
@@ -242,7 +242,7 @@ def test_lags_that_were_not_measured_reject_no_pressure():
 
 def test_gates_allow_the_pressures_of_quick_and_slow_regulators():
     rng, told = np.random.default_rng(0), Compensation(lag_up=LAG, lag_down=LAG)
-    for compensation, spread in ((told, SPREAD), (Compensation(), DATA_SHEET)):
+    for compensation, spread in ((told, 1.0), (Compensation(), DATA_SHEET)):
         own = KalmanObserver(PLANT, DT, compensation=compensation).filter
         model, quick, slow, apart = REST[2:], REST[2:], REST[2:], np.zeros((2, 2))
         for v in rng.uniform(1 * BAR, 5 * BAR, (50, 2)):
