@@ -196,12 +196,12 @@ def row(name: str, value: object) -> tuple[Any, ...]:
     return tuple(value)  # type: ignore[arg-type]  # it has an axis
 
 
-def pair(name: str, value: Any, known: str) -> tuple[Any, Any]:
-    """Return both parts of a pair, in words `known`."""
+def pair(name: str, value: Any, expected: str) -> tuple[Any, Any]:
+    """Return both parts of a pair, or raise `InvalidInput` with a sentence that ends in `expected`."""
     try:
         first, second = value
     except (TypeError, ValueError):
-        raise InvalidInput(f"{name} = {brief(value)} has to be a pair {known}") from None
+        raise InvalidInput(f"{name} = {brief(value)} {expected}") from None
     return first, second
 
 

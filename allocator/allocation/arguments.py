@@ -116,18 +116,9 @@ def problem_from(
     return problem, flat["theta"].reshape(arrays[0].shape)
 
 
-def two(name: str, value: Any, expected: str) -> tuple[Any, Any]:
-    """Return both parts of a pair. Raises InvalidInput unless `given` has two parts."""
-    try:
-        first, second = value
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{name} = {checks.brief(value)} {expected}") from None
-    return first, second
-
-
 def pulled(pull: object) -> tuple[float, Any]:
     """Return the weight ρ > 0 [cost]/[Pa]² of a pull = (ρ, P_ref), and P_ref as given."""
-    weight, reference = two("pull", pull, "has to be (ρ, P_ref), [cost]/[Pa]² and pressures")
+    weight, reference = checks.pair("pull", pull, "has to be (ρ, P_ref), [cost]/[Pa]² and pressures")
     rho = checks.not_negative("pull[0]", weight, "cost/Pa²")
     if rho == 0:
         raise InvalidInput("pull = (ρ, P_ref) has to have ρ > 0; None is no pull")

@@ -92,7 +92,7 @@ def _gas_segment(side: OneMuscle, lo: Array, hi: Array) -> Array:
     centre, half = np.where(wide, (lo + hi) / 2, lo), np.where(wide, (hi - lo) / 2, 1.0)
     torque, stiffness = _series(side, centre, np.where(wide, half, 0.0))
     for series, gain in ((torque, side.torque_gain(centre)), (stiffness, side.stiffness_gain(centre))):
-        series[1] = np.where(wide, series[1], gain * half)  # a point has a slope, too
+        series[1] = np.where(wide, series[1], gain * half)  # a point also has a slope
     head = np.stack([np.full(lo.shape, CHEBYSHEV), centre, half, lo, hi, np.full(lo.shape, float(len(torque)))], 1)
     return np.concatenate([head, torque.T, stiffness.T], axis=1)
 

@@ -72,7 +72,7 @@ class RealMachine(ABC):
         gains = tuple(checks.not_negative("force_gains: an entry", g, "-") for g in self.force_gains)
         object.__setattr__(self, "force_gains", gains)
         profile = [
-            checks.pair("torque_profile: an entry", entry, "(time [s], torque [N·m])")
+            checks.pair("torque_profile: an entry", entry, "has to be a pair (time [s], torque [N·m])")
             for entry in checks.row("torque_profile", self.torque_profile)
         ]
         times = [t for t, _ in profile]

@@ -181,9 +181,10 @@ def margins(
     places = usual_postures(plant) if postures is None else postures
     rests, controller.rest = controller.rest, False
     try:
+        known = "has to be a pair (θ [rad], K [N·m/rad])"
         at = [
             (checks.angle("theta", theta), checks.real("K", K, "N·m/rad"))
-            for theta, K in (checks.pair("postures: an entry", one, "(θ [rad], K [N·m/rad])") for one in places)
+            for theta, K in (checks.pair("postures: an entry", one, known) for one in places)
         ]
         return tuple(_at(controller, observer, theta[()], K[()], listen) for theta, K in at)
     finally:

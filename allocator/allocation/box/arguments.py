@@ -5,7 +5,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from allocator import checks
-from allocator.allocation.arguments import checked_priority, pulled, two
+from allocator.allocation.arguments import checked_priority, pulled
 from allocator.allocation.box.problem import BoxProblem, positive_definite
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
@@ -185,7 +185,7 @@ def _weights(n: int, of: _AskedOf, priority: str, weights: object, own_only: boo
         if priority == "weighted":
             raise InvalidInput("priority='weighted' needs weights = (w_T, w_K)")
         weights = 1.0, 1.0
-    w_T, w_K = two("weights", weights, "have to be two, (w_T, w_K)")
+    w_T, w_K = checks.pair("weights", weights, "have to be two, (w_T, w_K)")
     torque = checks.real("weights[0]", w_T, "cost/[N·m]²")
     stiffness = checks.real("weights[1]", w_K, "cost/[N·m/rad]²")
     if torque.shape not in ((), (n,)) or stiffness.shape not in ((), (size, size)):
