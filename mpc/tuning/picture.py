@@ -28,7 +28,7 @@ def plot_tuned(tuned: Tuned, figure: "Figure | None" = None) -> "Figure":
     for i, label, marker in ((before, "before", "s"), (after, "after", "*")):
         axes.plot(peak[i], error[i], marker, color="C3", markersize=13, markerfacecolor="none", zorder=3, label=label)
     axes.axvspan(1.0, axes.set_xlim(right=max(axes.get_xlim()[1], 1.1))[1], color="0.92", zorder=0)
-    axes.text(0.99, 0.99, "beyond the limit", transform=axes.transAxes, ha="right", va="top", color="0.4")
+    axes.text(0.99, 0.02, "beyond the limit", transform=axes.transAxes, ha="right", color="0.4")
     axes.set_ylim(0)
     limits = f"{limit:g} on the model, {OF_DRAWS * limit:g} on the draws"
     axes.set(xlabel=f"sensitivity peak M_s over its limit ({limits}) [-]", ylabel="mean cost over the draws [°]")

@@ -53,10 +53,9 @@ class Tuned:
     def note(self) -> str:
         """A sentence if the defaults stay, or if a tuning keeps the limits of M_s at the expense of accuracy, or ""."""
         if self.after is self.before:
-            least = min(one.objective for one in self.evaluations)
-            return (
-                f"the defaults stay: the best tuning found lowers their cost by {1 - least / self.before.objective:.1%}"
-            )
+            gain = 1 - min(one.objective for one in self.evaluations) / self.before.objective
+            better = f"the best tuning found lowers their cost by only {gain:.1%}" if gain else "no tuning was better"
+            return f"the defaults stay: {better}"
         if not self.after.robust or self.after.error <= self.before.error:
             return ""
         return f"the defaults are more accurate, with M_s {self.before.excess:.2f} times its limit"

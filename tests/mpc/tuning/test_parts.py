@@ -130,7 +130,8 @@ def test_defaults_stay_unless_a_tuning_is_better_by_a_tenth():
         found = Tuned(None, (default, tried(rms)))
         assert (found.after is found.evaluations[1]) == better
         assert found.note.startswith("the defaults stay: ") != better
-    assert Tuned(None, (default, tried(0.92))).note.endswith(" lowers their cost by 8.0%")
+    assert Tuned(None, (default, tried(0.92))).note.endswith(" lowers their cost by only 8.0%")
+    assert Tuned(None, (default,)).note == "the defaults stay: no tuning was better"
 
 
 def test_draws_may_have_half_as_much_again_of_the_peak():
