@@ -6,7 +6,7 @@ that opens such a record in compiled code. A `Piece` is the address of an array 
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Annotated, TypeAlias, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ def dtype_of(record: type, **sizes: int) -> np.dtype[np.void]:
 
 def kind_of(record: type, name: str) -> type[np.generic] | None:
     """Return the type of the numbers of a field that is an array without a shape; None for any other field."""
-    hint = _hints(record)[name]
-    return get_args(get_args(hint)[1])[0] if get_origin(hint) is np.ndarray else None
+    return _numbers(_hints(record)[name])
 
 
 @cache  # they are evaluated from text, a tenth of the time in which a controller is made
@@ -43,12 +42,20 @@ def _hints(record: type) -> Mapping[str, object]:
     return get_type_hints(record, include_extras=True)
 
 
+def _numbers(hint: object) -> type[np.generic] | None:
+    """Return the type of the numbers of an array, None for any other hint."""
+    origin, given = get_origin(hint), get_args(hint)
+    if origin is NDArray:  # from NumPy 2.5 on, an alias that is not replaced by its value
+        return cast("type[np.generic]", given[0])
+    return get_args(given[1])[0] if origin is np.ndarray else None
+
+
 def _kind(hint: object, sizes: Mapping[str, int]) -> tuple[object, ...]:
     if get_origin(hint) is Annotated:
         elements, *given = get_args(hint)
         shape = tuple(int(eval(size, dict(sizes))) if isinstance(size, str) else size for size in given)
         return *(("f8",) if elements == Array else _kind(get_args(elements)[0], sizes)), shape
-    if get_origin(hint) is np.ndarray:
+    if _numbers(hint) is not None:
         hint = Piece
     return (dtype_of(hint, **sizes) if isinstance(hint, type) and hint not in _NUMBERS else _NUMBERS[hint],)
 
