@@ -19,7 +19,7 @@ the cones, and measures optimality by the remaining step inside the box.
 from dataclasses import replace
 from functools import lru_cache
 from statistics import NormalDist
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,6 @@ from allocator.allocation.uncertain.spread import spread
 from allocator.calculus import Array, increasing_root
 from allocator.joint.limits import Limit, PressureBox, PressureInterval
 from allocator.joint.one_muscle import OneMuscle
-
-if TYPE_CHECKING:
-    import cvxpy
 
 
 class Affine(NamedTuple):
@@ -188,12 +185,6 @@ def _kept(model: Uncertain, goal: Goal, u: Array, i: int) -> tuple[Array, float]
     return row, float(row @ u[i])
 
 
-class _Programme(NamedTuple):
-    problem: "cvxpy.Problem"
-    u: "cvxpy.Variable"
-    parameters: dict[str, "cvxpy.Parameter"]
-
-
 def _solve_one(
     problem: Problem, model: Uncertain, box: PressureBox, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
 ) -> tuple[Array, int]:
@@ -202,11 +193,9 @@ def _solve_one(
     shape = (len(b), *(model.force_spreads[j].offset.shape[1] for j in _SIDES))
     limits = tuple(None if f is None else f / _FORCE for f in (problem.limits.min_force, problem.limits.max_force))
     programme = _programme(shape, limits, bool(np.isfinite(values["least"])), kept is not None)
-    for name, parameter in programme.parameters.items():
-        parameter.value = values[name]
-    if not convex.run(programme.problem, "clarabel"):
+    if not programme.run(values, "clarabel"):
         return np.full(2, np.nan), 0
-    return np.asarray(programme.u.value), int(programme.problem.solver_stats.num_iters)
+    return np.asarray(programme.d.value), int(programme.problem.solver_stats.num_iters)
 
 
 def _values(
@@ -235,31 +224,22 @@ def _values(
 @lru_cache(maxsize=32)
 def _programme(
     shape: tuple[int, int, int], limits: tuple[float | None, float | None], floor: bool, kept: bool
-) -> _Programme:
+) -> convex.Programme:
     """Return the cone programme, built once for each shape, with parameters for changing data."""
     import cvxpy as cp
 
-    u, (r, *m) = cp.Variable(2), shape
-    p = {"A": cp.Parameter((r, 2)), "b": cp.Parameter(r), "lo": cp.Parameter(2), "hi": cp.Parameter(2)}
-    constraints = [u >= p["lo"], u <= p["hi"]]
-    if floor:
-        p["least"] = cp.Parameter()
-        constraints.append(cp.sum(u) >= p["least"])
-    if kept:
-        p["row"], p["right"] = cp.Parameter(2), cp.Parameter()
-        constraints.append(p["row"] @ u == p["right"])
-    for j in _SIDES:
-        p |= {
-            f"f{j}": cp.Parameter(),
-            f"f0{j}": cp.Parameter(),
-            f"S{j}": cp.Parameter(m[j]),
-            f"s{j}": cp.Parameter(m[j]),
-        }
-        force, deviation = p[f"f{j}"] * u[j] + p[f"f0{j}"], cp.norm(p[f"S{j}"] * u[j] + p[f"s{j}"])
-        low, high = limits
-        constraints += [] if low is None else [deviation <= force - low]
-        constraints += [] if high is None else [deviation <= high - force]
-    return _Programme(cp.Problem(cp.Minimize(cp.sum_squares(p["A"] @ u + p["b"])), constraints), u, p)
+    def cones(u: "cp.Variable", p: dict[str, "cp.Parameter"]) -> list["cp.Constraint"]:
+        made: list[cp.Constraint] = []
+        for j in _SIDES:
+            p |= {name: cp.Parameter() for name in (f"f{j}", f"f0{j}")}
+            p |= {name: cp.Parameter(shape[1 + j]) for name in (f"S{j}", f"s{j}")}
+            force, deviation = p[f"f{j}"] * u[j] + p[f"f0{j}"], cp.norm(p[f"S{j}"] * u[j] + p[f"s{j}"])
+            low, high = limits
+            made += [] if low is None else [deviation <= force - low]
+            made += [] if high is None else [deviation <= high - force]
+        return made
+
+    return convex.programme_of(shape[0], floor, kept, cones)
 
 
 def residual(problem: Problem, risk: float, P1: Array, P2: Array) -> Array:
