@@ -7,9 +7,9 @@ from allocator import allocate
 from allocator.identification.joint.fit import fit_joint
 from allocator.units import DEG
 
-pytestmark = pytest.mark.slow  # fits 8 logs
+pytestmark = pytest.mark.slow  # fits 16 logs
 
-SEEDS = range(1)  # `benchmarks.identification.joint_coverage` has more
+SEEDS = range(2)  # `benchmarks.identification.joint_coverage` has more
 
 
 def recovered(joint, simulated, truth, weights, seed):

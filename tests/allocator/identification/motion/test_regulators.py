@@ -21,7 +21,7 @@ DEAD_TIME, AGE = 0.03, 0.05
 OFFSET = (0.02 * BAR, -0.03 * BAR)
 
 
-def log(age, seconds=40.0, gas=False):
+def log(age, seconds=60.0, gas=False):
     """Times, angle, commands and measured pressures of random steps."""
     plant = Plant(JOINT, inertia=0.2, damping=0.4, lag=LAG, gas=gas)
     slip = MaxwellSlip.of_width(plant, WIDTH)
