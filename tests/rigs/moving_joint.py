@@ -39,7 +39,7 @@ class Recorded:
         return self.t, self.theta, self.P1, self.P2
 
 
-def recorded(plant, seconds=50.0, seed=0):
+def recorded(plant, seconds=60.0, seed=0):
     """Return random steps of both commands, each for 0.4 to 1.5 s, and the angle by an encoder of 0.05°."""
     rng, n = np.random.default_rng(seed), round(seconds / STEP)
     under_way = plant.begin(STEP, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]), seed)

@@ -12,8 +12,8 @@ from ....rigs.moving_joint import JOINT
 
 pytestmark = pytest.mark.slow
 BEGIN = 1_700_000_000_000_000_000  # [ns]
-SPIKES = np.array([190, 433, 700, 861, 951, 1210, 1650, 1777, 2003, 2202])
-DROPS = ((333, 334), (1250, 1252), (2090, 2091))  # rows of P1 at zero
+SPIKES = np.array([190, 433, 700, 951, 1210, 1777, 2003, 2222, 2500, 2871])
+DROPS = ((333, 334), (1250, 1252), (2690, 2691))  # rows of P1 at zero
 GAP = slice(1500, 1600)
 
 
