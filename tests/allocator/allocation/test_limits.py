@@ -63,14 +63,14 @@ def questions(joint, n, seed):
 def test_what_binds_and_what_is_broken_is_named_and_has_its_status(joint, priority, monkeypatch):
     seen = set()
     for case, (forces, max_step) in enumerate((forces, step) for forces in FORCES for step in SLEWS):
-        theta, K, T, (P1, P2) = questions(joint, 6, seed=case)
+        theta, K, T, (P1, P2) = questions(joint, 12, seed=case)
         limits, asked = Limits(*forces), {"priority": priority, "joint": joint}
-        slew = limits if max_step is None else limits._replace(previous=(P1, P2), max_step=np.full(6, max_step))
+        slew = limits if max_step is None else limits._replace(previous=(P1, P2), max_step=np.full(12, max_step))
         batches = []
         for pays in (calls._PAYS, 1):  # the readable implementation, the compiled one
             monkeypatch.setattr(calls, "_PAYS", pays)
             batches.append(allocate(theta, K, T, limits=slew, **asked))
-        for i in range(6):
+        for i in range(12):
             previous = None if max_step is None else (P1[i].item(), P2[i].item())
             one = limits if max_step is None else limits._replace(previous=previous, max_step=max_step)
             a = allocate(theta[i].item(), K[i].item(), T[i].item(), limits=one, **asked)
