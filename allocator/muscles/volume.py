@@ -55,12 +55,12 @@ def usual_volume(muscle: "Muscle", P: float, rest_length: float) -> tuple[float,
     return rest_length * (there - float(muscle.gain_integral(P, e))), radius
 
 
-def difference(f: Callable[[Value], Value], P: Value, step: float = 1e-3) -> Value:
-    """Return f'(P) by a five-point difference over `step` of P and an atmosphere: analytic in P, also of symbols.
+def difference(f: Callable[[Value], Value], P: Value) -> Value:
+    """Return f'(P) by a five-point difference over 1/1000 of P and an atmosphere: analytic in P, also of symbols.
 
     Its error is about 1e-12 of f/P for a law that changes over pressures of a bar.
     """
-    return five_point(f, P, step * (P + 1e5))
+    return five_point(f, P, 1e-3 * (P + 1e5))
 
 
 def checked(name: str, value: object, tube: bool = False) -> float:

@@ -76,17 +76,14 @@ def export(
     return write(controller_files(controller, observer, single, alone=what == "mpc"), out)
 
 
-def default_controller(
-    plant: Plant, horizon: int = 10, compensation: Compensation | None = None, weights: Weights | None = None
-) -> TrackingMPC:
-    """Return the default controller for `plant`, with weights for joints that differ from their model.
+def _default_controller(joint: AntagonistJoint) -> TrackingMPC:
+    """Return the default controller for `joint`, with weights for joints that differ from their model.
 
-    It compensates the joint's own hysteresis or friction, or takes `compensation`, and it is not compiled in Python.
-    Raises InvalidInput for a joint that cannot be exported.
+    It compensates the joint's own hysteresis or friction, and it is not compiled in Python. Raises InvalidInput for a
+    joint that cannot be exported.
     """
-    kernel_of(plant.joint)
-    known = Compensation.of(plant.joint) if compensation is None else compensation
-    return TrackingMPC(plant, N=horizon, weights=weights or Weights.calm(), compensation=known, compiled=False)
+    kernel_of(joint)
+    return TrackingMPC(Plant(joint), N=10, weights=Weights.calm(), compensation=Compensation.of(joint), compiled=False)
 
 
 def _joint(given: AntagonistJoint | None, own: AntagonistJoint | None) -> AntagonistJoint:
@@ -107,7 +104,7 @@ def pair(
         check_arm(controller.plant)
     else:
         joint = _joint(joint, None if controller is None else controller.plant.joint)
-        controller = controller or default_controller(Plant(joint))
+        controller = controller or _default_controller(joint)
     if observer is None:
         observer = KalmanObserver(
             controller.plant, controller.dt, compensation=controller.compensation, compiled=controller.compiled

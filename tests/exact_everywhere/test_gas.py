@@ -117,7 +117,14 @@ def test_no_answer_is_beaten_and_no_status_is_false(case, priority):
     assert not verdict.unequalled.any(), "the dense search is not dense enough to judge"
     assert (answer.gap <= 1e-11).all()
     assert (answer.kkt_residual <= CERTIFIED).all()
-    assert not false_intervals(joint, reach, targets, answer).any()
+
+
+@pytest.mark.slow
+def test_the_intervals_are_those_of_the_dense_search(case):
+    """They depend on the torque of the answer, and not on the priority that led to it."""
+    joint, reach, *both = case
+    targets = Targets(*map(np.concatenate, zip(*both, strict=True)))
+    assert not false_intervals(joint, reach, targets, asked(joint, reach, targets, "weighted")).any()
 
 
 @pytest.mark.parametrize("muscle", ["Sarosi2012", "Tondu2021-report", "TonduLopez2000"])

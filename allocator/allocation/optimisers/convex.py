@@ -6,8 +6,9 @@ around the answer until it converges. The cvxpy problem is built once for each k
 """
 
 import warnings
+from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -21,18 +22,34 @@ from allocator.errors import MissingBackend
 if TYPE_CHECKING:
     import cvxpy
 
+Further: TypeAlias = Callable[["cvxpy.Variable", dict[str, "cvxpy.Parameter"]], list["cvxpy.Constraint"]]
+
 _SOLVERS = {
     "clarabel": {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11},
     "osqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 20_000},
 }
 
 
-class _Programme(NamedTuple):
-    """Programme: minimise ‖A d + b‖² over lo ≤ d ≤ hi, with or without floor and kept goal."""
+class Programme(NamedTuple):
+    """Programme: minimise ‖A d + b‖² over lo ≤ d ≤ hi, with or without floor, kept goal and further constraints."""
 
     problem: "cvxpy.Problem"
     d: "cvxpy.Variable"
     parameters: dict[str, "cvxpy.Parameter"]
+
+    def run(self, values: Mapping[str, object], solver: str) -> bool:
+        """Solve for these parameters; return whether `d` has a value, which the caller must verify."""
+        import cvxpy
+
+        for name, parameter in self.parameters.items():
+            parameter.value = values[name]
+        try:
+            with warnings.catch_warnings():  # "may be inaccurate": every answer is checked
+                warnings.simplefilter("ignore", UserWarning)
+                self.problem.solve(solver=solver.upper(), **_SOLVERS[solver])
+        except cvxpy.SolverError:
+            return False
+        return self.problem.status in ("optimal", "optimal_inaccurate")
 
 
 def solve(problem: Problem, solver: str | None = None, warm_start: bool = True) -> Answer:
@@ -59,32 +76,22 @@ def _solve(qp: SmallQP, solver: str) -> Array | None:
         "row": qp.row,
         "right": qp.right,
     }
-    for name, parameter in programme.parameters.items():
-        parameter.value = values[name]
-    if not run(programme.problem, solver):
+    if not programme.run(values, solver):
         return None
     return np.asarray(np.clip(programme.d.value, qp.lo, qp.hi))
 
 
-def run(problem: "cvxpy.Problem", solver: str) -> bool:
-    """Solve a cvxpy problem; return whether its variables have values, which the caller must verify."""
-    import cvxpy
-
-    try:
-        with warnings.catch_warnings():  # "may be inaccurate": every answer is checked
-            warnings.simplefilter("ignore", UserWarning)
-            problem.solve(solver=solver.upper(), **_SOLVERS[solver])
-    except cvxpy.SolverError:
-        return False
-    return problem.status in ("optimal", "optimal_inaccurate")
-
-
 @lru_cache(maxsize=4)
-def _programme(floor: bool, kept: bool) -> _Programme:
+def _programme(floor: bool, kept: bool) -> Programme:
+    return programme_of(2, floor, kept, lambda d, parameters: [])
+
+
+def programme_of(rows: int, floor: bool, kept: bool, further: Further) -> Programme:
+    """Return the programme with A (rows, 2), and with the constraints `further`, which adds its parameters."""
     import cvxpy
 
     d = cvxpy.Variable(2)
-    p = {name: cvxpy.Parameter(shape) for name, shape in (("A", (2, 2)), ("b", 2), ("lo", 2), ("hi", 2))}
+    p = {name: cvxpy.Parameter(shape) for name, shape in (("A", (rows, 2)), ("b", rows), ("lo", 2), ("hi", 2))}
     constraints = [d >= p["lo"], d <= p["hi"]]
     if floor:
         p["least"] = cvxpy.Parameter()
@@ -92,4 +99,5 @@ def _programme(floor: bool, kept: bool) -> _Programme:
     if kept:
         p["row"], p["right"] = cvxpy.Parameter(2), cvxpy.Parameter()
         constraints.append(p["row"] @ d == p["right"])
-    return _Programme(cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(p["A"] @ d + p["b"])), constraints), d, p)
+    constraints += further(d, p)
+    return Programme(cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(p["A"] @ d + p["b"])), constraints), d, p)

@@ -46,12 +46,10 @@ class Node:
             yield replace(self, polygons=tuple(polygons), relaxed=relaxed._replace(bound=bound), **{end: moved})
 
 
-def close(
-    model: Model, target: int, k: int, found: Found, gap: float, most: int = MOST_NODES
-) -> tuple[Found, float, int]:
+def close(model: Model, target: int, k: int, found: Found, gap: float) -> tuple[Found, float, int]:
     """Return the best pressures of level k of a target, a lower bound of its cost, and the number of nodes.
 
-    It ends when (cost - bound)/(1 + cost) ≤ `gap`, or after `most` nodes. `found` is the best known answer.
+    It ends when (cost - bound)/(1 + cost) ≤ `gap`, or after `MOST_NODES`. `found` is the best known answer.
     """
     curves = model.curves[int(model.problem.which[target])]
     level = model.level(target, k, found.left[0] + model.asked[target])
@@ -63,7 +61,7 @@ def close(
     while True:
         bound, _, node = heap[0]
         cost = float(found.costs[0, k])
-        if cost - bound <= gap * (1 + cost) or nodes >= most:
+        if cost - bound <= gap * (1 + cost) or nodes >= MOST_NODES:
             return found, min(bound, cost), nodes
         heapq.heappop(heap)
         P = _pressures(curves, node)

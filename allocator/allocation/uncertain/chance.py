@@ -1,8 +1,4 @@
-"""Back-end "convex" with `uncertainty`: problem [U] as a second-order cone programme in cvxpy.
-
-The certificate does not use the cones: bounds come from root finding, optimality from the remaining step inside them.
-
-Allocation problem under uncertain muscle parameters, and the force limits kept in draws of them.
+"""Allocation problem under uncertain muscle parameters, and its solution by the back-end "convex" with `uncertainty`.
 
 The parameters p of the (affine) muscles are normal with covariance C = L Lᵀ. To first order in p every force, torque
 and stiffness is normal, with a standard deviation that is the norm of an affine function of the pressures. So
@@ -15,15 +11,15 @@ probability 1 - α/m (Bonferroni), F̂_i - z ‖Lᵀ∂F_i/∂p‖ ≥ min_force
 priorities the mean of the first target is met and kept; the second enters by its expectation.
 
 Each force limit depends on one pressure only, so it is a bound on that pressure: the feasible set is a box again,
-`chance_box`, found without the cones. Since the first order may underestimate the risk, the box also keeps the limits
-in draws of the parameters (`sampled_box`).
+`chance_box`, found by root finding without the cones. Since the first order may underestimate the risk, the box also
+keeps the limits in draws of the parameters (`draws.py`). cvxpy solves the cone programme; the certificate does not use
+the cones, and measures optimality by the remaining step inside the box.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from statistics import NormalDist
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,95 +29,11 @@ from allocator.allocation.optimisers.backends import CERTIFIED, SCALE, Answer, G
 from allocator.allocation.status import UNCERTAIN
 from allocator.allocation.two_muscles import certificate
 from allocator.allocation.two_muscles.problem import Problem
-from allocator.allocation.uncertain.spread import roots, spread
+from allocator.allocation.uncertain.draws import sampled_box
+from allocator.allocation.uncertain.spread import spread
 from allocator.calculus import Array, increasing_root
 from allocator.joint.limits import Limit, PressureBox, PressureInterval
 from allocator.joint.one_muscle import OneMuscle
-from allocator.muscles import TableMuscle
-from allocator.units import BAR
-
-if TYPE_CHECKING:
-    import cvxpy
-
-
-_FEWEST, _MOST = 12, 16  # powers of two: numbers of draws
-_BEYOND = 64  # least number of draws beyond the quantile
-_AT_ONCE = 2_000_000  # forces in memory
-
-
-def sampled_box(problem: Problem, risk_of_one: float) -> PressureBox:
-    """Return the pressures that keep the limits without forces, and every force limit in the draws."""
-    box, limits = problem.box_without_forces, problem.limits
-    if limits.min_force is None and limits.max_force is None:
-        return box
-    sides = zip(problem.sides, roots(problem.joint), box, (Limit.AGONIST_SLACK, Limit.ANTAGONIST_SLACK), strict=True)
-    one, two = (
-        _narrowed_by_draws(problem, side, root, interval, risk_of_one, slack) for side, root, interval, slack in sides
-    )
-    return replace(box, agonist=one, antagonist=two)
-
-
-def _narrowed_by_draws(
-    problem: Problem, side: OneMuscle, root: Array, interval: PressureInterval, risk: float, slack: Limit
-) -> PressureInterval:
-    if isinstance(side.muscle, TableMuscle) or not root.any():
-        return interval  # linear in its parameters: the first order is exact
-    lo, hi = (np.broadcast_to(end, problem.theta.shape).astype(float) for end in (interval.lo, interval.hi))
-    lo_limit, hi_limit = interval.lo_limit, interval.hi_limit
-    ceiling = Limit.AGONIST_FORCE if slack is Limit.AGONIST_SLACK else Limit.ANTAGONIST_FORCE
-    if (least := problem.limits.min_force) is not None:
-        bound = np.concatenate([_upper(low, risk) for low in _least_pressures(side, root, risk, least)])
-        lo_limit, lo = np.where(bound > lo, np.int32(slack), lo_limit), np.clip(bound, lo, hi + BAR)
-    if (greatest := problem.limits.max_force) is not None:
-        bound = np.concatenate([-_upper(-high, risk) for high in _greatest_pressures(side, root, risk, greatest)])
-        hi_limit, hi = np.where(bound < hi, np.int32(ceiling), hi_limit), np.clip(bound, lo - BAR, hi)
-    return replace(interval, lo=lo, hi=hi, lo_limit=lo_limit, hi_limit=hi_limit, empty=interval.empty | (lo > hi))
-
-
-def _upper(bounds: Array, risk: float) -> Array:
-    """Return the bound (n,) that all but the share `risk` of the draws (N, n) are below, to the safe side."""
-    N = len(bounds)
-    beyond = max(int(N * risk - np.sqrt(N * risk)), 0)
-    return np.asarray(np.partition(bounds, N - 1 - beyond, axis=0)[N - 1 - beyond])
-
-
-def _least_pressures(side: OneMuscle, root: Array, risk: float, least: float) -> Iterator[Array]:
-    for A, B in _drawn(side, root, risk):
-        with np.errstate(all="ignore"):
-            P = np.where(A > 0, (least - B) / A, np.where(B < least, np.inf, -np.inf))
-        yield np.where(np.isnan(P), np.inf, P)
-
-
-def _greatest_pressures(side: OneMuscle, root: Array, risk: float, greatest: float) -> Iterator[Array]:
-    for A, B in _drawn(side, root, risk):
-        with np.errstate(all="ignore"):
-            P = np.where(A > 0, (greatest - B) / A, np.where(B > greatest, -np.inf, np.inf))
-        yield np.where(np.isnan(P), -np.inf, P)
-
-
-def _drawn(side: OneMuscle, root: Array, risk: float) -> Iterator[tuple[Array, Array]]:
-    """Yield A [N/Pa] and B [N] of the draws (N, …), for some of the n contractions at a time."""
-    muscle = side.muscle
-    z = _normal(root.shape[1], int(np.clip(np.ceil(np.log2(_BEYOND / risk)), _FEWEST, _MOST)))
-    values = np.array([*muscle.parameters.values()]) + z @ root.T
-    drawn = muscle.unchecked([column[:, None] for column in values.T])
-    eps = np.ravel(side.contraction)
-    for some in np.array_split(eps, np.ceil(eps.size * len(z) / _AT_ONCE)):
-        with np.errstate(all="ignore"):
-            B = np.broadcast_to(drawn.law(np.zeros_like(some), some), (len(z), some.size))
-            A = (drawn.law(np.full_like(some, BAR), some) - B) / BAR
-        yield A, B
-
-
-@lru_cache(maxsize=8)
-def _normal(dimension: int, power: int) -> Array:
-    """Return 2^power points (N, dimension) of the standard normal distribution."""
-    from scipy.special import ndtri
-    from scipy.stats.qmc import Sobol
-
-    points = ndtri(Sobol(dimension, rng=np.random.default_rng(0)).random_base2(power))
-    points.setflags(write=False)
-    return np.asarray(points)
 
 
 class Affine(NamedTuple):
@@ -273,12 +185,6 @@ def _kept(model: Uncertain, goal: Goal, u: Array, i: int) -> tuple[Array, float]
     return row, float(row @ u[i])
 
 
-class _Programme(NamedTuple):
-    problem: "cvxpy.Problem"
-    u: "cvxpy.Variable"
-    parameters: dict[str, "cvxpy.Parameter"]
-
-
 def _solve_one(
     problem: Problem, model: Uncertain, box: PressureBox, A: Array, b: Array, kept: tuple[Array, float] | None, i: int
 ) -> tuple[Array, int]:
@@ -287,11 +193,9 @@ def _solve_one(
     shape = (len(b), *(model.force_spreads[j].offset.shape[1] for j in _SIDES))
     limits = tuple(None if f is None else f / _FORCE for f in (problem.limits.min_force, problem.limits.max_force))
     programme = _programme(shape, limits, bool(np.isfinite(values["least"])), kept is not None)
-    for name, parameter in programme.parameters.items():
-        parameter.value = values[name]
-    if not convex.run(programme.problem, "clarabel"):
+    if not programme.run(values, "clarabel"):
         return np.full(2, np.nan), 0
-    return np.asarray(programme.u.value), int(programme.problem.solver_stats.num_iters)
+    return np.asarray(programme.d.value), int(programme.problem.solver_stats.num_iters)
 
 
 def _values(
@@ -320,31 +224,22 @@ def _values(
 @lru_cache(maxsize=32)
 def _programme(
     shape: tuple[int, int, int], limits: tuple[float | None, float | None], floor: bool, kept: bool
-) -> _Programme:
+) -> convex.Programme:
     """Return the cone programme, built once for each shape, with parameters for changing data."""
     import cvxpy as cp
 
-    u, (r, *m) = cp.Variable(2), shape
-    p = {"A": cp.Parameter((r, 2)), "b": cp.Parameter(r), "lo": cp.Parameter(2), "hi": cp.Parameter(2)}
-    constraints = [u >= p["lo"], u <= p["hi"]]
-    if floor:
-        p["least"] = cp.Parameter()
-        constraints.append(cp.sum(u) >= p["least"])
-    if kept:
-        p["row"], p["right"] = cp.Parameter(2), cp.Parameter()
-        constraints.append(p["row"] @ u == p["right"])
-    for j in _SIDES:
-        p |= {
-            f"f{j}": cp.Parameter(),
-            f"f0{j}": cp.Parameter(),
-            f"S{j}": cp.Parameter(m[j]),
-            f"s{j}": cp.Parameter(m[j]),
-        }
-        force, deviation = p[f"f{j}"] * u[j] + p[f"f0{j}"], cp.norm(p[f"S{j}"] * u[j] + p[f"s{j}"])
-        low, high = limits
-        constraints += [] if low is None else [deviation <= force - low]
-        constraints += [] if high is None else [deviation <= high - force]
-    return _Programme(cp.Problem(cp.Minimize(cp.sum_squares(p["A"] @ u + p["b"])), constraints), u, p)
+    def cones(u: "cp.Variable", p: dict[str, "cp.Parameter"]) -> list["cp.Constraint"]:
+        made: list[cp.Constraint] = []
+        for j in _SIDES:
+            p |= {name: cp.Parameter() for name in (f"f{j}", f"f0{j}")}
+            p |= {name: cp.Parameter(shape[1 + j]) for name in (f"S{j}", f"s{j}")}
+            force, deviation = p[f"f{j}"] * u[j] + p[f"f0{j}"], cp.norm(p[f"S{j}"] * u[j] + p[f"s{j}"])
+            low, high = limits
+            made += [] if low is None else [deviation <= force - low]
+            made += [] if high is None else [deviation <= high - force]
+        return made
+
+    return convex.programme_of(shape[0], floor, kept, cones)
 
 
 def residual(problem: Problem, risk: float, P1: Array, P2: Array) -> Array:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.outliers import outlying, some, stops_of_rests
+from allocator.identification.end_stops import stops_of_rests
+from allocator.identification.outliers import outlying, some
 from allocator.joint.geometry import Geometry
 from allocator.units import BAR, DEG
 

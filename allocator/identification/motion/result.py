@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.identification.end_stops import described, stops
 from allocator.identification.least_squares import rms
 from allocator.identification.motion.doubt import AngleBand, Bands, Drift
 from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Equilibrium, fit_muscles
-from allocator.identification.outliers import described, stops
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import Muscle

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from allocator.identification.outliers import described, stops, stops_of_rests
+from allocator.identification.end_stops import described, stops, stops_of_rests
 
 
 def stepped(stop, hysteresis=0.0):

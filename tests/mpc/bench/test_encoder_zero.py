@@ -64,5 +64,6 @@ def test_logs_of_a_sweep_name_the_zero_too(joint, tmp_path):
 
 @pytest.mark.slow
 def test_an_exported_controller_asks_its_caller_to_subtract_the_zero(joint, tmp_path):
-    result = antagonist("export", "controller", "--machine", joint, "--out", tmp_path / "c")
+    errors = "--errors", "theta=0.1,rate=0.3"
+    result = antagonist("export", "controller", "--machine", joint, "--out", tmp_path / "c", *errors)
     assert "the encoder reads 8° at 0 of the joint: subtract it" in result.output

@@ -76,8 +76,9 @@ def test_a_signal_leads_to_a_ramp_and_a_vent(tmp_path, number, code, word):
     assert falling[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("numbers", [(signal.SIGINT, signal.SIGTERM), (signal.SIGHUP, signal.SIGINT)])
-@pytest.mark.parametrize("at", [1, 60])
+@pytest.mark.parametrize(
+    ("numbers", "at"), [((signal.SIGINT, signal.SIGTERM), 1), ((signal.SIGHUP, signal.SIGINT), 60)]
+)
 def test_a_second_signal_in_any_phase_leaves_no_pressure(tmp_path, numbers, at):
     process = driven(tmp_path)
     wait_for(tmp_path, at)

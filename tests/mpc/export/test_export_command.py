@@ -23,6 +23,7 @@ pytestmark = pytest.mark.tools
 
 needs_gcc = needs("gcc")
 needs_cmake = needs("gcc", "cmake")
+ERRORS = "--errors", "theta=0.1,rate=0.3"  # without them robust weights are searched for, which takes seconds
 
 
 def invoke(*arguments):
@@ -46,7 +47,7 @@ def test_a_tuning_is_not_written_over_the_joint_that_it_was_made_from(tmp_path, 
 @needs_cmake
 def test_one_command_exports_one_builds_and_the_demonstration_prints_python_s_numbers(tmp_path):
     out = tmp_path / "new" / "c"
-    result = invoke("controller", "--out", out, "--muscle", "sarosi-dmsp-20-400n")
+    result = invoke("controller", "--out", out, "--muscle", "sarosi-dmsp-20-400n", *ERRORS)
     assert result.exit_code == 0, result.output
     assert "README.md" in result.output.replace("\n", "")
     subprocess.run(["cmake", "-S", out, "-B", out / "build"], check=True, capture_output=True)
@@ -58,7 +59,7 @@ def test_one_command_exports_one_builds_and_the_demonstration_prints_python_s_nu
 
 @needs_gcc
 def test_the_plain_compiler_line_of_the_exported_readme_works(tmp_path):
-    invoke("controller", "--out", tmp_path / "c", "--alone", "--precision", "single", "--horizon", "5")
+    invoke("controller", "--out", tmp_path / "c", "--alone", "--precision", "single", "--horizon", "5", *ERRORS)
     lines = (tmp_path / "c" / "README.md").read_text().splitlines()
     line = next(line.strip() for line in lines if line.startswith("    cc "))
     subprocess.run(line.replace("cc ", "gcc ", 1), shell=True, cwd=tmp_path / "c", check=True)
@@ -81,9 +82,8 @@ def test_a_plant_s_file_brings_hysteresis_and_dead_time_into_the_c_code(tmp_path
     save_machine(replace(report_joint(SAROSI_DMSP_20_400N), hysteresis=operator), tmp_path / "joint.toml")
     with (tmp_path / "joint.toml").open("a") as file:
         file.write("\n[regulators]\ndead_time = 0.03\n")
-    result = invoke(
-        "controller", "--out", tmp_path / "c", "--machine", tmp_path / "joint.toml", "--alone", "--horizon", "5"
-    )
+    machine = "--machine", tmp_path / "joint.toml"
+    result = invoke("controller", "--out", tmp_path / "c", *machine, "--alone", "--horizon", "5", *ERRORS)
     assert result.exit_code == 0, result.output
     assert "hysteresis of the angle with 2 elements, dead time 0.03 s" in result.output
     config = (tmp_path / "c" / "antagonist_config.h").read_text()
@@ -178,7 +178,8 @@ def test_exporting_leaves_the_controller_s_memory_alone(tmp_path):
 @pytest.mark.slow
 def test_an_arm_s_controller_is_exported_by_its_name_and_other_products_refuse_it(tmp_path):
     out = tmp_path / "c"
-    result = invoke("controller", "--machine", "arm26", "--horizon", 3, "--precision", "single", "--out", out)
+    arm = "--machine", "arm26", "--horizon", 3
+    result = invoke("controller", *arm, "--precision", "single", "--out", out, *ERRORS)
     assert result.exit_code == 0, result.output
     printed = tools.run(tools.compiled(out, Path("main.c"), "demonstration", *tools.QUICK))
     assert len(printed.splitlines()) == 14
@@ -188,6 +189,6 @@ def test_an_arm_s_controller_is_exported_by_its_name_and_other_products_refuse_i
         ("fmu", [], "one joint"),
         ("firmware", [], "one joint"),
     ):
-        result = invoke(command, "--machine", "arm26", "--horizon", 3, "--out", tmp_path / command, *more)
+        result = invoke(command, *arm, "--out", tmp_path / command, *more)
         assert isinstance(result.exception, InvalidInput), result.output
         assert why in str(result.exception)

@@ -128,7 +128,7 @@ def test_a_stranger_tunes_the_demonstration_without_a_compiler(tmp_path):
         given = ["--muscle", "sarosi-dmsp-20-400n", "--horizon", "5", *map(str, more)]
         return CliRunner().invoke(app, ["export", product, *given])
 
-    assert invoke("controller", "--out", tmp_path / "c").exit_code == 0
+    assert invoke("controller", "--out", tmp_path / "c", "--errors", "theta=0.1,rate=0.3").exit_code == 0
     made = invoke("tuning", "--out", tmp_path / "t.txt", "--errors", "theta=0.05,rate=3")
     assert made.exit_code == 0, made.output
     program = tools.compiled(tmp_path / "c", tmp_path / "c" / "main.c", "demonstration", *tools.QUICK)
@@ -140,7 +140,8 @@ def test_a_stranger_tunes_the_demonstration_without_a_compiler(tmp_path):
     assert "t.txt" in str(again.exception)  # which is there
     assert invoke("tuning", "--out", tmp_path / "t.txt", "--force").exit_code == 0
     assert invoke("controller", "--out", tmp_path / "new", "--force").exit_code  # which has no such option
-    other = CliRunner().invoke(app, ["export", "tuning", "--out", str(tmp_path / "u.txt")])  # another plant
+    another_plant = "--out", str(tmp_path / "u.txt"), "--errors", "theta=0.1,rate=0.3"
+    other = CliRunner().invoke(app, ["export", "tuning", *another_plant])
     assert other.exit_code == 0
     with pytest.raises(RuntimeError, match="no tuning for this build"):
         tools.run(program, str(tmp_path / "u.txt"))

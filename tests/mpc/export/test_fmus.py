@@ -370,7 +370,8 @@ def test_what_cannot_be_an_fmu_is_refused_and_nothing_is_written(tmp_path):
     ids=["this machine's", "sources", "all platforms"],
 )
 def test_one_command_writes_both(more, wanted, zig, tmp_path):
-    result = CliRunner().invoke(app, ["export", "fmu", "--out", str(tmp_path / "fmus"), "--horizon", "3", *more])
+    given = "--out", str(tmp_path / "fmus"), "--horizon", "3", "--errors", "theta=0.1,rate=0.3"
+    result = CliRunner().invoke(app, ["export", "fmu", *given, *more])
     assert result.exit_code == 0, result.output
     assert "written: 2 files" in result.output
     for name in ("plant", "controller"):

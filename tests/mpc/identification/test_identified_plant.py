@@ -109,14 +109,15 @@ def test_an_encoder_zero_of_the_joints_file_is_that_of_its_plant(slow_joint, slo
 def test_damping_is_in_the_file_of_a_measured_joint_that_does_not_show_its_inertia(measured, tmp_path):
     muscle = SAROSI_DMSP_20_400N
     joint = AntagonistJoint(Lever(rest_length=0.25, anchor=0.1655, lever=0.05094, offset=0.051), muscle, muscle)
-    fit, path = fit_motion(*measured, joint=joint), tmp_path / "plant.toml"
+    rows = [column[:5000] for column in measured]  # two minutes
+    fit, path = fit_motion(*rows, joint=joint), tmp_path / "plant.toml"
     IdentifiedPlant.of(fit).save(path)
     assert fit.parameters["inertia"].low == 0.0  # it may as well have none
     plant, P = Plant.load(path), (float(fit.run.P1.mean()), float(fit.run.P2.mean()))
     K = float(plant.joint.stiffness(plant.joint.equilibrium(*P), *P))
     assert plant.damping / K == pytest.approx(fit.parameters["damping"].value, rel=1e-6)
     assert tomllib.loads(path.read_text(encoding="utf-8"))["source"]["held_out_rms_deg"] < 4.5  # 9 without the damping
-    assert_the_file_is_as_it_says(path, *measured)
+    assert_the_file_is_as_it_says(path, *rows)
 
 
 @pytest.mark.slow

@@ -22,6 +22,11 @@ def run(*arguments):
     return CliRunner().invoke(app, ["fit-motion", *map(str, arguments)])
 
 
+def export(machine, out):
+    errors = "--errors", "theta=0.1,rate=0.3"  # without them robust weights are searched for, which takes seconds
+    return CliRunner().invoke(app, ["export", "controller", "--machine", str(machine), "--out", str(out), *errors])
+
+
 def write(path, header, log, rows=None):
     table = np.column_stack([log.t, log.theta / DEG, log.P1 / BAR, log.P2 / BAR])[:rows]
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.6g")
@@ -72,7 +77,7 @@ def test_the_plant_of_a_log_is_tracked_and_exported_and_its_effects_are_told_to_
     tracked = CliRunner().invoke(app, track)
     assert tracked.exit_code == 0, tracked.output
     assert "known to the controller: hysteresis of the angle" in " ".join(tracked.output.split())
-    exported = CliRunner().invoke(app, ["export", "controller", "--machine", str(path), "--out", str(tmp_path / "c")])
+    exported = export(path, tmp_path / "c")
     assert exported.exit_code == 0, exported.output
     assert any((tmp_path / "c").rglob("*.c"))
 
@@ -122,7 +127,7 @@ def test_an_export_names_the_numbers_of_regulators_that_c_does_not_take(tmp_path
     Plant(JOINT).save(path)
     with path.open("a", encoding="utf-8") as file:
         file.write("\n[regulators]\nlag_up = 0.08\nlag_down = 0.14\nflow = 4e5\n")
-    exported = CliRunner().invoke(app, ["export", "controller", "--machine", str(path), "--out", str(tmp_path / "c")])
+    exported = export(path, tmp_path / "c")
     assert exported.exit_code == 0, exported.output
     said = " ".join(exported.output.split())
     assert "not known to the controller" in said
