@@ -128,7 +128,7 @@ def _one(option: str, text: str, unit: str) -> float:
 
 
 def _values_of_one(a: "PairAllocation", damping: float) -> dict[str, Any]:
-    """Return what `--json` prints, `damping` [N·m·s/rad] being the plant's."""
+    """Return the values that `--json` prints; `damping` [N·m·s/rad] is the plant's."""
     return a.to_dict() | {
         "limits": a.active,
         "stiffness": a.stiffness_name,
@@ -245,7 +245,7 @@ def _stiffness(K: list[float], size: int) -> Any:
 
 
 def _values_of_several(found: "BoxAllocation | AtLeast") -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the values that `--json` prints."""
     from allocator.allocation.at_least import AtLeast
 
     a = found.allocation if isinstance(found, AtLeast) else found

@@ -2,7 +2,7 @@
 
 With the tendons' lengths l(q) and their slopes, MuJoCo's `ten_J`, muscle j pulls with F_j along its tendon:
 
-    M(q) q'' = -(∂l/∂q)ᵀ F + friction + load + what else the model has (gravity, damping, limits, contacts, …)    (M1)
+    M(q) q'' = -(∂l/∂q)ᵀ F + friction + load + the model's other torques (gravity, damping, limits, contacts, …)    (M1)
 
 The state (q, q', P) is integrated by the classical Runge–Kutta method in steps of at most the model's `timestep`.
 """
