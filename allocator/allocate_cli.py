@@ -9,7 +9,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.lazy import Table
 from allocator.presentation.tables import number
-from allocator.shell.machine_options import HandOptions, MachineOptions, torques
+from allocator.shell.machine_options import Hand, HandOptions, MachineOptions, torques
 from allocator.shell.options import finite, grouped, row
 from allocator.shell.outputs import AsJSON, print_json, say
 from allocator.shell.stiffness_options import StiffnessOptions
@@ -32,8 +32,8 @@ def allocate_command(
     stiffness: Annotated[
         str,
         typer.Option(
-            help="stiffness target [N·m/rad]; of several joints K11,K12,K22, and with --links that of the hand "
-            "[N/m]. It is isobaric, unless --valves, --frequency or --amplitude say otherwise"
+            help="stiffness target [N·m/rad]; of several joints K11,K12,K22, and with --links or --hand that of the "
+            "hand [N/m]. It is isobaric, unless --valves, --frequency or --amplitude say otherwise"
         ),
     ],
     options: MachineOptions,
@@ -61,7 +61,7 @@ def allocate_command(
     """Compute the pressures for a torque and a stiffness, and name the limits that bind.
 
     For one joint: two pressures at the angle --theta. For several joints: all pressures at a --posture for their
-    torques and a stiffness matrix, with --links that of the hand. The exit code is 3 if a target is not met.
+    torques and a stiffness matrix, with --links or --hand that of the hand. The exit code is 3 if a target is not met.
     """
     from rich.console import Console
 
@@ -91,7 +91,8 @@ def allocate_command(
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
         meant = stiffness_options.meant(options.file, machine.muscle_names)
-        several = _of_several(machine, hand, stiffness, torque, at_least, meant, **asked)
+        located = hand.located(machine, options.machine)
+        several = _of_several(machine, hand, located, stiffness, torque, at_least, meant, **asked)
         values, tables, success = _values_of_several(several), _tables(several), several.success
     if as_json:
         print_json(values)
@@ -203,6 +204,7 @@ def _table(a: "PairAllocation", damping: float) -> "Table":
 def _of_several(
     mechanism: "Mechanism",
     options: HandOptions,
+    hand: Hand | None,
     stiffness: str,
     torque: str,
     at_least: bool,
@@ -217,7 +219,7 @@ def _of_several(
     from allocator.allocation import allocate
     from allocator.allocation.at_least import allocate_at_least
 
-    q, hand = options.angles(mechanism), options.hand(mechanism)
+    q = options.angles(mechanism)
     T, n = torques(torque, mechanism), mechanism.n if hand is None else hand.endpoint.dim
     counts = {1: "one for all", n: "one each", n * (n + 1) // 2: "the upper triangle of the matrix, row by row"}
     K = _stiffness(row("--stiffness", stiffness, "N·m/rad" if hand is None else "N/m", counts), n)

@@ -26,7 +26,7 @@ def fit_arm_command(
     topics: Topics = None,
     terms: Annotated[
         bool,
-        typer.Option(help="choose further terms of each joint's law by left-out episodes, which takes minutes a joint"),
+        typer.Option(help="choose further terms of each joint's law by left-out episodes; takes minutes per joint"),
     ] = True,
     horizon: Annotated[int, typer.Option(help="rows of the free runs whose error is minimised")] = 40,
     as_json: AsJSON = False,
