@@ -97,7 +97,7 @@ def named_machine(name: str) -> Machine:
     if name.endswith(".xml"):
         raise InvalidInput(f"{name} is a MuJoCo model: Mechanism.from_mjcf reads it with its muscles")
     if not name.endswith(".toml"):
-        raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml"])
+        raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml or .xml"])
     return load_machine(name)
 
 

@@ -91,7 +91,7 @@ class HandOptions:
     def _of_model(self, mechanism: "Mechanism", machine: str | None) -> "Endpoint":
         from allocator.mechanism.endpoint import hand_of_model
 
-        if machine is None or not machine.endswith(".xml"):
+        if machine is None or not _is_xml(machine):
             raise InvalidInput(f"--hand {self.hand} is of a MuJoCo model (.xml); {machine} takes --links")
         endpoint = hand_of_model(machine, str(self.hand), mechanism)
         if endpoint is None:
@@ -126,6 +126,10 @@ def _angles(option: str, text: str, counts: dict[int, str]) -> list[float]:
 A_MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
 OF_ONE_JOINT = "agonist", "antagonist", "radius", "stops", "friction"  # options
 _MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults of a MuJoCo model
+
+
+def _is_xml(machine: str | None) -> bool:
+    return machine is not None and machine.lower().endswith(".xml")
 
 
 def _one_or_all(values: list[Any]) -> Any:
@@ -225,7 +229,7 @@ class MachineOptions:
     @property
     def is_mujoco(self) -> bool:
         """Whether the machine is a MuJoCo model."""
-        return self.machine is not None and self.machine.endswith(".xml")
+        return _is_xml(self.machine)
 
     @property
     def mujoco_muscles(self) -> list[str]:

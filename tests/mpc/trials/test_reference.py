@@ -61,7 +61,7 @@ def test_columns_may_come_in_any_order_with_others_between(tmp_path):
         ("\n\n", "is empty"),
         (HEADER, "has column names but no samples"),
         (HEADER + "0,0,7\n", "at least 2 samples, this file has 1"),
-        ("t,theta_deg\n0,0\n1,1\n", "line 1, column 'stiffness': this column is missing; found: t,theta_deg"),
+        ("t,theta_deg\n0,0\n1,1\n", "line 1, column 'stiffness': this column is missing; found: t, theta_deg"),
         ("0,0,7\n1,1,7\n", "line 1, column 't': this column is missing"),
         ("t;theta_deg;stiffness\n0;0,5;7\n", "at least 2 samples, this file has 1"),
         (HEADER + "0,0,7\n1,one,7\n", "line 3, column 'theta_deg': 'one' is not a number"),
