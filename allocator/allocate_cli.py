@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from allocator.mechanism.mechanism import Mechanism
 
 _NOT_MET = 3  # exit code
+_NOTHING = 1e-6  # [N] a smaller force is a rounding error
 _MUSCLES = "agonist", "antagonist"
 
 
@@ -284,7 +285,8 @@ def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
     muscles = Table(*map(escape, ("muscle", "pressure [bar]", "pulls [N]", "binding limits")))
     for name, P, F in zip(m.muscle_names, a.P, a.forces, strict=True):
         binding = [limit.removeprefix(f"{name} ") for limit in a.active if limit.startswith(f"{name} ")]
-        muscles.add_row(escape(name), f"{P / BAR:.4f}", number(F), ", ".join(binding))
+        pulls = F if abs(F) > _NOTHING else 0.0
+        muscles.add_row(escape(name), f"{P / BAR:.4f}", number(pulls), ", ".join(binding))
     return [joints, muscles]
 
 

@@ -232,6 +232,8 @@ def draw(
     At a posture the polygon of two `targets`, such as "K11,K22"; of a hand without a posture its stiffness ellipses
     over the workspace. `torque` is the constant torque: numbers [N·m], 0 by default, or "free". Raises `InvalidInput`.
     """
+    if options.posture is None and hand is None:
+        raise InvalidInput("give a --posture [degrees] to draw its targets, or --links or --hand to draw a workspace")
     if options.posture is None and hand is not None and targets is None:
         return _workspace(mechanism, hand, torque, min_force)
     return _polygon(options, mechanism, hand, targets, torque, min_force)

@@ -70,9 +70,7 @@ class HandOptions:
         """Return the posture (n,) [rad]. Raises `InvalidInput`."""
         n, names = mechanism.n, ", ".join(mechanism.joint_names)
         if self.posture is None:
-            raise InvalidInput(
-                f"{names} need --posture, {n} angles [degrees], such as {','.join(['10'] * n)}, instead of --theta"
-            )
+            raise InvalidInput(f"give --posture, the angles of {names} [degrees], such as {','.join(['10'] * n)}")
         return np.array(_angles("--posture", self.posture, {n: f"the angles of {names}"})) * DEG
 
     def located(self, mechanism: "Mechanism", machine: str | None) -> Hand | None:

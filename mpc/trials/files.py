@@ -47,6 +47,7 @@ def load(path: str | Path) -> Reference:
     columns.refuse("t", np.diff(t, prepend=-np.inf) <= 0, t, "{:g} s does not come after the sample before")
     columns.refuse("theta_deg", np.abs(theta) > 360, theta, "{:g}° is over a turn")
     columns.refuse("stiffness", K <= 0, K, "{:g} N·m/rad has to be positive")
+    columns.tell_unused()
     return Reference(t, theta * DEG, K)
 
 

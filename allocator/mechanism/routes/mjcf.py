@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.mechanism.routes.base import Routes, per_muscle, rest_lengths
+from allocator.mechanism.routes.base import LONGEST, Routes, per_muscle, rest_lengths
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage, Site
 from allocator.mechanism.routes.pulleys import Pulleys
 from allocator.mechanism.routes.sites import Sites
@@ -123,8 +123,18 @@ def load(source: Source) -> "MjModel":
             said(source), f"is not in UTF-8 ({error.reason}); save it and the files it includes as UTF-8"
         ) from None
     except (ValueError, mujoco.FatalError) as error:
-        raise InvalidFile(said(source), f"is not read by MuJoCo ({error})") from None
+        raise InvalidFile(said(source), f"is not read by MuJoCo ({' '.join(str(error).split())})") from None
+    _refuse_swapped_ranges(model, source)
     return model
+
+
+def _refuse_swapped_ranges(model: "MjModel", source: Source) -> None:
+    """Raise `InvalidFile` for a range whose first number is the greater one; MuJoCo ignores such a range silently."""
+    for i in range(model.njnt):
+        low, high = model.jnt_range[i].tolist()
+        if low > high:
+            name, ends = name_of(model.joint(i), i), f"{low:.4g} to {high:.4g} rad (or m)"
+            raise InvalidFile(said(source), f"joint {name} has the range {ends}; the lower end comes first")
 
 
 def said(source: Source) -> str:
@@ -169,6 +179,10 @@ def muscle_lengths(
     Raises `InvalidInput`.
     """
     m, now = int(model.ntendon), _own_lengths(model)
+    if (long := (now > LONGEST) & _drawn(model)).any():
+        j = int(np.argmax(long))
+        name = name_of(model.tendon(j), j)
+        raise InvalidFile(said(source), f"tendon {name} is {now[j]:.4g} m long; lengths in a model are in metres")
     if rest_length is None and not tells(model):
         listed = ", ".join(f"{1e3 * length:.4g}" for length in now.tolist())
         raise InvalidInput(

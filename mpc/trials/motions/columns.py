@@ -45,8 +45,7 @@ class MotionColumns:
     def read(cls, path: str | Path, wanted: Mapping[str, str]) -> Self:
         """Read the table in `path`, and find the columns `wanted`, usual names with their units.
 
-        Warns with `UnusedColumns` of other columns. Raises `InvalidFile` for a unit that is missing or unknown, and for
-        a column that is there twice.
+        Raises `InvalidFile` for a unit that is missing or unknown, and for a column that is there twice.
         """
         table, found = read_table(path, is_unit=is_unit), {}
         for place, header in enumerate(table.names):
@@ -57,10 +56,13 @@ class MotionColumns:
                 if name in found:
                     raise InvalidFile(path, f"there are two columns of {name}", line=table.names_line, column=header)
                 found[name] = place, factor
-        read = {place for place, _ in found.values()}
-        if found and (others := [name for i, name in enumerate(table.names) if name and i not in read]):
-            notice(f"{path}: columns not used: {', '.join(others)}", UnusedColumns)
         return cls(table, found)
+
+    def tell_unused(self) -> None:
+        """Warn with `UnusedColumns` if there are other columns."""
+        read = {place for place, _ in self.found.values()}
+        if others := [name for i, name in enumerate(self.table.names) if name and i not in read]:
+            notice(f"{self.table.path}: columns not used: {', '.join(others)}", UnusedColumns)
 
     def numbers(self, name: str) -> Array:
         """Return the numbers (M,) of a column in its usual unit. Raises `InvalidFile` if there is none."""
@@ -89,6 +91,8 @@ def _factor(table: Table, header: str, name: str, unit: str) -> float | None:
         return None
     known, own = _FACTORS[unit], match[2] or match[3] or ""
     spelled = re.sub(r"[\s·⋅*.]", "", own) if "/" in unit else unit_of(own)[0] if own else ""
+    if spelled not in known and match[3]:
+        return None  # a further word, as in theta_ref
     if spelled not in known:
         fault = f"the unit {own!r} is unknown" if own else "has no unit"
         raise InvalidFile(

@@ -26,6 +26,8 @@ from mpc.trials.motions.arm_trajectories import tracked_stiffness, usual_stiffne
 from mpc.trials.motions.columns import HAND_STIFFNESS, JOINT_STIFFNESS, MotionColumns
 from mpc.trials.motions.reference import Reference
 
+_ROUNDING = 1e-6  # [°] of angles in a file
+
 
 def load_motion(path: str | Path, arm: Arm, hand: Endpoint | None = None) -> Reference:
     """Load the motion in a CSV file for `arm`; `hand` moves along a path.
@@ -33,7 +35,7 @@ def load_motion(path: str | Path, arm: Arm, hand: Endpoint | None = None) -> Ref
     Raises `InvalidFile` with line and column for a file that is not a motion of this arm, and warns with
     `UnusedColumns` of further columns.
     """
-    stiffnesses = dict.fromkeys(arm.labels.stiffness, arm.stiffness_unit) | dict([_other(arm)])
+    stiffnesses = dict.fromkeys(arm.labels.stiffness, arm.stiffness_unit) | _others(arm)
     angles, axes = dict.fromkeys(_angle_names(arm), "deg"), dict.fromkeys(_axis_names(hand), "mm")
     columns = MotionColumns.read(path, {"t": "s"} | angles | axes | stiffnesses)
     t = columns.numbers("t")
@@ -41,7 +43,9 @@ def load_motion(path: str | Path, arm: Arm, hand: Endpoint | None = None) -> Ref
         raise InvalidFile(path, f"a motion needs at least 2 samples, this file has {t.size}")
     columns.refuse("t", np.diff(t, prepend=-np.inf) <= 0, t, "{:g} s does not come after the sample before")
     q = _angles(columns, arm, hand)
-    return Reference(t, q, _stiffness(columns, arm, q), Path(path).stem)
+    K = _stiffness(columns, arm, q)
+    columns.tell_unused()
+    return Reference(t, q, K, Path(path).stem)
 
 
 def _angle_names(arm: Arm) -> list[str]:
@@ -52,9 +56,11 @@ def _axis_names(hand: Endpoint | None) -> list[str]:
     return [] if hand is None else [f"{axis}_mm" for axis in getattr(hand.kinematics, "axes", "xyz"[: hand.dim])]
 
 
-def _other(arm: Arm) -> tuple[str, str]:
-    """Return name and unit of a column of the stiffness that is not tracked."""
-    return ("Kx11", HAND_STIFFNESS) if arm.endpoint is None else ("K11", JOINT_STIFFNESS)
+def _others(arm: Arm) -> dict[str, str]:
+    """Return names and units of the columns of the stiffness that is not tracked."""
+    if arm.endpoint is None:
+        return {name.replace("K", "Kx"): HAND_STIFFNESS for name in arm.labels.stiffness}
+    return {name.replace("Kx", "K"): JOINT_STIFFNESS for name in arm.labels.stiffness}
 
 
 def _angles(columns: MotionColumns, arm: Arm, hand: Endpoint | None) -> Array:
@@ -68,8 +74,10 @@ def _angles(columns: MotionColumns, arm: Arm, hand: Endpoint | None) -> Array:
         raise InvalidFile(table.path, f"has {what} the angles {', '.join(names)} and {path}; found: {found}", line=1)
     if hand is None or of_joints:
         angles = np.stack([columns.numbers(name) for name in names], axis=1)
-        for name, column in zip(names, angles.T, strict=True):
+        for name, column, low, high in zip(names, angles.T, *(ends / DEG for ends in arm.angle_limits), strict=True):
             columns.refuse(name, np.abs(column) > 360, column, "{:g}° is over a turn")
+            out = (column < low - _ROUNDING) | (column > high + _ROUNDING)
+            columns.refuse(name, out, column, f"{{:g}}° is beyond the range of the joint, {low:.4g} to {high:.4g}°")
         return angles * DEG
     return _followed(columns, arm, hand, np.stack([columns.numbers(axis) for axis in axes], axis=1) * MM)
 
@@ -85,8 +93,7 @@ def _followed(columns: MotionColumns, arm: Arm, hand: Endpoint, path: Array) -> 
 def _stiffness(columns: MotionColumns, arm: Arm, q: Array) -> Array:
     """Return the tracked stiffness (M, k, k) at the postures `q` (M, n)."""
     names, k, path = arm.labels.stiffness, arm.tracked, columns.table.path
-    other, _ = _other(arm)
-    if other in columns.found:
+    if other := next((name for name in _others(arm) if name in columns.found), ""):
         whose = ("hand", "joints") if arm.endpoint is None else ("joints", "hand")
         raise InvalidFile(
             path, f"this is the stiffness of the {whose[0]}, and that of the {whose[1]} is tracked: use "
@@ -94,13 +101,15 @@ def _stiffness(columns: MotionColumns, arm: Arm, q: Array) -> Array:
         )  # fmt: skip
     if not any(name in columns.found for name in names):
         try:
-            return tracked_stiffness(arm, q, usual_stiffness(arm)(q))
+            K = tracked_stiffness(arm, q, usual_stiffness(arm)(q))
         except InvalidInput as singular:
             raise InvalidFile(path, str(singular)) from None
+        _check(columns, arm, K, f"without columns {', '.join(names)} the usual stiffness is tracked, which")
+        return K
     K = np.zeros((len(q), k, k))
     for name, i, j in _entries(columns, arm):
         K[:, i, j] = K[:, j, i] = columns.numbers(name)
-    _check(columns, arm, K)
+    _check(columns, arm, K, "the stiffness")
     return K
 
 
@@ -111,9 +120,9 @@ def _entries(columns: MotionColumns, arm: Arm) -> Iterator[tuple[str, int, int]]
             yield name, int(i), int(j)
 
 
-def _check(columns: MotionColumns, arm: Arm, K: Array) -> None:
+def _check(columns: MotionColumns, arm: Arm, K: Array, whose: str) -> None:
     least = np.asarray(np.linalg.eigvalsh(K)[:, 0], float)
     columns.refuse(
         arm.labels.stiffness[0], ~(least > 0), least,
-        f"the stiffness has to be positive definite, and an eigenvalue is {{:.3g}} {arm.stiffness_unit}",
+        f"{whose} has to be positive definite, and an eigenvalue is {{:.3g}} {arm.stiffness_unit}",
     )  # fmt: skip

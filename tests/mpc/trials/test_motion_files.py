@@ -66,6 +66,9 @@ WRONG = {
     "the stiffness of the joints where the hand's is tracked": (
         [f"t,{','.join(ANGLES)},{K}", "0,0,0,9,0,9", "1,0,0,9,0,9"], OF_HAND, "--stiffness-of joints",
     ),
+    "beyond the joint's range": (
+        [f"t,{','.join(ANGLES)}", "0,0,0", "1,300,0"], ARM, "300° is beyond the range of the joint, ",
+    ),
     "one sample": ([f"t,{','.join(ANGLES)}", "0,0,0"], ARM, "at least 2 samples"),
 }  # fmt: skip
 
@@ -93,8 +96,8 @@ def test_columns_may_have_other_units_and_decimal_commas(tmp_path):
     np.testing.assert_allclose(asked.t, [0.0, 0.5])
     np.testing.assert_allclose(asked.theta, [[0.1, 20 * DEG], [0.2, 25 * DEG]])
     np.testing.assert_allclose(asked.K[0], np.diag([12.5, 0.1 / DEG]))
-    path = written(tmp_path, "t,x [m],y [cm]", "0,0.4,20", "1,0.4,20.1")
-    np.testing.assert_allclose(HAND.position(load_motion(path, ARM, HAND).theta[0]), [0.4, 0.2], atol=0.1 * MM)
+    path = written(tmp_path, "t,x [m],y [cm]", "0,0.575,-6", "1,0.575,-5.9")
+    np.testing.assert_allclose(HAND.position(load_motion(path, ARM, HAND).theta[0]), [0.575, -0.06], atol=0.1 * MM)
 
 
 def test_columns_that_are_not_read_are_listed(tmp_path):
@@ -106,7 +109,7 @@ def test_columns_that_are_not_read_are_listed(tmp_path):
 @pytest.mark.parametrize(
     ("header", "said"),
     [
-        ("t,x_ft,y_mm", "'x_ft': the unit 'ft' is unknown; known are mm, m, cm, in"),
+        ("t,x [ft],y_mm", "'x [ft]': the unit 'ft' is unknown; known are mm, m, cm, in"),
         ("t,x,y_mm", "'x': has no unit"),
         ("t,x_mm,y_mm,y [m]", "two columns of y_mm"),
         ("t,x_mm,y_mm,K11 [N/m]", "known are Nm/rad, Nm/deg"),
