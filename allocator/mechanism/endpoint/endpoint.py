@@ -13,8 +13,7 @@ Position of a hand over the posture: a point on a linkage in closed form, or a C
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from os import PathLike
-from typing import Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +24,9 @@ from allocator.errors import InvalidInput
 from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes.functions import SymbolicColumn
 from allocator.mechanism.routes.linkage import Link, Linkage, Site
+
+if TYPE_CHECKING:
+    from allocator.mechanism.routes.mjcf import Source
 
 _AXES = "xyz"
 
@@ -179,7 +181,7 @@ class Endpoint:
         return cls(LinkagePoint.on(Linkage(links), link, position, axes))
 
     @classmethod
-    def from_mjcf(cls, file: str | PathLike[str], name: str, *, axes: str = "xyz") -> Self:
+    def from_mjcf(cls, file: "Source", name: str, *, axes: str = "xyz") -> Self:
         """Return the site of a MuJoCo model with this `name`, or else the origin of the body with this name.
 
         Joints are those of `Mechanism.from_mjcf` of the same file. Needs `antagonist[mujoco]`. Raises `InvalidFile`,
@@ -337,7 +339,7 @@ def stiffness_of(place: Place, K: Array) -> Array:
     return np.asarray(G.swapaxes(-1, -2) @ K @ G)
 
 
-def hand_of_model(file: str | PathLike[str], text: str, mechanism: Mechanism) -> Endpoint | None:
+def hand_of_model(file: "Source", text: str, mechanism: Mechanism) -> Endpoint | None:
     """Return the hand of a MuJoCo model, a site or a body, with some of its coordinates: "tip", or "tip:xz".
 
     Without coordinates it has those that the joints of the `mechanism` move most, at most as many as there are joints.

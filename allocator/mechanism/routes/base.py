@@ -84,8 +84,16 @@ def per_muscle(name: str, value: object, m: int, unit: str) -> Array:
     return np.broadcast_to(array, (m,)).astype(float)
 
 
+class IdleMuscle(InvalidInput):
+    """Muscle without an arm at any joint; `muscle` is its index."""
+
+    def __init__(self, kind: str, muscle: int) -> None:
+        super().__init__(f"{kind}: muscle {muscle + 1} has no arm at any joint; it moves nothing")
+        self.muscle = muscle
+
+
 def check_arms(kind: str, arms: Array) -> None:
-    """Raise `InvalidInput` unless every muscle has an arm at some joint; `arms` (m, n) [m] are the greatest."""
+    """Raise `IdleMuscle` unless every muscle has an arm at some joint; `arms` (m, n) [m] are the greatest."""
     idle = ~(np.abs(arms) > _NOTHING).any(axis=1)
     if idle.any():
-        raise InvalidInput(f"{kind}: muscle {int(np.argmax(idle)) + 1} has no arm at any joint; it moves nothing")
+        raise IdleMuscle(kind, int(np.argmax(idle)))

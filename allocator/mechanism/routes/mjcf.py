@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.mechanism.routes.base import LONGEST, Routes, per_muscle, rest_lengths
+from allocator.mechanism.routes.base import LONGEST, IdleMuscle, Routes, per_muscle, rest_lengths
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage, Site
 from allocator.mechanism.routes.pulleys import Pulleys
 from allocator.mechanism.routes.sites import Sites
@@ -68,6 +68,9 @@ def read_mjcf(
         else:
             paths = [_path(file, model, j, frames, int(wrap.mjWRAP_SITE)) for j in range(model.ntendon)]
             routes = Sites(lengths[0], links, paths, lengths[1])
+    except IdleMuscle as idle:
+        name = name_of(model.tendon(idle.muscle), idle.muscle)
+        raise InvalidFile(file, f"tendon {name} has no arm at any joint; it moves nothing") from None
     except InvalidInput as error:
         raise error if isinstance(error, InvalidFile) else InvalidFile(file, str(error)) from None
     limited = bool(np.all(model.jnt_limited))
@@ -79,7 +82,7 @@ def read_mjcf(
     )
 
 
-def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
+def read_point(file: Source, name: str) -> tuple[Linkage, Site]:
     """Return the linkage of an MJCF `file`, and the point of the site, or else of the body's origin, called `name`.
 
     Raises `MissingPackage` without MuJoCo; `InvalidFile` for a file that MuJoCo cannot read, without joints, with
@@ -96,7 +99,7 @@ def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
         link, R, p = frames[bodies.index(name)]
     else:
         known = ", ".join(filter(None, [*sites, *bodies]))
-        raise InvalidFile(file, f"has no site or body called {name!r}; it has {known}")
+        raise InvalidFile(said(file), f"has no site or body called {name!r}; it has {known}")
     return Linkage(links), Site(link, tuple(p.tolist()))
 
 

@@ -66,7 +66,7 @@ def read_arm(
     bodies = MujocoBodies(mechanics) if any(unread) else tree_of(model, source)
     limited = bool(np.all(model.jnt_limited))
     routes: Routes = (
-        MujocoTendons.of(mechanics, lengths, cables) if unread[1] else read_mjcf(model, lengths, cables).routes
+        MujocoTendons.of(mechanics, lengths, cables) if unread[1] else read_mjcf(source, lengths, cables).routes
     )
     mechanism = Mechanism(
         routes,
@@ -77,7 +77,7 @@ def read_arm(
         joint_names=tuple(name_of(model.joint(i), i) for i in range(model.njnt)),
     )
     named = hand or _last_site(model)
-    point = hand_of_model(model, named, mechanism) if named else None
+    point = hand_of_model(source, named, mechanism) if named else None
     name = "" if point is None else named.partition(":")[0]
     dry = np.array(model.dof_frictionloss[model.jnt_dofadr])
     return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), dry, point, name)

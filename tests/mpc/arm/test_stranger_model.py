@@ -71,6 +71,9 @@ def test_the_stiffness_of_a_site_or_body_of_the_model_is_allocated_and_drawn(mod
         (("--theta", 1, "--stiffness", 6, "--hand", "hand"), "--hand goes with a --machine of several joints"),
     ):
         assert said in str(run("allocate", *given).exception)
+    for hand, said in (("foot", f"{model}: has no site or body called 'foot'"), ("hand:xyz", "at most 2 coordinates")):
+        refused = run("track", *mine, "--hand", hand, "--stiffness-of", "hand", "--out", tmp_path / "run.csv")
+        assert said in str(refused.exception)
 
 
 def test_contraction_gives_the_cables_that_the_arm_has(model):
