@@ -15,7 +15,7 @@ which is linear in q'': M(q) is the slope, the rest the bias.
 Conversion of a MuJoCo model's bodies to `TreeBodies`, as far as the formulas cover its physics.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -58,6 +58,7 @@ class TreeBodies:
     spring: Array  # k (n,) [N·m/rad]
     spring_zero: Array  # q_0 (n,) [rad]
     gravity: Value = (0.0, 0.0, 0.0)  # γ (3,) [m/s²]
+    model: "MjModel | None" = field(default=None, repr=False)  # that they were read from
 
     def __post_init__(self) -> None:
         """Check the fields and convert them to arrays. Raises `InvalidInput`."""
@@ -67,7 +68,7 @@ class TreeBodies:
         if not n or any(link.kind != "hinge" for link in links):
             raise InvalidInput("TreeBodies: links have to be one or more, all on hinges")
         shapes = {"centre": (n, 3), "inertia": (n, 3, 3), "gravity": (3,)}
-        for f in fields(self)[1:]:
+        for f in fields(self)[1:-1]:
             shape, unit = shapes.get(f.name, (n,)), _UNITS.get(f.name, "m/s²")
             array = checks.real(f"TreeBodies: {f.name}", getattr(self, f.name), unit)
             if array.shape not in ((), shape):
@@ -249,6 +250,7 @@ def tree_of(model: "MjModel", source: Source) -> TreeBodies:
     return TreeBodies(
         tuple(map(_tidy, links)), mass, centre, inertia, model.dof_damping[model.jnt_dofadr],
         model.dof_armature[model.jnt_dofadr], model.jnt_stiffness, model.qpos_spring[place], model.opt.gravity.copy(),
+        model,
     )  # fmt: skip
 
 
