@@ -13,6 +13,7 @@ from xml.etree import ElementTree as Tree
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys, Sites
@@ -68,8 +69,9 @@ def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", t
 def model_of(arm: Arm) -> tuple[Source, dict[str, Any]]:
     """Return the MuJoCo model of `arm`, and the rest lengths and cables of its tendons, arguments of a `MujocoPlant`.
 
-    The model is the one that the arm was read from, else `to_mjcf` writes it. Raises the errors of `to_mjcf`.
+    The model is the one that the arm was read from, else `to_mjcf` writes it. Raises `InvalidInput`.
     """
+    checks.instance("arm", arm, Arm, "an Arm, such as Arm.machine('arm26')")
     model, routes = getattr(arm.bodies, "model", None), arm.mechanism.routes
     if model is None:
         return to_mjcf(arm.mechanism, arm.bodies), {}

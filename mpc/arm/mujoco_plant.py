@@ -185,7 +185,7 @@ class MujocoPlant:
 
         mujoco.mj_resetData(self.model, self.data)
         if q is not None:
-            self.data.qpos[self._places] = self._row("q", q, self.n, "rad")
+            self.data.qpos[self._places] = self._row("q", checks.angle("q", q), self.n, "rad")
         self.data.qvel[self._speeds] = self._row("omega", omega, self.n, "rad/s")
         pressures = self.pressure_limits[0] if P is None else checks.pressure("P", P)
         self._P = self._row("P", pressures, self.m, "Pa")

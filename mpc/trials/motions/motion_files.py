@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.mechanism.endpoint import Endpoint
@@ -32,9 +33,11 @@ _ROUNDING = 1e-6  # [°] of angles in a file
 def load_motion(path: str | Path, arm: Arm, hand: Endpoint | None = None) -> Reference:
     """Load the motion in a CSV file for `arm`; `hand` moves along a path.
 
-    Raises `InvalidFile` with line and column for a file that is not a motion of this arm, and warns with
-    `UnusedColumns` of further columns.
+    Raises `InvalidFile` with line and column for a file that is not a motion of this arm, and `InvalidInput`.
+    Warns with `UnusedColumns` of further columns.
     """
+    checks.instance("arm", arm, Arm, "an Arm, such as Arm.machine('arm26')")
+    checks.instance("hand", hand, Endpoint | None, "an Endpoint, such as Endpoint.from_mjcf(file, name)")
     stiffnesses = dict.fromkeys(arm.labels.stiffness, arm.stiffness_unit) | _others(arm)
     angles, axes = dict.fromkeys(_angle_names(arm), "deg"), dict.fromkeys(_axis_names(hand), "mm")
     columns = MotionColumns.read(path, {"t": "s"} | angles | axes | stiffnesses)

@@ -9,6 +9,7 @@ from mpc import Arm
 from mpc.arm import MujocoPlant, to_mjcf
 from mpc.arm.learning.mujoco_batch import plant_of
 from mpc.arm.learning.plant import VariedArm
+from mpc.learning import Reaching
 
 from .test_cli import ARM, ROUND, STRAIGHT
 
@@ -35,6 +36,16 @@ def test_learners_move_and_draw_the_model_itself():
     plant = plant_of(VariedArm(arm))
     assert plant.muscle_names == ("flexor", "extensor")
     assert plant.model.site("tip").id >= 0
+
+
+def test_degrees_and_other_types_are_named():
+    rig = MujocoPlant.of(Arm.machine("arm26"))
+    with pytest.raises(InvalidInput, match=r"q\[1\] = 20 rad is over a turn; if degrees were meant"):
+        rig.reset([0.1, 20])
+    with pytest.raises(InvalidInput, match="arm = 'arm26' has to be an Arm"):
+        MujocoPlant.of("arm26")
+    with pytest.raises(InvalidInput, match="arm = 'arm26' has to be an Arm"):
+        Reaching("arm26")
 
 
 def test_bodies_in_space_are_not_written_as_a_chain():

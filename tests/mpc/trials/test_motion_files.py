@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import InvalidFile
+from allocator import InvalidFile, InvalidInput
 from allocator.units import DEG, MM
 from mpc.model.arm.model import Arm
 from mpc.trials.motions.columns import UnusedColumns
@@ -80,6 +80,14 @@ def test_what_cannot_be_meant_is_refused_in_a_sentence(tmp_path, name):
         load_motion(written(tmp_path, *lines), arm, HAND)
     assert said in str(raised.value)
     assert "my.csv" in str(raised.value)
+
+
+def test_an_arm_and_a_hand_of_other_types_are_named(tmp_path):
+    file = written(tmp_path, "t,x_mm,y_mm", "0,1,1", "1,1,1")
+    with pytest.raises(InvalidInput, match="arm = 'arm26' has to be an Arm"):
+        load_motion(file, "arm26", HAND)
+    with pytest.raises(InvalidInput, match="hand = 'tip' has to be an Endpoint"):
+        load_motion(file, ARM, "tip")
 
 
 def test_a_path_needs_a_hand(tmp_path):
