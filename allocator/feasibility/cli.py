@@ -81,7 +81,7 @@ def map_command(
             raise InvalidInput("--theta and --stiffness are ranges of one joint; several joints take --targets")
         if pressures or stiffness_options != StiffnessOptions():
             raise InvalidInput("--pressures, --valves and --frequency are for one joint")
-        machine = options.build()
+        machine: Any = options.build()
         located = hand.located(machine, options.machine)
         _map_of_several(machine, hand, located, targets, torque, out, min_force, as_json)
         return

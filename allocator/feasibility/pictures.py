@@ -152,11 +152,11 @@ def plot_workspace(found: "EndpointEllipses", axes: "Axes | None" = None) -> "Ax
             axes.plot(*(place[:, None] + length * ellipse(K)), color=colour, linewidth=width, label=label)
     legend_outside(axes)
     if len(x) <= _MOST_NUMBERS:
-        _number(axes, x - [0, 1.05 * radius], longest)
+        _number(axes, x - [0, 1.05 * radius], np.asarray(longest))
     return axes
 
 
-def _number(axes: "Axes", places: Array, values: Array) -> None:
+def _number(axes: Any, places: Array, values: Array) -> None:
     """Write each value below its place, unless it would cover a value before."""
     axes.figure.draw_without_rendering()  # texts are placed in the final layout of the axes
     taken: list[Any] = []

@@ -72,7 +72,8 @@ def model_of(arm: Arm) -> tuple[Source, dict[str, Any]]:
     The model is the one that the arm was read from, else `to_mjcf` writes it. Raises `InvalidInput`.
     """
     checks.instance("arm", arm, Arm, "an Arm, such as Arm.machine('arm26')")
-    model, routes = getattr(arm.bodies, "model", None), arm.mechanism.routes
+    routes: Any = arm.mechanism.routes
+    model = getattr(arm.bodies, "model", None)
     if model is None:
         return to_mjcf(arm.mechanism, arm.bodies), {}
     L = np.array(routes.rest_length)
