@@ -45,7 +45,9 @@ def tune_command(
     controller: Annotated[str, typer.Option(help="mpc, lqr, predictive-pid, pid or pi; mpc for an arm")] = "mpc",
     evaluations: Annotated[int, typer.Option(help="number of tunings to try")] = 60,
     draws: Annotated[int, typer.Option(help="number of real plants that each tuning is tried on")] = 8,
-    peak: Annotated[float, typer.Option(help="limit of M_s, the peak of the sensitivity")] = 2.0,
+    peak: Annotated[
+        float, typer.Option(help="limit of the sensitivity peak M_s on the model; half as much again on draws")
+    ] = 2.0,
     seed: Annotated[int, typer.Option(help="seed of draws, noise and search")] = 0,
     judge: Annotated[
         int | None, typer.Option(help="seed of further draws to report both tunings on, for figures of unseen plants")
@@ -66,9 +68,9 @@ def tune_command(
     the options describe.
 
     Plants are drawn within the 95 % intervals of the file (table [intervals] of fit-motion), or within the usual errors
-    of data sheets. The search minimises the 80 % quantile of the closed-loop cost over a sine, movements and steps,
-    without and with a payload, and keeps M_s within its limit. `track`, `run` and `export` read the result from the
-    file.
+    of data sheets. The search minimises the mean closed-loop cost over a sine, movements and steps, without and with a
+    payload, and keeps M_s within its limits. The defaults stay unless a tuning is better by 10 %. `track`, `run` and
+    `export` read the result from the file.
     """
     from rich.console import Console
     from rich.progress import track
@@ -142,13 +144,13 @@ def _describe(tuned: "Tuned", judged: "tuple[Evaluation, Evaluation] | None", co
     from rich.table import Table
 
     for words, pair in (("the draws", None), ("draws of the other seed", judged))[: 1 if judged is None else 2]:
-        table = Table("", "before", "after", title=f"{tuned.tuning.controller}: 80 % quantiles over {words}")
+        table = Table("", "before", "after", title=f"{tuned.tuning.controller}: means over {words}")
         for row in tuned.rows(pair):
             table.add_row(*map(escape, row))
         console.print(table)
     say(console, tuned.tuning.summary)
-    if tuned.price:
-        say(console, tuned.price)
+    if tuned.note:
+        say(console, tuned.note)
     if tuned.warning:
         say(console, f"beware: {tuned.warning}")
 

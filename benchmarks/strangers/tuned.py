@@ -13,7 +13,7 @@ from mpc.trials.loops import Settings, robust
 from mpc.trials.tuned import TUNABLE, Tuning
 from mpc.tuning.draws import Spreads
 
-EVALUATIONS, DRAWS, SEED = 30, 4, 0
+EVALUATIONS, DRAWS, SEED = 30, 6, 0
 KEPT = Path(__file__).parents[1] / "results" / "strangers_tuning"
 
 

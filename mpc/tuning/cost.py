@@ -2,13 +2,17 @@
 
     cost of a draw = mean RMS error over the legs of the tour [°] + CHATTER · mean |u'| at rest [bar/s]
                      + STIFFNESS · RMS error of K over K
-    objective      = 80 % quantile over the draws of that, subject to M_s ≤ 2
+    objective      = mean of that over the draws, subject to M_s ≤ 2 on the model and ≤ 3 on the draws
 
 For an arm the errors are those of the worst joint, and the Frobenius norm of the error of K over that of K.
 
-M_s is the greatest value on the model over the postures of the tour, or the 80 % quantile over the draws if that is
-greater. A loop beyond the limit is charged `BEYOND` (1 - limit/M_s), which makes it worse than any useful loop within
-the limit and grows with the excess. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
+M_s on the model is the greatest over the postures of the tour, M_s on the draws their 80 % quantile. The limit of the
+draws is `OF_DRAWS` times that of the model: M_s = 2 on the model is a margin kept for machines that differ from it. On
+identified joints of other structures, loops tuned with M_s ≤ 2 on the draws and for the 80 % quantile of the cost had
+errors 1.1 to 1.5 times those of the defaults.
+
+A loop whose M_s is x > 1 times its limit is charged `BEYOND` (1 - 1/x), which makes it worse than any useful loop
+within the limits and grows with the excess. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
 """
 
 from collections.abc import Mapping
@@ -32,11 +36,13 @@ from mpc.tuning.draws import Real, Spreads, draws, payloads
 from mpc.tuning.robustness import Listening, quick_loop
 from mpc.tuning.tour import Tour
 
-QUANTILE = 0.8
+QUANTILE = 0.8  # of M_s over the draws
 CHATTER = 0.1  # [°] per bar/s
 STIFFNESS = 2.0  # [°] per 100 % of K
+OF_DRAWS = 1.5  # limit of M_s on draws, over that on the model
+SLACK = 0.1  # of M_s on the model: the defaults meet the limit at one posture of the tour
 BEYOND = 50.0  # [°]
-FAR = 1.5  # ratio of M_s to the limit from which a loop is not simulated
+FAR = 1.5  # ratio of M_s to its limit from which a loop is not simulated
 THROWN = 45.0  # [°] greatest cost of a leg, for a joint that is thrown about
 
 
@@ -60,17 +66,27 @@ class Evaluation(NamedTuple):
     draws: tuple[Figures, ...]  # none of a loop far beyond the limit of M_s
     nominal: tuple[Margins, ...]  # by posture
     peaks: tuple[float, ...]  # M_s of each draw
-    limit: float  # of M_s
+    limit: float  # of M_s on the model
 
     @property
     def error(self) -> float:
-        """The 80 % quantile of the cost of the draws [°]."""
-        return _quantile([one.cost for one in self.draws]) if self.draws else THROWN
+        """The mean cost of the draws [°]."""
+        return float(np.mean([one.cost for one in self.draws])) if self.draws else THROWN
 
     @property
     def sensitivity_peak(self) -> float:
-        """M_s: the greatest on the model, or the 80 % quantile over the draws if that is more."""
-        return max(*(m.sensitivity_peak for m in self.nominal), _quantile(self.peaks))
+        """M_s, the greatest on the model."""
+        return max(m.sensitivity_peak for m in self.nominal)
+
+    @property
+    def peak_of_draws(self) -> float:
+        """The 80 % quantile of M_s over the draws."""
+        return float(np.quantile(self.peaks, QUANTILE, method="higher"))
+
+    @property
+    def excess(self) -> float:
+        """M_s over its limit [-], on the model or on the draws, whichever is greater."""
+        return max(self.sensitivity_peak - SLACK, self.peak_of_draws / OF_DRAWS) / self.limit
 
     @property
     def delay_margin(self) -> float:
@@ -79,31 +95,27 @@ class Evaluation(NamedTuple):
 
     @property
     def robust(self) -> bool:
-        """Whether M_s is within the limit."""
-        return self.sensitivity_peak <= self.limit
+        """Whether M_s is within its limits."""
+        return self.excess <= 1
 
     @property
     def objective(self) -> float:
         """The objective to minimise [°]."""
-        return self.error + BEYOND * max(0.0, 1 - self.limit / self.sensitivity_peak)
+        return self.error + BEYOND * max(0.0, 1 - 1 / self.excess)
 
     def rms(self, leg: str) -> float:
-        """Return the 80 % quantile of the RMS error of a leg [°]."""
-        return _quantile([one.rms[leg] for one in self.draws])
+        """Return the RMS error of a leg [°], the mean of the draws."""
+        return float(np.mean([one.rms[leg] for one in self.draws]))
 
     @property
     def chatter(self) -> float:
-        """The 80 % quantile of the commands' motion at rest [bar/s]."""
-        return _quantile([one.chatter for one in self.draws])
+        """Mean motion of the commands at rest [bar/s]."""
+        return float(np.mean([one.chatter for one in self.draws]))
 
     @property
     def K_error(self) -> float:
-        """The 80 % quantile of the stiffness error [-]."""
-        return _quantile([one.K_error for one in self.draws])
-
-
-def _quantile(values: object) -> float:
-    return float(np.quantile(np.array(values), QUANTILE, method="higher"))
+        """Mean stiffness error [-]."""
+        return float(np.mean([one.K_error for one in self.draws]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +128,7 @@ class Problem:
     payloads: tuple[Value, ...]  # [N·m], of each draw; (n,) for an arm
     tour: Tour
     spreads: Spreads  # of the draws
-    limit: float = ROBUST  # of M_s
+    limit: float = ROBUST  # of M_s on the model
     seed: int = 0
     key: str = field(default_factory=lambda: uuid4().hex)  # identifies the problem in another process
 
@@ -164,7 +176,7 @@ class Problem:
         settings = tuning.applied(self.settings)
         nominal, peaks = self._listening.margins(self.controller, settings)
         margins = Evaluation(tuning, (), nominal, peaks, self.limit)
-        if margins.sensitivity_peak > FAR * self.limit and not always:
+        if margins.excess > FAR and not always:
             return margins
         controller, observer = quick_loop(self.controller, settings)
         loops = [

@@ -64,7 +64,7 @@ class Spreads:
     dead_time: float = 0.25
     dead_band: float = 0.25
     volume: float = 0.15  # of the gas
-    hysteresis: tuple[float, float] = (0.5, 1.2)  # share of the known friction, or of `width` if none is known
+    hysteresis: tuple[float, float] = (0.5, 1.5)  # share of the known friction, or of `width` if none is known
     width: float = 4 * DEG  # of a usual hysteresis loop [rad]
     offset: float = 0.03 * BAR  # of the pressure sensors at most [Pa]
     payload: tuple[float, float] = (6 * DEG, 15 * DEG)  # torque of a payload over the stiffness [rad]

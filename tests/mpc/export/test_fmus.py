@@ -391,4 +391,4 @@ def test_the_command_writes_the_controller_of_an_arm_alone(tmp_path):
     assert validate_fmu(str(out / "controller.fmu")) == []
     described = read_model_description(str(out / "controller.fmu"))
     rows = {v.name: v.dimensions[0].start for v in described.modelVariables if v.dimensions}
-    assert rows == {"theta_ref": 8, "K_ref": 12}  # 4 samples of 2 angles and 3 entries of K
+    assert rows == {"theta_ref": 12, "K_ref": 18}  # of 1 + 3 + 2 samples, with a dead time of two

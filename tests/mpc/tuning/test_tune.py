@@ -36,13 +36,14 @@ def tuned():
 def test_the_tuning_is_never_worse_than_the_defaults(tuned):
     assert len(tuned.evaluations) == FEW["evaluations"]
     assert tuned.before.tuning == Tuning.start("mpc", tuned.problem.settings)
-    assert tuned.after.objective == min(one.objective for one in tuned.evaluations) <= tuned.before.objective
+    least = min(one.objective for one in tuned.evaluations)
+    assert tuned.after.objective == (least if least < 0.9 * tuned.before.objective else tuned.before.objective)
 
 
 @pytest.mark.compiles
 def test_a_loop_beyond_the_limit_of_m_s_is_charged_for_it(tuned):
     for one in tuned.evaluations:
-        assert (one.objective > one.error) == (one.sensitivity_peak > 2.0)
+        assert (one.objective > one.error) == (one.sensitivity_peak > 2.1 or one.peak_of_draws > 3.0)
         assert bool(one.draws) or one.error == THROWN
     assert tuned.after.robust == (not tuned.warning)
 
@@ -117,7 +118,8 @@ def test_the_command_writes_a_plant_that_track_takes(tmp_path):
     result = CliRunner().invoke(app, ["tune", "--machine", str(mine), *files, *small])
     assert result.exit_code == 0, result.output
     assert "draws of the other seed" in result.output
-    assert "M_s on model and draws" in result.output
+    assert "M_s on the model" in result.output
+    assert "M_s on the draws" in result.output
     assert "delay margin on the model [ms]" in result.output
     assert mine.read_text() == before
     assert out.read_text().startswith(before)
