@@ -9,7 +9,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.lazy import Table
 from allocator.presentation.tables import number
-from allocator.shell.machine_options import HandOptions, MachineOptions, torques
+from allocator.shell.machine_options import Hand, HandOptions, MachineOptions, torques
 from allocator.shell.options import finite, grouped, row
 from allocator.shell.outputs import AsJSON, print_json, say
 from allocator.shell.stiffness_options import StiffnessOptions
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from allocator.mechanism.mechanism import Mechanism
 
 _NOT_MET = 3  # exit code
+_NOTHING = 1e-6  # [N] a smaller force is a rounding error
 _MUSCLES = "agonist", "antagonist"
 
 
@@ -32,8 +33,8 @@ def allocate_command(
     stiffness: Annotated[
         str,
         typer.Option(
-            help="stiffness target [N·m/rad]; of several joints K11,K12,K22, and with --links that of the hand "
-            "[N/m]. It is isobaric, unless --valves, --frequency or --amplitude say otherwise"
+            help="stiffness target [N·m/rad]; of several joints K11,K12,K22, and with --links or --hand that of the "
+            "hand [N/m]. It is isobaric, unless --valves, --frequency or --amplitude say otherwise"
         ),
     ],
     options: MachineOptions,
@@ -61,7 +62,7 @@ def allocate_command(
     """Compute the pressures for a torque and a stiffness, and name the limits that bind.
 
     For one joint: two pressures at the angle --theta. For several joints: all pressures at a --posture for their
-    torques and a stiffness matrix, with --links that of the hand. The exit code is 3 if a target is not met.
+    torques and a stiffness matrix, with --links or --hand that of the hand. The exit code is 3 if a target is not met.
     """
     from rich.console import Console
 
@@ -91,7 +92,8 @@ def allocate_command(
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
         meant = stiffness_options.meant(options.file, machine.muscle_names)
-        several = _of_several(machine, hand, stiffness, torque, at_least, meant, **asked)
+        located = hand.located(machine, options.machine)
+        several = _of_several(machine, hand, located, stiffness, torque, at_least, meant, **asked)
         values, tables, success = _values_of_several(several), _tables(several), several.success
     if as_json:
         print_json(values)
@@ -128,7 +130,7 @@ def _one(option: str, text: str, unit: str) -> float:
 
 
 def _values_of_one(a: "PairAllocation", damping: float) -> dict[str, Any]:
-    """Return what `--json` prints, `damping` [N·m·s/rad] being the plant's."""
+    """Return the values that `--json` prints; `damping` [N·m·s/rad] is the plant's."""
     return a.to_dict() | {
         "limits": a.active,
         "stiffness": a.stiffness_name,
@@ -203,6 +205,7 @@ def _table(a: "PairAllocation", damping: float) -> "Table":
 def _of_several(
     mechanism: "Mechanism",
     options: HandOptions,
+    hand: Hand | None,
     stiffness: str,
     torque: str,
     at_least: bool,
@@ -217,7 +220,7 @@ def _of_several(
     from allocator.allocation import allocate
     from allocator.allocation.at_least import allocate_at_least
 
-    q, hand = options.angles(mechanism), options.hand(mechanism)
+    q = options.angles(mechanism)
     T, n = torques(torque, mechanism), mechanism.n if hand is None else hand.endpoint.dim
     counts = {1: "one for all", n: "one each", n * (n + 1) // 2: "the upper triangle of the matrix, row by row"}
     K = _stiffness(row("--stiffness", stiffness, "N·m/rad" if hand is None else "N/m", counts), n)
@@ -245,7 +248,7 @@ def _stiffness(K: list[float], size: int) -> Any:
 
 
 def _values_of_several(found: "BoxAllocation | AtLeast") -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the values that `--json` prints."""
     from allocator.allocation.at_least import AtLeast
 
     a = found.allocation if isinstance(found, AtLeast) else found
@@ -282,7 +285,8 @@ def _tables(found: "BoxAllocation | AtLeast") -> "list[Table]":
     muscles = Table(*map(escape, ("muscle", "pressure [bar]", "pulls [N]", "binding limits")))
     for name, P, F in zip(m.muscle_names, a.P, a.forces, strict=True):
         binding = [limit.removeprefix(f"{name} ") for limit in a.active if limit.startswith(f"{name} ")]
-        muscles.add_row(escape(name), f"{P / BAR:.4f}", number(F), ", ".join(binding))
+        pulls = F if abs(F) > _NOTHING else 0.0
+        muscles.add_row(escape(name), f"{P / BAR:.4f}", number(pulls), ", ".join(binding))
     return [joints, muscles]
 
 

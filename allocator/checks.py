@@ -41,7 +41,7 @@ def floats(name: str, value: object, unit: str) -> Array:
 
 
 def _refuse_masks_and_units(name: str, value: object, unit: str) -> None:
-    """Refuse what `np.asarray` would drop without a word: masks, and the units of pint, astropy and their like."""
+    """Refuse masks, and the units of pint, astropy and the like, which `np.asarray` would drop silently."""
     if isinstance(value, list | tuple):
         for item in value:
             if type(item) is not float:
@@ -54,7 +54,7 @@ def _refuse_masks_and_units(name: str, value: object, unit: str) -> None:
 
 
 def brief(value: object) -> str:
-    """Return what `value` is, in one line: itself if it is short, else its type, shape and kind of elements."""
+    """Describe `value` in one line: itself if it is short, else its type, shape and kind of elements."""
     shown = repr(value)
     if len(shown) <= 60 and "\n" not in shown:
         return shown
@@ -299,7 +299,7 @@ def fitting(**values: Value) -> tuple[Any, ...]:
 def float_or_nan(x: Any) -> float:
     """Return `x` as a float where it is one real number of Python's or NumPy's, a 0-d array included; else NaN.
 
-    No range includes NaN, so that whoever looks whether a number lies in its range need not look at its type as well.
+    No range includes NaN, so that a check of the range needs no check of the type.
     """
     if type(x) is float:
         return x
@@ -313,7 +313,7 @@ def float_or_nan(x: Any) -> float:
 
 
 def pair_or_nan(x: Any) -> tuple[Any, Any]:
-    """Return both pressures in a tuple, list or array of two; NaN for what is none."""
+    """Return both pressures in a tuple, list or array of two; NaN for anything else."""
     if type(x) is tuple and len(x) == 2:
         return x
     if type(x) not in _SEQUENCES or getattr(x, "shape", None) == (2, 2):  # which are pairs or rows

@@ -11,7 +11,7 @@ angle_limits = [               # one row a joint; or without these lines
 
 [routes]                       # how the angles move the muscles
 kind = "Pulleys"               # or Sites, Tables; of one joint with two muscles Pulley, Lever, Table
-rest_length = [0.4, …]         # and what the kind needs besides
+rest_length = [0.4, …]         # and further keys of this kind
 …
 
 [[muscle]]                     # in the order of the routes
@@ -32,7 +32,7 @@ corner = 0.04                  # [Hz] below which slow motions are isothermal; o
 [source]                       # where the numbers come from, for the reader; not read by `load`
 encoder_zero_deg = 0.3         # reading at 0 of the joint; loops on a device and fits subtract it
 
-[plant], [bodies], [regulators]  # what moves, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
+[plant], [bodies], [regulators]  # motion, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
 [intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`
 [[measured]]                     # history of its strengths, see `mpc.bench.measuring.update`; not read by `load`
 
@@ -97,7 +97,7 @@ def named_machine(name: str) -> Machine:
     if name.endswith(".xml"):
         raise InvalidInput(f"{name} is a MuJoCo model: Mechanism.from_mjcf reads it with its muscles")
     if not name.endswith(".toml"):
-        raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml"])
+        raise MissingBackend("machine", name, [*MACHINES, "a file ending in .toml or .xml"])
     return load_machine(name)
 
 
@@ -183,7 +183,7 @@ def _route_lines(machine: Machine) -> list[str]:
 
 def _muscle_lines(muscles: Mapping[str, Muscle]) -> list[str]:
     lines: list[str] = []
-    above: dict[str, str] = {}  # text of a law: who has it
+    above: dict[str, str] = {}  # text of a law: its first muscle
     for name, muscle in muscles.items():
         law = "\n".join(muscle_lines(muscle, "muscle"))
         same = entries({"like": above[law]}) if law in above else [law]
@@ -217,7 +217,7 @@ def joint_from(file: Table, *, scale_needed: bool = True) -> AntagonistJoint:
 
 
 def described(machine: Machine) -> str:
-    """Return what a machine is, in some words."""
+    """Return a description of a machine, in some words."""
     if isinstance(machine, AntagonistJoint):
         return "a joint with two muscles"
     return f"a machine with n = {machine.n} joint{'s' * (machine.n > 1)} and m = {machine.m} muscles"

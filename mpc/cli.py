@@ -128,8 +128,8 @@ def track(
         typer.Option(
             "--wait",
             envvar="ANTAGONIST_WAIT",
-            help="wait for compilation of the mpc step; needed once after an installation. Otherwise it is "
-            "compiled in a second process, and this run takes the uncompiled step",
+            help="wait for compilation of the mpc step; needed once after an installation, and once for each arm. "
+            "Otherwise it is compiled in a second process, and this run takes the uncompiled step",
         ),
     ] = False,
     force: Force = False,
@@ -328,7 +328,7 @@ app.command("sweep", cls=Command, short_help="run the experiment that identifies
 app.command("measure", cls=Command, short_help="measure the stiffness of a joint on a device")(measure_command)
 app.command("explore", cls=Command, short_help="explore a joint in the browser")(explore)
 app.command("bench-check", cls=Command, short_help="check a board on a serial line")(bench_check_command)
-app.command("tune", cls=Command, short_help="tune a controller for a fitted plant")(tune_command)
+app.command("tune", cls=Command, short_help="tune a controller for a fitted plant or an arm")(tune_command)
 app.command("init", cls=Command, short_help="write a plant file to edit, for --machine")(init_command)
 
 

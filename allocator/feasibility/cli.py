@@ -65,8 +65,8 @@ def map_command(
 
     Two or three of angle, stiffness and torque are ranges, the others numbers. The ending of --out selects the format.
     Repeat --muscle to compare muscles in one picture. For several joints at a --posture: the polygon of two --targets,
-    with the binding muscles named on its edges. With --links and no posture: the feasible stiffness ellipses of the
-    hand over its workspace.
+    with the binding muscles named on its edges. With --links or --hand and no posture: the feasible stiffness ellipses
+    of the hand over its workspace.
     """
     from rich.console import Console
 
@@ -81,7 +81,9 @@ def map_command(
             raise InvalidInput("--theta and --stiffness are ranges of one joint; several joints take --targets")
         if pressures or stiffness_options != StiffnessOptions():
             raise InvalidInput("--pressures, --valves and --frequency are for one joint")
-        _map_of_several(options.build(), hand, targets, torque, out, min_force, as_json)
+        machine: Any = options.build()
+        located = hand.located(machine, options.machine)
+        _map_of_several(machine, hand, located, targets, torque, out, min_force, as_json)
         return
     hand.none()
     if targets is not None:
@@ -108,7 +110,8 @@ def map_command(
 
 def _map_of_several(
     mechanism: Any,
-    hand: HandOptions,
+    options: HandOptions,
+    hand: Hand | None,
     targets: str | None,
     torque: str | None,
     out: Path,
@@ -121,7 +124,7 @@ def _map_of_several(
     from allocator.presentation.plotting import save_figure
 
     check_ending("--out", out, IMAGES)
-    figure, sentence, values = draw(mechanism, hand, targets, torque, min_force=min_force)
+    figure, sentence, values = draw(mechanism, options, hand, targets, torque, min_force=min_force)
     save_figure(figure, out)
     if as_json:
         print_json(values | {"written": str(out)})
@@ -216,14 +219,21 @@ _BENT = 5 * DEG  # from the stretched arm, where the Jacobian is singular
 
 
 def draw(
-    mechanism: "Mechanism", options: HandOptions, targets: str | None, torque: str | None, *, min_force: float
+    mechanism: "Mechanism",
+    options: HandOptions,
+    hand: Hand | None,
+    targets: str | None,
+    torque: str | None,
+    *,
+    min_force: float,
 ) -> tuple["Figure", str, dict[str, object]]:
     """Return the figure of a mechanism's feasible targets, a sentence on it, and the output of `--json`.
 
     At a posture the polygon of two `targets`, such as "K11,K22"; of a hand without a posture its stiffness ellipses
     over the workspace. `torque` is the constant torque: numbers [N·m], 0 by default, or "free". Raises `InvalidInput`.
     """
-    hand = options.hand(mechanism)
+    if options.posture is None and hand is None:
+        raise InvalidInput("give a --posture [degrees] to draw its targets, or --links or --hand to draw a workspace")
     if options.posture is None and hand is not None and targets is None:
         return _workspace(mechanism, hand, torque, min_force)
     return _polygon(options, mechanism, hand, targets, torque, min_force)

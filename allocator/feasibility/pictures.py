@@ -128,11 +128,13 @@ def ellipse(K: Array) -> Array:
 def plot_workspace(found: "EndpointEllipses", axes: "Axes | None" = None) -> "Axes":
     """Draw the softest and the stiffest ellipse at every place, over the sector of feasible tilts of the long axis.
 
-    Every place has its own scale; the number beside it is the longest half axis [N/m]. Returns the Matplotlib axes.
+    Every place has its own scale; the number beside it is the longest half axis [N/m], unless it would cover another
+    number. Returns the Matplotlib axes.
     """
     axes = new_axes(8.2, 5.6) if axes is None else axes
+    axes.margins(0.12)
     axes.set_aspect("equal")
-    name_axes(axes, "x of the hand [m]", "y of the hand [m]")
+    name_axes(axes, *(f"{name} of the hand [m]" for name in found.names))
     numbers = "; beside it the longest half axis [N/m]" if np.count_nonzero(found.exists) <= _MOST_NUMBERS else ""
     axes.set_title(f"stiffness of the hand{numbers}", fontsize="medium", loc="left")
     x, softest, stiffest, tilt = (part[found.exists] for part in (found.x, found.softest, found.stiffest, found.tilt))
@@ -148,10 +150,23 @@ def plot_workspace(found: "EndpointEllipses", axes: "Axes | None" = None) -> "Ax
         _fan(axes, place, tilt[i], radius)
         for K, colour, width, label in ((stiffest[i], _STIFF, 1.6, "stiffest"), (softest[i], _SOFT, 1.6, "softest")):
             axes.plot(*(place[:, None] + length * ellipse(K)), color=colour, linewidth=width, label=label)
-        if len(x) <= _MOST_NUMBERS:
-            axes.annotate(f"{longest[i]:.0f}", place - [0, 1.05 * radius], ha="center", va="top", fontsize="x-small")
     legend_outside(axes)
+    if len(x) <= _MOST_NUMBERS:
+        _number(axes, x - [0, 1.05 * radius], np.asarray(longest))
     return axes
+
+
+def _number(axes: Any, places: Array, values: Array) -> None:
+    """Write each value below its place, unless it would cover a value before."""
+    axes.figure.draw_without_rendering()  # texts are placed in the final layout of the axes
+    taken: list[Any] = []
+    for place, value in zip(places, values, strict=True):
+        text = axes.annotate(f"{value:.0f}", place, ha="center", va="top", fontsize="x-small")
+        covers = text.get_window_extent()
+        if any(covers.overlaps(other) for other in taken):
+            text.remove()
+        else:
+            taken.append(covers)
 
 
 def _fan(axes: "Axes", place: Array, tilt: Array, radius: float) -> None:

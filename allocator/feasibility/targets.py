@@ -197,6 +197,7 @@ class EndpointEllipses:
     softest: Array  # K_x of the least trace (…, 2, 2) [N/m]
     stiffest: Array  # and of the greatest
     tilt: Array  # of the long axis from x anticlockwise, least and greatest (…, 2) [rad]; π apart where all exist
+    names: str = "xy"  # of the coordinates
 
     @property
     def exists(self) -> Mask:
@@ -244,6 +245,7 @@ def endpoint_ellipses(
         softest.reshape(*shape, 2, 2),
         stiffest.reshape(*shape, 2, 2),
         tilt.reshape(*shape, 2),
+        getattr(endpoint.kinematics, "axes", "xy"),
     )
 
 

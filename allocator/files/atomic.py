@@ -41,7 +41,7 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
 
 
 def check_writable(path: str | PathLike[str]) -> None:
-    """Raise `CannotWrite` if `path` is a directory, below a file, or write-protected."""
+    """Raise `CannotWrite` if `path` is a directory, below a file, or if it or its directory is write-protected."""
     target = Path(path)
     try:
         directory = target.is_dir()
@@ -54,6 +54,8 @@ def check_writable(path: str | PathLike[str]) -> None:
     above = next(folder for folder in target.absolute().parents if folder.exists())
     if not above.is_dir():
         raise CannotWrite(path, f"{above.name} is a file, not a directory")
+    if (target.is_file() or not target.exists()) and not os.access(above, os.W_OK):
+        raise CannotWrite(path, f"the directory {above} is write-protected")
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:

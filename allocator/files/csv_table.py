@@ -2,7 +2,7 @@
 
 Separators are a comma, a semicolon, a tab or spaces; with all but the comma numbers may have decimal commas. `#` begins
 a comment. Lines above the names, a row of units below them, and the headers of LabVIEW files are recognised
-(`allocator.files.layout`, `allocator.files.layout`).
+(`allocator.files.layout`).
 """
 
 import re

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from allocator import checks
 from allocator.calculus import Array, Mask, Value
 from allocator.errors import InvalidInput
+from allocator.units import BAR
 
 COMMON_FORCE = "a force common to both muscles"
 PRIOR_FORCE = f"{COMMON_FORCE}, which is that of a prior"
@@ -107,12 +108,17 @@ class Limits(NamedTuple):
 TAUT = Limits()  # the default: only taut cables
 
 
+_MOST = 1e3 * BAR  # [Pa] greater pressures are no supply of muscles
+
+
 def checked_supply(limits: object) -> tuple[float, float]:
     """Return the pressures (low, high) [Pa] of a supply. Raises InvalidInput."""
     checks.pressure("pressure_limits", limits)
     low, high = checks.limits("pressure_limits", limits, "Pa")
     if not 0 <= low < high:
         raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
+    if high > _MOST:
+        raise InvalidInput(f"pressure_limits[1] = {high:g} Pa is over {_MOST / BAR:g} bar; limits are in pascal")
     return low, high
 
 

@@ -74,7 +74,7 @@ class Muscle(ABC):
     """Volume of the gas between muscle and valve [m³]."""
 
     def __post_init__(self) -> None:
-        """Turn every number into a plain float (NumPy scalars upset CasADi) and refuse what is not finite."""
+        """Turn every number into a plain float (NumPy scalars upset CasADi). Refuse values that are not finite."""
         for name, is_row in self.number_fields().items():
             value = getattr(self, name)
             try:
@@ -323,7 +323,7 @@ SEARCH_CEILING = 20e5  # [Pa] far above any pneumatic muscle's burst pressure
 class AffineMuscle(Muscle):
     """Muscle with a force law affine in pressure, F(P, ε) = P·A(ε) + B(ε). A model defines the two functions A and B.
 
-    A and B are the formulas; `law` and all that follows from it continue them beyond what was measured. Most published
+    A and B are the formulas; `law` and all that follows from it continue them beyond the measured range. Most published
     laws are of this kind. Torque and stiffness are then affine in the two pressures, and every inverse is in closed
     form.
     """
@@ -342,7 +342,7 @@ class AffineMuscle(Muscle):
         return Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
-        """Return F = P·A(ε) + B(ε) [N], beyond what was measured by (R1)."""
+        """Return F = P·A(ε) + B(ε) [N], beyond the measured range by (R1)."""
         return P * continued(self.A, eps, self.edges) + continued(self.B, eps, self.edges)
 
     def gain(self, P: Value, eps: Value) -> Value:

@@ -78,7 +78,7 @@ def deviation(gradient: Array, covariance: Array) -> Array:
 def standard_deviation(muscle: Muscle, gradient: Array) -> Array:
     """Return √(g C gᵀ) (…) of a quantity with the `gradient` g (…, m) in the parameters of a fitted muscle.
 
-    Only what the samples did not determine is missing from it: the error of the law itself is not in the covariance.
+    The covariance contains the noise of the samples, and not the error of the law itself.
     Raises `InvalidInput` if the muscle has no covariance.
     """
     if muscle.covariance is None:

@@ -21,7 +21,7 @@ _BELOW = 0.45  # [inch] from the x axis to a legend, past ticks and label
 
 
 class Quantity(NamedTuple):
-    """A quantity is what stands on an axis."""
+    """A quantity that an axis shows."""
 
     label: str
     unit: float  # SI value of the unit shown
@@ -81,7 +81,7 @@ def degree_ticks(axes: "Axes") -> None:
 
 
 def legend_outside(axes: "Axes", title: str | None = None) -> None:
-    """Draw a legend to the right of the axes, where no data are; what is drawn several times is named once."""
+    """Draw a legend to the right of the axes, where no data are, with every label once."""
     handles, labels = axes.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
     if named:
@@ -197,7 +197,7 @@ if TYPE_CHECKING:
 
 
 class Range(NamedTuple):
-    """A range is what a slider runs over."""
+    """Range of a slider."""
 
     label: str
     low: float

@@ -11,7 +11,7 @@ _ROUNDING = 1e-12  # numbers below it are rounding errors of something that is z
 
 
 def number(value: SupportsFloat, digits: int = 4) -> str:
-    """Return `value` with so many significant digits; what differs from 0 by rounding only is 0."""
+    """Return `value` with so many significant digits, and 0 for a rounding error."""
     shown = float(value)
     return f"{0.0 if abs(shown) < _ROUNDING else shown:.{digits}g}"
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Hand(NamedTuple):
-    """Hand of --links and its force of --push."""
+    """Hand of --links or --hand, and its force of --push."""
 
     endpoint: "Endpoint"
     force: "Array"  # (2,) [N]
@@ -46,17 +46,23 @@ class HandOptions:
     links_at_zero: Annotated[
         str | None, Option(help="angle of each link to the one before at posture 0 [degrees]; 0 by default")
     ] = None
+    hand: Annotated[
+        str | None,
+        Option(help="hand of a MuJoCo model: a site or a body; with some of its coordinates, such as tip:xy"),
+    ] = None
     push: Annotated[str | None, Option(help="force that the hand exerts, such as 5,0 [N]; 0 by default")] = None
 
     def __post_init__(self) -> None:
-        if self.links is None:
-            for option, value in (("--links-at-zero", self.links_at_zero), ("--push", self.push)):
-                if value is not None:
-                    raise InvalidInput(f"{option} goes with --links, which say where the hand is")
+        if self.links is not None and self.hand is not None:
+            raise InvalidInput(f"--links {self.links} and --hand {self.hand}: give one of the two")
+        if self.links_at_zero is not None and self.links is None:
+            raise InvalidInput("--links-at-zero goes with --links")
+        if self.push is not None and self.links is None and self.hand is None:
+            raise InvalidInput("--push goes with --links, or with --hand of a MuJoCo model, which locate the hand")
 
     def none(self) -> None:
         """Insist that nothing is said of several joints. Raises `InvalidInput`."""
-        for option, value in (("--links", self.links), ("--posture", self.posture)):
+        for option, value in (("--links", self.links), ("--hand", self.hand), ("--posture", self.posture)):
             if value is not None:
                 raise InvalidInput(f"{option} goes with a --machine of several joints; a joint has --theta")
 
@@ -64,25 +70,41 @@ class HandOptions:
         """Return the posture (n,) [rad]. Raises `InvalidInput`."""
         n, names = mechanism.n, ", ".join(mechanism.joint_names)
         if self.posture is None:
-            raise InvalidInput(
-                f"{names} need --posture, {n} angles [degrees], such as {','.join(['10'] * n)}, instead of --theta"
-            )
+            raise InvalidInput(f"give --posture, the angles of {names} [degrees], such as {','.join(['10'] * n)}")
         return np.array(_angles("--posture", self.posture, {n: f"the angles of {names}"})) * DEG
 
-    def hand(self, mechanism: "Mechanism") -> Hand | None:
-        """Return the hand, if the options say where it is. Raises `InvalidInput`."""
+    def located(self, mechanism: "Mechanism", machine: str | None) -> Hand | None:
+        """Return the hand, if the options locate it; `machine` is the name of the mechanism. Raises `InvalidInput`."""
+        if self.hand is not None:
+            endpoint = self._of_model(mechanism, machine)
+        elif self.links is not None:
+            endpoint = self._of_links(mechanism)
+        else:
+            return None
+        axes: Any = endpoint.kinematics
+        parts = {endpoint.dim: f"its {' and '.join(axes.axes)}"}
+        push = [0.0] * endpoint.dim if self.push is None else row("--push", self.push, "N", parts)
+        return Hand(endpoint, np.array(push))
+
+    def _of_model(self, mechanism: "Mechanism", machine: str | None) -> "Endpoint":
+        from allocator.mechanism.endpoint import hand_of_model
+
+        if machine is None or not _is_xml(machine):
+            raise InvalidInput(f"--hand {self.hand} is of a MuJoCo model (.xml); {machine} takes --links")
+        endpoint = hand_of_model(machine, str(self.hand), mechanism)
+        if endpoint is None:
+            raise InvalidInput(f"--hand {self.hand}: no joint of {machine} moves it")
+        return endpoint
+
+    def _of_links(self, mechanism: "Mechanism") -> "Endpoint":
         from allocator.mechanism.endpoint import Endpoint
 
-        if self.links is None:
-            return None
         n = {mechanism.n: "one a link"}
-        lengths = np.array(row("--links", self.links, "mm", n))
+        lengths = np.array(row("--links", str(self.links), "mm", n))
         within("--links", float(lengths.min()), "mm", 1, 10_000)
         within("--links", float(lengths.max()), "mm", 1, 10_000)
         angles = [0.0] if self.links_at_zero is None else _angles("--links-at-zero", self.links_at_zero, n)
-        push = [0.0, 0.0] if self.push is None else row("--push", self.push, "N", {2: "its x and y"})
-        at_zero = np.broadcast_to(np.array(angles), lengths.shape) * DEG
-        return Hand(Endpoint.planar(lengths * MM, at_zero), np.array(push))
+        return Endpoint.planar(lengths * MM, np.broadcast_to(np.array(angles), lengths.shape) * DEG)
 
 
 def torques(text: str, mechanism: "Mechanism") -> "Array":
@@ -102,6 +124,10 @@ def _angles(option: str, text: str, counts: dict[int, str]) -> list[float]:
 A_MUSCLE = "a name that `antagonist muscles` lists, or a TOML file written by `antagonist fit`"
 OF_ONE_JOINT = "agonist", "antagonist", "radius", "stops", "friction"  # options
 _MUSCLE, _CONTRACTION = "sarosi-dmsp-20-400n", 0.1375  # defaults of a MuJoCo model
+
+
+def _is_xml(machine: str | None) -> bool:
+    return machine is not None and machine.lower().endswith(".xml")
 
 
 def _one_or_all(values: list[Any]) -> Any:
@@ -201,7 +227,7 @@ class MachineOptions:
     @property
     def is_mujoco(self) -> bool:
         """Whether the machine is a MuJoCo model."""
-        return self.machine is not None and self.machine.endswith(".xml")
+        return _is_xml(self.machine)
 
     @property
     def mujoco_muscles(self) -> list[str]:

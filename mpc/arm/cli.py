@@ -104,7 +104,7 @@ def track_arm(
 
     endings = {path.suffix.lower() for path in files} & SIZES.keys()
     size = max((SIZES[ending] for ending in endings), default=SIZES[".gif"])
-    with Film(tested, arm, size) as film, _Window(tested, more.view) as window:
+    with Film(tested, arm, size, point) as film, _Window(tested, more.view) as window:
         filmed = bool(endings)
 
         tip = (arm.bodies.length[-1], 0.0, 0.0) if more.catch else None

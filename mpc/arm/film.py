@@ -1,16 +1,17 @@
 """Film of a moving arm, rendered by MuJoCo if there is a GL, otherwise drawn by matplotlib."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
-from allocator.mechanism.endpoint.endpoint import stiffness_of
+from allocator.mechanism.endpoint.endpoint import Endpoint, LinkagePoint, stiffness_of
 from allocator.presentation.plotting import new_figure
 from allocator.units import BAR
 from mpc.arm.mujoco_plant import MujocoPlant
@@ -36,22 +37,26 @@ _WAY, _STIFF = (0.0, 0.45, 0.7, 1.0), (0.1, 0.55, 0.25, 1.0)  # colours
 class Film:
     """Film of a moving `plant` with a picture every twentieth of a second; a context manager.
 
-    The pictures show the path of a hand in the plane, and the ellipse of its stiffness: the forces against
-    displacements of one size. `size` is in pixels, one of `SIZES`. `by` names the renderer: MuJoCo and its GL, or
-    matplotlib and the reason.
+    The pictures show the path of the `hand`, by default the end of a chain in the plane, and the ellipse of its
+    stiffness in two coordinates: the forces against displacements of one size. `size` is in pixels, one of `SIZES`.
+    `by` names the renderer: MuJoCo and its GL, or matplotlib and the reason.
     """
 
-    def __init__(self, plant: MujocoPlant, arm: Arm, size: tuple[int, int] = SIZES[".gif"]) -> None:
+    def __init__(
+        self, plant: MujocoPlant, arm: Arm, size: tuple[int, int] = SIZES[".gif"], hand: Endpoint | None = None
+    ) -> None:
         self.pictures: list[Picture] = []
         self._plant, self._camera = plant, None
         self._next = 0.0
-        hand = Hand(plant, arm) if isinstance(arm.bodies, Bodies) else None
+        hand = hand or (arm.bodies.endpoint if isinstance(arm.bodies, Bodies) else None)
+        known = hand is not None and isinstance(hand.kinematics, LinkagePoint)
+        marks = Hand(plant, arm, hand) if hand is not None and known else None
         try:
             self._camera = camera = Camera(plant, *size)
-            self._draw: Callable[[], Picture] = lambda: camera.render(None if hand is None else hand.mark)
+            self._draw: Callable[[], Picture] = lambda: camera.render(None if marks is None else marks.mark)
             self.by = "MuJoCo"
         except MissingBackend as missing:
-            self._draw = _Drawing(plant, arm, hand, size).render
+            self._draw = _Drawing(plant, arm, marks, size).render
             self.by = f"matplotlib, because MuJoCo cannot render here ({missing})"
 
     def watch(self) -> None:
@@ -73,41 +78,52 @@ class Film:
 
 
 class Hand:
-    """Marks of the hand of a chain in the plane: its path so far, and the ellipse of its stiffness."""
+    """Marks of a hand: its path so far, and the ellipse of its stiffness in two coordinates."""
 
-    def __init__(self, plant: MujocoPlant, arm: Arm) -> None:
-        assert isinstance(arm.bodies, Bodies)
-        self._plant, self._arm, self._endpoint = plant, arm, arm.bodies.endpoint
-        self._largest, self._scale = _LARGEST * sum(arm.bodies.length), 0.0
+    def __init__(self, plant: MujocoPlant, arm: Arm, endpoint: Endpoint) -> None:
+        kinematics: Any = endpoint.kinematics
+        self._plant, self._arm, self._endpoint = plant, arm, endpoint
+        self._axes = ["xyz".index(axis) for axis in kinematics.axes]
+        self._place = replace(endpoint, kinematics=replace(kinematics, axes="xyz"))  # in space
+        self._over = np.array([0.0, 0.0, _OVER if isinstance(arm.bodies, Bodies) else 0.0])
+        joints = np.vstack([plant.data.xanchor, self.position()])
+        self._largest = _LARGEST * float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
+        self._scale = 0.0
         self.way: list[Array] = []
 
+    def position(self) -> Array:
+        """Return the hand's present position (3,) [m]."""
+        return self._place.position(self._plant.q)
+
     def ellipse(self) -> Array:
-        """Return the ellipse K_x·(cos φ, sin φ) about the hand (k, 2) [m]; nothing if the hand is singular."""
+        """Return the ellipse K_x·(cos φ, sin φ) about the hand (k, 3) [m]; nothing for a singular or another hand."""
         q = self._plant.q
         at = self._endpoint.at(q[None])
         K = stiffness_of(at, self._arm.mechanism.stiffness(q, self._plant.P)[None])[0]
-        if not np.isfinite(K).all():
-            return np.empty((0, 2))
+        if len(self._axes) != 2 or not np.isfinite(K).all():
+            return np.empty((0, 3))
         self._scale = self._scale or self._largest / float(np.linalg.norm(K, 2))
-        return np.asarray(at.position[0] + self._scale * np.stack([np.cos(_RING), np.sin(_RING)], axis=1) @ K)
+        curve = np.tile(self.position(), (len(_RING), 1))
+        curve[:, self._axes] += self._scale * np.stack([np.cos(_RING), np.sin(_RING)], axis=1) @ K
+        return curve
 
     def mark(self, scene: "MjvScene") -> None:
         """Add the path and the ellipse to a scene, as far as it has room."""
-        self.way.append(self._endpoint.position(self._plant.q))
+        self.way.append(self.position())
         for line, colour in ((np.array(self.way), _WAY), (self.ellipse(), _STIFF)):
             for begin, end in pairwise(line):
-                _add(scene, begin, end, colour)
+                _add(scene, begin + self._over, end + self._over, colour)
 
 
 def _add(scene: "MjvScene", begin: Array, end: Array, colour: tuple[float, ...]) -> None:
-    """Add a line in the plane to a scene that has room for it."""
+    """Add a line to a scene that has room for it."""
     import mujoco
 
     if scene.ngeom >= scene.maxgeom:
         return
     geom, kind = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
     mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), np.array(colour, np.float32))
-    mujoco.mjv_connector(geom, kind, _THIN, np.append(begin, _OVER), np.append(end, _OVER))
+    mujoco.mjv_connector(geom, kind, _THIN, begin, end)
     scene.ngeom += 1
 
 
@@ -142,7 +158,7 @@ class _Drawing:
         self._links.set_data(points[:, 0], points[:, 1])
         self._way.set_data(*np.transpose(self._trace))
         if self._hand is not None:
-            self._ellipse.set_data(*self._hand.ellipse().T)
+            self._ellipse.set_data(*self._hand.ellipse()[:, self._two].T)
         for bar, pressure in zip(self._bars, self._plant.P / BAR, strict=True):
             bar.set_width(pressure)
         return drawn(self._figure)
@@ -155,7 +171,7 @@ class _Drawing:
 
     def _in_space(self) -> Array:
         data = self._plant.data
-        return np.vstack([data.xanchor, data.xipos[-1:]])
+        return np.vstack([data.xanchor, data.xipos[-1:] if self._hand is None else self._hand.position()])
 
     def _seen_from(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Choose the two axes along which the model is largest; return its reach along them."""

@@ -7,18 +7,21 @@ their true length, on the link before the first joint that they move if that is 
 `Mechanism.from_mjcf` reads routes, names and ranges back, with rest lengths and cables from the tendons' user data.
 """
 
+from typing import Any
 from xml.etree import ElementTree as Tree
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from allocator.mechanism.routes import Pulleys, Sites
 from allocator.mechanism.routes.linkage import GROUND, Link
-from allocator.mechanism.routes.mjcf import MARK
+from allocator.mechanism.routes.mjcf import MARK, Source
 from mpc.arm.drawing import DRAWN, PALE, Drawing, row, view
 from mpc.model.arm.bodies import Bodies
+from mpc.model.arm.model import Arm
 
 _TIMESTEP = 0.002  # [s]
 _SLENDER = 0.01  # a rod's inertia about its axis, over that across; there is no rotation about it in the plane
@@ -33,8 +36,10 @@ def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", t
     On `Pulleys` the links are the bodies' chain in the plane. On `Sites` they are the routes' own links, with the
     masses of the bodies on their x-axes; the equations of motion are those of `bodies` if both are the same chain.
     Ranges of the joints become their limits, the gravity of the plane that of the model. `timestep` [s] is that of
-    simulations. Raises `InvalidInput` for other routes, and for bodies with another number of joints.
+    simulations. Raises `InvalidInput` for other routes and other bodies, and for another number of joints.
     """
+    if not isinstance(bodies, Bodies):
+        raise InvalidInput(f"{type(bodies).__name__} cannot be written as MJCF; Bodies, a chain in the plane, can")
     if bodies.n != mechanism.n:
         raise InvalidInput(f"bodies have n = {bodies.n} links; the mechanism has n = {mechanism.n} joints")
     routes, root = mechanism.routes, Tree.Element("mujoco", model=name)
@@ -59,6 +64,21 @@ def to_mjcf(mechanism: Mechanism, bodies: Bodies, *, name: str = "antagonist", t
         Tree.SubElement(world, "camera", {"name": "view", **view(bodies, drawing.behind)})
     Tree.indent(root)
     return Tree.tostring(root, encoding="unicode") + "\n"
+
+
+def model_of(arm: Arm) -> tuple[Source, dict[str, Any]]:
+    """Return the MuJoCo model of `arm`, and the rest lengths and cables of its tendons, arguments of a `MujocoPlant`.
+
+    The model is the one that the arm was read from, else `to_mjcf` writes it. Raises `InvalidInput`.
+    """
+    checks.instance("arm", arm, Arm, "an Arm, such as Arm.machine('arm26')")
+    routes: Any = arm.mechanism.routes
+    model = getattr(arm.bodies, "model", None)
+    if model is None:
+        return to_mjcf(arm.mechanism, arm.bodies), {}
+    L = np.array(routes.rest_length)
+    cable = L * (np.array(routes.initial_contraction) - 1) if isinstance(routes, Pulleys) else routes.cable
+    return model, {"rest_length": routes.rest_length, "cable": cable}
 
 
 def _settings(root: Tree.Element, bodies: Bodies, timestep: float) -> None:

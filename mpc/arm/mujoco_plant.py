@@ -2,7 +2,7 @@
 
 With the tendons' lengths l(q) and their slopes, MuJoCo's `ten_J`, muscle j pulls with F_j along its tendon:
 
-    M(q) q'' = -(∂l/∂q)ᵀ F + friction + load + what else the model has (gravity, damping, limits, contacts, …)    (M1)
+    M(q) q'' = -(∂l/∂q)ᵀ F + friction + load + the model's other torques (gravity, damping, limits, contacts, …)    (M1)
 
 The state (q, q', P) is integrated by the classical Runge–Kutta method in steps of at most the model's `timestep`.
 """
@@ -24,7 +24,7 @@ from allocator.mechanism.routes.mjcf import Source, load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.experiments import MujocoExperiment, pushed_stiffness, settle
-from mpc.arm.mjcf import to_mjcf
+from mpc.arm.mjcf import model_of
 from mpc.arm.rig import Given, Readings, Rubbing, Sensors, Supply, encoders_of, loads
 from mpc.model.arm.mechanics.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.model import Arm
@@ -126,8 +126,9 @@ class MujocoPlant:
     @classmethod
     def of(cls, arm: Arm, **effects: Any) -> Self:
         """Return bodies and muscles of `arm` on MuJoCo, with unmodelled `effects` by name."""
+        model, lengths = model_of(arm)
         given = {"pressure_limits": arm.pressure_limits, "lag": arm.lag, "slew": arm.slew, "nominal": arm} | effects
-        return cls(to_mjcf(arm.mechanism, arm.bodies), arm.mechanism.muscles, **given)
+        return cls(model, arm.mechanism.muscles, **(lengths | given))
 
     def __repr__(self) -> str:
         return f"MujocoPlant: {self.n} joints, {self.m} muscles, steps of {1e3 * self.model.opt.timestep:g} ms or less"
@@ -184,7 +185,7 @@ class MujocoPlant:
 
         mujoco.mj_resetData(self.model, self.data)
         if q is not None:
-            self.data.qpos[self._places] = self._row("q", q, self.n, "rad")
+            self.data.qpos[self._places] = self._row("q", checks.angle("q", q), self.n, "rad")
         self.data.qvel[self._speeds] = self._row("omega", omega, self.n, "rad/s")
         pressures = self.pressure_limits[0] if P is None else checks.pressure("P", P)
         self._P = self._row("P", pressures, self.m, "Pa")

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.joint.limits import checked_supply
 from allocator.mechanism.routes.base import per_muscle
 from mpc.model.arm.pressing import CROSSES
 from mpc.model.faults import Fault
@@ -117,11 +118,7 @@ class Supply:
 
     def __init__(self, limits: tuple[float, float], slew: float, dead_time: float) -> None:
         """Check the numbers. Raises `InvalidInput`."""
-        low, high = checks.limits("pressure_limits", limits, "Pa")
-        checks.pressure("pressure_limits", (low, high))
-        if not 0 <= low < high:
-            raise InvalidInput(f"pressure_limits = ({low:g}, {high:g}) Pa have to satisfy 0 <= lower < upper")
-        self.limits = low, high
+        self.limits = checked_supply(limits)
         self.slew = inf if slew == inf else checks.number("slew", slew, "Pa/s")
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")

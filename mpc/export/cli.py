@@ -85,8 +85,8 @@ class Built(NamedTuple):
 def _group() -> None:
     """Write C99 for a microcontroller or a real-time PC, or FMUs.
 
-    `allocation` and `governor` take any --machine, `controller` and `tuning` one joint with two muscles or an arm, the
-    other commands one joint.
+    `allocation` takes any --machine, `governor` an arm, `controller`, `tuning` and `fmu` one joint with two muscles or
+    an arm, and `firmware` one joint.
     """
 
 
@@ -136,7 +136,7 @@ def governor_command(out: Out, options: PlantOptions, precision: Precision = "do
     _say(None, made, f"{made / 'README.md'} describes how to build them")
 
 
-@export_app.command("fmu", cls=Command, short_help="plant and controller of a joint as FMUs")
+@export_app.command("fmu", cls=Command, short_help="plant and controller as FMUs")
 @grouped
 def fmu_command(
     out: Out,
@@ -152,7 +152,10 @@ def fmu_command(
         bool, typer.Option("--source-only", help="write no binaries; the importing tool compiles the sources")
     ] = False,
 ) -> None:
-    """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
+    """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools.
+
+    An arm has a controller.fmu only.
+    """
     from mpc.export.building import check
     from mpc.export.fmu.entry import PLATFORMS, checked, export_controller_fmu, export_plant_fmu
     from mpc.model.real_plant import RealPlant
@@ -163,7 +166,8 @@ def fmu_command(
     on = () if source_only else checked(named)
     built = options.built()
     check(out)
-    export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()), platforms=on)
+    if not options.of_several:
+        export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()), platforms=on)
     export_controller_fmu(out / "controller.fmu", built.controller, built.observer, platforms=on)
     _say(built, out, f"tools that read FMI 3.0 import them; binaries: {', '.join(on) or 'none'}")
 
@@ -233,4 +237,5 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
             say(console, f"the encoder reads {built.zero / DEG:.4g}° at 0 of the joint: subtract it before every step")
         for sentence in _margins(built).sentences:
             say(console, sentence)
-    say(console, f"written: {sum(path.is_file() for path in made.rglob('*'))} files in {made}; {read}")
+    count = sum(path.is_file() for path in made.rglob("*"))
+    say(console, f"written: {count} file{'s' * (count != 1)} in {made}; {read}")

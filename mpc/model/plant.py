@@ -281,7 +281,7 @@ class Plant:
         return Held(P, given, np.asarray(found.K_error), np.asarray(found.T_error))
 
     def warm_up(self, min_force: float) -> None:
-        """Compile what `allocate` needs for this joint."""
+        """Compile the allocation of this joint."""
         warm_up(joint=self.joint, min_force=min_force)
 
     def check_angles(self, name: str, theta: Array) -> None:

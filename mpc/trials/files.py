@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks, machine_file
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files import toml
 from allocator.files.atomic import replacing
-from allocator.files.csv_table import Table, read_table
 from allocator.units import DEG
 from mpc.model.plant import NU, NUMBERS, NX, Plant
+from mpc.trials.motions.columns import JOINT_STIFFNESS, MotionColumns
 from mpc.trials.motions.reference import Reference
 from mpc.trials.motions.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 from mpc.trials.simulation import Run
@@ -37,15 +37,17 @@ _NANO = 1_000_000_000
 def load(path: str | Path) -> Reference:
     """Load the trajectory in a CSV file with the columns t [s], theta_deg [°] and stiffness [N·m/rad], in any order.
 
-    Raises `InvalidFile` with line and column for a file that is not a trajectory.
+    Columns may have other units, such as ``theta [rad]``. Raises `InvalidFile` with line and column for a file that is
+    not a trajectory, and warns with `UnusedColumns` of further columns.
     """
-    table = read_table(path)
-    t, theta, K = (table.numbers(place_of(table, column)) for column in COLUMNS)
+    columns = MotionColumns.read(path, dict(zip(COLUMNS, ("s", "deg", JOINT_STIFFNESS), strict=True)))
+    t, theta, K = map(columns.numbers, COLUMNS)
     if t.size < 2:
         raise InvalidFile(path, f"a trajectory needs at least 2 samples, this file has {t.size}")
-    refuse(table, "t", np.diff(t, prepend=-np.inf) <= 0, t, "{:g} s does not come after the sample before")
-    refuse(table, "theta_deg", np.abs(theta) > 360, theta, "{:g}° is over a turn")
-    refuse(table, "stiffness", K <= 0, K, "{:g} N·m/rad has to be positive")
+    columns.refuse("t", np.diff(t, prepend=-np.inf) <= 0, t, "{:g} s does not come after the sample before")
+    columns.refuse("theta_deg", np.abs(theta) > 360, theta, "{:g}° is over a turn")
+    columns.refuse("stiffness", K <= 0, K, "{:g} N·m/rad has to be positive")
+    columns.tell_unused()
     return Reference(t, theta * DEG, K)
 
 
@@ -64,23 +66,6 @@ def save_run(run: Run, path: str | Path) -> None:
 def _write(path: str | Path, names: tuple[str, ...], table: Array, form: str) -> None:
     with replacing(path) as draft:
         np.savetxt(draft, table, fmt=form, delimiter=",", header=",".join(names), comments="")
-
-
-def place_of(table: Table, column: str) -> int:
-    """Return the index of the column with this name. Raises `InvalidFile`."""
-    if column not in table.names:
-        found = ",".join(table.names)
-        raise InvalidFile(table.path, f"this column is missing; found: {found}", line=1, column=column)
-    if table.names.count(column) > 1:
-        raise InvalidFile(table.path, "there are two columns of this name", line=1, column=column)
-    return table.names.index(column)
-
-
-def refuse(table: Table, column: str, wrong: Mask, values: Array, sentence: str) -> None:
-    """Raise `InvalidFile` at the first of the `values` marked `wrong`."""
-    if wrong.any():
-        i = int(np.argmax(wrong))
-        raise InvalidFile(table.path, sentence.format(values[i]), line=table.lines[i], column=column)
 
 
 def reference_called(name: str | None, K: float | None, plant: Plant) -> Reference:

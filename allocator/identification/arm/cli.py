@@ -26,7 +26,7 @@ def fit_arm_command(
     topics: Topics = None,
     terms: Annotated[
         bool,
-        typer.Option(help="choose further terms of each joint's law by left-out episodes, which takes minutes a joint"),
+        typer.Option(help="choose further terms of each joint's law by left-out episodes; takes minutes per joint"),
     ] = True,
     horizon: Annotated[int, typer.Option(help="rows of the free runs whose error is minimised")] = 40,
     as_json: AsJSON = False,
@@ -67,7 +67,15 @@ def fit_arm_command(
         say(console, f"beware: the log hardly shows what {', '.join(doubtful)} pull: move these joints more")
 
 
-_HEAD = ("joint", "raised by (t)", "lowered by (t)", "RMS [°]", "at rest [°]", "95 % band at the end [°]", "terms")
+_HEAD = (
+    "joint",
+    "raised by (t)",
+    "lowered by (t)",
+    "RMS [°]",
+    "if at rest [°]",
+    "95 % band at the end [°]",
+    "terms",
+)
 
 
 def _joints(fit: ArmFit, windows: Windows) -> list[dict[str, object]]:

@@ -29,7 +29,8 @@ def plot_residuals(fit: Fit[Muscle], axes: "Axes") -> "Axes":
     eps, residuals = 100 * fit.samples.contraction, fit.residuals()
     axes.axhspan(-2 * fit.rms, 2 * fit.rms, color=FILL, label="± 2 RMS")
     axes.plot(eps[~fit.slack], residuals[~fit.slack], "o", color="0.25", markersize=2.5, label="taut")
-    axes.plot(eps[fit.slack], residuals[fit.slack], "x", color="0.25", markersize=4, label="slack")
+    if fit.slack.any():
+        axes.plot(eps[fit.slack], residuals[fit.slack], "x", color="0.25", markersize=4, label="slack")
     axes.axhline(0, color="0.5", linewidth=0.8)
     axes.set_xlabel("contraction [%]")
     axes.set_ylabel("residual [N]")

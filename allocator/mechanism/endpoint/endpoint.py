@@ -11,10 +11,9 @@ Position of a hand over the posture: a point on a linkage in closed form, or a C
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from os import PathLike
-from typing import NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +21,12 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes.functions import SymbolicColumn
 from allocator.mechanism.routes.linkage import Link, Linkage, Site
+
+if TYPE_CHECKING:
+    from allocator.mechanism.routes.mjcf import Source
 
 _AXES = "xyz"
 
@@ -132,6 +135,7 @@ class FunctionPoint:
 
 
 _SINGULAR = 1e-9  # of the greatest singular value of J
+_STILL = 1e-9  # [m/rad] or of the greatest: a smaller motion of a point counts as none
 _LONGEST = 10.0  # [m] a longer link is in millimetres
 _SYMMETRIC = 1e-9  # of the greatest entry
 
@@ -177,7 +181,7 @@ class Endpoint:
         return cls(LinkagePoint.on(Linkage(links), link, position, axes))
 
     @classmethod
-    def from_mjcf(cls, file: str | PathLike[str], name: str, *, axes: str = "xyz") -> Self:
+    def from_mjcf(cls, file: "Source", name: str, *, axes: str = "xyz") -> Self:
         """Return the site of a MuJoCo model with this `name`, or else the origin of the body with this name.
 
         Joints are those of `Mechanism.from_mjcf` of the same file. Needs `antagonist[mujoco]`. Raises `InvalidFile`,
@@ -333,3 +337,25 @@ def stiffness_of(place: Place, K: Array) -> Array:
     """Return K_x = Gᵀ K G (…, dim, dim) [N/m] of `K` = K_q + Γ (…, n, n)."""
     G = lifted(place, K)
     return np.asarray(G.swapaxes(-1, -2) @ K @ G)
+
+
+def hand_of_model(file: "Source", text: str, mechanism: Mechanism) -> Endpoint | None:
+    """Return the hand of a MuJoCo model, a site or a body, with some of its coordinates: "tip", or "tip:xz".
+
+    Without coordinates it has those that the joints of the `mechanism` move most, at most as many as there are joints.
+    None if they move none. Raises the errors of `Endpoint.from_mjcf`.
+    """
+    name, _, axes = text.partition(":")
+    point = Endpoint.from_mjcf(file, name, axes=axes or _AXES)
+    return point if axes else _moved(point, mechanism)
+
+
+def _moved(point: Endpoint, mechanism: Mechanism) -> Endpoint | None:
+    low, high = (-1.0, 1.0) if mechanism.angle_limits is None else np.transpose(mechanism.angle_limits)
+    shares = np.random.default_rng(0).random((32, mechanism.n))
+    J = point.jacobian(low + shares * (np.asarray(high) - low))
+    sizes = np.linalg.svd(J, compute_uv=False)
+    rank = int((sizes.max(axis=0) > _STILL * max(sizes.max(), _STILL)).sum())
+    most = np.sort(np.argsort(-(J**2).sum(axis=(0, 2)), kind="stable")[:rank])
+    kinematics: Any = point.kinematics
+    return replace(point, kinematics=replace(kinematics, axes="".join(_AXES[i] for i in most))) if rank else None

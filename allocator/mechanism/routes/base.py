@@ -20,7 +20,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.lazy import SX
 
-_SHORTEST, _LONGEST = 1e-3, 10.0  # [m] lengths of a muscle; others have a wrong unit
+_SHORTEST, LONGEST = 1e-3, 10.0  # [m] lengths of a muscle; others have a wrong unit
 _NOTHING = 1e-9  # [m] a smaller arm counts as none
 
 
@@ -68,8 +68,8 @@ class Routes(ABC):
 def rest_lengths(kind: str, value: object, m: int) -> tuple[float, ...]:
     """Return m rest lengths [m] from one number or m of them. Raises `InvalidInput`."""
     lengths = per_muscle(f"{kind}: rest_length", value, m, "m")
-    if not ((lengths >= _SHORTEST) & (lengths <= _LONGEST)).all():
-        wrong = (lengths < _SHORTEST) | (lengths > _LONGEST)
+    if not ((lengths >= _SHORTEST) & (lengths <= LONGEST)).all():
+        wrong = (lengths < _SHORTEST) | (lengths > LONGEST)
         raise InvalidInput(f"{kind}: rest_length{checks.at(lengths, wrong)} has to be a muscle's length in metres")
     return tuple(lengths.tolist())
 
@@ -84,8 +84,16 @@ def per_muscle(name: str, value: object, m: int, unit: str) -> Array:
     return np.broadcast_to(array, (m,)).astype(float)
 
 
+class IdleMuscle(InvalidInput):
+    """Muscle without an arm at any joint; `muscle` is its index."""
+
+    def __init__(self, kind: str, muscle: int) -> None:
+        super().__init__(f"{kind}: muscle {muscle + 1} has no arm at any joint; it moves nothing")
+        self.muscle = muscle
+
+
 def check_arms(kind: str, arms: Array) -> None:
-    """Raise `InvalidInput` unless every muscle has an arm at some joint; `arms` (m, n) [m] are the greatest."""
+    """Raise `IdleMuscle` unless every muscle has an arm at some joint; `arms` (m, n) [m] are the greatest."""
     idle = ~(np.abs(arms) > _NOTHING).any(axis=1)
     if idle.any():
-        raise InvalidInput(f"{kind}: muscle {int(np.argmax(idle)) + 1} has no arm at any joint; it moves nothing")
+        raise IdleMuscle(kind, int(np.argmax(idle)))

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
-from allocator.mechanism.routes.base import Routes, per_muscle, rest_lengths
+from allocator.mechanism.routes.base import LONGEST, IdleMuscle, Routes, per_muscle, rest_lengths
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage, Site
 from allocator.mechanism.routes.pulleys import Pulleys
 from allocator.mechanism.routes.sites import Sites
@@ -68,6 +68,9 @@ def read_mjcf(
         else:
             paths = [_path(file, model, j, frames, int(wrap.mjWRAP_SITE)) for j in range(model.ntendon)]
             routes = Sites(lengths[0], links, paths, lengths[1])
+    except IdleMuscle as idle:
+        name = name_of(model.tendon(idle.muscle), idle.muscle)
+        raise InvalidFile(file, f"tendon {name} has no arm at any joint; it moves nothing") from None
     except InvalidInput as error:
         raise error if isinstance(error, InvalidFile) else InvalidFile(file, str(error)) from None
     limited = bool(np.all(model.jnt_limited))
@@ -79,7 +82,7 @@ def read_mjcf(
     )
 
 
-def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
+def read_point(file: Source, name: str) -> tuple[Linkage, Site]:
     """Return the linkage of an MJCF `file`, and the point of the site, or else of the body's origin, called `name`.
 
     Raises `MissingPackage` without MuJoCo; `InvalidFile` for a file that MuJoCo cannot read, without joints, with
@@ -96,7 +99,7 @@ def read_point(file: str | PathLike[str], name: str) -> tuple[Linkage, Site]:
         link, R, p = frames[bodies.index(name)]
     else:
         known = ", ".join(filter(None, [*sites, *bodies]))
-        raise InvalidFile(file, f"has no site or body called {name!r}; it has {known}")
+        raise InvalidFile(said(file), f"has no site or body called {name!r}; it has {known}")
     return Linkage(links), Site(link, tuple(p.tolist()))
 
 
@@ -123,8 +126,18 @@ def load(source: Source) -> "MjModel":
             said(source), f"is not in UTF-8 ({error.reason}); save it and the files it includes as UTF-8"
         ) from None
     except (ValueError, mujoco.FatalError) as error:
-        raise InvalidFile(said(source), f"is not read by MuJoCo ({error})") from None
+        raise InvalidFile(said(source), f"is not read by MuJoCo ({' '.join(str(error).split())})") from None
+    _refuse_swapped_ranges(model, source)
     return model
+
+
+def _refuse_swapped_ranges(model: "MjModel", source: Source) -> None:
+    """Raise `InvalidFile` for a range whose first number is the greater one; MuJoCo ignores such a range silently."""
+    for i in range(model.njnt):
+        low, high = model.jnt_range[i].tolist()
+        if low > high:
+            name, ends = name_of(model.joint(i), i), f"{low:.4g} to {high:.4g} rad (or m)"
+            raise InvalidFile(said(source), f"joint {name} has the range {ends}; the lower end comes first")
 
 
 def said(source: Source) -> str:
@@ -169,6 +182,10 @@ def muscle_lengths(
     Raises `InvalidInput`.
     """
     m, now = int(model.ntendon), _own_lengths(model)
+    if (long := (now > LONGEST) & _drawn(model)).any():
+        j = int(np.argmax(long))
+        name = name_of(model.tendon(j), j)
+        raise InvalidFile(said(source), f"tendon {name} is {now[j]:.4g} m long; lengths in a model are in metres")
     if rest_length is None and not tells(model):
         listed = ", ".join(f"{1e3 * length:.4g}" for length in now.tolist())
         raise InvalidInput(

@@ -4,7 +4,8 @@ A segment between the points p_o and p_i of two links has D = p_i - p_o, u = D/|
 
     r = -Jᵀu,      H = (JᵀJ - Jᵀu uᵀJ)/|D| + Σ_c u_c ∂²D_c/∂q²          (several segments add up)
 
-The derivatives of the points are those of `allocator.mechanism.routes.linkage`.
+The derivatives of the points are those of `allocator.mechanism.routes.linkage`. A joint that moves both ends of a
+segment leaves its length alone: there r and H are exactly 0.
 """
 
 from collections.abc import Sequence
@@ -62,6 +63,15 @@ class Sites(Routes):
         """Motion of the sites."""
         return Linkage(self.links)
 
+    @cached_property
+    def _bending(self) -> list[list[Array]]:
+        """Whether each joint (n,) moves one end of each segment of each path alone."""
+        moved = np.zeros((self.n + 1, self.n))  # by link, the ground last: its joints
+        for i, link in enumerate(self.links):
+            moved[i] = moved[link.parent]
+            moved[i, i] = 1.0
+        return [[np.abs(moved[a.link] - moved[b.link]) for a, b in pairwise(path)] for path in self.paths]
+
     def at(self, q: Array) -> RoutedLengths:
         """Return lengths, arms and bends at the postures `q` (…, n). Raises `InvalidInput` if two sites coincide."""
         frames = self.linkage.frames(q)
@@ -69,17 +79,17 @@ class Sites(Routes):
         length -= np.array(self.cable)
         for j, path in enumerate(self.paths):
             points = [self.linkage.point(site, frames) for site in path]
-            for start, end in pairwise(points):
+            for (start, end), bends in zip(pairwise(points), self._bending[j], strict=True):
                 D, J, C = (b - a for a, b in zip(start, end, strict=True))
                 distance = np.sqrt((D * D).sum(-1))
                 if not (distance > _COINCIDE).all():
                     raise InvalidInput(f"Sites: two neighbouring sites of muscle {j + 1} meet at one of the postures")
                 u = D / distance[..., None]
-                Ju = J @ u[..., None]  # (…, n, 1)
+                Ju = bends[:, None] * (J @ u[..., None])  # (…, n, 1)
                 length[..., j] += distance
                 arm[..., j, :] -= Ju[..., 0]
                 straight = (J @ J.swapaxes(-1, -2) - Ju @ Ju.swapaxes(-1, -2)) / distance[..., None, None]
-                bend[..., j, :, :] += straight + (C @ u[..., None, :, None])[..., 0]
+                bend[..., j, :, :] += np.outer(bends, bends) * (straight + (C @ u[..., None, :, None])[..., 0])
         return RoutedLengths(length, arm, bend)
 
     def symbolic(self, q: "SX") -> Sequence["SX | float"]:

@@ -69,7 +69,7 @@ class PressureDependent(Braided):
         return Basis("exponential", shape=self.P_k) if self.k_1 else Basis("quadratic")
 
     def law(self, P: Value, eps: Value) -> Value:
-        """Return F = S q P [a(1 - k(P)ε)² - b]   (11), (12), beyond what was measured by (R1)"""
+        """Return F = S q P [a(1 - k(P)ε)² - b]   (11), (12), beyond the measured range by (R1)"""
         return continued(lambda e: self._force(P, e), eps, self.edges)
 
     def _force(self, P: Value, eps: Value) -> Value:

@@ -9,7 +9,7 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from mpc.arm.drawing import DRAWN, row
 from mpc.arm.learning.plant import RESOLUTION, Touch, VariedArm, Wall, views
-from mpc.arm.mjcf import to_mjcf
+from mpc.arm.mjcf import model_of
 from mpc.arm.mujoco_plant import MujocoPlant
 
 _SIZE, _SEEN_THROUGH = (0.01, 0.25, 0.04), "0.35 0.5 0.65 0.6"  # [m] halves of a drawn wall, and its colour
@@ -74,10 +74,10 @@ class WalledPlant(MujocoPlant):
 def plant_of(varied: VariedArm) -> WalledPlant:
     """Return the nominal arm on MuJoCo; a wall is drawn and touches nothing."""
     arm, limits = varied.arm, varied.arm.mechanism.pressure_limits
-    text = to_mjcf(arm.mechanism, arm.bodies)
-    if varied.wall is not None and varied.hand.dim == 2:
-        text = text.replace("</worldbody>", f"{_drawn(varied.wall)}</worldbody>")
-    plant = WalledPlant(text, arm.mechanism.muscles, pressure_limits=limits, lag=arm.lags, gas=varied.gas)
+    model, lengths = model_of(arm)
+    if varied.wall is not None and varied.hand.dim == 2 and isinstance(model, str):
+        model = model.replace("</worldbody>", f"{_drawn(varied.wall)}</worldbody>")
+    plant = WalledPlant(model, arm.mechanism.muscles, **lengths, pressure_limits=limits, lag=arm.lags, gas=varied.gas)
     plant.model.opt.timestep = min(plant.model.opt.timestep, RESOLUTION / varied.fastest_rate)
     return plant
 

@@ -159,6 +159,7 @@ class Task(ABC):
 
     def __post_init__(self) -> None:
         """Check the fields. Raises `InvalidInput` and `MissingBackend`."""
+        checks.instance("arm", self.arm, Arm, "an Arm, such as Arm.machine('arm26')")
         for name, value, known in (("actions", self.actions, KINDS), ("dynamics", self.dynamics, DYNAMICS)):
             if value not in known:
                 raise MissingBackend(name, value, known)

@@ -7,7 +7,7 @@ formulas. MuJoCo itself evaluates everything else (`mpc.model.arm.mechanics.mujo
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from allocator.calculus import Array
 from allocator.errors import InvalidFile
 from allocator.mechanism import Mechanism
-from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.endpoint import Endpoint, hand_of_model
 from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.linkage import Link
 from allocator.mechanism.routes.mjcf import Source, linkage_of, load, muscle_lengths, name_of, read_mjcf, rotation, said
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from mujoco import MjModel
 
 _ROUNDING = 1e-14  # [-] of the greatest entry
-_STILL = 1e-9  # [m/rad] or of the greatest: a smaller motion of a point counts as none
 
 
 class Read(NamedTuple):
@@ -71,7 +70,7 @@ def read_arm(
     bodies = MujocoBodies(mechanics) if any(unread) else _tree_of(model, source)
     limited = bool(np.all(model.jnt_limited))
     routes: Routes = (
-        MujocoTendons.of(mechanics, lengths, cables) if unread[1] else read_mjcf(model, lengths, cables).routes
+        MujocoTendons.of(mechanics, lengths, cables) if unread[1] else read_mjcf(source, lengths, cables).routes
     )
     mechanism = Mechanism(
         routes,
@@ -81,10 +80,9 @@ def read_arm(
         muscle_names=tuple(name_of(model.tendon(j), j) for j in range(model.ntendon)),
         joint_names=tuple(name_of(model.joint(i), i) for i in range(model.njnt)),
     )
-    name, _, axes = (hand or _last_site(model)).partition(":")
-    point = Endpoint.from_mjcf(model, name, axes=axes or "xyz") if name else None
-    if point is not None and not axes and not (point := _moved(point, mechanism)):
-        name = ""
+    named = hand or _last_site(model)
+    point = hand_of_model(source, named, mechanism) if named else None
+    name = "" if point is None else named.partition(":")[0]
     dry = np.array(model.dof_frictionloss[model.jnt_dofadr])
     return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), dry, point, name)
 
@@ -108,18 +106,6 @@ def _last_site(model: "MjModel") -> str:
     """Return the name of the last named site, on the last body with such sites; "" without any."""
     named = [(int(model.site_bodyid[i]), i) for i in range(model.nsite) if model.site(i).name]
     return str(model.site(max(named)[1]).name) if named else ""
-
-
-def _moved(point: Endpoint, mechanism: Mechanism) -> Endpoint | None:
-    """Return the point with at most as many coordinates as joints, those that they move most; None without any."""
-    low, high = (-1.0, 1.0) if mechanism.angle_limits is None else np.transpose(mechanism.angle_limits)
-    shares = np.random.default_rng(0).random((32, mechanism.n))
-    J = point.jacobian(low + shares * (np.asarray(high) - low))
-    sizes = np.linalg.svd(J, compute_uv=False)
-    rank = int((sizes.max(axis=0) > _STILL * max(sizes.max(), _STILL)).sum())
-    most = np.sort(np.argsort(-(J**2).sum(axis=(0, 2)), kind="stable")[:rank])
-    kinematics: Any = point.kinematics
-    return replace(point, kinematics=replace(kinematics, axes="".join("xyz"[i] for i in most))) if rank else None
 
 
 def _left_out(model: "MjModel") -> str:
@@ -198,6 +184,7 @@ def _tree_of(model: "MjModel", source: Source) -> TreeBodies:
     return TreeBodies(
         tuple(map(_tidy, links)), mass, centre, inertia, model.dof_damping[model.jnt_dofadr],
         model.dof_armature[model.jnt_dofadr], model.jnt_stiffness, model.qpos_spring[place], model.opt.gravity.copy(),
+        model,
     )  # fmt: skip
 
 

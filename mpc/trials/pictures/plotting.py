@@ -1,6 +1,7 @@
 """Pictures of a run: angles, stiffness and pressures with references and limits, and the path of a hand."""
 
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,6 +87,7 @@ def _at_least(axes: "Axes", points: Array) -> None:
 
 
 _NOTHING = 1e-6  # [N·m/rad]
+_LABEL = 24  # characters of a label's line beside a small panel
 _PAIR = 2.2, 2.2  # heights of the pressures of two muscles, each with its command and infeasible pressures
 _MANY = (3.0,)  # of those of more muscles
 
@@ -173,7 +175,7 @@ def _stiffness(axes: "Axes", run: Run, model: Plant | None) -> None:
         axes.plot(run.t, table[f"{name}_ref"], color=_BLACK, ls="--", lw=1, label="reference")
     name, *frequency = run.plant.stiffness_text.split(" at ")
     unit = f"[{run.plant.stiffness_unit}]"
-    axes.set_ylabel("\n".join([f"{name} K", " at ".join([unit, *frequency])]))
+    axes.set_ylabel("\n".join([*wrap(f"{name} K", _LABEL), " at ".join([unit, *frequency])]))
     _widen(axes, 0.2)
     legend_outside(axes)
 

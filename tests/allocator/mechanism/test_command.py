@@ -91,7 +91,7 @@ def test_help_has_its_options_in_panels():
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--stiffness", "9"), "need --posture, 2 angles"),
+        (("--stiffness", "9"), "give --posture, the angles of"),
         (("--stiffness", "9", "--posture", "1,2,3"), "--posture 1,2,3: expected 2 .the angles of shoulder, elbow"),
         (("--stiffness", "9", "--posture", "1,x"), "--posture 1,x: expected 2"),
         (("--stiffness", "9", "--posture", "1,400"), "over a turn"),
@@ -204,7 +204,7 @@ def test_a_hand_without_a_posture_has_its_workspace_drawn(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--machine", "arm26"), "need --posture, 2 angles"),
+        (("--machine", "arm26"), "or --links or --hand to draw a workspace"),
         (("--machine", "arm26", "--posture", "1,2", "--targets", "K11"), "--targets K11: expected two"),
         (("--machine", "arm26", "--posture", "1,2", "--targets", "Kx11,K12"), "no target 'Kx11'.*needs an endpoint"),
         (("--machine", "arm26", "--posture", "1,2", "--stiffness", "1:9"), "--stiffness are ranges of one joint"),

@@ -155,6 +155,12 @@ def test_names_and_ranges_come_along(arm):
         ("<mujoco><nonsense", "not read by MuJoCo"),
         (ARM.replace(SWING, '<joint type="ball"/>').replace(TWIST, ""), "neither a hinge nor a slide"),
         (ARM.replace("</tendon>", '<fixed name="sum"><joint joint="elbow" coef="1"/></fixed></tendon>'), "tendon sum"),
+        (
+            ARM.replace(SWING, SWING.replace('-1 1" limited="true"', '1 -1"')),
+            "swing has the range 1 to -1 rad .* lower end",
+        ),
+        (ARM.replace('<site site="u1"/>', '<site site="s2"/>'), "tendon flexor has no arm at any joint"),
+        (ARM.replace('pos="0.03 0.05 0.01"', 'pos="30 50 10"'), "tendon flexor is 59.* m long; .* in metres"),
     ],
 )
 def test_models_that_cannot_be_taken(tmp_path, text, sentence):

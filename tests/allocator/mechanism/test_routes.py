@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from allocator import InvalidInput
+from allocator import InvalidInput, allocate
 from allocator.mechanism import Link, Mechanism, Pulleys, Sites, Tables, from_function, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
@@ -124,6 +124,23 @@ def test_off_diagonal_stiffness_comes_from_biarticular_muscles_alone():
     single = Mechanism(Pulleys(0.4, ARMS[:4], 0.1375), SAROSI_DMSP_20_400N)
     assert single.stiffness([0.4, -0.3], P[:4])[0, 1] == 0
     assert arm.stiffness([0.4, -0.3], P)[0, 1] > 1
+
+
+def test_a_joint_that_moves_both_ends_of_a_muscle_has_exactly_no_arm():
+    """Rounding errors there were stiffness between joints, which no pressures could take away."""
+    links = [Link(axis=(0.0, -1.0, 0.0)), Link(0, (0.3, 0.0, 0.0), axis=(0.0, -1.0, 0.0))]
+    upper = [[(-1, (-0.3, 0.0, z)), (0, (0.005, 0.0, z))] for z in (0.04, -0.04)]
+    lower = [[(0, (0.0, 0.0, z)), (1, (0.005, 0.0, z))] for z in (0.035, -0.035)]
+    arm = Mechanism(Sites(0.2, links, upper + lower, cable=0.133), SAROSI_DMSP_20_400N)
+    q = np.array([0.1, -0.15])
+    routed = arm.routes.at(q)
+    assert (routed.arm[:2, 1] == 0).all()
+    assert (routed.arm[2:, 0] == 0).all()
+    assert (routed.bend[:2, :, 1] == 0).all()
+    assert (routed.bend[2:, 0] == 0).all()
+    P = np.array([3.0, 2.5, 3.0, 3.5]) * BAR
+    found = allocate(q, np.diag(np.diag(arm.stiffness(q, P))), arm.torque(q, P), joint=arm)
+    assert found.status.name == "EXACT"
 
 
 def test_sites_that_meet_are_told():

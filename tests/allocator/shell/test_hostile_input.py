@@ -43,7 +43,7 @@ CASES = {
     ("fit-joint", "log_quote.csv", "--pulley", "20,0.1", "--rest-length", "400"): "a quotation mark is not closed",
     ("track", "t_quote.csv"): "t_quote.csv, line 2: a quotation mark is not closed",
     ("track", "t_cell.csv"): "t_cell.csv, line 3: a cell has over 131072 characters",
-    ("track", "t_twice.csv"): "column 't': there are two columns of this name",
+    ("track", "t_twice.csv"): "column 't': there are two columns of t",
     ("track", "t_long.csv"): "the reference takes 1e+09 s, which is 1e+11 samples of dt = 0.01 s; at most 1,000,000",
     ("track", "t_int.csv"): "… is not a finite number",
     (*HELD, "--muscle", "p_max.toml"): "cannot be computed (float division by zero); check F_max = 1500",

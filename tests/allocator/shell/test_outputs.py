@@ -2,12 +2,13 @@
 
 import os
 import stat
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from allocator.errors import CannotWrite, InvalidInput
-from allocator.files.atomic import replacing, write_text
+from allocator.files.atomic import check_writable, replacing, write_text
 from allocator.shell.outputs import claim
 from mpc.cli import app
 
@@ -150,3 +151,7 @@ def test_write_protection_is_respected(tmp_path, monkeypatch):
     with pytest.raises(CannotWrite, match="write-protected"):
         write_text(path, "new")
     assert path.read_text() == "old"
+    monkeypatch.setattr(os, "access", lambda place, _: Path(place) != tmp_path)
+    for name in ("a.toml", "new.toml", "new/new.toml"):
+        with pytest.raises(CannotWrite, match=f"the directory {tmp_path} is write-protected"):
+            check_writable(tmp_path / name)

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from allocator import named_muscle
-from allocator.mechanism import Mechanism
+from allocator.mechanism import Endpoint, Mechanism
 from allocator.units import DEG
 from mpc.arm import MujocoPlant
 from mpc.cli import app
@@ -53,6 +53,27 @@ def test_allocate_and_map_take_the_model_that_track_takes(model, tmp_path):
     torque = arm.torque(np.array([10, 10]) * DEG, np.array(answer["P_bar"]) * 1e5)
     assert answer["torque_Nm"] == pytest.approx(torque, abs=1e-9)
     assert run("map", *mine, "--out", tmp_path / "map.png").exit_code == 0
+
+
+def test_the_stiffness_of_a_site_or_body_of_the_model_is_allocated_and_drawn(model, tmp_path):
+    mine = "--machine", model, "--rest-length", 300
+    asked = "--posture", "10,30", "--stiffness", 60, "--hand"
+    done = run("allocate", *mine, *asked, "hand", "--push", "0.1,0", "--json")
+    assert done.exit_code in (0, 3), done.output
+    answer = json.loads(done.stdout)
+    hand = Endpoint.from_mjcf(model, "hand", axes="xz")
+    assert answer["position_m"] == pytest.approx(hand.position(np.array([10, 30]) * DEG))
+    assert run("map", *mine, "--hand", "hand:xz", "--out", tmp_path / "map.png").exit_code == 0
+    for given, said in (
+        ((*mine, *asked, "foot"), "has no site or body called 'foot'"),
+        (("--machine", "arm26", *asked, "hand"), "--hand hand is of a MuJoCo model (.xml); arm26 takes --links"),
+        ((*mine, *asked, "hand", "--links", "300,250"), "give one of the two"),
+        (("--theta", 1, "--stiffness", 6, "--hand", "hand"), "--hand goes with a --machine of several joints"),
+    ):
+        assert said in str(run("allocate", *given).exception)
+    for hand, said in (("foot", f"{model}: has no site or body called 'foot'"), ("hand:xyz", "at most 2 coordinates")):
+        refused = run("track", *mine, "--hand", hand, "--stiffness-of", "hand", "--out", tmp_path / "run.csv")
+        assert said in str(refused.exception)
 
 
 def test_contraction_gives_the_cables_that_the_arm_has(model):

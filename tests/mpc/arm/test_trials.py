@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from allocator.errors import CannotWrite, InvalidInput, MissingBackend
+from allocator.mechanism import Endpoint
 from mpc.arm import film as filming
 from mpc.arm.film import Film
 from mpc.arm.mjcf import to_mjcf
@@ -112,6 +113,29 @@ def test_without_gl_matplotlib_draws(monkeypatch, tmp_path):
     assert drawn.shape[2] == 3
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 20  # something is on it
     assert (film.pictures[0] != film.pictures[-1]).any()  # and it moves
+
+
+def test_a_film_of_a_hand_in_another_plane_shows_its_path_and_ellipse():
+    text = (
+        '<mujoco><worldbody><site name="a" pos="-.3 0 .05"/><site name="b" pos="-.3 0 -.05"/><body>'
+        '<joint name="one" axis="0 -1 0" damping=".2"/><geom size=".01" fromto="0 0 0 .3 0 0" type="capsule" mass="1"/>'
+        '<site name="c" pos="0 0 .05"/><site name="d" pos="0 0 -.05"/><body pos=".3 0 0">'
+        '<joint name="two" axis="0 -1 0" damping=".2"/><geom size=".01" fromto="0 0 0 .2 0 0" type="capsule" mass="1"/>'
+        '<site name="e" pos="0 0 .05"/><site name="f" pos="0 0 -.05"/><site name="tip" pos=".2 0 0"/></body></body>'
+        '</worldbody><tendon><spatial name="k"><site site="a"/><site site="c"/></spatial>'
+        '<spatial name="l"><site site="b"/><site site="d"/></spatial>'
+        '<spatial name="m"><site site="c"/><site site="e"/></spatial>'
+        '<spatial name="n"><site site="d"/><site site="f"/></spatial></tendon></mujoco>'
+    )
+    arm = Arm.from_mjcf(text, ARM.mechanism.muscles[0], 0.25, contraction=0.1)
+    rig = MujocoPlant.of(arm)
+    rig.reset([0.3, -0.6], 3e5)
+    hand = filming.Hand(rig, arm, Endpoint.from_mjcf(text, "tip", axes="xz"))
+    tip = rig.data.site("tip").xpos
+    assert hand.position() == pytest.approx(tip)
+    curve = hand.ellipse() - tip
+    assert curve[:, 1] == pytest.approx(np.zeros(len(curve)))
+    assert np.linalg.norm(curve, axis=1).max() == pytest.approx(0.15 * 0.5, rel=1e-3)  # of a reach of 0.5 m
 
 
 def test_an_mp4_is_what_ffmpeg_makes_of_all_pictures(monkeypatch, tmp_path):

@@ -196,6 +196,7 @@ def test_a_saved_page_answers_without_the_server(tmp_path, monkeypatch):
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto((tmp_path / "page.html").as_uri())
         page.wait_for_selector("body[data-ready]", state="attached")
+        assert float(page.input_value("#stiffness")) == float(page.inner_text("#K").split()[0])
         for name, value in (("theta", "28"), ("stiffness", "6.6"), ("torque", "4")):
             page.fill(f"#{name}", value)
             page.press(f"#{name}", "Enter")

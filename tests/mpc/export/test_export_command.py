@@ -186,7 +186,6 @@ def test_an_arm_s_controller_is_exported_by_its_name_and_other_products_refuse_i
     assert "#define ANT_MUSCLES 6" in (out / "antagonist_config.h").read_text()
     for command, more, why in (
         ("controller", ["--gas"], "its C has no gas"),
-        ("fmu", [], "one joint"),
         ("firmware", [], "one joint"),
     ):
         result = invoke(command, *arm, "--out", tmp_path / command, *more)

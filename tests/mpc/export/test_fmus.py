@@ -10,6 +10,7 @@ from dataclasses import replace
 import fmpy
 import numpy as np
 import pytest
+from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
@@ -354,7 +355,7 @@ def test_what_cannot_be_an_fmu_is_refused_and_nothing_is_written(tmp_path):
     with pytest.raises(InvalidInput, match="no clock"):
         export_controller_fmu(tmp_path / "controller.fmu", TrackingMPC(Plant(), N=3, budget=0.005))
     both, unknown = ["--source-only", "--platforms", "all"], ["--platforms", "x86_64-amiga"]
-    for options in (["--precision", "single"], ["--machine", "arm26"], both, unknown):
+    for options in (["--precision", "single"], both, unknown):
         refused = CliRunner().invoke(app, ["export", "fmu", "--out", str(tmp_path / "fmus"), *options])
         assert refused.exit_code
     assert not list(tmp_path.iterdir())
@@ -378,3 +379,17 @@ def test_one_command_writes_both(more, wanted, zig, tmp_path):
         path = tmp_path / "fmus" / f"{name}.fmu"
         assert validate_fmu(str(path)) == []
         assert {library.split("/")[1] for library in binaries(path)} == wanted
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_controller_of_an_arm_alone(tmp_path):
+    out = tmp_path / "fmus"
+    given = ["--machine", "arm26", "--horizon", "3", "--source-only", "--out", str(out)]
+    result = CliRunner().invoke(app, ["export", "fmu", *given])
+    assert result.exit_code == 0, result.output
+    assert "written: 1 file in" in result.output
+    assert [path.name for path in out.iterdir()] == ["controller.fmu"]
+    assert validate_fmu(str(out / "controller.fmu")) == []
+    described = read_model_description(str(out / "controller.fmu"))
+    rows = {v.name: v.dimensions[0].start for v in described.modelVariables if v.dimensions}
+    assert rows == {"theta_ref": 12, "K_ref": 18}  # of 1 + 3 + 2 samples, with a dead time of two

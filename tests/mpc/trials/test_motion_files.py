@@ -1,13 +1,15 @@
 """Motions of several joints from files: what is read, and what is said of files that cannot be meant."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from allocator import InvalidFile
+from allocator import InvalidFile, InvalidInput
 from allocator.units import DEG, MM
 from mpc.model.arm.model import Arm
+from mpc.trials.motions.columns import UnusedColumns
 from mpc.trials.motions.motion_files import load_motion
 
 ARM = Arm.machine("arm26")
@@ -64,6 +66,9 @@ WRONG = {
     "the stiffness of the joints where the hand's is tracked": (
         [f"t,{','.join(ANGLES)},{K}", "0,0,0,9,0,9", "1,0,0,9,0,9"], OF_HAND, "--stiffness-of joints",
     ),
+    "beyond the joint's range": (
+        [f"t,{','.join(ANGLES)}", "0,0,0", "1,300,0"], ARM, "300° is beyond the range of the joint, ",
+    ),
     "one sample": ([f"t,{','.join(ANGLES)}", "0,0,0"], ARM, "at least 2 samples"),
 }  # fmt: skip
 
@@ -77,6 +82,48 @@ def test_what_cannot_be_meant_is_refused_in_a_sentence(tmp_path, name):
     assert "my.csv" in str(raised.value)
 
 
+def test_an_arm_and_a_hand_of_other_types_are_named(tmp_path):
+    file = written(tmp_path, "t,x_mm,y_mm", "0,1,1", "1,1,1")
+    with pytest.raises(InvalidInput, match="arm = 'arm26' has to be an Arm"):
+        load_motion(file, "arm26", HAND)
+    with pytest.raises(InvalidInput, match="hand = 'tip' has to be an Endpoint"):
+        load_motion(file, ARM, "tip")
+
+
 def test_a_path_needs_a_hand(tmp_path):
     with pytest.raises(InvalidFile, match="a path of the hand, which this machine lacks"):
         load_motion(written(tmp_path, "t,x_mm,y_mm", "0,1,1", "1,1,1"), ARM)
+
+
+def test_columns_may_have_other_units_and_decimal_commas(tmp_path):
+    file = written(
+        tmp_path, "Zeit [ms];shoulder [rad];Elbow (deg);K11 [Nm/rad];K22 [N·m/deg]",
+        "0;0,1;20;12,5;0,1", "500;0,2;25;13;0,2",
+    )  # fmt: skip
+    asked = load_motion(file, ARM)
+    np.testing.assert_allclose(asked.t, [0.0, 0.5])
+    np.testing.assert_allclose(asked.theta, [[0.1, 20 * DEG], [0.2, 25 * DEG]])
+    np.testing.assert_allclose(asked.K[0], np.diag([12.5, 0.1 / DEG]))
+    path = written(tmp_path, "t,x [m],y [cm]", "0,0.575,-6", "1,0.575,-5.9")
+    np.testing.assert_allclose(HAND.position(load_motion(path, ARM, HAND).theta[0]), [0.575, -0.06], atol=0.1 * MM)
+
+
+def test_columns_that_are_not_read_are_listed(tmp_path):
+    file = written(tmp_path, f"t,{','.join(ANGLES)},Kxx,time_ref", "0,10,20,12,1", "1,12,25,13,2")
+    with pytest.warns(UnusedColumns, match="columns not used: Kxx, time_ref"):
+        load_motion(file, ARM)
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("t,x [ft],y_mm", "'x [ft]': the unit 'ft' is unknown; known are mm, m, cm, in"),
+        ("t,x,y_mm", "'x': has no unit"),
+        ("t,x_mm,y_mm,y [m]", "two columns of y_mm"),
+        ("t,x_mm,y_mm,K11 [N/m]", "known are Nm/rad, Nm/deg"),
+    ],
+)
+def test_units_that_are_not_known_are_named(tmp_path, header, said):
+    cells = ",".join("0" for _ in header.split(","))
+    with pytest.raises(InvalidFile, match=re.escape(said)):
+        load_motion(written(tmp_path, header, cells, cells), ARM, HAND)

@@ -6,6 +6,7 @@ import pytest
 from allocator import DEG, InvalidFile, InvalidInput, allocate
 from mpc import Plant, Reference, sine
 from mpc.trials.files import load, reference_called, save_reference
+from mpc.trials.motions.columns import UnusedColumns
 from mpc.trials.motions.trajectories import LEAD, usual_stiffness
 
 HEADER = "t,theta_deg,stiffness\n"
@@ -48,7 +49,8 @@ def test_saving_and_loading_gives_the_same_trajectory(tmp_path):
 
 def test_columns_may_come_in_any_order_with_others_between(tmp_path):
     text = "\ufeffstiffness, note ,theta_deg,t\n7.5,a,10,0\n\n7.6,b,20,0.5\r\n7.7,c,30,1\n"
-    r = load(write(tmp_path / "r.csv", text))
+    with pytest.warns(UnusedColumns, match="r.csv: columns not used: note$"):
+        r = load(write(tmp_path / "r.csv", text))
     np.testing.assert_allclose(r.t, [0, 0.5, 1])
     np.testing.assert_allclose(r.theta / DEG, [10, 20, 30])
     np.testing.assert_allclose(r.K, [7.5, 7.6, 7.7])
@@ -61,7 +63,7 @@ def test_columns_may_come_in_any_order_with_others_between(tmp_path):
         ("\n\n", "is empty"),
         (HEADER, "has column names but no samples"),
         (HEADER + "0,0,7\n", "at least 2 samples, this file has 1"),
-        ("t,theta_deg\n0,0\n1,1\n", "line 1, column 'stiffness': this column is missing; found: t,theta_deg"),
+        ("t,theta_deg\n0,0\n1,1\n", "line 1, column 'stiffness': this column is missing; found: t, theta_deg"),
         ("0,0,7\n1,1,7\n", "line 1, column 't': this column is missing"),
         ("t;theta_deg;stiffness\n0;0,5;7\n", "at least 2 samples, this file has 1"),
         (HEADER + "0,0,7\n1,one,7\n", "line 3, column 'theta_deg': 'one' is not a number"),

@@ -139,6 +139,11 @@ class MujocoBodies:
     mechanics: Mechanics = field(repr=False)
 
     @property
+    def model(self) -> "MjModel":
+        """Model that they were read from."""
+        return self.mechanics.model
+
+    @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.mechanics.model.njnt)

@@ -13,7 +13,7 @@ with s the axis, o the position of the hinge and R(q) the rotation of a link in 
 which is linear in q'': M(q) is the slope, the rest the bias.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -26,6 +26,8 @@ from allocator.lazy import SX, Function
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage
 
 if TYPE_CHECKING:
+    from mujoco import MjModel
+
     pass
 
 
@@ -55,6 +57,7 @@ class TreeBodies:
     spring: Array  # k (n,) [N·m/rad]
     spring_zero: Array  # q_0 (n,) [rad]
     gravity: Value = (0.0, 0.0, 0.0)  # γ (3,) [m/s²]
+    model: "MjModel | None" = field(default=None, repr=False)  # that they were read from
 
     def __post_init__(self) -> None:
         """Check the fields and convert them to arrays. Raises `InvalidInput`."""
@@ -64,7 +67,7 @@ class TreeBodies:
         if not n or any(link.kind != "hinge" for link in links):
             raise InvalidInput("TreeBodies: links have to be one or more, all on hinges")
         shapes = {"centre": (n, 3), "inertia": (n, 3, 3), "gravity": (3,)}
-        for f in fields(self)[1:]:
+        for f in fields(self)[1:-1]:
             shape, unit = shapes.get(f.name, (n,)), _UNITS.get(f.name, "m/s²")
             array = checks.real(f"TreeBodies: {f.name}", getattr(self, f.name), unit)
             if array.shape not in ((), shape):

@@ -68,6 +68,18 @@ def test_torques_that_do_not_exist_leave_no_ellipse():
     assert {"stiffest", "softest", "torques do not exist"} <= {t.get_text() for t in axes.get_legend().get_texts()}
 
 
+def test_axes_have_the_names_of_the_hand_s_coordinates_and_numbers_do_not_overlap():
+    links = [Link(axis=(0.0, -1.0, 0.0)), Link(0, (0.3, 0.0), axis=(0.0, -1.0, 0.0))]
+    hand = Endpoint.on_link(links, 1, (0.25, 0.0), axes="xz")
+    crowd = POSTURES[0] + np.linspace(0, 0.02, 5)[:, None]
+    axes = endpoint_ellipses(ARM, hand, np.vstack([crowd, POSTURES])).plot()
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x of the hand [m]", "z of the hand [m]")
+    axes.figure.draw_without_rendering()
+    places = [text.get_window_extent() for text in axes.texts]
+    assert 1 < len(places) < 5 + len(POSTURES)
+    assert not any(one.overlaps(other) for i, one in enumerate(places) for other in places[:i])
+
+
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
