@@ -51,9 +51,9 @@ def drifted(seed: int, directory: Path) -> tuple[tuple[float, float], tuple[floa
     path, found = directory / "joint.toml", []
     plant.save(path)
     before = errors(load_joint(path), real)
-    for theta, K in RESTS:
+    for noise, (theta, K) in enumerate(RESTS, start=len(RESTS) * seed):
         e = Experiment(plant, told, theta, K, DT, Tones(series=()))
-        driven(real, e, Limits.of(plant, DT), theta, seed)
+        driven(real, e, Limits.of(plant, DT), theta, noise)
         known = Known(plant.inertia)
         found.append(MeasuredStiffness.of(plant, told.friction.loop, e.findings, e.tones, known, real.encoder))
     joint = update(path, found, plant.inertia) if any(m.success for m in found) else load_joint(path)

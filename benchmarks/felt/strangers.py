@@ -7,7 +7,7 @@ equations.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from benchmarks.strangers.physics import slipped
 from benchmarks.strangers.plants import STRUCTURES, Stranger, drawn, gain, settled, stretch
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.log import from_log
-from mpc.bench.measuring.result import MeasuredStiffness
+from mpc.bench.measuring.result import Felt, MeasuredStiffness
 from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.safety import Stopped
@@ -28,6 +28,7 @@ from mpc.tracking.limits import Limits
 
 DT = 0.01  # [s]
 STEPS, CYCLES = 120, 2  # of a push, quasi-static
+RATE = 1.0  # [Hz] of a quick push
 
 
 def pushed(stranger: Stranger, theta: float, P: Array, amplitude: float) -> float:
@@ -111,41 +112,74 @@ def in_log(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K: f
     return from_log(plant, model.told.friction.loop, log, Known(plant.inertia, 0.0, stranger.sensors.late * DT))
 
 
+def creeping(stranger: Stranger, frequency: float = RATE) -> float:
+    """Return the stiffness of creep at a frequency [Hz], of which slow pushes meet none [N·m/rad]."""
+    p = stranger.parts
+    turned = (2 * np.pi * frequency * p.creep_time) ** 2
+    return 2 * p.creep * p.lever**2 * float(turned / (1 + turned))
+
+
+class Errors(NamedTuple):
+    """Errors of a felt stiffness, relative to that of a slow push."""
+
+    felt: float  # as measured
+    quick: float  # as measured, relative to a quick push
+    backbone: float  # part of `felt`
+    hysteresis: float  # the other part
+    model: float  # as the model predicts it
+    model_backbone: float  # part of `model`
+    model_hysteresis: float  # the other part
+
+
+def errors(m: MeasuredStiffness, felt: Felt, K: float, met: float, creep: float) -> Errors:
+    """Return the errors for a slow push that meets `met`, of which `K` is the backbone [N·m/rad]."""
+    return Errors(
+        felt.K / met - 1, felt.K / (met + creep) - 1, (m.K - K) / met, (felt.K - m.K - met + K) / met,
+        felt.model / met - 1, (m.model_K - K) / met, (felt.model - m.model_K - met + K) / met,
+    )  # fmt: skip
+
+
 def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measured) -> str:
     """Measure n strangers of each structure and return the figures."""
-    strengths, felts, backbones, predicted, refused, total = [], [], [], [], 0, 0
+    strengths, felts, backbones, total = [], [], [], 0
     for structure in STRUCTURES:
         for seed in range(first, first + n):
             stranger = drawn(structure, seed)
             model = identified(stranger) if of == "identified" else data_sheet(stranger)
             m, total = by(stranger, model, seed), total + 1
             if m.refusal:
-                refused += 1
                 print(structure, seed, m.sentence, flush=True)
                 continue
             P = np.array(m.pressures)
             gs = [g / t - 1 for g, t in zip(m.strengths, true_strengths(stranger, model, m), strict=True)]
-            K = float(stranger.along(np.array([[m.theta, 0.0, *P]]))[0][0])
-            pushes = [pushed(stranger, m.theta, P, f.amplitude) for f in m.felt]
-            curve = [(f.amplitude, f.K / met - 1) for f, met in zip(m.felt, pushes, strict=True)]
-            predicted += [f.model / met - 1 for f, met in zip(m.felt, pushes, strict=True)]
+            K, creep = float(stranger.along(np.array([[m.theta, 0.0, *P]]))[0][0]), creeping(stranger)
+            curve = [errors(m, f, K, pushed(stranger, m.theta, P, f.amplitude), creep) for f in m.felt]
             strengths += gs
-            felts += [e for a, e in curve if 1 * DEG <= a <= 8.5 * DEG]
+            felts += [e for f, e in zip(m.felt, curve, strict=True) if 1 * DEG <= f.amplitude <= 8.5 * DEG]
             backbones.append((m.K / K - 1, m.model_K / K - 1, m.K_std / K))
-            felt = " ".join(f"{a / DEG:.1f}°: {100 * e:+.1f}" for a, e in curve)
+            felt = " ".join(f"{f.amplitude / DEG:.1f}°: {100 * e.felt:+.1f} ({100 * e.backbone:+.1f} backbone)"
+                            for f, e in zip(m.felt, curve, strict=True))  # fmt: skip
             alone = 100 * (m.model_K / K - 1)
             print(
                 f"{structure} {seed} strengths {100 * gs[0]:+.1f} {100 * gs[1]:+.1f} %, K {100 * (m.K / K - 1):+.1f} % "
                 f"(model alone {alone:+.1f}), felt {felt}, {m.duration:.0f} s",
                 flush=True,
             )
-    g, f, k, model = (np.abs(np.array(v)) for v in (strengths, felts, backbones, predicted))
+    said = f"strangers ({of}): {len(backbones)} of {total} measured; "
+    return said + summary(*(np.array(rows) for rows in (strengths, felts, backbones)))
+
+
+def summary(strengths: Array, felts: Array, backbones: Array) -> str:
+    """Return the figures of errors: strengths (n,), `Errors` (n, 7), and backbones with their deviation (n, 3)."""
+    g, k = np.abs(strengths), np.abs(backbones)
+    median, most = (Errors(*100 * np.quantile(np.abs(felts), q, axis=0)) for q in (0.5, 0.9))
     return (
-        f"strangers ({of}): {total - refused} of {total} measured; nine in ten strengths within "
-        f"{100 * np.quantile(g, 0.9):.1f} %, felt K at 1–8° within {100 * np.quantile(f, 0.9):.1f} %, backbone within "
+        f"nine in ten strengths within {100 * np.quantile(g, 0.9):.1f} %, felt K at 1–8° within {most.felt:.1f} % "
+        f"({most.quick:.1f} % against pushes at {RATE:g} Hz, which meet creep), backbone within "
         f"{100 * np.quantile(k[:, 0], 0.9):.1f} % (model alone {100 * np.quantile(k[:, 1], 0.9):.1f} %), whose 95 % "
         f"interval covers {100 * np.mean(k[:, 0] <= 1.96 * k[:, 2]):.0f} %; medians "
-        f"{100 * np.median(g):.1f}, {100 * np.median(f):.1f}, {100 * np.median(k[:, 0]):.1f} %; "
-        f"felt K that the model alone predicts: median error {100 * np.median(model):.1f} %, nine in ten within "
-        f"{100 * np.quantile(model, 0.9):.1f} %"
+        f"{100 * np.median(g):.1f}, {median.felt:.1f}, {100 * np.median(k[:, 0]):.1f} %; parts of the felt K's error "
+        f"(medians): backbone {median.backbone:.1f}, hysteresis {median.hysteresis:.1f} %; felt K that the model alone "
+        f"predicts: median error {median.model:.1f} %, nine in ten within {most.model:.1f} %, parts (medians): "
+        f"backbone {median.model_backbone:.1f}, hysteresis {median.model_hysteresis:.1f} %"
     )

@@ -34,6 +34,7 @@ from mpc.bench.measuring.springs import secant
 NAMES = ("g1", "g2", "K", "h", "dK/dA", "dh/dA", "D", "age")
 WIDER = 2  # number of the tone of another amplitude
 _FLOOR = 0.006  # [-] of the impedance K - Jω² + …: errors beyond the scatter of periods (waveform, dead band)
+_SCATTER = 1.8  # [-] of a tone's noise: scatter of tones of one muscle each, by drifted joints (seeds 8-15)
 LOSSY = 0.03  # [-] of h: how far friction differs from tone to tone, by hidden joints (seeds >= 1000)
 _MODEL = 0.02  # [-] of the strengths, common to both: model error of the equations, by hidden joints (seeds >= 1000)
 _TINY, _STILL = 1e-4, 1e-7  # [s] of a difference, and of the last step
@@ -117,7 +118,11 @@ def _fitted(tones: list[Tone], A0: float, known: Known, *, rate: bool) -> tuple[
 
 
 def _equations(tones: list[Tone], A0: float, known: Known, x: Array, rate: bool) -> tuple[Array, Array]:
-    """Return the weighted equations X x = y about the unknowns `x`, each divided by its standard deviation."""
+    """Return the weighted equations X x = y about the unknowns `x`, each divided by its standard deviation.
+
+    Tones of one amplitude in either muscle scatter by more than their noise, against which a `rate` is judged. With the
+    noise alone they would outweigh the balance of the mean torques, which fixes the ratio of the strengths better.
+    """
     rows, centre = [], float(np.mean([log(tone.frequency) for tone in tones]))
     for tone in tones:
         here, J = tone.loop(x[7]), known.inertia
@@ -125,7 +130,7 @@ def _equations(tones: list[Tone], A0: float, known: Known, x: Array, rate: bool)
         later = _left(tone.loop(x[7] + _TINY), x, J)
         by_age = [(after - now) / _TINY for now, after in zip(_left(here, x, J), later, strict=True)]
         decades = [-(log(tone.frequency) - centre) / log(10)] * rate
-        noise = tone.error**2 + (J * tone.acceleration_error) ** 2
+        noise = ((1.0 if rate else _SCATTER) * tone.error) ** 2 + (J * tone.acceleration_error) ** 2
         error = sqrt(noise + (_FLOOR * max(abs(x[2]), abs(J * b))) ** 2 + (LOSSY * x[3]) ** 2)
         mean = [m1, m2, -1, 0, -dA, 0, 0, by_age[0], *decades, by_age[0] * x[7] - J * b]
         loss = [w1, w2, 0, -1, 0, -dA, -here.velocity, by_age[1], *[0.0] * rate, by_age[1] * x[7]]

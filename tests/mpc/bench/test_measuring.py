@@ -24,7 +24,7 @@ from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.session import Told, encoder_step, measure, result_of
 from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.springs import backbone, secant, stop
-from mpc.bench.measuring.strengths import Known, solve
+from mpc.bench.measuring.strengths import Known, Load, solve
 from mpc.bench.measuring.update import combined, strengthened, update
 from mpc.bench.measuring.weighing import Weight
 from mpc.model.friction.contact import Contact
@@ -154,6 +154,23 @@ def test_strengths_of_exact_tones_are_exact():
     assert found.values["K"] == pytest.approx(K, rel=1e-4)
     assert found.values["D"] == pytest.approx(D, rel=1e-3)
     assert abs(found.rate) < 1e-3
+
+
+def test_the_balance_of_mean_torques_outweighs_tones_that_scatter():
+    """Friction of the tones of one muscle each that differs by ±3 %, and the noise of pressures."""
+    J, K, g, A, rng, t = 0.05, 8.0, np.array([1.1, 0.9]), 3 * DEG, np.random.default_rng(0), np.arange(0, 3, 0.01)
+    low = ((1, (1, 0), 1.03), (1, (0, 1), 0.97), (1, (0.5, 0.5), 1), (0.5, (0.5, 0.5), 1))
+    balance = Load((2 / 1.1, -2 / 0.9), 0.0, 0.05)
+    errors = []
+    for _ in range(4):
+        tones = []
+        for f, shares, more in (*low, (4, (0.6, 0.4), 1), (4, (0.4, 0.6), 1)):
+            theta = (1.4 if len(tones) == 2 else 1.0) * A * np.cos(2 * np.pi * f * t)
+            T = np.outer(theta, (more * K - J * (2 * np.pi * f) ** 2) * np.array(shares) / g)
+            tones.append(tone_of(t, theta, 0 * T, T + 0.1 * rng.standard_normal(T.shape), f))
+        one, two = solve(tones, A, Known(J, loads=(balance,))).strengths / g
+        errors.append(one / two - 1)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.014
 
 
 @pytest.fixture(scope="module")

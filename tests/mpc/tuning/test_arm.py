@@ -187,7 +187,7 @@ def test_the_command_writes_an_arm_that_track_takes(tmp_path):
     small = ["--evaluations", "2", "--draws", "1", "--workers", "1", "--dt", "0.02", "--horizon", "10"]
     result = CliRunner().invoke(app, ["tune", "--machine", "arm26", "--out", str(out), *small])
     assert result.exit_code == 0, result.output
-    assert "M_s on model and draws" in result.output
+    assert "M_s on the draws" in result.output
     assert load_arm(out) == ARM
     files = ["--out", str(tmp_path / "run.csv"), "--dt", "0.02", "--horizon", "10"]
     tracked = CliRunner().invoke(app, ["track", "hold", "--machine", str(out), "--plant", "real", *files])

@@ -28,9 +28,6 @@ from allocator.mechanism.routes.linkage import GROUND, Link, Linkage
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-    pass
-
-
 _Moved: TypeAlias = tuple["SX", "SX", "SX"]
 _UNITS = {
     "mass": "kg", "centre": "m", "inertia": "kg·m²", "damping": "N·m·s/rad", "armature": "kg·m²",
