@@ -47,7 +47,7 @@ class Status(IntEnum):
 _ADVICE = {
     Status.EXACT: "torque and stiffness are met",
     Status.TORQUE_LIMITED: "the torque cannot be met, this is the nearest; ask for less or relieve a limit",
-    Status.STIFFNESS_LIMITED: "the stiffness cannot be met, this is the nearest; choose one that `map` shows to be feasible",
+    Status.STIFFNESS_LIMITED: "the stiffness cannot be met, this is the nearest; choose a feasible one (see `map`)",
     Status.BOTH_LIMITED: "neither torque nor stiffness can be met, this is the best trade for the priority",
     Status.PULLED: "the pull towards the reference pressures keeps the answer off the targets",
     Status.UNSTABLE: "the stiffness is not positive definite: the posture does not hold itself",
