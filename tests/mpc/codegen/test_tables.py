@@ -1,6 +1,6 @@
 """Tables of arrays and parts of arrays are in compiled code what they are in Python."""
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from numba.core.errors import TypingError
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
+from mpc.codegen import records
 from mpc.codegen.jit import compiled, inlined
 from mpc.codegen.tables import opened, table_of
 from mpc.codegen.views import part
@@ -71,3 +72,23 @@ def test_a_part_is_the_same_view_in_compiled_code(shape):
     filled(flat, 3, shape, -1.0)
     size = expected.size
     np.testing.assert_array_equal(flat, [0, 1, 2, *[-1.0] * size, *range(3 + size, 12)])
+
+
+Number = TypeVar("Number")
+
+
+class Alias(Generic[Number]):
+    """An alias that is not replaced by its value, which `NDArray` is from NumPy 2.5 on."""
+
+
+class Pieces:
+    """An array of each kind, by the alias and written out."""
+
+    counts: Alias[np.int8]
+    numbers: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+
+def test_arrays_are_pieces_whether_their_alias_is_replaced_or_not(monkeypatch):
+    monkeypatch.setattr(records, "NDArray", Alias)
+    assert [records.kind_of(Pieces, name) for name in ("counts", "numbers")] == [np.int8, np.float64]
+    assert set(records.dtype_of(Pieces)["counts"].names) == {"address", "size"}
