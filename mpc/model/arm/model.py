@@ -62,9 +62,7 @@ class Arm:
             if not isinstance(self.endpoint, Endpoint):
                 raise InvalidInput(f"Arm: endpoint is a {type(self.endpoint).__name__}; expected an Endpoint")
             if not self.endpoint.dim <= self.endpoint.n == n:
-                raise InvalidInput(
-                    f"Arm: {self.endpoint.text} for n = {n} joints, which move at most {n} such as tip:xy"
-                )
+                raise InvalidInput(f"Arm: {self.endpoint.text} for n = {n} joints: at most {n} coordinates (tip:xy)")
         self._check_gas()
         lag = checks.real("Arm: lag", self.lag, "s")
         if lag.shape not in ((), (m,)) or not ((lag >= 1e-4) & (lag <= 10)).all():
