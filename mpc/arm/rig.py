@@ -23,6 +23,7 @@ from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.limits import checked_supply
 from allocator.mechanism.routes.base import per_muscle
 from mpc.model.arm.pressing import CROSSES
+from mpc.model.compensation import checked_delay
 from mpc.model.faults import Fault
 from mpc.model.friction.contact import Hysteresis, Pressed
 from mpc.model.friction.dahl import Friction
@@ -122,7 +123,7 @@ class Supply:
         self.slew = inf if slew == inf else checks.number("slew", slew, "Pa/s")
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
-        self.dead_time = checks.not_negative("dead_time", dead_time, "s")
+        self.dead_time = checked_delay("dead_time", dead_time, "regulator")
 
     def begin(self, P: Array) -> None:
         """Begin with regulators that follow the pressures `P` (m,) [Pa]."""

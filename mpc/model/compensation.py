@@ -32,6 +32,14 @@ _ALIKE = 0.05  # relative difference of two lags below which one lag represents 
 JITTER = 0.03 * DEG  # smaller motions count as noise of the angle
 
 
+def checked_delay(name: str, value: object, part: str) -> float:
+    """Return the delay `value` [s] of a `part`, such as a sensor. Raises `InvalidInput`."""
+    delay = checks.not_negative(name, value, "s")
+    if delay > _LONGEST:
+        raise InvalidInput(f"{name} = {delay:g} s is none of a {part}; if milliseconds were meant, divide by 1000")
+    return delay
+
+
 @dataclass(frozen=True)
 class Compensation:
     """Known friction and regulator effects of a joint; none by default.
@@ -57,15 +65,11 @@ class Compensation:
         object.__setattr__(self, "friction", friction_of(self.friction))
         checks.instance("frictions", self.frictions, tuple | list, "a row of friction models, one a joint")
         object.__setattr__(self, "frictions", tuple(map(friction_of, self.frictions)))
-        for name, unit in (("dead_time", "s"), ("reading_age", "s"), ("dead_band", "Pa")):
-            object.__setattr__(self, name, checks.not_negative(name, getattr(self, name), unit))
+        object.__setattr__(self, "dead_band", checks.not_negative("dead_band", self.dead_band, "Pa"))
         checks.pressure("dead_band", self.dead_band)
         check_regulators(self)
         for name, part in (("dead_time", "regulator"), ("reading_age", "sensor")):
-            if (value := getattr(self, name)) > _LONGEST:
-                raise InvalidInput(
-                    f"{name} = {value:g} s is none of a {part}; if milliseconds were meant, divide by 1000"
-                )
+            object.__setattr__(self, name, checked_delay(name, getattr(self, name), part))
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> Self:

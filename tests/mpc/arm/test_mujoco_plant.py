@@ -200,6 +200,7 @@ def test_any_tendon_of_mujoco_s_may_be_a_muscle():
         ({"slew": 5.0}, "bar/s"),
         ({"pressure_limits": (0.0, 5.0)}, "bar"),
         ({"dead_time": -1.0}, "dead_time"),
+        ({"dead_time": 20.0}, "milliseconds"),
         ({"force_gains": (1.0, 1.0)}, "force_gains"),
         ({"rest_length": 400.0}, "metres"),
         ({"cable": 0.1}, "without rest_length"),
