@@ -7,12 +7,11 @@ cached; each warns once. Files are written atomically and there is no index, so 
 other. A process that needs code which another one is compiling waits for it. A directory that other users may write to
 is refused, because its files are executed.
 
-Memory of answers that numba looks for again and again.
-
-For every call, `a + b` and `x[i]` among them, numba tries all implementations that are registered, from the most
-special one on, and writes an error message for each that does not suit. For every variable, LLVM parses a module that
-numba writes to learn the size of its type. The same operations on the same types recur in every function, so the
-answers are kept while one function and its callees are compiled: the controller compiles in three quarters of the time.
+`remembering` keeps answers that numba looks for again and again. For every call, `a + b` and `x[i]` among them, numba
+tries all implementations that are registered, from the most special one on, and writes an error message for each that
+does not suit. For every variable, LLVM parses a module that numba writes to learn the size of its type. The same
+operations on the same types recur in every function, so the answers are kept while one function and its callees are
+compiled: the controller compiles in three quarters of the time.
 """
 
 import gc

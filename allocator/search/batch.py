@@ -3,7 +3,7 @@
 Compiled code is used where it is there (`ready`), or for so many targets that it pays to make it; else the loops run as
 plain Python.
 
-Rows of numbers that describe a muscle's curve at angles, as `allocator.search.curves` takes them.
+`rows` are the numbers that describe a muscle's curve at angles, as `allocator.search.curves` takes them.
 
 With a share of the trapped gas the stiffness is no combination of the functions of the law's basis: then torque and
 stiffness are Chebyshev series, from angle to angle between the pressures that the box leaves there, up to which the

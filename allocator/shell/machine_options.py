@@ -1,6 +1,6 @@
 """Options of a machine, shared by all commands; in millimetres, degrees and bar.
 
-Options of the posture and the hand of several joints; in degrees, millimetres and N.
+`HandOptions` are those of the posture and the hand of several joints; in degrees, millimetres and N.
 """
 
 from dataclasses import dataclass, replace

@@ -1,6 +1,6 @@
-"""Checks of output files: a command never overwrites its inputs, and other files only with --force.
+"""Output of commands: sentences, JSON for other programs, and files.
 
-Printing of commands: sentences, and JSON for other programs.
+A command never overwrites its inputs, and other files only with --force.
 """
 
 import json

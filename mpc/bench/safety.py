@@ -3,10 +3,9 @@
 A program cannot replace hard stops of the joint, a relief valve, and a device whose own watchdog vents after some time
 without commands. A process that is killed (SIGKILL, power) sends nothing more.
 
-Checks of the readings and commands of a device.
-
-Data of devices and controllers are not trusted: a reading that is not four numbers is a `DeviceError`, one outside the
-limits ends the loop, and commands are limited to the supply's range and the slew limit.
+The `Guard` checks readings and commands. Data of devices and controllers are not trusted: a reading that is not four
+numbers is a `DeviceError`, one outside the limits ends the loop, and commands are limited to the supply's range and the
+slew limit.
 """
 
 from collections.abc import Sequence

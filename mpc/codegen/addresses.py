@@ -2,11 +2,9 @@
 
 numba unpacks each array argument in 60 ns. An address costs nothing.
 
-Arguments that lie ready in memory, for calls of compiled functions by their addresses.
-
-Making and carving arrays takes numba longer to compile than filling them. A caller whose arrays stay the same describes
-them once, in words of eight bytes: a number by itself, an array by the address of its data, its shape and its strides,
-a tuple by its items.
+Arguments may also lie ready in memory. Making and carving arrays takes numba longer to compile than filling them. A
+caller whose arrays stay the same describes them once, in words of eight bytes: a number by itself, an array by the
+address of its data, its shape and its strides, a tuple by its items.
 """
 
 import ctypes

@@ -3,10 +3,8 @@
 With the mass matrix M(q) the bodies' equations are M q'' = τ(q, P) - C - D q' - g(q) + d, where by Lagrange
 C = (∂(M ω)/∂q) ω - ½ ∂(ωᵀM ω)/∂q; d is the greatest load, which pushes away from the rest. Slack cables do not push.
 
-Muscles, damping and bodies may be uncertain. The uncertain numbers are an argument of the formulas, a column called
-*scene*; the formulas contain all other numbers.
-
-Intervals of uncertain quantities: strengths, damping, masses, lags.
+Muscles, damping and bodies may be uncertain: an `Interval` for strengths, damping, masses and lags. The uncertain
+numbers are an argument of the formulas, a column called *scene*; the formulas contain all other numbers.
 """
 
 from collections.abc import Callable

@@ -10,7 +10,7 @@ between two kinks of the law.
 The law must satisfy only two conditions: F rises with P over all allowed pressures, and it is smooth between the kinks
 that it declares.
 
-Relaxation of the muscles' curves to polygons around them: a convex QP, and a guaranteed lower bound.
+`relax` replaces the curves by polygons around them: a convex QP, and a guaranteed lower bound.
 
 With v = (F_1, k_1, …, F_m, k_m) minimise ½‖G v - b‖² over v_j in the polygon of muscle j, subject to E v = e, the
 values achieved by the earlier levels. The cost is convex and lies above its tangent at x. Hence, with g = Gᵀ(G x - b) +

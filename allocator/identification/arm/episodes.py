@@ -3,9 +3,8 @@
 An episode is a stretch of rows at even times. A window is a free run: it begins at a measured state, after which a
 model receives only the measured pressures.
 
-Logs of a moving arm of m joints: reading, and episodes at even times.
-
-Columns by name and unit, numbered from 1, in any order; others are not read:
+`read_arm_log` reads logs of m joints. It finds columns by name and unit, numbered from 1, in any order; others are not
+read:
 
     time [s, ms, us, ns, min]         s without a unit; also clock times
     q1, theta1, angle1 … [deg, rad]   angles of the m joints

@@ -7,7 +7,7 @@ With x = x(q) and J = ∂x/∂q, equilibrium under the force of the hand is τ =
 An invertible J maps K_x and K_q one to one. With more joints than coordinates many K_q have the same K_x: the free
 joints follow, so the inverse is the compliance of the hand, K_x⁻¹ = J (K_q + Γ)⁻¹ Jᵀ.
 
-Position of a hand over the posture: a point on a linkage in closed form, or a CasADi function.
+The position of the hand over the posture is a point on a linkage in closed form, or a CasADi function.
 """
 
 from collections.abc import Callable, Sequence

@@ -6,7 +6,7 @@
 >>> observation, info = env.reset(seed=0)
 >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-Episodes of many arms: actions, governor, delay, dynamics and sensors of a task, for both environments.
+Both run `Episodes` of many arms: actions, governor, delay, dynamics and sensors of a task.
 """
 
 from collections.abc import Callable, Mapping

@@ -6,9 +6,9 @@
 The factors s, b and g_j, the lags τ_j, the muscles' parameters and the numbers of the wall differ between arms: each
 has a row of values of a `VariedArm`. Beyond the angle limits is an end stop, τ_stop = -I_i (Ω² e + 2Ω ω_i) with the
 excess e, about as stiff relative to the inertia as MuJoCo's. N is the force of the hand on a wall with the normal ν
-(`mpc.arm.learning.plant`), J the Jacobian of the hand; without a wall N = 0.
+(`Wall`), J the Jacobian of the hand; without a wall N = 0.
 
-Wall that a hand touches: a spring and a damper behind a plane, which push and never pull.
+A `Wall` that the hand touches is a spring and a damper behind a plane, which push and never pull.
 
 With the penetration e = ν·x - e0 of the hand at x, the force of the hand on the wall is
 

@@ -1,9 +1,8 @@
 """Formulas of an exported controller's machine, as CasADi functions that the C files call by their names.
 
-Friction of an exported controller: the kind of model, its elements and its dependence on the state.
-
-Both supported models are T_f = strength · Σ k_i m_i. The angle moves the memories m_i, each bounded by a half width
-that `scale` multiplies; `mpc/export/c/mpc/friction.c` moves them.
+Friction is exported as the kind of model, its elements and its dependence on the state. Both supported models are T_f =
+strength · Σ k_i m_i. The angle moves the memories m_i, each bounded by a half width that `scale` multiplies;
+`mpc/export/c/mpc/friction.c` moves them.
 """
 
 from collections.abc import Iterator, Sequence

@@ -7,11 +7,12 @@ of every block, after which the commands move as ū does. With δx_0 = 0 the lin
 
     δx_{k+1} = A_k δx_k + B_k E_k z      so      x_k = x̄_k + G_k z,    G_0 = 0,    G_{k+1} = A_k G_k + B_k E_k
 
-and every term of the cost is a residual r̄ + M z: H = MᵀM, f = Mᵀr̄. Pressures count in bar within z, s in rad, s_F in N.
+and every term of the cost is a residual r̄ + M z: H = MᵀM, f = Mᵀr̄. Pressures count in bar within z, s in rad, s_F in
+N.
 
-Inspection of a step's QP: its matrices, and the names of its decisions and rows.
+A `NamedQP` shows a step's QP for inspection: its matrices, and the names of its decisions and rows.
 
-Softened QP, which always has a solution, found by a different method.
+`softened` solves the QP with soft rows, which always has a solution, by a different method:
 
     minimise   ½ zᵀ H z + fᵀ z + ½ Σ_i w_i max(0, breach_i(z))²      over      lower ≤ z ≤ upper
 

@@ -3,12 +3,11 @@
 The readable step calls `mpc.tracking.linearise`, `mpc.tracking.qp.condense` and `mpc.tracking.qp.step` one after
 the other; `mpc.tracking.compiled.qp_step` does the same in compiled code.
 
-Proved solution of a QP with many rows of which few bind.
-
-Rows are left out until a solution violates them. This is faster than passing all rows to a solver and leads to the same
-point: a solution of the problem with fewer rows that violates none of the others solves the whole problem. A solution
-is accepted by the certificate of `mpc.tracking.qp.programme` for the whole problem: gap ≤ ½ c ACCURACY², c the
-curvature that every change of a command has by itself. The changes are then within ACCURACY [bar] of the solution.
+`certified` solves a QP with many rows of which few bind, and proves the solution. Rows are left out until a solution
+violates them. This is faster than passing all rows to a solver and leads to the same point: a solution of the problem
+with fewer rows that violates none of the others solves the whole problem. A solution is accepted by the certificate of
+`mpc.tracking.qp.programme` for the whole problem: gap ≤ ½ c ACCURACY², c the curvature that every change of a command
+has by itself. The changes are then within ACCURACY [bar] of the solution.
 """
 
 from math import inf

@@ -1,6 +1,6 @@
 """Simulation of many closed loops: thousands of seeds, plants or gains.
 
-Distribution of runs over processes, in batches that stop soon after an interrupt.
+`spread` distributes them over processes, in batches that stop soon after an interrupt.
 """
 
 import pickle

@@ -1,7 +1,4 @@
-"""Reports of a run: a table of its errors, and files in the format of their suffix.
-
-Picture of a loop's robustness: its sensitivity over the frequency, and its Nyquist plot.
-"""
+"""Reports of a run: a table of its errors, files in the format of their suffix, and a picture of margins."""
 
 from collections.abc import Callable, Iterator, Sequence
 from os import PathLike

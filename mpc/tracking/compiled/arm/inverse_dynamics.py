@@ -4,7 +4,7 @@ Targets of a hand become targets of the joints, if the hand has as many coordina
 square, K_x = J⁻ᵀ K J⁻¹ is linear in the joints' stiffness, and so is E = S K Sᵀ, S = K_x*^(-1/2) J⁻ᵀ, which is 1 at the
 target stiffness: the error that `allocate` minimises with an `endpoint`.
 
-Calls of the allocation of many targets, and of its proof, from an arm's compiled step.
+`addresses` and `allocating` let the compiled step call the allocation of many targets, and its proof.
 """
 
 from dataclasses import replace
