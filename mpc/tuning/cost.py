@@ -6,10 +6,10 @@
 
 For an arm the errors are those of the worst joint, and the Frobenius norm of the error of K over that of K.
 
-M_s on the model is the greatest over the postures of the tour, M_s on the draws their 80 % quantile. The limit of the
-draws is `OF_DRAWS` times that of the model: M_s = 2 on the model is a margin kept for machines that differ from it. On
-identified joints of other structures, loops tuned with M_s ≤ 2 on the draws and for the 80 % quantile of the cost had
-errors 1.1 to 1.5 times those of the defaults.
+M_s on the model is the greatest over the postures of the tour, less `SLACK`, since the defaults meet the limit at one
+of them; M_s on the draws is their 80 % quantile. The limit of the draws is `OF_DRAWS` times that of the model: M_s = 2
+on the model is a margin kept for machines that differ from it. On identified joints of other structures, loops tuned
+with M_s ≤ 2 on the draws and for the 80 % quantile of the cost had errors 1.1 to 1.5 times those of the defaults.
 
 A loop whose M_s is x > 1 times its limit is charged `BEYOND` (1 - 1/x), which makes it worse than any useful loop
 within the limits and grows with the excess. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
@@ -40,7 +40,7 @@ QUANTILE = 0.8  # of M_s over the draws
 CHATTER = 0.1  # [°] per bar/s
 STIFFNESS = 2.0  # [°] per 100 % of K
 OF_DRAWS = 1.5  # limit of M_s on draws, over that on the model
-SLACK = 0.1  # of M_s on the model: the defaults meet the limit at one posture of the tour
+SLACK = 0.1  # of M_s on the model
 BEYOND = 50.0  # [°]
 FAR = 1.5  # ratio of M_s to its limit from which a loop is not simulated
 THROWN = 45.0  # [°] greatest cost of a leg, for a joint that is thrown about

@@ -53,8 +53,8 @@ def tune(
     """Return the numbers of a controller and its observer that suit a fitted plant or arm best, and their figures.
 
     The search minimises the mean closed-loop cost over draws of real machines, subject to limits of M_s. The defaults
-    stay unless a tuning is better by 10 %. The loops of an arm are not compiled as a whole, so that
-    its evaluations take several times as long.
+    stay unless a tuning is better by 10 %. The loops of an arm are not compiled as a whole, so its evaluations take
+    several times as long.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ def tune(
     K
         Stiffness [N·m/rad] of the tour, a matrix (k, k) for an arm; by default the machine's usual one.
     peak
-        Limit of M_s, the peak of the sensitivity, on the model. That of the 80 % quantile over the draws is half as
-        large again.
+        Limit of M_s, the peak of the sensitivity, on the model; it may be exceeded by 0.1, since the defaults meet it
+        at one posture. The limit of the 80 % quantile over the draws is half as large again.
     evaluations, n_draws
         Number of tunings to try, and of real plants to try each on.
     seed
