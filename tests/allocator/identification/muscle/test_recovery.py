@@ -81,14 +81,14 @@ def test_the_truth_is_inside_the_99_percent_region_and_its_stiffness_inside_the_
     truth, _ = TRUTHS[name]
     P, eps = np.array([2.5, 4.0]) * BAR, 0.1375
     inside, covered = 0, np.zeros(2, int)
-    for seed in range(20):
+    for seed in range(40):
         found = fit_truth(name, seed)
         assert found.collinear == ()
         inside += found.in_confidence_region(truth, 0.99)
         error = np.abs(found.muscle.slope(P, eps) - truth.slope(P, eps))
         covered += error <= 2.6 * slope_std(found.muscle, P, eps)  # 99 % of a normal distribution
-    assert inside >= 19
-    assert (covered >= 19).all()
+    assert inside >= 38
+    assert (covered >= 38).all()
 
 
 @pytest.mark.parametrize("name", TRUTHS)
