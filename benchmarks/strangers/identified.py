@@ -53,7 +53,9 @@ def identified(stranger: Stranger) -> Model:
 def swept(stranger: Stranger) -> dict[str, Array]:
     """Return the rests of slow sweeps up and down: one pressure held, the other stepped; and of weights hung on it."""
     stops = [(P1, P2, 0.0, s) for P1 in HELD for s, path in ((-1, HELD), (1, HELD[::-1])) for P2 in path]
-    stops += [(P, P, W, np.sign(W)) for P in (2.0 * BAR, 3.0 * BAR) for W in (0.0, *WEIGHTS, 0.0)]
+    loads = (0.0, *WEIGHTS, 0.0)
+    turns = np.sign(np.diff(loads, prepend=0.0))  # a weight of -0.75 after -1.5 lets the joint rise
+    stops += [(P, P, W, s) for P in (2.0 * BAR, 3.0 * BAR) for W, s in zip(loads, turns, strict=True)]
     trial = stranger.begin(DT, stranger.nominal.at_rest(0.0, 5.0), stranger.seed)
     rows = []
     for P1, P2, load, direction in stops:
