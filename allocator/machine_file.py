@@ -50,6 +50,7 @@ rows = [[…], …]
 weights = [0.6, 0.2, 0.2]      # w_0, …, w_n [-]
 thresholds = [0.02, 0.06]      # r_1, …, r_n [rad]
 base = 0.2                     # share of the widths that is left without pressure [-]
+stiffness = 5.0                # of the weights, if springs keep theirs [N·m/rad]; or without this line
 """
 
 from collections.abc import Iterable, Mapping
@@ -123,14 +124,18 @@ def dumps(machine: Machine, *, scale_known: bool = True, source: Mapping[str, st
     lines += _route_lines(machine)
     lines += _muscle_lines(dict(_named_muscles(machine)))
     if machine.gas != AIR:
-        values = {f.name: getattr(machine.gas, f.name) for f in fields(Gas)}
-        lines += section("gas", {name: v for name, v in values.items() if v is not None}, "-, Pa, Hz")
+        lines += section("gas", _given(machine.gas), "-, Pa, Hz")
     lines += section("source", source) if source else []
     lines += _covariance_lines(joint) if joint else []
     if joint and (operator := joint.hysteresis) is not None:
-        values = {f.name: getattr(operator, f.name) for f in fields(operator)}
-        lines += section("hysteresis", values, "Prandtl–Ishlinskii operator of the angle; rad, at P1 + P2 = 5 bar")
+        note = "Prandtl–Ishlinskii operator of the angle; rad, at P1 + P2 = 5 bar; N·m/rad"
+        lines += section("hysteresis", _given(operator), note)
     return "\n".join(lines) + "\n"
+
+
+def _given(value: "Gas | PrandtlIshlinskii") -> dict[str, object]:
+    """Return the fields by name, without those that are None."""
+    return {f.name: v for f in fields(value) if (v := getattr(value, f.name)) is not None}
 
 
 def muscle_text(joint: AntagonistJoint) -> str:

@@ -20,17 +20,21 @@ P. Krejčí & K. Kuhnen, "Inverse control of systems with hysteresis and creep",
 (2001) 185–192; K. Kuhnen, "Modeling, identification and compensation of complex hysteretic nonlinearities", European
 Journal of Control 9 (2003) 407–418.
 
-A history of pressures is quasi-static: only the order counts, not the times. Its angles are H of the static angles.
-With friction μ alone each angle is the root of
+The weights are those at the `stiffness` K_0 if the stops of H⁻¹ have springs of their own, k_i = κ_i K_0, like friction
+in the sleeves of muscles; without it the springs are shares κ_i of K, so that the weights hold at any stiffness.
 
+A history of pressures is quasi-static: only the order counts, not the times. Its angles are H of the static angles.
+With springs of their own, or with friction μ alone, each angle is the root of
+
+    T(θ, P) - Σ k_i e_i = load,              e_i = max(-ρ_i, min(e_i0 + Δθ, ρ_i))
     T(θ, P) - μ (a1 F1 + a2 F2) z = load,    z = s - (s - z_0) exp(-|Δθ|/δ),  s = sign(Δθ)          Dahl 1968
 
-with z_0 of the previous angle: exact for any rotation in one direction between two pressures.
+with e_i0 or z_0 of the previous angle: exact for any rotation in one direction between two pressures.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from math import copysign, exp, inf
 from typing import TYPE_CHECKING, NamedTuple
@@ -77,6 +81,7 @@ class PrandtlIshlinskii:
     weights: tuple[float, ...] = (1.0,)  # w_0, …, w_n [-]
     thresholds: tuple[float, ...] = ()  # r_1 < … < r_n, half widths of the plays where P1 + P2 = 5 bar [rad]
     base: float = field(default=1.0, kw_only=True)  # s_0 [-], share of the widths without pressure
+    stiffness: float | None = field(default=None, kw_only=True)  # K_0 [N·m/rad] of the weights; None: they hold at any
 
     def __post_init__(self) -> None:
         """Check that the operator can be inverted."""
@@ -98,6 +103,10 @@ class PrandtlIshlinskii:
             raise InvalidInput(f"weights = {self.weights}: w_0 and all sums w_0 + … + w_i have to be positive")
         if not 0 < self.base <= 1:
             raise InvalidInput(f"base = {self.base!r} has to be above 0, and 1 at most")
+        if self.stiffness is not None:
+            object.__setattr__(self, "stiffness", checks.positive("stiffness", self.stiffness, "N·m/rad"))
+            if abs(self.gain - 1) > NO_GAIN:
+                raise InvalidInput(f"weights = {self.weights} at one stiffness have to add up to 1, not {self.gain:g}")
 
     @property
     def size(self) -> int:
@@ -182,25 +191,27 @@ class PrandtlIshlinskii:
         r, w, W = (0.0, *self.thresholds), self.weights, self.slopes
         thresholds = tuple(sum(w[i] * (r[j] - r[i]) for i in range(j)) for j in range(1, len(r)))
         weights = tuple(-w[j] / (W[j] * W[j - 1]) for j in range(1, len(r)))
-        return PrandtlIshlinskii((1 / w[0], *weights), thresholds, base=self.base)
+        return PrandtlIshlinskii((1 / w[0], *weights), thresholds, base=self.base, stiffness=self.stiffness)
 
     @cached_property
     def slip(self) -> Slip:
-        """Hysteresis as friction: Maxwell slip with springs in proportion to the stiffness K.
+        """Hysteresis as friction: Maxwell slip with springs in proportion to the stiffness K, or of their own.
 
         The muscles balance a load if T(u, P) = load at u = H⁻¹[θ]. In terms of the angle, friction has the torque
 
             T_f = T(θ, P) - T(u, P) ≈ K (u - θ) = K [(1/W_n - 1) θ + Σ κ_i e_i],     κ_i = -w'_i,   e_i = θ - p'_i
 
         in which the stops e_i = clip(e_i + dθ, ±ρ'_i) are those of Maxwell slip (`mpc.model.friction.maxwell_slip`),
-        with springs κ_i K [N·m/rad] and half widths r'_i s(P1 + P2). The gain W_n is not friction but belongs to the
-        static joint; with W_n = 1 only the stops remain. Raises `InvalidInput` if a weight w_i is negative: such
-        elements would push.
+        with springs κ_i K [N·m/rad], or κ_i K_0, and half widths r'_i s(P1 + P2). The gain W_n is not friction but
+        belongs to the static joint; with W_n = 1 only the stops remain. Raises `InvalidInput` if a weight w_i is
+        negative: such elements would push.
         """
         if any(w < 0 for w in self.weights[1:]):
             raise InvalidInput(f"weights = {self.weights}: hysteresis with a negative weight is no friction")
         back = self.inverse
-        return Slip(tuple(-w for w in back.weights[1:]), back.thresholds, self.base, self.gain)
+        K = 1.0 if self.stiffness is None else self.stiffness
+        springs = tuple(-w * K for w in back.weights[1:])
+        return Slip(springs, back.thresholds, self.base, self.gain, elastic=self.stiffness is None)
 
 
 def pass_plays(u: Array, s: Array, r: Array | tuple[float, ...], plays: Array, out: Array) -> None:
@@ -249,29 +260,71 @@ def through_plays(H: PrandtlIshlinskii, u: Array, filled: Array) -> Array:
     return theta
 
 
-Excess = Callable[[float, float, float, float], float]  # (θ [rad], P1, P2 [Pa], z [-]) ↦ torque beyond the load [N·m]
+class Stops(NamedTuple):
+    """Stops with springs of their own; the memory is e_i [rad]."""
+
+    operator: PrandtlIshlinskii
+
+    @property
+    def begun(self) -> Array:
+        """Memory (n,) without a motion before."""
+        return np.zeros(self.operator.size)
+
+    def moved(self, memory: Array, motion: float, filled: float) -> Array:
+        """Return the memory after a rotation by `motion` [rad] in one direction at P1 + P2 = `filled` [Pa]."""
+        width = self.operator.scale(filled) * np.array(self.operator.slip.widths)
+        return np.clip(memory + motion, -width, width)
+
+    def torque(self, memory: Array, pull: float) -> float:
+        """Return Σ k_i e_i [N·m]."""
+        return float(np.dot(self.operator.slip.springs, memory))
 
 
-def through_friction(excess: Excess, start: float, P1: Array, P2: Array, ends: tuple[float, float]) -> Array:
-    """Return θ (m,) [rad] for the pressures P1, P2 (m,) [Pa] in order, from rest without friction at `start` [rad].
+class Dahl(NamedTuple):
+    """Dahl's friction of the muscles; the memory is z (1,) [-]."""
 
-    The `excess` falls with θ. NaN where the joint would leave its range, `ends` [rad], which keeps the memory.
+    mu: float  # μ [-]
+
+    @property
+    def begun(self) -> Array:
+        """Memory (1,) without a motion before."""
+        return np.zeros(1)
+
+    def moved(self, memory: Array, motion: float, filled: float) -> Array:
+        """Return the memory after a rotation by `motion` [rad] in one direction."""
+        return np.array([dahl(float(memory[0]), motion)])
+
+    def torque(self, memory: Array, pull: float) -> float:
+        """Return μ z times the `pull` a1 F1 + a2 F2 [N·m]."""
+        return self.mu * float(memory[0]) * pull
+
+
+def through_friction(joint: "AntagonistJoint", T: float, friction: Stops | Dahl, P1: Array, P2: Array) -> Array:
+    """Return θ (m,) [rad] with the load `T` [N·m] at the pressures P1, P2 (m,) [Pa] in order.
+
+    It begins at rest without friction. NaN where the joint would leave its range, which keeps the memory. Raises
+    `InvalidInput` if it rests nowhere at first.
     """
-    theta, found, z = start, np.full(P1.size, np.nan), 0.0
+    theta, memory, found = float(joint.equilibrium(P1[0], P2[0], T)), friction.begun, np.full(P1.size, np.nan)
+    if np.isnan(theta):
+        raise InvalidInput("at the first pressures of the history the joint rests at no angle of its range")
     for k, (one, two) in enumerate(zip(P1.tolist(), P2.tolist(), strict=True)):
-        moved = _settled(excess, theta, z, one, two, ends)
+
+        def excess(at: float, one: float = one, two: float = two, memory: Array = memory, back: float = theta) -> float:
+            agonist, antagonist = joint.sides(at)
+            t1, t2 = agonist.torque(one), antagonist.torque(two)
+            return float(t1 + t2 - friction.torque(friction.moved(memory, at - back, one + two), t1 - t2) - T)
+
+        moved = _settled(excess, theta, joint.angle_range)
         if np.isfinite(moved):
-            z = dahl(z, moved - theta)
+            memory = friction.moved(memory, moved - theta, one + two)
             found[k] = theta = moved
     return found
 
 
-def _settled(excess: Excess, theta: float, z: float, P1: float, P2: float, ends: tuple[float, float]) -> float:
-    """Return the first angle [rad] without excess from `theta` in the direction of the torque."""
+def _settled(balance: Callable[[float], float], theta: float, ends: tuple[float, float]) -> float:
+    """Return the first root [rad] of the falling `balance` from `theta` in the direction of the torque, else NaN."""
     from scipy.optimize import brentq
-
-    def balance(at: float) -> float:
-        return excess(at, P1, P2, dahl(z, at - theta))
 
     here = balance(theta)
     if here == 0:
@@ -311,20 +364,11 @@ def after_history(
     if before[0].ndim > 1 or now[0].ndim > 1:
         raise InvalidInput("a history, and the pressures after it, have to be numbers or rows, in their order")
     one, two = (np.concatenate([np.atleast_1d(b), np.atleast_1d(n)]) for b, n in zip(before, now, strict=True))
-    u = joint.equilibrium(one, two, T) if joint.hysteresis else joint.equilibrium(one[:1], two[:1], T)
-    if joint.hysteresis:
-        theta = through_plays(joint.hysteresis, u, one + two)
-    elif np.isnan(u[0]):
-        raise InvalidInput("at the first pressures of the history the joint rests at no angle of its range")
+    H = joint.hysteresis
+    if H is not None and H.stiffness is None:
+        theta = through_plays(H, joint.equilibrium(one, two, T), one + two)
     else:
-        theta = through_friction(partial(_exceeding, joint, T), float(u[0]), one, two, joint.angle_range)
+        theta = through_friction(joint, T, Dahl(joint.friction) if H is None else Stops(H), one, two)
     left, right = joint.angle_range
     theta = np.where((theta >= left) & (theta <= right), theta, np.nan)[-now[0].size :]
     return np.asarray(theta.reshape(now[0].shape))
-
-
-def _exceeding(joint: "AntagonistJoint", T: float, theta: float, P1: float, P2: float, z: float) -> float:
-    """Return the torque [N·m] less friction in the state `z` [-] and less the load `T` [N·m]."""
-    agonist, antagonist = joint.sides(theta)
-    t1, t2 = agonist.torque(P1), antagonist.torque(P2)
-    return float(t1 + t2 - joint.friction * z * (t1 - t2) - T)

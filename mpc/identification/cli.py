@@ -163,6 +163,7 @@ def _values(fit: MotionFit, plant: "IdentifiedPlant | None") -> dict[str, object
     """Return what `--json` prints."""
     H = fit.operator
     hysteresis = {"weights": H.weights, "thresholds_deg": [r / DEG for r in H.thresholds], "base": H.base}
+    hysteresis |= {} if H.stiffness is None else {"stiffness": H.stiffness}
     values = {**fit.to_dict(), "hysteresis": hysteresis, "unseen": fit.unseen, "warnings": fit.warnings}
     if plant is None:
         return values

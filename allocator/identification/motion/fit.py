@@ -173,7 +173,7 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
     tell("first rows")
     found, unseen = search(problem, used), []
     tell("inertia and damping")
-    found = _if_better(found, used, **_DYNAMIC)
+    found = _swinging(found, used)
     tell("filling")
     if "lag_up" in found.problem.free:
         found = _if_better(found, used, **_FILLING)
@@ -191,7 +191,7 @@ def _seen(problem: MotionProblem, used: Mask, tell: Callable[[str], object]) -> 
         if not set(names) & set(found.problem.free):
             unseen.append(sentence)
     if not found.problem.swings:
-        found = _if_better(found, used, **_DYNAMIC)
+        found = _swinging(found, used)
     if not found.problem.swings:
         unseen.append("inertia and damping: faster steps, of a joint that swings, show them")
     else:
@@ -236,6 +236,15 @@ def _if_better(found: Found, used: Mask, **more: float) -> Found:
     return other if other.rms * _MUCH_WORSE < found.rms else found
 
 
+def _swinging(found: Found, used: Mask) -> Found:
+    """Return the fit with inertia and damping, if the log identifies them, and with the better kind of springs."""
+    found = _if_better(found, used, **_DYNAMIC)
+    if not (found.problem.swings and isinstance(found.problem.static, Equilibrium)):
+        return found
+    own = found.again(used, replace(found.problem, elastic=False))
+    return min(found, own, key=lambda one: one.rms)
+
+
 def _taken(found: Found, run: Prediction) -> list[str]:
     sentences, log = [], found.problem.log
     if _at_most(found, run):
@@ -278,7 +287,7 @@ def _errors(found: Found, used: Mask, judged: Mask) -> Errors:
 def _named(found: Found, used: Mask) -> dict[str, float]:
     """Return the parameters of the motion by name."""
     problem, run = found.problem, found.run(used)
-    H, values = problem.operator(found.x, run.weights), problem.values(found.x)
+    H, values = problem.filled(found.x, run.weights), problem.values(found.x)
     named = {name: values[name] for name in problem.free}
     named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
     if not _at_most(found, run):
@@ -293,13 +302,15 @@ def _other_choices(here: Found, noisy: MotionLog) -> list[dict[str, float]]:
 
     These are other half widths, unfiltered pressures, one lag for both directions if it explains the log as well, a
     smaller dead band if it resembles hysteresis, and widths that shrink at the ends of the range, like those of
-    friction on stiffening muscles.
+    friction on stiffening muscles; also the other kind of springs, if it explains the log as well.
     """
     problem, every = here.problem, here.problem.log.settled
     others = [here.again(every, replace(problem, finest=problem.finest * 1.3))]
     if not (np.array_equal(noisy.P1, problem.log.P1) and np.array_equal(noisy.P2, problem.log.P2)):
         others.append(here.again(every, replace(problem, log=noisy)))
     as_good = [replace(problem, one_lag=True)] if "lag_up" in problem.free else []
+    if problem.swings and isinstance(problem.static, Equilibrium):
+        as_good.append(replace(problem, elastic=not problem.elastic))
     for other in (*as_good, replace(problem, taper=_TAPER)):
         if (found := here.again(every, other)).rms < _WORSE * here.rms:
             others.append(found)

@@ -58,15 +58,26 @@ def follow(
 
 
 def swing(
-    u: Array, s: Array, k: Array, kappa: Array, r: Array, a1: float, a2: float, h: float, e: Array, out: Array
+    u: Array,
+    s: Array,
+    k: Array,
+    firm: Array,
+    kappa: Array,
+    r: Array,
+    a1: float,
+    a2: float,
+    h: float,
+    e: Array,
+    out: Array,
 ) -> None:
     """Fill `out` (m,) with the angle [rad] of a joint with the static angle u (m,) [rad] and hysteresis stops:
 
-        (a2 θ'' + a1 θ')/k + θ + Σ κ_i e_i = u,   de_i = dθ while |e_i| < r_i s
+        (a2 θ'' + a1 θ')/k + θ + f Σ κ_i e_i = u,   de_i = dθ while |e_i| < r_i s
 
     by Newmark's average acceleration with steps of h [s], at rest at the first u. k (m,) is the stiffness over the
-    usual one, s (m,) the widths over r (n,) [rad]; `e` (n,) are the stops, updated in place. The equation at the end of
-    a step is increasing and piecewise linear in θ, so Newton's method is exact on its piece.
+    usual one, s (m,) the widths over r (n,) [rad], f = `firm` (m,) the springs over κ (n,); `e` (n,) are the stops,
+    updated in place. The equation at the end of a step is increasing and piecewise linear in θ, so Newton's method is
+    exact on its piece.
     """
     at, speed, pull = u[0], 0.0, 0.0
     out[0] = at
@@ -80,8 +91,8 @@ def swing(
                 stop = e[i] + turn
                 width = r[i] * s[j]
                 if -width < stop < width:
-                    slope += kappa[i]
-                error += kappa[i] * max(-width, min(width, stop))
+                    slope += firm[j] * kappa[i]
+                error += firm[j] * kappa[i] * max(-width, min(width, stop))
             turn -= error / slope
             if abs(error) < 1e-10:
                 break
@@ -121,8 +132,8 @@ def plays(u: Array, s: Array, r: Array) -> Array:
     return out
 
 
-def swung(u: Array, s: Array, k: Array, kappa: Array, r: Array, a1: float, a2: float, h: float) -> Array:
+def swung(u: Array, s: Array, k: Array, firm: Array, kappa: Array, r: Array, a1: float, a2: float, h: float) -> Array:
     """Return the angle (m,) [rad] after `swing`, without memory before."""
     out = np.empty(u.size)
-    _compiled("swing")(u, s, k, kappa, r, float(a1), float(a2), float(h), np.zeros(r.size), out)
+    _compiled("swing")(u, s, k, firm, kappa, r, float(a1), float(a2), float(h), np.zeros(r.size), out)
     return out

@@ -15,10 +15,11 @@ would be constant   (G3). V_i follows the measured angle, its only use in a free
 If the log shows inertia and damping, H acts inside the balance of torques over the stiffness, with the springs of its
 inverse, because an oscillating joint reverses where u does not.
 
-    (a2 θ'' + a1 θ')/k(P1 + P2) + H⁻¹[θ] = u,   H⁻¹[θ] = θ + Σ κ_i e_i[θ],   κ_i ≥ 0              `loops.swing`
+    (a2 θ'' + a1 θ')/k(P1 + P2) + H⁻¹[θ] = u,   H⁻¹[θ] = θ + f Σ κ_i e_i[θ],   κ_i ≥ 0            `loops.swing`
 
 with stops e_i, and k the stiffness over that at the mean pressures, of the given joint, else as P1 + P2. The κ_i are
-unknowns then. The gain of H is 1: any other gain belongs to the static angle. φ are monomials in s and q, q the
+unknowns then. The springs of the stops are shares of the stiffness, f = 1, or with a given joint also springs of their
+own, f = 1/k. The gain of H is 1: any other gain belongs to the static angle. φ are monomials in s and q, q the
 equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
 """
 
@@ -81,6 +82,7 @@ class MotionProblem:
     assumed: tuple[tuple[str, float], ...] = ()  # values of unknowns that are not free
     taper: float = 0.0  # relative reduction of widths at the ends of the range
     one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
+    elastic: bool = True  # whether the stops' springs are shares of the stiffness
     _last: dict[tuple[float, ...], tuple[Array, Array, Array]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -208,7 +210,12 @@ class MotionProblem:
         """Return θ (n,) [rad] of a joint that swings, for rows that are `step` [s] apart; each of the `parts` anew."""
         v, k, s = self.values(x), self._stiffness(P1, P2), self._scale(u, P1, P2, x)
         a1, a2 = v["damping"], v["inertia"]
-        return np.concatenate([loops.swung(u[i], s[i], k[i], kappa, self.widths, a1, a2, step) for i in parts])
+        f = self._firm(k)
+        return np.concatenate([loops.swung(u[i], s[i], k[i], f[i], kappa, self.widths, a1, a2, step) for i in parts])
+
+    def _firm(self, k: Array) -> Array:
+        """Return f (n,) [-] where the stiffness is `k` (n,) times the usual one."""
+        return np.ones(k.size) if self.elastic else 1 / k
 
     def _stiffness(self, P1: Array, P2: Array) -> Array:
         """Return k (n,) [-] over the usual stiffness. The last result is cached, as in `regulated`."""
@@ -235,6 +242,7 @@ class MotionProblem:
         """Return κ (widths,) [-] to begin with: u - θ ≈ Σ κ_i e_i with the stops of the measured angle."""
         theta = self.log.theta
         stops = theta - self._plays(theta, self._scale(u, P1, P2, x), self.log.parts)
+        stops = stops * self._firm(self._stiffness(P1, P2))
         return best_weights(stops[:, used], (u - theta)[used], _STRONGEST)
 
     def elsewhere(self, t: Array, commands: tuple[Array, Array], x: Array, weights: Array) -> Prediction:
@@ -302,15 +310,24 @@ class MotionProblem:
 
     # --- results ----------------------------------------------------------------------------------------------------
 
-    def operator(self, x: Array, weights: Array) -> PrandtlIshlinskii:
-        """Return H, without plays of zero weight; the `weights` are those of a `Prediction`."""
+    def operator(self, x: Array, weights: Array, k: float = 1.0) -> PrandtlIshlinskii:
+        """Return H, without plays of zero weight; the `weights` are those of a `Prediction`.
+
+        With springs of its own it is that at `k` times the usual stiffness.
+        """
         if self.swings:
-            there = weights > _NO_SPRING
-            kappa, r = weights[there], tuple(self.widths[there])
-            return PrandtlIshlinskii((1 + float(kappa.sum()), *-kappa), r, base=self.values(x)["base"]).inverse
+            there, K = weights > _NO_SPRING, None if self.elastic else k * self._usual
+            kappa, r = weights[there] * float(self._firm(np.array([k]))[0]), tuple(self.widths[there])
+            back = (1 + float(kappa.sum()), *-kappa)
+            return PrandtlIshlinskii(back, r, base=self.values(x)["base"], stiffness=K).inverse
         there = weights > 0
         first = 1 - float(weights.sum())
         return PrandtlIshlinskii((first, *weights[there]), tuple(self.widths[there]), base=self.values(x)["base"])
+
+    def filled(self, x: Array, weights: Array) -> PrandtlIshlinskii:
+        """Return `operator` at two equal pressures whose sum is that of the widths."""
+        half = np.array([FILLED / 2])
+        return self.operator(x, weights, float(self.static.stiffness(half, half)[0]) / self._usual)
 
     def taut(self, run: Prediction) -> Mask:
         """Return the rows (n,) in which both muscles are taut by their pressures."""

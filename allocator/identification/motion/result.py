@@ -65,7 +65,7 @@ class MovingJoint(NamedTuple):
 class MotionFit:
     """Fitted motion of a joint with its uncertainties. Angles are in rad, pressures in Pa."""
 
-    operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1
+    operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1, at the mean pressures
     parameters: Mapping[str, Estimate]
     """`lag_up`, `lag_down`, `dead_time` [s], `reading_age` [s] if pressures were measured beside commands, `dead_band`
     [Pa], `filling` [s/Pa] at least of a rising or falling pressure, `lag_ratio` [-] of the antagonist's lags over the
@@ -204,10 +204,11 @@ class MotionFit:
             angle_limits=limits,
             friction=0.0,
             covariance=None,
-            hysteresis=self.problem.operator(x, run.weights),
         )
         P1, P2 = float(run.P1.mean()), float(run.P2.mean())
         K = float(np.median(joint.stiffness(joint.equilibrium(P1, P2), P1, P2)))
+        H = self.problem.operator(x, run.weights)  # in the scale of the refitted muscles, as damping and inertia are
+        joint = replace(joint, hysteresis=H if H.stiffness is None else replace(H, stiffness=K))
         values = self.problem.values(x)
         if (age := self.parameters.get("reading_age")) is not None:
             old = min(age.value, values["dead_time"])

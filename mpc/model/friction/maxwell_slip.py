@@ -88,7 +88,8 @@ class MaxwellSlip:
 
     @classmethod
     def of(cls, operator: PrandtlIshlinskii) -> Self:
-        """Return the elements for a joint with the hysteresis `operator`, with springs in proportion to the stiffness.
+        """Return the elements for a joint with the hysteresis `operator`, with springs in proportion to the stiffness,
+        or of their own if the operator has a stiffness.
 
         A gain of the operator other than 1 becomes an element that never slips. Raises `InvalidInput` if there are no
         elements, or if a weight is negative.
@@ -96,7 +97,7 @@ class MaxwellSlip:
         slip = operator.slip.with_gain
         if not slip.springs:
             raise InvalidInput("this PrandtlIshlinskii has neither plays nor a gain: use `Friction()` for no friction")
-        return cls(slip.springs, slip.widths, slip.base, elastic=True)
+        return cls(slip.springs, slip.widths, slip.base, elastic=slip.elastic)
 
     @property
     def size(self) -> int:

@@ -73,7 +73,34 @@ def test_an_operator_leaves_the_joint_where_a_plant_whose_torque_has_its_inverse
     assert np.abs(theta[59::60] - JOINT.equilibrium(*TURNS[1:].T)).max() > 1 * DEG
 
 
-@pytest.mark.parametrize("known", [{"friction": 0.1}, {"hysteresis": OPERATOR}])
+@pytest.mark.slow
+def test_springs_of_their_own_leave_the_joint_where_a_plant_with_maxwell_slip_comes_to_rest():
+    springs, widths, base = np.array([4.0, 1.5]), np.array([1.5, 5.0]) * DEG, 0.4
+    joint = replace(JOINT, hysteresis=own_springs(springs, widths, base))
+    state = {"theta": None, "e": np.zeros(2)}
+
+    def torque(theta, P1, P2):
+        before = theta if state["theta"] is None else state["theta"]
+        width = widths * (base + (1 - base) * (P1 + P2) / (5 * BAR))
+        state["theta"], state["e"] = theta, np.clip(state["e"] + theta - before, -width, width)
+        return float(sum(torque_at(theta, P1, P2)) - springs @ state["e"])
+
+    P1, P2 = ramps(60)
+    theta = joint.equilibrium(P1[1:], P2[1:], history=(P1[:1], P2[:1]))
+    np.testing.assert_allclose(theta[59::60], crept(torque, 1 / 60, 5), rtol=0, atol=0.1 * DEG)
+    assert np.abs(theta[59::60] - JOINT.equilibrium(*TURNS[1:].T)).max() > 1 * DEG
+
+
+def own_springs(springs, widths, base):
+    """The operator with springs [N·m/rad] and half widths [rad] of its own."""
+    kappa = springs / 5.0
+    return PrandtlIshlinskii((1 + kappa.sum(), *-kappa), tuple(widths), base=base, stiffness=5.0).inverse
+
+
+OWN = own_springs(np.array([4.0, 1.5]), np.array([1.5, 5.0]) * DEG, 0.4)
+
+
+@pytest.mark.parametrize("known", [{"friction": 0.1}, {"hysteresis": OPERATOR}, {"hysteresis": OWN}])
 def test_a_history_may_be_told_at_once_or_piece_by_piece(known):
     joint, (P1, P2) = replace(JOINT, **known), ramps(10)
     every = joint.equilibrium(P1, P2, history=((), ()))

@@ -81,13 +81,14 @@ def test_as_friction_its_springs_and_stops_make_up_what_the_static_angle_is_ahea
         assert lost == pytest.approx(ahead - now, abs=1e-12)
 
 
-def test_a_joint_keeps_its_hysteresis_in_its_file(tmp_path):
-    joint = replace(report_joint(), hysteresis=PrandtlIshlinskii((0.6, 0.2, 0.2), (0.02, 0.06), base=0.2))
+@pytest.mark.parametrize("more", [{}, {"stiffness": 5.0}])
+def test_a_joint_keeps_its_hysteresis_in_its_file(tmp_path, more):
+    joint = replace(report_joint(), hysteresis=PrandtlIshlinskii((0.6, 0.2, 0.2), (0.02, 0.06), base=0.2, **more))
     save_machine(joint, tmp_path / "joint.toml")
     assert load_joint(tmp_path / "joint.toml") == joint
     text = (tmp_path / "joint.toml").read_text(encoding="utf-8")
     (tmp_path / "wrong.toml").write_text(text.replace("thresholds", "widths"), encoding="utf-8")
-    with pytest.raises(InvalidFile, match=r"\[hysteresis\] has no widths; it has weights, thresholds, base"):
+    with pytest.raises(InvalidFile, match=r"\[hysteresis\] has no widths; it has weights, thresholds, base, stiffness"):
         load_joint(tmp_path / "wrong.toml")
 
 
@@ -107,6 +108,26 @@ def test_a_joint_keeps_its_hysteresis_in_its_file(tmp_path):
 def test_what_cannot_be_inverted_is_refused_in_one_sentence(arguments, base, said):
     with pytest.raises(InvalidInput, match=said):
         PrandtlIshlinskii(*arguments, base=base)
+
+
+def test_at_one_stiffness_its_springs_are_those_of_friction():
+    H = PrandtlIshlinskii((0.6, 0.2, 0.2), (0.02, 0.06), base=0.2)
+    own = replace(H, stiffness=5.0)
+    shares, springs = H.slip, own.slip
+    assert shares.elastic
+    assert not springs.elastic
+    np.testing.assert_allclose(springs.springs, 5.0 * np.array(shares.springs), rtol=1e-14)
+    assert springs.widths == shares.widths
+    joint = replace(report_joint(), hysteresis=own)
+    for P in (1.5 * BAR, 4 * BAR):  # a push meets the same friction at any stiffness, but for its widths
+        K = joint.stiffness(0.0, P, P)
+        widths = np.array(springs.widths) * H.scale(2 * P)
+        added = np.dot(springs.springs, np.minimum(1.0, widths / 0.05))
+        assert joint.stiffness(0.0, P, P, amplitude=0.05) - K == pytest.approx(added, rel=1e-9)
+    with pytest.raises(InvalidInput, match="at one stiffness have to add up to 1"):
+        PrandtlIshlinskii((0.6, 0.2), (0.02,), stiffness=5.0)
+    with pytest.raises(InvalidInput, match="stiffness = 0"):
+        replace(H, stiffness=0.0)
 
 
 def test_hysteresis_that_would_push_is_no_friction():

@@ -76,7 +76,7 @@ def test_the_plant_of_a_log_is_tracked_and_exported_and_its_effects_are_told_to_
     track = ["track", "sine", "--machine", str(path), "--controller", "feedforward", "--out", str(tmp_path / "run.csv")]
     tracked = CliRunner().invoke(app, track)
     assert tracked.exit_code == 0, tracked.output
-    assert "known to the controller: hysteresis of the angle" in " ".join(tracked.output.split())
+    assert "known to the controller: Maxwell slip with" in " ".join(tracked.output.split())
     exported = export(path, tmp_path / "c")
     assert exported.exit_code == 0, exported.output
     assert any((tmp_path / "c").rglob("*.c"))

@@ -65,8 +65,8 @@ def test_the_loops_do_compiled_what_they_do_as_they_stand(name):
         found = loops.pressures(log.t, log.P1, squeezed, 1e5, (0.1, 0.2, 0.07, 0.04 * BAR, 0.1 / BAR))
     elif name == "swing":
         out, kappa = np.empty(log.n), np.array([0.5, 0.4, 0.3])
-        loops.swing(log.theta, s, s, kappa, r, 0.02, 0.01, 0.05, np.zeros(3), out)
-        found = loops.swung(log.theta, s, s, kappa, r, 0.02, 0.01, 0.05)
+        loops.swing(log.theta, s, s, 1 / s, kappa, r, 0.02, 0.01, 0.05, np.zeros(3), out)
+        found = loops.swung(log.theta, s, s, 1 / s, kappa, r, 0.02, 0.01, 0.05)
     else:
         out = PrandtlIshlinskii((0.4, 0.1, 0.2, 0.3), tuple(r), base=0.3).run(log.theta, log.P1 + log.P2)
         found = np.array([0.1, 0.2, 0.3]) @ loops.plays(log.theta, s, r) + 0.4 * log.theta
@@ -90,18 +90,18 @@ def test_the_weights_satisfy_the_conditions_of_karush_kuhn_and_tucker(seed, most
     np.testing.assert_allclose((gradient + multiplier)[w > 0], 0.0, atol=1e-6 * scale)  # complementary
 
 
-@pytest.mark.parametrize("springs", [(0.0, 0.0), (0.6, 0.9)])
-def test_a_joint_swings_as_its_differential_equation_says(springs):
+@pytest.mark.parametrize(("springs", "own"), [((0.0, 0.0), False), ((0.6, 0.9), False), ((0.6, 0.9), True)])
+def test_a_joint_swings_as_its_differential_equation_says(springs, own):
     """Forward Euler steps as fine as they have to be, by the text's equation, are what it is compared to."""
     log, h, fine = some_log(2000), 5e-3, 100
     kappa, r, a1, a2 = np.array(springs), np.array([0.02, 0.06]), 0.05, 0.01
     s, k = 0.4 + 0.6 * (log.P1 + log.P2) / FILLED, (log.P1 + log.P2) / (5 * BAR)
-    found = loops.swung(log.theta, s, k, kappa, r, a1, a2, h)
+    found = loops.swung(log.theta, s, k, 1 / k if own else np.ones(log.n), kappa, r, a1, a2, h)
     theta, speed, e, expected = log.theta[0], 0.0, np.zeros(2), [log.theta[0]]
     for before, u, width, stiff in zip(log.theta[:-1], log.theta[1:], s[1:], k[1:], strict=True):
         for i in range(fine):
             driven = before + (u - before) * (i + 1) / fine
-            speed += h / fine * (stiff * (driven - theta - kappa @ e) - a1 * speed) / a2
+            speed += h / fine * (stiff * (driven - theta) - (1.0 if own else stiff) * kappa @ e - a1 * speed) / a2
             theta += h / fine * speed
             e = np.clip(e + h / fine * speed, -r * width, r * width)
         expected.append(theta)
@@ -113,7 +113,7 @@ def test_a_joint_without_inertia_that_swings_is_the_operator():
     u, filled = np.cumsum(np.random.default_rng(2).normal(size=600)) * 0.01, np.full(600, FILLED)
     kappa, r = np.array([0.6, 0.9]), np.array([0.02, 0.06])
     operator = PrandtlIshlinskii((1 + kappa.sum(), *-kappa), tuple(r)).inverse
-    found = loops.swung(u, np.ones(log.n), np.ones(log.n), kappa, r, 0.0, 0.0, 0.02)
+    found = loops.swung(u, *np.ones((3, log.n)), kappa, r, 0.0, 0.0, 0.02)
     np.testing.assert_allclose(found, operator.run(u, filled), rtol=0, atol=1e-8)
 
 
