@@ -1,9 +1,9 @@
 """Deviation of the FMUs of a plant and of a controller from Python, step by step.
 
-    python -m benchmarks.fmus [--steps 10000]
+    python -m benchmarks.fmus [--steps 10000] [--machine arm26]
 
-The plant gets commands and torques with jumps, the controller the inputs of Python's controller in a closed loop on the
-real plant of the closed-loop benchmark, without faults. Both FMUs are validated and stepped by FMPy.
+The plant gets commands and torques with jumps, the controller the inputs of Python's controller in the closed loop of
+`benchmarks.speed.exported`, with faults. All FMUs are validated and stepped by FMPy.
 """
 
 import argparse
@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from fmpy.validation import validate_fmu
 
-from mpc import KalmanObserver, RealPlant, TrackingMPC, Weights, sine
+from benchmarks.speed.exported import loop
+from mpc import RealPlant
 from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
 from tests.rigs.fmus import Stepped
-from tests.rigs.replay import record
 
 SPAN = 5e5  # [Pa]
 SCALE = np.array([1.0, 10.0, SPAN, SPAN])
@@ -41,40 +41,44 @@ def plant(directory: Path, steps: int) -> float:
     return worst
 
 
-def controller(directory: Path, steps: int) -> tuple[np.ndarray, int]:
+def controller(directory: Path, steps: int, machine: str = "") -> tuple[np.ndarray, int]:
     """Return the differences of the commands, as shares of 5 bar, and the number of steps with another status."""
-    real = RealPlant.standard()
-    told = {"compensation": real.known()}
-    made = TrackingMPC(real.nominal, N=10, weights=Weights.calm(), **told)
-    observer = KalmanObserver(real.nominal, made.dt, **told)
-    done = record(real, made, observer, sine(K=5.5, duration=steps * made.dt))
+    made, observer, done = loop(10, steps, machine)
+    n, m = made.plant.n, made.plant.m
     path = export_controller_fmu(directory / "controller.fmu", made, observer)
-    print(f"controller: validation says {validate_fmu(str(path)) or 'nothing'}")
-    differences, others = [], 0
-    ahead = made.ahead + 1
+    print(f"{machine or 'controller'}: validation says {validate_fmu(str(path)) or 'nothing'}")
+    angles = ["theta"] if n == 1 else [f"theta{i}" for i in range(1, n + 1)]
+    inputs = [*angles, *(f"P{i}" for i in range(1, m + 1))]
+    outputs = [*(f"u{i}" for i in range(1, m + 1)), "status", "rung"]
+    preview, differences, others = n * (made.ahead + 1), [], 0
     with Stepped(path, directory / "controller", made.dt) as fmu:
         for sample, answer in zip(done.samples, done.answers, strict=True):
-            theta, P1, P2 = sample[:3]
-            fmu.set(theta=theta, P1=P1, P2=P2, theta_ref=sample[4 : 4 + ahead], K_ref=sample[4 + ahead :])
+            asked = sample[n + m + 1 :]
+            rows = {"theta_ref": asked[:preview], "K_ref": asked[preview:]}
+            fmu.set(**dict(zip(inputs, sample, strict=False)), **rows)
             fmu.step()
-            u1, u2, *decided = fmu.get("u1", "u2", "status", "rung")
-            differences.append(np.abs(np.array([u1, u2]) - answer[:2]).max() / SPAN)
-            others += decided != answer[2:4].tolist()
-    print(f"controller: rungs in Python {dict(Counter(done.answers[:, 3].astype(int).tolist()))}")
+            found = np.array(fmu.get(*outputs))
+            differences.append(np.abs(found[:m] - answer[:m]).max() / SPAN)
+            others += (found[m:] != answer[m : m + 2]).any()
+    rungs = dict(Counter(done.answers[:, m + 1].astype(int).tolist()))
+    print(f"{machine or 'controller'}: rungs in Python {rungs}")
     return np.array(differences), others
 
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", type=int, default=10_000)
-    steps = parser.parse_args(arguments).steps
+    parser.add_argument("--machine", default="", help="a ready-made arm, its controller alone; by default a joint")
+    asked = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as made:
-        print(f"plant: {steps} steps, greatest difference {plant(Path(made), steps):.2e} of the scale")
-        differences, others = controller(Path(made), steps)
+        if not asked.machine:
+            worst = plant(Path(made), asked.steps)
+            print(f"plant: {asked.steps} steps, greatest difference {worst:.2e} of the scale")
+        differences, others = controller(Path(made), asked.steps, asked.machine)
         print(
-            f"controller: {len(differences)} steps, {others} with another status or rung; difference of a command "
-            f"{np.median(differences):.1e} of the supply in the median, {np.quantile(differences, 0.99):.1e} for 99 %, "
-            f"{differences.max():.1e} at worst"
+            f"{asked.machine or 'controller'}: {len(differences)} steps, {others} with another status or rung; "
+            f"difference of a command {np.median(differences):.1e} of the supply in the median, "
+            f"{np.quantile(differences, 0.99):.1e} for 99 %, {differences.max():.1e} at worst"
         )
 
 
