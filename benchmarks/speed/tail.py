@@ -1,6 +1,6 @@
 """The slowest of many steps: closed loops with random references and loads, on the real plant and on a stranger.
 
-    python -m benchmarks.speed.tail [--steps 100000] [--horizon 20 80] [--rounds 3] [--loop stranger] [--out benchmarks/results]
+    python -m benchmarks.speed.tail [--steps 100000] [--horizon 20 80] [--rounds 3] [--loop stranger] [--out FOLDER]
 
 Runs take 20 s. A step is the controller's, a sample also has the observer. Times are processor times of the thread.
 All runs are made several times with equal results, and every step counts with its least time, because interrupts and
@@ -58,20 +58,15 @@ def reference(seed: int) -> Reference:
 
 def runs(loop: str, horizon: int, number: int) -> Iterator[tuple[Array, Array, Array]]:
     """Yield the commands (M, 2) [Pa] of each run and the times (M,) of observer and controller [s]."""
-    if loop == "stranger":
-        process = drawn("power", TUNING)
-        model, known = data_sheet(process)[:2]
-    else:
-        process = RealPlant.standard()
-        model, known = process.nominal, process.known()
+    stranger, real = drawn("power", TUNING), RealPlant.standard()
+    model, known = data_sheet(stranger)[:2] if loop == "stranger" else (real.nominal, real.known())
     observer = TimedObserver(KalmanObserver(model, DT, compensation=known))
     controller = TimedController(TrackingMPC(model, DT, horizon, compensation=known))
     for seed in range(number):
         load, since = np.random.default_rng([seed, 98]).uniform([-1.0, 4.0], [1.0, 8.0])
-        loaded = (
-            process.loaded(load, since) if loop == "stranger" else replace(process, torque_profile=((since, load),))
-        )
-        run = simulate(loaded, controller, reference(seed), observer=observer, seed=seed)
+        on_real = replace(real, torque_profile=((since, load),))
+        process = stranger.loaded(load, since) if loop == "stranger" else on_real
+        run = simulate(process, controller, reference(seed), observer=observer, seed=seed)
         yield run.u, np.array(observer.seconds), np.array(controller.seconds)
 
 
