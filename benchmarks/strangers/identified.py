@@ -17,7 +17,7 @@ from mpc.tuning.draws import Spreads
 DT = 0.01  # [s]
 DWELL, SHOWN = 1.2, 0.2  # [s] at each pair of pressures, of which the last are read
 HELD = np.arange(1.25, 4.3, 0.75) * BAR
-WEIGHTS = (-1.5, -0.75, 0.75, 1.5)  # [N·m]
+WEIGHTS = (-1.5, 0.0, 1.5, 0.0)  # [N·m] hung on and taken off, so that hysteresis is traversed each time
 SECONDS = 90.0  # of random steps
 
 
@@ -43,7 +43,8 @@ def identified(stranger: Stranger) -> Model:
         torque=columns["torque"], direction=columns["direction"], leave_one_out=False, choices=False,
     ).joint  # fmt: skip
     t, x = moved(stranger)
-    fit = fit_motion(t, x[:, 0], x[:, 1], x[:, 2], joint=joint)
+    theta, P1, P2, *measured = x.T
+    fit = fit_motion(t, theta, P1, P2, joint=joint, measured=(measured[0], measured[1]))
     with TemporaryDirectory() as directory:
         path = Path(directory) / "plant.toml"
         IdentifiedPlant.of(fit).save(path)
@@ -53,9 +54,8 @@ def identified(stranger: Stranger) -> Model:
 def swept(stranger: Stranger) -> dict[str, Array]:
     """Return the rests of slow sweeps up and down: one pressure held, the other stepped; and of weights hung on it."""
     stops = [(P1, P2, 0.0, s) for P1 in HELD for s, path in ((-1, HELD), (1, HELD[::-1])) for P2 in path]
-    loads = (0.0, *WEIGHTS, 0.0)
-    turns = np.sign(np.diff(loads, prepend=0.0))  # a weight of -0.75 after -1.5 lets the joint rise
-    stops += [(P, P, W, s) for P in (2.0 * BAR, 3.0 * BAR) for W, s in zip(loads, turns, strict=True)]
+    turns = (0.0, *np.sign(np.diff(WEIGHTS, prepend=0.0)))  # 0 before the first weight: the joint comes from anywhere
+    stops += [(P, P, W, s) for P in (2.0 * BAR, 3.0 * BAR) for W, s in zip((0.0, *WEIGHTS), turns, strict=True)]
     trial = stranger.begin(DT, stranger.nominal.at_rest(0.0, 5.0), stranger.seed)
     rows = []
     for P1, P2, load, direction in stops:
@@ -70,13 +70,14 @@ def swept(stranger: Stranger) -> dict[str, Array]:
 
 
 def moved(stranger: Stranger) -> tuple[Array, Array]:
-    """Return times (n,) [s] and angles and commands (n, 3) of random steps of both pressures."""
+    """Return times (n,) [s], and angles, commands and measured pressures (n, 5) of random steps of both pressures."""
     rng = np.random.default_rng([stranger.seed, 5])
     trial = stranger.begin(DT, stranger.nominal.at_rest(0.0, 5.0), stranger.seed + 1)
     u, until, rows = np.full(2, 2.5 * BAR), 100, []
     for k in range(round(SECONDS / DT)):
         if k == until:
             u, until = rng.uniform(1.5, 4.2, 2) * BAR, k + int(rng.uniform(0.4, 1.5) / DT)
-        rows.append([trial.measure()[0], *u])
+        y = trial.measure()
+        rows.append([y[0], *u, *y[2:]])
         trial.advance(u)
     return DT * np.arange(len(rows)), np.array(rows)
