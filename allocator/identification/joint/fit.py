@@ -122,10 +122,13 @@ def fit_joint(
     told = bool((samples.direction != 0).any())
     used = {"log_ratio": ratio, "zero": zero, "friction": friction and told}
     extra = tuple(name for name, fitted in used.items() if fitted)
-    prototype, recipe, free = _prototype(model, samples, hold or {}, start)
-    samples = _within(samples, prototype)
-    problem = replace(_problem(prototype, recipe, samples, free, extra, taut_min), sag=sag)
-    return solved(problem, first_search(problem, recipe), leave_one_out, prior, choices)
+    for _ in range(1 + zero):  # contractions need the zero, which the second search takes from the first
+        prototype, recipe, free = _prototype(model, samples, hold or {}, start)
+        problem = _problem(prototype, recipe, _within(samples, prototype), free, extra, taut_min)
+        problem = replace(problem, sag=sag)
+        x = first_search(problem, recipe)
+        samples = replace(samples, zero=problem.unknowns(x).zero)
+    return solved(problem, x, leave_one_out, prior, choices)
 
 
 def _parted(samples: JointSamples, slack: ArrayLike | None, noise: float) -> tuple[JointSamples, SlackReadings | None]:

@@ -261,7 +261,7 @@ class JointProblem:
     def _measured(self) -> tuple[Array, Array, Array]:
         """Return pressures [Pa], contractions and moment arms [m] (2n,) at the measured angles, the agonist's first."""
         s = self.samples
-        (eps1, a1, _), (eps2, a2, _), _ = s.routes(np.clip(s.theta, *self._reach))
+        (eps1, a1, _), (eps2, a2, _), _ = s.routes(s.true_angles(s.zero))
         return np.concatenate([s.P1, s.P2]), np.concatenate([eps1, eps2]), np.concatenate([a1, a2])
 
     def _strength(self, u: Unknowns) -> Array:

@@ -49,6 +49,7 @@ class JointSamples:
     dropped: Mapping[str, int] = field(default_factory=dict)  # numbers of samples left out, by reason
     cell: float = _CELL  # `pairs` treats pressures in one cell of this width as equal [Pa]
     measured: int = 0  # number of samples averaged over such cells, if any
+    zero: float = 0.0  # rough encoder zero: contractions and arms are taken at the angles less it [rad]
 
     @classmethod
     def checked(
@@ -130,10 +131,17 @@ class JointSamples:
         one, two = columns[:3], columns[3:6]
         return (one[0], one[1], one[2]), (two[0], two[1], two[2]), columns[6]
 
-    def muscles(self, zero: float = 0.0) -> tuple[Array, Array]:
-        """Return pressures [Pa] and contractions [-] (2n,), the agonist's first, at the measured angles less `zero`."""
-        (eps1, *_), (eps2, *_), _ = self.routes(np.clip(self.theta - zero, *self.reach()))
+    def muscles(self, zero: float | None = None) -> tuple[Array, Array]:
+        """Return pressures [Pa] and contractions [-] (2n,), the agonist's first, at the angles less `zero`.
+
+        By default, `zero` is the rough one of the samples.
+        """
+        (eps1, *_), (eps2, *_), _ = self.routes(self.true_angles(self.zero if zero is None else zero))
         return np.concatenate([self.P1, self.P2]), np.concatenate([eps1, eps2])
+
+    def true_angles(self, zero: float) -> Array:
+        """Return the measured angles less `zero` [rad], within each sample's mechanism (n,)."""
+        return np.clip(self.theta - zero, *self.reach())
 
     def reach(self) -> tuple[Array, Array]:
         """Return the ends (n,), (n,) [rad] of each sample's mechanism."""

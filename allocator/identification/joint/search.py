@@ -137,7 +137,7 @@ def scale_shape(problem: JointProblem, x: Array) -> Array:
 
 def _pseudo_forces(samples: JointSamples) -> tuple[Array, Array, Array]:
     """Return contraction [-], pressure [Pa] and force [N] of both muscles (2n,) that roughly explain the equilibria."""
-    (eps1, a1, _), (eps2, a2, _), _ = samples.routes(np.clip(samples.theta, *samples.reach()))
+    (eps1, a1, _), (eps2, a2, _), _ = samples.routes(samples.true_angles(samples.zero))
     one, two = _basis(samples.P1, eps1), _basis(samples.P2, eps2)  # (n, 3)
     still = samples.torque == 0 if (samples.torque == 0).sum() > 3 else np.ones(samples.n, bool)
     rows = (a1[:, None] * one - a2[:, None] * two)[still]
@@ -168,9 +168,9 @@ def starting_muscle(model: type[Muscle], samples: JointSamples, hold: Mapping[st
 
 
 def first_guess(problem: JointProblem) -> Array:
-    """Return the prototype's parameters, without ratio, zero or constant friction."""
-    values = problem.prototype.parameters
-    return np.array([values.get(name, _FRICTION if name == "friction" else 0.0) for name in problem.names])
+    """Return the prototype's parameters and the samples' rough zero, without ratio or constant friction."""
+    values = problem.prototype.parameters | {"friction": _FRICTION, "zero": problem.samples.zero}
+    return np.array([values.get(name, 0.0) for name in problem.names])
 
 
 def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
@@ -238,7 +238,7 @@ class Projection:
         x = np.zeros(self.linear.size)
         x[~self.linear] = q
         s, zero = self.problem.samples, self.problem.unknowns(x).zero
-        routes = s.routes(np.clip(s.theta - zero, *s.reach()))  # the same for all linear unknowns
+        routes = s.routes(s.true_angles(zero))  # the same for all linear unknowns
         b = self._equations(x, routes)
         columns = []
         for i in np.flatnonzero(self.linear):
