@@ -301,7 +301,7 @@ class JointProblem:
         P, eps, _ = self._measured
         with np.errstate(all="ignore"):
             given = np.add(*np.split(self._strength(u) * P * u.muscle.gain(P, eps), 2))
-        share: complex = np.divide(self.measured_forces(u).sum(), given.sum()).item()
+            share: complex = np.divide(self.measured_forces(u).sum(), given.sum()).item()
         return share
 
     @cached_property

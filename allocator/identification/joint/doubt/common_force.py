@@ -11,10 +11,14 @@ by profile likelihood: whether the cost rises by 4 σ² on both sides if the pul
     σ² = cost/(cells - unknowns), samples at the same pressures and torque being one cell.
 
 If it is not determined, its bounds are physical: at most a tenth of the measured forces are negative, and φ ≤ 1.05,
-since a contracted muscle without pressure does not pull. φ is then assumed: that of a prior; or that at which friction
-is in proportion to the forces, if this is consistent and determines φ; or else, cautiously, the least φ at which (all
-but a fiftieth of) the forces have the share η of their mean. It is moved only until the cost has risen by a tenth,
-within the law's own error.
+since a contracted muscle without pressure does not pull. φ is then assumed: that of a prior; or else, cautiously, the
+least φ at which (all but a fiftieth of) the forces have the share η of their mean. It is moved only until the cost has
+risen by a tenth, within the law's own error.
+
+If friction in proportion to the forces determines φ, the assumed φ lies between that value and the cautious one. It
+moves from the former towards the latter until the cost, without constant friction and play, has risen by a tenth times
+exp((Δ - 2 log cells)/2). These are the odds by the information criterion BIC that constant parts are present, and Δ
+[σ²] is their gain. A threshold of Δ instead would let chance near it change the fit by a jump.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +30,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.joint.problem import JointProblem, PullShare
-from allocator.identification.joint.search import minimise
+from allocator.identification.joint.search import best_start, minimise
 from allocator.identification.least_squares import rms
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE
 from allocator.muscles import Muscle, force_gradient
@@ -39,7 +43,7 @@ _USUAL = 0.5  # pull share that it aims at [-]
 _MOST = 1.05  # pull share [-]
 _STEP = 0.1
 _STEPS = 30
-_CHANCE = 6.0  # [σ²] gain of two more unknowns by chance in 95 %
+_CERTAIN = 100.0  # greater logarithms of odds mean the same
 _PLAUSIBLE = 0.1  # with a smaller pull share a muscle would be nearly slack everywhere [-]
 _RISE = 4.0  # [σ²]
 _LAW = 0.1  # of the cost: accepted rise due to the form of a law
@@ -162,16 +166,21 @@ def _held(problem: JointProblem, profile: "Profile", share: float) -> JointProbl
 
 def _set(problem: JointProblem, profile: "Profile", prior: Prior | None) -> tuple[JointProblem, Array, CommonForce]:
     """Return the problem, the start, and φ by a prior or an assumption."""
-    if prior is None and (shown := profile.shown_by_friction()) is not None:
-        return problem, shown, _assumed(problem, shown, "the assumption that friction is proportional to it", None)
     limit = _RISE * profile.variance + _LAW * profile.best.cost
     low, high = (profile.end(side, limit)[0] for side in (-1, 1))
     wanted = profile.cautious if prior is None else prior.share
-    start = profile.at(float(np.clip(np.clip(wanted, low, high), _PLAUSIBLE, _MOST)))
+    share = float(np.clip(np.clip(wanted, low, high), _PLAUSIBLE, _MOST))
     source = "the assumption that no cable was far from slack" if prior is None else f"the prior {prior.name}"
     half = np.inf if prior is None else 2 * prior.std
+    starts, shown = [], profile.shown_by_friction(share) if prior is None else None
+    if shown is not None:
+        starts = [shown.x]
+        if shown.share != share:
+            share, source = shown.share, "the assumption that friction is proportional to it"
+    start = profile.at(share)
     found = replace(_assumed(profile.problem, start.x, source, prior), ends=profile.ends(wanted - half, wanted + half))
-    return _held(problem, profile, found.share), start.x[: profile.unknowns], found
+    held = _held(problem, profile, found.share)
+    return held, best_start(held, (*starts, start.x[: profile.unknowns])), found
 
 
 def _assumed(problem: JointProblem, x: Array, source: str, prior: Prior | None) -> CommonForce:
@@ -219,6 +228,7 @@ class Profile:
     problem: JointProblem  # with a free friction, and no equation for tautness
     unknowns: int  # m without that torque
     points: tuple[Point, ...]  # in the order of φ
+    cells: int
     variance: float  # σ² [rad²]
     least: float  # η of the problem [-]
 
@@ -240,7 +250,7 @@ class Profile:
                 points.append(better)
         points.sort(key=lambda point: point.share)
         variance = max(min(p.cost for p in points) / freedom, _LEAST_ERROR**2)
-        return cls(wide, x.size, tuple(points), variance, problem.taut_min)
+        return cls(wide, x.size, tuple(points), cells, variance, problem.taut_min)
 
     @property
     def best(self) -> Point:
@@ -274,10 +284,10 @@ class Profile:
         shares = [p.share for p in self.points[i : i + 2]]
         return float(np.interp(self.least, left[i : i + 2], shares))
 
-    def shown_by_friction(self) -> Array | None:
-        """Return the unknowns if friction is in proportion to the forces and determines them.
+    def shown_by_friction(self, cautious: float) -> Point | None:
+        """Return the best fit with friction in proportion to the forces, its φ moved towards `cautious` (see the top).
 
-        The constant parts of friction gain no more than chance, and the cost rises by 4 σ² on both sides; else None.
+        None if there is no friction, or if the cost does not rise by 4 σ² on both sides.
         """
         n = self.unknowns
         simple = replace(
@@ -289,11 +299,16 @@ class Profile:
         if simple.extra == self.problem.extra:
             return None
         best = _point(simple, minimise(replace(simple, pull=PullShare(self.best.share, _WEAK)), self.best.x[:n])[0])
-        if best.cost - self.best.cost > _CHANCE * self.variance or not _PLAUSIBLE < best.share < _MOST:
+        if not _PLAUSIBLE < best.share < _MOST:
             return None
         beside = [_fixed(simple, best.share + side * _STEP, best.x) for side in (-1, 1)]
         rises = [(p.cost - best.cost) * (_STEP / (p.share - best.share)) ** 2 for p in beside]
-        return best.x if min(rises) > _RISE * self.variance else None
+        steep = min(rises) - _RISE * self.variance
+        if steep <= 0:
+            return None
+        odds = np.exp(min((best.cost - self.best.cost) / self.variance / 2, _CERTAIN)) / self.cells
+        far = _STEP * np.sqrt(_LAW * best.cost * odds / steep)  # the cost rises with the square of the distance
+        return best._replace(share=best.share + float(np.clip(cautious - best.share, -far, far)))
 
     def ends(self, low: float, high: float) -> tuple[Array, Array]:
         """Return the unknowns (m,) of the best fits at the ends of φ, within the cost's rise by chance."""

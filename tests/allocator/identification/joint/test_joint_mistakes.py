@@ -154,12 +154,23 @@ def test_a_sag_test_that_contradicts_and_a_torque_in_other_units_are_warned_of(g
     assert "N/bar, more than any is known to: is the torque in N·m?" in warnings_of(grid, times=100.0)
 
 
-@pytest.mark.parametrize("zero", [-33 * DEG, 28 * DEG])
+@pytest.mark.parametrize("zero", [-33 * DEG, 16 * DEG, 20 * DEG, 28 * DEG, 32 * DEG])
 def test_an_encoder_that_was_not_set_to_zero_is_found(data, zero):
     still = fit_joint(**data, choices=False)
     turned = fit_joint(**{**data, "theta": data["theta"] + zero}, choices=False)
     assert turned.zero == pytest.approx(still.zero + zero, abs=0.1 * DEG)
     assert turned.rms < 1.02 * still.rms
+    assert still.rms < 1.05 * 0.5 * DEG  # the noise of the log
+
+
+@pytest.mark.slow
+def test_friction_that_looks_partly_constant_by_chance_does_not_spoil_the_fit(all_twins, log_maker):
+    joint = all_twins["sarosi-lever"]
+    log = log_maker(joint, 3, seed=3)  # a constant part gains 6.5 σ², which chance does in 4 %
+    (theta, P1, P2), options = log.fit_arguments()
+    fit = fit_joint(theta, P1, P2, **options, geometry=joint.geometry, choices=False)
+    assert fit.rms < 1.1 * 0.5 * DEG  # … of the noise
+    assert fit.forces(0.0, 3 * BAR, 3 * BAR).agonist == pytest.approx(joint.forces(0.0, 3 * BAR, 3 * BAR)[0], rel=0.05)
 
 
 def test_an_encoder_zero_beyond_the_search_is_not_written(data, tmp_path):
