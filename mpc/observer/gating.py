@@ -126,6 +126,12 @@ class Gate:
         """Return whether the `sensor` can return `read`."""
         return self.lower[sensor] <= read <= self.upper[sensor]
 
+    def first_verdicts(self, read: Array) -> list[Verdict]:
+        """Return the verdicts on the readings (n + m,) of all sensors, if nothing is expected of them."""
+        possible = map(self.possible, range(read.size), read.tolist())
+        beyond = np.where(np.isfinite(read), Verdict.IMPOSSIBLE, Verdict.SILENT).tolist()
+        return [Verdict.BELIEVED if there else Verdict(other) for there, other in zip(possible, beyond, strict=True)]
+
 
 class SensorGate:
     """Gate of one sensor, with the time since its first rejection and the last rejected reading."""

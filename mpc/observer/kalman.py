@@ -15,7 +15,7 @@ While readings are rejected, a rival belief uses them (`mpc.observer.rivalry`).
 from collections import deque
 from collections.abc import Iterator
 from copy import deepcopy
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -34,6 +34,7 @@ from mpc.observer.filter import Belief, Filter, Noise, settings
 from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
 from mpc.observer.rivalry import Readings, Rivalry
+from mpc.observer.units import units_shown
 
 if TYPE_CHECKING:
     from mpc.observer.compiled.whole import CompiledEstimate  # which imports numba
@@ -91,6 +92,7 @@ class KalmanObserver:
         self._catch_up()
         self._belief: Belief | None = None
         self._verdicts = [Verdict.SILENT] * self._measured.size  # on the last readings of angles and pressures
+        self._units_shown = False  # whether a pressure since the beginning has shown its unit
         self.rebuilt = 0  # number of times that the state was not finite and was rebuilt
         self._read = np.full(self._measured.size, np.nan)  # readings of the previous sample
         self._offset = np.zeros(self.plant.m)  # of the pressure sensors against the regulators [Pa]
@@ -154,9 +156,12 @@ class KalmanObserver:
         """Return the state (2n + m,) and disturbance torque [N·m], (n,) of an arm, from `y` (2n + m,), NaN where
         unmeasured.
 
-        `u` (m,) [Pa] is the last command sent. Raises `InvalidInput` for wrong shapes.
+        `u` (m,) [Pa] is the last command sent. Raises `InvalidInput` for wrong shapes. Warns (`BadNumbers`) if the
+        first pressures above 0 look like bar.
         """
         y, u, compiled = np.asarray(y, float), np.asarray(u, float), self.compiled
+        if not self._units_shown and y.shape == (self.plant.size,):
+            self._units_shown = units_shown("y", y[2 * self.plant.n :], stacklevel=2)
         if compiled is not None:
             found = compiled.answer(y, u)
             if found is not None:
@@ -286,7 +291,7 @@ class KalmanObserver:
         gate, read = self.gate, said.copy()
         middle = np.atleast_1d(np.mean(self.plant.angle_limits, axis=0))
         read[self._angles] = [gate.unwrapped(*angle, within=np.pi) for angle in self._turned(said, middle)]
-        self._verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
+        self._verdicts = self.gate.first_verdicts(read)
         believed = self._believed
         n, none = self.plant.n, np.zeros(self.plant.n)
         q, P = read[:n], np.where(believed[n:], read[n:], u)
@@ -294,11 +299,6 @@ class KalmanObserver:
             begun = Belief(np.concatenate([q, none, P, none]), self.filter.stationary)
             self._belief = self.filter.corrected(begun, read, believed, self._variances)
             self._commands.extend([np.where(self.filter.can_be_sent(u), u, P)] * int(self._commands.maxlen or 1))
-
-    def _first_verdict(self, sensor: int, read: float) -> Verdict:
-        if not isfinite(read):
-            return Verdict.SILENT
-        return Verdict.BELIEVED if self.gate.possible(sensor, read) else Verdict.IMPOSSIBLE
 
     def _go_on(self, previous: Belief, said: Array) -> None:
         """Return the present estimate from that of the previous sample."""
@@ -308,7 +308,7 @@ class KalmanObserver:
         self._apart = self.filter.apart(self._apart, previous, self._commands[0])
         read = said.copy()
         if not expected.sound:
-            self._verdicts = [self._first_verdict(sensor, value) for sensor, value in enumerate(read.tolist())]
+            self._verdicts = self.gate.first_verdicts(read)
             self._belief = self._rebuilt(previous, read, self._believed)
             return
         read[self._angles] = [self.gate.unwrapped(*angle) for angle in self._turned(said, expected.xi)]

@@ -1,6 +1,5 @@
 """Base class of tracking controllers: the stages of a control step, independent of the method of optimisation."""
 
-import warnings
 from abc import ABC, abstractmethod
 from math import inf
 from time import perf_counter
@@ -16,12 +15,13 @@ from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
+from mpc.observer.units import units_shown
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward, FeedForwardOf
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
 from mpc.tracking.plan import Plan, PlanStatus, Rung, Times, status_of
-from mpc.tracking.preview import BadNumbers, Preview, Task
+from mpc.tracking.preview import Preview, Task
 from mpc.tracking.qp.step import PreviousSample
 from mpc.tracking.rest import RestMode
 
@@ -69,7 +69,7 @@ class BaseController(ABC):
     machines: ClassVar[tuple[type, ...]] = (Plant,)  # supported types of plants
     says_moved: ClassVar[bool] = True  # whether plans report moves of the references
     _feed_forward: FeedForwardOf
-    _first: bool = True  # whether there was no step since the last reset
+    _units_shown: bool = False  # whether a state since the last reset has shown the units
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}: samples of {1e3 * self.dt:g} ms; model: {self.plant.summary}"
@@ -92,7 +92,7 @@ class BaseController(ABC):
 
     def reset(self) -> None:
         """Forget the past, so that the next step begins from the measured pressures."""
-        self._first = True
+        self._units_shown = False
         self._preview.reset()
         self.rest_mode.reset()
         self.ladder.reset()
@@ -109,25 +109,19 @@ class BaseController(ABC):
         A reference is a value, held for the whole horizon, or a preview (ahead + 1, …) that begins now; the values of
         an arm are (n,) and (k, k). `d` is the disturbance torque [N·m] known to act, of an arm also (n,). Entries
         of `x` that are NaN or physically impossible are replaced by the prediction of the last plan. No number makes
-        this method raise: invalid ones are reported by the status. Warns (`BadNumbers`) if the pressures of the first
-        step look like bar. Raises `InvalidInput` for wrong shapes and types.
+        this method raise: invalid ones are reported by the status. Warns (`BadNumbers`) if the first pressures above 0
+        look like bar, or angles like degrees. Raises `InvalidInput` for wrong shapes and types.
         """
         began = perf_counter()
-        if self._first:
-            self._point_out_bar(x)
+        if not self._units_shown:
+            self._point_out_units(x)
         return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
 
-    def _point_out_bar(self, x: object) -> None:
-        """Warn of pressures that look like bar. They are not refused, because those of a vented joint are as low."""
-        self._first = False
-        state = checks.floats("x", x, "rad, rad/s, Pa")
-        if state.shape != (self.plant.size,):
-            return  # no state: the preview refuses it
-        P = state[2 * self.plant.n :]
-        try:
-            checks.pressure("pressures of x: P", P[np.isfinite(P)])
-        except InvalidInput as wrong:
-            warnings.warn(str(wrong), BadNumbers, stacklevel=3)
+    def _point_out_units(self, x: object) -> None:
+        """Warn of pressures that look like bar, and of angles that look like degrees."""
+        state, n = checks.floats("x", x, "rad, rad/s, Pa"), self.plant.n
+        if state.shape == (self.plant.size,):  # the preview refuses others
+            self._units_shown = units_shown("x", state[2 * n :], state[:n])
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # the ladder rejects non-finite plans
     def _staged(self, x: ArrayLike, theta_ref: ArrayLike, K_ref: ArrayLike, d: ArrayLike, began: float) -> Plan:

@@ -25,6 +25,7 @@ from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.friction.contact import Contacts
 from mpc.model.machine import Machine
 from mpc.observer.gating import Gate
+from mpc.observer.units import BadNumbers
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
@@ -35,10 +36,6 @@ CORRECTED = 0.1  # [-] of an angle error counts as motion that friction opposes
 
 class Meaningless(Exception):
     """Implausible numbers."""
-
-
-class BadNumbers(UserWarning):
-    """Warning of implausible references, torques or pressures. For the first two the controller holds the pressures."""
 
 
 class Task(NamedTuple):

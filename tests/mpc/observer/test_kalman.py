@@ -20,6 +20,7 @@ from mpc.observer.base import Differentiator
 from mpc.observer.filter import Belief, Noise
 from mpc.observer.gating import Verdict
 from mpc.observer.kalman import KalmanObserver
+from mpc.observer.units import BadNumbers
 
 pytestmark = pytest.mark.compiles
 
@@ -239,3 +240,13 @@ def test_once_a_sensor_is_known_to_be_frozen_the_estimate_is_that_without_it():
 def test_noise_that_cannot_be_meant_is_named(wrong, said):
     with pytest.raises(InvalidInput, match=f"Noise: {said}"):
         Noise(**wrong)
+
+
+def test_pressures_in_bar_are_pointed_out_once_when_a_vented_joint_shows_them():
+    observer = KalmanObserver(Plant(), 0.01)
+    observer.estimate(np.array([0.1, np.nan, 0.0, 0.0]), np.array([5e3, 5e3]))
+    for _ in range(2):
+        with pytest.warns(BadNumbers, match="pressures of y: P.* = 0.4 Pa is next to nothing; if bar was meant"):
+            observer.estimate(np.array([0.1, np.nan, 0.4, 0.3]), np.array([5e3, 5e3]))
+        observer.estimate(np.array([0.1, np.nan, 0.5, 0.3]), np.array([5e3, 5e3]))
+        observer.reset()

@@ -325,3 +325,23 @@ def test_pressures_in_pascal_are_not(P):
     controller = ten_samples()
     controller.reset()
     controller.step([0.1, 0.0, *P], 0.1, 7.5)
+
+
+@pytest.mark.parametrize(
+    ("readings", "said"),
+    [
+        (
+            [(0.0, 0.0), (0.03, 0.02), (2.3, 3.4)],
+            "P.* = 2.3 Pa is next to nothing; if bar was meant",
+        ),  # vented at first
+        ([(2.3e5, 3.4e5)], "θ.* = 11 rad is over a turn; if degrees were meant, pass 0.192 rad"),
+    ],
+)
+def test_the_first_readings_that_show_a_unit_are_checked(readings, said):
+    controller = ten_samples()
+    controller.reset()
+    *before, last = readings
+    for P in before:
+        controller.step([0.1, 0.0, *P], 0.1, 7.5)
+    with pytest.warns(BadNumbers, match=said):
+        controller.step([11.0 if last[0] > 1e5 else 0.1, 0.0, *last], 0.1, 7.5)
