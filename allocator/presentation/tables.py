@@ -16,11 +16,11 @@ def number(value: SupportsFloat, digits: int = 4) -> str:
     return f"{0.0 if abs(shown) < _ROUNDING else shown:.{digits}g}"
 
 
-def span(values: ArrayLike, unit: str = "") -> str:
+def span(values: ArrayLike, unit: str = "", digits: int = 4) -> str:
     """Return 'least … greatest unit' of the values that are numbers."""
     flat = np.ravel(values)
     finite = flat[np.isfinite(flat)]
-    return f"{number(finite.min())} … {number(finite.max())} {unit}".rstrip() if finite.size else "none"
+    return f"{number(finite.min(), digits)} … {number(finite.max(), digits)} {unit}".rstrip() if finite.size else "none"
 
 
 def first_of(warnings: Sequence[str]) -> str:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from allocator.calculus import Array, Mask
+from allocator.presentation.tables import number, span
 from allocator.units import BAR, DEG, PERCENT
 from mpc.tracking.plan import Moved, PlanStatus, Rung
 from mpc.trials.simulation import Run
@@ -13,6 +14,7 @@ from mpc.trials.simulation import Run
 Figure: TypeAlias = Any  # a number for a joint, an array for an arm
 
 _ROUNDING = 1e-9  # [-] of the limit, or of a constant value: less is rounding
+_NEGLIGIBLE = 1e-6  # in the unit of a figure: less is not shown
 _AT_LIMIT = 1e-3  # [-] of the slew limit: commands this near count as at the limit, for QP solvers that stop inside
 
 
@@ -54,6 +56,22 @@ class Metrics:
         """Whether all limits were kept."""
         return not any(excess for excess, _ in self.violations.values())
 
+    def __repr__(self) -> str:
+        """Return the errors, the exceeded limits, the moved references and the steps, one line each."""
+        lines = [f"Metrics: {_in_words(self, self.K_unit)}"]
+        if self.rest:
+            lines.append(f"after the first {self.rest:.3g} s of rest: {_in_words(self.after_rest, self.K_unit)}")
+        exceeded = _listed(self.violations)
+        lines.append(f"limits exceeded: {exceeded}" if exceeded else "limits kept")
+        if moved := _listed(self.moved):
+            lines.append(f"references moved: {moved}")
+        if self.out_of_reach or self.at_slew_limit:
+            slew = f"commands at the slew limit in {self.at_slew_limit:.3g} %"
+            lines.append(f"references out of reach in {self.out_of_reach:.3g} % of the samples, {slew}")
+        rungs = ", ".join(f"{count} {rung}" for rung, count in self.rungs.items() if count)
+        lines.append(f"steps: {rungs}; {self.step_median:.3g} ms in the median, {self.step_p99:.3g} ms in 99 %")
+        return "\n  ".join(lines)
+
 
 def metrics(run: Run) -> Metrics:
     """Return the figures of `run`."""
@@ -72,6 +90,19 @@ def metrics(run: Run) -> Metrics:
         / PERCENT,
         moved=_moved(run),
     )
+
+
+def _in_words(errors: Errors | Metrics, K_unit: str) -> str:
+    """Return the errors in words; of an arm, the least and greatest of its joints and entries."""
+    figures = errors.theta_rms, errors.theta_worst, errors.K_rms, errors.K_worst
+    shown = [span(figure, digits=3) if np.ndim(figure) else number(figure, 3) for figure in figures]
+    return f"angle {shown[0]}° RMS, {shown[1]}° worst; stiffness {shown[2]} {K_unit} RMS, {shown[3]} {K_unit} worst"
+
+
+def _listed(figures: dict[str, tuple[float, str]]) -> str:
+    """Return the figures above 0, with their units."""
+    told = {name: (f"{value:.3g}", unit) for name, (value, unit) in figures.items() if value > _NEGLIGIBLE}
+    return ", ".join(f"{name} by {value}{'' if unit == '°' else ' '}{unit}" for name, (value, unit) in told.items())
 
 
 def _errors(run: Run, begin: int) -> Errors:

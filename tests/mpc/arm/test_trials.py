@@ -53,6 +53,8 @@ def test_metrics_are_what_the_arrays_say(run):
     assert found.violations["pressure slew"][0] == pytest.approx(5.0, rel=1e-6)  # bar/s above 5
     assert not found.limits_kept
     assert found.violations["commanded pressure"][0] == 0.0
+    assert repr(found).startswith("Metrics: angle 0.573 … 0.573° RMS, ")
+    assert f"{found.K_worst.min():.3g} … 0.5 N·m/rad worst" in repr(found)
 
 
 def test_a_reference_that_stretches_the_arm_out_asks_for_no_stiffness_of_the_hand():

@@ -1,5 +1,6 @@
 """The closed loop: what `antagonist track` has to show, and how the loop bears what it cannot follow."""
 
+import re
 from dataclasses import replace
 
 import matplotlib
@@ -227,6 +228,14 @@ def test_the_metrics_are_what_their_names_say(default_run):
     assert not m.limits_kept
     assert m.step_median == pytest.approx(0.5, rel=1e-2)
     assert m.step_p99 == pytest.approx(0.99, rel=1e-2)
+    first, *others = repr(m).splitlines()
+    assert first == "Metrics: angle 0.2° RMS, 0.2° worst; stiffness 1 % RMS, 1 % worst"
+    assert re.search(r"limits exceeded: commanded pressure by 0.3 bar, .*, slack muscle by 12 N$", others[0])
+    assert others[-1] == "  steps: 1200 QP; 0.5 ms in the median, 0.99 ms in 99 %"
+
+
+def test_the_metrics_in_words_leave_out_what_did_not_happen(default_run):
+    assert [line.strip() for line in repr(metrics(default_run)).splitlines()[1:-1]] == ["limits kept"]
 
 
 def test_the_picture_names_every_quantity_with_its_unit_and_leaves_pyplot_alone(default_run):
