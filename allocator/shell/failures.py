@@ -15,6 +15,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib import metadata
 from io import TextIOWrapper
+from traceback import walk_tb
 
 from allocator.errors import AntagonistError
 
@@ -61,9 +62,19 @@ def _told(command: Callable[[], object]) -> int:
         if os.environ.get(_DEBUG):
             raise
         what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        if asked := _asked_gl(error):
+            return _fail(
+                f"MUJOCO_GL = {asked!r} cannot be used ({what}); choose another of egl, osmesa and glfw, or unset it", 2
+            )
         ask = f"please report it to {_tracker()} ({_DEBUG}=1 shows the traceback)"
         return _fail(f"unexpected error ({what}); {ask}", 1)
     return 0
+
+
+def _asked_gl(error: Exception) -> str:
+    """Return the MUJOCO_GL with which MuJoCo cannot be imported; empty if the error has another cause."""
+    modules = (frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__))
+    return os.environ.get("MUJOCO_GL", "") if any(name.endswith("gl_context") for name in modules) else ""
 
 
 def _fail(sentence: str, code: int) -> int:

@@ -133,3 +133,12 @@ def test_the_version_is_the_package_s():
 def test_completion_can_be_installed():
     done = shell('"$1" -m mpc --show-completion bash; "$1" -m mpc --help')
     assert "--install-completion" in done.stdout
+
+
+def test_a_gl_that_does_not_exist_is_named_with_those_that_do():
+    imported = "from allocator.shell import failures; raise SystemExit(failures.run(lambda: __import__('mujoco')))"
+    env = os.environ | {"MUJOCO_GL": "vulkan"}
+    done = subprocess.run([sys.executable, "-c", imported], capture_output=True, text=True, env=env)
+    assert done.returncode == 2
+    assert done.stderr.startswith("antagonist: MUJOCO_GL = 'vulkan' cannot be used (RuntimeError: invalid value")
+    assert done.stderr.endswith("choose another of egl, osmesa and glfw, or unset it\n")
