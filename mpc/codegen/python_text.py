@@ -21,7 +21,7 @@ from mpc.codegen.jit import pick
 
 
 """  # that these functions need
-_LONGEST = 1500  # operations that numba compiles in acceptable time
+_LONGEST = 3300  # operations that numba compiles in acceptable time: a controller takes up to 60 s of a CPU
 
 
 @dataclass(frozen=True)

@@ -294,7 +294,7 @@ def test_every_joint_s_law_is_translated_to_the_last_digits(joint):
 
 @pytest.mark.slow
 def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
-    angles = np.linspace(-1.5, 1.5, 45)
+    angles = np.linspace(-1.5, 1.5, 120)
     table = Table(0.40, angles, 0.13 + 0.04 * np.sin(angles), 0.13 - 0.04 * np.sin(angles))
     plant = Plant(joint=replace(joints["sarosi-table"], geometry=table))
     with pytest.warns(SlowStep, match=r"thirty times as long: the law's function .* operations, more than"):
