@@ -222,7 +222,7 @@ def _choose(
         found = _found(table, [(i, n, m) for i, n, m in named if m and m.quantity in group])
         if found is None:
             if number < n_wanted:
-                raise _missing(table, group)
+                raise _missing(table, group, [name for _, name, meaning in named if meaning is None])
         elif isinstance(found, Column):
             chosen[found.quantity] = found
         else:
@@ -314,12 +314,14 @@ def _several(table: Table, named: list[tuple[int, str, Meaning]]) -> InvalidFile
     )
 
 
-def _missing(table: Table, group: tuple[str, ...]) -> InvalidFile:
+def _missing(table: Table, group: tuple[str, ...], unknown: Sequence[str]) -> InvalidFile:
+    """Return the error for a quantity without a column. It suggests the `unknown` names with a unit of the quantity."""
     quantity, names = group[0], ", ".join(name for name in table.names if name)
+    fitting = [f'"{kind}={name}"' for kind in group for name in unknown if unit_said(name) in {*UNITS[kind]} - {""}]
     return _fault(
         table,
         f"has no column for the {' or '.join(group)} among {names}; name it such as {quantity} [{_usual(quantity)}], "
-        f"or say --columns {quantity}=NAME:{_usual(quantity)}",
+        f"or say --columns {' or '.join(fitting) or f'{quantity}=NAME:{_usual(quantity)}'}",
     )
 
 

@@ -53,7 +53,7 @@ _NAMES = {
     "gewicht gewichtsmoment",
     "time": "time %time t zeit temps timestamp stamp zeitstempel uhrzeit datetime datumzeit datumuhrzeit xvalue xaxis "
     "elapsed elapsedtime relativetime rosbagtimestamp zeitpunkt horodatage clock clocktime timeofday",
-    "direction": "direction richtung dir sens bewegungsrichtung drehrichtung branch",
+    "direction": "direction richtung dir sens moving motion movement bewegung bewegungsrichtung drehrichtung branch",
     "sweep": "sweep",
     "slack": "slack schlaff",
     "rest_length": "restlength l0 initiallength nominallength ruhelänge",
@@ -121,6 +121,8 @@ def meaning_of(name: str) -> Meaning | None:
     quantity, other = (known.get("".join(before)) for known in (_QUANTITIES, _LETTERS))
     if other is not None and unit in UNITS[other]:
         quantity = other
+    if quantity == "shortening" and unit in ("%", "ratio"):
+        quantity = "contraction"
     if quantity is None or UNITS[quantity].keys() == {""} or (before == ["t"] and unit in _TEMPERATURES):
         return None
     return Meaning(quantity, unit, absolute or marked)

@@ -74,6 +74,8 @@ def test_german_files_with_decimal_commas_are_read_in_the_encodings_of_spreadshe
         ("time [ms]", "time", "ms"),
         ("l0_mm", "rest_length", "mm"),
         ("l [in]", "length", "in"),
+        ("Shortening %", "contraction", "%"),
+        ("stroke [mm]", "shortening", "mm"),
     ],
 )
 def test_a_name_is_a_quantity_and_a_unit(name, quantity, unit):
@@ -134,6 +136,9 @@ def test_a_mapping_on_the_command_line_that_is_none_is_refused(text):
         ("eps [%],contraction,p [bar],F [N]", "'eps [%]' and 'contraction' give the contraction twice; choose by"),
         ("eps [%],length [mm],p [bar],F [N]", 'choose by --columns "contraction=eps [%]" or "length=length [mm]"'),
         ("eps,x,p,F", "columns 'p', 'F' have no unit: name them such as 'p [bar]', or say --columns \"pressure=p:bar,"),
+        ("eps,x,p [bar],Sensor B [lbf]", 'or say --columns "force=Sensor B [lbf]"'),
+        ("eps,x,A (psi),F [N]", 'or say --columns "pressure=A (psi)"'),
+        ("eps,x,A,F [N]", "or say --columns pressure=NAME:bar"),
         ("1,2,3,4", "line 1: has no column names: name them, such as contraction [%], pressure [bar], force [N]"),
         ("eps,x,p [bar(a)],F [N]", 'is absolute, gauge pressure is wanted: --columns "pressure=p [bar(a)]:bar(abs)"'),
         ("eps,x,absolute pressure [kPa],F [N]", ':kPa(abs)" takes the standard atmosphere off, 1.01325 bar'),
