@@ -31,6 +31,7 @@ _SIGNS = {  # parameters identified together, and the sentence if they are not; 
     ("lag_up", "lag_down"): "the lags: steps of the pressures would show them",
 }
 _UNFILLED = "how fast the valves can fill the muscles: great steps of the pressures would show it"
+_AGE = "the age of the angle's readings, counted as dead time: pressures measured beside the commands would show it"
 _OF_REGULATORS = {_UNFILLED, *(sentence for names, sentence in _SIGNS.items() if names != ("base",))}
 _FILLING = {"filling": 0.1 / BAR}  # [s/Pa] to start from
 _MODEL = 0.05  # relative error on plants of another structure, in any log: benchmarks.identification.motion_truth
@@ -108,6 +109,8 @@ def fit_motion(
     trained, unseen = min((_seen(problem, early, tell) for problem in problems), key=lambda seen: seen[0].rms)
     if sensed is not None and log.varies_speed:
         trained, unseen = _with_regulators(trained, sensed, early), [one for one in unseen if one not in _OF_REGULATORS]
+    elif "dead_time" in trained.problem.free:
+        unseen.append(_AGE)
     _check_sign(trained, early)
     tell("all rows")
     found = trained.again(every)

@@ -56,6 +56,7 @@ def test_what_the_log_does_not_show_is_left_out_and_named(fit):
     said = " ".join(fit.unseen)
     assert "the dead band" in said
     assert "how fast the valves can fill" in said
+    assert "the age of the angle's readings, counted as dead time" in said
 
 
 def test_the_rest_of_the_log_is_predicted_without_any_measured_angle(fit, slow_joint):

@@ -59,6 +59,7 @@ def test_dead_time_and_age_are_found_apart_within_their_intervals(fitted):
     assert dead.low < DEAD_TIME < dead.high
     assert old.low <= age < old.high
     assert fit.parameters["lag_up"].value == pytest.approx(LAG, rel=0.03)
+    assert not any("counted as dead time" in sentence for sentence in fit.unseen)
 
 
 def test_both_are_in_the_plant_s_file_which_predicts_the_angle_as_it_is_read(fitted, tmp_path):
