@@ -1,17 +1,16 @@
 """Function `export_governor`: a pressure governor as a directory of C files."""
 
-import re
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions
+from allocator.compilation.printer import REAL, ArrayKind, Kind, Outside, StructKind, c_functions
 from allocator.errors import InvalidInput
 from mpc.export import text
 from mpc.export.building import check, write
-from mpc.export.parts import BUILD, Files, build_words, copied, is_single, machine_words, model_files
+from mpc.export.parts import Files, build_words, copied, filled, is_single, machine_words, model_files
 from mpc.governor import Interval, PressureGovernor, kernel
 from mpc.governor.model import ends
 
@@ -50,7 +49,7 @@ def _files(governor: PressureGovernor, single: bool) -> Files:
     return {
         **{name: own[name] for name in ("antagonist.h", "antagonist_governor.h", "main.c")},
         "CMakeLists.txt": dict(copied(".", ""))["CMakeLists.txt"],
-        "src/govern.c": own["govern.c"],
+        **{f"src/{name}": own[name] for name in ("formulas.h", "govern.c")},
         "src/real.h": dict(copied("allocate", ""))["real.h"],
         **kernel_files(single),
         **model_files(functions, single),
@@ -95,32 +94,10 @@ def _shown(governor: PressureGovernor) -> list[str]:
     return lines
 
 
-_README = (
-    """\
-# A governor of pressures in C
-
-Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
-({muscles}), every {dt:g} s. Plain C99 without a heap or global state; it needs only `math.h`, and every loop is
-bounded: at most {most} evaluations of the arm's motion. All units are SI. Generated for this governor:
-`antagonist_config.h`, `src/governor.h`, `src/model.c`, `src/demonstration.h`; `src/kernel.c` is printed from the
-Python source.
-
-"""
-    + BUILD
-    + """\
-
-{known}
-
-`ant_govern` (`antagonist_governor.h`) takes the state of the arm, the last commands and the requested ones, and
-fills in the safe ones, as `mpc.governor.PressureGovernor.govern` does. All memory is in
-`ant_memory`, of fixed size.
-"""
-)
-
-
 def _readme(governor: PressureGovernor, single: bool) -> str:
     mechanism, counts = governor.mechanism, governor.made.rules.counts
-    return _README.format(
+    return filled(
+        "governor",
         **build_words(single, _shown(governor)),
         **machine_words(mechanism),
         dt=governor.dt,
@@ -147,81 +124,34 @@ def _range(low: tuple[float, ...], high: tuple[float, ...]) -> str:
 
 
 _N, _M = "ANT_JOINTS", "ANT_MUSCLES"
-_JOINTS = "load", "angles", "rates", "guess", "alpha", "later"
-_SIZES: dict[str, tuple[str, ...]] = {
-    "numbers": ("10",),
-    "ends": (_N, "2"),
-    "within": (_N, "2"),
-    "steps": ("2",),
-    "strong": ("2", _M),
-    "scenes": ("ANT_SCENES", "ANT_SCENE"),
-    "barrier": ("ANT_SCENES", "2"),
-    "weight": ("ANT_SCENES", _M),
-    "lag": ("ANT_SCENES", _M),
-    "decay": ("2 * ANT_SCENES", _M),
-    "counts": ("5",),
-    "scene": ("ANT_SCENE",),
-    "motion": ("1",),  # the formulas contain their numbers
-    "potential": ("1",),
-    "energy": ("2",),
-    "level": ("1",),
-    **dict.fromkeys(_JOINTS, (_N,)),
-}
-
-_FORMULAS = """\
-/* The formulas, which contain their numbers. */
-static void motion(const ant_real *q, const ant_real *omega, const ant_real *P, const ant_real *scene,
-                   const ant_real *c, ant_real *alpha, ant_real *gain, ant_real *force, ant_real *speed,
-                   ant_real *energy) {
-    (void)c;
-    ant_model_motion(q, omega, P, scene, alpha, gain, force, speed, energy);
-}
-
-static void potential(const ant_real *q, const ant_real *scene, const ant_real *c, ant_real *level) {
-    (void)c;
-    ant_model_potential(q, scene, level);
-}
-"""
-
-
-def motion(q, omega, P, scene, c, alpha, gain, force, speed, energy):  # type: ignore[no-untyped-def]
-    """Stand in for the formula, which C calls by `_FORMULAS`."""
-
-
-def potential(q, scene, c, level):  # type: ignore[no-untyped-def]
-    """Stand in for the formula, which C calls by `_FORMULAS`."""
+_SIZES = {"n": _N, "m": _M, "s": "ANT_SCENES", "k": "ANT_SCENE", "c": "1"}  # C's formulas contain their numbers
 
 
 def kernel_files(single: bool) -> dict[str, str]:
     """Return the kernel's files, which are the same for every mechanism; antagonist_config.h defines the sizes."""
-    rules = StructKind("ant_rules", {name: _array(name, True) for name in kernel.Rules._fields}, False)
-    memory = StructKind("ant_memory", {name: _array(name) for name in kernel.Memory._fields}, True)
-    functions = (motion, potential, *kernel.FUNCTIONS)
-    made = c_functions(functions, _kinds(rules, memory), single, {"govern": "ant_kernel_govern"}, {})
-    body, stubs = re.subn(r"(?:/\*[^*]*\*/\n)?static void (?:motion|potential)\([^;{]*\{\n[^}]*\}\n\n", "", made.body)
-    assert stubs == 2
+    rules = StructKind.of(kernel.Rules, "ant_rules", _SIZES, constant=True)
+    memory = StructKind.of(kernel.Memory, "ant_memory", _SIZES, holds=True)
+    outside = Outside({name: name for name in ("motion", "potential")})  # of formulas.h
+    names = {"govern": "ant_kernel_govern"}
+    made = c_functions(kernel.FUNCTIONS, _kinds(rules, memory), single, names, {}, outside)
     about = "A governor's kernel, printed from the Python source."
-    includes = '#include "kernel.h"\n\n#include "model.h"\n#include "real.h"'
+    includes = '#include "kernel.h"\n\n#include "formulas.h"\n#include "real.h"'
     return {
         "antagonist_memory.h": text.header("ANTAGONIST_MEMORY_H", _WORKS, memory.definition(), ["antagonist.h"]),
         "src/kernel.h": text.header(
             "ANT_KERNEL_H", about, f"{rules.definition()}\n\n{made.head}", ["antagonist_memory.h"]
         ),
-        "src/kernel.c": "\n\n".join([f"/* {about} */\n{includes}", MIN_AND_MAX, _FORMULAS, body]) + "\n",
+        "src/kernel.c": "\n\n".join([f"/* {about} */\n{includes}", made.body]) + "\n",
     }
 
 
 _WORKS = "Work space of ant_govern: one per thread, preferably static."
 
 
-def _array(name: str, constant: bool = False) -> ArrayKind:
-    return ArrayKind(INT if name == "counts" else REAL, _SIZES.get(name, (_M,)), constant)
-
-
 def _kinds(rules: StructKind, memory: StructKind) -> dict[str, Kind]:
     """Return the kinds of arguments, by their names in all functions."""
     given = {name: ArrayKind(REAL, (_M,), True) for name in ("P", "previous", "command")}
-    given["scene"] = ArrayKind(REAL, _SIZES["scene"], True)
+    given["scene"] = ArrayKind(REAL, (_SIZES["k"],), True)
     made = {name: memory.fields[name] for name in ("alpha", "gain", "force", "speed", "energy", "level")}
     ends = {"q": ArrayKind(REAL, (_N,), True), "omega": ArrayKind(REAL, (_N,), True), "safe": ArrayKind(REAL, (_M,))}
     return {"rules": rules, "memory": memory, **given, **made, **ends, "c": ArrayKind(REAL, ("1",), True), "mu": REAL}

@@ -11,7 +11,17 @@ import numpy as np
 from allocator.allocation.status import Status
 from allocator.allocation.two_muscles.kernels import source
 from allocator.allocation.two_muscles.kernels.choice import AffineNumbers, TonduNumbers
-from allocator.compilation.printer import INT, REAL, Outside, Printed, Source, c_form
+from allocator.compilation.printer import (
+    INT,
+    REAL,
+    ArrayKind,
+    Constants,
+    Kind,
+    Outside,
+    Printed,
+    c_functions,
+    with_called,
+)
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.limits import Limit
@@ -147,34 +157,29 @@ _ABSENT = {
     "max_step": "max_step >= ANT_INFINITY",
     "stiffness_first": "!stiffness_first",
 }
+_FLAGS = "lower", "slack", "force", "rate", "hi_limit", "outside", "status1", "status2", "stiffness_first"
 _RESULT = ("P1", "P2", "T_given", "K_given", "status", "limits", "sure")
 
 
-def printed(name: str) -> Printed:
+def printed(name: str, single: bool) -> Printed:
     """Return the kernel `name`, "tondu" or "affine", as C, the same for every joint of the kind."""
     of: type[TonduNumbers | AffineNumbers] = TonduNumbers if name == "tondu" else AffineNumbers
-    kinds = {field: INT if kind is int else REAL for field, kind in of.__annotations__.items()}
     names = {field: told for field, (told, _) in (_LIMITS | _TONDU).items()} | _OTHERS
-    outside = Outside(
-        names={"clip": "ant_clip", "MET": "ANT_MET"} | {name: f"ANT_{name}" for name in _statuses()} | _flags(),
-        functions={f"{name}_exact": f"ant_{name}_exact"},
-        structs={("P1", "P2"): "ant_pair", _RESULT: "ant_answer"},
-        numbers={"p": {field: (kind, _text(names[field])) for field, kind in kinds.items()}},
-        arrays=frozenset(("one", "two")),
-        flags=frozenset(("stiffness_first",)),
-        absent=_ABSENT,
-        inner="ANT_ONCE",
-    )
-    return c_form(Source.of(source), f"{name}_exact", outside)
+    numbers = [(_text(names[field]), INT if kind is int else REAL) for field, kind in of.__annotations__.items()]
+    side = ArrayKind(REAL, ("5",), True)
+    kinds: dict[str, Kind] = {"p": Constants(numbers), "one": side, "two": side, **dict.fromkeys(_FLAGS, INT)}
+    structs = {("P1", "P2"): "ant_pair", _RESULT: "ant_answer"}
+    outside = Outside(C_NAMES | {"MET": "ANT_MET"} | _flags(), structs, _ABSENT, REAL, "ANT_ONCE")
+    entry = getattr(source, f"{name}_exact")
+    return c_functions(with_called([entry]), kinds, single, {entry.__name__: f"ant_{name}_exact"}, {}, outside)
+
+
+C_NAMES = {"clip": "ant_clip"} | {s.name: f"ANT_{s.name}" for s in Status if getattr(source, s.name, None) == s}
+"""Functions and constants of the kernels that C has."""
 
 
 def _text(defined: str) -> str:
     return f"-ANT_{defined[1:]}" if defined.startswith("-") else f"ANT_{defined}"
-
-
-def _statuses() -> list[str]:
-    """Return the names of statuses in the kernels, which are those of C."""
-    return [status.name for status in Status if getattr(source, status.name, None) == status]
 
 
 def _flags() -> dict[str, str]:
@@ -185,9 +190,9 @@ def _listed(flags: Iterable[int]) -> str:
     return f"{{{', '.join(f'ANT_{Limit(flag).name}' for flag in flags)}}}"
 
 
-def kernel_files(name: str) -> dict[str, str]:
+def kernel_files(name: str, single: bool) -> dict[str, str]:
     """Return the files of the kernel `name`."""
-    made = printed(name)
+    made = printed(name, single)
     about = "The exact allocation of one target, printed from the Python source."
     return {
         "src/kernel.h": text.header("ANT_KERNEL_H", about, made.head, ["antagonist.h"]),

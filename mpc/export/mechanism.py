@@ -1,8 +1,6 @@
 """Function `export_mechanism`: the allocation of a mechanism as a directory of C files."""
 
 import ast
-import inspect
-import textwrap
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
@@ -11,28 +9,26 @@ import numpy as np
 
 from allocator.allocation import allocate
 from allocator.allocation.box.kernel import batch, data, levels
-from allocator.allocation.status import CLOSED_FORM, Status
+from allocator.allocation.status import CLOSED_FORM
 from allocator.allocation.two_muscles.kernels import source
 from allocator.calculus import Array
 from allocator.compilation.printer import (
     INT,
-    MIN_AND_MAX,
     REAL,
     ArrayKind,
     Kind,
     Outside,
-    Source,
     StructKind,
-    c_form,
     c_functions,
+    parsed,
 )
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from allocator.mechanism.formulas import map_function
 from mpc.export import text
 from mpc.export.building import check, write
-from mpc.export.joint import Numbers
-from mpc.export.parts import BUILD, Files, Functions, build_words, copied, is_single, machine_words, model_files
+from mpc.export.joint import C_NAMES, Numbers
+from mpc.export.parts import Files, Functions, build_words, copied, filled, is_single, machine_words, model_files
 
 _FREE = 4 * np.pi  # [rad] of a joint without end stops
 _SEED = 19  # of the demonstration's targets
@@ -165,31 +161,9 @@ def mechanism_lines(mechanism: Mechanism) -> list[str]:
     return lines
 
 
-_README = (
-    """\
-# Pressures of a mechanism in C
-
-Exported from the Python package `antagonist`, in {precision} precision: {n} joints ({joints}), {m} muscles
-({muscles}). Plain C99 without a heap or global state; it needs only `math.h`, and every loop is bounded. Start with
-`antagonist.h`; all units are SI. Generated for this mechanism: `antagonist_config.h`, `src/mechanism.h`, `src/model.c`,
-`src/demonstration.h`; `src/kernel.c` is printed from the Python source.
-
-"""
-    + BUILD
-    + """
-`ant_allocate` gives the pressures for torques and a stiffness at a posture, or the nearest that the limits allow, as
-`allocator.allocate` does: torque first or stiffness first, then the least pressures or those
-nearest to the present ones. Its status reports a missed target and the reason, and it computes an optimality residual
-from the pressures. It guesses the active limits until a guess proves right: about 4 guesses, all but the last with one
-Cholesky factor of at most {m} × {m}. After {most} guesses the status is `ANT_SOLVER_FAILED`; the pressures are within
-the limits. `follow` starts from the last active limits, which is faster if successive targets are close to each other.
-All memory is in `ant_memory`, of fixed size, which should be static.
-"""
-)
-
-
 def _readme(mechanism: Mechanism, single: bool) -> str:
-    return _README.format(
+    return filled(
+        "mechanism",
         **build_words(single, mechanism_lines(mechanism)),
         **machine_words(mechanism),
         most=MOST_ROUNDS + MOST_FIRST,
@@ -216,27 +190,17 @@ ENTRIES = {name: f"ant_kernel_{name}" for name in ("prepare", "scale", "solve", 
 def kernel_files(single: bool) -> dict[str, str]:
     """Return the kernel's files, which are the same for every mechanism; antagonist_config.h defines the sizes."""
     structs = _structs()
-    functions = (*levels.FUNCTIONS, *batch.PROOF)
+    functions = (*levels.FUNCTIONS, *batch.PROOF, source.interval)
     numbers = {"MOST_ROUNDS": MOST_ROUNDS, "MOST_FIRST": MOST_FIRST} | (SINGLE if single else {})
-    made = c_functions(functions, _kinds(structs), single, ENTRIES, numbers)
+    outside = Outside(C_NAMES, {("low", "high", "status"): "ant_bounds"})
+    made = c_functions(functions, _kinds(structs), single, ENTRIES | {"interval": "ant_interval"}, numbers, outside)
     about = "Lexicographic least squares in a box, printed from the Python source."
-    bounds = c_form(Source.of(source), "interval", _OUTSIDE)
-    head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head, bounds.head])
-    body = "\n\n".join(
-        [f'/* {about} */\n#include "antagonist.h"\n#include "real.h"', MIN_AND_MAX, made.body, bounds.body]
-    )
+    head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
+    body = "\n\n".join([f'/* {about} */\n#include "antagonist.h"\n#include "real.h"', made.body])
     return {
         "src/kernel.h": text.header("ANT_KERNEL_H", about, head),
         "src/kernel.c": f"{body}\n",
     }
-
-
-_OUTSIDE = Outside(
-    names={"clip": "ant_clip"} | {s.name: f"ANT_{s.name}" for s in Status if hasattr(source, s.name)},
-    functions={"interval": "ant_interval"},
-    structs={("low", "high", "status"): "ant_bounds"},
-    arrays=frozenset({"bounds"}),
-)
 
 
 def _structs() -> dict[str, StructKind]:
@@ -259,14 +223,10 @@ def _structs() -> dict[str, StructKind]:
 
 def _memory() -> Iterator[ArrayKind]:
     """Yield the arrays that `carved` takes from flat ones, in their order."""
-    for node in ast.walk(_parsed(data.carved)):
+    for node in ast.walk(parsed(data.carved)):
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and isinstance(node.targets[0], ast.Tuple):
             flat, *sizes = node.value.args
             yield ArrayKind(_ELEMENTS[ast.unparse(flat)], tuple(map(_size, sizes)))
-
-
-def _parsed(function: object) -> ast.Module:
-    return ast.parse(textwrap.dedent(inspect.getsource(function)))  # type: ignore[arg-type]  # a function
 
 
 def _size(node: ast.expr) -> str:
@@ -286,5 +246,6 @@ def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:
         "held": ArrayKind(_SIDE, (f"{m} + {p}",)),
         "mu": ArrayKind(REAL, (f"{K} + 1", p)),
         "ends": ArrayKind(INT, (K,), True),
+        "bounds": ArrayKind(REAL, ("6",), True),
         **dict.fromkeys(("longest", "pull", "near", "to_centre", "greatest"), REAL),
     }

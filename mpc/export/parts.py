@@ -19,30 +19,19 @@ Functions: TypeAlias = list[tuple["Function", str]]
 """CasADi functions with a description of each."""
 
 PRECISIONS = ("double", "single")
-BUILD = """\
-    cmake -S . -B build && cmake --build build && build/demonstration
-
-or
-
-    cc -O2 -std=c99 -I. -Isrc main.c src/*.c -lm -o demonstration
-
-which prints, according to Python{rounded}:
-
-```text
-{printed}
-```
-"""  # of a directory's README
-
 _C = Path(__file__).parent / "c"
 
 
+def filled(readme: str, **words: object) -> str:
+    """Return a README with these words in its gaps."""
+    return (_C / "readme" / f"{readme}.md").read_text(encoding="utf-8").format(**words)
+
+
 def build_words(single: bool, printed: Iterable[str]) -> dict[str, str]:
-    """Return README sections on the precision and the demonstration's expected output, for use with `BUILD`."""
-    return {
-        "precision": "single" if single else "double",
-        "rounded": " (single precision differs in the last digits)" if single else "",
-        "printed": "\n".join(printed),
-    }
+    """Return the words of a README about the precision, and about building and the demonstration's expected output."""
+    rounded = " (single precision differs in the last digits)" if single else ""
+    build = filled("build", rounded=rounded, printed="\n".join(printed))
+    return {"precision": "single" if single else "double", "build": build}
 
 
 def machine_words(mechanism: Mechanism) -> dict[str, object]:
@@ -67,7 +56,7 @@ def copied(directory: str, to: str) -> Iterator[tuple[str, str]]:
 
 def allocation_files(joint: AntagonistJoint, kernel: Kernel, single: bool) -> Files:
     """Return the files of the allocation, without the demonstration."""
-    files = dict(copied("allocate", "src/")) | dict(copied(kernel.name, "src/")) | kernel_files(kernel.name)
+    files = dict(copied("allocate", "src/")) | dict(copied(kernel.name, "src/")) | kernel_files(kernel.name, single)
     numbers = text.defines({**kernel.numbers, **_tolerances(joint, single)}, single)
     files["src/joint.h"] = text.header("ANT_JOINT_H", "The joint's numbers, in SI units.", numbers)
     about = "theta [rad], P1, P2 [Pa] and amplitude [rad] to the terms of ant_stiffness"

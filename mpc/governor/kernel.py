@@ -17,7 +17,7 @@ numbers and `scene` the uncertain ones.
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 # numba compiles the functions for arrays; types would be Any
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,45 +42,45 @@ LOWEST, ROOT = range(2)  # of a row of `barrier`
 class Rules(NamedTuple):
     """Numbers of a governor of n joints and m muscles, with s scenes of k uncertain numbers."""
 
-    numbers: Array  # (10) in the order of the constants above, SI units
-    most: Array  # (m) supply or validity [Pa]
-    load: Array  # (n) greatest external torque [N·m]
-    ends: Array  # (n, 2) of the range [rad]
-    rest: Array  # P_b (m) of the stiff rest [Pa]
-    strong: Array  # (2, m) least and greatest strength [-]
-    scenes: Array  # (s, k) uncertain numbers of the formulas
-    barrier: Array  # (s, 2) energy in the range [J] and root of the barrier [√J]
-    weight: Array  # w (s, m) of the pressures' approach to the rest [√J/(Pa·s)]
-    lag: Array  # (s, m) [s]
-    steps: Array  # (2) [s] of the integration, in the first sample and later
-    decay: Array  # (2s, m) exp(-step/lag), two rows per scene
-    counts: NDArray[np.int64]  # (5) steps in the first sample and in later ones; samples; dt in a later sample; s
-    motion: Array  # numbers of the formulas
-    potential: Array
+    numbers: Annotated[Array, 10]  # in the order of the constants above, SI units
+    most: Annotated[Array, "m"]  # supply or validity [Pa]
+    load: Annotated[Array, "n"]  # greatest external torque [N·m]
+    ends: Annotated[Array, "n", 2]  # of the range [rad]
+    rest: Annotated[Array, "m"]  # P_b of the stiff rest [Pa]
+    strong: Annotated[Array, 2, "m"]  # least and greatest strength [-]
+    scenes: Annotated[Array, "s", "k"]  # uncertain numbers of the formulas
+    barrier: Annotated[Array, "s", 2]  # energy in the range [J] and root of the barrier [√J]
+    weight: Annotated[Array, "s", "m"]  # w of the pressures' approach to the rest [√J/(Pa·s)]
+    lag: Annotated[Array, "s", "m"]  # [s]
+    steps: Annotated[Array, 2]  # [s] of the integration, in the first sample and later
+    decay: Annotated[Array, "2 * s", "m"]  # exp(-step/lag), two rows per scene
+    counts: Annotated[NDArray[np.int64], 5]  # steps in the first sample, in later ones; samples; dt in a later one; s
+    motion: Annotated[Array, "c"]  # numbers of the formulas
+    potential: Annotated[Array, "c"]
 
 
 class Memory(NamedTuple):
     """Working arrays of `govern`; `mpc.governor.rules.memory_for` creates them."""
 
-    angles: Array  # (n) of the simulated state [rad]
-    rates: Array  # (n) [rad/s]
-    guess: Array  # (n) [rad/s] at the end of a step
-    pressures: Array  # (m) [Pa]
-    commands: Array  # (m) [Pa]
-    alpha: Array  # (n) [rad/s²]
-    later: Array  # (n) [rad/s²] at the end of a step
-    gain: Array  # A (m) of the forces A P + B [N/Pa]
-    force: Array  # B (m) [N]
-    speed: Array  # -l' (m), at which muscles shorten [m/s]
-    energy: Array  # (2) kinetic [J], and gravity's power [W]
-    level: Array  # (1) potential [J]
-    scene: Array  # (k) of the present scene
-    power: Array  # (m) of the strongest muscles, or of the weakest if they brake [W/Pa]
-    within: Array  # (n, 2) range of the joints [rad]
-    lo: Array  # (m) [Pa]
-    hi: Array  # (m) [Pa]
-    wanted: Array  # (m) pressures next to the command [Pa]
-    first: Array  # (m) of the backup [Pa]
+    angles: Annotated[Array, "n"]  # of the simulated state [rad]
+    rates: Annotated[Array, "n"]  # [rad/s]
+    guess: Annotated[Array, "n"]  # [rad/s] at the end of a step
+    pressures: Annotated[Array, "m"]  # [Pa]
+    commands: Annotated[Array, "m"]  # [Pa]
+    alpha: Annotated[Array, "n"]  # [rad/s²]
+    later: Annotated[Array, "n"]  # [rad/s²] at the end of a step
+    gain: Annotated[Array, "m"]  # A of the forces A P + B [N/Pa]
+    force: Annotated[Array, "m"]  # B [N]
+    speed: Annotated[Array, "m"]  # -l', at which muscles shorten [m/s]
+    energy: Annotated[Array, 2]  # kinetic [J], and gravity's power [W]
+    level: Annotated[Array, 1]  # potential [J]
+    scene: Annotated[Array, "k"]  # of the present scene
+    power: Annotated[Array, "m"]  # of the strongest muscles, or of the weakest if they brake [W/Pa]
+    within: Annotated[Array, "n", 2]  # range of the joints [rad]
+    lo: Annotated[Array, "m"]  # [Pa]
+    hi: Annotated[Array, "m"]  # [Pa]
+    wanted: Annotated[Array, "m"]  # pressures next to the command [Pa]
+    first: Annotated[Array, "m"]  # of the backup [Pa]
 
 
 def govern(rules, q, omega, P, previous, command, safe, memory):

@@ -1,6 +1,6 @@
 """Memory of the rest mode of n joints and m muscles: the arrays, and the places of numbers in them."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from allocator.calculus import Array
 
@@ -36,12 +36,12 @@ E, LOW, HIGH = range(3)  # of a joint in a quarter: mean, least and greatest e
 class Memory(NamedTuple):
     """Memory of the rest mode, of n joints and m muscles."""
 
-    shared: Array  # (9,)
-    joint: Array  # (n, 9)
-    muscle: Array  # (m, 4)
-    turned: Array  # (QUARTERS, n, 3)
-    filled: Array  # (QUARTERS, m) mean pressures
-    stiffness: Array  # (n n,) entries of the constant reference K [N·m/rad], the first k k in use
+    shared: Annotated[Array, 9]
+    joint: Annotated[Array, "n", 9]
+    muscle: Annotated[Array, "m", 4]
+    turned: Annotated[Array, QUARTERS, "n", 3]
+    filled: Annotated[Array, QUARTERS, "m"]  # mean pressures
+    stiffness: Annotated[Array, "n * n"]  # entries of the constant reference K [N·m/rad], the first k k in use
 
 
 class Rules(NamedTuple):

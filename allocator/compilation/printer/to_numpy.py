@@ -2,43 +2,52 @@
 
 import ast
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from typing import Any
 
-from allocator.compilation.printer.python_text import (
-    Source,
-    asks_for_none,
-    assignments,
-    names_in,
-    refuse,
-    statements,
+from allocator.compilation.jit import Function
+from allocator.compilation.printer.python_text import asks_for_none, refuse, statements, tree, with_called
+
+_KNOWN = (
+    *(ast.Assign, ast.If, ast.For, ast.Return, ast.Name, ast.Constant, ast.Tuple, ast.IfExp, ast.Call),
+    *(ast.BinOp, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.BitOr, ast.UnaryOp, ast.USub, ast.Not),
+    *(ast.BoolOp, ast.And, ast.Or, ast.Compare, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq, ast.Is),
+    *(ast.Load, ast.Store),
 )
 
 
-def array_form(source: Source, entry: str) -> str:
-    """Return the Python text of `entry` and its callees for arrays in place of numbers."""
-    return ast.unparse(_array_module(source, entry))
+def array_functions(*entries: Function) -> list[Callable[..., Any]]:
+    """Return functions for arrays in place of numbers; branches not taken may cause NumPy warnings.
 
-
-def array_functions(source: Source, *entries: str) -> list[Callable[..., Any]]:
-    """Return `entries` for arrays, under their own names; branches not taken may cause NumPy warnings."""
+    Raises `Unprintable` for constructs without an equivalent.
+    """
     import numpy as np
 
-    space: dict[str, Any] = {**source.names, "np": np, "abs": np.abs, "sqrt": np.sqrt}
-    exec(compile(_array_module(source, *entries), f"<{entries} for arrays>", "exec"), space)
-    return [space[entry] for entry in entries]
-
-
-def _array_module(source: Source, *entries: str) -> ast.Module:
-    names = dict.fromkeys(name for entry in entries for name in source.reached(entry))
-    again = Source.parsed(source.text, source.names)  # parsed again, as the nodes are changed; copying takes longer
-    made = [_array_function(again.functions[name]) for name in names]
-    return ast.fix_missing_locations(ast.Module([*made], []))
+    own = cache(tree)  # trees that may be changed
+    functions = with_called(entries, own)
+    space = {name: value for function in functions for name, value in function.__globals__.items()}
+    space |= {"np": np, "abs": np.abs, "sqrt": np.sqrt}
+    module = ast.fix_missing_locations(ast.Module([_array_function(own(function)) for function in functions], []))
+    exec(compile(module, f"<{', '.join(entry.__name__ for entry in entries)} for arrays>", "exec"), space)
+    return [space[entry.__name__] for entry in entries]
 
 
 def _array_function(function: ast.FunctionDef) -> ast.FunctionDef:
     known = {argument.arg for argument in function.args.args}
-    body = _array_block(statements(function), known)
-    return ast.FunctionDef(function.name, function.args, body, [], None)
+    _check(function)
+    return ast.FunctionDef(function.name, function.args, _array_block(statements(function), known), [], None)
+
+
+def _check(function: ast.FunctionDef) -> None:
+    """Raise `Unprintable` for constructs that do not apply to arrays element by element."""
+    nodes = [inner for statement in statements(function) for inner in ast.walk(statement)]
+    if strange := next((node for node in nodes if not isinstance(node, _KNOWN)), None):
+        refuse(next(node for node in reversed(nodes) if strange in ast.walk(node) and hasattr(node, "lineno")))
+    for node in nodes:
+        if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.Is) and not asks_for_none(node):
+            refuse(node)
+        if isinstance(node, ast.Call) and (not isinstance(node.func, ast.Name) or node.keywords):
+            refuse(node)
 
 
 def _array_block(block: list[ast.stmt], known: set[str]) -> list[ast.stmt]:
@@ -60,8 +69,8 @@ def _array_block(block: list[ast.stmt], known: set[str]) -> list[ast.stmt]:
             case ast.For(target, ast.Call(ast.Name("range"), [_]) as count, body, []):
                 done.append(ast.For(target, count, _array_block(body, known), []))
             case ast.Assign():
-                assignments(statement)
-                known |= {name for target in statement.targets for name in names_in(target)}
+                _assigned(statement)
+                known |= _names(statement.targets[0])
                 done.append(_Arrays().visit(statement))
             case ast.Return(ast.expr()):
                 done.append(_Arrays().visit(statement))
@@ -75,11 +84,34 @@ def _chosen(test: str, body: list[ast.stmt], orelse: list[ast.stmt], known: set[
     for statement, holds in (*((s, True) for s in body), *((s, False) for s in orelse)):
         if not isinstance(statement, ast.Assign):
             refuse(statement, "in a branch")
-        for target, value in assignments(statement):
+        for target, value in _assigned(statement):
             if not isinstance(target, ast.Name) or target.id not in known:
                 refuse(statement, "first assigned in a branch")
             new, old = _Arrays().visit(value), _load(target.id)
             yield _stored(target.id, _where(test, new, old) if holds else _where(test, old, new))
+
+
+def _assigned(statement: ast.Assign) -> list[tuple[ast.expr, ast.expr]]:
+    """Return the (target, value) pairs of `statement`, one per element if a tuple is assigned to a tuple.
+
+    They are assigned in order: no value may read a name assigned just before.
+    """
+    match statement.targets[0], statement.value:
+        case ast.Tuple(targets), ast.Tuple(values) if len(targets) == len(values):
+            found = list(zip(targets, values, strict=True))
+        case target, value:
+            found = [(target, value)]
+    new: set[str] = set()
+    for target, value in found:
+        if new & _names(value):
+            refuse(statement, "a value asks for a name that has just been assigned")
+        new |= _names(target)
+    return found
+
+
+def _names(node: ast.AST) -> set[str]:
+    """Return all names in `node`."""
+    return {inner.id for inner in ast.walk(node) if isinstance(inner, ast.Name) and inner.id != "_"}
 
 
 def _load(name: str) -> ast.expr:
@@ -105,11 +137,7 @@ class _Arrays(ast.NodeTransformer):
         """Choose elementwise, but test for None once."""
         if asks_for_none(node.test):
             return ast.IfExp(node.test, self.visit(node.body), self.visit(node.orelse))
-        test, yes, no = (self.visit(part) for part in (node.test, node.body, node.orelse))
-        match yes, no:
-            case ast.Tuple(one), ast.Tuple(other) if len(one) == len(other):
-                return ast.Tuple([_where(test, a, b) for a, b in zip(one, other, strict=True)], ast.Load())
-        return _where(test, yes, no)
+        return _where(*(self.visit(part) for part in (node.test, node.body, node.orelse)))
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
         """Combine truth values elementwise."""
@@ -122,12 +150,3 @@ class _Arrays(ast.NodeTransformer):
         """Negate truth values elementwise."""
         operand = self.visit(node.operand)
         return _numpy("logical_not", [operand]) if isinstance(node.op, ast.Not) else ast.UnaryOp(node.op, operand)
-
-    def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        """Compare elementwise, each link of a chain separately."""
-        operands = [self.visit(operand) for operand in (node.left, *node.comparators)]
-        links = [ast.Compare(a, [op], [b]) for a, op, b in zip(operands, node.ops, operands[1:], strict=False)]
-        first: ast.expr = links[0]
-        for link in links[1:]:
-            first = _numpy("logical_and", [first, link])
-        return first

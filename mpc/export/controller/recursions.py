@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import cache
 
 from allocator.compilation.jit import Function
-from allocator.compilation.printer import INT, MIN_AND_MAX, REAL, ArrayKind, Kind, StructKind, c_functions, with_called
+from allocator.compilation.printer import INT, REAL, ArrayKind, Kind, StructKind, c_functions, with_called
 from mpc.export import text
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
@@ -28,7 +28,7 @@ def _printed(entries: tuple[Function, ...], arm: bool, single: bool) -> dict[str
     made = c_functions(with_called(entries), _kinds(structs), single, names, _SINGLE if single else {})
     about = "The QP of a step, solved sample by sample; printed from the Python source."
     head = "\n\n".join([*(struct.definition() for struct in structs.values()), made.head])
-    body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', MIN_AND_MAX, made.body])
+    body = "\n\n".join([f'/* {about} */\n#include "recursions.h"\n\n#include "real.h"', made.body])
     return {
         "src/recursions.h": text.header("ANT_RECURSIONS_H", about, head, ["antagonist.h"]),
         "src/recursions.c": f"{body}\n",
@@ -77,65 +77,35 @@ def _given(*sizes: str | int, element: str = REAL) -> ArrayKind:
 
 def _structs(arm: bool) -> dict[str, StructKind]:
     """Return the C structs of the named tuples, each after the structs that it contains."""
-    line, few, per_xi = _array(_AFTER, _M), "ANT_ITEMS", _array(_AFTER, _XI)
-    sides, numbers, counts = _array(_AFTER, _M, element=_SIDE), _array(few), _array(few, element=INT)
-    per_x, per_y, per_u = _array(_AFTER, _X), _array(_AFTER, _Y), _array(_N, _M)
-    squares, end = _array(_N, *((_M, _M) if arm else ("3",))), _given("ANT_JOINTS") if arm else REAL
-    by_state, by_command = (
-        (_given(_N, "2 * ANT_JOINTS", _XI), _given(_M)) if arm else (_given(_N, _X, _X), _given(_N, _X, _M))
-    )
-    made: dict[str, dict[str, Kind]] = {
-        "cost": {"x": _given(_X), "y": _given(_Y), "e": _given(_M), "change": _given(_M), "end": _given(_XI, _XI)},
-        "bounds": {"low": REAL, "high": REAL, "step": REAL, "left": end, "right": end, "min_force": REAL},
-        "path": {
-            "x": _given(_AFTER, _X),
-            "y": _given(_AFTER, _Y),
-            "A": by_state,
-            "B": by_command,
-            "slope": _given(_AFTER, _Y, _X),
-        },
-        "reference": {"x": _given(_AFTER, _X), "y": _given(_AFTER, _Y), "u": _given(_N, _M)},
-        "errors": {"x": per_x, "y": per_y, "e": per_u, "change": per_u, "end": _array(_XI)},
-        "point": {"xi": per_xi, "v": per_u, "sigma": _array(2)},
-        "bounded": {**dict.fromkeys(("lower", "upper", "low", "high"), line), "there": _array(_N, element=_SIDE)},
-        "sweep": {
-            "R": _array(_N, _M, _XI),
-            "D": squares,
-            "g": per_u,
-            "feedback": _array(_N, _M, f"{_XI} + 1"),
-            "held": sides,
-            "gx": per_xi,
-            "gv": per_u,
-            "inverse": squares,
-            "xi": per_xi,
-            "v": per_u,
-            "e": per_u,
-            "change": per_u,
-            "rows": _array(_AFTER, f"ANT_JOINTS + {_M}"),
-        },
-    }
-    made["items"] = {
-        "z": _array(few, _AFTER, _M),
-        "r": _array(few, _AFTER, _M),
-        "K": _array(few, few),
-        **dict.fromkeys(("kind", "sample", "muscle", "side"), counts),
-        "multiplier": numbers,
-        "step": numbers,
-        "L": _array(few, few),
-        "order": counts,
-        "known": _array(1, element=INT),
-        "p": _array(_XI),
-    }
-    structs = {name: StructKind(f"ant_qp_{name}", fields, False) for name, fields in made.items()}
-    setting: dict[str, Kind] = {"cost": structs["cost"], "bounds": structs["bounds"]}
-    setting |= dict.fromkeys(("curvature", "exchanges", "accuracy"), REAL)
-    setting |= {"slack": _given(4), "starts": _given(_BLOCKS, element=INT)}
-    active: dict[str, Kind] = {"held": sides, "guess": sides}
-    active |= dict.fromkeys(("z", "r", "dz", "dr"), line) | {"xi": per_xi, "items": structs["items"]}
-    return structs | {
-        "active": StructKind("ant_qp_active", active, False),
-        "setting": StructKind("ant_qp_setting", setting, False),
-    }
+    made: dict[str, StructKind] = {}
+    parts: dict[type, Kind] = {}
+    for name, (record, constant) in _records().items():
+        struct = StructKind.of(record, f"ant_qp_{name}", _SIZES, constant=constant, parts=parts)
+        own = _OF_ARMS.get(name, {}) if arm else {}
+        made[name] = parts[record] = struct._replace(fields={**struct.fields, **own})
+    fields = {**made["setting"].fields, "starts": _given(_BLOCKS, element=INT)}
+    return made | {"setting": made["setting"]._replace(fields=fields)}
+
+
+def _records() -> dict[str, tuple[type, bool]]:
+    """Return the named tuples by name, and whether their arrays are only read."""
+    from mpc.tracking.compiled.records import Bounded, Bounds, Cost, Errors, Path, Point, Reference, Setting
+    from mpc.tracking.compiled.structured_qp.active import Active
+    from mpc.tracking.compiled.structured_qp.responses import Items
+    from mpc.tracking.compiled.structured_qp.riccati import Sweep
+
+    read = {"cost": Cost, "bounds": Bounds, "path": Path, "reference": Reference}
+    filled = {"errors": Errors, "point": Point, "bounded": Bounded, "sweep": Sweep, "items": Items, "active": Active}
+    groups = ((read, True), (filled, False), ({"setting": Setting}, True))
+    return {name: (record, constant) for records, constant in groups for name, record in records.items()}
+
+
+_SIZES = {"N": _N, "M": "ANT_ITEMS", "n": "ANT_JOINTS", "m": _M, "x": _X, "xi": _XI, "y": _Y}
+_OF_ARMS: dict[str, dict[str, Kind]] = {
+    "bounds": dict.fromkeys(("left", "right"), _given("ANT_JOINTS")),
+    "path": {"A": _given(_N, "2 * ANT_JOINTS", _XI), "B": _given(_M)},
+    "sweep": dict.fromkeys(("D", "inverse"), _array(_N, _M, _M)),
+}
 
 
 def _kinds(structs: dict[str, StructKind]) -> dict[str, Kind]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.compilation.printer import (
-    MIN_AND_MAX,
     REAL,
     ArrayKind,
     Kind,
@@ -46,7 +45,7 @@ from mpc.tracking import preview, resting
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.qp.step import ACCURACY
-from mpc.tracking.rest_memory import QUARTERS, Memory, Rules
+from mpc.tracking.rest_memory import Memory, Rules
 
 _N, _M, _SAMPLES = "ANT_JOINTS", "ANT_MUSCLES", "(ANT_HORIZON + 1)"
 _ENTRIES = (
@@ -58,15 +57,15 @@ _ENTRIES = (
 @cache
 def resting_files(single: bool) -> dict[str, str]:
     """Return the files of the rest mode, which are the same for every machine; antagonist_config.h has the sizes."""
-    memory = StructKind("ant_rest", dict(zip(Memory._fields, _memory(), strict=True)), True)
-    rules = StructKind("ant_rest_rules", dict.fromkeys(Rules._fields, REAL), False)
+    memory = StructKind.of(Memory, "ant_rest", {"n": _N, "m": _M}, holds=True)
+    rules = StructKind.of(Rules, "ant_rest_rules", {})
     names = {entry.__name__: f"ant_rest_{entry.__name__}" for entry in _ENTRIES}
     made = c_functions(with_called([*_ENTRIES]), _kinds(memory, rules), single, names, {})
     about = "Rest mode: commands that rest at a constant reference; printed from the Python source."
     head = "\n\n".join([memory.definition(), rules.definition(), made.head])
     return {
         "src/resting.h": text.header("ANT_RESTING_H", about, head),
-        "src/resting.c": f'/* {about} */\n#include "antagonist.h"\n#include "real.h"\n\n{MIN_AND_MAX}\n\n{made.body}\n',
+        "src/resting.c": f'/* {about} */\n#include "antagonist.h"\n#include "real.h"\n\n{made.body}\n',
     }
 
 
@@ -77,13 +76,6 @@ def rest_rules(controller: TrackingMPC, single: bool) -> str:
         for name, value in controller.rest_mode.rules._asdict().items()
     )
     return f"const ant_rest_rules ANT_REST_RULES = {{\n{listed}}};"
-
-
-def _memory() -> list[ArrayKind]:
-    """Return the arrays of a `Memory`, in their order."""
-    quarters = str(QUARTERS)
-    sizes = ("9",), (_N, "9"), (_M, "4"), (quarters, _N, "3"), (quarters, _M), (f"{_N} * {_N}",)
-    return [ArrayKind(REAL, each) for each in sizes]
 
 
 def _kinds(memory: StructKind, rules: StructKind) -> dict[str, Kind]:

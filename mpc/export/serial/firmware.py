@@ -23,7 +23,7 @@ from mpc.export import text
 from mpc.export.building import check, write
 from mpc.export.entry import controller_files, pair
 from mpc.export.joint import Numbers
-from mpc.export.parts import Files, copied, is_single
+from mpc.export.parts import Files, copied, filled, is_single
 from mpc.export.plant import plant_files, real_plant, start_of
 from mpc.model.plant import Plant
 from mpc.model.real_plant import RealPlant
@@ -153,32 +153,6 @@ def _layout(name: str, fields: Iterable[Field]) -> str:
     return "enum {\n" + "\n".join(lines) + "\n};\n"
 
 
-_HEAD = """\
-# A board on a serial line
-
-Exported from the Python package `antagonist`: firmware in portable C99, without a heap, for
-{variant}.
-It talks to `mpc.bench.devices.serial_line.SerialDevice` and to `antagonist run --device serial:/dev/ttyUSB0`; the
-project's `docs/serial.md` documents the line protocol (version {version}).
-
-**Yours to fill in** are the five functions of `port.c`: `read_sensors`, `write_valves`, a microsecond clock, and the
-bytes of the UART. `port.h` documents them, and `config.h` has the choices at export: commands within {low:g} to
-{high:g} Pa, a watchdog of {watchdog:g} s, after which {fall}.
-Call `ant_board_poll` as often as possible, as `main.c` does; it never waits.
-{pace}
-    {cc} serial/*.c{sources} -lm -o firmware
-
-compiles it for the PC as a check; your microcontroller's compiler takes the same line.
-
-**A simulated board** for tests of hosts, the same C behind a pseudo-terminal of Linux, with a simulated joint:
-
-    {cc} -Isimulated simulated/*.c {shared}{sources} -lm -o simulated_board
-    ./simulated_board
-
-It prints the name of its port, e.g. `/dev/pts/3`; `antagonist bench-check serial:/dev/pts/3` examines it as it does a
-real one. `antagonist bench-check` without a port does all of this.
-"""
-
 _TERMINAL = "a terminal: it sends the sensor readings and sets the valves to the host's commands"
 _CONTROLLER = "a board with the whole controller; the host sends only references (and, optionally, commands)"
 _PACE = """\
@@ -196,7 +170,8 @@ def firmware_readme(limits: tuple[float, float], safety: Safety, controller: Tra
         fall = f"the higher pressure falls by {safety.fall:g} Pa/s, and the other in proportion"
     controls = controller is not None
     pace = _PACE.format(dt=controller.dt, bytes=int(11520 * controller.dt) + protocol.LONGEST) if controller else ""
-    return _HEAD.format(
+    return filled(
+        "board",
         variant=_CONTROLLER if controls else _TERMINAL,
         version=protocol.VERSION,
         low=low,

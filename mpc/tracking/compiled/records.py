@@ -55,11 +55,11 @@ class Setting(NamedTuple):
 class Path(NamedTuple):
     """Motion of a joint and the linear model about it; that of an arm is in `mpc.tracking.compiled.arm.records`."""
 
-    x: Annotated[Array, "N + 1", 4]
-    y: Annotated[Array, "N + 1", 3]  # K, F1, F2
-    A: Annotated[Array, "N", 4, 4]
-    B: Annotated[Array, "N", 4, 2]  # per bar
-    slope: Annotated[Array, "N + 1", 3, 4]  # of y
+    x: Annotated[Array, "N + 1", "x"]
+    y: Annotated[Array, "N + 1", "y"]  # K, F1, F2
+    A: Annotated[Array, "N", "x", "x"]
+    B: Annotated[Array, "N", "x", "m"]  # per bar
+    slope: Annotated[Array, "N + 1", "y", "x"]  # of y
 
 
 class Reference(NamedTuple):
@@ -73,29 +73,29 @@ class Reference(NamedTuple):
 class Errors(NamedTuple):
     """Errors with a cost: the rows along a path minus their reference."""
 
-    x: Array  # (N+1, 4)
-    y: Array  # (N+1, 3)
-    e: Array  # (N, 2) of the commands [bar]
-    change: Array  # (N, 2) e_k - e_{k-1} [bar]
-    end: Array  # (6,) ξ
+    x: Annotated[Array, "N + 1", "x"]
+    y: Annotated[Array, "N + 1", "y"]
+    e: Annotated[Array, "N", "m"]  # of the commands [bar]
+    change: Annotated[Array, "N", "m"]  # e_k - e_{k-1} [bar]
+    end: Annotated[Array, "xi"]  # ξ
 
 
 class Point(NamedTuple):
     """Decisions of the QP and their states in the linear model."""
 
-    xi: Array  # (N+1, 6) ξ = (δx, w): w_k is the deviation of the command k - 1 [bar]
-    v: Array  # (N, 2) changes of that deviation [bar]
-    sigma: Array  # (2,) slacks s [rad] and s_F [N]
+    xi: Annotated[Array, "N + 1", "xi"]  # ξ = (δx, w): w_k is the deviation of the command k - 1 [bar]
+    v: Annotated[Array, "N", "m"]  # changes of that deviation [bar]
+    sigma: Annotated[Array, 2]  # slacks s [rad] and s_F [N]
 
 
 class Bounded(NamedTuple):
     """Bounds of changes by the slew, of commands by the supply, and of the slacks, in the last line."""
 
-    lower: Array  # (N + 1, 2) of changes [bar]
-    upper: Array  # (N + 1, 2) [bar]
-    low: Array  # (N + 1, 2) of commands; at the start of a block, for the whole block [bar]
-    high: Array  # (N + 1, 2) [bar]
-    there: Mask  # (N,) whether there is a change, at the starts of blocks; else the bounds are 0
+    lower: Annotated[Array, "N + 1", "m"]  # of changes [bar]
+    upper: Annotated[Array, "N + 1", "m"]  # [bar]
+    low: Annotated[Array, "N + 1", "m"]  # of commands; at the start of a block, for the whole block [bar]
+    high: Annotated[Array, "N + 1", "m"]  # [bar]
+    there: Annotated[Mask, "N"]  # whether there is a change, at the starts of blocks; else the bounds are 0
 
 
 class Given(NamedTuple):
@@ -112,7 +112,7 @@ class Along(NamedTuple):
     """Path and its commands."""
 
     path: Path
-    u: Annotated[Array, "N", 2]  # [bar]
+    u: Annotated[Array, "N", "m"]  # [bar]
 
 
 def sizes_of(n: int, m: int, stiffnesses: int) -> dict[str, int]:

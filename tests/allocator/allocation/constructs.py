@@ -1,4 +1,4 @@
-"""Functions for the printer: what it can print, what neither form has, and what only C has not."""
+"""Functions for the printer: what it can print, and what it refuses for NumPy, for C or for both."""
 
 
 def cases(text):
@@ -169,6 +169,23 @@ def f(x, y, which=None):
     else:
         z = x - which
     return z
+### numbers that become real
+def g(x):
+    return x, 2 * x
+def f(x, y):
+    n = 1
+    n = n + y
+    if x > 1:
+        return 1
+    a, b = g(1)
+    return a * b + n
+### powers
+def f(x, y):
+    return x**2 - (x + y) ** 3
+### two targets
+def f(x, y):
+    a = b = x + y
+    return a * b
 ### unused names and comments
 def f(x, y):
     '''Return θ² ≤ `y`.'''
@@ -176,18 +193,27 @@ def f(x, y):
     return x + y  # at the end
 """)
 
-BOTH_REFUSE = cases("""
-### a power
-def f(x):
-    return x**2
-### a remainder
-def f(x):
-    return x % 2
+NUMPY_REFUSES = cases("""
 ### a while loop
 def f(x):
     while x > 1:
         x = x / 2
     return x
+### an assignment with a sum
+def f(x):
+    x += 1
+    return x
+### a name first assigned in a branch
+def f(x):
+    if x > 0:
+        y = x
+    return y
+""")
+
+BOTH_REFUSE = cases("""
+### a remainder
+def f(x):
+    return x % 2
 ### an element
 def f(x):
     return x[0]
@@ -199,23 +225,10 @@ def g(x):
     return x
 def f(x):
     return g(x=x)
-### an assignment with a sum
-def f(x):
-    x += 1
-    return x
-### two targets
-def f(x):
-    y = z = x
-    return y + z
 ### a value that asks for a new name
 def f(x, y):
     x, y = y, x
     return x - y
-### a name first assigned in a branch
-def f(x):
-    if x > 0:
-        y = x
-    return y
 ### a loop over something
 def f(x):
     for y in x:
@@ -251,11 +264,6 @@ def f(x):
     y = 1.0
     y = g(x)
     return x
-### a flag that becomes a number
-def f(x):
-    y = 1
-    y = x
-    return y
 ### a tuple assigned again
 def g(box):
     a, b = box
@@ -280,12 +288,6 @@ def f(x):
 ### flags of a number
 def f(x):
     return x | 1
-### a tuple of more than names
-def g(x):
-    return x, 2 * x
-def f(x):
-    a, b = g(x)
-    return a + b
 ### a tuple that nobody unpacks
 def g(x):
     return 1.0
@@ -296,14 +298,4 @@ def g(x, y=None):
     return x
 def f(x):
     return g(x)
-### arguments of two kinds
-def g(x):
-    return x
-def f(x):
-    return g(x) + g(1)
-### results of two kinds
-def f(x):
-    if x > 0:
-        return 1
-    return x
 """)

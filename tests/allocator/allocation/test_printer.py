@@ -1,6 +1,7 @@
 """Printed functions compute what Python computes: every construct is run as it stands, for NumPy and, by gcc, as C."""
 
 import ctypes
+import linecache
 import math
 import subprocess
 from itertools import product
@@ -11,10 +12,20 @@ import pytest
 from allocator import AntagonistError
 from allocator.allocation.two_muscles.kernels import source
 from allocator.allocation.two_muscles.kernels.choice import AffineNumbers, TonduNumbers
-from allocator.compilation.printer import Outside, Source, Unprintable, array_form, array_functions, c_form
+from allocator.compilation.printer import (
+    INT,
+    REAL,
+    ArrayKind,
+    Constants,
+    Outside,
+    Unprintable,
+    array_functions,
+    c_functions,
+    with_called,
+)
 
 from ...rigs.needs import needs
-from .constructs import BOTH_REFUSE, C_REFUSES, CONSTRUCTS
+from .constructs import BOTH_REFUSE, C_REFUSES, CONSTRUCTS, NUMPY_REFUSES
 from .test_kernels import JOINTS, coefficients, mixed_targets
 
 needs_gcc = needs("gcc")
@@ -41,8 +52,6 @@ typedef double ant_real;
 #define ANT_INFINITY ((ant_real)INFINITY)
 static inline ant_real ant_abs(ant_real x) { return x < 0 ? -x : x; }
 static inline int ant_equal(ant_real a, ant_real b) { return a <= b && a >= b; }
-ant_real c_has_it(ant_real x);
-ant_real c_has_it(ant_real x) { return ant_abs(x); }
 """
 
 
@@ -50,17 +59,25 @@ NUMBERS = (-2.0, -0.75, 0.0, 1.0, 2.25)
 C = {"which": "ant_equal(which, 0)"}
 
 
-def parsed(text):
-    space = {}
-    exec(text, space)
-    return Source.parsed(text, space), space["f"]
+def made_of(text):
+    """The function `f` of a text, whose source is known."""
+    space, file = {}, f"<{hash(text)}>"
+    linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file  # for `inspect.getsource`
+    exec(compile(text, file, "exec"), space)
+    return space["f"]
+
+
+def c_form(text, single=False, name="f", kinds=None, outside=Outside()):  # noqa: B008  # frozen
+    """`f` and the functions that it calls as C, with real arguments."""
+    made = with_called([made_of(text)])
+    return c_functions(made, kinds or {}, single, {"f": name}, {}, outside._replace(usual=REAL))
 
 
 def both(text):
     """The function in Python, and the rows of arguments to run it with."""
-    text_of, f = parsed(text)
+    f = made_of(text)
     more = [()] if f.__code__.co_argcount == 2 else [(0.0,), (2.0,)]
-    return text_of, f, [(*pair, *which) for pair in product(NUMBERS, NUMBERS) for which in more]
+    return f, [(*pair, *which) for pair in product(NUMBERS, NUMBERS) for which in more]
 
 
 def python_answers(f, rows):
@@ -76,13 +93,13 @@ def python_answers(f, rows):
 
 @pytest.mark.parametrize("text", CONSTRUCTS.values(), ids=CONSTRUCTS)
 def test_every_construct_gives_an_array_what_it_gives_its_numbers(text):
-    text_of, f, rows = both(text)
+    f, rows = both(text)
     wanted = python_answers(f, rows)
     for which in {row[2:] for row in rows}:
         chosen = np.array([row[2:] == which for row in rows])
         x, y = np.array(rows)[chosen, :2].T
         with np.errstate(all="ignore"):
-            got = array_functions(text_of, "f")[0](x, y, *(w or None for w in which)) + 0 * x
+            got = array_functions(f)[0](x, y, *(w or None for w in which)) + 0 * x
         fine = ~np.isnan(wanted[chosen])
         np.testing.assert_array_equal(got[fine], wanted[chosen][fine])
 
@@ -90,64 +107,57 @@ def test_every_construct_gives_an_array_what_it_gives_its_numbers(text):
 @needs_gcc
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_every_construct_is_clean_c_and_computes_the_same(precision, tmp_path):
-    sources, made = [PREAMBLE], []
+    made, single = [], precision == "single"
     for k, text in enumerate(CONSTRUCTS.values()):
-        text_of, f, rows = both(text)
-        functions = {name: f"{name}_{k}" for name in text_of.functions}
-        structs = {("lo", "hi"): f"pair_{k}", ("a", "b"): f"two_{k}", ("lo", "hi", "n"): f"three_{k}"}
-        printed = c_form(text_of, "f", Outside(functions=functions, structs=structs, absent=C))
-        sources.append(f"{printed.head}\n{printed.body}")
+        f, rows = both(text)
+        printed = c_form(text, single, f"f_{k}", {"low": INT, "high": INT}, Outside(absent=C))
+        (tmp_path / f"{k}.c").write_text(f"{PREAMBLE}\n{printed.head}\n{printed.body}\n")
         made.append((f"f_{k}", " int f" in f" {printed.head}", python_answers(f, rows), rows))
-    (tmp_path / "all.c").write_text("\n\n".join(sources))
-    flags = [*STRICT, *(["-DSINGLE"] if precision == "single" else []), "-O1", "-shared", "-fPIC"]
-    subprocess.run(["gcc", *flags, "all.c", "-o", "all.so", "-lm"], cwd=tmp_path, check=True)
-    library, real = ctypes.CDLL(str(tmp_path / "all.so")), ctypes.c_double if precision == "double" else ctypes.c_float
+    flags = [*STRICT, *(["-DSINGLE"] if single else []), "-O1", "-shared", "-fPIC"]
+    subprocess.run(["gcc", *flags, *tmp_path.glob("*.c"), "-o", "all.so", "-lm"], cwd=tmp_path, check=True)
+    library, real = ctypes.CDLL(str(tmp_path / "all.so")), ctypes.c_float if single else ctypes.c_double
     for name, whole, wanted, rows in made:
         function = library[name]
         function.restype, function.argtypes = ctypes.c_int if whole else real, [real] * len(rows[0])
         got, fine = np.array([function(*row) for row in rows]), ~np.isnan(wanted)
-        assert got[fine] == pytest.approx(wanted[fine], rel=0 if precision == "double" else 1e-6, abs=0), name
+        assert got[fine] == pytest.approx(wanted[fine], rel=1e-6 if single else 0, abs=0), name
 
 
 def test_what_is_said_in_python_is_said_in_c():
-    printed = c_form(parsed(CONSTRUCTS["unused names and comments"])[0], "f").body
+    printed = c_form(CONSTRUCTS["unused names and comments"]).body
     assert "/* Return theta^2 <= y. */" in printed
     assert printed.index("/* to be found again */") < printed.index("/* at the end */") < printed.index("return x + y;")
-
-
-def test_an_argument_that_is_always_none_is_compiled_away():
-    text_of, _ = parsed(CONSTRUCTS["an argument that may be None"])
-    printed = c_form(text_of, "f", Outside(none=frozenset({"which"})))
-    assert printed.head == "ant_real f(ant_real x, ant_real y);"
-    assert "?" not in printed.body
-    text_of, _ = parsed(CONSTRUCTS["a statement on None"])
-    assert "if" not in c_form(text_of, "f", Outside(none=frozenset({"which"}))).body
 
 
 def test_names_numbers_and_arrays_can_be_c_s_own():
     text = "MET = 1e-9\ndef has(x): return x\n"
     text += "def f(x, p, one):\n    q, c = p\n    a, b = one\n    return has(q * x) + a * b + MET"
-    numbers = {"p": {"q": ("ant_real", "ANT_Q"), "c": ("int", "ANT_C")}}
-    outside = Outside({"has": "c_has_it", "MET": "ANT_MET"}, {"f": "g"}, numbers=numbers, arrays=frozenset({"one"}))
-    printed = c_form(parsed(text)[0], "f", outside)
+    kinds = {"p": Constants([("ANT_Q", REAL), ("ANT_C", INT)]), "one": ArrayKind(REAL, ("2",), True)}
+    printed = c_form(text, name="g", kinds=kinds, outside=Outside({"has": "c_has_it", "MET": "ANT_MET"}))
     assert printed.head == "ant_real g(ant_real x, const ant_real *one);"
-    assert "const ant_real q = ANT_Q;" in printed.body
-    assert "const ant_real a = one[0], b = one[1];" in printed.body
+    assert "ant_real q = ANT_Q;" in printed.body
+    assert "ant_real b = one[1];" in printed.body
     assert "return c_has_it(q * x) + a * b + ANT_MET;" in printed.body
 
 
 @pytest.mark.parametrize("text", BOTH_REFUSE.values(), ids=BOTH_REFUSE)
 def test_what_cannot_be_printed_is_refused_with_its_line(text):
-    for form in array_form, c_form:
+    for form in (lambda text: array_functions(made_of(text))), c_form:
         with pytest.raises(Unprintable, match=r"line \d+ cannot be printed"):
-            form(parsed(text)[0], "f")
+            form(text)
     assert issubclass(Unprintable, AntagonistError)
 
 
 @pytest.mark.parametrize("text", C_REFUSES.values(), ids=C_REFUSES)
 def test_what_c_has_not_is_refused_with_its_line(text):
     with pytest.raises(Unprintable, match=r"line \d+ cannot be printed"):
-        c_form(parsed(text)[0], "f")
+        c_form(text)
+
+
+@pytest.mark.parametrize("text", NUMPY_REFUSES.values(), ids=NUMPY_REFUSES)
+def test_what_numpy_has_not_is_refused_with_its_line(text):
+    with pytest.raises(Unprintable, match=r"line \d+ cannot be printed"):
+        array_functions(made_of(text))
 
 
 @pytest.mark.parametrize("limits", [(None, None), (0.0, None), (40.0, 400.0)], ids=str)
@@ -165,7 +175,7 @@ def test_the_kernels_for_arrays_give_the_digits_of_the_kernels(joint, first, sle
             for side in coefficients(joint, np.clip(theta, *joint.angle_range))
         ]
     options = tuple(numbers), *limits, *slew, first
-    exact = array_functions(Source.of(source), f"{name}_exact")[0]
+    exact = array_functions(getattr(source, f"{name}_exact"))[0]
     with np.errstate(all="ignore"):
         found = exact(theta, K, T, *sides, *options)
     plain = getattr(source, f"{name}_exact")

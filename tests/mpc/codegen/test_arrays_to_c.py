@@ -9,7 +9,6 @@ import pytest
 
 from allocator.compilation.printer import (
     INT,
-    MIN_AND_MAX,
     REAL,
     ArrayKind,
     StructKind,
@@ -92,7 +91,7 @@ def compiled(folder, single):
     made = c_functions(with_called([mixed]), KINDS, single, {"mixed": "ant_mixed"}, {})
     structs = "\n".join(KINDS[name].definition() for name in ("box", "work"))
     (folder / "antagonist_config.h").write_text("#define ANT_SINGLE\n" if single else "\n")
-    (folder / "mixed.c").write_text(f'#include "real.h"\n\n{structs}\n{MIN_AND_MAX}\n{made.head}\n\n{made.body}\n')
+    (folder / "mixed.c").write_text(f'#include "real.h"\n\n{structs}\n{made.head}\n\n{made.body}\n')
     flags = *tools.STRICT, "-O2", "-shared", "-fPIC", f"-I{SOURCES}", f"-I{SOURCES / 'allocate'}"
     subprocess.run(["gcc", *flags, "mixed.c", "-lm", "-o", "mixed.so"], cwd=folder, check=True)
     run = ctypes.CDLL(str(folder / "mixed.so")).ant_mixed

@@ -211,9 +211,9 @@ def at_once(name: str) -> Callable[..., tuple[int, int]]:
 
     It is made once, in about 20 ms.
     """
-    from allocator.compilation.printer import Source, array_functions
+    from allocator.compilation.printer import array_functions
 
-    exact, odd = array_functions(Source.of(kernels), f"{name}_exact", "odd")
+    exact, odd = array_functions(getattr(kernels, f"{name}_exact"), kernels.odd)
 
     def batch(*arguments: Any) -> tuple[int, int]:
         *given, out = arguments

@@ -36,5 +36,10 @@ static inline ant_real ant_abs(ant_real x) { return x < 0 ? -x : x; }
 /* a == b, of which compilers warn; false for NaN */
 static inline int ant_equal(ant_real a, ant_real b) { return a <= b && a >= b; }
 static inline int ant_abs_int(int a) { return a < 0 ? -a : a; }
+/* the lesser and the greater of two numbers; a if one is NaN */
+static inline ant_real ant_min(ant_real a, ant_real b) { return b < a ? b : a; }
+static inline ant_real ant_max(ant_real a, ant_real b) { return b > a ? b : a; }
+static inline int ant_min_int(int a, int b) { return b < a ? b : a; }
+static inline int ant_max_int(int a, int b) { return b > a ? b : a; }
 
 #endif /* ANT_REAL_H */

@@ -1,6 +1,6 @@
 """Active set of the exchange, and the point at which it holds."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -18,13 +18,13 @@ FLAT = 1e-10  # [-] of its terms: less counts as no slope
 class Active(NamedTuple):
     """Active set and the point at which it holds; the last lines are those of the slacks."""
 
-    held: Signs  # (N + 1, 2) of the sweep's base, held now
-    guess: Signs  # (N + 1, 2) the active set
-    z: Array  # (N + 1, 2) changes and slacks
-    r: Array  # (N + 1, 2) gradient of the Lagrangian without the multipliers of what is held
-    dz: Array  # (N + 1, 2)
-    dr: Array  # (N + 1, 2)
-    xi: Array  # (N + 1, 6)
+    held: Annotated[Signs, "N + 1", "m"]  # of the sweep's base, held now
+    guess: Annotated[Signs, "N + 1", "m"]  # the active set
+    z: Annotated[Array, "N + 1", "m"]  # changes and slacks
+    r: Annotated[Array, "N + 1", "m"]  # gradient of the Lagrangian without the multipliers of what is held
+    dz: Annotated[Array, "N + 1", "m"]
+    dr: Annotated[Array, "N + 1", "m"]
+    xi: Annotated[Array, "N + 1", "xi"]
     items: Items
 
 

@@ -18,7 +18,7 @@ The limits of a sample k that items can hold are changes and commands, and the s
     FORCE …     -D_i δx - s_F ≤ F_i - F_min           taut cables
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -52,19 +52,19 @@ from mpc.tracking.compiled.structured_qp.stage import (
 class Items(NamedTuple):
     """Items, as lines of arrays; the last one is the entering item."""
 
-    z: Array  # (M, N + 1, 2)
-    r: Array  # (M, N + 1, 2)
-    K: Array  # (M, M)
-    kind: Indices  # (M,) GONE, BOUND, SUPPLY, or which soft row
-    sample: Indices  # (M,)
-    muscle: Indices  # (M,) of a change
-    side: Indices  # (M,) of a bound: 1 above, -1 below
-    multiplier: Array  # (M,)
-    step: Array  # (M,) of the multipliers, or of the released changes
-    L: Array  # (M, M) factor of K
-    order: Indices  # (M,) of factorisation
-    known: Indices  # (1,) number of valid lines of the factor
-    p: Array  # (6,) a gradient by ξ
+    z: Annotated[Array, "M", "N + 1", "m"]
+    r: Annotated[Array, "M", "N + 1", "m"]
+    K: Annotated[Array, "M", "M"]
+    kind: Annotated[Indices, "M"]  # GONE, BOUND, SUPPLY, or which soft row
+    sample: Annotated[Indices, "M"]
+    muscle: Annotated[Indices, "M"]  # of a change
+    side: Annotated[Indices, "M"]  # of a bound: 1 above, -1 below
+    multiplier: Annotated[Array, "M"]
+    step: Annotated[Array, "M"]  # of the multipliers, or of the released changes
+    L: Annotated[Array, "M", "M"]  # factor of K
+    order: Annotated[Indices, "M"]  # of factorisation
+    known: Annotated[Indices, 1]  # number of valid lines of the factor
+    p: Annotated[Array, "xi"]  # a gradient by ξ
 
 
 @inlined

@@ -11,7 +11,7 @@ held changes are v = v̄ at a bound of the slew, or v = w̄ - w with their comma
 are differences from the last known point, so that a repeated sweep removes rounding errors.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -38,19 +38,19 @@ BREAKS = 1e-9  # [bar], [rad], [N]: less violates no bound
 class Sweep(NamedTuple):
     """Arrays of a sweep."""
 
-    R: Array  # (N, 2, 6) [W_wx W_ww]
-    D: Array  # (N, 3): entries 00, 01, 11
-    g: Array  # (N, 2)
-    feedback: Array  # (N, 2, 7) v by (ξ, 1)
-    held: Signs  # (N + 1, 2) the limit at which each change is held
-    gx: Array  # (N+1, 6) gradient of the Lagrangian by ξ at the point
-    gv: Array  # (N, 2) and by v
-    inverse: Array  # (N, 3) of D for the free changes: entries 00, 01, 11
-    xi: Array  # (N+1, 6) differences from the point
-    v: Array  # (N, 2)
-    e: Array  # (N, 2) charges of the commands
-    change: Array  # (N, 2) and of their changes
-    rows: Array  # (N + 1, 3) of the angle and the forces, beyond the costs
+    R: Annotated[Array, "N", "m", "xi"]  # [W_wx W_ww]
+    D: Annotated[Array, "N", 3]  # entries 00, 01, 11; of an arm (N, m, m)
+    g: Annotated[Array, "N", "m"]
+    feedback: Annotated[Array, "N", "m", "xi + 1"]  # v by (ξ, 1)
+    held: Annotated[Signs, "N + 1", "m"]  # the limit at which each change is held
+    gx: Annotated[Array, "N + 1", "xi"]  # gradient of the Lagrangian by ξ at the point
+    gv: Annotated[Array, "N", "m"]  # and by v
+    inverse: Annotated[Array, "N", 3]  # of D for the free changes: entries 00, 01, 11; of an arm (N, m, m)
+    xi: Annotated[Array, "N + 1", "xi"]  # differences from the point
+    v: Annotated[Array, "N", "m"]
+    e: Annotated[Array, "N", "m"]  # charges of the commands
+    change: Annotated[Array, "N", "m"]  # and of their changes
+    rows: Annotated[Array, "N + 1", "n + m"]  # of the angle and the forces, beyond the costs
 
 
 @inlined

@@ -1,8 +1,12 @@
 """Kinds and C text of plain Python expressions, given the variables of their function."""
 
 import ast
+import re
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol, TypeAlias
+from types import MappingProxyType
+from typing import Annotated, NamedTuple, Protocol, Self, TypeAlias, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from allocator.compilation.printer.c_layout import (
     AND,
@@ -18,8 +22,11 @@ from allocator.compilation.printer.c_layout import (
     SUM,
     UNARY,
     compared,
+    wrapped,
 )
 from allocator.compilation.printer.python_text import refuse
+
+_OF_NUMBERS = {np.float64: REAL, np.int64: INT}  # otherwise `SIDE`
 
 
 class ArrayKind(NamedTuple):
@@ -46,6 +53,32 @@ class StructKind(NamedTuple):
     fields: "Mapping[str, Kind]"
     holds: bool  # whether it holds the arrays, not pointers
 
+    @classmethod
+    def of(
+        cls,
+        record: type,
+        name: str,
+        sizes: Mapping[str, str],
+        *,
+        holds: bool = False,
+        constant: bool = False,
+        parts: "Mapping[type, Kind]" = MappingProxyType({}),
+    ) -> Self:
+        """Return the struct of a named tuple of numbers, arrays `Annotated` with their shapes, and other `parts`.
+
+        `sizes` maps the names in shapes to C's. Arrays without a shape are left out.
+        """
+        fields: dict[str, Kind] = {}
+        for field, hint in get_type_hints(record, include_extras=True).items():
+            if get_origin(hint) is Annotated:
+                array, *shape = get_args(hint)
+                [element] = get_args(get_args(array)[-1]) or [get_args(array)[-1]]  # the latter from NumPy 2.5 on
+                said = (re.sub(r"[A-Za-z_]\w*", lambda name: sizes[name[0]], str(size)) for size in shape)
+                fields[field] = ArrayKind(_OF_NUMBERS.get(element, SIDE), tuple(said), constant)
+            elif hint in (float, int) or hint in parts:
+                fields[field] = parts.get(hint, REAL if hint is float else INT)
+        return cls(name, fields, holds)
+
     def definition(self) -> str:
         """Return its typedef."""
         lines = [self.line(name, kind) for name, kind in self.fields.items()]
@@ -67,29 +100,40 @@ class TupleKind(NamedTuple):
 
     name: str
     elements: tuple[str, ...]
+    fields: tuple[str, ...]
 
     def definition(self) -> str:
         """Return its typedef."""
-        fields = " ".join(f"{kind} _{i};" for i, kind in enumerate(self.elements))
-        return f"typedef struct {{ {fields} }} {self.name};"
+        fields = " ".join(f"{kind} {name};" for kind, name in zip(self.elements, self.fields, strict=True))
+        return "\n".join(wrapped(f"typedef struct {{ {fields} }} {self.name};", 0))
 
 
-Kind: TypeAlias = str | ArrayKind | StructKind | TupleKind
+class Constants(NamedTuple):
+    """Tuple of constants that C has, which is not an argument there: the text and the kind of each."""
+
+    elements: Sequence[tuple[str, str]]
+
+
+Kind: TypeAlias = str | ArrayKind | StructKind | TupleKind | Constants
 Kinds: TypeAlias = Mapping[str, Kind]
-"""Kinds of arguments by name, the same in all functions: arrays and structs; others are ints."""
+"""Kinds of arguments by name, the same in all functions."""
+
+
+class Outside(NamedTuple):
+    """C's counterparts of Python's names."""
+
+    names: Mapping[str, str] = {}  # constants and functions that C has, by Python's name
+    structs: Mapping[tuple[str, ...], str] = {}  # names of structs, by the returned names
+    absent: Mapping[str, str] = {}  # when an argument counts as None
+    usual: str = INT  # kind of the arguments that `Kinds` omits
+    inner: str = "static"  # how functions that are not exported begin
 
 
 def declared(name: str, kind: Kind) -> str:
     """Return the declaration of an argument or a variable; an array or a struct is a pointer to one."""
-    if isinstance(kind, str):
-        return f"{kind} {name}"
-    return f"{kind.name} {name}" if isinstance(kind, TupleKind) else kind.argument(name)
-
-
-def kind_of(argument: ast.arg, kinds: Kinds) -> Kind:
-    """Return the kind of an argument: by its annotation `float`, else by its name, else an integer."""
-    real = isinstance(argument.annotation, ast.Name) and argument.annotation.id == "float"
-    return REAL if real else kinds.get(argument.arg, INT)
+    if isinstance(kind, ArrayKind | StructKind):
+        return kind.argument(name)
+    return f"{kind.name if isinstance(kind, TupleKind) else kind} {name}"
 
 
 _EMPTY, _ZEROS = "np.empty", "np.zeros"
@@ -99,10 +143,14 @@ _ELEMENTS = {"np.bool_": SIDE, "np.int8": SIDE}  # of new arrays; otherwise real
 class Unit(Protocol):
     """Interface of a printing unit: the state shared by functions printed together."""
 
-    kinds: Kinds
+    outside: Outside
     nodes: dict[str, ast.FunctionDef]
     names: dict[str, object]
     entries: Mapping[str, str]
+    comments: dict[str, dict[int, str]]  # by function and line
+
+    def kind_of(self, argument: ast.arg) -> Kind:
+        """Return the kind of an argument."""
 
     def returned(self, name: str) -> Kind:
         """Return the kind of a function's return value."""
@@ -110,16 +158,18 @@ class Unit(Protocol):
     def literal(self, value: float) -> str:
         """Return the literal of a number."""
 
-    def constant(self, node: ast.Name) -> str:
-        """Return the name of a global number."""
+    def constant(self, node: ast.Name, kind: Kind = REAL) -> str:
+        """Return the name of a global number, or of a global tuple of numbers for an argument of this kind."""
 
 
 class Expressions:
     """Expressions of one function with arguments `known`, variables `local` and loop variables `loops`."""
 
-    def __init__(self, unit: Unit, known: dict[str, Kind], loops: set[str]) -> None:
-        self.unit, self.known, self.loops = unit, known, loops
+    def __init__(self, unit: Unit, known: dict[str, Kind]) -> None:
+        self.unit, self.known = unit, known
         self.local: dict[str, Kind] = {}
+        self.loops: set[str] = set()  # variables of the loops around a statement
+        self.made: set[str] = set()  # structs made of tuples; others are pointers
 
     # --- kinds
 
@@ -141,6 +191,8 @@ class Expressions:
                 return self.element(node, array, len(place.elts) if isinstance(place, ast.Tuple) else 1)
             case ast.BinOp(left, ast.Div() | ast.Pow(), right):
                 return REAL
+            case ast.IfExp(_, ast.Call() as left, _) if isinstance(self.kind(left), TupleKind):
+                return self.kind(left)
             case ast.BinOp(left, _, right) | ast.IfExp(_, left, right):
                 return self.either(left, right)
             case ast.UnaryOp(ast.USub(), operand):
@@ -170,7 +222,7 @@ class Expressions:
     def of_call(self, called: ast.expr, arguments: Sequence[ast.expr]) -> Kind:
         """Return the kind of a call's value."""
         match called:
-            case ast.Name("sqrt" | "ceil"):
+            case ast.Name(name) if name in ("sqrt", "ceil", *self.unit.outside.names):
                 return REAL
             case ast.Name("abs" | "min" | "max"):
                 return self.either(*arguments)
@@ -215,6 +267,8 @@ class Expressions:
             case ast.Constant(bool() | int() | float() as value):
                 return self.unit.literal(value), ATOM
             case ast.Name(name):
+                if name in self.made:
+                    return f"&{name}", UNARY
                 mine = name in self.known or name in self.local or name in self.loops
                 return (name if mine else self.unit.constant(node)), ATOM
             case ast.Attribute(array, "size"):
@@ -230,17 +284,26 @@ class Expressions:
             case ast.Subscript(array, place):
                 return f"{self.text(array, ATOM)}[{self.text(place)}]", ATOM
             case ast.UnaryOp(ast.USub(), operand):
-                return f"-{self.text(operand, UNARY)}", UNARY
+                inner = self.text(operand, UNARY)
+                return (f"-({inner})" if inner.startswith("-") else f"-{inner}"), UNARY
             case ast.UnaryOp(ast.Invert(), operand):
                 return f"~{self.text(operand, UNARY)}", UNARY
             case ast.UnaryOp(ast.Not(), operand):
-                return f"!{self.text(operand, UNARY)}", UNARY
+                return f"!{self.truth(operand, UNARY)}", UNARY
             case ast.Call(called, arguments):
                 return self.call(node, called, arguments), ATOM
         return self.combined(node)
 
+    def truth(self, node: ast.expr, least: int = 0) -> str:
+        """Return a truth value."""
+        return self.text(node, least) if self.kind(node) == INT else refuse(node, "no truth value")
+
     def of_kind(self, kind: Kind, node: ast.expr, least: int = 0) -> str:
-        """Return an expression, converted if it is an integer where a real number is required."""
+        """Return an expression, converted if it is an integer where a real number, or a tuple where a struct is due."""
+        if isinstance(kind, StructKind) and isinstance(node, ast.Tuple):
+            return f"&({kind.name}){self.braced(kind, node)}"
+        if isinstance(kind, StructKind) and isinstance(node, ast.Name) and node.id not in {*self.known, *self.local}:
+            return f"&{self.unit.constant(node, kind)}"
         if kind != REAL or self.kind(node) != INT:
             return self.text(node, least)
         match node:
@@ -250,6 +313,12 @@ class Expressions:
                 return f"-{self.of_kind(kind, node.operand)}"
         return f"({REAL}){self.text(node, UNARY)}"
 
+    def braced(self, kind: StructKind, node: ast.Tuple) -> str:
+        """Return the initialiser of a struct."""
+        if len(kind.fields) != len(node.elts):
+            refuse(node, f"{kind.name} is not unpacked into as many names")
+        return f"{{{', '.join(map(self.of_kind, kind.fields.values(), node.elts))}}}"
+
     def combined(self, node: ast.expr) -> tuple[str, int]:
         """Return the text of several expressions with operators between."""
         kind = self.kind(node)
@@ -257,24 +326,28 @@ class Expressions:
             case ast.BinOp(left, ast.Pow(), right):
                 return f"ANT_F(pow)({self.of_kind(REAL, left)}, {self.of_kind(REAL, right)})", ATOM
             case ast.BinOp(left, op, right) if type(op) in SIGNS:
+                if isinstance(op, ast.BitOr) and kind != INT:
+                    refuse(node, "no flags")
                 sign, level = SIGNS[type(op)]
                 return f"{self.of_kind(kind, left, level)} {sign} {self.of_kind(kind, right, level + 1)}", level
+            case ast.Compare(ast.Name(name), [ast.Is()], [ast.Constant(None)]) if name in self.unit.outside.absent:
+                return self.unit.outside.absent[name], LINK
             case ast.Compare(left, [op], [right]) if type(op) in LINKS:
                 kind = self.either(left, right)
                 one, other = (self.of_kind(kind, side, SUM) for side in (left, right))
                 return compared(one, op, other, kind)
             case ast.BoolOp(op, values):
                 sign, level = (" && ", AND) if isinstance(op, ast.And) else (" || ", OR)
-                return sign.join(self.text(value, LINK) for value in values), level
+                return sign.join(self.truth(value, LINK) for value in values), level
             case ast.IfExp(test, yes, no):
-                return f"{self.text(test, OR)} ? {self.of_kind(kind, yes, OR)} : {self.of_kind(kind, no, SUM)}", CHOICE
+                return f"{self.truth(test, OR)} ? {self.of_kind(kind, yes, OR)} : {self.of_kind(kind, no, SUM)}", CHOICE
         refuse(node)
 
     def member(self, node: ast.Attribute) -> str:
         """Return the field of a struct, which is a variable or itself a field."""
         match node.value:
             case ast.Name(name):
-                return f"{name}->{node.attr}"
+                return f"{name}{'.' if name in self.made else '->'}{node.attr}"
             case ast.Attribute() as base:
                 return f"{self.member(base)}.{node.attr}"
         refuse(node)
@@ -293,11 +366,14 @@ class Expressions:
             "ceil": "ANT_F(ceil)",
             "int": "(int)",
             "np.isfinite": "isfinite",
+            **self.unit.outside.names,
         }
         function = made.get(name) or (self.unit.entries.get(name, name) if name in self.unit.nodes else "")
         if not function or node.keywords:
             refuse(node, "C has no such function")
         kinds: Sequence[Kind] = [REAL if name in ("sqrt", "ceil") else self.kind(node)] * len(arguments)
         if name in self.unit.nodes:
-            kinds = [kind_of(argument, self.unit.kinds) for argument in self.unit.nodes[name].args.args]
+            kinds = [self.unit.kind_of(argument) for argument in self.unit.nodes[name].args.args]
+        if len(kinds) != len(arguments):
+            refuse(node, "arguments are missing")
         return f"{function}({', '.join(map(self.of_kind, kinds, arguments))})"
