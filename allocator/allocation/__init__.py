@@ -4,25 +4,21 @@
 affine in the pressure, by `relaxation/`.
 """
 
-from allocator.allocation.arguments import Method
-from allocator.allocation.at_least import AtLeast, Infeasibility, allocate_at_least
-from allocator.allocation.box.certificate import Separation
-from allocator.allocation.box.result import BoxAllocation
-from allocator.allocation.entry import allocate, warm_up
-from allocator.allocation.result import Allocation
-from allocator.allocation.status import Status
-from allocator.allocation.two_muscles.problem import Problem
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Allocation",
-    "AtLeast",
-    "BoxAllocation",
-    "Infeasibility",
-    "Method",
-    "Problem",
-    "Separation",
-    "Status",
-    "allocate",
-    "allocate_at_least",
-    "warm_up",
-]
+from allocator.faces import face
+
+if TYPE_CHECKING:
+    from allocator.allocation.arguments import Method as Method
+    from allocator.allocation.at_least import AtLeast as AtLeast
+    from allocator.allocation.at_least import Infeasibility as Infeasibility
+    from allocator.allocation.at_least import allocate_at_least as allocate_at_least
+    from allocator.allocation.box.certificate import Separation as Separation
+    from allocator.allocation.box.result import BoxAllocation as BoxAllocation
+    from allocator.allocation.entry import allocate as allocate
+    from allocator.allocation.entry import warm_up as warm_up
+    from allocator.allocation.result import Allocation as Allocation
+    from allocator.allocation.status import Status as Status
+    from allocator.allocation.two_muscles.problem import Problem as Problem
+else:
+    __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -1,44 +1,33 @@
 """Feasible angles, torques and stiffnesses of joints and mechanisms, their limits, and design sweeps."""
 
-from allocator.feasibility.edges import Edge
-from allocator.feasibility.intervals import (
-    angle_interval,
-    angle_intervals,
-    stiffness_interval,
-    torque_interval,
-    torque_intervals,
-)
-from allocator.feasibility.maps import feasibility_map
-from allocator.feasibility.pictures import plot_arm, plot_polygon, plot_workspace
-from allocator.feasibility.plotting import plot_maps, plot_pressures
-from allocator.feasibility.polygon import Polygon
-from allocator.feasibility.result import FeasibilityMap
-from allocator.feasibility.sweep import Design, Performance, Sweep, design_grid, design_sweep, performance
-from allocator.feasibility.targets import EndpointEllipses, FeasibleTargets, endpoint_ellipses, feasible_targets
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Design",
-    "Edge",
-    "EndpointEllipses",
-    "FeasibilityMap",
-    "FeasibleTargets",
-    "Performance",
-    "Polygon",
-    "Sweep",
-    "angle_interval",
-    "angle_intervals",
-    "design_grid",
-    "design_sweep",
-    "endpoint_ellipses",
-    "feasibility_map",
-    "feasible_targets",
-    "performance",
-    "plot_arm",
-    "plot_maps",
-    "plot_polygon",
-    "plot_pressures",
-    "plot_workspace",
-    "stiffness_interval",
-    "torque_interval",
-    "torque_intervals",
-]
+from allocator.faces import face
+
+if TYPE_CHECKING:
+    from allocator.feasibility.edges import Edge as Edge
+    from allocator.feasibility.intervals import angle_interval as angle_interval
+    from allocator.feasibility.intervals import angle_intervals as angle_intervals
+    from allocator.feasibility.intervals import stiffness_interval as stiffness_interval
+    from allocator.feasibility.intervals import torque_interval as torque_interval
+    from allocator.feasibility.intervals import torque_intervals as torque_intervals
+    from allocator.feasibility.maps import feasibility_map as feasibility_map
+    from allocator.feasibility.pictures import plot_arm as plot_arm
+    from allocator.feasibility.pictures import plot_polygon as plot_polygon
+    from allocator.feasibility.pictures import plot_workspace as plot_workspace
+    from allocator.feasibility.plotting import plot_maps as plot_maps
+    from allocator.feasibility.plotting import plot_pressures as plot_pressures
+    from allocator.feasibility.polygon import Polygon as Polygon
+    from allocator.feasibility.result import FeasibilityMap as FeasibilityMap
+    from allocator.feasibility.sweep import Design as Design
+    from allocator.feasibility.sweep import Performance as Performance
+    from allocator.feasibility.sweep import Sweep as Sweep
+    from allocator.feasibility.sweep import design_grid as design_grid
+    from allocator.feasibility.sweep import design_sweep as design_sweep
+    from allocator.feasibility.sweep import performance as performance
+    from allocator.feasibility.targets import EndpointEllipses as EndpointEllipses
+    from allocator.feasibility.targets import FeasibleTargets as FeasibleTargets
+    from allocator.feasibility.targets import endpoint_ellipses as endpoint_ellipses
+    from allocator.feasibility.targets import feasible_targets as feasible_targets
+else:
+    __all__, __getattr__, __dir__ = face(__name__, __file__)
