@@ -14,6 +14,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 
 _NONE = np.empty(0)
+_DEGREES = 720.0  # greatest angle [°] of a joint; greater numbers are no readings at all
 
 
 class BadNumbers(UserWarning):
@@ -23,15 +24,16 @@ class BadNumbers(UserWarning):
 def units_shown(name: str, pressures: Array, angles: Array = _NONE, stacklevel: int = 3) -> bool:
     """Return whether the `pressures` [Pa] in `name` show their unit, which those of a vented joint do not.
 
-    Warns (`BadNumbers`) of pressures that look like bar and of `angles` [rad] of more than a turn; NaN passes.
+    Warns (`BadNumbers`) of pressures that look like bar and of `angles` [rad] that look like degrees; NaN passes.
     `stacklevel` as in `warnings.warn`, from the function that calls this one.
     """
     low, high = checks.LOOKS_LIKE_BAR
     greatest = max([abs(P) for P in pressures.tolist() if isfinite(P)], default=0.0)
-    if not low <= greatest <= high and all(abs(theta) <= tau for theta in angles.tolist() if isfinite(theta)):
+    turned = np.array([theta for theta in angles.tolist() if tau < abs(theta) <= _DEGREES])
+    if not (low <= greatest <= high or turned.size):
         return greatest > high
     try:
-        checks.angle(f"angles of {name}: θ", angles[np.isfinite(angles)])
+        checks.angle(f"angles of {name}: θ", turned)
         checks.pressure(f"pressures of {name}: P", pressures[np.isfinite(pressures)])
     except InvalidInput as wrong:
         warnings.warn(str(wrong), BadNumbers, stacklevel=stacklevel + 1)

@@ -140,7 +140,7 @@ def test_an_inertia_that_the_log_shows_is_in_the_file(swinging_joint, swinging_f
     plant, written = swinging_joint[0], IdentifiedPlant.of(swinging_fit)
     assert written.plant.inertia == pytest.approx(plant.inertia, rel=0.3)
     assert written.assumed == ()
-    assert written.errors.every < 0.5 * DEG
+    assert written.errors.every < 0.8 * DEG
 
 
 @pytest.mark.slow
