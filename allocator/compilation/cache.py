@@ -227,21 +227,20 @@ class _Files:
             draft.write_bytes(sha256(content).digest() + content)
 
     @contextmanager
-    def claimed(self, key: object) -> Iterator[bool]:
-        """Wait while another process compiles for `key`, and let others wait; yield whether there was one."""
+    def claimed(self, key: object) -> Iterator[None]:
+        """Wait while another process compiles for `key`, and let others wait."""
         lock = self._file(key).with_suffix(".lock")
         try:
             file = lock.open("ab")
         except OSError:  # a read-only directory: everybody compiles
-            yield False
+            yield
             return
         try:
             with file:
-                end, waited = monotonic() + _PATIENCE, False
+                end = monotonic() + _PATIENCE
                 while not beside.locked(file) and monotonic() < end:
-                    waited = True
                     sleep(_LOOK)
-                yield waited
+                yield
         finally:
             with suppress(OSError):  # removed, or open in another process of Windows
                 lock.unlink()
@@ -282,8 +281,8 @@ class _Cache(FunctionCache):  # type: ignore[misc]  # numba has no types
         if found is None:
             beside.check_may_compile(self._name)
             key = self._index_key(sig, target_context.codegen())
-            if self._claims.enter_context(self._cache_file.claimed(key)):
-                found = self._loaded(sig, target_context)
+            self._claims.enter_context(self._cache_file.claimed(key))
+            found = self._loaded(sig, target_context)  # another process may have compiled it since the first look
         return found
 
     def _loaded(self, sig: object, target_context: object) -> object:
