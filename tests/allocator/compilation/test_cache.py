@@ -113,9 +113,31 @@ def test_of_several_that_need_the_same_code_one_compiles_it(tmp_path):
 def kept(folder, function):
     """The dispatcher of a function, and where its code is kept."""
     (folder / "numbers_of.py").write_text(function)
+    return dispatched(folder, function), folder / "__pycache__"
+
+
+def dispatched(folder, function):
+    """A dispatcher of a function in the file that `kept` wrote."""
     names = {}
     exec(compile(function, folder / "numbers_of.py", "exec"), names)
-    return jit.compiled(names["function"], (), inline=False, unaliased=False), folder / "__pycache__"
+    return jit.compiled(names["function"], (), inline=False, unaliased=False)
+
+
+def test_code_that_another_process_has_made_since_the_first_look_is_not_compiled_again(tmp_path, monkeypatch):
+    function = "def function(x):\n    return 3.0 * x\n"
+    made, _ = kept(tmp_path, function)
+    other, claimed, begun = dispatched(tmp_path, function), cache._Files.claimed, []
+
+    def late(files, key):
+        if not begun:
+            begun.append(key)
+            other(2.0)  # finished before this process asks for the lock
+        return claimed(files, key)
+
+    monkeypatch.setattr(cache._Files, "claimed", late)
+    assert made(2.0) == 6.0
+    assert sum(other.stats.cache_misses.values()) == 1
+    assert (sum(made.stats.cache_hits.values()), sum(made.stats.cache_misses.values())) == (1, 0)
 
 
 def test_who_waits_in_vain_compiles_itself(tmp_path, monkeypatch):
