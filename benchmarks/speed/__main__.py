@@ -4,8 +4,9 @@ import argparse
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from benchmarks.speed import allocation, mpc_step, processes, report, whole_sample
+from benchmarks.speed import allocation, processes, report
 from benchmarks.speed.clock import Measurement
+from benchmarks.speed.steps import step, whole_sample
 from benchmarks.speed.truth import BenchmarkFailure
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -13,7 +14,7 @@ RESULTS = Path(__file__).parents[1] / "results"
 PARTS: dict[str, Callable[[bool], Iterator[Measurement]]] = {
     "allocation": allocation.measure,
     "processes": processes.measure,
-    "control": mpc_step.measure,
+    "control": step.measure,
     "sample": whole_sample.measure,
 }
 

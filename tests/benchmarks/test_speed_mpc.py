@@ -52,20 +52,20 @@ OTHER = {"weights": Weights(K=3 * Weights().K)}
     ("liar", "settings"), [(Shifted, {}), (ShiftedLater, {}), (TrackingMPC, OTHER), (FirstOnly, OTHER)]
 )
 def test_a_rival_that_commands_something_else_ends_the_benchmark(part, liar, settings):
-    steps, truth = part("mpc_step"), part("truth")
+    steps, truth = part("steps.step"), part("truth")
     with pytest.raises(truth.BenchmarkFailure, match="liar, N = 10"):
         steps.check_commands(10, {"liar": lambda plant, N: liar(plant, 0.01, N, iterations=20, **settings)})
 
 
 @pytest.mark.parametrize("honest", [TrackingMPC, FirstOnly])
 def test_an_honest_rival_does_not(part, honest):
-    part("mpc_step").check_commands(10, {"honest": lambda plant, N: honest(plant, 0.01, N, iterations=20)})
+    part("steps.step").check_commands(10, {"honest": lambda plant, N: honest(plant, 0.01, N, iterations=20)})
 
 
 @pytest.mark.parametrize("N", [10, 20])
 def test_commands_are_compared_where_the_slew_limit_binds_and_where_it_does_not(part, N):
     plant, most = Plant(), []
-    for theta, K, d in part("mpc_step").tasks(N):
+    for theta, K, d in part("steps.step").tasks(N):
         mpc = TrackingMPC(plant, 0.01, N, iterations=20)
         x = plant.at_rest(0.0, 7.6)
         changes = np.diff(mpc.step(x, theta, K, d).u, axis=0, prepend=x[None, 2:])
@@ -75,7 +75,7 @@ def test_commands_are_compared_where_the_slew_limit_binds_and_where_it_does_not(
 
 
 def test_what_was_asked_for_and_missed_is_said(part):
-    report, clock, steps = part("report"), part("clock"), part("mpc_step")
+    report, clock, steps = part("report"), part("clock"), part("steps.step")
     notes = [steps.judged("99th percentile 9 medians", 9.0, 4.0), steps.judged("tail 1", 1.0, 4.0), "as it is"]
     slow = clock.Measurement(
         "control", "step", 1e-6, "step", "x", 2e-6, 2.0, 1.9, 2.1, wanted=3.0, note="; ".join(notes)
@@ -88,7 +88,7 @@ def test_what_was_asked_for_and_missed_is_said(part):
 
 
 def test_limits_bind_for_a_part_of_the_loop_in_which_steps_are_timed(part):
-    loop = part("mpc_loop").closed_loop(lambda plant: part("mpc_step").mpc(plant, 20), 1.5)
+    loop = part("steps.loop").closed_loop(lambda plant: part("steps.step").mpc(plant, 20), 1.5)
     assert 0.1 < loop.saturated < 0.9
     assert (loop.run.rung == 0).all()
     assert loop.run.estimate[-1, 4] == pytest.approx(1.0, abs=0.1)  # the load is found out

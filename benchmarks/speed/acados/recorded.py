@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from benchmarks.speed.mpc_loop import DT, LOAD, reference
-from benchmarks.speed.whole_sample import TimedController
+from benchmarks.speed.steps.loop import DT, LOAD, reference
+from benchmarks.speed.steps.whole_sample import TimedController
 from mpc import KalmanObserver, Plant, RealPlant, TrackingMPC, simulate
 from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.feedforward import FeedForward

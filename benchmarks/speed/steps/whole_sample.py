@@ -13,7 +13,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from benchmarks.speed.clock import MISSED, Measurement
-from benchmarks.speed.mpc_loop import DT, closed_loop, reference
+from benchmarks.speed.steps.loop import DT, closed_loop, reference
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import KalmanObserver, RealPlant, TrackingMPC, simulate
 from mpc.tracking.plan import Plan

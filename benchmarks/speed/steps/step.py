@@ -14,8 +14,8 @@ from allocator.units import BAR, DEG
 from benchmarks.speed.acados import alone
 from benchmarks.speed.acados.rti import AcadosRTI, available
 from benchmarks.speed.clock import MISSED, Measurement, seconds
-from benchmarks.speed.mpc_loop import DT, Loop, closed_loop
-from benchmarks.speed.mpc_rivals import CvxpyOSQP, DoMPC
+from benchmarks.speed.steps.loop import DT, Loop, closed_loop
+from benchmarks.speed.steps.rivals import CvxpyOSQP, DoMPC
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import Plant, TrackingMPC
 from mpc.tracking.qp.programme import QP

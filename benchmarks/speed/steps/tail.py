@@ -1,6 +1,6 @@
 """The slowest of many steps: closed loops with random references and loads, on the real plant and on a stranger.
 
-    python -m benchmarks.speed.tail [--steps 100000] [--horizon 20 80] [--rounds 3] [--loop stranger] [--out FOLDER]
+    python -m benchmarks.speed.steps.tail [--steps 100000] [--horizon 20 80] [--rounds 3] [--loop stranger]
 
 Runs take 20 s. A step is the controller's, a sample also has the observer. Times are processor times of the thread.
 All runs are made several times with equal results, and every step counts with its least time, because interrupts and
@@ -22,13 +22,13 @@ from allocator.calculus import Array
 from allocator.files.atomic import write_text
 from allocator.units import DEG
 from benchmarks.allocators.machine import machine
+from benchmarks.speed.steps.whole_sample import DT, TimedController, TimedObserver
 from benchmarks.speed.truth import BenchmarkFailure
-from benchmarks.speed.whole_sample import DT, TimedController, TimedObserver
 from benchmarks.strangers.identified import data_sheet
 from benchmarks.strangers.plants import TUNING, drawn
 from mpc import KalmanObserver, RealPlant, Reference, TrackingMPC, simulate
 
-RESULTS = Path(__file__).parents[1] / "results"
+RESULTS = Path(__file__).parents[2] / "results"
 DURATION = 20.0  # [s] of a run
 QUANTILES = (0.5, 0.99, 0.999, 0.9999, 1.0)
 LOOPS = ("real plant", "stranger")

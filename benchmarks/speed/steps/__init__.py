@@ -1,0 +1,1 @@
+"""Control steps: their loops, rivals and tails."""
