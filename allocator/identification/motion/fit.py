@@ -242,7 +242,7 @@ def _if_better(found: Found, used: Mask, **more: float) -> Found:
 def _swinging(found: Found, used: Mask) -> Found:
     """Return the fit with inertia and damping, if the log identifies them, and with the better kind of springs."""
     found = _if_better(found, used, **_DYNAMIC)
-    if not (found.problem.swings and isinstance(found.problem.static, Equilibrium)):
+    if not found.problem.may_have_own_springs:
         return found
     own = found.again(used, replace(found.problem, elastic=False))
     return min(found, own, key=lambda one: one.rms)
@@ -312,7 +312,7 @@ def _other_choices(here: Found, noisy: MotionLog) -> list[dict[str, float]]:
     if not (np.array_equal(noisy.P1, problem.log.P1) and np.array_equal(noisy.P2, problem.log.P2)):
         others.append(here.again(every, replace(problem, log=noisy)))
     as_good = [replace(problem, one_lag=True)] if "lag_up" in problem.free else []
-    if problem.swings and isinstance(problem.static, Equilibrium):
+    if problem.may_have_own_springs:
         as_good.append(replace(problem, elastic=not problem.elastic))
     for other in (*as_good, replace(problem, taper=_TAPER)):
         if (found := here.again(every, other)).rms < _WORSE * here.rms:

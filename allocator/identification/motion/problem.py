@@ -134,6 +134,11 @@ class MotionProblem:
         """Return whether inertia and damping are unknowns, and with them the springs of the stops."""
         return "damping" in self.free
 
+    @property
+    def may_have_own_springs(self) -> bool:
+        """Return whether springs of its own could be told from shares of the stiffness, and have a unit."""
+        return self.swings and isinstance(self.static, Equilibrium)
+
     def springs(self, x: Array) -> Array:
         """Return κ_i (widths,) [-] of a joint that swings."""
         kappa = x[len(self.free) : x.size - len(self.powers)]
