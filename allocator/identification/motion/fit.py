@@ -128,7 +128,7 @@ def fit_motion(
     if sensed is not None and log.varies_speed:
         parameters = _apart(parameters, found, sensed)
     return MotionFit(
-        operator=found.problem.operator(found.x, run.weights),
+        operator=found.problem.filled(found.x, run.weights),
         parameters=parameters,
         error=_errors(found, every, every),
         held_out=_errors(trained, early, every & ~early),

@@ -65,7 +65,7 @@ class MovingJoint(NamedTuple):
 class MotionFit:
     """Fitted motion of a joint with its uncertainties. Angles are in rad, pressures in Pa."""
 
-    operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1, at the mean pressures
+    operator: PrandtlIshlinskii  # hysteresis of the angle, gain 1, at P1 + P2 = 5 bar
     parameters: Mapping[str, Estimate]
     """`lag_up`, `lag_down`, `dead_time` [s], `reading_age` [s] if pressures were measured beside commands, `dead_band`
     [Pa], `filling` [s/Pa] at least of a rising or falling pressure, `lag_ratio` [-] of the antagonist's lags over the

@@ -44,6 +44,9 @@ def test_friction_with_springs_of_its_own_is_told_from_shares_of_the_stiffness(f
     plant = Plant(JOINT, inertia=0.002, damping=0.05, lag=LAG, gas=False)
     true, found = MaxwellSlip.of_width(plant, WIDTH).loop, fit.joint.loop
     assert not fit.problem.elastic
+    H, width = fit.operator, fit.parameters["loop_width"].value  # both where P1 + P2 = 5 bar
+    assert 2 * np.dot(H.weights[1:], H.thresholds) == pytest.approx(width, rel=1e-9)
+    assert H.stiffness == pytest.approx(float(JOINT.stiffness(0.0, 2.5 * BAR, 2.5 * BAR)), rel=0.05)
     for filled in (4 * BAR, 7 * BAR):
         K = float(JOINT.stiffness(0.0, filled / 2, filled / 2))
         for amplitude in (2 * DEG, 5 * DEG):
