@@ -278,8 +278,8 @@ def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Ref
     say(console, f"plant: {nominal.summary}")
     if known.summary:
         say(console, f"known to the controller: {known.summary}")
-    if known.untold:
-        say(console, f"simulated, but not known to the controller: {known.untold}")
+    if untold := known.untold(nominal):
+        say(console, f"simulated, but not known to the controller: {untold}")
     say(console, f"trajectory: {reference.summary}")
     console.print(table_of(run, figures))
     if run.assumed:

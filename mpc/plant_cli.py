@@ -202,7 +202,7 @@ class PlantOptions(MachineOptions):
             "frequency": self.frequency,
         }
         if (lags := self._lags(2)) is not None:
-            given["lag"] = lags
+            given |= {"lag": lags, "venting": 1.0}
         return {name: value for name, value in given.items() if value is not None}
 
     def _lags(self, m: int) -> tuple[float, ...] | None:

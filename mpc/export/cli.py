@@ -231,8 +231,8 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
             say(console, built.tuned)
         if known.summary:
             say(console, f"known to the controller: {known.summary}")
-        if known.untold:
-            say(console, f"not known to the controller, since its C has no such numbers: {known.untold}")
+        if untold := known.untold(built.controller.plant):
+            say(console, f"not known to the controller, since its C has no such numbers: {untold}")
         if built.zero:
             say(console, f"the encoder reads {built.zero / DEG:.4g}° at 0 of the joint: subtract it before every step")
         for sentence in _margins(built).sentences:

@@ -46,7 +46,7 @@ class Compensation:
 
     Observer and controllers take account of the friction, the dead time and the dead band, the observer of the reading
     age. If angle and pressures are read with the same delay, it is a dead time: add it to `dead_time`. The pressures
-    are predicted with the lag of the `Plant`; `lag_up`, `lag_down` and `flow` apply only to simulated plants
+    are predicted with the lags of the `Plant`; `lag_up`, `lag_down` and `flow` apply only to simulated plants
     (`RealPlant.of`). If both lags are given, the observer's diagnosis counts the lag of the `Plant` as measured, which
     narrows its limits.
     """
@@ -123,11 +123,12 @@ class Compensation:
         """Known effects by name, without those at their defaults."""
         return {name: value for name, value in vars(self).items() if value != vars(Compensation())[name]}
 
-    @property
-    def untold(self) -> str:
-        """One line with the regulators' numbers that controllers do not use, or ""."""
+    def untold(self, model: Any) -> str:
+        """Return one line with the regulators' numbers that controllers with this model, a `Machine`, do not use, or ""."""
+        rising, falling = model.lags_each_way
         alike = self.lag_up and self.lag_down and abs(self.lag_up - self.lag_down) < _ALIKE * self.lag_up
-        lags = {} if alike else {"rising": self.lag_up, "falling": self.lag_down}
+        known = alike or (self.measured_lags and tuple(rising) != tuple(falling))
+        lags = {} if known else {"rising": self.lag_up, "falling": self.lag_down}
         parts = [f"lag {lag:.3g} s of a {way} pressure" for way, lag in lags.items() if lag is not None]
         return " and ".join(parts + [f"flow up to {self.flow / BAR:.3g} bar/s"] * (self.flow < inf))
 

@@ -4,6 +4,8 @@
     J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
     P_i' = (u_i - P_i)/τ_i  -  κ (P_i + p_a) V_i'/V_i^eff, the second term not with `gas=False`                   (G3)
 
+with one τ_i of a rising and another of a falling pressure if `venting` is not 1 (`mpc.model.regulator`).
+
 State x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures [Pa], disturbance torque d [N·m]. The
 stiffness K(θ, P1, P2) is computed, never measured: the isobaric one, or that at a `frequency`. The controller has to
 limit changes of the command to `slew` [Pa/s]. `Plant.rate` is the only implementation of this formula, for numbers and
@@ -31,6 +33,7 @@ from allocator.units import BAR, CM3
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
 from mpc.model.gas import fall, gas_of, trapped
 from mpc.model.integration import integrated
+from mpc.model.regulator import each_way, pull
 from mpc.model.storage import load_plant, save_plant
 
 if TYPE_CHECKING:
@@ -48,7 +51,8 @@ class Plant:
     joint: AntagonistJoint = field(default_factory=report_joint)
     inertia: float = 0.05  # J [kg·m²]
     damping: float = 0.1  # b [N·m·s/rad]
-    lag: float | tuple[float, float] = 0.1  # τ, or (τ1, τ2) [s]
+    lag: float | tuple[float, float] = 0.1  # τ, or (τ1, τ2) [s], each the mean of a rising and a falling pressure
+    venting: float = 1.0  # lag of a falling pressure over that of a rising one [-]
     gravity_torque: float = 0.0  # m g l [N·m]; the link hangs at θ = 0 (negative: stands)
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
     gas: Gas | bool | None = True  # the joint's; False, None: regulators hold the pressures
@@ -112,18 +116,22 @@ class Plant:
 
     @property
     def lags(self) -> tuple[float, float]:
-        """Time constants (τ1, τ2) of the pressures [s]."""
+        """Mean time constants (τ1, τ2) of the pressures [s]."""
         assert isinstance(self.lag, tuple)  # __post_init__ made it one
         return self.lag
+
+    @property
+    def lags_each_way(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Time constants of both rising and of both falling pressures [s]."""
+        return each_way(self.lags, self.venting)
 
     # --- the equations ----------------------------------------------------------------------------------------------
 
     def rate(self, x: Value, u: Value, d: Value = 0.0) -> tuple[Value, Value, Value, Value]:
         """Return x' = f(x, u, d): `x` [4, ...], `u` [2, ...], numbers or CasADi columns."""
         theta, omega, P1, P2 = x[0], x[1], x[2], x[3]
-        tau1, tau2 = self.lags
         moment = self.torque(x) - self.damping * omega - self.gravity_torque * sin(theta) + d
-        rates = (u[0] - P1) / tau1, (u[1] - P2) / tau2
+        rates = tuple(map(pull, (u[0] - P1, u[1] - P2), *self.lags_each_way))
         if self.gas is not None:
             falls = self.expansion(x)
             rates = rates[0] - falls[0], rates[1] - falls[1]
@@ -300,10 +308,14 @@ class Plant:
         """One line with its numbers, without those of the joint."""
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
-            f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s, gravity {self.gravity_torque:g} N·m, "
+            f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s{self._venting_text}, gravity {self.gravity_torque:g} N·m, "
             f"slew {self.slew / BAR:g} bar/s, "
             + ("no gas" if self.gas is None else f"{self._gas_text}, {self.kind.text}")
         )
+
+    @property
+    def _venting_text(self) -> str:
+        return "" if self.venting == 1 else f" (venting {self.venting:.3g} times filling)"
 
     @property
     def _gas_text(self) -> str:
@@ -349,7 +361,7 @@ class Plant:
             sides = self.joint.sides(angles, _ALL)
             K += float(np.max(sum(trapped(side, P + 0 * angles) for side in sides)))
         swing = sqrt((max(K, 0.0) + abs(self.gravity_torque)) / self.inertia)
-        return max(swing, self.damping / self.inertia, *(1 / tau for tau in self.lags))
+        return max(swing, self.damping / self.inertia, *(1 / tau for way in self.lags_each_way for tau in way))
 
     def substeps(self, dt: float, resolution: float) -> int:
         """Return the number of equal steps h over `dt` [s] with h · `fastest_rate` ≤ `resolution`.
@@ -390,6 +402,7 @@ NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")
 _CHECKS = (
     ("inertia", checks.positive, "kg·m²"),
     ("damping", checks.not_negative, "N·m·s/rad"),
+    ("venting", checks.positive, "-"),
     ("gravity_torque", checks.number, "N·m"),
     ("slew", checks.positive, "Pa/s"),
 )

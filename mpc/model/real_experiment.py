@@ -27,6 +27,7 @@ from mpc.model.friction.contact import Hysteresis
 from mpc.model.friction.dahl import Friction
 from mpc.model.machine import Machine
 from mpc.model.plant import MOST_SUBSTEPS, Plant
+from mpc.model.regulator import pull
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,9 +104,11 @@ class RealMachine(ABC):
     @property
     def lags(self) -> tuple[tuple[float, float], ...]:
         """Time constants [s] of the rising and the falling pressure of each muscle."""
-        nominal, own = self.nominal.lags, (self.lag_up, self.lag_down)
-        mean = prod(nominal) ** (1 / len(nominal))
-        up, down = (tuple(float(lag if one is None else one * (lag / mean)) for lag in nominal) for one in own)
+        lags, mean = self.nominal.lags, prod(self.nominal.lags) ** (1 / self.nominal.m)
+        up, down = (
+            tuple(float(way) if one is None else float(one * (lag / mean)) for lag, way in zip(lags, ways, strict=True))
+            for one, ways in zip((self.lag_up, self.lag_down), self.nominal.lags_each_way, strict=True)
+        )
         return tuple(zip(up, down, strict=True))
 
     def substeps(self, dt: float, resolution: float) -> int:
@@ -134,9 +137,6 @@ class RealMachine(ABC):
     def regulated(self, error: Sequence[Value]) -> list[Value]:
         """Return the rates of the pressures [Pa/s] by regulators with these errors [Pa], CasADi symbols."""
         import casadi as ca
-
-        def pull(e: Value, up: float, down: float) -> Value:
-            return e / up if up == down else ca.fmax(e, 0.0) / up + ca.fmin(e, 0.0) / down
 
         rest = self.dead_band / 2
         passed = [ca.fmax(e - rest, 0.0) + ca.fmin(e + rest, 0.0) for e in error]

@@ -3,7 +3,8 @@
 [plant]                        # SI units; defaults are those of `Plant()`
 inertia = 0.05                 # [kg·m²]
 damping = 0.1                  # [N·m·s/rad]
-lag = [0.1, 0.1]               # [s], or one number for both pressures
+lag = [0.1, 0.1]               # [s], or one number for both pressures; means of rising and falling pressures
+venting = 1.0                  # lag of a falling pressure over that of a rising one; by default lag_down / lag_up
 gravity_torque = 0.0           # m g l [N·m]
 slew = 500000.0                # [Pa/s]
 gas = true                     # motion compresses the gas in the muscles, see [gas]; false: it does not
@@ -22,8 +23,8 @@ flow = 500000.0                # fastest change of a pressure [Pa/s]; optional
 [sensors]
 reading_age = 0.0              # of the angle's readings [s]
 
-Observers and controllers predict with the lag of [plant]; lag_up, lag_down and flow shape simulated plants. If both
-lags are there, the diagnosis of faults has narrower limits.
+Observers and controllers of a joint predict with the lag of [plant] and the ratio of lag_down to lag_up. Simulated
+plants have lag_up, lag_down and flow themselves. If both lags are there, the diagnosis of faults has narrower limits.
 """
 
 from collections.abc import Collection, Mapping
@@ -52,8 +53,9 @@ def load_plant(
     path: FilePath, names: Collection[str], *, scale_needed: bool = True
 ) -> tuple[AntagonistJoint, dict[str, Any]]:
     """Read a joint, and those of the numbers `names` that the file contains. Raises `InvalidFile`."""
-    file = Table.read(path)
-    return joint_from(file, scale_needed=scale_needed), numbers_in(file, names)
+    file, told = Table.read(path), stored_regulators(path)
+    ratio = {"venting": told["lag_down"] / told["lag_up"]} if told.keys() >= set(_LAGS) else {}
+    return joint_from(file, scale_needed=scale_needed), ratio | numbers_in(file, names)
 
 
 def numbers_in(file: Table, names: Collection[str], where: str = "plant") -> dict[str, Any]:

@@ -8,7 +8,8 @@ sample of constant command,
     P_{k+1} = α_i P_k + (1 - α_i) (u_k - τ_i q_k),    α_i = exp(-dt/τ_i)
 
 is inverted for the commands. q is the fall of the pressures [Pa/s] as the muscles swell (`Plant.expansion`), averaged
-over both ends of the sample.
+over both ends of the sample. τ_i is the lag of a rising pressure if the regulator has to fill, P_{k+1} - P_k + dt q_k >
+0, else that of a falling one.
 """
 
 from dataclasses import dataclass
@@ -76,8 +77,8 @@ class InverseDynamics:
         # the derivatives of a spline are linear in its samples: matrices (N+1, N+1), made once
         spline = CubicSpline(dt * np.arange(N + 1), np.eye(N + 1))
         self.slopes = spline(spline.x, 1), spline(spline.x, 2)
-        self.lags = np.array(plant.lags)  # (m,) [s]
-        self.alpha = np.exp(-dt / self.lags)  # (m,)
+        self.dt, self.lags = dt, np.array(plant.lags_each_way)  # (2, m) [s] of rising and falling pressures
+        self.alpha = np.exp(-dt / self.lags)  # (2, m)
 
     def ready(self) -> Self:
         """Return the feed-forward, compiled now rather than in the first control step."""
@@ -108,6 +109,12 @@ class InverseDynamics:
         held = Held(*(np.broadcast_to(a, (len(theta), *a.shape[1:])) for a in held))
         x, y = np.column_stack([theta, omega, held.P]), np.hstack([held.K, 0 * held.P])
         q = np.stack(plant.expansion(x.T), axis=1)
-        u = (held.P[1:] - self.alpha * held.P[:-1]) / (1 - self.alpha) + self.lags / 2 * (q[1:] + q[:-1])
+        u = self._commands(held.P, (q[1:] + q[:-1]) / 2)
         moved = Moved(*(float(np.abs(gap).max()) for gap in (asked - theta, held.K_error, held.T_error)))
         return FeedForward(x, y, u, moved)
+
+    def _commands(self, P: Array, q: Array) -> Array:
+        """Return the commands (N, m) [Pa] for the pressures `P` (N+1, m) [Pa] that would fall by `q` (N, m) [Pa/s]."""
+        rises = P[1:] - P[:-1] + self.dt * q > 0
+        ways = [(P[1:] - a * P[:-1]) / (1 - a) + lag * q for a, lag in zip(self.alpha, self.lags, strict=True)]
+        return np.where(rises, *ways)

@@ -162,8 +162,9 @@ def _effects(
     plant: Machine, known: Compensation, factors: Mapping[str, list[float]], unit: Mapping[str, Array], s: Spreads
 ) -> dict[str, Any]:
     """Return the strengths of the muscles, the regulators and the sensors of a draw."""
-    up, down = (own or float(np.mean(plant.lags)) for own in (known.lag_up, known.lag_down))
-    if known.lag_down is None:
+    own = (known.lag_up, known.lag_down), plant.lags_each_way
+    up, down = (lag or float(np.mean(lags)) for lag, lags in zip(*own, strict=True))
+    if known.lag_down is None and up == down:
         down *= 1 + 0.5 * float(unit["venting"][0])  # venting takes longer
     return {
         "force_gains": tuple(factors["strength"]),

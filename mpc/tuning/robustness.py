@@ -15,6 +15,7 @@ from allocator.calculus import Array
 from mpc.model.arm.model import Arm
 from mpc.model.faults import WrongReadings
 from mpc.model.friction.dahl import Friction
+from mpc.model.plant import Plant
 from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
@@ -98,4 +99,5 @@ def sliding(real: RealT) -> RealT:
         "pressure_noise": _SILENT, "pressure_offset": (0.0,) * real.nominal.m, "torque_profile": (),
     }  # fmt: skip
     nominal: Any = real.nominal
-    return replace(real, nominal=replace(nominal, lag=lags), **effects)
+    alike = {"venting": 1.0} if isinstance(nominal, Plant) else {}
+    return replace(real, nominal=replace(nominal, lag=lags, **alike), **effects)

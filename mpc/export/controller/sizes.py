@@ -238,8 +238,9 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     inverse = InverseDynamics(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
     return [
-        ("ANT_LAG", "time constants of the pressures [s]", inverse.lags),
-        ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", inverse.alpha),
+        ("ANT_LAGS", "time constants of rising and of falling pressures [s]", inverse.lags),
+        ("ANT_LEFT", "remaining shares of their errors after a sample [-]", inverse.alpha),
+        ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", np.exp(-dt / np.array(plant.lags))),
         ("ANT_SHARES", "shares of a step that a quick and a slow one follow in a sample [-]", observer.filter.shares),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),

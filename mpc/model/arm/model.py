@@ -170,6 +170,11 @@ class Arm:
         return np.array(self.lag)
 
     @property
+    def lags_each_way(self) -> tuple[Array, Array]:
+        """Time constants (m,) [s] of rising and of falling pressures, which are the same for an arm."""
+        return self.lags, self.lags
+
+    @property
     def pressure_limits(self) -> tuple[float, float]:
         """Least and greatest command [Pa]."""
         return self.mechanism.pressure_limits

@@ -48,8 +48,7 @@ def feed_forward(i: Inputs, asked: Array, K: Array, d: Array, found: Reference, 
     """
     c, p, known, M = i.c, i.p, joint_inverse_in(i.inverse), asked.size
     slopes = i.slopes.reshape(2, M, M)  # derivatives of a preview, transposed
-    inertia, damping, gravity, alpha1, alpha2 = known.inertia, known.damping, known.gravity, known.alpha1, known.alpha2
-    left, right, half_lag1, half_lag2 = known.left, known.right, known.lag1 / 2, known.lag2 / 2
+    inertia, damping, gravity, left, right = known.inertia, known.damping, known.gravity, known.left, known.right
     q1, q2, sure, x, y, u = 0.0, 0.0, True, found.x, found.y, found.u
     for k in range(M):
         x[k, 0], x[k, 1], x[k, 2] = min(max(asked[k], left), right), 0.0, 0.0
@@ -70,8 +69,13 @@ def feed_forward(i: Inputs, asked: Array, K: Array, d: Array, found: Reference, 
         last1, last2 = q1, q2
         q1, q2 = expansion(theta, omega, pair[0], pair[1], c)
         if k > 0:
-            u[k - 1, 0] = (x[k, 2] - alpha1 * x[k - 1, 2]) / (1 - alpha1) + half_lag1 * (q1 + last1)
-            u[k - 1, 1] = (x[k, 3] - alpha2 * x[k - 1, 3]) / (1 - alpha2) + half_lag2 * (q2 + last2)
+            fall1, fall2 = (q1 + last1) / 2, (q2 + last2) / 2
+            rises1 = x[k, 2] - x[k - 1, 2] + known.dt * fall1 > 0
+            rises2 = x[k, 3] - x[k - 1, 3] + known.dt * fall2 > 0
+            lag1, alpha1 = (known.up1, known.kept_up1) if rises1 else (known.down1, known.kept_down1)
+            lag2, alpha2 = (known.up2, known.kept_up2) if rises2 else (known.down2, known.kept_down2)
+            u[k - 1, 0] = (x[k, 2] - alpha1 * x[k - 1, 2]) / (1 - alpha1) + lag1 * fall1
+            u[k - 1, 1] = (x[k, 3] - alpha2 * x[k - 1, 3]) / (1 - alpha2) + lag2 * fall2
     return sure
 
 

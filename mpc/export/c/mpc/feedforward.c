@@ -1,7 +1,8 @@
 /* Commands that follow a preview exactly if the model is right and no limit binds. The motion needs the torques
  * M q'' + C + D q' + g - d, the allocation converts them to pressures, and the lag over a sample,
  * P_{k+1} = alpha P_k + (1 - alpha) (u_k - tau q_k), is inverted for the commands. q is the pressure loss by expansion
- * of the muscles; its mean over the sample is the mean of both ends. */
+ * of the muscles; its mean over the sample is the mean of both ends. tau is that of a rising pressure if a regulator has
+ * to fill, else that of a falling one. */
 #include "control.h"
 #include "model.h"
 #include "tables.h"
@@ -64,6 +65,13 @@ static void hold(const ant_task *task, ant_real min_force, int k, ant_feed *feed
     for (int i = ANT_STIFFNESSES; i < ANT_OUTPUTS; i++) y[i] = 0;
 }
 
+/* Command for a pressure to become `after` in a sample while it loses q per second. */
+static ant_real command(int i, ant_real before, ant_real after, ant_real q) {
+    const int falls = !(after - before + ANT_DT * q > 0);
+    const ant_real left = ANT_LEFT[falls][i];
+    return (after - left * before) / (1 - left) + ANT_LAGS[falls][i] * q;
+}
+
 void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed) {
     reachable(task, feed);
     for (int i = 0; i < N; i++) rates(feed, i);
@@ -74,8 +82,6 @@ void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed) 
         for (int i = 0; i < ANT_MUSCLES; i++) last[i] = q[i];
         ant_model_expansion(feed->x[k + 1], q);
         for (int i = 0; i < ANT_MUSCLES; i++)
-            feed->u[k][i] =
-                (feed->x[k + 1][2 * N + i] - ANT_KEPT[i] * feed->x[k][2 * N + i]) / (1 - ANT_KEPT[i]) +
-                ANT_LAG[i] / 2 * (q[i] + last[i]);
+            feed->u[k][i] = command(i, feed->x[k][2 * N + i], feed->x[k + 1][2 * N + i], (q[i] + last[i]) / 2);
     }
 }

@@ -51,10 +51,9 @@ class Feeding(NamedTuple):
 
 def feeding_of(readable: InverseDynamics) -> Feeding:
     """Return the arrays of a joint's feed-forward."""
-    plant, (alpha1, alpha2), (lag1, lag2) = readable.plant, readable.alpha.tolist(), readable.plant.lags
-    left, right = plant.joint.angle_range
-    numbers = plant.inertia, plant.damping, plant.gravity_torque, alpha1, alpha2, lag1, lag2, left, right
-    return Feeding(flat(JointInverse(*numbers, readable.min_force)), readable.slopes, np.zeros(0))
+    plant, lags, kept = readable.plant, readable.lags.ravel().tolist(), readable.alpha.ravel().tolist()
+    numbers = plant.inertia, plant.damping, plant.gravity_torque, *lags, *kept, *plant.joint.angle_range
+    return Feeding(flat(JointInverse(*numbers, readable.min_force, readable.dt)), readable.slopes, np.zeros(0))
 
 
 class Beyond(NamedTuple):

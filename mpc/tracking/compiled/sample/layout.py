@@ -123,13 +123,18 @@ class JointInverse(NamedTuple):
     inertia: float
     damping: float
     gravity: float
-    alpha1: float
-    alpha2: float
-    lag1: float  # [s]
-    lag2: float
+    up1: float  # lags of rising and of falling pressures [s]
+    up2: float
+    down1: float
+    down2: float
+    kept_up1: float  # α of each
+    kept_up2: float
+    kept_down1: float
+    kept_down2: float
     left: float  # joint range [rad]
     right: float
     min_force: float  # [N]
+    dt: float  # [s]
 
 
 inputs_at: Callable[[int], Inputs] = opened(Inputs)
