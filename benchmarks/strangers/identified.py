@@ -47,7 +47,7 @@ def identified(stranger: Stranger) -> Model:
     fit = fit_motion(t, theta, P1, P2, joint=joint, measured=(measured[0], measured[1]))
     with TemporaryDirectory() as directory:
         path = Path(directory) / "plant.toml"
-        IdentifiedPlant.of(fit).save(path)
+        IdentifiedPlant.of(fit, {"slew": stranger.nominal.slew}).save(path)
         return Model(Plant.load(path), Compensation.load(path), Spreads.load(path))
 
 

@@ -210,12 +210,12 @@ def tuning_command(
 def _margins(built: "Built") -> "Margins":
     """Return the margins of the loop that is exported, at the middle posture."""
     from mpc.observer.kalman import KalmanObserver
-    from mpc.trials.margins import linear, margins, usual_postures
+    from mpc.trials.margins import linear, linear_model, margins, usual_postures
 
     controller = built.controller
-    told = linear(controller.compensation)
-    sliding = replace(controller, compensation=told)
-    observer = KalmanObserver(controller.plant, controller.dt, built.observer.noise, told, compiled=False)
+    told, model = linear(controller.compensation), linear_model(controller.plant)
+    sliding = replace(controller, plant=model, compensation=told)
+    observer = KalmanObserver(model, controller.dt, built.observer.noise, told, compiled=False)
     return margins(sliding, observer, [usual_postures(controller.plant)[1]])[0]
 
 

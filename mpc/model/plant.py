@@ -308,14 +308,14 @@ class Plant:
         """One line with its numbers, without those of the joint."""
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
-            f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s{self._venting_text}, gravity {self.gravity_torque:g} N·m, "
-            f"slew {self.slew / BAR:g} bar/s, "
+            f"{self._lag_text}, gravity {self.gravity_torque:g} N·m, slew {self.slew / BAR:g} bar/s, "
             + ("no gas" if self.gas is None else f"{self._gas_text}, {self.kind.text}")
         )
 
     @property
-    def _venting_text(self) -> str:
-        return "" if self.venting == 1 else f" (venting {self.venting:.3g} times filling)"
+    def _lag_text(self) -> str:
+        lags = f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s"
+        return lags if self.venting == 1 else f"{lags} (venting {self.venting:.3g} times as slow)"
 
     @property
     def _gas_text(self) -> str:

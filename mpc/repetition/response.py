@@ -20,7 +20,6 @@ from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
-from mpc.trials.margins import linear
 from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller, Process, simulate
 from mpc.tuning.draws import Spreads, draws
@@ -89,8 +88,9 @@ def responses(
     The draws are `n_draws` plants from the posterior that `spreads` describe, by default that of data sheets. `name`
     and `observer` are as for `mpc.trials.loops.loop`.
     """
-    told = replace(linear(settings.compensation), lag_up=None, lag_down=None)
-    controller, watching = loop(name, settings._replace(compensation=told), observer)
+    sliding_loop = settings.sliding
+    told = replace(sliding_loop.compensation, lag_up=None, lag_down=None)
+    controller, watching = loop(name, sliding_loop._replace(compensation=told), observer)
     places = postures(reference)
     drawn = draws(settings.plant, settings.compensation, n_draws, 0, spreads or Spreads())
     model = sliding(RealPlant.of(settings.plant, told))

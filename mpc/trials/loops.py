@@ -17,7 +17,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import Weights
-from mpc.trials.margins import Margins, linear, margins, usual_postures
+from mpc.trials.margins import Margins, linear, linear_model, margins, usual_postures
 from mpc.trials.motions.reference import Reference
 from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
@@ -44,6 +44,11 @@ class Settings(NamedTuple):
     gains: PIDGains | None = None  # of the PIDs; None: each one's own
     solver: Any = None  # of the QPs or the NLPs: a name, options or a value; None: the controller's own choice
     wait: bool = True  # see `TrackingMPC`
+
+    @property
+    def sliding(self) -> "Settings":
+        """Settings of the linear loop: without friction and dead band, and with one lag for both ways."""
+        return self._replace(plant=linear_model(self.plant), compensation=linear(self.compensation))
 
 
 def _mpc(s: Settings) -> Controller:
@@ -124,7 +129,7 @@ def sliding_margins(
     name: str, settings: Settings, postures: Iterable[tuple[Value, Value]] | None = None
 ) -> tuple[Margins, ...]:
     """Return the margins of the loop `name` with these settings, without friction and dead band."""
-    controller, observer = loop(name, settings._replace(compensation=linear(settings.compensation)))
+    controller, observer = loop(name, settings.sliding)
     assert isinstance(controller, BaseController)
     return margins(controller, observer, postures)
 

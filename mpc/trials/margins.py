@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from math import inf, pi
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,16 +36,19 @@ from mpc.model.compensation import Compensation
 from mpc.model.experiment import Experiment
 from mpc.model.friction.dahl import Friction
 from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer, check_observer
 from mpc.tracking.base import BaseController
 
+MachineT = TypeVar("MachineT", bound=Machine)
 ROBUST = 2.0  # greatest M_s recommended by textbooks
 DELTA = 1e-5  # [rad], far below the observer's gates
 SETTLE, SHORT, LISTEN = 0.2, 2.0, 8.0  # [s] before the disturbed reading and after it
 _FINE = 8  # resolution of the frequencies relative to 1/LISTEN
 _DECAYED = 1e-2  # [-] of δ at the end; with more, the loop does not settle
+_ALIKE = 1 + 1e-12  # ratio of equal lags; exactly 1 would be a formula compiled separately
 _SILENT = 1e-3  # [-] of δ at the end of the short response; with more, the long one is needed
 
 
@@ -167,16 +170,16 @@ def margins(
     `postures` are pairs (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; by default those of `usual_postures`. The
     response is computed for `listen` [s], by default for 2 s, or 8 s if it has not decayed by then. Controller and
     observer are used and reset; rest mode is off meanwhile. They need a compensation without friction and dead band,
-    which are nonlinear, as for sliding joints and moving regulators. Raises `InvalidInput` for a compensation with
-    friction or a dead band, for other types, and for an observer with another sample time.
+    and a model whose pressures rise and fall alike: the others are nonlinear. Raises `InvalidInput` for other
+    compensations and models, for other types, and for an observer with another sample time.
     """
     checks.instance("controller", controller, BaseController, "a controller, such as a TrackingMPC")
     check_observer(observer, controller.dt)
     plant, told = controller.plant, controller.compensation
-    if told != linear(told):
+    if told != linear(told) or plant != linear_model(plant):
         raise InvalidInput(
             "margins are those of a joint that slides: build controller and observer with `linear(compensation)`, "
-            "which is without friction and dead band"
+            "which is without friction and dead band, for `linear_model(plant)`, whose pressures rise and fall alike"
         )
     places = usual_postures(plant) if postures is None else postures
     rests, controller.rest = controller.rest, False
@@ -196,6 +199,12 @@ def margins(
 def linear(told: Compensation) -> Compensation:
     """Return the compensation without friction and dead band."""
     return replace(told, friction=Friction(), frictions=(), dead_band=0.0)
+
+
+def linear_model(plant: MachineT) -> MachineT:
+    """Return the model with one lag for rising and falling pressures."""
+    unequal = isinstance(plant, Plant) and plant.venting != 1
+    return replace(plant, venting=_ALIKE) if unequal else plant
 
 
 def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:

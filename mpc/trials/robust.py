@@ -18,7 +18,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import Weights
 from mpc.tracking.qp.step import CompilingBeside, SlowStep
-from mpc.trials.margins import ROBUST, linear, margins, usual_postures
+from mpc.trials.margins import ROBUST, linear, linear_model, margins, usual_postures
 
 QUICKEST, SLOWEST = 0.75, 32.0  # detuning; a faster loop has a delay margin below two samples
 _LISTEN = 1.5  # [s], enough for the peak
@@ -49,13 +49,13 @@ def robust_weights(
     wanted = checks.number("sensitivity_peak", sensitivity_peak, "-")
     if not wanted > 1:
         raise InvalidInput(f"sensitivity_peak = {wanted:g} has to be above 1, which no loop with a lag stays below")
-    told = linear(compensation or Compensation())
+    model, told = linear_model(plant), linear(compensation or Compensation())
     place = posture or usual_postures(plant)[1]
 
     def excess(s: float) -> float:
         """Return log((M_s - 1)/(wanted - 1)); infinite for a loop that does not settle."""
-        controller = TrackingMPC(plant, dt, N, Weights.calm(s), compensation=told, wait=wait, compiled=compiled)
-        observer = KalmanObserver(plant, dt, compensation=told, wait=wait, compiled=compiled)
+        controller = TrackingMPC(model, dt, N, Weights.calm(s), compensation=told, wait=wait, compiled=compiled)
+        observer = KalmanObserver(model, dt, compensation=told, wait=wait, compiled=compiled)
         peak = margins(controller, observer, [place], listen=_LISTEN)[0].sensitivity_peak
         return log((peak - 1) / (wanted - 1))
 

@@ -15,14 +15,13 @@ from allocator.calculus import Array
 from mpc.model.arm.model import Arm
 from mpc.model.faults import WrongReadings
 from mpc.model.friction.dahl import Friction
-from mpc.model.plant import Plant
 from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
 from mpc.trials.many.loop import Compiled, Loop, runs
-from mpc.trials.margins import DELTA, Margins, linear
+from mpc.trials.margins import DELTA, Margins, linear_model
 from mpc.trials.motions.reference import Reference
 from mpc.tuning.draws import Real
 from mpc.tuning.tour import Tour
@@ -57,7 +56,7 @@ class Listening:
 
     def margins(self, name: str, settings: Settings) -> tuple[tuple[Margins, ...], tuple[float, ...]]:
         """Return the margins on the model by posture, and M_s of each draw, of the loop called `name`."""
-        controller, observer = quick_loop(name, settings._replace(compensation=linear(settings.compensation)))
+        controller, observer = quick_loop(name, settings.sliding)
         controller.rest = False
         samples, each = round((self._settle + self._listen) / self.dt), settings.plant.n + 1
         t = np.asarray(self.dt * np.arange(samples + 1), float)
@@ -99,5 +98,4 @@ def sliding(real: RealT) -> RealT:
         "pressure_noise": _SILENT, "pressure_offset": (0.0,) * real.nominal.m, "torque_profile": (),
     }  # fmt: skip
     nominal: Any = real.nominal
-    alike = {"venting": 1.0} if isinstance(nominal, Plant) else {}
-    return replace(real, nominal=replace(nominal, lag=lags, **alike), **effects)
+    return replace(real, nominal=replace(linear_model(nominal), lag=lags), **effects)
