@@ -124,7 +124,7 @@ class Compensation:
         return {name: value for name, value in vars(self).items() if value != vars(Compensation())[name]}
 
     def untold(self, model: Any) -> str:
-        """Return one line with the regulators' numbers that controllers with this `Machine` as model do not use, or ""."""
+        """Return one line with the numbers of regulators that controllers with this `Machine` do not use, or ""."""
         rising, falling = model.lags_each_way
         alike = self.lag_up and self.lag_down and abs(self.lag_up - self.lag_down) < _ALIKE * self.lag_up
         known = alike or (self.measured_lags and tuple(rising) != tuple(falling))

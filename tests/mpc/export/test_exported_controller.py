@@ -360,8 +360,13 @@ def test_the_demonstration_prints_python_s_numbers(exported):
     ids=["volume of angle and pressure", "volume of the angle, single precision"],
 )
 def test_a_plant_s_gas_is_in_the_c_as_it_is_in_python(joint, precision, near, tmp_path):
-    """300 steps at 1 Hz, where the gas makes a quarter of a degree, with a valve that sticks and traps it."""
-    process = replace(RealPlant.standard(nominal=Plant(joint, lag=0.12, gas=True)), faults=(StuckValve(1.0, 1.4, 1),))
+    """300 steps at 1 Hz, where the gas makes a quarter of a degree, with a valve that sticks and traps it.
+
+    The pressures fall more slowly than they rise.
+    """
+    process = replace(
+        RealPlant.standard(nominal=Plant(joint, lag=0.12, venting=1.4)), faults=(StuckValve(1.0, 1.4, 1),)
+    )
     controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm(), compiled=False)
     structured = StructuredQP(controller.problem)  # fails as in C
     controller._qp_step = ReadableQPStep(controller.problem, controller._predictor, structured)
