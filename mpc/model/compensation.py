@@ -28,6 +28,7 @@ from mpc.model.storage import numbers_in, stored_regulators
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides, without jumps due to noise
 USUAL_DEAD_TIME = 0.02  # [s] of an arm's regulators
 _LONGEST = 10.0  # [s] of a dead time and of an age
+_PUNCTUAL = 1e-9  # samples: rounding
 _ALIKE = 0.05  # relative difference of two lags below which one lag represents both
 JITTER = 0.03 * DEG  # smaller motions count as noise of the angle
 
@@ -153,8 +154,17 @@ class Compensation:
         return round(self.dead_time / dt)
 
     def age(self, dt: float) -> int:
-        """Return the reading age in whole samples of `dt` [s]; only its sum with the dead time is rounded."""
-        return round((self.dead_time + self.reading_age) / dt) - self.delay(dt)
+        """Return the reading age in whole samples of `dt` [s]."""
+        return round(self.reading_age / dt)
+
+    def beyond_samples(self, dt: float) -> tuple[float, float]:
+        """Return by how much dead time and reading age exceed their whole samples of `dt` [s], at most dt/2 [s].
+
+        A controller shifts its reference by the first one, an observer its angle readings by the second.
+        """
+        whole = self.delay(dt), self.age(dt)
+        dead, age = (time - k * dt for time, k in zip((self.dead_time, self.reading_age), whole, strict=True))
+        return tuple(0.0 if abs(rest) < _PUNCTUAL * dt else rest for rest in (dead, age))  # type: ignore[return-value]
 
     def after_dead_band(self, u: Array, P: Array) -> Array:
         """Return the command [Pa] that moves a regulator without dead band as `u` moves this one at pressures P."""

@@ -312,6 +312,7 @@ class KalmanObserver:
             self._belief = self._rebuilt(previous, read, self._believed)
             return
         read[self._angles] = [self.gate.unwrapped(*angle) for angle in self._turned(said, expected.xi)]
+        read[self._angles] += self.filter.older * expected.xi[self.plant.n : 2 * self.plant.n]
         read[self.plant.n :] -= self._offset
         self._verdicts = self._checked(read, expected)
         rested = np.array([verdict is Verdict.ACCEPTED for verdict in self._verdicts])

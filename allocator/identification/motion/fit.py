@@ -10,10 +10,10 @@ from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.motion.doubt import Bands, possible_changes
-from allocator.identification.motion.problem import ABSENT, LOWER, STIFFEST, UPPER, MotionProblem, Prediction
+from allocator.identification.motion.problem import ABSENT, LOWER, REGULATOR, STIFFEST, UPPER, MotionProblem, Prediction
 from allocator.identification.motion.result import TRAINED, Errors, Estimate, MotionFit
 from allocator.identification.motion.samples import MotionLog
-from allocator.identification.motion.search import Found, aged, fit_regulators, search, sensed_at
+from allocator.identification.motion.search import Found, fit_regulators, search, sensed_at
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import with_volumes
@@ -40,7 +40,7 @@ _TRADED = 0.2  # share of the dead band that hysteresis may imitate, and growth 
 _AT_BOUND = 1.001  # times the lower bound of the search: smaller estimates are at the bound
 _TAPER = 0.3  # of the widths, at the ends of the range
 _LOOPS = ("loop_width", "stuck_slope", "base")
-_TIMES = ("dead_time", "reading_age", "lag_up", "lag_down")  # which imitate each other within a sample
+_TIMES = ("dead_time", "lag_up", "lag_down")  # which imitate each other within a sample
 _DYNAMIC = {"damping": 0.02, "inertia": 1e-3}  # [s], [s²] to start from
 _USUAL = {"lag_up": 0.1, "lag_down": 0.13, "dead_time": 0.03, "dead_band": 0.08 * BAR, "filling": 0.15 / BAR}
 _USUAL |= {"lag_ratio": 1.0, "volume": 1.3, "base": 0.8, "damping": 0.03, "inertia": 6e-3}  # starts of all at once
@@ -361,20 +361,26 @@ def _estimates(
 
 
 def _with_regulators(found: Found, sensed: tuple[Array, Array], used: Mask) -> Found:
-    """Return the fit with the regulators and the age of readings that the pressures `sensed` (n,) [Pa] show."""
-    told = fit_regulators(found, sensed, found.problem.log.settled)
-    age, one = aged(found, sensed, used, found.problem.log.step)
-    less, x = one.without("dead_time")
-    assumed = (*less.assumed, *(told | {"dead_time": told["dead_time"] + age}).items())
-    return search(replace(less, sensed=None, assumed=assumed), used, x)
+    """Return the fit with the regulators of the pressures `sensed` (n,); the delay from command to angle is unknown."""
+    before, told = found.problem.values(found.x), fit_regulators(found, sensed, found.problem.log.settled)
+    late = before["dead_time"] + sum(before[lag] - told[lag] for lag in ("lag_up", "lag_down")) / 2
+    less, _ = found.without(*REGULATOR)
+    less = replace(less, assumed=tuple((name, told[name]) for name in REGULATOR if name != "dead_time"))
+    rest = found.x[len(found.problem.free) :]
+    one = found._replace(problem=less, x=np.concatenate([[before[name] for name in less.free], rest]))
+    problem, x = one.extended(used, dead_time=max(late, 0.0))
+    return search(problem, used, x)
 
 
 def _apart(total: dict[str, Estimate], found: Found, sensed: tuple[Array, Array]) -> dict[str, Estimate]:
-    """Return the estimates with those of the regulators and of the reading age."""
+    """Return the estimates with those of the regulators, and the angle's delay split into dead time and reading age."""
     log, every = found.problem.log, found.problem.log.settled
     jackknife = [fit_regulators(found, sensed, rows & every) for rows in _blocks(log.n, _JACKKNIFE)]
     own = _estimates(fit_regulators(found, sensed, every), jackknife, [], {}, log, 0.0)
     own = {name: estimate for name, estimate in own.items() if estimate.value != ABSENT[name]}
-    age, one = aged(found, sensed, every, log.step)
-    others = [{"reading_age": aged(one, sensed, rows & every, age)[0]} for rows in _blocks(log.n, _JACKKNIFE)]
-    return total | own | _estimates({"reading_age": age}, others, [], {}, log, 0.0)
+    late, dead = total.get("dead_time"), own.get("dead_time", Estimate(0.0, 0.0, 0.0, 0.0))
+    if late is None:
+        return total | own
+    age, std = max(late.value - dead.value, 0.0), float(np.hypot(late.std, dead.std))
+    half = float(np.hypot(late.high - late.low, dead.high - dead.low)) / 2
+    return total | own | {"reading_age": Estimate(age, std, max(age - half, 0.0), age + half)}

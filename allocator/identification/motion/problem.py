@@ -83,7 +83,6 @@ class MotionProblem:
     taper: float = 0.0  # relative reduction of widths at the ends of the range
     one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
     elastic: bool = True  # whether the stops' springs are shares of the stiffness
-    sensed: tuple[Array, Array] | None = field(default=None, repr=False, compare=False)  # see `regulated`
     _last: dict[tuple[float, ...], tuple[Array, Array, Array]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -152,15 +151,11 @@ class MotionProblem:
     def regulated(self, x: Array) -> tuple[Array, Array, Array]:
         """Return the muscle pressures P1, P2 (n,) [Pa], and φ (monomials, n) there.
 
-        If there are `sensed` pressures (n,) [Pa], they are those in the muscles when the angle was as it is read, the
-        dead time ago. The last result is cached: most differences of a Jacobian concern other unknowns.
+        The last result is cached: most differences of a Jacobian concern other unknowns.
         """
         log, lags = self.log, self._lags(x)
         if lags not in self._last:
-            if self.sensed is None:
-                P1, P2 = self.pressures(log.t, (log.P1, log.P2), log.theta, lags)
-            else:
-                P1, P2 = self._before(self.sensed, lags[REGULATOR.index("dead_time")])
+            P1, P2 = self.pressures(log.t, (log.P1, log.P2), log.theta, lags)
             self._last.clear()
             self._last[lags] = P1, P2, self.basis(P1, P2)
         return self._last[lags]
@@ -178,11 +173,6 @@ class MotionProblem:
             for u, s, share in zip(commands, squeezed, shares_of_lag(ratio), strict=True)
         )
         return one, two
-
-    def _before(self, sensed: tuple[Array, Array], age: float) -> list[Array]:
-        """Return both pressures (n,) as they were `age` [s] before each row, within its part of the log."""
-        t = self.log.t
-        return [np.concatenate([np.interp(t[i] - age, t[i], P[i]) for i in self.log.parts]) for P in sensed]
 
     def _squeezed(self, theta: Array, volume: float) -> tuple[tuple[Array, Array], float]:
         """Return the factors of both pressures. The last result for the angle of the log is cached."""

@@ -5,9 +5,8 @@ Both are trust-region least squares. The first has forward differences; the seco
     minimise  Σ_k (P_i,k - P̂_i,k - o_i)²     over τ_up, τ_down, ρ, t_dead, dead band, filling, gas
 
 where P̂_i is the response to the commands by `loops.pressures` and o_i the mean difference of a sensor and its
-regulator. Pressure readings are assumed free of delay, so this dead time is that of the commands alone. The age of the
-angle's readings is the dead time of the first search with the measured pressures in place of the regulators: regulators
-of another kind than the model's would bias it.
+regulator. Pressure readings are assumed free of delay, so this dead time is that of the commands alone. The angle of
+the same log lags the commands by the dead time plus the age of its readings; the difference is that age.
 """
 
 from dataclasses import replace
@@ -120,18 +119,6 @@ def sensed_at(times: Array, t: ArrayLike, measured: tuple[ArrayLike, ArrayLike])
     if not at.shape == one.shape == two.shape:
         raise InvalidInput("measured has to be two rows of pressures, one of each for every sample")
     return np.interp(times, at, one), np.interp(times, at, two)
-
-
-def aged(found: Found, sensed: tuple[Array, Array], used: Mask, age: float) -> tuple[float, Found]:
-    """Return the age of the angle's readings [s], and the fit to the pressures `sensed` (n,) [Pa] in the rows `used`.
-
-    The search begins at `age`, and the fit has no regulators.
-    """
-    less, x = found.without(*REGULATOR)
-    less = replace(less, assumed=tuple((name, value) for name, value in less.assumed if name not in REGULATOR))
-    problem, x = Found(replace(less, sensed=sensed), x, True, found.rms).extended(used, dead_time=age)
-    best = search(problem, used, x)
-    return best.problem.values(best.x)["dead_time"], best
 
 
 def fit_regulators(found: Found, measured: tuple[Array, Array], used: Mask) -> dict[str, float]:

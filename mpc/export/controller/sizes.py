@@ -107,7 +107,7 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
 def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
     """Return the sizes that antagonist_config.h defines."""
     blocks, known, dt = len(controller.problem.blocks), controller.compensation, controller.dt
-    plant, bounds = controller.plant, certificate(controller, single)
+    plant, bounds, (late, older) = controller.plant, certificate(controller, single), known.beyond_samples(dt)
     return (
         {
             "JOINTS": (plant.n, "n"),
@@ -117,6 +117,8 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
             "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
             "DELAY": (known.delay(dt), "dead time in samples"),
             "AGE": (known.age(dt), "age of the angle's readings in samples"),
+            "LATE": (late / dt, "rest of the dead time in samples"),
+            "OLDER": (older, "rest of the age [s]"),
             "SUBSTEPS": (plant.substeps(dt, RESOLUTION), "integration steps per sample"),
             "AHEAD": (controller.ahead, "samples of reference after the present one"),
             "ITEMS": (
@@ -238,8 +240,8 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
     inverse = InverseDynamics(plant, dt, controller.N)
     acting = np.searchsorted(starts, np.arange(controller.N), side="right")
     return [
-        ("ANT_LAGS", "time constants of rising and of falling pressures [s]", inverse.lags),
-        ("ANT_LEFT", "remaining shares of their errors after a sample [-]", inverse.alpha),
+        ("ANT_WAY_LAGS", "time constants of rising and of falling pressures [s]", inverse.lags),
+        ("ANT_WAY_KEPT", "remaining shares of their errors after a sample [-]", inverse.alpha),
         ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", np.exp(-dt / np.array(plant.lags))),
         ("ANT_SHARES", "shares of a step that a quick and a slow one follow in a sample [-]", observer.filter.shares),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),

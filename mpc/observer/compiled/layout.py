@@ -34,6 +34,7 @@ class Known:
     substeps: int
     tolerance: float  # [s]
     dead_band: float  # [Pa]
+    older: float  # readings of angles beyond whole samples [s]
     share: Annotated[Array, "m"]  # of a step that a regulator follows in a sample [-]
     shares: Annotated[Array, 2, "m"]  # the same of quick and of slow ones
     learning: float  # change of an offset per sample and innovation [-]

@@ -123,7 +123,7 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
     known = {
         "inner": own.inner, "outer": own.outer, "Q": own.Q, "Q_rest": own.Q_rest, "possible": (gate.lower, gate.upper),
         "dt": dt, "h": dt / substeps, "substeps": substeps, "tolerance": judged.tolerance,
-        "dead_band": own.compensation.dead_band, "share": own.share, "shares": own.shares,
+        "dead_band": own.compensation.dead_band, "older": own.older, "share": own.share, "shares": own.shares,
         "learning": dt / OFFSET_TIME, "most_offset": own.noise.offset,
         "theta_noise": own.noise.theta, "theta_floor": gate.floor[:n], "sigma": muscles[0].sigma,
         "usual": judged.sound.usual, "inertia": judged.sound.inertia,

@@ -97,6 +97,8 @@ def filtered(o: Sample, y: Array, u: Array) -> bool:
             s.step[i], s.variances[i], s.floor[i] = change, rough * rough, max(k.theta_floor[i], ROUGH * rough)
     follow_friction(o)
     predicted(o, o.past.belief, 0, k.Q, s.belief)
+    for i in range(n):
+        w.taken[i] += k.older * s.belief.xi[n + i]
     move_apart(o)
     if not (sound(s.belief) and believed(o) and not_frozen(o)):
         return False

@@ -68,8 +68,8 @@ static void hold(const ant_task *task, ant_real min_force, int k, ant_feed *feed
 /* Command for a pressure to become `after` in a sample while it loses q per second. */
 static ant_real command(int i, ant_real before, ant_real after, ant_real q) {
     const int falls = !(after - before + ANT_DT * q > 0);
-    const ant_real left = ANT_LEFT[falls][i];
-    return (after - left * before) / (1 - left) + ANT_LAGS[falls][i] * q;
+    const ant_real left = ANT_WAY_KEPT[falls][i];
+    return (after - left * before) / (1 - left) + ANT_WAY_LAGS[falls][i] * q;
 }
 
 void ant_feed_forward(const ant_task *task, ant_real min_force, ant_feed *feed) {
