@@ -150,21 +150,17 @@ class Compensation:
         return self.frictions or (self.friction,) * n
 
     def delay(self, dt: float) -> int:
-        """Return the dead time in whole samples of `dt` [s]."""
-        return round(self.dead_time / dt)
+        """Return the dead time in whole samples of `dt` [s], so that its sum with `age` is rounded once."""
+        return round((self.dead_time + self.reading_age) / dt) - self.age(dt)
 
     def age(self, dt: float) -> int:
         """Return the reading age in whole samples of `dt` [s]."""
         return round(self.reading_age / dt)
 
-    def beyond_samples(self, dt: float) -> tuple[float, float]:
-        """Return by how much dead time and reading age exceed their whole samples of `dt` [s], at most dt/2 [s].
-
-        A controller shifts its reference by the first one, an observer its angle readings by the second.
-        """
-        whole = self.delay(dt), self.age(dt)
-        dead, age = (time - k * dt for time, k in zip((self.dead_time, self.reading_age), whole, strict=True))
-        return tuple(0.0 if abs(rest) < _PUNCTUAL * dt else rest for rest in (dead, age))  # type: ignore[return-value]
+    def older(self, dt: float) -> float:
+        """Return by how much the readings are older than `age` samples of `dt` [s]: -dt/2 to dt/2 [s]."""
+        rest = self.reading_age - self.age(dt) * dt
+        return 0.0 if abs(rest) < _PUNCTUAL * dt else rest
 
     def after_dead_band(self, u: Array, P: Array) -> Array:
         """Return the command [Pa] that moves a regulator without dead band as `u` moves this one at pressures P."""

@@ -139,7 +139,7 @@ class Filter:
             )
         )
         self.outer = np.append(self.outer[0], -much), np.append(self.outer[1], much)
-        self.older = compensation.beyond_samples(dt)[1]  # readings of angles beyond whole samples [s]
+        self.older = compensation.older(dt)  # readings of angles beyond whole samples [s]
         self._model = self._discrete(dt)
         self.frictions, self._contacts = compensation.of_joints(n), Contacts(plant)
         self.stationary = self._stationary()  # steady-state covariance before a measurement

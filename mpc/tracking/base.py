@@ -89,7 +89,6 @@ class BaseController(ABC):
         self._preview = Preview(self.plant, self.dt, N, self.compensation, self.limits)
         self.rest_mode = RestMode(self.plant, self.dt, self.compensation, self.limits)
         self.ladder = Ladder(self.limits, self._predictor)
-        self._late = self.compensation.beyond_samples(self.dt)[0] / self.dt  # rest of the dead time [samples]
 
     def reset(self) -> None:
         """Forget the past, so that the next step begins from the measured pressures."""
@@ -116,18 +115,7 @@ class BaseController(ABC):
         began = perf_counter()
         if not self._units_shown:
             self._point_out_units(x)
-        if self._late:
-            theta_ref = self._shifted(theta_ref)
         return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
-
-    def _shifted(self, theta_ref: ArrayLike) -> ArrayLike:
-        """Return the reference by the rest of the dead time later, which the whole samples of the delay leave out."""
-        way = theta_ref if isinstance(theta_ref, np.ndarray) else checks.floats("theta_ref", theta_ref, "SI unit")
-        if way.shape != (self.ahead + 1, *self.plant.angle_shape):
-            return theta_ref
-        with np.errstate(invalid="ignore", over="ignore"):  # the preview refuses such angles
-            rise = np.diff(way, axis=0)
-            return np.asarray(way + self._late * np.concatenate([rise, rise[-1:]]))
 
     def _point_out_units(self, x: object) -> None:
         """Warn of pressures that look like bar, and of angles that look like degrees."""

@@ -180,7 +180,6 @@ class TrackingMPC(BaseController):
         """
         preview = deepcopy(self._preview)
         preview.strict = True
-        theta_ref = self._shifted(theta_ref) if self._late else theta_ref
         task = preview.task(x, theta_ref, K_ref, d, self.rest_mode.ringing)
         _, feed, previous, _ = self._situation(task, halts=False, began=0.0)
         u = self.limits.limited(previous.u, self.ladder.shift(feed.u))

@@ -107,7 +107,7 @@ def check_pair(controller: TrackingMPC, observer: KalmanObserver) -> None:
 def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
     """Return the sizes that antagonist_config.h defines."""
     blocks, known, dt = len(controller.problem.blocks), controller.compensation, controller.dt
-    plant, bounds, (late, older) = controller.plant, certificate(controller, single), known.beyond_samples(dt)
+    plant, bounds = controller.plant, certificate(controller, single)
     return (
         {
             "JOINTS": (plant.n, "n"),
@@ -117,8 +117,7 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
             "BLOCKS": (blocks, "samples at which its commands may leave the previous plan"),
             "DELAY": (known.delay(dt), "dead time in samples"),
             "AGE": (known.age(dt), "age of the angle's readings in samples"),
-            "LATE": (late / dt, "rest of the dead time in samples"),
-            "OLDER": (older, "rest of the age [s]"),
+            "OLDER": (known.older(dt), "rest of that age [s]"),
             "SUBSTEPS": (plant.substeps(dt, RESOLUTION), "integration steps per sample"),
             "AHEAD": (controller.ahead, "samples of reference after the present one"),
             "ITEMS": (

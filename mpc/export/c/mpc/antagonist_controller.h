@@ -170,7 +170,7 @@ typedef struct {
     ant_feed feed;
     ant_motion motion;                        /* of the commands that are tried */
     ant_real d[ANT_AHEAD + 1][ANT_JOINTS];    /* disturbance and friction torques [N*m] */
-    ant_real way[ANT_AHEAD + 1][ANT_JOINTS]; /* reference at the rest of the dead time later, or the angles [rad] */
+    ant_real stay[ANT_AHEAD + 1][ANT_JOINTS]; /* the angles, in place of invalid references [rad] */
     ant_qp qp;
 } ant_controller;
 

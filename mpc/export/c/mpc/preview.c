@@ -46,15 +46,7 @@ static void state(ant_controller *c, const ant_real measured[ANT_STATES], ant_ta
 
 /* References that cannot be meant: to stay. */
 static void substitute(ant_controller *c, const ant_real x[ANT_STATES]) {
-    for (int k = 0; k <= ANT_AHEAD; k++) memcpy(c->way[k], x, sizeof c->way[k]);
-}
-
-/* The reference by the rest of the dead time later, which the whole samples of the delay leave out. */
-static void shift(ant_controller *c, const ant_reference *r) {
-    for (int k = 0; k <= ANT_AHEAD; k++) {
-        const int from = k < ANT_AHEAD ? k : ANT_AHEAD - 1;
-        for (int i = 0; i < N; i++) c->way[k][i] = r->theta[k][i] + ANT_LATE * (r->theta[from + 1][i] - r->theta[from][i]);
-    }
+    for (int k = 0; k <= ANT_AHEAD; k++) memcpy(c->stay[k], x, sizeof c->stay[k]);
 }
 
 /* Torques from outside less the friction of joints that move on from x as the preview does. */
@@ -93,19 +85,16 @@ void ant_preview(ant_controller *c, const ant_real x[ANT_STATES], const ant_real
     for (int i = 0; i < N; i++) task->expected[i] = c->predicted ? c->expected[i] : ANT_NAN;
     state(c, x, task);
     memcpy(task->seen, task->x, sizeof task->seen);
-    if (task->refused)
-        substitute(c, task->x);
-    else
-        shift(c, r);
+    if (task->refused) substitute(c, task->x);
     for (int i = 0; i < N && !c->seen && !task->refused; i++)
-        task->x[i] = ant_clip(c->way[0][i], ANT_LEAST_ANGLE[i], ANT_MOST_ANGLE[i]);
-    torques(c, task->x, task->refused ? none : d, (const ant_real(*)[N])c->way);
+        task->x[i] = ant_clip(r->theta[0][i], ANT_LEAST_ANGLE[i], ANT_MOST_ANGLE[i]);
+    torques(c, task->x, task->refused ? none : d, task->refused ? (const ant_real(*)[N])c->stay : r->theta);
     if (!c->begun) {
         for (int i = 0; i < ANT_MUSCLES; i++) c->sent[i] = ant_commandable(task->x[2 * N + i]);
         for (int k = 0; k <= ANT_DELAY; k++) memcpy(c->waiting[k], &task->x[2 * N], sizeof c->waiting[k]);
     }
     wait(c, task->x);
-    task->theta = (const ant_real(*)[N])c->way + ANT_DELAY;
+    task->theta = r->theta + ANT_DELAY;
     task->K = r->K + ANT_DELAY;
     task->d = (const ant_real(*)[N])c->d + ANT_DELAY;
     task->lost = !c->seen || (ant_real)c->blind * ANT_DT > ANT_PATIENCE;
