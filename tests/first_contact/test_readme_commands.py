@@ -77,7 +77,7 @@ def test_the_readme_s_commands_run_in_their_order(tmp_path):
     wanted = commands()
     for arguments in wanted:
         if arguments[0] == "tune":
-            arguments += ["--evaluations", "2", "--draws", "1"]  # a few of the minutes that it takes
+            arguments += ["--evaluations", "3", "--draws", "2"]  # a few of the minutes that it takes
         if "--repeat" in arguments:
             arguments[arguments.index("--repeat") + 1] = "2"
     path = os.pathsep.join((str(ROOT), str(Path(__file__).parent)))
