@@ -143,8 +143,8 @@ def track(
     tendons as muscles) the controller tracks angles and a stiffness matrix on MuJoCo, and the motion is filmed.
     """
     from rich.console import Console
-    from rich.progress import track as tracked
 
+    from allocator.presentation.progress import counted
     from mpc.model.plant import Plant
     from mpc.model.real_plant import RealPlant
     from mpc.repetition.practice import practise
@@ -221,7 +221,7 @@ def track(
         done = simulate(tested, driver, asked, observer=estimator, seed=seed, progress=True)
 
     title = f"{controller} with a model of {_muscles(nominal)}, {_PLANTS[plant]}"
-    bar = partial(tracked, description="drawing", console=console)
+    bar = partial(counted, title="drawing")
     for path in files:
         if path.suffix in IMAGES:
             say(console, f"drawing {path}")

@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -73,8 +74,8 @@ def tune_command(
     `export` read the result from the file.
     """
     from rich.console import Console
-    from rich.progress import track
 
+    from allocator.presentation.progress import counted
     from mpc.model.arm.model import Arm
     from mpc.model.arm.storage import save_arm
     from mpc.tuning.search import tune
@@ -96,7 +97,7 @@ def tune_command(
         tuned = tune(
             model, known, controller=controller, spreads=spreads, K=at.stiffness, peak=peak, evaluations=evaluations,
             n_draws=draws, seed=seed, dt=at.dt, horizon=at.horizon, executor=executor,
-            progress=lambda found, total: track(found, "tuning", total, console=console, transient=True),
+            progress=partial(counted, title="tuning"),
         )  # fmt: skip
     judged = None if judge is None else tuned.judged(judge)
     if as_json:

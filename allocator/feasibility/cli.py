@@ -158,13 +158,12 @@ def _map(
     max_memory: float,
     console: "Console",
 ) -> "FeasibilityMap":
-    from rich.progress import track
-
     from allocator.feasibility.maps import feasibility_map
     from allocator.joint.limits import Limits
+    from allocator.presentation.progress import counted
 
     def progress(chunks: Sequence[int]) -> Iterable[int]:
-        return track(chunks, "mapping", console=console, transient=True) if len(chunks) >= _LONG else chunks
+        return counted(chunks, "mapping") if len(chunks) >= _LONG else chunks
 
     asked: dict[str, Any] = axes | {"joint": joint, "limits": Limits(min_force), "stiffness": meant}
     return feasibility_map(**asked, max_bytes=max_memory * 1e9, progress=progress)

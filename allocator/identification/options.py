@@ -8,6 +8,7 @@ from typer.models import OptionInfo
 
 from allocator.errors import InvalidInput
 from allocator.lazy import Console
+from allocator.presentation.progress import counted
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -50,12 +51,10 @@ def assigned(option: str, settings: Sequence[str], expected: str) -> dict[str, f
     return numbers
 
 
-def each(models: Iterable[T], console: "Console") -> Iterable[T]:
-    """Return the models to iterate over; a bar shows the progress of several."""
-    from rich.progress import track
-
+def each(models: Iterable[T]) -> Iterable[T]:
+    """Return the models to iterate over; the progress of several is shown."""
     models = tuple(models)
-    return track(models, "fitting", console=console, transient=True) if len(models) > 1 else models
+    return counted(models, "fitting") if len(models) > 1 else models
 
 
 def clock(console: "Console") -> "Progress":

@@ -211,15 +211,6 @@ class AntagonistJoint:
         K = agonist.stiffness(one) + antagonist.stiffness(two)
         return K, agonist.torque(one) - antagonist.torque(two), one + two
 
-    def gas_damping(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike, lag: float | tuple[float, float]) -> Value:
-        """Return the damping Σ κ (P_i + p_a) τ_i g_i²/V_i^eff [N·m·s/rad] of the gas in slow motions   (G4)
-
-        `lag` [s] is the regulators' time constant, or a pair of them. Raises InvalidInput as `dynamic_stiffness`.
-        """
-        theta, P1, P2 = self._checked(theta, P1, P2)
-        gas = self._trapped(theta, P1, P2, (1.0, 1.0), self.gas.exponent(0.0).real)
-        return sum(tau * k for tau, k in zip(trapped.lags(lag), gas, strict=True))
-
     def volumes(self, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Value, Value]:
         """Return the volumes (V1, V2) [m³] of the gas in both muscles and their tubing   (G1)"""
         theta, P1, P2 = self._checked(theta, P1, P2)

@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from benchmarks.allocators import figures, report
@@ -23,8 +22,7 @@ def main() -> int:
     arguments = parser.parse_args()
     console = Console(width=max(Console().width, LEAST_WIDTH))
     try:
-        with Progress(console=console) as progress:
-            results = compare(arguments.quick, progress)
+        results = compare(arguments.quick)
     except BenchmarkFailure as failure:
         console.print(f"[bold red]Stopped, nothing written:[/] {failure}")
         return 1

@@ -1,6 +1,6 @@
 """Times of answers on a shared machine, of which the ratios count."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -23,7 +23,7 @@ class Time:
     single_us: float  # one target a call, median
 
 
-def times(targets: TargetSet, rounds: int, singles: int, tick: Callable[[], None]) -> Iterator[Time]:
+def times(targets: TargetSet, rounds: int, singles: int) -> Iterator[Time]:
     """Time every contender, in turns, so that a disturbance of the machine affects all of them."""
     for contender in CONTENDERS:  # imports, builds programmes
         seconds(contender, targets.thinned(3))
@@ -31,7 +31,6 @@ def times(targets: TargetSet, rounds: int, singles: int, tick: Callable[[], None
     for i in range(rounds):
         for contender in CONTENDERS:
             batches[contender.name][i] = seconds(contender, targets) / targets.theta.size
-            tick()
     for contender in CONTENDERS:
         batch = batches[contender.name]
         single = [seconds(contender, one) for one in each(targets.thinned(singles))]
@@ -44,7 +43,6 @@ def times(targets: TargetSet, rounds: int, singles: int, tick: Callable[[], None
             ratio=float(np.median(batch / batches[EXACT.name])),
             single_us=1e6 * float(np.median(single)),
         )
-        tick()
 
 
 def seconds(contender: Inverse | Allocator, targets: TargetSet, warm_start: bool = True) -> float:

@@ -36,12 +36,11 @@ def sets(quick: bool) -> Iterator[TargetSet]:
         yield random_targets(joint_name, n, seed)
 
 
-def gains(targets: TargetSet, rounds: int, tick: Callable[[], None]) -> Iterator[Gain]:
+def gains(targets: TargetSet, rounds: int) -> Iterator[Gain]:
     """Return the gains of every back-end, with checked answers."""
     exact = EXACT.answer(targets, "torque")
     for back_end in BACK_ENDS:
         yield gain(targets, back_end, rounds, lambda name, a: check(targets, "torque", name, a, exact))
-        tick()
 
 
 def gain(targets: TargetSet, back_end: Allocator, rounds: int, checked: Callable[..., None]) -> Gain:

@@ -6,7 +6,7 @@ The plant is the report's joint with Sarosi's muscles, lag 0.1 s, and gas with Î
 at constant stiffness; the angle's error is taken between the ramps. "Muscles 5 % off" have 1.05 and 0.95 times the
 modelled forces. Observers measure angle and pressures, no velocity. The real plant is the standard one of the
 closed-loop benchmark (muscles 10 % off, hysteresis, dead time, dead band, noise), with gas. Pushes are those of
-`mpc.trials.push`, inside and outside a dead band of 0.15 bar. The output is `gas.md`.
+`benchmarks.closed_loop.push`, inside and outside a dead band of 0.15 bar. The output is `gas.md`.
 """
 
 import argparse
@@ -19,9 +19,9 @@ import numpy as np
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
+from benchmarks.closed_loop.push import Felt, Shake, felt
 from mpc import KalmanObserver, Plant, RealPlant, Reference, Run, TrackingMPC, Weights, simulate, sine
 from mpc.trials.loops import Settings, loop
-from mpc.trials.push import Felt, Shake, felt
 from mpc.trials.simulation import Process
 
 JOINT = report_joint(SAROSI_DMSP_20_400N)

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.progress import track
 
+from allocator.presentation.progress import counted
 from allocator.units import BAR, DEG
 from benchmarks.closed_loop.cases import CASES, LOAD, MODEL, SETTINGS, STANDARD
 from benchmarks.closed_loop.runs import figures, run_case
@@ -124,8 +124,8 @@ def main() -> None:
     given = parser.parse_args()
     moving = [f"{gains}{name}" for name in ("", ", Dahl friction") for gains in GAINS]
     with ProcessPoolExecutor(given.processes) as pool:
-        rested = [*track(pool.map(rests, plants()), "rests", total=len(plants()))]
-        cost = [row for rows in track(pool.map(costs, moving), "motions", total=len(moving)) for row in rows]
+        rested = [*counted(pool.map(rests, plants()), "rests", len(plants()))]
+        cost = [row for rows in counted(pool.map(costs, moving), "motions", len(moving)) for row in rows]
     text = "\n".join(markdown(rested, cost)) + "\n"
     given.out.write_text(text, encoding="utf-8")
     print(text)

@@ -15,12 +15,12 @@ from allocator.identification import fit_joint
 from allocator.joint.antagonist import report_joint
 from allocator.units import BAR, DEG, PERCENT
 from benchmarks.closed_loop.cases import CASES, EVERY, LOAD, SEEDS, STANDARD
+from benchmarks.closed_loop.push import Cycle, Push, push
 from mpc import Plant, Reference, Weights
 from mpc.model.friction.contact import Contact
 from mpc.model.real_plant import RealPlant
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.trajectories import LEAD
-from mpc.trials.push import Cycle, Push, push
 
 SETTLED = 5.0  # [s]
 WEIGHT = 1.2  # [N·m] weight in the joint's log
@@ -135,7 +135,7 @@ def markdown(pushed: list[Found]) -> Iterator[str]:
     """Yield the table of the report, medians over the seeds."""
     yield "## Stiffness measured by pushes [N·m/rad]\n"
     yield "The joint is brought to rest by the MPC, its pressures are frozen and it is pushed both ways"
-    yield "(`mpc.trials.push`)."
+    yield "(`benchmarks.closed_loop.push`)."
     yield "From asked to measured: + saturation + dynamics + mismatch of the model + error of the measurement."
     yield "The fitted joint is fitted to a log of encoder, pressures and a weight; there is no force sensor.\n"
     head = ("situation", "asked", "estimated", "true", "measured", *CAUSES, "of true")

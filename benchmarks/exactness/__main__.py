@@ -3,8 +3,7 @@
 import argparse
 from pathlib import Path
 
-from rich.progress import Progress
-
+from allocator.presentation.progress import counted
 from benchmarks.exactness import report
 from benchmarks.exactness.accuracy import Score, scores
 from benchmarks.exactness.timing import Time, times
@@ -27,13 +26,9 @@ def main() -> int:
         parser.error(f"no joint has {' or '.join(arguments.only)} in its name")
     found: list[Score] = []
     clock: list[Time] = []
-    with Progress() as progress:
-        task = progress.add_task("joints", total=len(joints))
-        for names in joints:
-            progress.update(task, description=" on a ".join(names))
-            found += scores(*names, arguments.targets)
-            clock += [] if arguments.no_times else times(*names)
-            progress.advance(task)
+    for names in counted(joints, "joints"):
+        found += scores(*names, arguments.targets)
+        clock += [] if arguments.no_times else times(*names)
     report.write(found, clock, arguments.out)
     for sentence in report.findings(found, clock):
         print(sentence)

@@ -6,9 +6,9 @@ from math import ceil
 from pathlib import Path
 
 import numpy as np
-from rich.progress import track
 
 import benchmarks.faults as about
+from allocator.presentation.progress import counted
 from benchmarks.faults.cases import IDENTIFIED, PAYLOADS, STRANGERS
 from benchmarks.faults.report import markdown, save
 from benchmarks.faults.runs import SEED, Job, fault_jobs, row, sound_jobs
@@ -49,7 +49,7 @@ def main() -> None:
     name = "faults" if given.plants == "own" else f"faults_{given.plants}"
     wanted = once(given.plants) if given.quick else jobs(given.share, given.plants)
     with ProcessPoolExecutor(given.processes) as pool:
-        rows = list(track(pool.map(row, wanted, chunksize=4), description="runs", total=len(wanted)))
+        rows = list(counted(pool.map(row, wanted, chunksize=4), "runs", len(wanted)))
     save(rows, given.out / f"{name}.csv")
     text = "\n".join(markdown(rows, len(jobs(plants=given.plants))))
     (given.out / f"{name}.md").write_text(text, encoding="utf-8")

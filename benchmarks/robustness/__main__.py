@@ -4,8 +4,7 @@ import argparse
 import shutil
 from pathlib import Path
 
-from rich.progress import track
-
+from allocator.presentation.progress import counted
 from benchmarks.robustness import report, storm, wraps
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -19,11 +18,11 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the report and its CSV file")
     arguments = parser.parse_args()
     pairs = [(law, controller) for law in arguments.laws for controller in wraps.CONTROLLERS]
-    wrongs = [wrong for pair in track(pairs, "wrong angles") for wrong in wraps.runs(*pair)]
-    parts = [*track(storm.driven(arguments.samples, PARTS, SEED), "storm", total=PARTS)]
+    wrongs = [wrong for pair in counted(pairs, "wrong angles") for wrong in wraps.runs(*pair)]
+    parts = [*counted(storm.driven(arguments.samples, PARTS, SEED), "storm", PARTS)]
     compared = []
     if shutil.which("gcc"):
-        compared = [*track(storm.compared(arguments.samples, PARTS, SEED), "the same in C", total=PARTS)]
+        compared = [*counted(storm.compared(arguments.samples, PARTS, SEED), "the same in C", PARTS)]
     report.write(wrongs, parts, compared, arguments.out)
     print((arguments.out / f"{report.NAME}.md").read_text(encoding="utf-8"))
     wrong = any(storm.broken(part.run) for part in parts) or any(pair.differing for pair in compared)

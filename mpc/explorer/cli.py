@@ -68,10 +68,10 @@ def _save(joint: "AntagonistJoint", played: dict[str, object] | None, out: Path)
     from functools import partial
 
     from rich.console import Console
-    from rich.progress import track
 
+    from allocator.presentation.progress import counted
     from mpc.explorer.server import saved_page
 
-    page = saved_page(joint, played, partial(track, description="answers", console=Console(stderr=True)))
+    page = saved_page(joint, played, partial(counted, title="answers"))
     write_text(out, page)
     say(Console(), f"written: {out}, a page for any browser")

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import product
 from math import inf, sqrt
 from os import PathLike
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,9 +35,6 @@ from mpc.model.gas import fall, gas_of, trapped
 from mpc.model.integration import integrated
 from mpc.model.regulator import each_way, pull
 from mpc.model.storage import load_plant, save_plant
-
-if TYPE_CHECKING:
-    from control import NonlinearIOSystem
 
 STATES = ("theta", "omega", "P1", "P2")
 INPUTS = ("P1_command", "P2_command")
@@ -383,19 +380,6 @@ class Plant:
         rate = ca.Function("rate", [x, u, d], [ca.vertcat(*self.rate(x, u, d))])  # built once, not for every stage
         later = integrated(lambda x, t: rate(x, u, d), x, dt, self.substeps(dt, resolution))
         return ca.Function("discrete", [x, u, d], [later], ["x", "u", "d"], ["x_next"])
-
-    def as_control_system(self) -> "NonlinearIOSystem":
-        """Return the plant for python-control: inputs (P1_command, P2_command, d), outputs (the states, K)."""
-        import control
-
-        return control.nlsys(
-            lambda t, x, u, params: np.array(self.rate(x, u[:NU], u[NU])),
-            lambda t, x, u, params: np.array([*x, self.stiffness(x)]),
-            states=list(STATES),
-            inputs=[*INPUTS, "d"],
-            outputs=[*STATES, "K"],
-            name="antagonist_plant",
-        )
 
 
 NUMBERS = tuple(f.name for f in fields(Plant) if f.name != "joint")

@@ -7,8 +7,7 @@ state and a disturbance torque from the readings; the default one only different
 measured.
 """
 
-import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
@@ -20,6 +19,7 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop
+from allocator.presentation.progress import counted
 from allocator.presentation.tables import html_table, number
 from allocator.units import BAR, DEG
 from mpc.model.experiment import Experiment
@@ -30,7 +30,6 @@ from mpc.tracking.plan import Moved, Plan
 from mpc.trials.motions.reference import Reference
 
 T = TypeVar("T")
-_TELLS = 5.0  # [s] between lines of progress
 Load: TypeAlias = Callable[[float], ArrayLike]  # time [s] ↦ external torque [N·m], (n,) for an arm
 
 
@@ -203,7 +202,8 @@ def simulate(
     if not (watch is None or callable(watch)):
         raise InvalidInput(f"watch = {checks.brief(watch)} has to be a function or None")
     loop = ClosedLoop(plant, controller, reference, x0, observer, seed, load)
-    for k in tracked(range(loop.steps), loop.steps, progress):
+    steps = range(loop.steps)
+    for k in counted(steps, "simulating") if progress else steps:
         loop.sample(k)
         if watch is not None:
             watch()
@@ -318,26 +318,3 @@ def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:
     checks.angle("angles of x0: q", x[:n])
     checks.pressure("pressures of x0: P", x[2 * n :])
     return x
-
-
-def tracked(items: Iterable[T], total: int, progress: bool) -> Iterator[T]:
-    """Yield the items and, if `progress`, count them up to their `total` on stderr: a bar, or lines without a terminal.
-
-    The lines are for notebooks and pipes: the first after 5 s, with the remaining time.
-    """
-    if not progress:
-        yield from items
-        return
-    from rich.console import Console
-    from rich.progress import track
-
-    console = Console(stderr=True)
-    if console.is_terminal:
-        yield from track(items, "simulating", total, console=console, transient=True)
-        return
-    began = told = perf_counter()
-    for done, item in enumerate(items, 1):
-        yield item
-        if (now := perf_counter()) - told >= _TELLS:
-            told, left = now, (now - began) / done * (total - done)
-            print(f"simulating: {done} of {total}, about {left:.0f} s left", file=sys.stderr, flush=True)

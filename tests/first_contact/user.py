@@ -64,7 +64,7 @@ def day(plan):
     commands = {
         "allocate": ("allocate", "--theta", "5", "--torque", "0.2", "--stiffness", f"{np.mean(reachable):.17g}"),
         "map": ("map", *around, "--out", f"{name}-map.csv"),
-        "export": ("export", "controller", "--out", f"{name}-c", "--errors", "theta=0.1,rate=0.3"),
+        "export": ("export", "controller", "--out", f"{name}-c", "--errors", "theta=0.1,rate=0.3", "--horizon", "5"),
     }
     if plan["tracked"]:
         short = ("--plant", "nominal", "--horizon", "10")

@@ -102,7 +102,7 @@ def fit_joint_command(
         "dead_band": dead_band * BAR,
     }
     measured = (data.theta, data.P1, data.P2)
-    compared = compare_joint_models(*measured, progress=lambda m: each(m, console), **options) if every else None
+    compared = compare_joint_models(*measured, progress=each, **options) if every else None
     with clock(console) as bar:
         bar.add_task(f"fitting {model}", total=None)  # the number of steps is unknown
         fit = fit_joint(*measured, model=model, **options)

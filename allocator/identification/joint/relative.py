@@ -81,12 +81,6 @@ class RelativeJoint:
         """Return the angle [rad] of the unloaded joint at these pressures; NaN if there is none in the joint range."""
         return self.shape.equilibrium(P1, P2)
 
-    def stiffness_per_gain(self, theta: Value, P1: Value, P2: Value) -> Array:
-        """Return K/T_P1 = 1/(∂θ/∂P1) [Pa/rad]: pressure P1 per angle at equilibrium, independent of the scale."""
-        theta, P1, P2 = _flat(theta, P1, P2)
-        K = stiffness_with_gradient(self.shape, theta, P1, P2).value
-        return np.asarray(K / self.shape.sides(theta)[0].torque_gain(P1))
-
     def relative_stiffness(self, theta: Value, P1: Value, P2: Value) -> Array:
         """Return K/K_ref [-] with K_ref at `reference`."""
         return self._ratio(theta, P1, P2).value

@@ -79,7 +79,7 @@ def fit_command(
     ranking = rank_models(
         samples,
         _models(model),
-        progress=lambda models: each(models, console),
+        progress=each,
         hold=assigned("--hold", hold or [], "NAME=VALUE, such as r0=0.0109"),
         pressure_range=(-np.inf if min_pressure is None else min_pressure * BAR, np.inf),
         contraction_range=(-np.inf if min_contraction is None else min_contraction, np.inf),

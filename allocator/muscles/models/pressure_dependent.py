@@ -1,7 +1,7 @@
 """McKibben muscles whose greatest contraction depends on the pressure."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt
 from typing import ClassVar, Self
@@ -13,7 +13,7 @@ from allocator.errors import InvalidInput
 from allocator.muscles.base import SEARCH_CEILING
 from allocator.muscles.basis import Basis
 from allocator.muscles.measured import continued, continued_integral
-from allocator.muscles.models.mckibben import BRAID, Braided, braid_constants
+from allocator.muscles.models.mckibben import BRAID, Braided
 from allocator.muscles.recipe import Recipe
 from allocator.units import BAR, DEG
 
@@ -202,28 +202,6 @@ class TonduLopez2000(PressureDependent):
     def with_constant_k(cls, r0: float, alpha0: float, k: float) -> Self:
         """Return the model with the same k at every pressure, as for the LAAS arm."""
         return cls(r0, alpha0, k_inf=k, k_1=0.0, P_k=BAR)
-
-    @classmethod
-    def from_readings(
-        cls, r0: float, alpha0: float, pressure: Sequence[float], max_contraction: Sequence[float]
-    ) -> Self:
-        """Make the model from three or more readings (P_i [Pa], ε_max(P_i) [-]), by least squares on k(P_i)."""
-        from scipy.optimize import minimize_scalar
-
-        P, eps = np.asarray(pressure, float), np.asarray(max_contraction, float)
-        if P.ndim != 1 or P.shape != eps.shape or P.size < 3:
-            raise InvalidInput(f"needs 3 or more readings (P, ε_max), got shapes {P.shape} and {eps.shape}")
-        a, b = braid_constants(alpha0)
-        k = (1 - sqrt(b / a)) / eps
-
-        def best(log_P_k: float) -> tuple[float, float, float]:
-            basis = np.stack([np.ones_like(P), np.exp(-P / np.exp(log_P_k))], axis=1)
-            (k_inf, k_1), *_ = np.linalg.lstsq(basis, k)
-            return float(np.sum((basis @ [k_inf, k_1] - k) ** 2)), float(k_inf), float(k_1)
-
-        found = minimize_scalar(lambda x: best(x)[0], bounds=(np.log(0.05 * BAR), np.log(20 * BAR)), method="bounded")
-        _, k_inf, k_1 = best(found.x)
-        return cls(r0, alpha0, k_inf, k_1, float(np.exp(found.x)))
 
     @classmethod
     def recipe(cls, contraction: Array, pressure: Array, force: Array) -> Recipe[Self]:

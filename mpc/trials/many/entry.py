@@ -17,11 +17,12 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.presentation.progress import counted
 from mpc.observer.base import Observer
 from mpc.trials.many.loop import Compiled, Loop, outcomes
 from mpc.trials.many.runs import Outcome, Runs
 from mpc.trials.motions.reference import Reference
-from mpc.trials.simulation import Controller, Process, state, tracked
+from mpc.trials.simulation import Controller, Process, state
 
 _BATCHES = 8  # per process, because some take longer than others
 
@@ -122,7 +123,7 @@ def simulate_many(
     workers = min(checks.count("workers", workers, least=1), len(loops))
     found: Iterator[tuple[int, Outcome]]
     found = outcomes(loops, keep) if workers == 1 else spread(loops, keep, workers)
-    by_run = dict(tracked(found, len(loops), progress))
+    by_run = dict(counted(found, "simulating", len(loops)) if progress else found)
     return Runs.of([loop.seed for loop in loops], [by_run[i] for i in range(len(loops))])
 
 

@@ -157,17 +157,6 @@ def test_the_laas_arm_contracts_by_its_k():
     assert TONDU_LOPEZ_LAAS_ARM.force(5 * BAR, 0.0) == pytest.approx(ideal.force(5 * BAR, 0.0), rel=1e-12)
 
 
-def test_readings_of_the_report_s_muscle_are_met_by_tondu_lopez_2000():
-    pressure = np.array([2, 3, 4, 5]) * BAR
-    eps_max = np.array([0.170, 0.225, 0.255, 0.275])
-    muscle = TonduLopez2000.from_readings(0.0109, 25.5 * DEG, pressure, eps_max)
-    assert np.abs(np.array([muscle.contraction_limit(p) for p in pressure]) - eps_max).max() < 0.005
-    exact = TonduLopez2000(0.0109, 25.5 * DEG, 1.4, 2.0, 1.2 * BAR)
-    limits = [exact.contraction_limit(p) for p in pressure]
-    again = TonduLopez2000.from_readings(0.0109, 25.5 * DEG, pressure, limits)
-    assert again.P_k == pytest.approx(1.2 * BAR, rel=1e-3)
-
-
 # --- particulars ----------------------------------------------------------------------------------------------------
 
 WICKRAMATUNGE = Wickramatunge2010(0.3, 0.17, -6000.0, 3.5e5, 0.12, 2.1e-8, 7.1e-9, 2.5 * BAR)
@@ -221,7 +210,6 @@ def test_a_little_less_than_no_force_asks_for_a_little_less_than_the_taut_pressu
         (lambda: MartensBoblan2017(0.3, 0.02, 0.0018, 28.6, 0, 0, 0, 0), "theta0 between 0 and π/2 rad"),
         (lambda: PolynomialMcKibben(0.01, 0.4, 3.0), "coefficients = 3.0 is not a row of finite numbers"),
         (lambda: PolynomialMcKibben.identify(0.01, 0.4, (1e5, 2e5), (0.1, 0.1)), "positive and all different"),
-        (lambda: TonduLopez2000.from_readings(0.01, 0.4, (1e5, 2e5), (0.1, 0.2)), "3 or more readings"),
         (lambda: TableMuscle((0, 0.1), (1, 2), (1, 2)), "at least 3 samples"),
         (lambda: TableMuscle((0, 0.1, 0.2, 0.3), (1, 2, 3), (1, 2, 3, 4)), "as many values in area and passive"),
         (lambda: Tondu2021(0.01, 0.4, 0.0, 1e5, -1e12), "Tondu2021 needs d < 0"),

@@ -11,9 +11,8 @@ from mpc.tracking.compiled.factory import compile_step
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.plan import Rung
 from mpc.tracking.qp.step import CompilingBeside
-from mpc.trials import simulation
 from mpc.trials.motions.arm_trajectories import hold
-from mpc.trials.simulation import simulate, tracked
+from mpc.trials.simulation import simulate
 
 ARM = Arm.machine("arm26")
 
@@ -40,17 +39,3 @@ def test_an_arm_moves_at_once_while_another_process_compiles(monkeypatch):
     assert begun[0][3:] == (ARM, 0.02)
     assert (run.rung == Rung.QP).all()
     assert np.abs(run.theta - run.theta_ref).max() < 1e-6
-
-
-def test_progress_is_told_in_lines_where_there_is_no_terminal(capsys, monkeypatch):
-    assert list(tracked(range(3), 3, progress=True)) == [0, 1, 2]
-    assert capsys.readouterr().err == ""  # what takes no time needs no words
-    monkeypatch.setattr(simulation, "_TELLS", 0.0)
-    assert list(tracked(range(3), 3, progress=True)) == [0, 1, 2]
-    lines = capsys.readouterr().err.splitlines()
-    assert [line.partition(",")[0] for line in lines] == [
-        "simulating: 1 of 3",
-        "simulating: 2 of 3",
-        "simulating: 3 of 3",
-    ]
-    assert all(line.endswith("s left") for line in lines)

@@ -30,6 +30,15 @@ def driven(directory, hang="no"):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def given_up(tmp_path_factory):
+    """A process whose device hangs in every call, and its directory: it gives up while the other tests run."""
+    directory = tmp_path_factory.mktemp("given_up")
+    with driven(directory, "device") as process:
+        yield process, directory
+        process.kill()
+
+
 def commands(directory):
     path = directory / "commands"
     return path.read_text().splitlines() if path.exists() else []
@@ -164,9 +173,9 @@ def test_a_call_that_cannot_be_interrupted_is_left_and_the_process_ends(tmp_path
     check_log(tmp_path)
 
 
-def test_a_device_whose_every_call_hangs_is_given_up_and_said_to(tmp_path):
-    process = driven(tmp_path, "device")
+def test_a_device_whose_every_call_hangs_is_given_up_and_said_to(given_up):
+    process, directory = given_up
     out, err = process.communicate(timeout=LONG)
     assert process.returncode == 4
     assert "False" in out or "could not be vented" in err
-    check_log(tmp_path)
+    check_log(directory)

@@ -1,7 +1,6 @@
 """The plant: its equations, its integration, its place among other tools."""
 
 import casadi as ca
-import control
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -73,21 +72,6 @@ def test_the_torque_for_a_motion_moves_the_link_that_way():
     T = plant.torque_for(theta, omega, alpha, d)
     a = allocate(theta, 7.6, T, joint=plant.joint)
     assert plant.rate((theta, omega, a.P1, a.P2), (a.P1, a.P2), d)[1] == pytest.approx(alpha, rel=1e-9)
-
-
-def test_python_control_simulates_the_same_motion():
-    plant = Plant(lag=(0.1, 0.15))
-    t = np.linspace(0, 0.5, 51)
-    inputs = np.tile([*U, 0.2], (t.size, 1)).T
-    options = {"rtol": 1e-10, "atol": 1e-10}
-    answer = control.input_output_response(plant.as_control_system(), t, inputs, X0, solve_ivp_kwargs=options)
-    ours = X0
-    step = Buffered(plant.discrete(0.01, 0.02))
-    for _ in range(50):
-        ours = step(ours, U, 0.2)[0][0]
-    np.testing.assert_allclose(answer.outputs[:4, -1], ours, rtol=1e-6)
-    assert answer.outputs[4, -1] == pytest.approx(plant.stiffness(ours), rel=1e-6)
-    assert answer.output_labels == ["theta", "omega", "P1", "P2", "K"]
 
 
 def test_the_integration_step_follows_the_fastest_part_of_the_plant():

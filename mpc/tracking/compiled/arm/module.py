@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -72,6 +73,7 @@ def _assembled(names: Iterable[str], arm: Arm) -> str:
     return "\n\n".join(["".join(lines), *parts[1:]]).replace("@merged", "@inlined_flat")
 
 
+@cache  # every copy of a controller asks for it
 def _without_own_imports(text: str) -> str:
     """Return the text of a file without its docstring and its imports from files with sizes."""
     lines, body = text.splitlines(keepends=True), ast.parse(text).body

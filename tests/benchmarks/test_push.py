@@ -7,11 +7,11 @@ import pytest
 
 from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
+from benchmarks.closed_loop.push import Cycle, push, slope
 from mpc import Plant, RealPlant, Reference, Weights
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.trials.loops import Settings, loop
-from mpc.trials.push import Cycle, push, slope
 
 pytestmark = pytest.mark.slow
 

@@ -8,8 +8,8 @@ import pytest
 from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
+from benchmarks.closed_loop.push import Shake, felt
 from mpc import Plant, RealPlant, Reference
-from mpc.trials.push import Shake, felt
 from mpc.yardsticks.baselines import FeedForwardControl
 
 GAS = Plant(report_joint(SAROSI_DMSP_20_400N), gas=True)
