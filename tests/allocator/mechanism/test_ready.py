@@ -132,7 +132,7 @@ def test_every_field_of_many_targets_is_that_of_the_readable_road(mechanism, lim
 
 def test_more_targets_than_pay_and_none_go_the_readable_road(mechanism):
     K, limits = np.ones(mechanism.n), Limits()
-    for N in (0, ready._MOST + 1):
+    for N in (0, ready.MOST + 1):
         assert ready.answered(mechanism, np.zeros((N, mechanism.n)), K, 0.0, "torque", limits) is None
 
 
