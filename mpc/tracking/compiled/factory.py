@@ -66,10 +66,10 @@ def factory(
     except beside.NotKept:
         if not beside.begin(step.__name__, Path(str(step.__file__)).parent, compile_step, plant, dt):
             return factory(plant, dt, problem, predictor, feed_forward)
-        notice(_BESIDE.format("a minute or two" if isinstance(plant, Arm) else "some 30 seconds"), CompilingBeside)
+        notice(_BESIDE.format(*_FOR_ARMS if isinstance(plant, Arm) else _FOR_JOINTS), CompilingBeside)
         return Parts(readable, feed_forward)
     except Exception as failure:  # see `_tell`
-        _tell("takes about thirty times as long", failure)
+        _tell("takes about forty times as long", failure)
         structured = None if isinstance(plant, Arm) else _structured(problem)
     return Parts(ReadableQPStep(problem, predictor, structured), feed_forward.ready())
 
@@ -116,8 +116,9 @@ def _tell(longer: str, failure: Exception) -> None:
 
 _BESIDE = (
     "another process compiles the controller's step for the next run, {}; this run takes the readable "
-    "one, about thirty times as slow (--wait, or wait=True, waits)"
+    "one, about {} times as slow (--wait, or wait=True, waits)"
 )
+_FOR_ARMS, _FOR_JOINTS = ("a minute or two", "sixty"), ("some 30 seconds", "forty")
 
 
 def compile_step(plant: Machine, dt: float) -> None:
