@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from allocator.compilation import beside
 from allocator.errors import notice
+from allocator.presentation.waiting import waiting
 from allocator.units import BAR
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
@@ -61,7 +61,7 @@ def factory(
         return Parts(readable, feed_forward.ready())
     try:
         step, patient, build = _of_arm(plant, *given) if isinstance(plant, Arm) else _of_joint(plant, *given)
-        with nullcontext() if wait or patient else beside.only_kept():
+        with waiting("compiling the controller's step") if wait or patient else beside.only_kept():
             return build()
     except beside.NotKept:
         if not beside.begin(step.__name__, Path(str(step.__file__)).parent, compile_step, plant, dt):

@@ -23,7 +23,7 @@ def test_short_work_prints_nothing(capsys):
 
 @pytest.mark.usefixtures("impatient")
 def test_a_pipe_gets_lines(capsys):
-    with waiting("compiling"):
+    with waiting("compiling"), waiting("a part of it"):
         sleep(0.1)
     out, err = capsys.readouterr()
     assert out == ""
