@@ -178,7 +178,7 @@ class Later(NamedTuple):
         """Return the field `name` of the allocation."""
         n, m, N = self.mechanism.n, self.mechanism.m, len(self.found)
         d = n + n * (n + 1) // 2
-        status, rounds, missed, holds = self.found[:, -4:].astype(np.int64).T
+        status, rounds, missed, holds = self.found[:, -4:].T
         match name:
             case "_problem":
                 return self._problem(n)
@@ -199,15 +199,15 @@ class Later(NamedTuple):
             case "kkt_residual":
                 made = self.found[:, m + d]
             case "torque_met":
-                made = missed & Status.TORQUE_LIMITED == 0
+                made = missed.astype(np.int8) & Status.TORQUE_LIMITED == 0
             case "stiffness_met":
-                made = missed & Status.STIFFNESS_LIMITED == 0
+                made = missed.astype(np.int8) & Status.STIFFNESS_LIMITED == 0
             case "gap":
                 made = np.zeros(N)
             case "holds":
                 made = holds == 1
             case _:
-                made = rounds.copy()
+                made = rounds.astype(np.int64)
         return shaped(made, self.shape)
 
     def _problem(self, n: int) -> BoxProblem:
