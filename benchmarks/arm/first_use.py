@@ -43,6 +43,11 @@ USES = {
     "`ArmEnvironment`, postures and stiffnesses": ("-c", _ENVIRONMENT.format("posture-stiffness")),
 }
 
+_LIMITATION = (
+    "All processes need priority over other work on the machine; beside it they take two to four times as long. Films\n"
+    "are rendered on the processor where there is no graphics card."
+)
+
 
 class Use(NamedTuple):
     """One process; times in s."""
@@ -109,7 +114,8 @@ def main() -> None:
             print(line, flush=True)
             lines.append(line)
     out.mkdir(parents=True, exist_ok=True)
-    (out / f"{NAME}.md").write_text("\n".join([*lines, f"\n{machine()}."]) + "\n", encoding="utf-8")
+    lines += ["\n" + _LIMITATION, f"\n{machine()}."]
+    (out / f"{NAME}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
