@@ -17,6 +17,7 @@ from allocator import checks
 from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.lazy import Console
+from allocator.presentation.waiting import waiting
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run, say
@@ -201,7 +202,7 @@ def track(
     settings, tuned = options.tuned(settings._replace(dt=at.dt, N=at.horizon, solver=solver, wait=wait), controller)
     if observer is None and isinstance(tested, Plant):
         observer = False  # the whole state is measured, without disturbances
-    with Console(stderr=True).status("building the controller"):
+    with waiting("building the controller"):
         if tested is not nominal and not tuned:
             settings = robust(controller, settings, asked)
         driver, estimator = loop(controller, settings, observer)
@@ -215,7 +216,9 @@ def track(
         practice = practise(tested, driver, learner, observer=estimator, seed=seed, progress=progress(console))
         done = practice.best
     elif begun is not None:
-        done = compared(simulate(tested, driver, begun.reference, observer=estimator, seed=seed), begun.wanted)
+        done = compared(
+            simulate(tested, driver, begun.reference, observer=estimator, seed=seed, progress=True), begun.wanted
+        )
         say(console, f"played: {begun.summary}")
     else:
         done = simulate(tested, driver, asked, observer=estimator, seed=seed, progress=True)

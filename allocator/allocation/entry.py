@@ -21,6 +21,7 @@ from allocator.joint.antagonist import AntagonistJoint, joint_or_report, report_
 from allocator.joint.gas import HELD, ISOBARIC, Stiffness
 from allocator.joint.limits import TAUT, Limits
 from allocator.mechanism.mechanism import Mechanism
+from allocator.presentation.waiting import waiting
 
 
 @overload
@@ -211,5 +212,6 @@ def warm_up(
     """
     joint = joint_or_report(joint) if not isinstance(joint, Mechanism) else joint
     if isinstance(joint, Mechanism):
-        return pivoting.warm_up() and (ready.warm_up(joint) or not joint.affine)
+        with waiting("compiling the allocation"):
+            return pivoting.warm_up() and (ready.warm_up(joint) or not joint.affine)
     return calls.warm_up(joint, priority, Limits(min_force, max_force), slew, gas)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator import Status, allocate
+from allocator import BAR, Limits, Status, allocate, warm_up
 from allocator.mechanism import Mechanism, machines
 from benchmarks.mechanisms.targets import POSTURE, Targets, arm_at_postures, random_mechanism, random_targets
 from tests.allocator.mechanism.enumeration import best_of_all_faces
@@ -37,6 +37,7 @@ def checks(N: int) -> Iterator[Check]:
         yield from optimality(f"n/m = {n}/{m}", random_targets(mechanism, np.full(n, 0.1), N // 20, seed=3))
     yield faces(random_targets(machines.arm26(), POSTURE, N // 10, seed=4))
     yield from one_joint(N // 10)
+    yield from target_by_target(arm_at_postures(N // 2, seed=6))
 
 
 def optimality(what: str, t: Targets) -> Iterator[Check]:
@@ -87,3 +88,28 @@ def one_joint(N: int) -> Iterator[Check]:
             off = np.abs(many.P - np.stack([one.P1, one.P2], axis=-1)).max() / joint.pressure_limits[1]
             worst = max(worst, float(off))
         yield Check(f"n = 1, m = 2: {name} against allocate, of the supply", 3 * N, worst, 1e-9)
+
+
+def target_by_target(t: Targets) -> Iterator[Check]:
+    """Yield checks of single compiled targets under changing limits against the readable implementation and DAQP."""
+    readable, rng = machines.arm26(), np.random.default_rng(7)  # which is not warmed up
+    warm_up(joint=t.mechanism)
+    kept = Limits(), Limits(None), Limits(40.0, 350.0), Limits(max_step=0.5 * BAR)
+    off: tuple[list[float], list[float]] = [], []
+    other, statuses = 0, set()
+    for i, (q, T, K) in enumerate(zip(1.6 * t.q, t.T, t.K, strict=True)):  # some beyond the joints' range
+        limits = kept[i % 4]
+        limits = limits if limits.max_step is None else limits._replace(previous=rng.uniform(0, 5 * BAR, t.mechanism.m))
+        asked = {"limits": limits, "priority": ("torque", "stiffness")[i % 2]}
+        given = K if i % 3 else np.diag(K)
+        one = allocate(q, given, T, joint=t.mechanism, **asked)
+        others = [allocate(q, given, T, joint=readable, method=method, **asked) for method in ("exact", "qp")]
+        for found, distances in zip(others, off, strict=True):
+            if found.status != Status.SOLVER_FAILED or distances is off[0]:  # DAQP ends without an answer now and then
+                distances.append(float(np.abs(one.P - found.P).max()) / (5 * BAR))
+        other += one.status != others[0].status
+        statuses.add(one.status)
+    what = "arm26, target by target under four sets of limits"
+    yield Check(f"{what}: compiled against readable, of the supply", len(off[0]), max(off[0]), 1e-9)
+    yield Check(f"{what}: other statuses than readable, of {len(statuses)}", len(off[0]), float(other), 0.0)
+    yield Check(f"{what}: compiled against DAQP where it solves, of the supply", len(off[1]), max(off[1]), 1e-7)

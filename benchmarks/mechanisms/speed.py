@@ -51,11 +51,14 @@ def lexicographic(rounds: int) -> list[Time]:
     few = Targets(one.mechanism, one.q, one.T[:FEW], one.K[:FEW])
     warm_up(joint=few.mechanism)
     exact = allocate(few.q, few.K, few.T, joint=few.mechanism)
-    problem = one.problem
+    problem, readable = one.problem, machines.arm26()  # the latter is not warmed up
     works = {
         "the kernel alone": lambda: pivoting.solve(problem),
         "compiled, target by target from Python": lambda: [
             allocate(few.q, K, T, joint=few.mechanism) for K, T in zip(few.K, few.T, strict=True)
+        ],
+        "readable, target by target from Python": lambda: [
+            allocate(few.q, K, T, joint=readable) for K, T in zip(few.K, few.T, strict=True)
         ],
         "compiled batch, one posture": lambda: allocate(one.q, one.K, one.T, joint=one.mechanism),
         "compiled batch, every target at its own posture": lambda: allocate(own.q, own.K, own.T, joint=own.mechanism),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.presentation.waiting import waiting
 from allocator.shell.options import within
 from allocator.shell.outputs import say
 from allocator.units import BAR, DEG
@@ -92,7 +93,7 @@ def track_arm(
     half_way = asked.duration / 2
     if more.catch and (learned or not isinstance(arm.bodies, Bodies)):
         raise InvalidInput("--catch is for one run of a --machine in the plane, such as arm26, without --repeat")
-    with Console(stderr=True).status("building the controller"):
+    with waiting("building the controller"):
         controller, observer, settings, tuned = _loop(options, arm, plant, dt, horizon, wait)
 
     load = repeated.load or (f"payload {payload:g} N·m" if payload else "")
@@ -128,7 +129,9 @@ def track_arm(
                 tested, controller, learner, observer=observer, x0=x0, load=push, seed=seed, progress=progress(console)
             )
             given = learner.reference  # the best one is played again for display
-        done = simulate(tested, controller, given, x0=x0, observer=observer, load=push, seed=seed, watch=watch)
+        done = simulate(
+            tested, controller, given, x0=x0, observer=observer, load=push, seed=seed, watch=watch, progress=True
+        )
         done = compared(done, asked)
     for path in files:
         write_run(done, path, film.save, hand=point)

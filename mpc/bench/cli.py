@@ -11,6 +11,7 @@ import typer
 from allocator import checks
 from allocator.errors import AntagonistError
 from allocator.lazy import Console
+from allocator.presentation.waiting import waiting
 from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
 from allocator.units import BAR, DEG, PERCENT
@@ -102,7 +103,7 @@ def run_command(
     if assumed := opened.assumed(options):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
-    with Console(stderr=True).status("building the controller (compiled once after an installation: some 20 seconds)"):
+    with waiting("building the controller (compiled once after an installation: some 20 seconds)"):
         told, tuned = options.tuned(LoopSettings(plant, at.dt, at.horizon, known), controller)
         told = told if tuned else robust(controller, told, reference)
         driver, observer = loop(controller, told, True if controller in _OBSERVING else None)

@@ -161,7 +161,7 @@ class TrackingMPC(BaseController):
 
     @property
     def implementation(self) -> str:
-        """Implementation of all steps: "compiled", or "readable", about thirty times slower (after a `SlowStep` or
+        """Implementation of all steps: "compiled", or "readable", about forty times slower (after a `SlowStep` or
         `CompilingBeside` warning).
         """
         return self._qp_step.implementation

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from allocator.allocation import allocate, warm_up
+from allocator.allocation.box import ready
 from allocator.calculus import Array
 from allocator.joint.limits import Limits
 from mpc.governor import PressureGovernor
@@ -62,6 +63,9 @@ class Action(Protocol):
 
     size: int
 
+    def warm_up(self) -> None:
+        """Compile now, so that no later call does."""
+
     def pressures(self, action: Array) -> Array:
         """Return the pressures (N, m) [Pa] of the actions (N, size)."""
 
@@ -72,6 +76,9 @@ class Pressures:
     def __init__(self, arm: Arm) -> None:
         self.size, (self._low, high) = arm.m, arm.mechanism.pressure_limits
         self._half = (high - self._low) / 2
+
+    def warm_up(self) -> None:
+        """Do nothing."""
 
     def pressures(self, action: Array) -> Array:
         """Return the pressures (N, m) [Pa] of the actions."""
@@ -87,7 +94,7 @@ class PostureAndStiffness:
     """
 
     def __init__(self, arm: Arm) -> None:
-        warm_up(joint=arm.mechanism)
+        ready.begin_warm_up(arm.mechanism)
         self.size, self.arm = 2 * arm.n, arm
         low, high = arm.angle_limits
         middle = (low + high) / 2
@@ -95,6 +102,11 @@ class PostureAndStiffness:
         softest, stiffest = np.log(np.maximum(ends[0], 1e-2 * ends[1])), np.log(ends[1])
         self._middle = np.concatenate([middle, (softest + stiffest) / 2])  # (2n,) of angles and ln K
         self._half = np.concatenate([(high - low) / 2, (stiffest - softest) / 2])
+
+    def warm_up(self) -> None:
+        """Compile the allocation, unless another process does so since this object was made; then wait for it."""
+        if not ready.warm_up(self.arm.mechanism):
+            warm_up(joint=self.arm.mechanism)
 
     def targets(self, action: Array) -> tuple[Array, Array]:
         """Return postures (N, n) [rad] and diagonals of stiffnesses (N, n) [N·m/rad] of the actions."""
@@ -105,8 +117,11 @@ class PostureAndStiffness:
         """Return the pressures (N, m) [Pa] of the actions, or the nearest feasible ones."""
         q, K = self.targets(action)
         held = self.arm.bodies.gravity_torque(q)
-        one = (slice(None), None)  # another axis, since (2, 2) would be a matrix K
-        return allocate(q[one], K[one], held[one], joint=self.arm.mechanism).P[:, 0]
+        P, most = np.empty((len(q), self.arm.m)), ready.MOST
+        for part in (slice(i, i + most) for i in range(0, len(q), most)):
+            one = (part, None)  # another axis, since (2, 2) would be a matrix K
+            P[part] = allocate(q[one], K[one], held[one], joint=self.arm.mechanism).P[:, 0]
+        return P
 
 
 KINDS: Mapping[str, Callable[[Arm], Action]] = {"pressures": Pressures, "posture-stiffness": PostureAndStiffness}

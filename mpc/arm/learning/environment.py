@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.presentation.waiting import waiting
 from allocator.units import BAR
 from mpc.arm.learning.actions import KINDS, Governor, governor_of, within
 from mpc.arm.learning.plant import ArmBatch, VariedArm
@@ -43,9 +44,11 @@ class Episodes:
         self.task, self.size = task, size
         task.variation.check(varied)
         self.judge = task.judge(size)
-        self.batch: Batch = _BATCHES[task.dynamics](varied, size, task.dt)
-        self.action = KINDS[task.actions](arm)
-        self.governor = governor_of(arm, task.dt, task.delay) if governor is None else governor
+        with waiting("compiling the environment, once for each kind of arm"):
+            self.action = KINDS[task.actions](arm)
+            self.batch: Batch = _BATCHES[task.dynamics](varied, size, task.dt)
+            self.governor = governor_of(arm, task.dt, task.delay) if governor is None else governor
+            self.action.warm_up()
         self.seen_range = tuple(task.seen_range)
         n, m = arm.n, arm.m
         self.goal = task.draw(size, np.random.default_rng(0))[1]  # (N, g), any before `begin`

@@ -1,11 +1,11 @@
 """Factory of an observer's compiled estimate."""
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from allocator.compilation import beside
+from allocator.presentation.waiting import waiting
 from mpc.observer.compiled.layout import State, Tail
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import Filter
@@ -38,7 +38,7 @@ def compiled_estimate(
         from mpc.observer.compiled.whole import CompiledEstimate
 
         compiled = compiled_filter(own)
-        with nullcontext() if wait else beside.only_kept():
+        with waiting("compiling the observer") if wait else beside.only_kept():
             return CompiledEstimate(own.plant, compiled.module, lambda: made_of(compiled, own, diagnosis), readable)
     except beside.NotKept:
         module = compiled.module

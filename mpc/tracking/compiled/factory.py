@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from allocator.compilation import beside
 from allocator.errors import notice
+from allocator.presentation.waiting import waiting
 from allocator.units import BAR
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
@@ -61,15 +61,15 @@ def factory(
         return Parts(readable, feed_forward.ready())
     try:
         step, patient, build = _of_arm(plant, *given) if isinstance(plant, Arm) else _of_joint(plant, *given)
-        with nullcontext() if wait or patient else beside.only_kept():
+        with waiting("compiling the controller's step") if wait or patient else beside.only_kept():
             return build()
     except beside.NotKept:
         if not beside.begin(step.__name__, Path(str(step.__file__)).parent, compile_step, plant, dt):
             return factory(plant, dt, problem, predictor, feed_forward)
-        notice(_BESIDE.format("a minute or two" if isinstance(plant, Arm) else "some 30 seconds"), CompilingBeside)
+        notice(_BESIDE.format(*_FOR_ARMS if isinstance(plant, Arm) else _FOR_JOINTS), CompilingBeside)
         return Parts(readable, feed_forward)
     except Exception as failure:  # see `_tell`
-        _tell("takes about thirty times as long", failure)
+        _tell("takes about forty times as long", failure)
         structured = None if isinstance(plant, Arm) else _structured(problem)
     return Parts(ReadableQPStep(problem, predictor, structured), feed_forward.ready())
 
@@ -116,8 +116,9 @@ def _tell(longer: str, failure: Exception) -> None:
 
 _BESIDE = (
     "another process compiles the controller's step for the next run, {}; this run takes the readable "
-    "one, about thirty times as slow (--wait, or wait=True, waits)"
+    "one, about {} times as slow (--wait, or wait=True, waits)"
 )
+_FOR_ARMS, _FOR_JOINTS = ("a minute or two", "sixty"), ("some 30 seconds", "forty")
 
 
 def compile_step(plant: Machine, dt: float) -> None:

@@ -7,8 +7,8 @@ of every block, after which the commands move as ū does. With δx_0 = 0 the lin
 
     δx_{k+1} = A_k δx_k + B_k E_k z      so      x_k = x̄_k + G_k z,    G_0 = 0,    G_{k+1} = A_k G_k + B_k E_k
 
-and every term of the cost is a residual r̄ + M z: H = MᵀM, f = Mᵀr̄. Pressures count in bar within z, s in rad, s_F in
-N.
+and every term of the cost is a residual r̄ + J z of the weight w: H = Σ w JᵀJ, f = Σ w Jᵀr̄. Pressures count in bar
+within z, s in rad, s_F in N.
 
 A `NamedQP` shows a step's QP for inspection: its matrices, and the names of its decisions and rows.
 
@@ -98,8 +98,11 @@ def condense(
 ) -> QP:
     """Return the QP of a step about `model`; `u_last`, `u_star_last` (2,) are the previous command and feed-forward."""
     G = sensitivity(model.A, model.B, problem.E)
-    M, r = _residuals(problem, model, G, feed, u_last - u_star_last)
-    H, f = M.T @ M, M.T @ r
+    H, f = np.zeros((G.shape[-1], G.shape[-1])), np.zeros(G.shape[-1])
+    terms = _residuals(problem, model, G, feed, u_last - u_star_last)
+    for w, J, r in terms:  # one large product would wait for the threads of a library
+        H += w * (J.T @ J)
+        f += w * (J.T @ r)
     weights = problem.weights
     H[-SLACKS:, -SLACKS:] = np.diag([weights.slack_square, weights.slack_force_square])
     f[-SLACKS:] = weights.slack, weights.slack_force
@@ -114,8 +117,8 @@ def condense(
 
 def _residuals(
     problem: TrackingProblem, model: Linearisation, G: Array, feed: FeedForward, e_last: Array
-) -> tuple[Array, Array]:
-    """Return M (m, n) and r̄ (m,) of the cost ½|r̄ + M z|²."""
+) -> list[tuple[float, Array, Array]]:
+    """Return the terms w, J, r̄ of the cost ½ Σ w |r̄ + J z|²."""
     E, L, W = problem.E, problem.L, problem.rows
     N, _, n = E.shape
     e = model.u - feed.u  # (N, 2) [Pa]
@@ -124,15 +127,13 @@ def _residuals(
     x, y = model.x - feed.x, model.y - feed.y
     xi = np.concatenate([x[-1], e[-1]])
     inner = slice(1, N)  # the states before the last, which has the terminal cost
-    terms = [  # weight, Jacobian, residual at z = 0
+    return [
         *((w, G[inner, i], x[inner, i]) for i, w in charged(W.x)),
         *((w, (model.slope[inner, None, i] @ G[inner])[:, 0], y[inner, i]) for i, w in charged(W.y)),
         *((w, E[:, i], e[:, i]) for i, w in charged(W.e)),
         *((w, E_rate[:, i], rate[:, i]) for i, w in charged(W.rate)),
         (1.0, L @ np.concatenate([G[-1], E[-1]]), L @ xi),
     ]
-    M = np.concatenate([w**0.5 * J for w, J, _ in terms])
-    return M, np.concatenate([w**0.5 * r for w, _, r in terms])
 
 
 def _rows(problem: TrackingProblem, model: Linearisation, G: Array) -> tuple[Array, Array, Array]:

@@ -70,11 +70,11 @@ def certified(solve: Solver, qp: QP, deadline: float, curvature: float) -> Answe
 
 
 class SlowStep(UserWarning):
-    """Warning that a controller's step could not be compiled; the uncompiled one is about thirty times slower."""
+    """Warning that a controller's step could not be compiled; the uncompiled one is about forty times slower."""
 
 
 class CompilingBeside(UserWarning):
-    """Warning that a controller's step is being compiled in the background; about thirty times slower until then."""
+    """Warning that a controller's step is being compiled in the background; about forty times slower until then."""
 
 
 class PreviousSample(NamedTuple):

@@ -1,6 +1,8 @@
 """Compiled answers, against the readable road: every field, every limit, every refusal."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from allocator import InvalidInput, Limits, Stiffness, allocate, warm_up
 from allocator.allocation.box import ready
 from allocator.allocation.box.kernel.target import answers
+from allocator.compilation import beside
 from allocator.mechanism import Mechanism, Tables, from_function, machines
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
@@ -132,8 +135,20 @@ def test_every_field_of_many_targets_is_that_of_the_readable_road(mechanism, lim
 
 def test_more_targets_than_pay_and_none_go_the_readable_road(mechanism):
     K, limits = np.ones(mechanism.n), Limits()
-    for N in (0, ready._MOST + 1):
+    for N in (0, ready.MOST + 1):
         assert ready.answered(mechanism, np.zeros((N, mechanism.n)), K, 0.0, "torque", limits) is None
+
+
+def test_compilation_begins_in_another_process_only_if_nothing_is_kept(monkeypatch):
+    kept, begun, arm = [], [], machines.arm26()
+    monkeypatch.setattr(ready, "_compiled", lambda: SimpleNamespace(_cache=SimpleNamespace(cache_path="kept")))
+    monkeypatch.setattr(ready, "warm_up", lambda mechanism: kept or beside.check_may_compile("answers"))
+    monkeypatch.setattr(beside, "begin", lambda *arguments: begun.append(arguments))
+    ready.begin_warm_up(arm)
+    assert begun == [("ready", Path("kept"), ready.warm_up, arm)]
+    kept.append(True)
+    ready.begin_warm_up(arm)
+    assert len(begun) == 1
 
 
 def test_an_answer_stays_when_the_arrays_it_was_asked_with_change(mechanism):

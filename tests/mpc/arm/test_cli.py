@@ -18,6 +18,7 @@ from mpc.model.arm.storage import load_arm, save_arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction
 from mpc.tracking.qp.step import SlowStep
+from mpc.trials import simulation
 from mpc.trials.motions import arm_trajectories as references
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "hand_path.csv"
@@ -50,6 +51,13 @@ def test_it_writes_film_picture_and_table_and_says_how_it_went(folder, brief):
         rows = list(csv.DictReader(file))
     assert len(rows) == 21  # 0.4 s of 20 ms, and the beginning
     assert abs(float(rows[-1]["shoulder_deg"]) - 20) < 0.1
+
+
+@pytest.mark.slow
+def test_a_pipe_learns_how_many_samples_are_left(folder, brief, monkeypatch):
+    monkeypatch.setattr(simulation, "_TELLS", 0.0)
+    result = run("hold", "--dt", "0.02", "--horizon", "8", "--out", "run.csv")
+    assert "simulating: 1 of 20, about" in result.stderr
 
 
 @pytest.mark.slow

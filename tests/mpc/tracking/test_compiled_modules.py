@@ -75,7 +75,7 @@ def test_without_a_directory_to_write_to_the_readable_step_answers(monkeypatch, 
     (tmp_path / "file").touch()
     monkeypatch.setattr(modules, "_directory", lambda: tmp_path / "file" / "below")
     modules.imported.cache_clear()
-    with pytest.warns(SlowStep, match="thirty times as long"):
+    with pytest.warns(SlowStep, match="forty times as long"):
         mpc = TrackingMPC(Plant(), N=12)
     assert mpc.implementation == "readable"
     assert mpc.step(Plant().at_rest(0.0, 7.6), 0.1, 7.8).status is PlanStatus.OPTIMAL
@@ -297,7 +297,7 @@ def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
     angles = np.linspace(-1.5, 1.5, 120)
     table = Table(0.40, angles, 0.13 + 0.04 * np.sin(angles), 0.13 - 0.04 * np.sin(angles))
     plant = Plant(joint=replace(joints["sarosi-table"], geometry=table))
-    with pytest.warns(SlowStep, match=r"thirty times as long: the law's function .* operations, more than"):
+    with pytest.warns(SlowStep, match=r"forty times as long: the law's function .* operations, more than"):
         mpc = TrackingMPC(plant, N=4)
     assert mpc.implementation == "readable"
 
@@ -306,7 +306,7 @@ def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
 def test_what_the_compiler_fails_at_is_left_to_the_readable_step(monkeypatch):
     wrong = {**PYTHON.operations, "OP_SIN": "float({0} > 0.0)"}  # which numba does not take
     monkeypatch.setattr(python_text, "PYTHON", replace(PYTHON, operations=wrong))
-    with pytest.warns(SlowStep, match="thirty times as long: Failed in nopython mode") as said:
+    with pytest.warns(SlowStep, match="forty times as long: Failed in nopython mode") as said:
         mpc = TrackingMPC(Plant(gravity_torque=0.5), N=4)
     assert (mpc.implementation, len(said), said[0].filename) == ("readable", 1, __file__)
     assert "\n" not in str(said[0].message)

@@ -11,14 +11,14 @@ from collections.abc import Callable
 from allocator.allocation.box.kernel import levels as one
 from allocator.allocation.box.kernel.box_qp import box_qp
 from allocator.allocation.box.kernel.data import Box, Levels
-from allocator.allocation.box.kernel.levels import CANCELS, MOST_ROUNDS, prepare, scale, solve
+from allocator.allocation.box.kernel.levels import CANCELS, MOST_ROUNDS, measure, prepare, scale, solve
 
 
 def residual(levels, box, x, mu, pull, near, held, work):
     """Return the greatest remaining gradient of any level, in fractions of its scale.
 
     `pull` is the weight of ‖x - c‖² in the last level; with 0 it is a level of its own. `held` (m + p) is scratch
-    memory. Call `levels.prepare` and `levels.scale` first.
+    memory. Call `levels.measure` and `levels.scale` first.
     """
     ends, scales, factors = levels.ends, work.scales, work.rhs
     K, begin, worst = len(ends), 0, 0.0
@@ -95,8 +95,10 @@ def allocate_batch(A, b, onesided, ends, lo, hi, centre, which, warm, x, side, m
     """
     for i in range(len(which)):
         levels = Levels(A[which[i]], b[i], onesided, ends)
-        if i == 0 or which[i] != which[i - 1]:
+        if i == 0 or (which[i] != which[i - 1] and not warm):
             prepare(levels, work)
+        elif which[i] != which[i - 1]:
+            measure(levels, work)
         if warm and i > 0:
             for j in range(side.shape[1]):
                 side[i, j] = side[i - 1, j]
@@ -137,7 +139,7 @@ def residual_batch(A, b, onesided, ends, lo, hi, centre, which, x, mu, pull, nea
     for i in range(len(which)):
         levels = Levels(A[which[i]], b[i], onesided, ends)
         if i == 0 or which[i] != which[i - 1]:
-            prepare(levels, work)
+            measure(levels, work)
         scale(levels, work)
         out[i] = residual(levels, Box(lo[i], hi[i], centre[i]), x[i], mu[i], pull, near, held, work)
 

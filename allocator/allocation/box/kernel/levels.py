@@ -27,7 +27,20 @@ EXCEEDED = 1e-9  # of a one-sided row's scale: above `RANK`'s, or nearly depende
 
 def prepare(levels, work):
     """Fill the sizes of each level, and the matrix of the first guess's QP, which depend only on the rows."""
-    A, ends, sizes, weights, H = levels.A, levels.ends, work.sizes, work.weights, work.H
+    A, weights, H = levels.A, work.weights, work.H
+    measure(levels, work)
+    weigh(levels, work)
+    for j in range(A.shape[1]):
+        for c in range(j + 1):
+            H[j, c] = 1.0 if j == c else 0.0
+            for i in range(len(A)):
+                H[j, c] += weights[i] * A[i, j] * A[i, c]
+            H[c, j] = H[j, c]
+
+
+def measure(levels, work):
+    """Fill the sizes of each level."""
+    A, ends, sizes = levels.A, levels.ends, work.sizes
     begin, m = 0, A.shape[1]
     for k in range(len(ends)):
         sizes[0, k], sizes[1, k], sizes[2, k] = 0.0, 0.0, 0.0
@@ -40,13 +53,6 @@ def prepare(levels, work):
             sizes[0, k], sizes[1, k] = max(sizes[0, k], total), max(sizes[1, k], square)
             sizes[2, k] += greatest
         begin = ends[k]
-    weigh(levels, work)
-    for j in range(m):
-        for c in range(j + 1):
-            H[j, c] = 1.0 if j == c else 0.0
-            for i in range(len(A)):
-                H[j, c] += weights[i] * A[i, j] * A[i, c]
-            H[c, j] = H[j, c]
 
 
 def weigh(levels, work):
@@ -349,6 +355,20 @@ def row_belongs(i, level, levels, x, now, mu, work):
 
 
 FUNCTIONS: tuple[Callable[..., object], ...] = (
-    *(prepare, weigh, scale, solve, guess, point, basis, again, least_squares, multipliers, earlier, violations),
+    *(
+        prepare,
+        measure,
+        weigh,
+        scale,
+        solve,
+        guess,
+        point,
+        basis,
+        again,
+        least_squares,
+        multipliers,
+        earlier,
+        violations,
+    ),
     *(row_belongs, box_qp, face, flip),
 )

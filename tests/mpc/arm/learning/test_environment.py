@@ -8,6 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from allocator import InvalidInput, MissingBackend, allocate, report_joint
+from allocator.allocation.box import ready
 from allocator.units import BAR
 from benchmarks.arm.unmodelled import machine
 from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness, governor_of
@@ -164,6 +165,14 @@ def test_postures_and_stiffnesses_become_the_allocation_s_pressures():
     ends = meant.targets(np.array([[-1.0] * 8, [1.0] * 8]))
     assert ends[0][:, 0] == pytest.approx(np.deg2rad([-90, 90]))
     assert (ends[1][0] < ends[1][1]).all()
+
+
+def test_more_arms_than_one_compiled_call_takes_get_the_same_pressures(monkeypatch):
+    meant = PostureAndStiffness(ARM)
+    actions = np.random.default_rng(3).uniform(-1, 1, (7, meant.size))
+    together = meant.pressures(actions)
+    monkeypatch.setattr(ready, "MOST", 3)
+    assert (meant.pressures(actions) == together).all()
 
 
 def test_an_arm_settles_where_its_action_says():
