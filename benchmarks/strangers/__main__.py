@@ -19,9 +19,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
+from allocator.presentation.progress import counted
 from benchmarks.strangers import ages
 from benchmarks.strangers.plants import REPORTING, STRUCTURES
 from benchmarks.strangers.runs import CASES, CONTROLLERS, MODELS, Row, rows_of
@@ -66,7 +65,7 @@ def ages_report(seeds: range, pool: ProcessPoolExecutor) -> str:
     """Return the report on readings that are older than told."""
     plants = [*product(STRUCTURES, seeds), (ages.OWN, 0)]
     jobs = [pool.submit(ages.aged_rows, *plant, age) for plant, age in product(plants, ages.AGES)]
-    found = [row for job in track(jobs, "ages", console=Console(stderr=True)) for row in job.result()]
+    found = [row for job in counted(jobs, "ages") for row in job.result()]
     rows = sorted(found, key=lambda row: ([*STRUCTURES, ages.OWN].index(row.structure), row.age))
     lines = ["# Readings that are older than told", "", (ages.__doc__ or "").split("\n\n", 1)[1].strip(), ""]
     lines += [f"Seeds of each structure: {', '.join(map(str, seeds))}. Model of data sheets. Errors in degrees.", ""]
@@ -96,7 +95,7 @@ def main() -> None:
             out.write_text(ages_report(seeds, pool), encoding="utf-8")
             return
         jobs = [pool.submit(rows_of, *one, models, controllers) for one in product(STRUCTURES, seeds)]
-        rows = [row for job in track(jobs, "strangers", console=Console(stderr=True)) for row in job.result()]
+        rows = [row for job in counted(jobs, "strangers") for row in job.result()]
     out.write_text(report(rows, models, controllers), encoding="utf-8")
     print(out.read_text(encoding="utf-8"))
 

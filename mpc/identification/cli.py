@@ -140,7 +140,8 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
         if not fit.scale_known:
             say(console, "the joint's force scale is unknown: inertia, damping and stiffness are known up to it")
         if plant.assumed:
-            say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant")
+            told = " (set it with --slew of later commands, or in [plant])" if "slew" in plant.assumed else ""
+            say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant{told}")
     else:
         say(console, "no joint was given: the static angle is a polynomial of the pressures, and there is no plant")
     for warning in fit.warnings:

@@ -200,7 +200,7 @@ class IdentifiedPlant:
             "held_out_rms_deg": held_out.every,
         }
         text = final.text(final.best.numbers, {name: round(value / DEG, 3) for name, value in figures.items()})
-        return cls(text, final.best.run, errors, last, held_out, final.assumed)
+        return cls(text, final.best.run, errors, last, held_out, final.taken)
 
     @property
     def plant(self) -> Plant:
@@ -260,6 +260,11 @@ class _Written:
         return ("inertia",) if self.moving.damping >= self._least_damping else ("damping", "inertia")
 
     @property
+    def taken(self) -> tuple[str, ...]:
+        """Numbers of the plant that nobody has shown: `assumed`, and the slew of the regulators unless it is known."""
+        return (*self.assumed, *(() if "slew" in self.known else ("slew",)))
+
+    @property
     def _least_damping(self) -> float:
         """Least damping that the log can show without an inertia [N·m·s/rad]."""
         return _UNSEEN * self.fit.log.step * self.moving.stiffness
@@ -300,7 +305,7 @@ class _Written:
             "encoder_zero_deg": self.moving.zero / DEG,
             "pressures": COMMANDED if self._commanded else IMPOSED,
             "unseen": "; ".join(fit.unseen),
-            "assumed": ", ".join(self.assumed),
+            "assumed": ", ".join(self.taken),
         }
         lines = [*_HEADER, dumps(self.moving.joint, scale_known=fit.scale_known, source=source).rstrip("\n")]
         scale = "" if fit.scale_known else ", in the unknown scale of the joint's forces"

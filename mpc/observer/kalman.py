@@ -48,8 +48,7 @@ class KalmanObserver:
 
     A sensor may be silent (NaN, or rejected by the `gate`) or frozen for `tolerance` seconds. After that, its quantity
     is NaN in the estimate until the sensor returns, and `TrackingMPC` reports the missing measurement in the status of
-    its plans. No number makes the observer raise. Before the first plausible angle, the estimate is NaN except for the
-    pressures.
+    its plans. No number makes the observer raise. Before the first plausible angle, only the pressures are not NaN.
 
     Angles are read `Compensation.reading_age` late. Readings of pressures are delayed by the same time, the filter
     estimates the state at that time, and the result is predicted from it with the commands since.
@@ -393,8 +392,8 @@ class KalmanObserver:
             x = np.full(size, np.nan)
             x[self._measured[there]] = said[there]
             return x, 0.0 if joint else np.zeros(self.plant.n)
-        memories = [friction.memory for friction in self._frictions]
-        now = self.filter.ahead(self._belief, [*self._commands][1 : 1 + self.age], memories)
+        under_way, memories = [*self._commands][1 : 1 + self.age], [friction.memory for friction in self._frictions]
+        now = self.filter.ahead(self._belief, under_way, memories)
         xi = now.xi if now.sound else self._belief.xi
         x, d = xi[:size].copy(), xi[size:].copy()
         x[self._measured[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan

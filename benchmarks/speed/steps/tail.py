@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from allocator.calculus import Array
 from allocator.files.atomic import write_text
+from allocator.presentation.progress import counted
 from allocator.units import DEG
 from benchmarks.allocators.machine import machine
 from benchmarks.speed.steps.whole_sample import DT, TimedController, TimedObserver
@@ -74,7 +73,7 @@ def measured(loop: str, horizon: int, steps: int, rounds: int) -> Row:
     """Return the least times of every step over the rounds. Raises `BenchmarkFailure` if the rounds differ."""
     number = max(1, round(steps * DT / DURATION))
     found: list[tuple[Array, ...]] = []
-    for _ in track(range(rounds), f"{loop}, N = {horizon}", console=Console(stderr=True)):
+    for _ in counted(range(rounds), f"{loop}, N = {horizon}"):
         found.append(tuple(np.concatenate(rows) for rows in zip(*runs(loop, horizon, number), strict=True)))
         if not np.array_equal(found[0][0], found[-1][0]):
             raise BenchmarkFailure("two equal runs gave different commands")

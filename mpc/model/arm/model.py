@@ -70,9 +70,7 @@ class Arm:
         object.__setattr__(self, "lag", tuple(np.broadcast_to(lag, (m,)).tolist()))
         object.__setattr__(self, "slew", checks.number("Arm: slew", self.slew, "Pa/s"))
         if not self.slew > checks.LOOKS_LIKE_BAR[1]:
-            raise InvalidInput(
-                f"Arm: slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5"
-            )
+            raise InvalidInput(f"Arm: slew = {self.slew:g} Pa/s is next to nothing; for bar/s, multiply by 1e5")
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the formulas, which cannot be pickled; each process creates them for itself."""
@@ -112,9 +110,8 @@ class Arm:
         """Return the arm of a MuJoCo model: a file, MJCF text or an `MjModel`, whose joints are hinges.
 
         `muscles`, `rest_length` and `cable` [m] are those of `Mechanism.from_mjcf`; `contraction` [-] of the muscles in
-        the model's own posture may replace `cable`. MuJoCo evaluates parts without formulas, which makes the
-        controller's step slow. Contacts, stops, dry friction and actuators are left out. Raises `InvalidFile`, also for
-        other joints and for equality constraints, `InvalidInput` and `MissingPackage`.
+        the model's own posture may replace `cable`. MuJoCo evaluates parts without formulas, slowly. Contacts, stops,
+        dry friction and actuators are left out. Raises `InvalidFile`, `InvalidInput` and `MissingPackage`.
         """
         from mpc.model.arm.reading import read_arm
 
@@ -171,7 +168,7 @@ class Arm:
 
     @property
     def lags_each_way(self) -> tuple[Array, Array]:
-        """Time constants (m,) [s] of rising and of falling pressures, which are the same for an arm."""
+        """Time constants (m,) [s] of rising and of falling pressures, the same."""
         return self.lags, self.lags
 
     @property
