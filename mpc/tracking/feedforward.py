@@ -117,4 +117,4 @@ class InverseDynamics:
         """Return the commands (N, m) [Pa] for the pressures `P` (N+1, m) [Pa] that would fall by `q` (N, m) [Pa/s]."""
         rises = P[1:] - P[:-1] + self.dt * q > 0
         ways = [(P[1:] - a * P[:-1]) / (1 - a) + lag * q for a, lag in zip(self.alpha, self.lags, strict=True)]
-        return np.where(rises, *ways)
+        return np.asarray(np.where(rises, *ways))

@@ -203,8 +203,8 @@ def linear(told: Compensation) -> Compensation:
 
 def linear_model(plant: MachineT) -> MachineT:
     """Return the model with one lag for rising and falling pressures."""
-    unequal = isinstance(plant, Plant) and plant.venting != 1
-    return replace(plant, venting=_ALIKE) if unequal else plant
+    model: Any = plant
+    return replace(model, venting=_ALIKE) if isinstance(plant, Plant) and plant.venting != 1 else plant
 
 
 def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:

@@ -162,8 +162,8 @@ def _effects(
     plant: Machine, known: Compensation, factors: Mapping[str, list[float]], unit: Mapping[str, Array], s: Spreads
 ) -> dict[str, Any]:
     """Return the strengths of the muscles, the regulators and the sensors of a draw."""
-    own = (known.lag_up, known.lag_down), plant.lags_each_way
-    up, down = (lag or float(np.mean(lags)) for lag, lags in zip(*own, strict=True))
+    usual = np.mean(np.array(plant.lags_each_way), axis=1).tolist()
+    up, down = known.lag_up or usual[0], known.lag_down or usual[1]
     if known.lag_down is None and up == down:
         down *= 1 + 0.5 * float(unit["venting"][0])  # venting takes longer
     return {
