@@ -5,8 +5,9 @@ by twice its amplitude. Each tone therefore fades in while the one before fades 
 angle is 1.4 times the wanted amplitude away from the middle of the last period.
 
 The drive of a joint with friction is about affine in its swing, F = F_c + c A, and F_c may be large: near A it is a
-power of the swing with the exponent c A/F. The search for the drive of a swing is therefore a secant method of
-logarithms, in bounded steps. Its exponent is kept from tone to tone.
+power of the swing with the exponent c A/F. Above the resonance friction opposes the inertia's torque less, F_c < 0, and
+the exponent is over 1. The search for the drive of a swing is therefore a secant method of logarithms, in bounded
+steps. Its exponent is kept from tone to tone.
 """
 
 from collections.abc import Generator, Iterator
@@ -24,8 +25,8 @@ from mpc.bench.measuring.loops import Tone, tone_of
 from mpc.bench.safety import Pressures
 from mpc.model.plant import Plant
 
-_JUMPING, CAUTIOUS, PROPORTIONAL = 0.15, 0.4, 1.0  # exponents of a drive by its swing: least, first, without friction
-_STEEPEST = 2.0  # … greatest: above the resonance friction takes from the drive what it adds below
+_JUMPING, CAUTIOUS, PROPORTIONAL = 0.15, 0.4, 1.0  # exponents of a drive by its swing: least, first, greatest …
+_STEEPEST = 2.0  # … and greatest of a quick tone
 _STEP, _FARTHER = 1.3, 1.5  # greatest steps: of a swing below _STARTED, else
 _STARTED = 0.3  # of the wanted amplitude
 _ENOUGH = 1.4  # times the wanted amplitude: the drive is cut …
@@ -73,7 +74,7 @@ class Wave(NamedTuple):
         """Expected amplitudes of both pressures [Pa] (2,)."""
         return np.asarray(np.abs(self.drive) * np.cos(self.behind))
 
-    def times(self, scale: "float | Array") -> "Wave":
+    def times(self, scale: float | Array) -> "Wave":
         """Return the wave with `scale` times its amplitudes, of both or of each."""
         return self._replace(drive=scale * self.drive)
 
@@ -85,6 +86,7 @@ class Wave(NamedTuple):
 class Search:
     """Search for the scale of a drive whose swing is A, as a power of the swing: `exponent` is 1 without friction.
 
+    A `quick` tone, above the resonance, may have a greater one.
     The exponent is that between the last two swings, or once those of the last two on either side of A: friction
     remembers earlier drives, but between neighbouring ones noise decides.
     """

@@ -7,7 +7,7 @@
     both muscles at a low frequency with a series of amplitudes: the curve K_felt(A)
     with a weight, both muscles at the low frequency and A, without it and with it
 
-Each tone begins with the drive that the one before suggests, and is brought to its amplitude by a search
+Each tone begins with the drives of both muscles that earlier tones suggest, and is brought to its amplitude by a search
 (`mpc.bench.measuring.driving`). A tone that stays apart from its amplitude ends the experiment: friction jumps. So does
 one for which no time is left, except for the third high frequency and the series, which are then left out. The third
 high frequency is left out as well if the regulators hardly reach the other two.
@@ -51,7 +51,7 @@ _BETWEEN = 0.3, 3.0  # of a drive over the expected one
 _CLOSE, _MEASURED = 0.08, 0.09  # [-] of the amplitude: close enough to measure, and as measured
 _MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
 _BEGIN = 0.8  # [-] of the amplitude, to which the first drive is expected to swing
-_OTHER = 0.85  # of the drive, for a muscle that may be the stronger one, and for a slow tone
+_OTHER = 0.85  # of the drive, for a muscle that may be stronger than the one before
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
 _ENOUGH_ABOVE = 1.2  # … by which the amplitude is planned
 _CALM = 0.44  # of |K_felt + i h|: least |K_felt + i h - J ω²| of an upper tone, 1.2 times the resonance without losses
@@ -119,7 +119,7 @@ class Experiment(Driver):
         self._amplitude = tones.amplitude
         self._gains = self._torque_gains(theta)
         self._backbone = float(plant.joint.stiffness(theta, *self.first)) + plant.gravity_torque * cos(theta)
-        self._scales = {False: np.ones(2), True: np.full(2, 0.8)}  # drives over the expected ones, slow and quick
+        self._scales = {False: np.ones(2), True: np.full(2, 0.8)}  # drives over the expected ones: slow, quick
         self._exponents = {False: CAUTIOUS, True: PROPORTIONAL}  # of the drive by the swing, in the last search
         self._until = tones.longest  # [s], the end
         self._decisions = self._all()
@@ -157,6 +157,7 @@ class Experiment(Driver):
         self._rest = self._centre()  # which friction has let go
         self._gains = self._torque_gains(self._rest)
         self._check_range()
+        self._scales[False] *= _OTHER
         found.append((yield from self._brought(tones.low, ONE, A, close=0.15)))
         A = self._amplitude = found[0].swing
         self._scales[False][1] *= _OTHER
@@ -218,9 +219,9 @@ class Experiment(Driver):
     def _correct(self, shares: tuple[float, float]) -> None:
         """Remember the drive of a tone relative to the expected one, for the next tone."""
         wave, A = self._wave, self._met[1] if self._wave.frequency <= QUICK else self._asked
-        expected, known = np.abs(self._drive(wave.frequency, shares, A).drive), self._scales[wave.frequency > QUICK]
         driven = np.array(shares) > 0
-        known[driven] = np.clip(np.abs(wave.drive)[driven] / expected[driven], *_BETWEEN)
+        expected = self._drive(wave.frequency, shares, A).drive[driven]
+        self._scales[wave.frequency > QUICK][driven] = np.clip(wave.drive[driven] / expected, *_BETWEEN)
 
     def _check_range(self) -> None:
         left, right = self.plant.joint.angle_range
