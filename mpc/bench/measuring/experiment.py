@@ -51,7 +51,7 @@ _BETWEEN = 0.3, 3.0  # of a drive over the expected one
 _CLOSE, _MEASURED = 0.08, 0.09  # [-] of the amplitude: close enough to measure, and as measured
 _MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
 _BEGIN = 0.8  # [-] of the amplitude, to which the first drive is expected to swing
-_OTHER = 0.85  # of the drive, for a muscle that may be stronger than the one before
+_OTHER = 0.85  # of the drive, for a muscle that may be the stronger one, and for a slow tone
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
 _ENOUGH_ABOVE = 1.2  # … by which the amplitude is planned
 _CALM = 0.44  # of |K_felt + i h|: least |K_felt + i h - J ω²| of an upper tone, 1.2 times the resonance without losses
@@ -163,6 +163,7 @@ class Experiment(Driver):
         self._scales[False][1] *= _OTHER
         found.append((yield from self._brought(tones.low, TWO, A)))
         found.append((yield from self._brought(tones.low, BOTH, 1.4 * A, close=0.15)))
+        self._scales[False] *= _OTHER
         found.append((yield from self._brought(tones.slowest, BOTH, A)))
         self._scales[True] *= self._scales[False] / self._scales[False].mean()
         upper, further = self._upper(self._stiff(A))
@@ -315,7 +316,7 @@ class Experiment(Driver):
     ) -> Generator[Decision, None, tuple[Tone, float]]:
         """Return a tone that swings by A, and its frequency [Hz], lower than `f` if the regulators are too slow."""
         tone = yield from self._brought(f, shares, A)
-        while tone.swing < (1 - _MEASURED) * A and f > lowest:
+        while tone.swing < (1 - USABLE) * A and f > lowest:
             f = max(0.9 * f, lowest)
             tone = yield from self._brought(f, shares, A)
         return tone, f
@@ -328,7 +329,7 @@ class Experiment(Driver):
         """Drive a tone until the angle swings by A, and return it. Raises `Refused` if it stays apart from A."""
         quick = f > QUICK
         expected = self._drive(f, shares, A).times(self._scales[quick])
-        step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
+        step, measured = (3, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
         self._asked, tone = A, None
         search = Search(A, _BEGIN ** self._exponents[quick], self._exponents[quick], quick)
         periods, fade = step, 3.0 if quick else 1.0 if f >= self.tones.low else 0.5
