@@ -329,18 +329,18 @@ class Experiment(Driver):
         """Drive a tone until the angle swings by A, and return it. Raises `Refused` if it stays apart from A."""
         quick = f > QUICK
         expected = self._drive(f, shares, A).times(self._scales[quick])
-        step, measured = (3, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
+        step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
         self._asked, tone = A, None
         search = Search(A, _BEGIN ** self._exponents[quick], self._exponents[quick], quick)
         periods, fade = step, 3.0 if quick else 1.0 if f >= self.tones.low else 0.5
         for k in range(self.tones.rounds + _MORE_ROUNDS):
             played = periods + (k == 0) * fade
-            needed = played + (periods == step) * measured + 1  # periods, with the fading out
+            needed = played + (periods != measured) * measured + 1  # periods, with the fading out
             if self.findings.duration + needed / f > self._until:
                 raise Late(f"{self._until:.0f} s were too short to bring the amplitudes together: {APART}")
             rows, cut = yield from self._played(expected.times(search.scale), played, fade)
             fade = 1.0 if quick else _FADE
-            searching = periods == step
+            searching = periods != measured
             tone = None if searching else self._tone(rows, f)
             swing = float(np.ptp(rows[-round(step / f / self.dt) :, 1])) / 2 if tone is None else tone.swing
             near = abs(A / max(swing, 1e-9) - 1) <= (close if searching else max(close, _MEASURED)) and not cut
@@ -349,7 +349,7 @@ class Experiment(Driver):
             if usable and not searching:
                 break
             search.learn(swing, cut)
-            periods = measured if near or exhausted or k >= self.tones.rounds - 2 else step
+            periods = measured if near or exhausted or k >= self.tones.rounds - 2 else step + (quick and k > 0)
         if tone is not None:
             self._check_followed(tone)
         if tone is None or cut or (abs(swing / A - 1) > _LOST and not exhausted):
