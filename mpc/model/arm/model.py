@@ -70,7 +70,7 @@ class Arm:
         object.__setattr__(self, "lag", tuple(np.broadcast_to(lag, (m,)).tolist()))
         object.__setattr__(self, "slew", checks.number("Arm: slew", self.slew, "Pa/s"))
         if not self.slew > checks.LOOKS_LIKE_BAR[1]:
-            raise InvalidInput(f"Arm: slew = {self.slew:g} Pa/s is next to nothing; for bar/s, multiply by 1e5")
+            raise InvalidInput(f"Arm: slew = {self.slew:g} Pa/s is tiny; if bar/s was meant, multiply by 1e5")
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the formulas, which cannot be pickled; each process creates them for itself."""
