@@ -229,7 +229,7 @@ static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     move_apart(o, &previous);
     ant_real read[ANT_SENSORS];
     int there[ANT_SENSORS], rested[ANT_SENSORS], rests = 0;
-    for (int i = 0; i < ANT_JOINTS; i++) 
+    for (int i = 0; i < ANT_JOINTS; i++)
         read[i] = ant_unwrapped(said[i], expected.xi[i], ANT_NEAR_A_TURN) + ANT_OLDER * expected.xi[ANT_JOINTS + i];
     for (int i = 0; i < ANT_MUSCLES; i++) read[ANT_JOINTS + i] = said[ANT_JOINTS + i] - o->offset[i];
     if (!ant_sound(&expected)) {
