@@ -5,6 +5,7 @@
 f_d is the plant over one sample, v the commands that act now (after their dead time, minus the dead band), d an
 external torque at every joint and T_f the friction of the `Compensation`. d is a random walk, so that constant torques
 and errors of the muscle models leave no steady-state error. For a joint (n = 1, m = 2), ξ = (θ, ω, P1, P2, d).
+An angle that is older by r than its whole samples (`Compensation.older`) counts as the reading plus r ω̂.
 
 A regulator has its own sensor, so that the measured pressure settles at an offset o from the command. A sensor is
 assumed to read P + o; the estimated pressures are then those of the commands. With d and o there are as many
