@@ -25,12 +25,12 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.files.atomic import write_text
+from allocator.presentation.progress import counted as in_turn
 from benchmarks.allocators.machine import machine
 from benchmarks.speed.allocation import machine_threads
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import KalmanObserver, RealPlant, Run, TrackingMPC, Weights, simulate, simulate_many
 from mpc.trials.motions.trajectories import rested_sine
-from mpc.trials.simulation import tracked
 
 LOAD = ((9.0, 1.0),)  # from [s] on, [N·m]
 RESULTS = Path(__file__).parent / "results"
@@ -137,7 +137,7 @@ def by_two(s: Setting, plants: Sequence[RealPlant]) -> tuple[float, float]:
 def measured(name: str, s: Setting, plants: Sequence[RealPlant], pairs: int) -> Row:
     """Make all runs of one kind of plants. Raises `BenchmarkFailure` if the results differ."""
     simulate_many(plants[:1], s.controller, rested_sine(), observers=s.observer)  # compiles
-    found = [*tracked(pairs_of(s, plants, pairs), min(pairs, len(plants)), progress=True)]
+    found = [*in_turn(pairs_of(s, plants, pairs), "runs", min(pairs, len(plants)))]
     alone, share, batches, walls, differences, compiled = map(np.array, zip(*found, strict=True))
     if not (worst := differences.max()) <= SAME:
         raise BenchmarkFailure(f"plants: {name}: `simulate` and `simulate_many` differ by {worst:.1e}, over {SAME:g}")

@@ -49,11 +49,11 @@ class Plant:
     inertia: float = 0.05  # J [kg·m²]
     damping: float = 0.1  # b [N·m·s/rad]
     lag: float | tuple[float, float] = 0.1  # τ, or (τ1, τ2) [s], each the mean of a rising and a falling pressure
-    venting: float = 1.0  # lag of a falling pressure over that of a rising one [-]
     gravity_torque: float = 0.0  # m g l [N·m]; the link hangs at θ = 0 (negative: stands)
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
     gas: Gas | bool | None = True  # the joint's; False, None: regulators hold the pressures
     frequency: float = 0.0  # of K [Hz]: 0 is isobaric, inf with all of the gas trapped   (G5)
+    venting: float = 1.0  # lag of a falling pressure over that of a rising one [-]
 
     n: ClassVar[int] = 1  # these fields make it a machine of one joint, see `mpc.model.machine`
     m: ClassVar[int] = NU

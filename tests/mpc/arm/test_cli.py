@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from allocator import Gas, InvalidFile, save_machine
 from allocator.mechanism import machines
+from allocator.presentation import progress
 from mpc.arm.cli import _dry_friction
 from mpc.cli import app
 from mpc.model.arm.bodies import BODIES
@@ -18,7 +19,6 @@ from mpc.model.arm.storage import load_arm, save_arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction
 from mpc.tracking.qp.step import SlowStep
-from mpc.trials import simulation
 from mpc.trials.motions import arm_trajectories as references
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "hand_path.csv"
@@ -55,7 +55,7 @@ def test_it_writes_film_picture_and_table_and_says_how_it_went(folder, brief):
 
 @pytest.mark.slow
 def test_a_pipe_learns_how_many_samples_are_left(folder, brief, monkeypatch):
-    monkeypatch.setattr(simulation, "_TELLS", 0.0)
+    monkeypatch.setattr(progress, "_TELLS", 0.0)
     result = run("hold", "--dt", "0.02", "--horizon", "8", "--out", "run.csv")
     assert "simulating: 1 of 20, about" in result.stderr
 
