@@ -5,9 +5,8 @@ by twice its amplitude. Each tone therefore fades in while the one before fades 
 angle is 1.4 times the wanted amplitude away from the middle of the last period.
 
 The drive of a joint with friction is about affine in its swing, F = F_c + c A, and F_c may be large: near A it is a
-power of the swing with the exponent c A/F. Above the resonance friction opposes the inertia's torque less, F_c < 0, and
-the exponent is over 1. The search for the drive of a swing is therefore a secant method of logarithms, in bounded
-steps. Its exponent is kept from tone to tone.
+power of the swing with the exponent c A/F. The search for the drive of a swing is therefore a secant method of
+logarithms, in bounded steps. Its exponent is kept from tone to tone.
 """
 
 from collections.abc import Generator, Iterator
@@ -25,8 +24,7 @@ from mpc.bench.measuring.loops import Tone, tone_of
 from mpc.bench.safety import Pressures
 from mpc.model.plant import Plant
 
-_JUMPING, CAUTIOUS, PROPORTIONAL = 0.15, 0.4, 1.0  # exponents of a drive by its swing: least, first, greatest …
-_STEEPEST = 2.0  # … and greatest of a quick tone
+_JUMPING, CAUTIOUS, _PROPORTIONAL = 0.15, 0.4, 1.0  # exponents of a drive by its swing: least, first, greatest
 _STEP, _FARTHER = 1.3, 1.5  # greatest steps: of a swing below _STARTED, else
 _STARTED = 0.3  # of the wanted amplitude
 _ENOUGH = 1.4  # times the wanted amplitude: the drive is cut …
@@ -69,13 +67,8 @@ class Wave(NamedTuple):
     dead: Array  # (2,) [Pa]
     behind: Array  # phases by which the pressures lag (2,)
 
-    @property
-    def pressures(self) -> Array:
-        """Expected amplitudes of both pressures [Pa] (2,)."""
-        return np.asarray(np.abs(self.drive) * np.cos(self.behind))
-
-    def times(self, scale: float | Array) -> "Wave":
-        """Return the wave with `scale` times its amplitudes, of both or of each."""
+    def times(self, scale: float) -> "Wave":
+        """Return the wave with `scale` times its amplitudes."""
         return self._replace(drive=scale * self.drive)
 
     def at(self, phase: float) -> Array:
@@ -86,14 +79,12 @@ class Wave(NamedTuple):
 class Search:
     """Search for the scale of a drive whose swing is A, as a power of the swing: `exponent` is 1 without friction.
 
-    A `quick` tone, above the resonance, may have a greater one.
     The exponent is that between the last two swings, or once those of the last two on either side of A: friction
     remembers earlier drives, but between neighbouring ones noise decides.
     """
 
-    def __init__(self, A: float, scale: float, exponent: float = CAUTIOUS, quick: bool = False) -> None:
+    def __init__(self, A: float, scale: float, exponent: float = CAUTIOUS) -> None:
         self.A, self.scale, self.exponent = A, scale, exponent
-        self._steepest = _STEEPEST if quick else PROPORTIONAL
         self._tried: tuple[float, float] | None = None  # swing, scale
         self._across: tuple[float, float] | None = None  # the same, on the other side of A
 
@@ -106,7 +97,7 @@ class Search:
             self._across = last if crossed else None
             rise, more = log(swing / other[0]), log(self.scale / other[1])
             if rise * more > 0:
-                self.exponent = min(max(more / rise, _JUMPING), self._steepest)
+                self.exponent = min(max(more / rise, _JUMPING), _PROPORTIONAL)
         self._tried = swing, self.scale
         most = _STEP if swing < _STARTED * self.A else _FARTHER
         guess = self.scale * (self.A / swing) ** self.exponent if swing <= _ENOUGH * self.A else 0.0
@@ -133,12 +124,6 @@ def room(plant: Plant, theta: float, rest: Pressures) -> tuple[float, float]:
         slack = float(side.muscle.pressure(0.0, side.contraction))
         found.append(max(min(P - max(slack, low), high - P) - _MARGIN, _LEAST_ROOM))
     return found[0], found[1]
-
-
-def supplied(plant: Plant, rest: Pressures) -> tuple[float, float]:
-    """Return the amplitudes [Pa] about a rest that keep commands within the supply."""
-    low, high = plant.pressure_limits
-    return min(rest[0] - low, high - rest[0]), min(rest[1] - low, high - rest[1])
 
 
 class Driver:
@@ -208,10 +193,9 @@ class Driver:
         return share * self._wave.at(now) + (1 - share) * before.at(old)
 
     def _within(self, wave: Wave) -> Wave:
-        """Return the wave with amplitudes that the supply permits, and the pressures, which lag, have room for."""
-        commands = (np.array(supplied(self.plant, self.first)) - np.abs(wave.dead)) / np.maximum(abs(wave.drive), 1e-9)
-        pressures = np.array(room(self.plant, self._rest, self.first)) / np.maximum(wave.pressures, 1e-9)
-        return wave.times(float(np.clip(min(*commands, *pressures), 0.0, 1.0)))
+        """Return the wave with amplitudes that the pressures have room for."""
+        most = np.array(room(self.plant, self._rest, self.first)) / np.maximum(np.abs(wave.drive + wave.dead), 1e-9)
+        return wave.times(min(1.0, *most.tolist()))
 
     def _tone(self, rows: Array, f: float) -> Tone:
         """Return the tone of the rows, with torques at their mean angle."""

@@ -7,7 +7,7 @@
     both muscles at a low frequency with a series of amplitudes: the curve K_felt(A)
     with a weight, both muscles at the low frequency and A, without it and with it
 
-Each tone begins with the drives of both muscles that earlier tones suggest, and is brought to its amplitude by a search
+Each tone begins with the drive that the one before suggests, and is brought to its amplitude by a search
 (`mpc.bench.measuring.driving`). A tone that stays apart from its amplitude ends the experiment: friction jumps. So does
 one for which no time is left, except for the third high frequency and the series, which are then left out. The third
 high frequency is left out as well if the regulators hardly reach the other two.
@@ -24,19 +24,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.bench.cycle import Decision, Phase, Tick
-from mpc.bench.measuring.driving import (
-    CAUTIOUS,
-    PROPORTIONAL,
-    QUICK,
-    Driver,
-    Late,
-    Refused,
-    Search,
-    Wave,
-    resting,
-    room,
-    supplied,
-)
+from mpc.bench.measuring.driving import CAUTIOUS, QUICK, Driver, Late, Refused, Search, Wave, resting, room
 from mpc.bench.measuring.loops import Tone
 from mpc.bench.measuring.strengths import APART, USABLE
 from mpc.bench.measuring.weighing import Weight
@@ -53,7 +41,7 @@ _MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
 _BEGIN = 0.8  # [-] of the amplitude, to which the first drive is expected to swing
 _OTHER = 0.85  # of the drive, for a muscle that may be the stronger one, and for a slow tone
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
-_ENOUGH_ABOVE = 1.2  # … by which the amplitude is planned
+_ENOUGH_ABOVE = 1.5  # … by which the amplitude is planned
 _CALM = 0.44  # of |K_felt + i h|: least |K_felt + i h - J ω²| of an upper tone, 1.2 times the resonance without losses
 _USED = 1.2  # of the slew: beyond it sines become triangles
 _SHORT = 0.93  # [-] of the amplitude: less counts as not reached
@@ -119,8 +107,8 @@ class Experiment(Driver):
         self._amplitude = tones.amplitude
         self._gains = self._torque_gains(theta)
         self._backbone = float(plant.joint.stiffness(theta, *self.first)) + plant.gravity_torque * cos(theta)
-        self._scales = {False: np.ones(2), True: np.full(2, 0.8)}  # drives over the expected ones: slow, quick
-        self._exponents = {False: CAUTIOUS, True: PROPORTIONAL}  # of the drive by the swing, in the last search
+        self._scales = {False: 1.0, True: 0.8}  # drive over the expected one: of slow and of quick tones
+        self._exponents = {False: CAUTIOUS, True: CAUTIOUS}  # of the drive by the swing, in the last search
         self._until = tones.longest  # [s], the end
         self._decisions = self._all()
 
@@ -157,15 +145,13 @@ class Experiment(Driver):
         self._rest = self._centre()  # which friction has let go
         self._gains = self._torque_gains(self._rest)
         self._check_range()
-        self._scales[False] *= _OTHER
         found.append((yield from self._brought(tones.low, ONE, A, close=0.15)))
         A = self._amplitude = found[0].swing
-        self._scales[False][1] *= _OTHER
+        self._scales[False] *= _OTHER
         found.append((yield from self._brought(tones.low, TWO, A)))
         found.append((yield from self._brought(tones.low, BOTH, 1.4 * A, close=0.15)))
         self._scales[False] *= _OTHER
         found.append((yield from self._brought(tones.slowest, BOTH, A)))
-        self._scales[True] *= self._scales[False] / self._scales[False].mean()
         upper, further = self._upper(self._stiff(A))
         lowest = self._lowest(self._stiff(A))
         more, reached = yield from self._reached(upper, lowest, MORE, A)
@@ -220,9 +206,8 @@ class Experiment(Driver):
     def _correct(self, shares: tuple[float, float]) -> None:
         """Remember the drive of a tone relative to the expected one, for the next tone."""
         wave, A = self._wave, self._met[1] if self._wave.frequency <= QUICK else self._asked
-        driven = np.array(shares) > 0
-        expected = self._drive(wave.frequency, shares, A).drive[driven]
-        self._scales[wave.frequency > QUICK][driven] = np.clip(wave.drive[driven] / expected, *_BETWEEN)
+        expected = np.abs(self._drive(wave.frequency, shares, A).drive).max()
+        self._scales[wave.frequency > QUICK] = float(np.clip(np.abs(wave.drive).max() / expected, *_BETWEEN))
 
     def _check_range(self) -> None:
         left, right = self.plant.joint.angle_range
@@ -236,8 +221,7 @@ class Experiment(Driver):
     def _learn(self, tone: Tone) -> None:
         """Take K_felt + i h [N·m/rad] of a tone, with strengths of 1, if it is likely."""
         loop = tone.loop(self.known.reading_age)
-        lost = sum(loop.losses) - self.plant.damping * loop.velocity
-        found = complex(sum(loop.secants) + self.plant.inertia * loop.acceleration, max(lost, 0.0))
+        found = complex(sum(loop.secants) + self.plant.inertia * loop.acceleration, sum(loop.losses))
         expected = self._stiff(tone.swing)
         if 0.2 < abs(found) / abs(expected) < 10 and found.real > 0.2 * expected.real:  # not below an encoder's step
             self._met = found, tone.swing
@@ -272,8 +256,7 @@ class Experiment(Driver):
 
     def _lowest(self, stiffness: complex) -> float:
         """Return the least frequency [Hz], from the resonance on, at which the swing is not sensitive to the drive."""
-        lost = stiffness.imag + 2 * pi * self._resonance(stiffness) * self.plant.damping
-        calm = (_CALM * abs(stiffness)) ** 2 - lost**2
+        calm = (_CALM * abs(stiffness)) ** 2 - stiffness.imag**2
         return self._resonance(stiffness + sqrt(max(calm, 0.0)))
 
     def _upper(self, stiffness: complex) -> tuple[float, float]:
@@ -299,24 +282,18 @@ class Experiment(Driver):
     def _margin(self, frequency: float, share: float, stiffness: complex) -> float:
         """Return the factor by which the pressures of a tone may grow."""
         omega = 2 * pi * frequency
-        torque = self._amplitude * abs(self._impedance(frequency, stiffness)) * share
+        torque = self._amplitude * abs(stiffness - self.plant.inertia * omega**2) * share
         pressures = np.array([torque / abs(g) for g in self._gains])
         commands = pressures * np.abs(1 + 1j * omega * np.array(self.plant.lags))
         taken = pressures.max() * omega / (_FLOW_SHARE * self.known.flow), commands.max() * omega / self.plant.slew
-        full = commands / supplied(self.plant, self.first), pressures / room(self.plant, self._rest, self.first)
-        return float(1 / max(*taken, *full[0], *full[1]))
-
-    def _impedance(self, frequency: float, stiffness: complex) -> complex:
-        """Return K_felt + i h + iωD - Jω² [N·m/rad]."""
-        omega = 2 * pi * frequency
-        return stiffness + 1j * omega * self.plant.damping - self.plant.inertia * omega**2
+        return float(1 / max(*taken, (commands / np.array(room(self.plant, self._rest, self.first))).max()))
 
     def _reached(
         self, f: float, lowest: float, shares: tuple[float, float], A: float
     ) -> Generator[Decision, None, tuple[Tone, float]]:
         """Return a tone that swings by A, and its frequency [Hz], lower than `f` if the regulators are too slow."""
         tone = yield from self._brought(f, shares, A)
-        while tone.swing < (1 - USABLE) * A and f > lowest:
+        while tone.swing < (1 - _MEASURED) * A and f > lowest:
             f = max(0.9 * f, lowest)
             tone = yield from self._brought(f, shares, A)
         return tone, f
@@ -327,20 +304,19 @@ class Experiment(Driver):
         self, f: float, shares: tuple[float, float], A: float, close: float = _CLOSE
     ) -> Generator[Decision, None, Tone]:
         """Drive a tone until the angle swings by A, and return it. Raises `Refused` if it stays apart from A."""
-        quick = f > QUICK
-        expected = self._drive(f, shares, A).times(self._scales[quick])
+        expected, quick = self._drive(f, shares, A), f > QUICK
         step, measured = (2, max(8, round(2 * f))) if quick else (1, 2 if f < self.tones.low else 3)
         self._asked, tone = A, None
-        search = Search(A, _BEGIN ** self._exponents[quick], self._exponents[quick], quick)
+        search = Search(A, self._scales[quick] * _BEGIN ** self._exponents[quick], self._exponents[quick])
         periods, fade = step, 3.0 if quick else 1.0 if f >= self.tones.low else 0.5
         for k in range(self.tones.rounds + _MORE_ROUNDS):
             played = periods + (k == 0) * fade
-            needed = played + (periods != measured) * measured + 1  # periods, with the fading out
+            needed = played + (periods == step) * measured + 1  # periods, with the fading out
             if self.findings.duration + needed / f > self._until:
                 raise Late(f"{self._until:.0f} s were too short to bring the amplitudes together: {APART}")
             rows, cut = yield from self._played(expected.times(search.scale), played, fade)
             fade = 1.0 if quick else _FADE
-            searching = periods != measured
+            searching = periods == step
             tone = None if searching else self._tone(rows, f)
             swing = float(np.ptp(rows[-round(step / f / self.dt) :, 1])) / 2 if tone is None else tone.swing
             near = abs(A / max(swing, 1e-9) - 1) <= (close if searching else max(close, _MEASURED)) and not cut
@@ -349,7 +325,7 @@ class Experiment(Driver):
             if usable and not searching:
                 break
             search.learn(swing, cut)
-            periods = measured if near or exhausted or k >= self.tones.rounds - 2 else step + (quick and k > 0)
+            periods = measured if near or exhausted or k >= self.tones.rounds - 2 else step
         if tone is not None:
             self._check_followed(tone)
         if tone is None or cut or (abs(swing / A - 1) > _LOST and not exhausted):
@@ -375,7 +351,7 @@ class Experiment(Driver):
         Their signs let both torques turn the joint in the same direction.
         """
         omega, lags = 2 * pi * f, self.plant.lags
-        torque = A * abs(self._impedance(f, self._stiff(A)))
+        torque = A * abs(self._stiff(A) - self.plant.inertia * omega**2)
         net = [s * torque / g * abs(1 + 1j * omega * tau) for s, g, tau in zip(shares, self._gains, lags, strict=True)]
         dead = [np.sign(g) * self.known.dead_band / 2 * (s > 0) for s, g in zip(shares, self._gains, strict=True)]
         behind = [atan(omega * tau) for tau in lags]
