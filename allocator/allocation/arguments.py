@@ -110,7 +110,8 @@ def problem_from(
         pull=rho,
         reference=_pair(flat, "P1_ref", "P2_ref"),
         felt=None if push is not None else felt,
-        push=push,
+        push=None if push is None else push[:2],
+        own=0.0 if push is None else push[2],
     )
     problem = problem if shares is None else problem.with_shares(shares)
     return problem, flat["theta"].reshape(arrays[0].shape)

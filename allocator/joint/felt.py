@@ -116,12 +116,12 @@ class Secant:
         return [] if slip is None else [r if r == inf else r * _scale(slip, filled) for r in slip.widths]
 
     @property
-    def separable(self) -> tuple[float, float] | None:
-        """(α, drag) if it is α K + drag · (a1 F1 + a2 F2), a sum of functions of single pressures; else None."""
-        slip = self.loop.slip
-        if self.loop.coulomb or (slip is not None and not (slip.elastic and slip.base == 1)):
+    def separable(self) -> tuple[float, float, float] | None:
+        """(α, drag, own) if it is α K + drag · (a1 F1 + a2 F2) + own for all pressures, uncoupled; else None."""
+        region, *others = self.regions
+        if others or region.share_slope or region.own_slope:
             return None
-        return self.regions[0].share, self.drag
+        return region.share, self.drag, region.own
 
     @property
     def regions(self) -> tuple[Region, ...]:

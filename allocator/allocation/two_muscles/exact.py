@@ -43,7 +43,7 @@ def solve(problem: Problem) -> Optimum:
         return Optimum(*felt.solve(problem), np.zeros(problem.theta.shape))
     if problem.joint.affine or problem.pull:
         return Optimum(*_closed(problem), np.zeros(problem.theta.shape))
-    T, K, now = problem.T_aim, problem.K_aim, problem.limits.previous
+    T, K, now = problem.T_aim, problem.of_muscles(problem.K_aim), problem.limits.previous
     P1, P2, gap = search.optima(problem.curves, T, K, problem.priority, problem.weights, now)
     return Optimum(P1, P2, gap / gap_units(problem)[1])
 

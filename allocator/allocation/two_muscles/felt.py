@@ -119,8 +119,8 @@ def check(problem: Problem) -> None:
     if not problem.joint.affine:
         raise InvalidInput(
             "the felt stiffness of muscles that are not affine in the pressure has no exact allocation where widths of "
-            "loops depend on the pressures (base below 1) or springs are no shares of K; fit an affine law "
-            "(Sarosi2012, Hildebrandt2005, …), or allocate an isobaric stiffness and read Allocation.felt_stiffness"
+            "loops depend on the pressures (base below 1); fit an affine law (Sarosi2012, Hildebrandt2005, …), or "
+            "allocate an isobaric stiffness and read Allocation.felt_stiffness"
         )
     if problem.pull:
         raise InvalidInput("a pull has no exact answer for a felt stiffness; leave out pull or amplitude")

@@ -22,7 +22,7 @@ least stiffness: the target becomes K* - tolerance.
 K is the isobaric stiffness, or with `shares` of the trapped gas that of (G5) in `allocator.joint.gas`. It is again a
 sum of functions of single pressures, so all of the above holds. `felt` adds the hysteresis met by a push, (S3) in
 `allocator.joint.felt`, which may couple both pressures, see `allocator.allocation.two_muscles.felt`. If it does not,
-and the muscles are not affine, a `push` in the muscles' own stiffness is equivalent.
+and the muscles are not affine, it is a `push` in the muscles' own stiffness and a constant `own`.
 """
 
 from collections.abc import Callable
@@ -66,7 +66,8 @@ class Problem:
     reference: Pair | None = None  # P_ref [Pa], with a pull
     shares: Pair | None = None  # s1, s2 of the trapped gas in the stiffness [-], None: it is isobaric
     felt: Secant | None = None  # hysteresis in the stiffness that couples both pressures, None for none
-    push: tuple[float, float] | None = None  # (α, drag) of separable hysteresis, see `Secant.separable`
+    push: tuple[float, float] | None = None  # (α, drag) of separable hysteresis, see `Secant.separable` …
+    own: float = 0.0  # … and its stiffness that no pressure changes [N·m/rad]
 
     @cached_property
     def sides(self) -> BothMuscles:
@@ -107,6 +108,10 @@ class Problem:
     def K_aim(self) -> Array:
         """Stiffness aimed at: the least one within the tolerance, or a smaller one if it is excessive."""
         return self._near(self.K, [side.stiffness for side in self.sides], self._hysteresis) - self.stiffness_tolerance
+
+    def of_muscles(self, K: Array) -> Array:
+        """Return the part of stiffnesses K (n,) that the muscles have to supply, which their `curves` take."""
+        return K - self.own
 
     def _near(
         self,
@@ -156,7 +161,7 @@ class Problem:
     def _hysteresis(self, P1: Array, P2: Array) -> Array | float:
         """Return the contribution of hysteresis to the stiffness [N·m/rad]   (S1), (S2)"""
         if self.felt is None:
-            return 0.0
+            return self.own
         one, two = self.sides
         K = one.isobaric.stiffness(P1) + two.isobaric.stiffness(P2)
         return np.asarray(self.felt.added(K, one.torque(P1) - two.torque(P2), P1 + P2))

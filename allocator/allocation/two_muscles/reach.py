@@ -70,7 +70,7 @@ def torque_ends(problem: Problem, K: Array) -> tuple[Pair, Pair]:
     """Return the pressures of the least and of the greatest torque at the stiffnesses K (n,), brought within reach."""
     if problem.felt is not None:
         return _extremes(replace(problem, priority="stiffness", K=K), "T", _FAR * problem.scales[0])
-    far = _FAR * problem.scales[0]
+    far, K = _FAR * problem.scales[0], problem.of_muscles(K)
     (low1, low2, _), (high1, high2, _) = (search.optima(problem.curves, T, K, "stiffness") for T in (-far, far))
     return (low1, low2), (high1, high2)
 
@@ -86,7 +86,7 @@ def torque_intervals(problem: Problem, K: Array) -> Array:
     """Return the intervals of torques at the stiffnesses K (n,), clipped to their range: (n, m, 2) [N·m] or NaN."""
     if problem.felt is not None:
         return _felt_torque_intervals(problem, K)
-    return search.torque_intervals(problem.curves, K)[1]
+    return search.torque_intervals(problem.curves, problem.of_muscles(K))[1]
 
 
 def _felt_torque_intervals(problem: Problem, K: Array) -> Array:
@@ -125,7 +125,7 @@ def pairs(problem: Problem, T: Array, K: Array) -> NDArray[np.intp]:
     count = np.ones(T.shape, np.intp)
     several = exact.determinant_signs(problem) == 0
     if several.any():
-        count[several], _ = search.all_pairs(problem.take(several).curves, T[several], K[several])
+        count[several], _ = search.all_pairs(problem.take(several).curves, T[several], problem.of_muscles(K[several]))
     return np.maximum(count, 1)
 
 

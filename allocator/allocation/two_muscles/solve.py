@@ -313,7 +313,7 @@ def _candidates(problem: Problem, P1: Array, P2: Array, met: Mask) -> Array:
     if not several.any():
         return first
     part = problem.take(several)
-    _, others = search.all_pairs(part.curves, part.T_aim, part.K_aim)
+    _, others = search.all_pairs(part.curves, part.T_aim, part.of_muscles(part.K_aim))
     listed = np.full((P1.size, others.shape[1], 2), np.nan)
     listed[several] = others
     return np.concatenate([first, listed], axis=1)

@@ -154,7 +154,11 @@ def test_a_map_of_felt_stiffness_agrees_with_allocate():
     assert found.edges
 
 
-HYSTERESES = {"friction": {"friction": 0.13}, "loop of constant width": {"hysteresis": replace(OPERATOR, base=1.0)}}
+HYSTERESES = {
+    "friction": {"friction": 0.13},
+    "loop of constant width": {"hysteresis": replace(OPERATOR, base=1.0)},
+    "springs of its own": {"hysteresis": PrandtlIshlinskii((0.7, 0.2, 0.1), (1 * DEG, 4 * DEG), stiffness=5.0)},
+}
 
 
 @pytest.mark.parametrize("hysteresis", HYSTERESES)
@@ -183,6 +187,30 @@ def test_laws_that_are_not_affine_are_searched_where_hysteresis_does_not_couple_
     a = allocate(0.1, (low + high) / 2, 1.0, joint=joint, stiffness=meant)
     assert a.success
     assert a.kkt_residual < 1e-9
+
+
+def test_intervals_of_curved_laws_contain_the_stiffness_of_constant_springs():
+    joint, meant = replace(report_joint(), **HYSTERESES["springs of its own"]), Stiffness(amplitude=2 * DEG)
+    more = joint.stiffness(0.1, 2 * BAR, 2 * BAR, amplitude=2 * DEG) - joint.stiffness(0.1, 2 * BAR, 2 * BAR)
+    assert more > 0.5
+    bare = replace(joint, hysteresis=None)
+    assert stiffness_interval(0.1, 1.0, joint=joint, stiffness=meant) == pytest.approx(
+        np.array(stiffness_interval(0.1, 1.0, joint=bare)) + more, rel=1e-9
+    )
+    for felt, alone in zip(
+        torque_intervals(0.1, 6.0, joint=joint, stiffness=meant), torque_intervals(0.1, 6.0 - more, joint=bare),
+        strict=True,
+    ):  # fmt: skip
+        assert felt == pytest.approx(alone, rel=1e-9)
+    theta, K = np.linspace(-0.5, 0.5, 4), np.linspace(3.0, 10.0, 6)
+    one = feasibility_map(theta, K, 0.5, joint=joint, stiffness=meant)
+    two = feasibility_map(theta, K - more, 0.5, joint=bare)
+    assert (one.status == two.status).all()
+    a = allocate(0.1, 6.0, 1.0, joint=joint, stiffness=meant)
+    b = allocate(0.1, 6.0 - more, 1.0, joint=bare)
+    assert a.P == pytest.approx(b.P, rel=1e-9)
+    assert a.pairs == b.pairs
+    assert a.jacobian() == pytest.approx(b.jacobian(), rel=1e-6)
 
 
 def test_free_valves_and_a_push_go_together_with_curved_laws():
