@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.files.atomic import write_text
-from allocator.presentation.progress import counted as in_turn
+from allocator.presentation.progress import counted
 from benchmarks.allocators.machine import machine
 from benchmarks.speed.allocation import machine_threads
 from benchmarks.speed.truth import BenchmarkFailure
@@ -137,15 +137,15 @@ def by_two(s: Setting, plants: Sequence[RealPlant]) -> tuple[float, float]:
 def measured(name: str, s: Setting, plants: Sequence[RealPlant], pairs: int) -> Row:
     """Make all runs of one kind of plants. Raises `BenchmarkFailure` if the results differ."""
     simulate_many(plants[:1], s.controller, rested_sine(), observers=s.observer)  # compiles
-    found = [*in_turn(pairs_of(s, plants, pairs), "runs", min(pairs, len(plants)))]
+    found = [*counted(pairs_of(s, plants, pairs), "runs", min(pairs, len(plants)))]
     alone, share, batches, walls, differences, compiled = map(np.array, zip(*found, strict=True))
     if not (worst := differences.max()) <= SAME:
         raise BenchmarkFailure(f"plants: {name}: `simulate` and `simulate_many` differ by {worst:.1e}, over {SAME:g}")
     ratios, one, (two, worked) = alone / share, float(walls.sum()), by_two(s, plants)
     own, spread = (float(np.median(alone)), float(np.median(share))), (float(ratios.min()), float(ratios.max()))
-    counted = len(plants), len(found)
+    counts = len(plants), len(found)
     rest = float(worst), int(compiled.sum()), one, two, one / two, worked / float(batches.sum())
-    return Row(name, *counted, *own, float(np.median(ratios)), *spread, *rest, machine_threads(3).ratio)
+    return Row(name, *counts, *own, float(np.median(ratios)), *spread, *rest, machine_threads(3).ratio)
 
 
 HEADER = (

@@ -23,13 +23,13 @@ from allocator.units import BAR, DEG
 from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
+from mpc.model.regulator import ratio
 from mpc.model.storage import numbers_in, stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides, without jumps due to noise
 USUAL_DEAD_TIME = 0.02  # [s] of an arm's regulators
 _LONGEST = 10.0  # [s] of a dead time and of an age
 _PUNCTUAL = 1e-9  # samples: rounding
-_ALIKE = 0.05  # relative difference of two lags below which one lag represents both
 JITTER = 0.03 * DEG  # smaller motions count as noise of the angle
 
 
@@ -127,7 +127,7 @@ class Compensation:
     def untold(self, model: Any) -> str:
         """Return one line with the numbers of regulators that controllers with this `Machine` do not use, or ""."""
         rising, falling = model.lags_each_way
-        alike = self.lag_up and self.lag_down and abs(self.lag_up - self.lag_down) < _ALIKE * self.lag_up
+        alike = self.lag_up and self.lag_down and ratio(self.lag_up, self.lag_down) == 1
         known = alike or (self.measured_lags and tuple(rising) != tuple(falling))
         lags = {} if known else {"rising": self.lag_up, "falling": self.lag_down}
         parts = [f"lag {lag:.3g} s of a {way} pressure" for way, lag in lags.items() if lag is not None]

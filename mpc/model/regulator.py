@@ -10,6 +10,8 @@ from collections.abc import Sequence
 
 from allocator.calculus import Value
 
+_ALIKE = 0.05  # relative difference of two lags below which one represents both
+
 
 def pull(e: Value, up: float, down: float) -> Value:
     """Return the rate [Pa/s] of a pressure that is `e` [Pa] below its command, with the lags `up` and `down` [s].
@@ -26,3 +28,8 @@ def each_way(lags: Sequence[float], venting: float) -> tuple[tuple[float, ...], 
     """
     rising = tuple(2 * lag / (1 + venting) for lag in lags)
     return rising, tuple(venting * lag for lag in rising)
+
+
+def ratio(up: float, down: float) -> float:
+    """Return the lag `down` of a falling pressure over the lag `up` of a rising one, or 1 for nearly equal ones."""
+    return 1.0 if abs(up - down) < _ALIKE * up else down / up

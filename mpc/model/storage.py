@@ -37,6 +37,7 @@ from allocator.files.text import FilePath
 from allocator.files.toml import Table, section
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.machine_file import dumps, joint_from
+from mpc.model.regulator import ratio
 
 _REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "flow")
 _SENSORS = ("reading_age",)
@@ -54,8 +55,8 @@ def load_plant(
 ) -> tuple[AntagonistJoint, dict[str, Any]]:
     """Read a joint, and those of the numbers `names` that the file contains. Raises `InvalidFile`."""
     file, told = Table.read(path), stored_regulators(path)
-    ratio = {"venting": told["lag_down"] / told["lag_up"]} if told.keys() >= set(_LAGS) else {}
-    return joint_from(file, scale_needed=scale_needed), ratio | numbers_in(file, names)
+    venting = {"venting": ratio(told["lag_up"], told["lag_down"])} if told.keys() >= set(_LAGS) else {}
+    return joint_from(file, scale_needed=scale_needed), venting | numbers_in(file, names)
 
 
 def numbers_in(file: Table, names: Collection[str], where: str = "plant") -> dict[str, Any]:

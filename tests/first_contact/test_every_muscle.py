@@ -9,7 +9,6 @@ geometry, and laws that are affine are tracked by the README's commands.
 import csv
 import json
 import os
-import re
 import subprocess
 import sys
 from itertools import cycle
@@ -23,6 +22,8 @@ from allocator.muscles import MODELS, AffineMuscle, Muscle, TableMuscle
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N
 from allocator.units import BAR, PERCENT
 from mpc.trials.files import load_recording
+
+from ..rigs.said import besides_compiling
 
 ROOT = Path(__file__).parents[2]
 COMMANDS, GEOMETRIES = ("allocate", "map", "export"), ("pulley", "lever", "table")
@@ -62,11 +63,6 @@ def spent(folder, days):
     return json.loads((folder / "done.json").read_text(encoding="utf-8"))
 
 
-def said(done):
-    """What a command said on stderr, without the seconds that it has spent on compiling."""
-    return re.sub(r"^(building|compiling) [^:\n]+: \d+ s\n", "", done["err"], flags=re.MULTILINE)
-
-
 def inspect(folder, done, muscle, geometry, tracked):
     """Nothing fails but the export of what has no closed form, or not as far as the report's joint turns."""
     closed = isinstance(muscle, AffineMuscle) and not muscle.limitation  # of some the stiffness cannot be commanded
@@ -74,14 +70,14 @@ def inspect(folder, done, muscle, geometry, tracked):
         result = done[command]
         where = f"{folder.name} on a {geometry}, {command}: {result}"
         if command == "export" and (not closed or geometry == "pulley") and result["code"] == 2:
-            assert "cannot be exported" in said(result), where
-            assert len(said(result).splitlines()) == 1, where
+            assert "cannot be exported" in besides_compiling(result["err"]), where
+            assert len(besides_compiling(result["err"]).splitlines()) == 1, where
             continue
-        assert (result["code"], said(result)) == (0, ""), where
+        assert (result["code"], besides_compiling(result["err"])) == (0, ""), where
     assert (folder / f"{geometry}-c" / "antagonist.h").is_file() is (done["export"]["code"] == 0)
     if not tracked:
         return
-    assert (done["track"]["code"], said(done["track"])) == (0, "")
+    assert (done["track"]["code"], besides_compiling(done["track"]["err"])) == (0, "")
     assert load_recording(folder / f"{geometry}.npz").implementation == "compiled"
     [line] = [x for x in done["track"]["out"].splitlines() if "implementation of the step" in x]
     assert "compiled" in line

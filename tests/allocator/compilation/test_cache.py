@@ -16,6 +16,8 @@ from allocator.compilation.cache import Refused, check_own
 from mpc import Plant, TrackingMPC
 from mpc.tracking.compiled import module
 
+from ...rigs.said import besides_compiling
+
 ROOT = Path(__file__).parents[3]
 DOUBLE = "def double(x):\n    return 2.0 * x\n"
 CALL = """
@@ -49,8 +51,7 @@ def run(text, *arguments, **variables):
 def lines(process):
     """What it prints; it must say nothing else, but for the seconds of its compilation."""
     out, err = process.communicate(timeout=300)
-    said = [line for line in err.splitlines() if not line.startswith("compiling ")]
-    assert (process.returncode, said) == (0, [])
+    assert (process.returncode, besides_compiling(err)) == (0, "")
     return out.splitlines()
 
 

@@ -355,20 +355,6 @@ def row_belongs(i, level, levels, x, now, mu, work):
 
 
 FUNCTIONS: tuple[Callable[..., object], ...] = (
-    *(
-        prepare,
-        measure,
-        weigh,
-        scale,
-        solve,
-        guess,
-        point,
-        basis,
-        again,
-        least_squares,
-        multipliers,
-        earlier,
-        violations,
-    ),
-    *(row_belongs, box_qp, face, flip),
+    *(prepare, measure, weigh, scale, solve, guess, point, basis, again, least_squares, multipliers, earlier),
+    *(violations, row_belongs, box_qp, face, flip),
 )
