@@ -47,9 +47,9 @@ class Compensation:
 
     Observer and controllers take account of the friction, the dead time and the dead band, the observer of the reading
     age. If angle and pressures are read with the same delay, it is a dead time: add it to `dead_time`. The pressures
-    are predicted with the lags of the `Plant`; `lag_up`, `lag_down` and `flow` apply only to simulated plants
-    (`RealPlant.of`). If both lags are given, the observer's diagnosis counts the lag of the `Plant` as measured, which
-    narrows its limits.
+    are predicted with the lags of the `Plant`, and by the observer with the `flow`; `lag_up` and `lag_down` apply only
+    to simulated plants (`RealPlant.of`). If both lags are given, the observer's diagnosis counts the lag of the `Plant`
+    as measured, which narrows its limits.
     """
 
     friction: Hysteresis = field(default_factory=Friction)  # a `PrandtlIshlinskii` becomes `MaxwellSlip.of` it
@@ -117,6 +117,7 @@ class Compensation:
         parts = list(dict.fromkeys(one.summary for one in self.frictions or (self.friction,) if not one.absent))
         parts += [f"dead time {self.dead_time:g} s"] * bool(self.dead_time)
         parts += [f"reading age {self.reading_age:g} s"] * bool(self.reading_age)
+        parts += [f"flow up to {self.flow / BAR:.3g} bar/s"] * (self.flow < inf)
         return ", ".join(parts + [f"dead band {self.dead_band / BAR:g} bar"] * bool(self.dead_band))
 
     @property
@@ -125,13 +126,13 @@ class Compensation:
         return {name: value for name, value in vars(self).items() if value != vars(Compensation())[name]}
 
     def untold(self, model: Any) -> str:
-        """Return one line with the numbers of regulators that controllers with this `Machine` do not use, or ""."""
+        """Return one line with the lags of regulators that controllers with this `Machine` do not use, or ""."""
         rising, falling = model.lags_each_way
         alike = self.lag_up and self.lag_down and ratio(self.lag_up, self.lag_down) == 1
         known = alike or (self.measured_lags and tuple(rising) != tuple(falling))
         lags = {} if known else {"rising": self.lag_up, "falling": self.lag_down}
         parts = [f"lag {lag:.3g} s of a {way} pressure" for way, lag in lags.items() if lag is not None]
-        return " and ".join(parts + [f"flow up to {self.flow / BAR:.3g} bar/s"] * (self.flow < inf))
+        return " and ".join(parts)
 
     @property
     def measured_lags(self) -> bool:

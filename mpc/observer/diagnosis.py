@@ -65,10 +65,10 @@ class Diagnosis:
         self.names = PARTS if isinstance(plant, Plant) else Parts.of(plant.labels.angles, plant.labels.pressures)
         self._pulls = Pulls(plant)
         along, usual = self._usual(plant)
-        spread = SPREAD if compensation.measured_lags else DATA_SHEET
+        lags, spread = plant.lags_each_way, SPREAD if compensation.measured_lags else DATA_SHEET
         self.pressures = [
-            PressureDiagnosis(Sound.of(lag, dt, compensation.dead_band, sigma, torque, spread))
-            for lag, torque in zip(plant.lags, along, strict=True)
+            PressureDiagnosis(Sound.of(up, down, compensation.flow, dt, compensation.dead_band, sigma, torque, spread))
+            for up, down, torque in zip(*lags, along, strict=True)
         ]
         inertias = np.atleast_1d(plant.inertias).tolist()
         self.torque, self.loops = TorqueDiagnosis(dt, usual, self.m), [RingingDiagnosis(each) for each in inertias]

@@ -140,6 +140,8 @@ class Filter:
             )
         )
         self.outer = np.append(self.outer[0], -much), np.append(self.outer[1], much)
+        fastest = compensation.flow * dt / (1 - np.exp(-dt / np.array(plant.lags_each_way)))
+        self.reach = np.minimum(fastest, np.ptp((gate.lower[n:], gate.upper[n:]), axis=0))  # (2, m), see `acting` [Pa]
         self.older = compensation.older(dt)  # readings of angles beyond whole samples [s]
         self._model = self._discrete(dt)
         self.frictions, self._contacts = compensation.of_joints(n), Contacts(plant)
@@ -158,7 +160,7 @@ class Filter:
         size, xi = self.plant.size, self.within(belief.xi)
         x, d = xi[:size], xi[size:]
         near = np.minimum(np.maximum(x, self.inner[0]), self.inner[1])
-        v, T = self.compensation.after_dead_band(v, x[2 * self.plant.n :]), d
+        v, T = self.acting(v, x[2 * self.plant.n :]), d
         if not self.compensation.frictionless:
             known = zip(self.frictions, memories, self._contacts(near), strict=True)
             T = d - np.array([friction.torque(memory, loads) for friction, memory, loads in known])
@@ -167,6 +169,16 @@ class Filter:
         later = np.append(x_next, d)
         later[:size] += A[:size, :size] @ (x - near)
         return Belief(later, A @ belief.covariance @ A.T + Q)
+
+    def acting(self, v: Array, P: Array) -> Array:
+        """Return the commands (m,) [Pa] that move the model's regulators at `P` (m,) [Pa] as `v` (m,) [Pa] moves these.
+
+        They have a dead band, and their pressures do not change faster than their flow, which those of the model do
+        beyond the `reach` of rising and of falling ones.
+        """
+        rising, falling = self.reach
+        e = self.compensation.after_dead_band(v, P) - P
+        return np.asarray(P + np.minimum(np.maximum(e, -falling), rising))
 
     def ahead(self, belief: Belief, commands: Sequence[Array], memories: Sequence[Value]) -> Belief:
         """Predict one sample for each of the `commands` (m,) [Pa], with the friction torques of these memories."""
@@ -205,7 +217,7 @@ class Filter:
         after `belief` and `apart`, while the commands `v` (m,) [Pa] act.
         """
         P = self.within(belief.xi)[2 * self.plant.n : self.plant.size]
-        e = self.compensation.after_dead_band(v, P) - P
+        e = self.acting(v, P) - P
         return np.asarray(apart + self.shares * (e - apart) - self.share * e)
 
     def bounds(self, expected: Belief, apart: Array) -> tuple[Array, Array]:

@@ -4,11 +4,12 @@ A sound regulator turns the acting commands v into a pressure between those of a
 
     m' = dz(v - m)/τ' - q,   τ' = τ/s and s τ,   dz(e) = e minus the dead band, 0 within it,
 
-s being SPREAD if the lags of the regulators were measured, else DATA_SHEET: theirs is that of some volume. q is
-the fall of a gas's pressure by the motion (`Plant.expansion`). The residual r is the distance of the measured P from
-that range. Its part beyond MARGIN and the uncertainty due to SWELLING is summed for each sign, and the sums are at
-least zero (Page's CUSUM, 1954). If a sum exceeds LIMIT, something has been wrong since it last was zero. All
-explanations are possible then. Until the pressure has been normal for `HOLD` seconds, an explanation is eliminated by
+within s and 1/s times the flow of the valves. s is SPREAD if the lags τ of rising and of falling pressures were
+measured, else DATA_SHEET: theirs is that of some volume. q is the fall of a gas's pressure by the motion
+(`Plant.expansion`). The residual r is the distance of the measured P from that range. Its part beyond MARGIN and the
+uncertainty due to SWELLING is summed for each sign, and the sums are at least zero (Page's CUSUM, 1954). If a sum
+exceeds LIMIT, something has been wrong since it last was zero. All explanations are possible then. Until the pressure
+has been normal for `HOLD` seconds, an explanation is eliminated by
 
     stuck valve        P + ∫q moves: the valve has let gas pass
     leak               r > 0, or P + ∫q rises and the loss varies
@@ -34,7 +35,7 @@ compiled by numba (`mpc.observer.compiled`). Sets of explanations are sums of ST
 """
 
 from collections.abc import Sequence
-from math import exp, inf, nan
+from math import copysign, exp, inf, nan
 from typing import NamedTuple, TypeAlias
 
 from allocator.calculus import Array
@@ -102,10 +103,14 @@ Values: TypeAlias = Sequence[float] | Array
 class Sound(NamedTuple):
     """Constants of one muscle and its sensor."""
 
-    quick: float  # share of a step that the quick regulator follows in a sample [-]
+    quick: float  # share of a rising step that the quick regulator follows in a sample [-]
     slow: float
+    quick_down: float  # of a falling one
+    slow_down: float
     quick_free: float  # the same of a muscle that a broken cable leaves free
     slow_free: float
+    most_quick: float  # greatest change in a sample [Pa]
+    most_slow: float
     rest: float  # half of the dead band [Pa]
     dt: float  # [s]
     sigma: float  # [Pa]
@@ -113,15 +118,25 @@ class Sound(NamedTuple):
 
     @classmethod
     def of(
-        cls, lag: float, dt: float, dead_band: float, sigma: float, usual_torque: float, spread: float = SPREAD
-    ) -> "Sound":
-        """Return the constants for the time constant `lag` [s] within a factor of `spread`, `dead_band` and deviation
-        `sigma` [Pa].
+        cls, up: float, down: float, flow: float, dt: float, dead_band: float, sigma: float, usual_torque: float,
+        spread: float = SPREAD,
+    ) -> "Sound":  # fmt: skip
+        """Return the constants for the lags `up` and `down` [s] of rising and falling pressures within a factor of
+        `spread`, the fastest change `flow` [Pa/s], `dead_band` and deviation `sigma` [Pa].
         """
-        quick, slow, quick_free, slow_free = (
-            1 - exp(-dt * s / lag) for s in (spread, 1 / spread, DATA_SHEET, 1 / DATA_SHEET)
+        lags = (
+            up / spread,
+            up * spread,
+            down / spread,
+            down * spread,
+            min(up, down) / DATA_SHEET,
+            max(up, down) * DATA_SHEET,
         )
-        return cls(quick, slow, quick_free, slow_free, dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2)
+        quick, slow, quick_down, slow_down, quick_free, slow_free = (1 - exp(-dt / lag) for lag in lags)
+        return cls(
+            quick, slow, quick_down, slow_down, quick_free, slow_free, spread * flow * dt, flow * dt / spread,
+            dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2,
+        )  # fmt: skip
 
 
 def places(dt: float) -> int:
@@ -179,12 +194,13 @@ def follow(
         m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = m[FILLED] = read
         m[COMMAND] = v
     m[FALLEN] += k.dt * q
-    m[QUICK] = m[QUICK] + k.quick * beyond(v - m[QUICK], k.rest) - k.dt * q
-    m[SLOW] = m[SLOW] + k.slow * beyond(v - m[SLOW], k.rest) - k.dt * q
-    m[UNSURE] += k.dt * SWELLING * abs(q) - k.slow * m[UNSURE]
-    m[QUICK_STILL] = m[QUICK_STILL] + k.quick_free * beyond(v - m[QUICK_STILL], k.rest)
-    m[SLOW_STILL] = m[SLOW_STILL] + k.slow_free * beyond(v - m[SLOW_STILL], k.rest)
-    m[CARRIED] = m[SLOW] - m[SLOW_STILL] if m[OPEN] == 0 else m[CARRIED] * (1 - k.slow)
+    slowest = min(k.slow, k.slow_down)
+    m[QUICK] += filled(v - m[QUICK], k.rest, k.quick, k.quick_down, k.most_quick) - k.dt * q
+    m[SLOW] += filled(v - m[SLOW], k.rest, k.slow, k.slow_down, k.most_slow) - k.dt * q
+    m[UNSURE] += k.dt * SWELLING * abs(q) - slowest * m[UNSURE]
+    m[QUICK_STILL] += filled(v - m[QUICK_STILL], k.rest, k.quick_free, k.quick_free, inf)
+    m[SLOW_STILL] += filled(v - m[SLOW_STILL], k.rest, k.slow_free, k.slow_free, k.most_slow)
+    m[CARRIED] = m[SLOW] - m[SLOW_STILL] if m[OPEN] == 0 else m[CARRIED] * (1 - slowest)
     m[MISSING] = m[MISSING] + k.dt if missing else 0.0
     if read != read or read == m[READ]:
         return
@@ -216,9 +232,13 @@ def contract(m: Numbers, read: float) -> None:
     m[QUICK_STILL], m[SLOW_STILL] = min(m[QUICK_STILL], read), min(m[SLOW_STILL], read)
 
 
-def beyond(e: float, rest: float) -> float:
-    """Return `e` minus a dead band of ±`rest`."""
-    return e - min(max(e, -rest), rest)
+def filled(e: float, rest: float, up: float, down: float, most: float) -> float:
+    """Return the change in a sample of a pressure `e` [Pa] below its command, whose dead band is ±`rest` [Pa].
+
+    It follows the shares `up` and `down` of rising and falling steps, by ±`most` [Pa].
+    """
+    beyond = e - min(max(e, -rest), rest)
+    return min(max((up if e > 0 else down) * beyond, -most), most)
 
 
 def outside(P: float, one: float, other: float) -> float:
@@ -266,7 +286,10 @@ def bound(m: Numbers, k: Sound, first: int, size: int) -> None:
     The target is the supply if the pressure is below that of its command, and v - loss * P by a leak.
     """
     P_mean, v, rise = (m[P] + m[first]) / 2, (m[COMMAND] + m[first + 3]) / 2, (m[FILLED] - m[first + 1]) / size
-    one, other = P_mean + rise / k.quick, P_mean + rise / k.slow
+    quick, slow = (k.quick, k.slow) if rise > 0 else (k.quick_down, k.slow_down)
+    one, other = P_mean + rise / quick, P_mean + rise / slow
+    if abs(rise) > k.most_slow:  # as fast as it can: the target may be anywhere beyond
+        other = copysign(inf, rise)
     unsure = k.rest + _UNSURE * k.sigma + m[UNSURE]
     least, most = min(one, other) - unsure, max(one, other) + unsure
     m[LEAST_SUPPLY] = max(m[LEAST_SUPPLY], least)

@@ -242,6 +242,7 @@ def _tables(controller: TrackingMPC, observer: KalmanObserver) -> list[tuple[str
         ("ANT_WAY_LAGS", "time constants of rising and of falling pressures [s]", inverse.lags),
         ("ANT_WAY_KEPT", "remaining shares of their errors after a sample [-]", inverse.alpha),
         ("ANT_KEPT", "remaining share of a pressure error after a sample [-]", np.exp(-dt / np.array(plant.lags))),
+        ("ANT_REACH", "errors at which pressures rise and fall the fastest [Pa]", observer.filter.reach),
         ("ANT_SHARES", "shares of a step that a quick and a slow one follow in a sample [-]", observer.filter.shares),
         ("ANT_STARTS", "samples at which blocks of commands begin", starts),
         ("ANT_ACTING", "blocks that have begun by a sample", acting),

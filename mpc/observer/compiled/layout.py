@@ -35,6 +35,7 @@ class Known:
     tolerance: float  # [s]
     dead_band: float  # [Pa]
     older: float  # readings of angles beyond whole samples [s]
+    reach: Annotated[Array, 2, "m"]  # see `Filter.reach` [Pa]
     share: Annotated[Array, "m"]  # of a step that a regulator follows in a sample [-]
     shares: Annotated[Array, 2, "m"]  # the same of quick and of slow ones
     learning: float  # change of an offset per sample and innovation [-]
@@ -42,11 +43,15 @@ class Known:
     theta_noise: float  # [rad]
     theta_floor: Annotated[Array, "n"]  # [rad]
     sigma: float  # [Pa]
-    seen: Annotated[Array, "m"]  # of `Sound`, as the next four
+    seen: Annotated[Array, "m"]  # of `Sound`, as the next eight
     quick: Annotated[Array, "m"]
     slow: Annotated[Array, "m"]
+    quick_down: Annotated[Array, "m"]
+    slow_down: Annotated[Array, "m"]
     quick_free: Annotated[Array, "m"]
     slow_free: Annotated[Array, "m"]
+    most_quick: Annotated[Array, "m"]
+    most_slow: Annotated[Array, "m"]
     usual: Annotated[Array, "n"]  # [N·m]
     inertia: Annotated[Array, "n"]  # [kg·m²]
 
@@ -79,7 +84,7 @@ class Work:
 
     near: Annotated[Array, "2 * n + m"]  # the nearest state for which the muscle models are valid
     inside: Annotated[Array, "3 * n + m"]  # the nearest possible ξ
-    acting: Annotated[Array, "m"]  # commands minus the dead band [Pa]
+    acting: Annotated[Array, "m"]  # commands after dead band and flow, see `Filter.acting` [Pa]
     torque: Annotated[Array, "n"]  # disturbance minus friction [N·m]
     loads: Annotated[Array, "n", 3]  # on the sliding surfaces of each joint
     pulls: Annotated[Array, "2 * m * n + m"]  # see `mpc.observer.pulling`

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 _HERE = Path(__file__).parent
 _TEMPLATE, _JOINT, _ARM = (_HERE / f"{name}.py" for name in ("sample", "joint", "arm"))
 _SOUND = f"from {Sound.__module__} import Sound"
-_GAINS = "quick", "slow", "quick_free", "slow_free"  # of `Sound`
+_GAINS = "quick", "slow", "quick_down", "slow_down", "quick_free", "slow_free", "most_quick", "most_slow"
 _PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # modules with functions that the template calls
 
 
@@ -123,7 +123,8 @@ def made_of(compiled: CompiledFilter, own: Filter, judged: Diagnosis) -> Made:
     known = {
         "inner": own.inner, "outer": own.outer, "Q": own.Q, "Q_rest": own.Q_rest, "possible": (gate.lower, gate.upper),
         "dt": dt, "h": dt / substeps, "substeps": substeps, "tolerance": judged.tolerance,
-        "dead_band": own.compensation.dead_band, "older": own.older, "share": own.share, "shares": own.shares,
+        "dead_band": own.compensation.dead_band, "older": own.older, "reach": own.reach, "share": own.share,
+        "shares": own.shares,
         "learning": dt / OFFSET_TIME, "most_offset": own.noise.offset,
         "theta_noise": own.noise.theta, "theta_floor": gate.floor[:n], "sigma": muscles[0].sigma,
         "usual": judged.sound.usual, "inertia": judged.sound.inertia,

@@ -230,13 +230,13 @@ def predicted(o: Sample, belief: Belief, k: int, noise: Array, target: Belief) -
     """Set the `target` to the prediction of a `belief` for the next sample, with the k-th commands and the covariance
     `noise`: see `Filter`. Target and belief may be the same.
     """
-    w, commands, rest = o.work, floats(o.places.commands), o.known.dead_band / 2
+    w, commands, rest, reach = o.work, floats(o.places.commands), o.known.dead_band / 2, o.known.reach
     nearest(o, belief)
     press(o)
     for j in range(m):
         P = w.inside[2 * n + j]
         e = commands[m * k + j] - P
-        w.acting[j] = P + e - min(max(e, -rest), rest)
+        w.acting[j] = P + min(max(e - min(max(e, -rest), rest), -reach[1, j]), reach[0, j])
     for i in range(n):
         w.torque[i] = w.inside[STATES + i] - rubbing(o, i)
     advance(o)

@@ -362,12 +362,12 @@ def test_the_demonstration_prints_python_s_numbers(exported):
 def test_a_plant_s_gas_is_in_the_c_as_it_is_in_python(joint, precision, near, tmp_path):
     """300 steps at 1 Hz, where the gas makes a quarter of a degree, with a valve that sticks and traps it.
 
-    The pressures fall more slowly than they rise.
+    The pressures fall more slowly than they rise, and neither faster than a flow that they reach.
     """
-    process = replace(
-        RealPlant.standard(nominal=Plant(joint, lag=0.12, venting=1.4)), faults=(StuckValve(1.0, 1.4, 1),)
-    )
-    controller, observer = pair(process.nominal, 10, process.known(), weights=Weights.calm(), compiled=False)
+    nominal = Plant(joint, lag=0.12, venting=1.4, slew=8 * BAR)
+    process = replace(RealPlant.standard(nominal=nominal), flow=3 * BAR, faults=(StuckValve(1.0, 1.4, 1),))
+    known = replace(process.known(), flow=3 * BAR)
+    controller, observer = pair(nominal, 10, known, weights=Weights.calm(), compiled=False)
     structured = StructuredQP(controller.problem)  # fails as in C
     controller._qp_step = ReadableQPStep(controller.problem, controller._predictor, structured)
     reference = sine(20 * DEG, 1.0, K=7.6, duration=3.0, ramp=0.5)

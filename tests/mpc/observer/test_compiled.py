@@ -108,6 +108,12 @@ def test_a_long_noisy_run_is_that_of_the_readable_observer(known):
     pair.same()
 
 
+def test_so_it_is_where_pressures_change_no_faster_than_a_known_flow():
+    pair = Pair(compensation=replace(TOLD, flow=2 * BAR))
+    assert run(pair, replace(REAL, flow=2 * BAR), 400)[3:].mean() > 0.95
+    pair.same()
+
+
 @pytest.mark.slow
 def test_so_it_is_with_gas_which_is_compiled_anew():
     model = replace(MODEL, gas=True)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -236,8 +237,10 @@ GAIN = 3.5 / BAR  # [N·m/Pa]
 class Muscle:
     """Two diagnoses, the course of whose pressures is given sample by sample; P2 follows its command of 1 bar."""
 
-    def __init__(self, spread=SPREAD):
-        self.own, self.other = (PressureDiagnosis(Sound.of(0.12, DT, 0.0, SIGMA, USUAL, spread)) for _ in range(2))
+    def __init__(self, spread=SPREAD, lags=(0.12, 0.12), flow=inf):
+        self.own, self.other = (
+            PressureDiagnosis(Sound.of(*lags, flow, DT, 0.0, SIGMA, USUAL, spread)) for _ in range(2)
+        )
         self.random, self.t = np.random.default_rng(1), 0.0
 
     def follow(self, course, command, d=lambda P: 0.0, other=1.0, q=0.0, missing=False):
@@ -321,6 +324,25 @@ def test_a_regulator_twice_as_quick_as_told_is_sound_unless_its_lag_was_measured
         P.append(P[-1] + (1 - np.exp(-DT / 0.06)) * (v - P[-1]))
     assert not Muscle(DATA_SHEET).follow(np.array(P[1:]), steps)
     assert Muscle(SPREAD).follow(np.array(P[1:]), steps)
+
+
+@pytest.mark.parametrize(("lags", "flow"), [((0.08, 0.15), inf), ((0.1, 0.1), 4.0)], ids=["venting slowly", "flow"])
+def test_a_regulator_that_is_slow_in_the_way_told_is_sound(lags, flow):
+    """Each of the two is told of its own, and suspected if it is taken for a lag of .1 s."""
+    steps, P = np.repeat(np.tile([1.0, 4.0], 10), 50), [1.0]
+    for v in steps:
+        change = (1 - np.exp(-DT / (lags[0] if v > P[-1] else lags[1]))) * (v - P[-1])
+        P.append(P[-1] + np.clip(change, -flow * DT, flow * DT))
+    course = np.array(P[1:])
+    assert not Muscle(SPREAD, lags, flow * BAR).follow(course, steps)
+    assert Muscle(SPREAD, (0.1, 0.1)).follow(course, steps)
+
+
+def test_a_stuck_valve_is_found_where_pressures_change_no_faster_than_a_flow():
+    muscle = Muscle(SPREAD, flow=4 * BAR)
+    muscle.follow(2.0, np.full(50, 2.0))
+    assert muscle.follow(2.0, rises(2.0, 1.5, 0.8)) == LACKS
+    assert muscle.follow(2.0, rises(3.2, -3.0, 0.8)) == {FaultKind.STUCK_VALVE}
 
 
 def test_both_lags_say_that_they_were_measured():

@@ -1,6 +1,7 @@
 """The observer: it knows how well it knows, finds the torque, and says when it is blind."""
 
 from dataclasses import replace
+from math import inf
 
 import control
 import numpy as np
@@ -100,6 +101,18 @@ def test_known_dead_time_dead_band_and_friction_do_not_look_like_a_torque():
     d, d_ignorant = (np.abs(watched(o, real, 60, u)[0][:, 4]).max() for o in (knowing, ignorant))
     assert d < 0.1
     assert d_ignorant > 3 * d
+
+
+def test_a_known_flow_is_in_the_predicted_pressures():
+    """Of new commands 2 bar away, without readings of pressures."""
+    real = RealPlant(PLANT, flow=2 * BAR)
+    u = REST[2:] + np.array([2.0, -1.0]) * BAR
+    knowing = KalmanObserver(PLANT, DT, compensation=Compensation(flow=2 * BAR), tolerance=1.0)
+    for observer, most in ((knowing, 0.01), (KalmanObserver(PLANT, DT, tolerance=1.0), inf)):
+        estimates, truth = watched(observer, real, 40, u, silent=range(5, 40))
+        off = np.abs(estimates[5:, 2:4] - truth[5:, 2:]).max() / BAR
+        assert off < most
+    assert off > 0.3
 
 
 def test_a_short_silence_is_bridged_and_a_long_one_reported_until_it_ends():

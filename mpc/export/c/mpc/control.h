@@ -29,6 +29,8 @@ ant_real ant_unwrapped(ant_real theta, ant_real expected, ant_real within); /* w
 /* filter.c: xi = (q, rates, P, d) */
 static inline int ant_measured(int sensor) { return sensor < ANT_JOINTS ? sensor : ANT_JOINTS + sensor; } /* in xi */
 void ant_within(ant_real xi[ANT_BELIEFS]); /* to the nearest possible state */
+/* Command that moves the model's regulator at P as u moves a muscle's, with its dead band and flow [Pa]. */
+ant_real ant_acting(int muscle, ant_real u, ant_real P);
 /* In the nearest state within the range of the muscle formulas. */
 void ant_contacts_of(const ant_belief *b, ant_contact contacts[ANT_JOINTS]);
 /* By the k-th commands. */

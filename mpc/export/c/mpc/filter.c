@@ -47,6 +47,10 @@ static void nearest(const ant_real xi[B], ant_real near[S]) {
     for (int i = 2 * N; i < S; i++) near[i] = ant_clip(xi[i], ANT_SUPPLY_LO, ANT_SUPPLY_HI);
 }
 
+ant_real ant_acting(int muscle, ant_real u, ant_real P) {
+    return P + ant_clip(ant_after_dead_band(u, P) - P, -ANT_REACH[1][muscle], ANT_REACH[0][muscle]);
+}
+
 void ant_contacts_of(const ant_belief *b, ant_contact contacts[N]) {
     ant_real xi[B], near[S];
     memcpy(xi, b->xi, sizeof xi);
@@ -61,7 +65,7 @@ void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_r
     ant_real *xi = b->xi;
     ant_within(xi);
     nearest(xi, near);
-    for (int i = 0; i < ANT_MUSCLES; i++) acting[i] = ant_after_dead_band(o->commands[k][i], xi[2 * N + i]);
+    for (int i = 0; i < ANT_MUSCLES; i++) acting[i] = ant_acting(i, o->commands[k][i], xi[2 * N + i]);
     ant_contacts_at(near, contacts);
     for (int i = 0; i < N; i++) torque[i] = xi[S + i] - ant_friction_torque(o->friction[i].memory, i, contacts[i]);
     ant_model_slopes(near, acting, torque, later, A[0], Bu[0], by_d[0]);

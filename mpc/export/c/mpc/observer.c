@@ -199,7 +199,7 @@ static void move_apart(ant_observer *o, const ant_belief *previous) {
     for (int i = 0; i < ANT_MUSCLES; i++) {
         const int sensor = ANT_JOINTS + i;
         const ant_real P = ant_clip(previous->xi[ant_measured(sensor)], ANT_GATE_LOWER[sensor], ANT_GATE_UPPER[sensor]);
-        const ant_real e = ant_after_dead_band(o->commands[0][i], P) - P;
+        const ant_real e = ant_acting(i, o->commands[0][i], P) - P;
         for (int k = 0; k < 2; k++) o->apart[k][i] += ANT_SHARES[k][i] * (e - o->apart[k][i]) - (1 - ANT_KEPT[i]) * e;
     }
 }
