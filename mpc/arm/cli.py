@@ -1,6 +1,7 @@
 """Command `antagonist track` for several joints, on MuJoCo."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter, sleep
@@ -105,16 +106,14 @@ def track_arm(
 
     endings = {path.suffix.lower() for path in files} & SIZES.keys()
     size = max((SIZES[ending] for ending in endings), default=SIZES[".gif"])
-    with Film(tested, arm, size, point) as film, _Window(tested, more.view) as window:
-        filmed = bool(endings)
-
+    with Film(tested, arm, size, point) if endings else nullcontext() as film, _Window(tested, more.view) as window:
         tip = (arm.bodies.length[-1], 0.0, 0.0) if more.catch else None
         catch = None if tip is None else arriving(tested, half_way, more.catch, tip, np.zeros(3))
 
         def watch() -> None:
             if catch is not None:
                 catch()
-            if filmed:
+            if film is not None:
                 film.watch()
             window.watch()
 
@@ -134,7 +133,7 @@ def track_arm(
         )
         done = compared(done, asked)
     for path in files:
-        write_run(done, path, film.save, hand=point)
+        write_run(done, path, None if film is None else film.save, hand=point)
     say(console, f"arm: {arm.summary}")
     for note in [*notes, *_dry_friction(tested.model.dof_frictionloss, settings.compensation)]:
         say(console, note)
@@ -152,7 +151,7 @@ def track_arm(
     if margins is not None:
         plot_margins(sliding_margins(_MPC, settings), margins, f"mpc, {arm.summary}")
         files = [*files, margins]
-    if filmed:
+    if film is not None:
         say(console, f"filmed by {film.by}")
     say(console, f"written: {', '.join(map(str, files))}")
 

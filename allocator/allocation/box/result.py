@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.allocation.box import certificate
-from allocator.allocation.box.certificate import Separation
+from allocator.allocation.box.certificate import Separation, Verdict
+from allocator.allocation.box.pivoting import residuals
 from allocator.allocation.box.problem import BoxProblem
 from allocator.allocation.box.sensitivity import jacobian
 from allocator.allocation.relaxation import Nearby
-from allocator.allocation.result import Allocation, as_status, shaped
+from allocator.allocation.result import Allocation, as_status, from_fields, shaped
 from allocator.allocation.status import CLOSED_FORM, Status, status_names
 from allocator.allocation.uncertain.spread import Spread, of_mechanism
 from allocator.calculus import Array, Mask, Value
@@ -43,6 +44,59 @@ def limit_names(muscle: str, flags: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
+class _Judged:
+    """Pressures that a method found for a problem, and its tolerance `gap` of their costs."""
+
+    problem: BoxProblem
+    found: Nearby
+    gap: float
+
+    def field(self, name: str, allocation: "BoxAllocation") -> Any:
+        """Return the field `name` of the `allocation` with these pressures."""
+        shape, n = allocation._shape, self.problem.mechanism.n
+        match name:
+            case "T":
+                return shaped(self._given[:, :n].copy(), shape)
+            case "K":
+                return shaped(self._stiffness, shape)
+            case "status":
+                return as_status(self._verdict.status, shape)
+            case "torque_met" | "stiffness_met" | "holds":
+                return shaped(getattr(self._verdict, name), shape)
+            case "kkt_residual":
+                return shaped(self._residual, shape)
+            case "rounds":
+                return shaped(self.found.solved.rounds, shape)
+            case "gap":
+                return shaped(self.found.left, shape)
+            case _:
+                return shaped(self.found.bounds, shape)
+
+    @cached_property
+    def _pressures(self) -> Array:
+        return self.problem.pressures(self.found.solved.x)
+
+    @cached_property
+    def _given(self) -> Array:
+        return self.problem.given(self._pressures)
+
+    @cached_property
+    def _stiffness(self) -> Array:
+        return self.problem.joint_stiffness(self._pressures)
+
+    @cached_property
+    def _residual(self) -> Array:
+        known = self.found.residual
+        return residuals(self.problem, self.found.solved) if known is None else known
+
+    @cached_property
+    def _verdict(self) -> Verdict:
+        affine, left = self.problem.mechanism.affine, self.found.left
+        residual = self._residual if affine else np.where(left <= self.gap, 0.0, np.inf)
+        return certificate.decide(self.problem, self._given, self._stiffness, residual)
+
+
+@dataclass(frozen=True, eq=False)
 class BoxAllocation(Allocation):
     """`Allocation` of m muscles, for targets of any leading shape (…); one target has none."""
 
@@ -64,38 +118,19 @@ class BoxAllocation(Allocation):
 
     @classmethod
     def of(cls, problem: BoxProblem, found: Nearby, shape: tuple[int, ...], method: str, gap: float = 0.0) -> Self:
-        """Return the answer for the pressures that `method` found for targets of this `shape`."""
-        P, n = problem.pressures(found.solved.x), problem.mechanism.n
-        y, K, left = problem.given(P), problem.joint_stiffness(P), found.left
-        verdict = certificate.decide(
-            problem, y, K, found.residual if problem.mechanism.affine else np.where(left <= gap, 0.0, np.inf)
-        )
+        """Return the answer for the pressures that `method` found for targets of this `shape`.
 
-        def form(array: NDArray[Any]) -> Any:
-            return shaped(array, shape)
-
-        return cls(
-            P=form(P),
-            T=form(y[:, :n].copy()),
-            K=form(K),
-            status=as_status(verdict.status, shape),
-            torque_met=form(verdict.torque_met),
-            stiffness_met=form(verdict.stiffness_met),
-            holds=form(verdict.holds),
-            kkt_residual=form(found.residual),
-            rounds=form(found.solved.rounds),
-            gap=form(left),
-            lower_bounds=form(found.bounds),
-            method=method,
-            _problem=problem,
-            _mu=found.solved.mu,
-            _shape=shape,
-        )
+        The other fields are computed on first access: of many targets, the proof takes a third of the time.
+        """
+        P = shaped(problem.pressures(found.solved.x), shape)
+        known = {"P": P, "method": method, "_problem": problem, "_mu": found.solved.mu, "_shape": shape}
+        made: Self = from_fields(cls, known | {"_later": _Judged(problem, found, gap)})
+        return made
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            """Compute a deferred field of a compiled answer, see `allocator.allocation.box.ready`."""
+            """Compute a deferred field, see `of` and `allocator.allocation.box.ready`."""
             later = self.__dict__.get("_later")
             if later is None or name not in self.__dataclass_fields__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation.box.pivoting import Solved, residuals
+from allocator.allocation.box.pivoting import Solved
 from allocator.allocation.box.problem import BoxProblem
 from allocator.allocation.relaxation.curves import Curve, Level, Relaxed, relax
 from allocator.allocation.relaxation.descent import Found, certified, descend, lower
@@ -125,7 +125,7 @@ class Nearby(NamedTuple):
     """Solution of N problems of K levels, with lower bounds."""
 
     solved: Solved  # its rounds are nodes of the search
-    residual: Array  # of local optimality (N,)
+    residual: Array | None  # of local optimality (N,); None of affine muscles: that of the levels
     costs: Array  # the squared errors of each level (N, K) [cost]
     bounds: Array  # lower bounds of the costs, given the values of earlier levels (N, K) [cost]
 
@@ -136,9 +136,9 @@ class Nearby(NamedTuple):
 
     @classmethod
     def of(cls, problem: BoxProblem, solved: Solved) -> Self:
-        """Return answers for affine muscles, which are optimal according to their residuals."""
+        """Return answers for affine muscles, whose residuals prove them."""
         costs = problem.costs(solved.x)
-        return cls(solved, residuals(problem, solved), costs, costs)
+        return cls(solved, None, costs, costs)
 
 
 def solve(problem: BoxProblem, gap: float) -> Nearby:

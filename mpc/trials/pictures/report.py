@@ -55,7 +55,7 @@ _NOTHING = 1e-6  # [N·m/rad] of an entry of the stiffness: no muscle crosses bo
 def write_run(
     run: Run,
     path: Path,
-    film: Callable[[Path], None],
+    film: Callable[[Path], None] | None,
     title: str = "",
     hand: Endpoint | None = None,
     model: Plant | None = None,
@@ -68,7 +68,7 @@ def write_run(
         save_recording(run, path)
     elif ending == ".mcap":
         save_mcap(run, path)
-    elif ending in ENDINGS:
+    elif film is not None and ending in ENDINGS:
         film(path)
     else:
         save_tracking_figure(run, path, title, hand, model)

@@ -100,16 +100,22 @@ def allocate_batch(A, b, onesided, ends, lo, hi, centre, which, warm, x, side, m
         elif which[i] != which[i - 1]:
             measure(levels, work)
         if warm and i > 0:
-            for j in range(side.shape[1]):
-                side[i, j] = side[i - 1, j]
+            repeat(side[i - 1], side[i])
         rounds[i] = solve(levels, Box(lo[i], hi[i], centre[i]), x[i], side[i], mu[i], warm and i > 0, work)
+
+
+def repeat(last, side):
+    """Copy the sides of the last target."""
+    for j in range(len(side)):
+        side[j] = last[j]
 
 
 def weigh_batch(A, b, onesided, ends, lo, hi, centre, which, pull, warm, x, side, mu, rounds, work):
     """Solve N strictly convex QPs, ‖A x - b‖² + pull ‖x - c‖² in the box; arguments are as in `allocate_batch`."""
-    m, p = A.shape[2], A.shape[1]
+    p, m = A[0].shape
     for i in range(len(which)):
-        rows = A[which[i]]
+        rows, box = A[which[i]], Box(lo[i], hi[i], centre[i])
+        levels = Levels(rows, b[i], onesided, ends)
         if i == 0 or which[i] != which[i - 1]:
             for j in range(m):
                 for c in range(j + 1):
@@ -117,17 +123,26 @@ def weigh_batch(A, b, onesided, ends, lo, hi, centre, which, pull, warm, x, side
                     for r in range(p):
                         entry += rows[r, j] * rows[r, c]
                     work.H[j, c] = work.H[c, j] = entry
-        for j in range(m):
-            work.g[j] = pull * centre[i, j]
-            for r in range(p):
-                work.g[j] += rows[r, j] * b[i, r]
-            side[i, j] = -1 if lo[i, j] >= hi[i, j] else (side[i - 1, j] if warm and i > 0 else 0)
-        rounds[i] = box_qp(Box(lo[i], hi[i], centre[i]), x[i], side[i], MOST_ROUNDS, work)
-        levels = Levels(rows, b[i], onesided, ends)
-        for j in range(m):
-            x[i, j] = min(max(x[i, j], lo[i, j]), hi[i, j])
-        for r in range(p):
-            mu[i, 0, r], mu[i, 1, r] = -slack(r, levels, x[i]), 0.0
+        weigh_box(levels, box, pull, side[i - 1] if warm and i > 0 else side[i], warm and i > 0, side[i], work)
+        rounds[i] = box_qp(box, x[i], side[i], MOST_ROUNDS, work)
+        missed(levels, box, x[i], mu[i])
+
+
+def weigh_box(levels, box, pull, last, warm, side, work):
+    """Fill the linear term of the QP, and the first guess: the `last` target's sides if `warm`."""
+    for j in range(len(box.lo)):
+        work.g[j] = pull * box.centre[j]
+        for r in range(len(levels.b)):
+            work.g[j] += levels.A[r, j] * levels.b[r]
+        side[j] = -1 if box.lo[j] >= box.hi[j] else (last[j] if warm else 0)
+
+
+def missed(levels, box, x, mu):
+    """Move `x` into the box, and fill `mu` with what the rows miss."""
+    for j in range(len(x)):
+        x[j] = min(max(x[j], box.lo[j]), box.hi[j])
+    for r in range(len(levels.b)):
+        mu[0, r], mu[1, r] = -slack(r, levels, x), 0.0
 
 
 def residual_batch(A, b, onesided, ends, lo, hi, centre, which, x, mu, pull, near, out, held, work):
@@ -144,4 +159,4 @@ def residual_batch(A, b, onesided, ends, lo, hi, centre, which, x, mu, pull, nea
         out[i] = residual(levels, Box(lo[i], hi[i], centre[i]), x[i], mu[i], pull, near, held, work)
 
 
-FUNCTIONS: tuple[Callable[..., object], ...] = (*one.FUNCTIONS, *PROOF)
+FUNCTIONS: tuple[Callable[..., object], ...] = (*one.FUNCTIONS, *PROOF, repeat, weigh_box, missed)

@@ -71,15 +71,15 @@ def weigh(levels, work):
 
 
 def scale(levels, work):
-    """Fill `work.scales` with the scales of each level's residuals and gradients, for x near 1."""
+    """Fill `work.scales` with the scales of each level's residuals and gradients, for x near 1; of zeros 1."""
     b, ends, sizes, scales = levels.b, levels.ends, work.sizes, work.scales
     begin, K = 0, len(levels.ends)
     for k in range(K):
         greatest = 0.0
         for i in range(begin, ends[k]):
             greatest = max(greatest, abs(b[i]))
-        scales[0, k] = greatest + sizes[0, k]
-        scales[1, k] = scales[0, k] * sizes[2, k]
+        scales[0, k] = greatest + sizes[0, k] if greatest + sizes[0, k] > 0.0 else 1.0
+        scales[1, k] = scales[0, k] * sizes[2, k] if sizes[2, k] > 0.0 else 1.0
         begin = ends[k]
     scales[0, K], scales[1, K] = 1.0, 1.0
 
