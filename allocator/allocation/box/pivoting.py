@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allocator.allocation.box import kernel
+from allocator.allocation.box import kernel, neighbours
 from allocator.allocation.box.kernel.data import workspace
 from allocator.allocation.box.problem import BoxProblem
 from allocator.calculus import Array
 from allocator.compilation import jit
 from allocator.joint.limits import BINDS
+from allocator.mechanism.mechanism import Indices
 
 _MOST_STEPS = 100
 _FULL_STEPS = 40  # before the first is damped
@@ -40,15 +41,40 @@ class Solved(NamedTuple):
 
 def solve(problem: BoxProblem, trajectory: bool = False) -> Solved:
     """Solve by block principal pivoting; with `trajectory` each starts from the limits that bind at the one before."""
-    (_, ends), (lo, hi, centre) = problem.rows, problem.x_bounds
+    N = len(problem.b)
+    if trajectory and not problem.pull and N > 1 and _compiled_loop("allocate_batch", N) is None:
+        return _along(problem)
+    return _pivoted(problem, slice(N), trajectory)[0]
+
+
+def _pivoted(problem: BoxProblem, chosen: Indices | slice, trajectory: bool) -> tuple[Solved, NDArray[np.int8]]:
+    """Return the solutions of the `chosen` targets, and the sides (…, m + p) of variables and rows."""
+    (_, ends), box = problem.rows, problem.x_bounds
+    which, b, lo, hi, centre = (array[chosen] for array in (problem.which, problem.b, *box))
     N, m, p = *lo.shape, int(ends[-1])
-    found = Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, p)), np.zeros(N, np.int64))
-    targets = problem.A, problem.b, np.zeros(p, np.bool_), ends, lo, hi, centre, problem.which
-    out = found.x, np.zeros((N, m + p), np.int8), found.mu, found.rounds, workspace(p, m, len(ends))
+    found, side = (
+        Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, p)), np.zeros(N, np.int64)),
+        np.zeros((N, m + p), np.int8),
+    )
+    targets = problem.A, b, np.zeros(p, np.bool_), ends, lo, hi, centre, which
+    out = found.x, side, found.mu, found.rounds, workspace(p, m, len(ends))
     if problem.pull:
         _loop("weigh_batch", N)(*targets, problem.pull, trajectory, *out)
     else:
         _loop("allocate_batch", N)(*targets, trajectory, *out)
+    return found, side
+
+
+def _along(problem: BoxProblem) -> Solved:
+    """Return the solutions along a trajectory: at once of those with the first one's limits, then of the others."""
+    first, side = _pivoted(problem, slice(1), False)
+    m = first.x.shape[1]
+    x, mu, proved = neighbours.solved(problem.A[problem.which], problem.b, *problem.x_bounds, side[0, :m])
+    found = Solved(x, np.zeros((len(x), *first.mu.shape[1:])), proved.astype(np.int64))
+    found.mu[:, -1] = mu
+    if len(others := np.flatnonzero(~proved)):
+        for array, values in zip(found, _pivoted(problem, others, True)[0], strict=True):
+            array[others] = values
     return found
 
 
@@ -65,8 +91,11 @@ def residuals(problem: BoxProblem, solved: Solved) -> Array:
 def _loop(name: str, targets: int) -> jit.Function:
     """Return the compiled loop if it is ready or pays, else plain Python."""
     plain: jit.Function = getattr(kernel, name)
-    compiled = _compiled(name) if targets >= _PAYS or _ready else None
-    return compiled or (lambda *arguments: plain(*map(_viewed, arguments)))
+    return _compiled_loop(name, targets) or (lambda *arguments: plain(*map(_viewed, arguments)))
+
+
+def _compiled_loop(name: str, targets: int) -> jit.Function | None:
+    return _compiled(name) if targets >= _PAYS or _ready else None
 
 
 def _viewed(argument: Any) -> Any:

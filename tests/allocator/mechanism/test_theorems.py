@@ -195,7 +195,8 @@ def test_the_arm_in_closed_form_has_the_same_least_pressures(muscle, q, share):
     # of muscles that are not affine the answer is the least of its neighbourhood only
     start = coarse[np.argmin([total(x) for x in coarse])] if mechanism.affine else float(a.P[4])
     step = coarse[1] - coarse[0]
-    best = minimize_scalar(total, bounds=(start - step, start + step), method="bounded", options={"xatol": 1.0})
+    beside = np.clip([start - step, start + step], lo[4], hi[4])
+    best = minimize_scalar(total, bounds=beside, method="bounded", options={"xatol": 1.0})
     least = min(best.fun, total(float(a.P[4])))
     assert (a.P**2).sum() / 25e10 == pytest.approx(least, rel=1e-6)
     assert arm_in_closed_form(mechanism, q, K, T, float(a.P[4])) == pytest.approx(a.P, abs=1.0)
