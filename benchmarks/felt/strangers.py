@@ -156,7 +156,7 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measur
             curve = [errors(m, f, K, pushed(stranger, m.theta, P, f.amplitude), creep) for f in m.felt]
             strengths += gs
             felts += [e for f, e in zip(m.felt, curve, strict=True) if 1 * DEG <= f.amplitude <= 8.5 * DEG]
-            backbones.append((m.K / K - 1, m.model_K / K - 1, m.K_std / K))
+            backbones.append((m.K / K - 1, m.model_K / K - 1, m.K_std / K, (m.K - K - creep) / K))
             felt = " ".join(f"{f.amplitude / DEG:.1f}°: {100 * e.felt:+.1f} ({100 * e.backbone:+.1f} backbone)"
                             for f, e in zip(m.felt, curve, strict=True))  # fmt: skip
             alone = 100 * (m.model_K / K - 1)
@@ -170,14 +170,16 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measur
 
 
 def summary(strengths: Array, felts: Array, backbones: Array) -> str:
-    """Return the figures of errors: strengths (n,), `Errors` (n, 7), and backbones with their deviation (n, 3)."""
+    """Return the figures of errors: strengths (n,), `Errors` (n, 7), and backbones with their deviation (n, 4)."""
     g, k = np.abs(strengths), np.abs(backbones)
     median, most = (Errors(*100 * np.quantile(np.abs(felts), q, axis=0)) for q in (0.5, 0.9))
     return (
         f"nine in ten strengths within {100 * np.quantile(g, 0.9):.1f} %, felt K at 1–8° within {most.felt:.1f} % "
         f"({most.quick:.1f} % against pushes at {RATE:g} Hz, which meet creep), backbone within "
         f"{100 * np.quantile(k[:, 0], 0.9):.1f} % (model alone {100 * np.quantile(k[:, 1], 0.9):.1f} %), whose 95 % "
-        f"interval covers {100 * np.mean(k[:, 0] <= 1.96 * k[:, 2]):.0f} %; medians "
+        f"interval covers {100 * np.mean(k[:, 0] <= 1.96 * k[:, 2]):.0f} %, with creep at {RATE:g} Hz counted as K "
+        f"within {100 * np.quantile(k[:, 3], 0.9):.1f} %, covered {100 * np.mean(k[:, 3] <= 1.96 * k[:, 2]):.0f} %; "
+        f"medians "
         f"{100 * np.median(g):.1f}, {median.felt:.1f}, {100 * np.median(k[:, 0]):.1f} %; parts of the felt K's error "
         f"(medians): backbone {median.backbone:.1f}, hysteresis {median.hysteresis:.1f} %; felt K that the model alone "
         f"predicts: median error {median.model:.1f} %, nine in ten within {most.model:.1f} %, parts (medians): "
