@@ -150,6 +150,14 @@ def test_commands_may_leave_the_room_of_lagging_pressures_but_not_the_supply(f, 
     assert bool((wave.drive > 2 * most).all()) is beyond
 
 
+@pytest.mark.parametrize(("drive", "why"), [(0.1 * BAR, "friction jumps"), (4 * BAR, "choose a stiffer rest")])
+def test_a_swing_that_slack_cables_leave_no_room_for_is_told_from_friction_that_jumps(drive, why):
+    e = Experiment(REAL.nominal, KNOWN, 0.1, 6.0, 0.01, QUICK)
+    wanted = Wave(1.2, np.full(2, drive), np.zeros(2), np.zeros(2))
+    assert why in str(e._apart(2 * DEG, wanted))
+    assert "friction jumps" in str(e._apart(4 * DEG, wanted))  # farther than wanted: ±3°
+
+
 def test_strengths_of_exact_tones_are_exact():
     """A linear joint: K + iωD - Jω² with strengths, an age of the readings, and no noise."""
     J, K, D, age, g = 0.05, 8.0, 0.2, 0.01, (1.1, 0.9)
