@@ -108,6 +108,7 @@ class Spreads:
         """Return the standard deviation of a model's `felt` stiffness, of which `backbone` is K (any shape) [N·m/rad].
 
         The backbone varies as the force of muscles that err together, and the rest of it as hysteresis does about 1.
+        Where the model does not know the hysteresis of the joint, the result is too small.
         """
         low, high = self.hysteresis
         share = hypot((high - low) / sqrt(12), (high + low) / 2 - 1)
