@@ -25,6 +25,7 @@ from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.safety import Stopped
 from mpc.tracking.limits import Limits
+from mpc.tuning.draws import Spreads
 
 DT = 0.01  # [s]
 STEPS, CYCLES = 120, 2  # of a push, quasi-static
@@ -129,13 +130,15 @@ class Errors(NamedTuple):
     model: float  # as the model predicts it
     model_backbone: float  # part of `model`
     model_hysteresis: float  # the other part
+    model_std: float  # that the spreads of the model state
 
 
-def errors(m: MeasuredStiffness, felt: Felt, K: float, met: float, creep: float) -> Errors:
+def errors(m: MeasuredStiffness, felt: Felt, K: float, met: float, creep: float, spreads: Spreads) -> Errors:
     """Return the errors for a slow push that meets `met`, of which `K` is the backbone [N·m/rad]."""
     return Errors(
         felt.K / met - 1, felt.K / (met + creep) - 1, (m.K - K) / met, (felt.K - m.K - met + K) / met,
         felt.model / met - 1, (m.model_K - K) / met, (felt.model - m.model_K - met + K) / met,
+        float(spreads.felt_std(m.model_K, felt.model)) / met,
     )  # fmt: skip
 
 
@@ -153,10 +156,11 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measur
             P = np.array(m.pressures)
             gs = [g / t - 1 for g, t in zip(m.strengths, true_strengths(stranger, model, m), strict=True)]
             K, creep = float(stranger.along(np.array([[m.theta, 0.0, *P]]))[0][0]), creeping(stranger)
-            curve = [errors(m, f, K, pushed(stranger, m.theta, P, f.amplitude), creep) for f in m.felt]
+            curve = [errors(m, f, K, pushed(stranger, m.theta, P, f.amplitude), creep, model.spreads)
+                     for f in m.felt]  # fmt: skip
             strengths += gs
             felts += [e for f, e in zip(m.felt, curve, strict=True) if 1 * DEG <= f.amplitude <= 8.5 * DEG]
-            backbones.append((m.K / K - 1, m.model_K / K - 1, m.K_std / K))
+            backbones.append((m.K / K - 1, m.model_K / K - 1, m.K_std / K, (m.K - K - creep) / K))
             felt = " ".join(f"{f.amplitude / DEG:.1f}°: {100 * e.felt:+.1f} ({100 * e.backbone:+.1f} backbone)"
                             for f, e in zip(m.felt, curve, strict=True))  # fmt: skip
             alone = 100 * (m.model_K / K - 1)
@@ -170,16 +174,20 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measur
 
 
 def summary(strengths: Array, felts: Array, backbones: Array) -> str:
-    """Return the figures of errors: strengths (n,), `Errors` (n, 7), and backbones with their deviation (n, 3)."""
+    """Return the figures of errors: strengths (n,), `Errors` (n, 8), and backbones with their deviation (n, 4)."""
     g, k = np.abs(strengths), np.abs(backbones)
+    model = Errors(*felts.T)
     median, most = (Errors(*100 * np.quantile(np.abs(felts), q, axis=0)) for q in (0.5, 0.9))
     return (
         f"nine in ten strengths within {100 * np.quantile(g, 0.9):.1f} %, felt K at 1–8° within {most.felt:.1f} % "
         f"({most.quick:.1f} % against pushes at {RATE:g} Hz, which meet creep), backbone within "
         f"{100 * np.quantile(k[:, 0], 0.9):.1f} % (model alone {100 * np.quantile(k[:, 1], 0.9):.1f} %), whose 95 % "
-        f"interval covers {100 * np.mean(k[:, 0] <= 1.96 * k[:, 2]):.0f} %; medians "
+        f"interval covers {100 * np.mean(k[:, 0] <= 1.96 * k[:, 2]):.0f} %, with creep at {RATE:g} Hz counted as K "
+        f"within {100 * np.quantile(k[:, 3], 0.9):.1f} %, covered {100 * np.mean(k[:, 3] <= 1.96 * k[:, 2]):.0f} %; "
+        f"medians "
         f"{100 * np.median(g):.1f}, {median.felt:.1f}, {100 * np.median(k[:, 0]):.1f} %; parts of the felt K's error "
         f"(medians): backbone {median.backbone:.1f}, hysteresis {median.hysteresis:.1f} %; felt K that the model alone "
         f"predicts: median error {median.model:.1f} %, nine in ten within {most.model:.1f} %, parts (medians): "
-        f"backbone {median.model_backbone:.1f}, hysteresis {median.model_hysteresis:.1f} %"
+        f"backbone {median.model_backbone:.1f}, hysteresis {median.model_hysteresis:.1f} %; its 95 % interval covers "
+        f"{100 * np.mean(np.abs(model.model) <= 1.96 * np.array(model.model_std)):.0f} %"
     )

@@ -12,7 +12,7 @@ all links those of masses and damping.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from math import hypot
+from math import hypot, sqrt
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -103,6 +103,16 @@ class Spreads:
             if not 0 <= ends[0] <= ends[1] < np.inf:
                 raise table.fault(f"{name} = {ends} has to be two ends in order, 0 or more")
         return cls.of(table.entries)
+
+    def felt_std(self, backbone: Value, felt: Value) -> Value:
+        """Return the standard deviation of a model's `felt` stiffness, of which `backbone` is K (any shape) [N·m/rad].
+
+        The backbone varies as the force of muscles that err together, and the rest of it as hysteresis does about 1.
+        Where the model does not know the hysteresis of the joint, the result is too small.
+        """
+        low, high = self.hysteresis
+        share = hypot((high - low) / sqrt(12), (high + low) / 2 - 1)
+        return np.hypot(self.strength * backbone, share * (felt - backbone))
 
 
 Real: TypeAlias = RealPlant | RealArm

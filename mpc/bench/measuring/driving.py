@@ -193,9 +193,11 @@ class Driver:
         return share * self._wave.at(now) + (1 - share) * before.at(old)
 
     def _within(self, wave: Wave) -> Wave:
-        """Return the wave with amplitudes that the pressures have room for."""
-        most = np.array(room(self.plant, self._rest, self.first)) / np.maximum(np.abs(wave.drive + wave.dead), 1e-9)
-        return wave.times(min(1.0, *most.tolist()))
+        """Return the wave with commands within the supply, and pressures, which lag, within their room."""
+        (low, high), first, drive = self.plant.pressure_limits, np.array(self.first), np.maximum(abs(wave.drive), 1e-9)
+        commands = (np.minimum(first - low, high - first) - np.abs(wave.dead)) / drive
+        pressures = np.array(room(self.plant, self._rest, self.first)) / (drive * np.cos(wave.behind))
+        return wave.times(float(np.clip(min(*commands, *pressures), 0.0, 1.0)))
 
     def _tone(self, rows: Array, f: float) -> Tone:
         """Return the tone of the rows, with torques at their mean angle."""

@@ -49,6 +49,8 @@ _PLANNED = 1.0, 1.4, 0.75, 0.5  # [-] of the wanted amplitude, in the order of t
 _SAMPLES = 16  # per period, at least
 _HIGHEST = 8.0  # [Hz]
 _LEAST_RESONANCE = 0.3  # of the low tone
+_HELD = 0.95  # of a drive: less is sent where cables would be slack, or beyond the supply
+_NO_ROOM = "slack cables or the supply leave no room for more; choose a stiffer rest, or a smaller amplitude"
 _FLOW_SHARE = 0.8  # of the regulators' flow that a tone takes
 ONE, TWO, BOTH = (1.0, 0.0), (0.0, 1.0), (0.5, 0.5)  # shares of the torque
 MORE, LESS = (0.6, 0.4), (0.4, 0.6)  # at the upper frequency, at which a muscle alone may be too slow
@@ -329,15 +331,21 @@ class Experiment(Driver):
         if tone is not None:
             self._check_followed(tone)
         if tone is None or cut or (abs(swing / A - 1) > _LOST and not exhausted):
-            raise Refused(
-                f"the amplitudes did not come together (±{swing / DEG:.3g}° instead of ±{A / DEG:.3g}° at {f:.2g} Hz): "
-                f"{APART}"
-            )
+            raise self._apart(swing, expected.times(search.scale))
         self._exponents[quick] = search.exponent
         if not quick:
             self._learn(tone)
         self._correct(shares)
         return tone
+
+    def _apart(self, swing: float, wanted: Wave) -> Refused:
+        """Return the refusal of a tone that swings by `swing` [rad], whose drive was to become the `wanted` one."""
+        A, f = self._asked, wanted.frequency
+        held = swing < A and np.abs(self._within(wanted).drive).max() < _HELD * np.abs(wanted.drive).max()
+        return Refused(
+            f"the amplitudes did not come together (±{swing / DEG:.3g}° instead of ±{A / DEG:.3g}° at {f:.2g} Hz): "
+            f"{_NO_ROOM if held else APART}"
+        )
 
     def _saturated(self, rows: Array, wave: Wave) -> bool:
         """Return whether slew or flow are exhausted, so that a greater drive has no effect."""

@@ -16,7 +16,7 @@ from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.loop import about
-from mpc.bench.measuring.driving import Search
+from mpc.bench.measuring.driving import Driver, Search, Wave, room
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.loops import tone_of
 from mpc.bench.measuring.picture import plot_measured
@@ -137,6 +137,25 @@ def test_a_search_finds_the_drive_of_a_power_law_and_keeps_its_exponent(exponent
     again = Search(3.0, 0.8, search.exponent)
     again.learn(3.0 * (again.scale / 0.9) ** (1 / exponent), cut=False)
     assert again.scale == pytest.approx(0.9, rel=1e-6)
+
+
+@pytest.mark.parametrize(("f", "beyond"), [(0.01, False), (4.0, True)])
+def test_commands_may_leave_the_room_of_lagging_pressures_but_not_the_supply(f, beyond):
+    plant = replace(NOMINAL, lag=0.13)
+    driver = Driver(plant, 0.01, (1.5 * BAR, 1.4 * BAR), 0.0, 3 * DEG)
+    most, behind = np.array(room(plant, 0.0, driver.first)), np.arctan(2 * np.pi * f * np.array(plant.lags))
+    wave = driver._within(Wave(f, np.full(2, 9 * BAR), np.full(2, 0.04 * BAR), behind))
+    assert (wave.drive * np.cos(behind) <= most * (1 + 1e-9)).all()
+    assert (wave.drive + wave.dead <= np.array(driver.first) * (1 + 1e-9)).all()  # the supply begins at 0
+    assert bool((wave.drive > 2 * most).all()) is beyond
+
+
+@pytest.mark.parametrize(("drive", "why"), [(0.1 * BAR, "friction jumps"), (4 * BAR, "choose a stiffer rest")])
+def test_a_swing_that_slack_cables_leave_no_room_for_is_told_from_friction_that_jumps(drive, why):
+    e = Experiment(REAL.nominal, KNOWN, 0.1, 6.0, 0.01, QUICK)
+    wanted = Wave(1.2, np.full(2, drive), np.zeros(2), np.zeros(2))
+    assert why in str(e._apart(2 * DEG, wanted))
+    assert "friction jumps" in str(e._apart(4 * DEG, wanted))  # farther than wanted: ±3°
 
 
 def test_strengths_of_exact_tones_are_exact():

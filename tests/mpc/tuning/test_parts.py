@@ -46,6 +46,16 @@ def test_the_hysteresis_is_a_share_of_what_is_told():
     assert 1.4 < max(shares) <= 1.5
 
 
+@pytest.mark.parametrize("range_of", [(0.5, 1.5), (0.6, 1.0)])
+def test_a_felt_stiffness_varies_as_strengths_and_shares_of_hysteresis_do(range_of):
+    rng, spreads = np.random.default_rng(0), Spreads(strength=0.06, hysteresis=range_of)
+    backbone, added = 5.0, np.array([0.0, 3.0, 12.0])
+    off = backbone * np.expm1(0.06 * rng.standard_normal((100_000, 1))) + added * (
+        rng.uniform(*range_of, (100_000, 1)) - 1
+    )
+    assert spreads.felt_std(backbone, backbone + added) == pytest.approx(np.sqrt((off**2).mean(axis=0)), rel=0.02)
+
+
 def test_the_seed_alone_decides_on_the_draws():
     assert draws(PLANT, TOLD, 4, 7, Spreads()) == draws(PLANT, TOLD, 4, 7, Spreads())
     assert draws(PLANT, TOLD, 4, 7, Spreads()) != draws(PLANT, TOLD, 4, 8, Spreads())
