@@ -118,7 +118,7 @@ _BESIDE = (
     "another process compiles the controller's step for the next run, {}; this run takes the readable "
     "one, about {} times as slow (--wait, or wait=True, waits)"
 )
-_FOR_ARMS, _FOR_JOINTS = ("a minute or two", "sixty"), ("some 30 seconds", "forty")
+_FOR_ARMS, _FOR_JOINTS = ("a minute or two", "thirty"), ("some 30 seconds", "forty")
 
 
 def compile_step(plant: Machine, dt: float) -> None:
