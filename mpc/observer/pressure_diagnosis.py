@@ -124,14 +124,8 @@ class Sound(NamedTuple):
         """Return the constants for the lags `up` and `down` [s] of rising and falling pressures within a factor of
         `spread`, the fastest change `flow` [Pa/s], `dead_band` and deviation `sigma` [Pa].
         """
-        lags = (
-            up / spread,
-            up * spread,
-            down / spread,
-            down * spread,
-            min(up, down) / DATA_SHEET,
-            max(up, down) * DATA_SHEET,
-        )
+        free = min(up, down) / DATA_SHEET, max(up, down) * DATA_SHEET
+        lags = up / spread, up * spread, down / spread, down * spread, *free
         quick, slow, quick_down, slow_down, quick_free, slow_free = (1 - exp(-dt / lag) for lag in lags)
         return cls(
             quick, slow, quick_down, slow_down, quick_free, slow_free, spread * flow * dt, flow * dt / spread,

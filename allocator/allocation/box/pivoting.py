@@ -52,10 +52,8 @@ def _pivoted(problem: BoxProblem, chosen: Indices | slice, trajectory: bool) -> 
     (_, ends), box = problem.rows, problem.x_bounds
     which, b, lo, hi, centre = (array[chosen] for array in (problem.which, problem.b, *box))
     N, m, p = *lo.shape, int(ends[-1])
-    found, side = (
-        Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, p)), np.zeros(N, np.int64)),
-        np.zeros((N, m + p), np.int8),
-    )
+    found = Solved(np.empty((N, m)), np.empty((N, len(ends) + 1, p)), np.zeros(N, np.int64))
+    side = np.zeros((N, m + p), np.int8)
     targets = problem.A, b, np.zeros(p, np.bool_), ends, lo, hi, centre, which
     out = found.x, side, found.mu, found.rounds, workspace(p, m, len(ends))
     if problem.pull:

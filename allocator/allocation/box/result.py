@@ -49,6 +49,7 @@ class _Judged:
 
     problem: BoxProblem
     found: Nearby
+    P: Array  # (N, m) [Pa]
     gap: float
 
     def field(self, name: str, allocation: "BoxAllocation") -> Any:
@@ -73,16 +74,12 @@ class _Judged:
                 return shaped(self.found.bounds, shape)
 
     @cached_property
-    def _pressures(self) -> Array:
-        return self.problem.pressures(self.found.solved.x)
-
-    @cached_property
     def _given(self) -> Array:
-        return self.problem.given(self._pressures)
+        return self.problem.given(self.P)
 
     @cached_property
     def _stiffness(self) -> Array:
-        return self.problem.joint_stiffness(self._pressures)
+        return self.problem.joint_stiffness(self.P)
 
     @cached_property
     def _residual(self) -> Array:
@@ -122,9 +119,9 @@ class BoxAllocation(Allocation):
 
         The other fields are computed on first access: of many targets, the proof takes a third of the time.
         """
-        P = shaped(problem.pressures(found.solved.x), shape)
-        known = {"P": P, "method": method, "_problem": problem, "_mu": found.solved.mu, "_shape": shape}
-        made: Self = from_fields(cls, known | {"_later": _Judged(problem, found, gap)})
+        P = problem.pressures(found.solved.x)
+        known = {"P": shaped(P, shape), "method": method, "_problem": problem, "_mu": found.solved.mu, "_shape": shape}
+        made: Self = from_fields(cls, known | {"_later": _Judged(problem, found, P, gap)})
         return made
 
     if not TYPE_CHECKING:

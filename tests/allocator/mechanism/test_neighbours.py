@@ -67,3 +67,11 @@ def test_rows_that_depend_on_each_other_or_cannot_be_met_are_left_to_the_kernel(
     assert not neighbours.solved(A, b, *box, free).proved.any()
     assert not neighbours.solved(A[:, [0, 0, 1]], b[:, [0, 0, 1]], *box, free).proved.any()
     assert not neighbours.solved(A, b, *box, free - 1).proved.any()
+
+
+@pytest.mark.parametrize("along", [None, 0])
+@pytest.mark.parametrize("pulled", [{}, {"priority": "weighted", "weights": (1, 1), "pull": (1e-12, np.full(6, BAR))}])
+def test_no_targets_have_no_answers(along, pulled):
+    none = np.zeros((0, 2))
+    found = allocate(none, none, joint=MACHINES["arm26"], along=along, **pulled)
+    assert (found.P.shape, found.status.shape) == ((0, 6), (0,))

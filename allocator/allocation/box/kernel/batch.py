@@ -112,7 +112,7 @@ def repeat(last, side):
 
 def weigh_batch(A, b, onesided, ends, lo, hi, centre, which, pull, warm, x, side, mu, rounds, work):
     """Solve N strictly convex QPs, ‖A x - b‖² + pull ‖x - c‖² in the box; arguments are as in `allocate_batch`."""
-    p, m = A[0].shape
+    p, m = len(onesided), len(work.g)
     for i in range(len(which)):
         rows, box = A[which[i]], Box(lo[i], hi[i], centre[i])
         levels = Levels(rows, b[i], onesided, ends)
