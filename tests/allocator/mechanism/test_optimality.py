@@ -50,19 +50,6 @@ def as_least_squares(mechanism, q, T, K, priority="torque", weights=None, previo
     ("priority", "weights"), [("torque", None), ("stiffness", None), ("weighted", (1e4, 1.0)), ("weighted", (1.0, 3.0))]
 )
 @pytest.mark.parametrize("near", [False, True], ids=["least", "nearest to the previous"])
-def test_fields_that_are_computed_later_are_those_of_the_targets_that_were_asked():
-    """The caller reuses the arrays of the targets, as a loop does."""
-    q, K, T = np.full((3, 2), 0.2), np.full((3, 2), 8.0), np.full((3, 2), 1.0)
-    previous = np.full((3, 6), 1.5 * BAR)
-    wanted = allocate(q.copy(), K.copy(), T.copy(), joint=ARM, limits=Limits(previous=previous.copy()))
-    found = allocate(q, K, T, joint=ARM, limits=Limits(previous=previous))
-    for array, other in ((q, 5.0), (K, 60.0), (T, 40.0), (previous, 4 * BAR)):
-        array[:] = other
-    for name in ("status", "kkt_residual", "T", "K", "theta", "T_error", "K_error", "lower_bounds"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
-    assert (found.P == wanted.P).all()
-
-
 def test_no_face_of_the_box_has_a_better_answer(priority, weights, near):
     q = np.array([0.4, -0.3])
     T, K = random_targets(ARM, q, 40)
@@ -281,3 +268,16 @@ def test_targets_at_corners_of_the_box_are_proved_too(seed):
         assert a.kkt_residual.max() < 1e-9
         missed = ~(a.torque_met & a.stiffness_met)
         assert np.array_equal(missed, a.separation.reach < a.separation.asked)
+
+
+def test_fields_that_are_computed_later_are_those_of_the_targets_that_were_asked():
+    """The caller reuses the arrays of the targets, as a loop does."""
+    q, K, T = np.full((3, 2), 0.2), np.full((3, 2), 8.0), np.full((3, 2), 1.0)
+    previous = np.full((3, 6), 1.5 * BAR)
+    wanted = allocate(q.copy(), K.copy(), T.copy(), joint=ARM, limits=Limits(previous=previous.copy()))
+    found = allocate(q, K, T, joint=ARM, limits=Limits(previous=previous))
+    for array, other in ((q, 5.0), (K, 60.0), (T, 40.0), (previous, 4 * BAR)):
+        array[:] = other
+    for name in ("status", "kkt_residual", "T", "K", "theta", "T_error", "K_error", "lower_bounds"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+    assert (found.P == wanted.P).all()
