@@ -47,7 +47,7 @@ def problem_from(
     K, own_only = _stiffness(asked_of, K, _common(others, n, m))
     shape = _common([*others, K.shape[:-2], () if step is None else step.shape], n, m)
     chosen = checked_priority(priority)
-    asked, hand = _flat(posture, shape, 1).copy(), None  # the caller may reuse its array before fields are computed
+    asked, hand = _flat(posture, shape, 1), None
     torque = np.broadcast_to(torque, (*shape, n)).reshape(-1, n)
     if endpoint is not None:
         exerted, K = _flat(exerted, shape, 1), _flat(K, shape, 2)
@@ -64,7 +64,7 @@ def problem_from(
     reference = np.zeros((1, m)) if now is None else now
     reference = reference if toward is None else _flat(toward, shape, 1)
     row_weights = _weights(n, asked_of, chosen, weights, own_only)
-    given = mechanism, asked, y, row_weights, chosen, each, reference.copy(), kind, hand
+    given = mechanism, asked, y, row_weights, chosen, each, reference, kind, hand
     return BoxProblem(*given, pull=weight), shape
 
 
