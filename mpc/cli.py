@@ -223,12 +223,6 @@ def track(
     else:
         done = simulate(tested, driver, asked, observer=estimator, seed=seed, progress=True)
 
-    title = f"{controller} with a model of {_muscles(nominal)}, {_PLANTS[plant]}"
-    bar = partial(counted, title="drawing")
-    for path in files:
-        if path.suffix in IMAGES:
-            say(console, f"drawing {path}")
-        write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title, model=nominal)
     _report(done, nominal, known, asked, console)
     if unknown:
         say(console, f"not known to the controller: {unknown}")
@@ -245,6 +239,12 @@ def track(
     if observer is not False:
         for sentence in margins_in_words(controller, settings, asked, driver):
             say(console, sentence)
+    title = f"{controller} with a model of {_muscles(nominal)}, {_PLANTS[plant]}"
+    bar = partial(counted, title="drawing")
+    for path in files:
+        if path.suffix in IMAGES:
+            say(console, f"drawing {path}")
+        write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title, model=nominal)
     if margins is not None:
         plot_margins(sliding_margins(controller, settings), margins, title)
         files = [*files, margins]

@@ -3,7 +3,8 @@
     python -m benchmarks.arm.first_use [--out benchmarks/results]
 
 Every use is a new process that prints to a pipe or to a terminal. The answer of `track` is its table after a whole run,
-that of the others the first pressures. The same use is repeated when nothing compiles in the background any more.
+behind which its files are written; that of the others is the first pressures. The same use is repeated when nothing
+compiles in the background any more.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from typing import NamedTuple
 from benchmarks.allocators.machine import machine
 
 RESULTS, NAME = Path(__file__).parents[1] / "results", "arm_first_use"
+_TABLE = b"time of a step"  # the last rows of `track`
 COMPILING = 600.0  # [s] limit of the compiler
 _ARM = "from mpc import Arm; arm = Arm.machine('arm26'); q = arm.middle; K = [8.0, 8.0]; "
 _ENVIRONMENT = (
@@ -28,8 +30,7 @@ _ENVIRONMENT = (
     "env = ArmEnvironment(Reaching(actions='{}')); env.reset(seed=0); print(env.step(env.action_space.sample())[4])"
 )
 USES = {
-    "`antagonist track --machine arm26`, with a film": ("-m", "mpc", "track", "--machine", "arm26"),
-    "the same, `--out run.csv`": ("-m", "mpc", "track", "--machine", "arm26", "--out", "run.csv"),
+    "`antagonist track --machine arm26`": ("-m", "mpc", "track", "--machine", "arm26"),
     "`allocate(…)` of arm26": (
         "-c",
         f"{_ARM}from allocator import allocate; print(allocate(q, K, joint=arm.mechanism).P)",
@@ -53,7 +54,8 @@ class Use(NamedTuple):
     """One process; times in s."""
 
     first: float  # until the first line
-    silence: float  # longest time without one
+    silence: float  # longest time without one, until the answer
+    answer: float
     done: float
 
 
@@ -70,15 +72,19 @@ def used(command: tuple[str, ...], caches: str, terminal: bool) -> Use:
             cwd=folder,
         )  # fmt: skip
         os.close(theirs)
-        printed = [began]
+        printed, text, answer = [began], b"", None
         with suppress(OSError):  # raised at the end of a terminal
-            while os.read(ours, 4096):
+            while new := os.read(ours, 4096):
                 printed.append(monotonic())
+                text += new
+                answer = printed[-1] if answer is None and _TABLE in text else answer
         os.close(ours)
         if process.wait():
             raise SystemExit(f"{command} failed")
-    gaps = [later - earlier for earlier, later in pairwise(printed)]
-    return Use(printed[1] - began, max(gaps), monotonic() - began)
+    done = monotonic()
+    answer = done if answer is None else answer
+    gaps = [later - earlier for earlier, later in pairwise(printed) if later <= answer]
+    return Use(printed[1] - began, max(gaps), answer - began, done - began)
 
 
 def measured(command: tuple[str, ...], terminal: bool) -> tuple[Use, Use]:
@@ -101,16 +107,15 @@ def main() -> None:
         "# First use of an arm\n",
         "Written by `python -m benchmarks.arm.first_use`: new processes with empty caches of compiled code, and the",
         "same later, when everything is compiled. Wall times, which include the imports. The answer of `track` is its",
-        "table after a whole run of 800 samples, that of the others the first pressures.\n",
-        "| use | output | first line [s] | longest silence [s] | answer [s] | later [s] |",
-        "|---|---|--:|--:|--:|--:|",
+        "table after a whole run of 800 samples, before it renders a film; that of the others the first pressures.\n",
+        "| use | output | first line [s] | longest silence [s] | answer [s] | later [s] | end [s] | later [s] |",
+        "|---|---|--:|--:|--:|--:|--:|--:|",
     ]
     for name, command in USES.items():
         for kind in ("pipe", "terminal"):
             first, again = measured(command, kind == "terminal")
-            line = (
-                f"| {name} | {kind} | {first.first:.1f} | {first.silence:.1f} | {first.done:.1f} | {again.done:.1f} |"
-            )
+            figures = *first[:3], again.answer, first.done, again.done
+            line = f"| {name} | {kind} | {' | '.join(f'{figure:.1f}' for figure in figures)} |"
             print(line, flush=True)
             lines.append(line)
     out.mkdir(parents=True, exist_ok=True)

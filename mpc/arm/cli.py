@@ -1,7 +1,6 @@
 """Command `antagonist track` for several joints, on MuJoCo."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter, sleep
@@ -106,7 +105,8 @@ def track_arm(
 
     endings = {path.suffix.lower() for path in files} & SIZES.keys()
     size = max((SIZES[ending] for ending in endings), default=SIZES[".gif"])
-    with Film(tested, arm, size, point) if endings else nullcontext() as film, _Window(tested, more.view) as window:
+    film = Film(tested, arm, size, point) if endings else None
+    with _Window(tested, more.view) as window:
         tip = (arm.bodies.length[-1], 0.0, 0.0) if more.catch else None
         catch = None if tip is None else arriving(tested, half_way, more.catch, tip, np.zeros(3))
 
@@ -132,8 +132,6 @@ def track_arm(
             tested, controller, given, x0=x0, observer=observer, load=push, seed=seed, watch=watch, progress=True
         )
         done = compared(done, asked)
-    for path in files:
-        write_run(done, path, None if film is None else film.save, hand=point)
     say(console, f"arm: {arm.summary}")
     for note in [*notes, *_dry_friction(tested.model.dof_frictionloss, settings.compensation)]:
         say(console, note)
@@ -148,11 +146,13 @@ def track_arm(
     if plant == _REAL:
         for sentence in margins_in_words(_MPC, settings, asked, controller):
             say(console, sentence)
+    for path in files:  # last, since a film takes the longest
+        write_run(done, path, None if film is None else film.save, hand=point)
+    if film is not None:
+        say(console, f"filmed by {film.by}")
     if margins is not None:
         plot_margins(sliding_margins(_MPC, settings), margins, f"mpc, {arm.summary}")
         files = [*files, margins]
-    if film is not None:
-        say(console, f"filmed by {film.by}")
     say(console, f"written: {', '.join(map(str, files))}")
 
 

@@ -1,11 +1,12 @@
 """Film of a moving arm, rendered by MuJoCo if there is a GL, otherwise drawn by matplotlib."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from allocator.calculus import Array
 from allocator.errors import MissingBackend
 from allocator.mechanism.endpoint.endpoint import Endpoint, LinkagePoint, stiffness_of
 from allocator.presentation.plotting import new_figure
+from allocator.presentation.progress import counted
 from allocator.units import BAR
-from mpc.arm.mujoco_plant import MujocoPlant
+from mpc.arm.mujoco_plant import Kept, MujocoPlant
 from mpc.arm.picture import Camera
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
@@ -35,46 +37,57 @@ _WAY, _STIFF = (0.0, 0.45, 0.7, 1.0), (0.1, 0.55, 0.25, 1.0)  # colours
 
 
 class Film:
-    """Film of a moving `plant` with a picture every twentieth of a second; a context manager.
+    """Film of a moving `plant` with a picture every twentieth of a second.
 
-    The pictures show the path of the `hand`, by default the end of a chain in the plane, and the ellipse of its
-    stiffness in two coordinates: the forces against displacements of one size. `size` is in pixels, one of `SIZES`.
-    `by` names the renderer: MuJoCo and its GL, or matplotlib and the reason.
+    Pictures show the path of the `hand`, by default the end of a chain in the plane, and the ellipse of its stiffness
+    in two coordinates: the forces against displacements of one size. `size` is in pixels, one of `SIZES`. During the
+    motion only states are stored, since a picture takes longer than a step.
     """
+
+    by = ""  # the renderer of the pictures: MuJoCo, or matplotlib and the reason
 
     def __init__(
         self, plant: MujocoPlant, arm: Arm, size: tuple[int, int] = SIZES[".gif"], hand: Endpoint | None = None
     ) -> None:
-        self.pictures: list[Picture] = []
-        self._plant, self._camera = plant, None
-        self._next = 0.0
         hand = hand or (arm.bodies.endpoint if isinstance(arm.bodies, Bodies) else None)
         known = hand is not None and isinstance(hand.kinematics, LinkagePoint)
-        marks = Hand(plant, arm, hand) if hand is not None and known else None
-        try:
-            self._camera = camera = Camera(plant, *size)
-            self._draw: Callable[[], Picture] = lambda: camera.render(None if marks is None else marks.mark)
-            self.by = "MuJoCo"
-        except MissingBackend as missing:
-            self._draw = _Drawing(plant, arm, marks, size).render
-            self.by = f"matplotlib, because MuJoCo cannot render here ({missing})"
+        self._plant, self._arm, self._size, self._hand = plant, arm, size, hand if known else None
+        self._states: list[Kept] = []
+        self._next = 0.0
 
     def watch(self) -> None:
-        """Take a picture if it is time for the next one."""
+        """Store the plant's state if it is time for the next picture."""
         if self._plant.time >= self._next - 1e-9:
-            self.pictures.append(self._draw())
+            self._states.append(self._plant.kept())
             self._next += 1 / _RATE
+
+    @cached_property
+    def pictures(self) -> list[Picture]:
+        """All pictures; the plant then has its present state again."""
+        plant, now = self._plant, self._plant.kept()
+        marks = None if self._hand is None else Hand(plant, self._arm, self._hand)
+        made: list[Picture] = []
+        with ExitStack() as end:
+            end.callback(plant.restore, now)
+            draw = self._renderer(marks, end)
+            for state in counted(self._states, "filming"):
+                plant.restore(state)
+                made.append(draw())
+        return made
+
+    def _renderer(self, marks: "Hand | None", end: ExitStack) -> Callable[[], Picture]:
+        """Return the function that draws the present plant; `end` closes it."""
+        try:
+            camera = end.enter_context(Camera(self._plant, *self._size))
+        except MissingBackend as missing:
+            self.by = f"matplotlib, because MuJoCo cannot render here ({missing})"
+            return _Drawing(self._plant, self._arm, marks, self._size).render
+        self.by = "MuJoCo"
+        return lambda: camera.render(None if marks is None else marks.mark)
 
     def save(self, path: Path) -> None:
         """Write the film as a GIF or an MP4. Raises `CannotWrite`, and `MissingBackend` for an MP4 without ffmpeg."""
         save_film(self.pictures, path, _RATE)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, raised: BaseException | None, _: TracebackType | None) -> None:
-        if self._camera is not None:
-            self._camera.close()
 
 
 class Hand:

@@ -32,7 +32,7 @@ from mpc.model.arm.pneumatics import Pneumatics, beyond
 from mpc.model.faults import Fault
 from mpc.model.integration import NODES, SHARES
 
-_Kept: TypeAlias = tuple[float, Array, Array, Array, Array, list[tuple[float, Array]], Any]
+Kept: TypeAlias = tuple[float, Array, Array, Array, Array, list[tuple[float, Array]], Any]
 
 
 class MujocoPlant:
@@ -304,13 +304,13 @@ class MujocoPlant:
             self._substep(step, brake, shut)
         self._look()
 
-    def kept(self) -> _Kept:
+    def kept(self) -> Kept:
         """Return the state, for `restore`."""
         d = self.data
         state = float(d.time), d.qpos.copy(), d.qvel.copy(), self._P.copy(), self._load.copy()
         return *state, list(self.supply.waiting), self.rubbing.kept
 
-    def restore(self, kept: _Kept) -> None:
+    def restore(self, kept: Kept) -> None:
         """Restore the state `kept`."""
         d = self.data
         d.time, d.qpos[:], d.qvel[:] = kept[:3]

@@ -54,10 +54,11 @@ def test_it_writes_film_picture_and_table_and_says_how_it_went(folder, brief):
 
 
 @pytest.mark.slow
-def test_a_pipe_learns_how_many_samples_are_left(folder, brief, monkeypatch):
+def test_a_pipe_learns_how_many_samples_are_left_and_the_errors_before_the_film(folder, brief, monkeypatch):
     monkeypatch.setattr(progress, "_TELLS", 0.0)
-    result = run("hold", "--dt", "0.02", "--horizon", "8", "--out", "run.csv")
-    assert "simulating: 1 of 20, about" in result.stderr
+    output = run("hold", "--dt", "0.02", "--horizon", "8", "--out", "run.gif").output
+    order = ("simulating: 1 of 20, about", "time of a step [ms]", "filming: 1 of 9, about", "written: run.gif")
+    assert sorted(order, key=output.index) == list(order)
 
 
 @pytest.mark.slow

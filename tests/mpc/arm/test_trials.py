@@ -103,12 +103,15 @@ def test_without_gl_matplotlib_draws(monkeypatch, tmp_path):
 
     monkeypatch.setattr(filming, "Camera", no_gl)
     moving = plant()
-    with Film(moving, ARM) as film:
-        for _ in range(20):
-            moving.step(np.full(6, 3e5), 0.01)
-            film.watch()
-    assert film.by.startswith("matplotlib, because MuJoCo cannot render here")
+    film = Film(moving, ARM)
+    for _ in range(20):
+        moving.step(np.full(6, 3e5), 0.01)
+        film.watch()
+    left = moving.kept()
     film.save(tmp_path / "arm.gif")
+    for was, now in zip(left[:5], moving.kept()[:5], strict=True):
+        np.testing.assert_array_equal(was, now)  # drawing has not moved the plant
+    assert film.by.startswith("matplotlib, because MuJoCo cannot render here")
     with Image.open(tmp_path / "arm.gif") as picture:
         assert picture.n_frames == len(film.pictures) == 5  # at 10, 50, 100, 150 and 200 ms
     drawn = film.pictures[0]
@@ -146,8 +149,8 @@ def test_an_mp4_is_what_ffmpeg_makes_of_all_pictures(monkeypatch, tmp_path):
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setattr(filming, "Camera", no_gl)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    with Film(plant(), ARM) as film:
-        film.watch()
+    film = Film(plant(), ARM)
+    film.watch()
     film.save(tmp_path / "arm.mp4")
     assert int((tmp_path / "arm.mp4").read_text()) == film.pictures[0].size
     program.write_text("#!/bin/sh\ncat > /dev/null\necho no codec >&2\nexit 1\n", encoding="utf-8")
