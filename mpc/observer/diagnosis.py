@@ -25,7 +25,7 @@ from mpc.model.plant import Plant
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import PARTS, WELL, FaultKind, Finding, Health, Part, Parts, Suspect
-from mpc.observer.pressure_diagnosis import DATA_SHEET, SPREAD, Numbers, PressureDiagnosis, Sound, Values
+from mpc.observer.pressure_diagnosis import Numbers, PressureDiagnosis, Sound, Values
 from mpc.observer.pulling import Pulls
 from mpc.observer.ringing import RingingDiagnosis
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
@@ -65,10 +65,10 @@ class Diagnosis:
         self.names = PARTS if isinstance(plant, Plant) else Parts.of(plant.labels.angles, plant.labels.pressures)
         self._pulls = Pulls(plant)
         along, usual = self._usual(plant)
-        lags, spread = plant.lags_each_way, SPREAD if compensation.measured_lags else DATA_SHEET
+        known = compensation.flow, dt, compensation.dead_band, sigma
         self.pressures = [
-            PressureDiagnosis(Sound.of(up, down, compensation.flow, dt, compensation.dead_band, sigma, torque, spread))
-            for up, down, torque in zip(*lags, along, strict=True)
+            PressureDiagnosis(Sound.of(up, down, *known, torque, compensation.measured_lags, plant.slew))
+            for up, down, torque in zip(*plant.lags_each_way, along, strict=True)
         ]
         inertias = np.atleast_1d(plant.inertias).tolist()
         self.torque, self.loops = TorqueDiagnosis(dt, usual, self.m), [RingingDiagnosis(each) for each in inertias]

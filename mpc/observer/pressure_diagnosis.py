@@ -1,15 +1,17 @@
 """Faults of a muscle's pressure, found by elimination of the explanations that its course contradicts.
 
-A sound regulator turns the acting commands v into a pressure between those of a quick and of a slow one,
+Sound regulators turn the acting commands v into a pressure m,
 
-    m' = dz(v - m)/τ' - q,   τ' = τ/s and s τ,   dz(e) = e minus the dead band, 0 within it,
+    m' = dz(v - m)/τ' - q,   τ/s ≤ τ' ≤ s τ,   dz(e) = e minus the dead band, 0 within it,
 
-within s and 1/s times the flow of the valves. s is SPREAD if the lags τ of rising and of falling pressures were
-measured, else DATA_SHEET: theirs is that of some volume. q is the fall of a gas's pressure by the motion
-(`Plant.expansion`). The residual r is the distance of the measured P from that range. Its part beyond MARGIN and the
-uncertainty due to SWELLING is summed for each sign, and the sums are at least zero (Page's CUSUM, 1954). If a sum
-exceeds LIMIT, something has been wrong since it last was zero. All explanations are possible then. Until the pressure
-has been normal for `HOLD` seconds, an explanation is eliminated by
+or more slowly, where it changes as fast as the valves let it, 1/s to s times their flow. The greatest m rises as
+quickly and falls as slowly as that allows, the least one the other way round; τ' may vary. s is SPREAD if the lags τ of
+rising and of falling pressures were measured, else DATA_SHEET: theirs is that of some volume, and valves that were not
+measured let pass the model's slew at least. q is the fall of a gas's pressure by the motion (`Plant.expansion`). The
+residual r is the distance of the measured P from that range. Its part beyond MARGIN and the uncertainty due to SWELLING
+or UNMEASURED is summed for each sign, and the sums are at least zero (Page's CUSUM, 1954). If a sum exceeds LIMIT,
+something has been wrong since it last was zero. All explanations are possible then. Until the pressure has been normal
+for `HOLD` seconds, an explanation is eliminated by
 
     stuck valve        P + ∫q moves: the valve has let gas pass
     leak               r > 0, or P + ∫q rises and the loss varies
@@ -45,6 +47,7 @@ SPREAD = 1.3  # of a measured lag that counts as sound [-]
 DATA_SHEET = 2.2  # of any other
 MARGIN = 4.5  # [σ]
 SWELLING = 0.07  # relative error of a muscle's change of volume in its model [-]
+UNMEASURED = 0.3  # the same of a data sheet, which does not know the volume of tubes and fittings
 LIMIT = 15.0  # [σ], summed over samples
 HOLD = 2.0  # [s] by which a suspicion outlives its cause
 MEMORY = 3.0  # [s] of the regression
@@ -75,9 +78,9 @@ _KINDS = {
     FALLEN,  # integral of q [Pa]
     FILLED,  # the reading without the motion's share, P + FALLEN, smoothed [Pa]
     LOW, HIGH,  # sums of r [Pa]
-    QUICK, SLOW,  # m of the quick and of the slow regulator [Pa]
-    QUICK_STILL, SLOW_STILL,  # the same without q
-    CARRIED,  # their distance from those with q at the onset, as it fades [Pa]
+    TOP, BOTTOM,  # greatest and least pressure that a sound regulator leads to [Pa]
+    TOP_STILL, BOTTOM_STILL,  # the same without q
+    CARRIED,  # share of q in the pressure at the onset, as it fades [Pa]
     STILL,  # sum of the residuals outside the range of these [Pa]
     UNSURE,  # of m, because of the error SWELLING of q [Pa]
     MEAN_X, MEAN_Y, VARIANCE, COVARIANCE,  # of (∂T/∂P) r and d̂ [N·m]
@@ -111,6 +114,7 @@ class Sound(NamedTuple):
     slow_free: float
     most_quick: float  # greatest change in a sample [Pa]
     most_slow: float
+    swelling: float  # relative error of a change of volume [-]
     rest: float  # half of the dead band [Pa]
     dt: float  # [s]
     sigma: float  # [Pa]
@@ -119,17 +123,22 @@ class Sound(NamedTuple):
     @classmethod
     def of(
         cls, up: float, down: float, flow: float, dt: float, dead_band: float, sigma: float, usual_torque: float,
-        spread: float = SPREAD,
+        measured: bool = True, slew: float = inf,
     ) -> "Sound":  # fmt: skip
-        """Return the constants for the lags `up` and `down` [s] of rising and falling pressures within a factor of
-        `spread`, the fastest change `flow` [Pa/s], `dead_band` and deviation `sigma` [Pa].
+        """Return the constants for the lags `up` and `down` [s] of rising and falling pressures, the fastest change
+        `flow` [Pa/s], `dead_band` and deviation `sigma` [Pa].
+
+        Lags that were not `measured` are those of a data sheet, as is the least flow of the valves, `slew` [Pa/s].
         """
+        spread, swelling, flows = SPREAD, SWELLING, (flow, flow)
+        if not measured:
+            spread, swelling, flows = DATA_SHEET, UNMEASURED, (min(flow, slew), flow)
         free = min(up, down) / DATA_SHEET, max(up, down) * DATA_SHEET
         lags = up / spread, up * spread, down / spread, down * spread, *free
         quick, slow, quick_down, slow_down, quick_free, slow_free = (1 - exp(-dt / lag) for lag in lags)
         return cls(
-            quick, slow, quick_down, slow_down, quick_free, slow_free, spread * flow * dt, flow * dt / spread,
-            dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2,
+            quick, slow, quick_down, slow_down, quick_free, slow_free, spread * flows[1] * dt, flows[0] * dt / spread,
+            swelling, dead_band / 2, dt, sigma, (_SEEN * usual_torque) ** 2,
         )  # fmt: skip
 
 
@@ -185,23 +194,24 @@ def follow(
     `mpc.observer.torque_diagnosis.missing`. Repeated readings have no effect.
     """
     if m[P] != m[P]:  # NaN: the first one
-        m[P] = m[QUICK] = m[SLOW] = m[QUICK_STILL] = m[SLOW_STILL] = m[FILLED] = read
+        m[P] = m[TOP] = m[BOTTOM] = m[TOP_STILL] = m[BOTTOM_STILL] = m[FILLED] = read
         m[COMMAND] = v
     m[FALLEN] += k.dt * q
+    e = v - m[TOP], v - m[BOTTOM], v - m[TOP_STILL], v - m[BOTTOM_STILL]
+    m[TOP] += filled(e[0], k.rest, k.quick, k.slow_down, k.most_quick, k.most_slow) - k.dt * q
+    m[BOTTOM] += filled(e[1], k.rest, k.slow, k.quick_down, k.most_slow, k.most_quick) - k.dt * q
     slowest = min(k.slow, k.slow_down)
-    m[QUICK] += filled(v - m[QUICK], k.rest, k.quick, k.quick_down, k.most_quick) - k.dt * q
-    m[SLOW] += filled(v - m[SLOW], k.rest, k.slow, k.slow_down, k.most_slow) - k.dt * q
-    m[UNSURE] += k.dt * SWELLING * abs(q) - slowest * m[UNSURE]
-    m[QUICK_STILL] += filled(v - m[QUICK_STILL], k.rest, k.quick_free, k.quick_free, inf)
-    m[SLOW_STILL] += filled(v - m[SLOW_STILL], k.rest, k.slow_free, k.slow_free, k.most_slow)
-    m[CARRIED] = m[SLOW] - m[SLOW_STILL] if m[OPEN] == 0 else m[CARRIED] * (1 - slowest)
+    m[UNSURE] += k.dt * k.swelling * abs(q) - slowest * m[UNSURE]
+    m[TOP_STILL] += filled(e[2], k.rest, k.quick_free, k.slow_free, inf, k.most_slow)
+    m[BOTTOM_STILL] += filled(e[3], k.rest, k.slow_free, k.quick_free, k.most_slow, inf)
+    m[CARRIED] -= slowest * m[CARRIED] + (k.dt * q if m[OPEN] == 0 else 0.0)
     m[MISSING] = m[MISSING] + k.dt if missing else 0.0
     if read != read or read == m[READ]:
         return
     m[READ] = read
     if m[OPEN] > 0 and t - m[BEGUN] < SNAP:
         contract(m, read)
-    r, still, carried = outside(read, m[QUICK], m[SLOW]), outside(read, m[QUICK_STILL], m[SLOW_STILL]), m[CARRIED]
+    r, still, carried = outside(read, m[BOTTOM], m[TOP]), outside(read, m[BOTTOM_STILL], m[TOP_STILL]), m[CARRIED]
     still -= min(max(still, min(carried, 0.0)), max(carried, 0.0))
     m[P] += _SMOOTH * (read - m[P])
     m[FILLED] += _SMOOTH * (read + m[FALLEN] - m[FILLED])
@@ -223,21 +233,21 @@ def follow(
 
 def contract(m: Numbers, read: float) -> None:
     """Let the regulators of a free muscle begin at the reading if it is lower."""
-    m[QUICK_STILL], m[SLOW_STILL] = min(m[QUICK_STILL], read), min(m[SLOW_STILL], read)
+    m[TOP_STILL], m[BOTTOM_STILL] = min(m[TOP_STILL], read), min(m[BOTTOM_STILL], read)
 
 
-def filled(e: float, rest: float, up: float, down: float, most: float) -> float:
+def filled(e: float, rest: float, up: float, down: float, most_up: float, most_down: float) -> float:
     """Return the change in a sample of a pressure `e` [Pa] below its command, whose dead band is ±`rest` [Pa].
 
-    It follows the shares `up` and `down` of rising and falling steps, by ±`most` [Pa].
+    It follows the shares `up` and `down` of rising and falling steps, by `most_up` and -`most_down` [Pa] at most.
     """
     beyond = e - min(max(e, -rest), rest)
-    return min(max((up if e > 0 else down) * beyond, -most), most)
+    return min(max((up if e > 0 else down) * beyond, -most_down), most_up)
 
 
-def outside(P: float, one: float, other: float) -> float:
-    """Return the distance of `P` from the range between `one` and `other`."""
-    return P - min(max(P, min(one, other)), max(one, other))
+def outside(P: float, least: float, most: float) -> float:
+    """Return the distance of `P` from the range between `least` and `most`."""
+    return P - min(max(P, least), most)
 
 
 def regress(m: Numbers, weight: float, x: float, y: float) -> None:
@@ -301,7 +311,7 @@ def struck_out(m: Numbers, other: Numbers, k: Sound, t: float, v: float) -> int:
     if count >= size and t - m[BEGUN] > _LATELY:
         bound(m, k, first, size)
     m[LEAST] = min(m[LEAST], m[FILLED])
-    moved = _MOVED * sigma + SWELLING * abs(m[FALLEN] - m[TURNED])
+    moved = _MOVED * sigma + k.swelling * abs(m[FALLEN] - m[TURNED])
     if m[LOW] > 0 and other[LOW] == 0 and other[P] > m[P] + _HIGHER * sigma:
         m[ABOVE] += k.dt
     too_high = m[HIGH] > LIMIT / 2 * sigma

@@ -43,7 +43,7 @@ class Known:
     theta_noise: float  # [rad]
     theta_floor: Annotated[Array, "n"]  # [rad]
     sigma: float  # [Pa]
-    seen: Annotated[Array, "m"]  # of `Sound`, as the next eight
+    seen: Annotated[Array, "m"]  # of `Sound`, as the next nine
     quick: Annotated[Array, "m"]
     slow: Annotated[Array, "m"]
     quick_down: Annotated[Array, "m"]
@@ -52,6 +52,7 @@ class Known:
     slow_free: Annotated[Array, "m"]
     most_quick: Annotated[Array, "m"]
     most_slow: Annotated[Array, "m"]
+    swelling: Annotated[Array, "m"]
     usual: Annotated[Array, "n"]  # [N·m]
     inertia: Annotated[Array, "n"]  # [kg·m²]
 

@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 _HERE = Path(__file__).parent
 _TEMPLATE, _JOINT, _ARM = (_HERE / f"{name}.py" for name in ("sample", "joint", "arm"))
 _SOUND = f"from {Sound.__module__} import Sound"
-_GAINS = "quick", "slow", "quick_down", "slow_down", "quick_free", "slow_free", "most_quick", "most_slow"
+_GAINS = (
+    "quick", "slow", "quick_down", "slow_down", "quick_free", "slow_free", "most_quick", "most_slow", "swelling",
+)  # fmt: skip
 _PARTS = pressure_diagnosis, torque_diagnosis, ringing, diagnosis  # modules with functions that the template calls
 
 

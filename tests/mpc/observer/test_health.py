@@ -16,7 +16,7 @@ from mpc.model.friction.dahl import Friction
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import MUSCLES, SENSORS, FaultKind, Finding, Health, Part, Reaction, Suspect
-from mpc.observer.pressure_diagnosis import DATA_SHEET, SPREAD, PressureDiagnosis, Sound
+from mpc.observer.pressure_diagnosis import PressureDiagnosis, Sound
 from mpc.observer.torque_diagnosis import TorqueDiagnosis
 from mpc.trials.motions.trajectories import usual_stiffness
 
@@ -237,9 +237,9 @@ GAIN = 3.5 / BAR  # [N·m/Pa]
 class Muscle:
     """Two diagnoses, the course of whose pressures is given sample by sample; P2 follows its command of 1 bar."""
 
-    def __init__(self, spread=SPREAD, lags=(0.12, 0.12), flow=inf):
+    def __init__(self, measured=True, lags=(0.12, 0.12), flow=inf, slew=inf):
         self.own, self.other = (
-            PressureDiagnosis(Sound.of(*lags, flow, DT, 0.0, SIGMA, USUAL, spread)) for _ in range(2)
+            PressureDiagnosis(Sound.of(*lags, flow, DT, 0.0, SIGMA, USUAL, measured, slew)) for _ in range(2)
         )
         self.random, self.t = np.random.default_rng(1), 0.0
 
@@ -322,8 +322,8 @@ def test_a_regulator_twice_as_quick_as_told_is_sound_unless_its_lag_was_measured
     steps, P = np.repeat(np.tile([2.0, 4.0], 10), 50), [2.0]
     for v in steps:
         P.append(P[-1] + (1 - np.exp(-DT / 0.06)) * (v - P[-1]))
-    assert not Muscle(DATA_SHEET).follow(np.array(P[1:]), steps)
-    assert Muscle(SPREAD).follow(np.array(P[1:]), steps)
+    assert not Muscle(measured=False).follow(np.array(P[1:]), steps)
+    assert Muscle().follow(np.array(P[1:]), steps)
 
 
 @pytest.mark.parametrize(("lags", "flow"), [((0.08, 0.15), inf), ((0.1, 0.1), 4.0)], ids=["venting slowly", "flow"])
@@ -334,12 +334,29 @@ def test_a_regulator_that_is_slow_in_the_way_told_is_sound(lags, flow):
         change = (1 - np.exp(-DT / (lags[0] if v > P[-1] else lags[1]))) * (v - P[-1])
         P.append(P[-1] + np.clip(change, -flow * DT, flow * DT))
     course = np.array(P[1:])
-    assert not Muscle(SPREAD, lags, flow * BAR).follow(course, steps)
-    assert Muscle(SPREAD, (0.1, 0.1)).follow(course, steps)
+    assert not Muscle(lags=lags, flow=flow * BAR).follow(course, steps)
+    assert Muscle(lags=(0.1, 0.1)).follow(course, steps)
+
+
+def test_a_regulator_that_is_slow_one_way_and_quick_the_other_is_sound_within_the_range_told():
+    """Its mean pressure is below those of all regulators with one lag."""
+    steps, P = np.repeat(np.tile([1.0, 4.0], 40), 5), [2.0]
+    for v in steps:
+        lag = 0.12 * (1.25 if v > P[-1] else 0.8)
+        P.append(P[-1] + (1 - np.exp(-DT / lag)) * (v - P[-1]))
+    assert not Muscle().follow(np.array(P[1:]), steps)
+
+
+def test_a_valve_with_the_flow_of_its_data_sheet_is_sound():
+    steps, P = np.repeat(np.tile([1.0, 4.0], 10), 50), [1.0]
+    for v in steps:
+        P.append(P[-1] + np.clip((1 - np.exp(-DT / 0.12)) * (v - P[-1]), -5 * DT, 5 * DT))
+    assert not Muscle(measured=False, slew=8 * BAR).follow(np.array(P[1:]), steps)
+    assert Muscle(measured=False).follow(np.array(P[1:]), steps)
 
 
 def test_a_stuck_valve_is_found_where_pressures_change_no_faster_than_a_flow():
-    muscle = Muscle(SPREAD, flow=4 * BAR)
+    muscle = Muscle(flow=4 * BAR)
     muscle.follow(2.0, np.full(50, 2.0))
     assert muscle.follow(2.0, rises(2.0, 1.5, 0.8)) == LACKS
     assert muscle.follow(2.0, rises(3.2, -3.0, 0.8)) == {FaultKind.STUCK_VALVE}
