@@ -25,7 +25,7 @@ REAL = RealArm.of(
     ARM, TOLD, force_gains=(0.95, 1.04, 1.0, 0.97, 1.05, 1.0), encoder=0.02 * DEG, pressure_noise=0.01 * BAR,
     pressure_offset=(0.02 * BAR,) * 6, torque_profile=((2.0, (0.5, -0.3)),),
 )  # fmt: skip
-PUSH = np.array([1.0, -1.0, 0.5, -0.5, 1.0, -1.0])
+PUSH = np.array([1.0, -1.4, 0.5, -0.5, 1.0, -1.0])
 
 
 def swinging(k):
