@@ -152,8 +152,7 @@ def _values_of_one(a: "PairAllocation", damping: float) -> dict[str, Any]:
 def _loss_factor(a: "PairAllocation", damping: float) -> float:
     """Return Im/Re [-] of the dynamic stiffness of the answer, with a `damping` [N·m·s/rad]."""
     at: Any = (a.theta, a.P1, a.P2, a.kind.frequency, a.kind.lags)
-    loop = a.kind.loop
-    K = complex(a.joint.dynamic_stiffness(*at, amplitude=a.kind.amplitude, loop=loop, damping=damping))
+    K = complex(a.joint.dynamic_stiffness(*at, amplitude=a.kind.amplitude, damping=damping))
     return K.imag / K.real
 
 

@@ -97,11 +97,12 @@ def allocate(
         instead of the nearest to 0.
     stiffness
         Kind of the stiffness `K`: by default isobaric; `Stiffness("shut")` with trapped gas, `Stiffness(frequency=2.0,
-        lag=0.1)` against motion at a frequency, `Stiffness(amplitude=2*DEG)` against pushes by ±2° with the hysteresis
-        of a joint with affine muscles, `Stiffness(tolerance=0.5)` within a tolerance; for free valves see
-        `Allocation.valves`. Of an endpoint K is K_x [N/m], matrices (…, dim, dim), diagonals or a number, and T is
-        added to Jᵀ·force; the nearest K_x has the least ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F. With n > dim the
-        joints in the null space of the hand are free: the answer is a local optimum, found by relinearising K_x.
+        lag=0.1)` against motion at a frequency, `Stiffness(amplitude=2*DEG)` against pushes by ±2° with the joint's
+        hysteresis (of a mechanism with a `loop` for each joint), `Stiffness(tolerance=0.5)` within a tolerance; for
+        free valves see `Allocation.valves`. Of an endpoint K is K_x [N/m], matrices (…, dim, dim), diagonals or a
+        number, and T is added to Jᵀ·force; the nearest K_x has the least ‖K_x*^(-1/2) (K_x - K_x*) K_x*^(-1/2)‖_F. With
+        n > dim the joints in the null space of the hand are free: the answer is a local optimum, found by relinearising
+        K_x.
     priority
         Target that is met first if both cannot be: "torque", "stiffness", or "weighted" by `weights`.
     weights

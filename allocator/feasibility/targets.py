@@ -79,7 +79,7 @@ class FeasibleTargets:
     @cached_property
     def map(self) -> TargetsMap:
         """y0 (d,) and M (d, m) of torques and joint stiffness."""
-        y0, M = self.mechanism.map_of(self._problem.muscles)
+        y0, M = self._problem.joint_map
         return TargetsMap(y0[0], M[0])
 
     @property

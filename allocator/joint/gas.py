@@ -125,7 +125,7 @@ class StiffnessKind:
     shares: tuple[float, ...] | None  # s_i of (G5), one per muscle; None: those of the best state of the valves
     frequency: float | None = None  # [Hz] of motions against regulators; None: valves are open or shut
     amplitude: float | None = None  # A [rad] of a push, which adds hysteresis (S3); None: without hysteresis
-    loop: Loop | None = None  # the hysteresis; None: the joint's
+    loop: Loop | tuple[Loop, ...] | None = None  # the hysteresis, of a mechanism that of each joint; None: the joint's
     lags: tuple[float, ...] = ()  # τ_i of the regulators [s], with a frequency
     free: ClassVar[tuple[tuple[float, float], ...]] = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
     """The four states that two free valves may have; the open ones come first."""
@@ -216,7 +216,32 @@ class StiffnessKind:
 
     def secant(self, own: Loop) -> Secant | None:
         """Return its hysteresis, for a joint with the `own` loop; None if it excludes hysteresis."""
+        if isinstance(self.loop, tuple):
+            raise InvalidInput(f"a joint of two muscles has one loop of hysteresis, not {len(self.loop)}")
         return None if self.amplitude is None else (own if self.loop is None else self.loop).secant(self.amplitude)
+
+    def added(self, n: int) -> Array | None:
+        """Return the K_h(A) [N·m/rad] of each of the `n` joints of a mechanism; None if it excludes hysteresis.
+
+        Raises `InvalidInput` without a loop, for another number of them, and if one depends on pressures or K.
+        """
+        if self.amplitude is None:
+            return None
+        if self.loop is None:
+            raise InvalidInput(
+                "a mechanism has no hysteresis of its own; give loop with the amplitude, one for each joint"
+            )
+        loops = self.loop if isinstance(self.loop, tuple) else (self.loop,)
+        loops = loops * n if len(loops) == 1 else loops
+        if len(loops) != n:
+            raise InvalidInput(f"{len(loops)} loops of hysteresis for n = {n} joints; give one for each")
+        terms = [loop.secant(self.amplitude).separable for loop in loops]
+        if any(term is None or term[0] or term[1] for term in terms):
+            raise InvalidInput(
+                "the hysteresis of a mechanism's joints must not depend on the pressures: `coulomb` without `mu`, or "
+                "separate springs with widths of base = 1"
+            )
+        return np.array([own for term in terms if term is not None for own in term[2:]])
 
     @property
     def states(self) -> "tuple[StiffnessKind, ...]":
@@ -244,8 +269,9 @@ HELD = StiffnessKind.of()
 class Stiffness:
     """Kind of stiffness that a target K refers to: constant pressures unless `valves` or `frequency` are given.
 
-    With an `amplitude` it is the stiffness against a push by it, with the joint's hysteresis (S3). For a mechanism it
-    may be that of a hand, K_x [N/m], while the hand exerts a force.
+    With an `amplitude` it is the stiffness against a push by it, with the joint's hysteresis (S3); of a mechanism
+    against pushes that move every joint by it. For a mechanism it may be that of a hand, K_x [N/m], while the hand
+    exerts a force.
     """
 
     valves: object = "open"  # "open", "shut", whether each is shut, "free" (for a pair: the best state), or a kind
@@ -254,20 +280,28 @@ class Stiffness:
     tolerance: float = 0.0  # stiffnesses within this of K are equally good [N·m/rad]; for a pair
     endpoint: "Endpoint | None" = None  # the hand of the stiffness, instead of the joints
     force: ArrayLike = 0.0  # force of the hand (…, dim) [N]
-    amplitude: float | None = None  # A [rad] of pushes by ±A, which adds hysteresis; for a pair
-    loop: Loop | None = None  # the hysteresis; None: that of the joint
+    amplitude: float | None = None  # A [rad] of pushes by ±A, which adds hysteresis
+    loop: Loop | Sequence[Loop] | None = None  # the hysteresis, of a mechanism that of each joint; None: the joint's
 
     def kind(self, muscles: Sequence[str] = PAIR) -> StiffnessKind:
         """Return the kind of stiffness of a machine with muscles of these names. Raises InvalidInput."""
         kind = StiffnessKind.of(self.valves, self.frequency, self.lag, muscles)
         if self.amplitude is not None:
-            kind = replace(kind, amplitude=checked_amplitude(self.amplitude), loop=self.loop)
+            kind = replace(kind, amplitude=checked_amplitude(self.amplitude), loop=_checked(self.loop))
         elif self.loop is not None:
             raise InvalidInput("a loop of hysteresis goes with the amplitude of a push; one came without the other")
         return HELD if kind.isobaric and len(muscles) == 2 else kind
 
 
 ISOBARIC = Stiffness()
+
+
+def _checked(loop: object) -> Loop | tuple[Loop, ...] | None:
+    """Return a loop, or a row of them. Raises `InvalidInput` for anything else."""
+    loops = tuple(loop) if isinstance(loop, list | tuple) else (loop,)
+    if loop is not None and not all(isinstance(one, Loop) for one in loops):
+        raise InvalidInput(f"loop = {checks.brief(loop)} has to be a Loop, such as Loop(coulomb=0.5), or one per joint")
+    return loops if isinstance(loop, list | tuple) else loop  # type: ignore[return-value]
 
 
 def checked_gas(gas: object) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from typer import Option
 
+from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.shell.options import within
 from allocator.units import DEG
@@ -13,6 +14,7 @@ from allocator.units import DEG
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from allocator.joint.felt import Loop
     from allocator.joint.gas import Stiffness, StiffnessKind
 
 PAIR = ("agonist", "antagonist")
@@ -42,7 +44,7 @@ class StiffnessOptions:
 
     amplitude: Annotated[
         float | None,
-        Option(help="amplitude of the pushes that meet the stiffness, ± [degrees]; includes the joint's hysteresis"),
+        Option(help="amplitude of the pushes that meet the stiffness, ± [degrees]; includes the joints' hysteresis"),
     ] = None
 
     def meant(self, file: str | None, muscles: Sequence[str] = PAIR) -> "Stiffness":
@@ -50,8 +52,11 @@ class StiffnessOptions:
         from allocator.joint.gas import Stiffness
 
         within("--amplitude", self.amplitude, "degrees", 1e-3, 180)
-        amplitude = None if self.amplitude is None else self.amplitude * DEG
-        return Stiffness(self.kind(file, muscles), amplitude=amplitude)
+        kind = self.kind(file, muscles)
+        if self.amplitude is None:
+            return Stiffness(kind)
+        loops = None if tuple(muscles) == PAIR else _loops(file)
+        return Stiffness(kind, amplitude=self.amplitude * DEG, loop=loops)
 
     def damping(self, file: str | None) -> float:
         """Return the viscous damping [N·m·s/rad] of the plant in a machine's `file`; 0 where there is none."""
@@ -77,3 +82,26 @@ def _stored(path: str | None, name: str, otherwise: float) -> "ArrayLike":
 
     plant = None if path is None else Table.read(path).table("plant")
     return otherwise if plant is None else plant.entries.get(name, otherwise)
+
+
+def _loops(path: str | None) -> "list[Loop]":
+    """Return the hysteresis of the joints in a machine's file: one for all of them, or one each.
+
+    Raises `InvalidFile` for no numbers, and `InvalidInput` without a table [friction].
+    """
+    import numpy as np
+
+    from allocator.errors import InvalidFile
+    from allocator.files.toml import Table
+    from allocator.joint.felt import Loop
+
+    table = None if path is None else Table.read(path).table("friction")
+    if path is None or table is None:
+        raise InvalidInput(f"--amplitude: {path or 'the machine'} has no table [friction] with the joints' hysteresis")
+    table.only(names := ("mu", "coulomb", "presliding"))
+    given = [name for name in names if name in table.entries]
+    try:
+        rows = np.transpose(np.broadcast_arrays(*(np.atleast_1d(checks.real(x, table.entries[x], "-")) for x in given)))
+        return [Loop(**dict(zip(given, row, strict=True))) for row in rows.tolist()]
+    except (InvalidInput, ValueError) as error:
+        raise InvalidFile(path, f"[friction]: {error}") from None

@@ -173,7 +173,7 @@ class Floors:
             frame = np.vstack([_root(asked) @ plus.T, unseen.T / np.sqrt(np.trace(seen) / hand.endpoint.dim)])
         least, frames = [floor], [frame]
         if margin is not None:
-            least.append(margin * np.eye(n))
+            least.append(margin * np.eye(n) - problem.backbone(np.zeros((n, n))))  # of the backbone
             frames.append(np.eye(n) / np.sqrt(margin if margin > 0 else np.trace(floor) / n))
         return cls(problem, torque, tuple(least), tuple(frames))
 
@@ -194,7 +194,7 @@ class Floors:
     @cached_property
     def given(self) -> TargetsMap:
         """(y0 (d,), M (d, m)) of torques and joint stiffness."""
-        y0, M = self.problem.mechanism.map_of(self.problem.muscles)
+        y0, M = self.problem.joint_map
         return TargetsMap(y0[0], M[0])
 
     @property

@@ -65,7 +65,7 @@ def problem_from(
     reference = reference if toward is None else _flat(toward, shape, 1)
     row_weights = _weights(n, asked_of, chosen, weights, own_only)
     given = mechanism, asked, y, row_weights, chosen, each, reference, kind, hand
-    return BoxProblem(*given, pull=weight), shape
+    return BoxProblem(*given, kind.added(n), weight), shape
 
 
 def _meant(mechanism: Mechanism, stiffness: object) -> tuple[StiffnessKind, Endpoint | None, object]:
@@ -77,7 +77,7 @@ def _meant(mechanism: Mechanism, stiffness: object) -> tuple[StiffnessKind, Endp
         raise InvalidInput("a stiffness tolerance is for an AntagonistJoint, whose stiffness is one number")
     kind = stiffness.kind(mechanism.muscle_names).of_gas(mechanism.gas, mechanism.affine)
     if kind.amplitude is not None:
-        raise InvalidInput("amplitude is for an AntagonistJoint: a mechanism has no hysteresis of its own")
+        mechanism.check_affine("the stiffness felt by a push")
     if kind.shares is None:
         raise InvalidInput("valves = 'free' are for an AntagonistJoint; of a mechanism choose 'open' or 'shut'")
     return kind, stiffness.endpoint, stiffness.force

@@ -68,7 +68,7 @@ class Verdict(NamedTuple):
     status: NDArray[np.int8]
     torque_met: Mask
     stiffness_met: Mask
-    holds: Mask  # whether K is positive definite
+    holds: Mask  # whether K without hysteresis is positive definite
 
 
 def decide(problem: BoxProblem, y: Array, K: Array, residual: Array) -> Verdict:
@@ -77,7 +77,7 @@ def decide(problem: BoxProblem, y: Array, K: Array, residual: Array) -> Verdict:
     met = np.abs(y - problem.y) <= CLOSED_FORM.met * problem.y_scale
     torque_met = (met[:, :n] | (problem.weights[:n] == 0)).all(axis=1)
     stiffness_met = (met[:, n:] | (problem.weights[n:] == 0)).all(axis=1)
-    holds = positive_definite(K)
+    holds = positive_definite(problem.backbone(K))
     others = {
         Status.UNSTABLE: ~holds,
         Status.SOLVER_FAILED: ~(residual <= _TRUSTED),

@@ -11,7 +11,8 @@ lo_j ≤ P_j ≤ hi_j that supply, taut cables, force and slew limits leave each
 
 where the values achieved first are equality constraints for the rest. The sum over K has all n² entries (with equal
 weights the Frobenius norm); entries of weight 0 are free. P_ref is 0 or the previous pressures. Of an endpoint E - 1
-stands for K - K* (`allocator.mechanism.endpoint.targets`).
+stands for K - K* (`allocator.mechanism.endpoint.targets`). The hysteresis K_h of each joint that a push meets is added
+to the diagonal of K (S3).
 """
 
 from dataclasses import dataclass
@@ -44,6 +45,7 @@ class BoxProblem:
     reference: Array  # P_ref (N or 1, m) [Pa]
     kind: StiffnessKind = HELD  # which stiffness K is
     endpoint: EndpointTargets | None = None  # if y holds its E instead of K
+    added: Array | None = None  # K_h of each joint in K (n,) [N·m/rad]
     pull: float = 0.0  # weight of ‖(P - P_ref)/unit‖² among the targets; 0 if it comes after them
 
     @property
@@ -75,8 +77,17 @@ class BoxProblem:
     @cached_property
     def map(self) -> TargetsMap:
         """y0 (Q, d) and M (Q, d, m); (N, …) of endpoint stiffnesses that differ."""
-        given = self.mechanism.map_of(self.muscles)
-        return given if self.endpoint is None else self.endpoint.of(given)
+        return self.joint_map if self.endpoint is None else self.endpoint.of(self.joint_map)
+
+    @cached_property
+    def joint_map(self) -> TargetsMap:
+        """The same of the joints' stiffness, also if that of an endpoint is asked for."""
+        y0, M = self.mechanism.map_of(self.muscles)
+        if self.added is None:
+            return TargetsMap(y0, M)
+        rows, columns = self.mechanism.upper_triangle
+        added = np.where(rows == columns, self.added[rows], 0.0)
+        return TargetsMap(y0 + np.concatenate([np.zeros(self.mechanism.n), added]), M)
 
     @cached_property
     def box(self) -> tuple[PressureInterval, ...]:
@@ -154,7 +165,12 @@ class BoxProblem:
         """Return K (N, n, n) [N·m/rad] at pressures (N, m) [Pa]."""
         if self.endpoint is None:
             return self.mechanism.whole(self.given(P)[:, self.mechanism.n :])
-        return np.asarray(sum(muscle.stiffness(P[:, j]) for j, muscle in enumerate(self.muscles)))
+        K = np.asarray(sum(muscle.stiffness(P[:, j]) for j, muscle in enumerate(self.muscles)))
+        return K if self.added is None else K + np.diag(self.added)
+
+    def backbone(self, K: Array) -> Array:
+        """Return joint stiffnesses `K` (N, n, n) without the hysteresis."""
+        return K if self.added is None else K - np.diag(self.added)
 
     @cached_property
     def y_scale(self) -> Array:
