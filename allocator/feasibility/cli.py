@@ -80,7 +80,7 @@ def map_command(
         if theta is not None or stiffness is not None:
             raise InvalidInput("--theta and --stiffness are ranges of one joint; several joints take --targets")
         if pressures or stiffness_options != StiffnessOptions():
-            raise InvalidInput("--pressures, --valves and --frequency are for one joint")
+            raise InvalidInput("--pressures, --valves, --frequency and --amplitude are for one joint")
         machine: Any = options.build()
         located = hand.located(machine, options.machine)
         _map_of_several(machine, hand, located, targets, torque, out, min_force, as_json)
