@@ -10,7 +10,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def data(all_twins, log_maker):
     joint = all_twins["martens-pulley"]
     log = log_maker(joint, 3)
@@ -96,19 +96,22 @@ def test_without_directions_the_report_says_where_hysteresis_goes(data):
     assert any("no direction of motion" in warning for warning in fit.warnings)
 
 
+@pytest.fixture(scope="module")
+def backwards(data):
+    return fit_joint(**{**data, "direction": -data["direction"]})
+
+
 @pytest.mark.slow
-def test_swapped_directions_show_as_negative_friction_and_are_not_written(data, tmp_path):
-    fit = fit_joint(**{**data, "direction": -data["direction"]})
-    assert any("the directions look swapped" in warning for warning in fit.warnings)
+def test_swapped_directions_show_as_negative_friction_and_are_not_written(backwards, tmp_path):
+    assert any("the directions look swapped" in warning for warning in backwards.warnings)
     with pytest.raises(ValueError, match=r"friction μ = -.* is negative, which no joint has"):
-        fit.save(tmp_path / "joint.toml")
+        backwards.save(tmp_path / "joint.toml")
     assert not (tmp_path / "joint.toml").exists()
 
 
 @pytest.mark.slow
-def test_a_negative_friction_within_its_doubt_is_no_sign_of_swapped_directions(data):
-    fit = fit_joint(**{**data, "direction": -data["direction"]})
-    u = fit.problem.unknowns(fit.x)
+def test_a_negative_friction_within_its_doubt_is_no_sign_of_swapped_directions(backwards):
+    fit, u = backwards, backwards.problem.unknowns(backwards.x)
     found = report.findings(fit.problem, u, [], fit.doubt.covariance, True)
     assert found.friction_std == pytest.approx(fit.standard_deviations["friction"])
     doubted = found._replace(friction_std=abs(fit.friction))
@@ -154,9 +157,13 @@ def test_a_sag_test_that_contradicts_and_a_torque_in_other_units_are_warned_of(g
     assert "N/bar, more than any is known to: is the torque in N·m?" in warnings_of(grid, times=100.0)
 
 
+@pytest.fixture(scope="module")
+def still(data):
+    return fit_joint(**data, choices=False)
+
+
 @pytest.mark.parametrize("zero", [-33 * DEG, 16 * DEG, 20 * DEG, 28 * DEG, 32 * DEG])
-def test_an_encoder_that_was_not_set_to_zero_is_found(data, zero):
-    still = fit_joint(**data, choices=False)
+def test_an_encoder_that_was_not_set_to_zero_is_found(data, still, zero):
     turned = fit_joint(**{**data, "theta": data["theta"] + zero}, choices=False)
     assert turned.zero == pytest.approx(still.zero + zero, abs=0.1 * DEG)
     assert turned.rms < 1.02 * still.rms
