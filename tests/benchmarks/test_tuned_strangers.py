@@ -48,7 +48,7 @@ def test_a_tuning_that_is_kept_is_taken_for_the_same_model_alone(model, tmp_path
 @pytest.mark.slow
 @pytest.mark.compiles
 def test_a_tuning_is_better_than_the_defaults_on_draws_that_it_has_not_seen(model):
-    found = tune(model.plant, model.told, K=K, evaluations=10, n_draws=3)
+    found = tune(model.plant, model.told, K=K, evaluations=6, n_draws=3)
     n, seed, spreads = 6, 77, Spreads()
     unseen = replace(
         found.problem,

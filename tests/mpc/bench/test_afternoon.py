@@ -28,7 +28,7 @@ from mpc.trials.motions.trajectories import point_to_point, shrunk, usual_stiffn
 from ...rigs.afternoon import GEOMETRY, HIDDEN, ROUGH, antagonist
 from .valve_terminal import HOST, ValveTerminal
 
-DT = 0.01
+DT, SWEPT = 0.01, 0.02  # [s] half as many samples of a sweep are fitted in half of the time
 
 
 @pytest.mark.slow
@@ -85,8 +85,8 @@ def test_the_same_over_modbus_and_the_log_replays(tmp_path):
 def identified(device, hang, clock, directory):
     """Sweep and fit; the file of the plant that was found."""
     plan = plan_joint_experiment(within(ROUGH.joint), setpoints=10)
-    sweep = Sweep(visits_of(plan, ROUGH.joint), random_steps(ROUGH.joint, 30), DT, hang, directory)
-    assert str(Cycle(device, sweep, Limits.of(ROUGH, DT), Settings(), clock=clock).run()) == "finished"
+    sweep = Sweep(visits_of(plan, ROUGH.joint), random_steps(ROUGH.joint, 30), SWEPT, hang, directory)
+    assert str(Cycle(device, sweep, Limits.of(ROUGH, SWEPT), Settings(), clock=clock).run()) == "finished"
     rest, motion = read_joint_log(directory / "joint_log.csv"), read_motion_log(directory / "motion_log.csv")
     loads = {"torque": rest.torque, "direction": rest.direction, "geometry": Pulley(0.40, 0.02, 0.1375)}
     loads["choices"] = False

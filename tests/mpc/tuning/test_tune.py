@@ -32,6 +32,16 @@ def tuned():
     return tune(PLANT, TOLD, **FEW)
 
 
+@pytest.fixture
+def mine(tmp_path):
+    """A user's file of a plant as above, whose compiled runs are those of `tuned`."""
+    path = tmp_path / "plant.toml"
+    save_plant(path, PLANT.joint, {"inertia": 0.05, "gas": True})
+    told = "\n[regulators]\ndead_time = 0.02\ndead_band = 8e3\n# the user's own words\n"
+    path.write_text(path.read_text() + told)
+    return path
+
+
 @pytest.mark.compiles
 def test_the_tuning_is_never_worse_than_the_defaults(tuned):
     assert len(tuned.evaluations) == FEW["evaluations"]
@@ -107,10 +117,7 @@ def tune_draws(tuned, n):
 
 
 @pytest.mark.compiles
-def test_the_command_writes_a_plant_that_track_takes(tmp_path):
-    mine = tmp_path / "plant.toml"
-    save_plant(mine, PLANT.joint, {"inertia": 0.05, "gas": True})
-    mine.write_text(mine.read_text() + "\n[regulators]\ndead_time = 0.02\n# the user's own words\n")
+def test_the_command_writes_a_plant_that_track_takes(mine, tmp_path):
     before = mine.read_text()
     out, picture = tmp_path / "tuned.toml", tmp_path / "tuning.png"
     small = ["--evaluations", "2", "--draws", "1", "--workers", "1"]
@@ -137,11 +144,9 @@ def test_the_command_writes_a_plant_that_track_takes(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_dask_cluster_gives_the_same_answer(tuned, tmp_path):
+def test_a_dask_cluster_gives_the_same_answer(mine):
     from distributed import LocalCluster
 
-    mine = tmp_path / "plant.toml"
-    save_plant(mine, PLANT.joint, {"inertia": 0.05, "gas": True})
     small = ["--evaluations", "3", "--draws", "1", "--json"]
     here = CliRunner().invoke(app, ["tune", "--machine", str(mine), *small, "--workers", "1"])
     with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:

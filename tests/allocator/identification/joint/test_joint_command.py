@@ -26,35 +26,33 @@ def run(*arguments):
     return CliRunner().invoke(app, [*map(str, arguments)])
 
 
-@pytest.fixture
-def table(all_twins, log_maker, tmp_path):
+@pytest.fixture(scope="module")
+def table(all_twins, log_maker, tmp_path_factory):
     """A file of equilibria of the Martens pulley, with weights."""
     log = log_maker(all_twins["martens-pulley"], 3)
     columns = (log.theta / DEG, log.P1 / BAR, log.P2 / BAR, log.torque, log.direction)
-    path = tmp_path / "log.csv"
+    path = tmp_path_factory.mktemp("table") / "log.csv"
     header = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction"
     np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.8g")
     return path
 
 
-@pytest.mark.slow
-def test_a_log_becomes_a_joint_that_allocates(table, tmp_path, all_twins):
-    joint, picture = tmp_path / "joint.toml", tmp_path / "joint.png"
-    result = run(
-        table,
-        "--pulley",
-        "20,0.11",
-        "--rest-length",
-        300,
-        "--model",
-        "MartensBoblan2017",
-        "--out",
-        joint,
-        "--plot",
-        picture,
-    )
+PULLEY = "--pulley", "20,0.11", "--rest-length", 300, "--model"
+
+
+@pytest.fixture(scope="module")
+def fitted(table):
+    """The output of a fit to it, and the files of the joint and of its picture."""
+    joint, picture = table.parent / "joint.toml", table.parent / "joint.png"
+    result = run(table, *PULLEY, "MartensBoblan2017", "--out", joint, "--plot", picture)
     assert result.exit_code == 0, result.output
-    assert "stiffness: known to" in result.output
+    return result.output, joint, picture
+
+
+@pytest.mark.slow
+def test_a_log_becomes_a_joint_that_allocates(fitted, all_twins):
+    output, joint, picture = fitted
+    assert "stiffness: known to" in output
     assert picture.read_bytes().startswith(b"\x89PNG")
     answer = allocate(0.2, 4.5, joint=load_joint(joint))
     true = all_twins["martens-pulley"].stiffness(0.2, answer.P1, answer.P2)
@@ -73,27 +71,25 @@ def test_the_mechanism_may_come_from_the_file_of_a_joint(table, tmp_path):
 
 
 @pytest.mark.slow
-def test_several_files_make_one_joint_and_each_is_left_out_in_turn(table, tmp_path):
+def test_several_files_make_one_joint_and_each_is_left_out_in_turn(table, fitted, tmp_path):
     header, *rows = table.read_text().splitlines()
     one, two, both = (tmp_path / name for name in ("one.csv", "two.csv", "both.toml"))
     one.write_text("\n".join([header, *rows[::2]]))
     two.write_text("\n".join([header, *rows[1::2]]))
-    given = ["--pulley", "20,0.11", "--rest-length", 300, "--model", "MartensBoblan2017"]
-    result = run(one, two, *given, "--out", both)
+    result = run(one, two, *PULLEY, "MartensBoblan2017", "--out", both)
     assert result.exit_code == 0, result.output
     assert f"group one.csv: {len(rows[::2])} samples" in result.output
-    whole = run(table, *given, "--out", tmp_path / "whole.toml")
-    assert whole.exit_code == 0
     angles, P = np.linspace(-0.3, 0.3, 5), (2.5 * BAR, 2.5 * BAR)
-    joints = [load_joint(path) for path in (both, tmp_path / "whole.toml")]
+    joints = [load_joint(path) for path in (both, fitted[1])]
     np.testing.assert_allclose(joints[0].stiffness(angles, *P), joints[1].stiffness(angles, *P), rtol=1e-3)
 
 
 @pytest.mark.slow
 def test_without_a_weight_it_says_that_stiffness_is_relative(table, tmp_path):
     rows = [row for row in table.read_text().splitlines() if row.split(",")[3] in ("torque_Nm", "0")]
-    table.write_text("\n".join(rows))
-    result = run(table, "--pulley", "20,0.11", "--rest-length", 300, "--model", "AffinePolynomial")
+    unloaded = tmp_path / "unloaded.csv"
+    unloaded.write_text("\n".join(rows))
+    result = run(unloaded, *PULLEY, "AffinePolynomial")
     assert result.exit_code == 0, result.output
     assert "relative only" in result.output
     assert "all forces times one factor" in result.output

@@ -10,7 +10,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def data(all_twins, log_maker):
     joint = all_twins["martens-pulley"]
     log = log_maker(joint, 3)
@@ -97,17 +97,12 @@ def test_without_directions_the_report_says_where_hysteresis_goes(data):
 
 
 @pytest.mark.slow
-def test_swapped_directions_show_as_negative_friction_and_are_not_written(data, tmp_path):
+def test_swapped_directions_show_as_negative_friction_beyond_its_doubt_and_are_not_written(data, tmp_path):
     fit = fit_joint(**{**data, "direction": -data["direction"]})
     assert any("the directions look swapped" in warning for warning in fit.warnings)
     with pytest.raises(ValueError, match=r"friction μ = -.* is negative, which no joint has"):
         fit.save(tmp_path / "joint.toml")
     assert not (tmp_path / "joint.toml").exists()
-
-
-@pytest.mark.slow
-def test_a_negative_friction_within_its_doubt_is_no_sign_of_swapped_directions(data):
-    fit = fit_joint(**{**data, "direction": -data["direction"]})
     u = fit.problem.unknowns(fit.x)
     found = report.findings(fit.problem, u, [], fit.doubt.covariance, True)
     assert found.friction_std == pytest.approx(fit.standard_deviations["friction"])
@@ -154,9 +149,13 @@ def test_a_sag_test_that_contradicts_and_a_torque_in_other_units_are_warned_of(g
     assert "N/bar, more than any is known to: is the torque in N·m?" in warnings_of(grid, times=100.0)
 
 
+@pytest.fixture(scope="module")
+def still(data):
+    return fit_joint(**data, choices=False)
+
+
 @pytest.mark.parametrize("zero", [-33 * DEG, 16 * DEG, 20 * DEG, 28 * DEG, 32 * DEG])
-def test_an_encoder_that_was_not_set_to_zero_is_found(data, zero):
-    still = fit_joint(**data, choices=False)
+def test_an_encoder_that_was_not_set_to_zero_is_found(data, still, zero):
     turned = fit_joint(**{**data, "theta": data["theta"] + zero}, choices=False)
     assert turned.zero == pytest.approx(still.zero + zero, abs=0.1 * DEG)
     assert turned.rms < 1.02 * still.rms
