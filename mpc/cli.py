@@ -21,7 +21,7 @@ from allocator.presentation.waiting import waiting
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run, say
-from allocator.units import BAR, DEG
+from allocator.units import DEG
 from mpc.arm.cli import ArmOptions, track_arm
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.bench.measure_cli import measure_command
@@ -53,7 +53,6 @@ _OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".m
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _OWN_FILM = "tracking.gif"  # for several joints
 _MPC = "mpc"
-_WORTH_SAYING = 5.0  # [% of the steps] at the slew limit, below which nothing is reported
 
 
 _EPILOG = "\n\n".join(
@@ -275,7 +274,7 @@ def _muscles(plant: "Plant") -> str:
 def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Reference", console: "Console") -> None:
     """Print the plant, the trajectory and the errors of the run."""
     from mpc.trials.metrics import metrics
-    from mpc.trials.pictures.report import table_of
+    from mpc.trials.pictures.report import limits_of_reference, table_of
 
     figures = metrics(run)
     say(console, f"plant: {nominal.summary}")
@@ -287,12 +286,8 @@ def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Ref
     console.print(table_of(run, figures))
     if run.assumed:
         say(console, run.assumed)
-    if figures.out_of_reach:
-        share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
-        say(console, f"{share}; `antagonist map` shows the reachable targets")
-    if figures.at_slew_limit >= _WORTH_SAYING:
-        share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed at the limit --slew"
-        say(console, f"{share} ({nominal.slew / BAR:g} bar/s): the reference may be too fast")
+    for sentence in limits_of_reference(figures, nominal.slew):
+        say(console, sentence)
 
 
 def _tested(

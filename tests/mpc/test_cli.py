@@ -131,7 +131,7 @@ def test_without_a_trajectory_another_joint_moves_about_what_it_has(tmp_path):
     assert result.exit_code == 0, result.output
     run = load_recording(out)
     assert np.abs(run.theta_ref).max() <= 18.001 * DEG
-    assert "out of this joint's reach" not in result.output
+    assert "out of reach" not in result.output
     assert "trajectory: angle -18 … 18°, stiffness " in result.output
 
 

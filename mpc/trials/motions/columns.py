@@ -104,7 +104,9 @@ def _factor(table: Table, header: str, name: str, unit: str) -> float | None:
 
 def _is_called(said: str, base: str) -> bool:
     quantity = _ALIASES.get(base)
-    return _plain(said) in (_plain(base), _SYMBOLS.get(base)) or (quantity is not None and quantity_named(said) == quantity)
+    return _plain(said) in (_plain(base), _SYMBOLS.get(base)) or (
+        quantity is not None and quantity_named(said) == quantity
+    )
 
 
 def _plain(name: str) -> str:
