@@ -32,7 +32,7 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
     Raises `InvalidInput`.
     """
     frequency = checks.positive("frequency", frequency, "Hz")
-    swings, w = usual_swings(arm, size), 2 * np.pi * frequency
+    swings, w = usual_swings(arm, checks.positive("size", size, "-")), 2 * np.pi * frequency
     middle, K_of, of_numbers = middle_of(arm), usual_stiffness(arm), _usual_number(arm) is not None
 
     def at(t: Array) -> tuple[Array, Array]:
