@@ -53,6 +53,7 @@ _OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".m
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _OWN_FILM = "tracking.gif"  # for several joints
 _MPC = "mpc"
+_PUSH = 2.0  # [±°] whose felt stiffness is reported
 
 
 _EPILOG = "\n\n".join(
@@ -118,9 +119,11 @@ def track(
     ] = 0.0,
     seed: Annotated[int, typer.Option(help="seed of the sensor noise")] = 0,
     amplitude: Annotated[
-        float,
-        typer.Option(help="amplitude of pushes whose felt stiffness is reported [±°]; for plants with hysteresis"),
-    ] = 2.0,
+        float | None,
+        typer.Option(
+            help="amplitude of pushes whose felt stiffness is reported [±°]; for plants with hysteresis; 2 by default"
+        ),
+    ] = None,
     margins: Annotated[Path | None, typer.Option(help="picture of the loop's robustness at three postures")] = None,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     wait: Annotated[
@@ -171,7 +174,7 @@ def track(
     claim(*files, margins, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force, own=own)
     if several:
         named = None if controller == _MPC else controller
-        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=named)
+        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=named, amplitude=amplitude)
         track_arm(
             options,
             more,
@@ -226,11 +229,12 @@ def track(
     if unknown:
         say(console, f"not known to the controller: {unknown}")
     if isinstance(tested, RealPlant) and not tested.friction.loop.absent:
-        K = done.felt(amplitude * DEG, tested.friction.loop)
-        say(
-            console,
-            f"felt stiffness, with hysteresis: pushes of ±{amplitude:g}° meet {K.min():.3g} … {K.max():.3g} N·m/rad",
-        )
+        push = _PUSH if amplitude is None else amplitude
+        K = done.felt(push * DEG, tested.friction.loop)
+        felt = f"pushes of ±{push:g}° meet {K.min():.3g} … {K.max():.3g} N·m/rad"
+        say(console, f"felt stiffness, with hysteresis: {felt}")
+    elif amplitude is not None:
+        say(console, "--amplitude: this plant has no hysteresis; pushes of every size meet the same stiffness")
     if learned:
         report(learner, owner, practice.first.theta, done.theta, learned, console)
     if tuned:
