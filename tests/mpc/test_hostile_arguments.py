@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from allocator import DEG, InvalidInput, feasibility_map, named_muscle, report_joint, save_machine
+from allocator.identification import fit_motion
 from mpc import (
     Arm,
     Compensation,
@@ -102,6 +103,7 @@ def real(**effects):
         (lambda: stiffness_step(K=6.0), "K = 6.0 has to be two stiffnesses [N·m/rad]"),
         (lambda: stiffness_ramps(height=NAN), "height = nan is not finite"),
         (lambda: together(angle=1j), "angle = 1j"),
+        (lambda: fit_motion([0], [0], [0], [0], joint="my.toml"), "joint = 'my.toml' has to be an AntagonistJoint"),
         (lambda: sine(duration=1e300), "a duration of 1e+300 s has over 1e+06 samples"),
         (lambda: jumps(rest=1e300), "samples of 0.01 s"),
         (lambda: jumps(rest=0), "rest = 0 has to be one number above 0 [s]"),
