@@ -17,6 +17,7 @@ _STIFFNESS = {2: [[12.0, 4.6], [4.6, 9.5]]}
 _EACH = 6.0  # [N·m/rad] of every joint of other arms
 _SWING = 23.0, 17.0, 15.0, 12.0  # [°]
 _K_SWING = 1.5  # [N·m/rad] of K11
+_NEAR = 1 / 3  # [-] of the greatest entry, greatest error of a usual stiffness, such as of biarticular muscles
 _MOST = 0.6  # [-] of a joint's range, greatest swing
 _SHARES = 1.0, 0.7, 0.5, 0.35, 0.25  # [-] of a swing; the first one that the arm can hold is used
 _HELD = 0.1  # [-] of the least stiffness in the middle, required elsewhere
@@ -27,7 +28,7 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
 
     The joints swing about the middles of their ranges, and less if the arm would not hold itself. K is
     [[12 ± 1.5, 4.6], [4.6, 9.5]] for two joints on pulleys with a biarticular pair, and diag(6 ± 1.5, 6, …) for others
-    on pulleys, if their muscles can give it, and otherwise the stiffness at middle pressures, ± 10 %.
+    on pulleys, if their muscles come near it, and otherwise the stiffness at middle pressures, ± 10 %.
 
     Raises `InvalidInput`.
     """
@@ -121,7 +122,7 @@ def tracked_stiffness(arm: Arm, q: Array, K: Array) -> Array:
 def usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
     """Return the joints' stiffness (k, n, n) [N·m/rad] over postures (k, n).
 
-    On pulleys it is the same everywhere, if the muscles can give it; otherwise it is that of middle pressures.
+    On pulleys it is the same everywhere, if the muscles come near it; otherwise it is that of middle pressures.
     """
     if (K := _usual_number(arm)) is not None:
         return lambda q: np.tile(K, (len(q), 1, 1))
@@ -130,7 +131,7 @@ def usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
 
 
 def _usual_number(arm: Arm) -> Array | None:
-    """Return a usual stiffness (n, n) [N·m/rad]; None off pulleys, and if the muscles cannot give it and its swing."""
+    """Return a usual stiffness (n, n) [N·m/rad]; None off pulleys, and if the muscles do not come near its swing."""
     if not isinstance(arm.mechanism.routes, Pulleys):
         return None
     crossing = arm.mechanism.arms(np.zeros(arm.n))
@@ -138,7 +139,8 @@ def _usual_number(arm: Arm) -> Array | None:
     K = np.array(_STIFFNESS[2]) if coupled else _EACH * np.eye(arm.n)
     ends = np.stack([K, K])
     ends[:, 0, 0] += -_K_SWING, _K_SWING
-    return K if allocate(np.stack([middle_of(arm)] * 2), ends, joint=arm.mechanism).success.all() else None
+    given = allocate(np.stack([middle_of(arm)] * 2), ends, joint=arm.mechanism).K
+    return K if np.abs(given - ends).max() <= _NEAR * K.max() else None
 
 
 def usual_swings(arm: Arm, size: float = 1.0) -> Array:

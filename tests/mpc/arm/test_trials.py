@@ -67,14 +67,14 @@ def test_a_reference_that_stretches_the_arm_out_asks_for_no_stiffness_of_the_han
     assert np.isfinite(reference("draw", hand).K).all()
 
 
-def test_the_usual_stiffness_is_one_that_the_muscles_can_give(run):
-    weak = replace(ARM, mechanism=replace(ARM.mechanism, pressure_limits=(0.0, 2.5 * BAR)))
+def test_the_usual_stiffness_is_one_that_the_muscles_come_near(run):
+    weak = replace(ARM, mechanism=replace(ARM.mechanism, pressure_limits=(0.0, 2.0 * BAR)))
     q = (ARM.angle_limits[0] + ARM.angle_limits[1]) / 2
     usual = usual_stiffness(ARM)(q[None])[0]
     assert allocate(q, usual, joint=ARM.mechanism).success
     assert not allocate(q, usual, joint=weak.mechanism).success
     asked = circle(weak, turns=1.0)
-    P = np.full((asked.t.size, weak.m), 1.25 * BAR)
+    P = np.full((asked.t.size, weak.m), 1.0 * BAR)
     swing = 1 + 0.1 * np.sin(np.pi * asked.t)[:, None, None]
     np.testing.assert_allclose(asked.K, weak.mechanism.stiffness(asked.theta, P) * swing)
     far = metrics(replace(run, K_ref=10 * run.K_ref))
