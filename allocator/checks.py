@@ -2,7 +2,7 @@
 
 import operator
 from collections.abc import Iterable
-from math import nan
+from math import inf, nan
 from types import UnionType
 from typing import Any, SupportsIndex
 
@@ -187,6 +187,11 @@ def number(name: str, value: object, unit: str) -> float:
     if array.ndim:
         raise InvalidInput(f"{name} = {brief(value)} has to be one number [{unit}]")
     return float(array)
+
+
+def number_or_inf(name: str, value: object, unit: str) -> float:
+    """Return one real number, which may be infinite."""
+    return value if isinstance(value, float) and value == inf else number(name, value, unit)
 
 
 def row(name: str, value: object) -> tuple[Any, ...]:

@@ -21,7 +21,7 @@ from allocator.presentation.waiting import waiting
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run, say
-from allocator.units import BAR, DEG
+from allocator.units import DEG
 from mpc.arm.cli import ArmOptions, track_arm
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.bench.measure_cli import measure_command
@@ -53,7 +53,7 @@ _OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".m
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _OWN_FILM = "tracking.gif"  # for several joints
 _MPC = "mpc"
-_WORTH_SAYING = 5.0  # [% of the steps] at the slew limit, below which nothing is reported
+_PUSH = 2.0  # [±°] whose felt stiffness is reported
 
 
 _EPILOG = "\n\n".join(
@@ -119,9 +119,11 @@ def track(
     ] = 0.0,
     seed: Annotated[int, typer.Option(help="seed of the sensor noise")] = 0,
     amplitude: Annotated[
-        float,
-        typer.Option(help="amplitude of pushes whose felt stiffness is reported [±°]; for plants with hysteresis"),
-    ] = 2.0,
+        float | None,
+        typer.Option(
+            help="amplitude of pushes whose felt stiffness is reported [±°]; for plants with hysteresis; 2 by default"
+        ),
+    ] = None,
     margins: Annotated[Path | None, typer.Option(help="picture of the loop's robustness at three postures")] = None,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     wait: Annotated[
@@ -172,7 +174,7 @@ def track(
     claim(*files, margins, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force, own=own)
     if several:
         named = None if controller == _MPC else controller
-        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=named)
+        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=named, amplitude=amplitude)
         track_arm(
             options,
             more,
@@ -227,11 +229,12 @@ def track(
     if unknown:
         say(console, f"not known to the controller: {unknown}")
     if isinstance(tested, RealPlant) and not tested.friction.loop.absent:
-        K = done.felt(amplitude * DEG, tested.friction.loop)
-        say(
-            console,
-            f"felt stiffness, with hysteresis: pushes of ±{amplitude:g}° meet {K.min():.3g} … {K.max():.3g} N·m/rad",
-        )
+        push = _PUSH if amplitude is None else amplitude
+        K = done.felt(push * DEG, tested.friction.loop)
+        felt = f"pushes of ±{push:g}° meet {K.min():.3g} … {K.max():.3g} N·m/rad"
+        say(console, f"felt stiffness, with hysteresis: {felt}")
+    elif amplitude is not None:
+        say(console, "--amplitude: this plant has no hysteresis; pushes of every size meet the same stiffness")
     if learned:
         report(learner, owner, practice.first.theta, done.theta, learned, console)
     if tuned:
@@ -275,7 +278,7 @@ def _muscles(plant: "Plant") -> str:
 def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Reference", console: "Console") -> None:
     """Print the plant, the trajectory and the errors of the run."""
     from mpc.trials.metrics import metrics
-    from mpc.trials.pictures.report import table_of
+    from mpc.trials.pictures.report import limits_of_reference, table_of
 
     figures = metrics(run)
     say(console, f"plant: {nominal.summary}")
@@ -287,12 +290,8 @@ def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Ref
     console.print(table_of(run, figures))
     if run.assumed:
         say(console, run.assumed)
-    if figures.out_of_reach:
-        share = f"{figures.out_of_reach:.3g} % of the reference is out of this joint's reach"
-        say(console, f"{share}; `antagonist map` shows the reachable targets")
-    if figures.at_slew_limit >= _WORTH_SAYING:
-        share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed at the limit --slew"
-        say(console, f"{share} ({nominal.slew / BAR:g} bar/s): the reference may be too fast")
+    for sentence in limits_of_reference(figures, nominal.slew):
+        say(console, sentence)
 
 
 def _tested(

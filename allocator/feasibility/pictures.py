@@ -92,7 +92,7 @@ def _name(axes: Any, edge: "Edge", centre: Array, letters: dict[str, str], other
     along, middle = end - start, (start + end) / 2
     normal = np.array([along[1], -along[0]]) / max(np.hypot(*along), 1e-9)
     normal *= np.sign(normal @ (middle - inside)) or 1.0
-    text = " ".join("".join((letters[name], mark)) for name, mark in map(_split, edge.active))
+    text = " ".join(dict.fromkeys("".join((letters[name], mark)) for name, mark in map(_split, edge.active)))
     fits = np.hypot(*along) > _LETTER * len(text)
     angle = (np.degrees(np.arctan2(along[1], along[0])) + 90) % 180 - 90 if fits else 0.0
     sideways = "center" if fits or abs(normal[0]) < 0.3 else ("left" if normal[0] > 0 else "right")

@@ -49,13 +49,11 @@ def save(muscle: Muscle, path: str | PathLike[str], source: Mapping[str, str | f
     lines = muscle_lines(muscle)
     if source:
         lines += section("source", source)
-    if muscle.covariance is not None:
-        lines += section("covariance", {"rows": muscle.covariance}, f"of {', '.join(muscle.parameters)}")
     write_text(path, "\n".join(lines) + "\n")
 
 
 def muscle_lines(muscle: Muscle, above: str = "") -> list[str]:
-    """Return the lines of `muscle` but for its covariance; its tables lie in the one called `above`."""
+    """Return the lines of `muscle`; its tables lie in the one called `above`."""
     if isinstance(muscle, Cabled):
         return _cabled_lines(muscle, above)
     fields, inside = type(muscle).number_fields(), f"{above}." if above else ""
@@ -72,13 +70,16 @@ def muscle_lines(muscle: Muscle, above: str = "") -> list[str]:
     if (region := muscle.measured) is not None:
         corners = {name: getattr(region, name) for name in _MEASURED}
         lines += section(f"{inside}measured", corners, "convex hull of the samples: ratio, Pa")
+    if muscle.covariance is not None:
+        note = f"of {', '.join(muscle.parameters)}"
+        lines += section(f"{inside}covariance", {"rows": muscle.covariance}, note)
     return lines
 
 
 def _cabled_lines(cabled: Cabled, above: str) -> list[str]:
-    volume = {name: getattr(cabled, name) for name in _VOLUME}
+    own = {name: getattr(cabled, name) for name in ("covariance", *_VOLUME)}
     cable = {name: getattr(cabled, name) for name in _CABLE}
-    lines = muscle_lines(replace(cabled.muscle, **volume), above)
+    lines = muscle_lines(replace(cabled.muscle, **own), above)
     return lines + section(f"{above}.cable" if above else "cable", cable, "N/m, m")
 
 

@@ -80,7 +80,7 @@ def track_arm(
     from mpc.trials.metrics import metrics
     from mpc.trials.motions.corrections import Owner, compared, digest_of
     from mpc.trials.pictures.animation import ENDINGS, check_film
-    from mpc.trials.pictures.report import plot_margins, table_of, write_run
+    from mpc.trials.pictures.report import limits_of_reference, plot_margins, table_of, write_run
     from mpc.trials.simulation import in_motion, simulate
 
     console = Console()
@@ -136,7 +136,9 @@ def track_arm(
     for note in [*notes, *_dry_friction(tested.model.dof_frictionloss, settings.compensation)]:
         say(console, note)
     say(console, f"trajectory: {asked.name}, {asked.duration:g} s")
-    console.print(table_of(done, metrics(done)))
+    console.print(table_of(done, figures := metrics(done)))
+    for sentence in limits_of_reference(figures, arm.slew):
+        say(console, sentence)
     if tuned:
         say(console, tuned)
     if learned and practice is not None:

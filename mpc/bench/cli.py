@@ -286,6 +286,7 @@ def _journal(files: list[Path]) -> Path | None:
 
 def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
     """Write the other files, and remove a journal that --out does not name."""
+    from mpc.bench.cycle import Phase
     from mpc.trials.files import save_mcap
     from mpc.trials.pictures.plotting import save_tracking_figure
 
@@ -295,7 +296,8 @@ def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
         elif path.suffix == ".mcap":
             save_mcap(record.run(), path)
         elif path.suffix != ".csv":
-            save_tracking_figure(record.run(), path)
+            settling = record.dt * len(record.where("theta", phases=(Phase.SETTLE,))[0])
+            save_tracking_figure(record.run(), path, f"as measured, with {settling:.3g} s of settling")
     if journal is not None and journal not in files:
         journal.unlink()
 
@@ -306,7 +308,7 @@ def _report(record: "Record", console: "Console") -> None:
 
     say_ending(record.ending, record.lateness, console)
     if record.tracked:
-        say(console, f"angle error: {record.theta_rms / DEG:.3g}° RMS, as measured")
+        say(console, f"angle error: {record.theta_rms / DEG:.3g}° RMS, as measured, without settling")
         if due := check_due(record.run()):
             say(console, due)
 

@@ -21,16 +21,12 @@ from allocator import AntagonistJoint, checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
-from allocator.identification.joint.planning.plan import JointPlan, Setpoint
+from allocator.identification.joint.planning.plan import APPROACH, JointPlan, Setpoint
 from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.safety import Pressures
 
-STEPS = (
-    0.5 * BAR,
-    0.3 * BAR,
-    0.15 * BAR,
-)  # distances of the approach to a setpoint, by preference
+STEPS = (APPROACH, 0.3 * BAR, 0.15 * BAR)  # distances of the approach to a setpoint, by preference
 _STILL = 0.3 * DEG  # over a second, as in `read_joint_log`
 _WINDOW = 1.0  # [s] of means in an equilibrium
 _MIDDLE = 0.8  # [-] of the joint's range for random steps
@@ -104,7 +100,7 @@ def visits_of(plan: JointPlan, joint: AntagonistJoint, weights: bool = True) -> 
 def _approach(joint: AntagonistJoint, s: Setpoint, direction: int) -> Pressures:
     """Return pressures from which the angle falls (-1) or rises (1) into a setpoint."""
     low, high = joint.pressure_limits
-    for step in STEPS:
+    for step in (s.approach(joint), *STEPS):
         P1 = s.P1 - direction * step
         come_from = (P1, s.P2) if low <= P1 <= high else (s.P1, min(max(s.P2 + direction * step, low), high))
         if np.isfinite(joint.equilibrium(*come_from, s.torque)):

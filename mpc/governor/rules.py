@@ -22,6 +22,7 @@ _INNER = np.deg2rad(0.5)  # allowed error of the integration
 _RESOLUTION = 0.25  # step times the rate of the fastest motion: an error of about 0.3 % of its frequency
 _DAMPING = 0.3  # damping ratio of the least damped motion at the rest, by the backup
 _MOST_SAMPLES = 1000  # per rollout
+_BALANCED = 1e-9  # torque at rest relative to the greatest of a muscle
 _NO_REST = (
     "PressureGovernor: no pressures of the supply hold the joints in their range against gravity and load, for "
     "all that the intervals leave open"
@@ -117,17 +118,17 @@ class _Rest(NamedTuple):
         taut = ((limits.min_force / dynamics.strength[0][:, None] - B) / A).max(axis=0)[:, 0]
         least = np.clip(taut, mechanism.pressure_limits[0], most)
         P = _held(lambda q, P: statics(q, P, middle), ends.mean(axis=1), least, most)
-        found = root(lambda q: np.array(statics(q, P, middle)[0]).ravel(), ends.mean(axis=1))
-        _, moved, K, mass, slope, *_ = (np.array(value) for value in statics(found.x, P, middle))
+        q, balanced = _settled(statics, ends.mean(axis=1), P, middle)
+        _, moved, K, mass, slope, *_ = (np.array(value) for value in statics(q, P, middle))
         squares, modes = eigh(K, mass)
-        if not (found.success and squares[0] > 0):
+        if not (balanced and squares[0] > 0):
             raise InvalidInput(_NO_REST)
         lost = np.diag(modes.T @ -moved @ slope @ modes)  # energy that pressures -s take from each motion
         brake = 2 * _DAMPING * float(np.min(np.sqrt(squares) / lost))
-        each = _barriers(dynamics, ends, grid, found.x, P, most, cases)
+        each = _barriers(dynamics, ends, grid, q, P, most, cases)
         rates = min(barrier.slowest for barrier in each), max(barrier.fastest for barrier in each)
         levels = np.array([[barrier.lowest, barrier.root] for barrier in each])
-        return cls(ends, found.x, P, levels, np.array([barrier.weight for barrier in each]), brake, rates)
+        return cls(ends, q, P, levels, np.array([barrier.weight for barrier in each]), brake, rates)
 
     @classmethod
     def nowhere(cls, n: int, most: Array, cases: Corners) -> "_Rest":
@@ -176,10 +177,10 @@ def _barrier(
 
     levels = np.array(potential.map(len(grid))(grid.T, np.tile(scene[:, None], len(grid))))[0]
     lowest, barrier = _levels(level, slope, levels, ends, grid, q)
-    settled = root(lambda q: np.array(statics(q, P, scene)[0]).ravel(), q)
-    _, _, K, mass, *_ = (np.array(value) for value in statics(settled.x, P, scene))
+    there, balanced = _settled(statics, q, P, scene)
+    _, _, K, mass, *_ = (np.array(value) for value in statics(there, P, scene))
     squares = eigh(K, mass, eigvals_only=True)
-    if not (settled.success and barrier > lowest and squares[0] > 0):
+    if not (balanced and barrier > lowest and squares[0] > 0):
         raise InvalidInput(_NO_REST)
     weight = np.sqrt(np.einsum("gij,gij->gj", gain, np.linalg.solve(M, gain)).max(axis=0) / 2)
     fastest = float(max(eigh(*pair, eigvals_only=True)[-1] for pair in zip(stiff, M, strict=True)))
@@ -206,6 +207,16 @@ def _held(statics: Callable[[Array, Array], Value], q: Array, least: Array, most
     rows = np.vstack([1e4 * gain * span, np.eye(len(most))])
     found = lsq_linear(rows, np.concatenate([-1e4 * (torque[:, 0] + gain @ middle), 0 * most]), (-0.5, 0.5))
     return np.asarray(middle + span * found.x)
+
+
+def _settled(statics: "Function", q: Array, P: Array, scene: Array) -> tuple[Array, bool]:
+    """Return the posture (n) near `q` in which the torques balance, and whether they do.
+
+    The torques decide, because SciPy reports a failure if the search begins at the solution.
+    """
+    found = root(lambda q: np.array(statics(q, P, scene)[0]).ravel(), q)
+    size = float(np.abs(np.array(statics(found.x, P, scene)[1]) * P).max())
+    return found.x, bool(np.abs(found.fun).max() <= _BALANCED * size)
 
 
 def _levels(

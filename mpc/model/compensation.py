@@ -196,7 +196,7 @@ def check_regulators(of: Any) -> None:
             if (value := checks.number(name, lag, "s")) <= 0:
                 raise InvalidInput(f"{name} = {value:g} s has to be positive, or None for the lag of the plant")
             object.__setattr__(of, name, value)
-    flow = float(of.flow) if of.flow == inf else checks.number("flow", of.flow, "Pa/s")
+    flow = checks.number_or_inf("flow", of.flow, "Pa/s")
     if flow <= checks.LOOKS_LIKE_BAR[1]:
         raise InvalidInput(f"flow = {flow:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
     object.__setattr__(of, "flow", flow)

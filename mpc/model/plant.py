@@ -82,7 +82,7 @@ class Plant:
         self._check_gas()
 
     def _check_gas(self) -> None:
-        frequency = float(self.frequency) if self.frequency == inf else checks.number("frequency", self.frequency, "Hz")
+        frequency = checks.number_or_inf("frequency", self.frequency, "Hz")
         if frequency < 0:
             raise InvalidInput(f"frequency = {frequency:g} Hz has to be 0 or more")
         object.__setattr__(self, "frequency", frequency)

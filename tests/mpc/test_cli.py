@@ -73,6 +73,23 @@ def test_track_prints_the_errors_after_the_first_rest_as_well(tmp_path):
     assert [float(p) for p in printed] == pytest.approx(expected, rel=0.01)
 
 
+def test_an_amplitude_is_not_ignored_where_there_is_no_hysteresis(tmp_path):
+    command = [
+        "track",
+        "min-jerk",
+        "--out",
+        str(tmp_path / "run.csv"),
+        "--controller",
+        "feedforward",
+        "--amplitude",
+        "5",
+    ]
+    printed = CliRunner().invoke(app, [*command, "--plant", "nominal"]).output
+    assert "--amplitude: this plant has no hysteresis" in printed
+    printed = CliRunner().invoke(app, [*command, "--plant", "real", "--force"]).output
+    assert "felt stiffness, with hysteresis: pushes of ±5° meet" in printed
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["nominal", "real"])
 def test_track_tells_the_controller_what_the_plant_s_file_says_and_simulates_it(plant, tmp_path):
@@ -131,7 +148,7 @@ def test_without_a_trajectory_another_joint_moves_about_what_it_has(tmp_path):
     assert result.exit_code == 0, result.output
     run = load_recording(out)
     assert np.abs(run.theta_ref).max() <= 18.001 * DEG
-    assert "out of this joint's reach" not in result.output
+    assert "out of reach" not in result.output
     assert "trajectory: angle -18 … 18°, stiffness " in result.output
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from allocator import DEG, InvalidInput, feasibility_map, named_muscle, report_joint, save_machine
+from allocator.identification import fit_motion
 from mpc import (
     Arm,
     Compensation,
@@ -18,13 +19,17 @@ from mpc import (
     margins,
     robust_weights,
     simulate,
+    sine,
     tune,
 )
 from mpc.export import export
-from mpc.trials import closed_loop, sampled_controller, sampled_plant, sampled_real_plant
+from mpc.model import Friction, MaxwellSlip
+from mpc.trials import circle, closed_loop, point_to_point, sampled_controller, sampled_plant, sampled_real_plant
+from mpc.trials.motions.trajectories import chirp, jumps, steps, stiffness_ramps, stiffness_step, together
 
 PLANT = Plant()
 ARM = Arm.machine("arm26")
+SLIP = MaxwellSlip.of_width(PLANT, 0.1)
 NAN = float("nan")
 
 
@@ -82,6 +87,26 @@ def real(**effects):
         (lambda: real(pressure_offset=-1), "pressure_offset = -1 has to be a row of values"),
         (lambda: real(torque_profile=(1, 2)), "torque_profile: an entry = 1 has to be a pair (time [s], torque [N·m])"),
         (lambda: real(faults=[3]), "faults: an entry = 3 has to be a Fault"),
+        (lambda: Compensation(flow=np.ones(2)), "has to be one number [Pa/s]"),
+        (lambda: replace(PLANT, frequency=np.ones(2)), "has to be one number [Hz]"),
+        (lambda: Friction(0.1).share("all"), "share = 'all' is not a number"),
+        (lambda: SLIP.share(-1), "share = -1 has to be one number that is not negative [-]"),
+        (lambda: MaxwellSlip.of_width(ARM, None), "width = None is not a number"),
+        (lambda: MaxwellSlip.of_width(ARM, 0.1, joint=-1), "joint = -1 has to be a whole number, 0 or more"),
+        (lambda: Friction.of_width(ARM, 0.1, joint=2), "joint = 2 is over 1"),
+        (lambda: circle(ARM, size=np.inf), "size = inf is not finite"),
+        (lambda: point_to_point("stiff"), "K = 'stiff' is not a number"),
+        (lambda: point_to_point(time=0), "time = 0 has to be one number above 0 [s]"),
+        (lambda: chirp(duration=0), "duration = 0 has to be one number above 0 [s]"),
+        (lambda: chirp(frequencies=1.0), "frequencies = 1.0 has to be two frequencies [Hz]"),
+        (lambda: steps(rest=-1), "rest = -1 has to be one number that is not negative [s]"),
+        (lambda: stiffness_step(K=6.0), "K = 6.0 has to be two stiffnesses [N·m/rad]"),
+        (lambda: stiffness_ramps(height=NAN), "height = nan is not finite"),
+        (lambda: together(angle=1j), "angle = 1j"),
+        (lambda: fit_motion([0], [0], [0], [0], joint="my.toml"), "joint = 'my.toml' has to be an AntagonistJoint"),
+        (lambda: sine(duration=1e300), "a duration of 1e+300 s has over 1e+06 samples"),
+        (lambda: jumps(rest=1e300), "samples of 0.01 s"),
+        (lambda: jumps(rest=0), "rest = 0 has to be one number above 0 [s]"),
         (lambda: replace(report_joint(), friction=2), "friction = 2 has to be a share of the muscle forces, 0 to 1"),
         (lambda: report_joint().torque([0.1, 0.2], [1e5, 2e5, 3e5], 2e5), "do not broadcast: theta (2,), P1 (3,)"),
         (lambda: report_joint().stiffness(0.1, 2e5, 2e5, amplitude=3), "for degrees multiply by 0.0174"),

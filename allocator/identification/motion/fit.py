@@ -97,6 +97,8 @@ def fit_motion(
     InvalidInput
         For an invalid log, and for one with too little motion, with a suggested experiment.
     """
+    if joint is not None:
+        checks.instance("joint", joint, AntagonistJoint, "an AntagonistJoint, such as that of fit_joint")
     log = MotionLog.checked(t, theta, P1, P2)
     zero = float(checks.angle("zero", checks.number("zero", zero, "rad")))
     tell = progress or (lambda step: None)

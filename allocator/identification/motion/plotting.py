@@ -1,7 +1,10 @@
 """Pictures of a moving joint's fit: the free run, its error over time and angle, and the hysteresis."""
 
+from collections.abc import Callable
+
 import numpy as np
 
+from allocator.calculus import Array
 from allocator.identification.motion.result import MotionFit
 from allocator.lazy import Axes, Figure
 from allocator.presentation.plotting import legend_below, new_figure
@@ -22,12 +25,25 @@ def plot_motion_fit(fit: MotionFit, figure: "Figure | None" = None) -> "Figure":
     return figure
 
 
+def _broken(fit: MotionFit) -> Callable[[Array], Array]:
+    """Return a function that leaves out the first row of every further stretch, so that lines end at gaps."""
+    begins = [part.start for part in fit.log.parts[1:]]
+
+    def broken(values: Array) -> Array:
+        values = values.copy()
+        values[begins] = np.nan
+        return values
+
+    return broken
+
+
 def _angles(fit: MotionFit, axes: "Axes") -> None:
     t = fit.log.t - fit.log.t[0]
     shown = t <= _SHOWN
-    axes.plot(t[shown], fit.log.theta[shown] / DEG, color="0.3", label="measured")
-    axes.plot(t[shown], fit.run.theta[shown] / DEG, color="C3", linewidth=1, label="free run")
-    axes.plot(t[shown], fit.run.static[shown] / DEG, color="C0", linewidth=0.7, label="static angle")
+    broken = _broken(fit)
+    axes.plot(t[shown], broken(fit.log.theta)[shown] / DEG, color="0.3", label="measured")
+    axes.plot(t[shown], broken(fit.run.theta)[shown] / DEG, color="C3", linewidth=1, label="free run")
+    axes.plot(t[shown], broken(fit.run.static)[shown] / DEG, color="C0", linewidth=0.7, label="static angle")
     axes.set(xlabel="time [s]", ylabel="angle [°]", title=f"free run: {fit.error.every / DEG:.2f}° RMS")
     legend_below(axes)
 
@@ -36,7 +52,9 @@ def _errors(fit: MotionFit, axes: "Axes") -> None:
     t = fit.log.t - fit.log.t[0]
     _, low, high = fit.bands.about(0 * t, fit.problem.taut(fit.run))
     axes.fill_between(t, low / DEG, high / DEG, color="C0", alpha=0.3, linewidth=0, label="band of 95 %")
-    axes.plot(t, fit.errors() / DEG, color="C3", linewidth=0.6)
+    errors = _broken(fit)(fit.errors()) / DEG
+    axes.plot(t, errors, color="0.6", linewidth=0.6, label="not counted, from an unknown state")
+    axes.plot(t, np.where(fit.log.settled, errors, np.nan), color="C3", linewidth=0.6)
     legend_below(axes)
     axes.axhline(0, color="0.6", linewidth=1)
     axes.axvspan(_HELD * t[-1], t[-1], color="0.92", zorder=0)
@@ -47,7 +65,8 @@ def _errors(fit: MotionFit, axes: "Axes") -> None:
 
 def _residuals(fit: MotionFit, axes: "Axes") -> None:
     taut = fit.problem.taut(fit.run)
-    for rows, colour, label in ((~taut, "C1", "a pressure below 1.5 bar"), (taut, "C0", "taut")):
+    for kind, colour, label in ((~taut, "C1", "a pressure below 1.5 bar"), (taut, "C0", "taut")):
+        rows = kind & fit.log.settled
         if rows.any():
             axes.plot(
                 fit.run.theta[rows] / DEG, fit.errors()[rows] / DEG, ".", color=colour, markersize=1.5, label=label

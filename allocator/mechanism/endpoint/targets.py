@@ -78,8 +78,8 @@ class EndpointTargets:
         n, (L, c) = self.endpoint.n, self._linear
         E0 = (L @ given.y0[:, n:, None])[..., 0] + c
         y0 = np.broadcast_to(given.y0[:, :n], (len(E0), n))
-        M = np.broadcast_to(given.M[:, :n], (len(E0), *given.M[:, :n].shape[1:]))
-        return TargetsMap(np.concatenate([y0, E0], axis=1), np.concatenate([M, L @ given.M[:, n:]], axis=1))
+        torque, stiffness = (np.broadcast_to(M, (len(E0), *M.shape[1:])) for M in (given.M[:, :n], L @ given.M[:, n:]))
+        return TargetsMap(np.concatenate([y0, E0], axis=1), np.concatenate([torque, stiffness], axis=1))
 
     def on_joints(self, d: Array) -> tuple[Array, Array]:
         """Return (d' (N, …), b (N)) with d·(τ, E) = d'·(τ, K_q) + b for directions `d` (N, …)."""

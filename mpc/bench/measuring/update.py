@@ -87,6 +87,8 @@ def _covariance(joint: AntagonistJoint) -> Array:
     """Return the covariance of all parameters; zero for those without one."""
     if joint.covariance is not None:
         return np.array(joint.covariance)
+    if joint.agonist == joint.antagonist and joint.agonist.covariance is not None:  # one law, whose errors are common
+        return np.asarray(np.kron(np.ones((2, 2)), joint.agonist.covariance), float)
     each = [
         np.zeros((len(m.parameters),) * 2) if m.covariance is None else np.array(m.covariance)
         for m in (joint.agonist, joint.antagonist)

@@ -94,7 +94,8 @@ class Friction:
         return self.most(contact) * memory
 
     def share(self, share: float) -> Self:
-        """Return the same model with a `share` [-] of its torque."""
+        """Return the same model with a `share` [-] of its torque. Raises `InvalidInput`."""
+        share = checks.not_negative("share", share, "-")
         return replace(self, mu=share * self.mu, coulomb=share * self.coulomb)
 
     @property
@@ -108,11 +109,12 @@ class Friction:
 
 
 def torque_of_width(plant: Machine, width: float, joint: int = 0) -> float:
-    """Return T_f [N·m] of a loop `width` [rad] at θ = 0, P1 + P2 = 5 bar: K width/2."""
-    return float(usual_loads(plant, joint).stiffness * width / 2)
+    """Return T_f [N·m] of a loop `width` [rad] at θ = 0, P1 + P2 = 5 bar: K width/2. Raises `InvalidInput`."""
+    return float(usual_loads(plant, joint).stiffness * checks.not_negative("width", width, "rad") / 2)
 
 
 def usual_loads(plant: Machine, joint: int = 0) -> Loads:
     """Return the loads at which widths of loops are defined."""
+    joint = checks.count("joint", joint, least=0, most=plant.n - 1)
     q = np.zeros(1) if isinstance(plant, Plant) else plant.middle
     return Contacts(plant)(np.concatenate([q, np.zeros(plant.n), np.full(plant.m, WIDTH_AT)]))[joint]

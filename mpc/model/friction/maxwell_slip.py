@@ -30,6 +30,7 @@ from typing import Self
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Array, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop
@@ -163,7 +164,8 @@ class MaxwellSlip:
         return self.strength(contact) * (memory @ np.array(self.springs))
 
     def share(self, share: float) -> Self:
-        """Return the same model with a `share` [-] of its torque."""
+        """Return the same model with a `share` [-] of its torque. Raises `InvalidInput`."""
+        share = checks.not_negative("share", share, "-")
         return replace(self, springs=tuple(share * k for k in self.springs))
 
     def strength(self, contact: Loads) -> Value:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from allocator import checks
+from allocator import allocate, checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import Pulleys
@@ -17,6 +17,7 @@ _STIFFNESS = {2: [[12.0, 4.6], [4.6, 9.5]]}
 _EACH = 6.0  # [N·m/rad] of every joint of other arms
 _SWING = 23.0, 17.0, 15.0, 12.0  # [°]
 _K_SWING = 1.5  # [N·m/rad] of K11
+_NEAR = 1 / 3  # [-] of the greatest entry, greatest error of a usual stiffness, such as of biarticular muscles
 _MOST = 0.6  # [-] of a joint's range, greatest swing
 _SHARES = 1.0, 0.7, 0.5, 0.35, 0.25  # [-] of a swing; the first one that the arm can hold is used
 _HELD = 0.1  # [-] of the least stiffness in the middle, required elsewhere
@@ -26,18 +27,20 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
     """Return swings of all joints, each a quarter of a period later, by ±23°, ±17°, … times `size`, while K11 swings.
 
     The joints swing about the middles of their ranges, and less if the arm would not hold itself. K is
-    [[12 ± 1.5, 4.6], [4.6, 9.5]] for two joints on pulleys, which a biarticular pair can provide; diag(6 ± 1.5, 6, …)
-    for others on pulleys; otherwise the stiffness at middle pressures, ± 10 %. Raises `InvalidInput`.
+    [[12 ± 1.5, 4.6], [4.6, 9.5]] for two joints on pulleys with a biarticular pair, and diag(6 ± 1.5, 6, …) for others
+    on pulleys, if their muscles come near it, and otherwise the stiffness at middle pressures, ± 10 %.
+
+    Raises `InvalidInput`.
     """
     frequency = checks.positive("frequency", frequency, "Hz")
-    swings, w = usual_swings(arm, size), 2 * np.pi * frequency
-    middle, K_of = middle_of(arm), usual_stiffness(arm)
+    swings, w = usual_swings(arm, checks.positive("size", size, "-")), 2 * np.pi * frequency
+    middle, K_of, of_numbers = middle_of(arm), usual_stiffness(arm), _usual_number(arm) is not None
 
     def at(t: Array) -> tuple[Array, Array]:
         phase = w * t[:, None] + np.arange(arm.n) * np.pi / 2
         q = middle + swings * np.sin(phase)
         K = K_of(q)
-        if _on_pulleys(arm):
+        if of_numbers:
             K[:, 0, 0] += _K_SWING * np.sin(w * t)
         else:
             K *= 1 + 0.1 * np.sin(w * t)[:, None, None]
@@ -79,7 +82,7 @@ def draw(arm: Arm, seconds: float = 4.0, turns: float = 2.0) -> Reference:
     The joints' K = [[12 + 2 sin φ, 4.6 + 0.8 cos φ], [4.6 + 0.8 cos φ, 9.5 - 1.5 sin φ]] turns once per figure; that of
     the hand is K_x with K = JᵀK_x J (M4). Raises `InvalidInput` for an arm with other than two joints.
     """
-    if arm.n != 2 or not isinstance(arm.bodies, Bodies) or not _on_pulleys(arm):
+    if arm.n != 2 or not isinstance(arm.bodies, Bodies) or not isinstance(arm.mechanism.routes, Pulleys):
         raise InvalidInput(
             f"draw is for arm26, with n = 2 joints in the plane, whose hand determines the angles; n = {arm.n}"
         )
@@ -119,24 +122,30 @@ def tracked_stiffness(arm: Arm, q: Array, K: Array) -> Array:
 def usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
     """Return the joints' stiffness (k, n, n) [N·m/rad] over postures (k, n).
 
-    On pulleys it is the same everywhere; elsewhere it is that of middle pressures.
+    On pulleys it is the same everywhere, if the muscles come near it; otherwise it is that of middle pressures.
     """
-    if not _on_pulleys(arm):
-        P = np.full(arm.m, np.mean(arm.mechanism.pressure_limits))
-        return lambda q: arm.mechanism.stiffness(q, np.broadcast_to(P, (len(q), arm.m)))
+    if (K := _usual_number(arm)) is not None:
+        return lambda q: np.tile(K, (len(q), 1, 1))
+    P = np.full(arm.m, np.mean(arm.mechanism.pressure_limits))
+    return lambda q: arm.mechanism.stiffness(q, np.broadcast_to(P, (len(q), arm.m)))
+
+
+def _usual_number(arm: Arm) -> Array | None:
+    """Return a usual stiffness (n, n) [N·m/rad]; None off pulleys, and if the muscles do not come near its swing."""
+    if not isinstance(arm.mechanism.routes, Pulleys):
+        return None
     crossing = arm.mechanism.arms(np.zeros(arm.n))
     coupled = arm.n == 2 and bool((np.abs(crossing) > 0).all(axis=1).any())
     K = np.array(_STIFFNESS[2]) if coupled else _EACH * np.eye(arm.n)
-    return lambda q: np.tile(K, (len(q), 1, 1))
+    ends = np.stack([K, K])
+    ends[:, 0, 0] += -_K_SWING, _K_SWING
+    given = allocate(np.stack([middle_of(arm)] * 2), ends, joint=arm.mechanism).K
+    return K if np.abs(given - ends).max() <= _NEAR * K.max() else None
 
 
 def usual_swings(arm: Arm, size: float = 1.0) -> Array:
     """Return swings (n,) [rad] of ±23°, ±17°, … times `size`, or less if the arm would not hold itself."""
     return _swings(arm, size * np.resize(_SWING, arm.n) * DEG)
-
-
-def _on_pulleys(arm: Arm) -> bool:
-    return isinstance(arm.mechanism.routes, Pulleys)
 
 
 def middle_of(arm: Arm) -> Array:

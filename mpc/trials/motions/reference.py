@@ -130,6 +130,13 @@ def min_jerk(s: Array) -> Array:
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
+def times(duration: float, dt: float) -> Array:
+    """Return the times (M,) [s] of samples of `dt` from 0 to `duration` [s]. Raises `InvalidInput` for too many."""
+    if not duration <= LONGEST * dt:
+        raise InvalidInput(f"a duration of {duration:g} s has over {LONGEST:.0e} samples of {dt:g} s")
+    return np.asarray(dt * np.arange(round(duration / dt) + 1.0))
+
+
 def sine(
     amplitude: float = 40 * DEG,
     frequency: float = 0.5,
@@ -154,7 +161,7 @@ def sine(
         checks.number(name, value, "s")
     if not (duration > 0 and 0 <= 2 * ramp <= duration and 0 < dt <= duration):
         raise InvalidInput(f"duration = {duration:g} s has to cover two ramps of {ramp:g} s and a dt of {dt:g} s")
-    t = dt * np.arange(round(duration / dt) + 1.0)
+    t = times(duration, dt)
     rest = np.minimum(t, duration - t)  # time to the nearer end
     swell = min_jerk(rest / ramp) if ramp > 0 else np.ones_like(t)
     theta = amplitude * swell * np.sin(2 * np.pi * frequency * t)

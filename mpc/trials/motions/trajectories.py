@@ -9,19 +9,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allocator import allocate
+from allocator import allocate, checks
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.units import DEG
-from mpc.trials.motions.reference import Reference, min_jerk, sine
+from mpc.trials.motions.reference import Reference, min_jerk, sine, times
 
 LEAD = 4.0  # [s] first rest
 _DT = 0.01  # [s] between samples
 _SAFE = 10.0  # [N·m/rad] at which every trajectory is positive
+_UNITS = dict.fromkeys(("time", "rest", "duration"), "s") | dict.fromkeys(("low", "high"), "Hz")
+_UNITS |= dict.fromkeys(("K", "height"), "N·m/rad") | dict.fromkeys(("angle", "theta", "amplitude"), "rad")
+_CHECKS = {"rest": checks.not_negative, "time": checks.positive, "duration": checks.positive}
 
 
 def _times(duration: float) -> Array:
-    return np.asarray(_DT * np.arange(round(duration / _DT) + 1), float)
+    return times(duration, _DT)
+
+
+def _check(**values: float) -> None:
+    """Refuse numbers that are not finite, and durations that are not positive; a rest may be 0."""
+    for name, value in values.items():
+        _CHECKS.get(name, checks.number)(name, value, _UNITS[name])
 
 
 def rested_sine(K: float = 5.5, duration: float = 10.0) -> Reference:
@@ -38,6 +47,7 @@ def rested_sine(K: float = 5.5, duration: float = 10.0) -> Reference:
 
 def point_to_point(K: float = 5.5, angle: float = 60 * DEG, time: float = 1.0, rest: float = 2.0) -> Reference:
     """Return a path from -angle/2 to angle/2 and back, each with minimum jerk in `time`, and a `rest` after each."""
+    _check(K=K, angle=angle, time=time, rest=rest)
     t = _times(LEAD + 2 * (time + rest))
     there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
     return Reference(t, angle * (there - back - 0.5), np.full_like(t, K))
@@ -50,9 +60,10 @@ def chirp(
     duration: float = 10.0,
 ) -> Reference:
     """Return a sine of rising frequency [Hz], fading in and out over one second each."""
+    low, high = checks.pair("frequencies", frequencies, "has to be two frequencies [Hz]")
+    _check(K=K, amplitude=amplitude, low=low, high=high, duration=duration)
     t = _times(LEAD + duration)
     s = np.clip(t - LEAD, 0, duration)
-    low, high = frequencies
     phase = 2 * np.pi * (low * s + (high - low) * s**2 / (2 * duration))
     fade = min_jerk(s) * min_jerk(duration - s)
     return Reference(t, amplitude * fade * np.sin(phase), np.full_like(t, K))
@@ -60,6 +71,7 @@ def chirp(
 
 def steps(K: float = 5.5, angle: float = 20 * DEG, time: float = 0.4, rest: float = 2.5) -> Reference:
     """Return steps to 20°, 40° and 20°, each with minimum jerk over `time` so that every controller can follow."""
+    _check(K=K, angle=angle, time=time, rest=rest)
     t = _times(LEAD + 3 * (time + rest))
     edges = LEAD + (rest + time) * np.arange(3)
     levels = sum(sign * min_jerk((t - edge) / time) for edge, sign in zip(edges, (1, 1, -1), strict=True))
@@ -70,13 +82,17 @@ def stiffness_step(
     K: tuple[float, float] = (5.0, 6.0), theta: float = 20 * DEG, time: float = 0.3, rest: float = 2.5
 ) -> Reference:
     """Return a stiffness step from K[0] to K[1] and back at constant angle, each with minimum jerk over `time`."""
+    one, other = checks.pair("K", K, "has to be two stiffnesses [N·m/rad]")
+    for value in (one, other):
+        _check(K=value, theta=theta, time=time, rest=rest)
     t = _times(LEAD + 2 * (time + rest))
     there, back = min_jerk((t - LEAD) / time), min_jerk((t - LEAD - time - rest) / time)
-    return Reference(t, np.full_like(t, theta), K[0] + (K[1] - K[0]) * (there - back))
+    return Reference(t, np.full_like(t, theta), one + (other - one) * (there - back))
 
 
 def stiffness_ramps(K: float = 5.5, height: float = 0.5, theta: float = 20 * DEG, rest: float = 1.5) -> Reference:
     """Return stiffness ramps at `theta`: up by `height` in 2 s, down by twice as much in 1 s, and back in 0.5 s."""
+    _check(K=K, height=height, theta=theta, rest=rest)
     stops = np.cumsum([LEAD, 2.0, rest, 1.0, rest, 0.5, rest])
     levels = K + height * np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0, 0.0])
     t = _times(float(stops[-1]))
@@ -88,6 +104,7 @@ def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time:
     K - `height`, and back.
     """
     rest = 1.5
+    _check(K=K, height=height, angle=angle, time=time)
     t = _times(LEAD + 3 * (time + rest))
     edges = LEAD + (rest + time) * np.arange(3)
     moves = [turn * min_jerk((t - edge) / time) for edge, turn in zip(edges, (1, -2, 1), strict=True)]
@@ -97,6 +114,8 @@ def together(K: float = 5.5, height: float = 0.3, angle: float = 40 * DEG, time:
 
 def jumps(K: float = 5.5, angle: float = 25 * DEG, rest: float = 1.5) -> Reference:
     """Return steps that no joint can follow, to `angle`, to -`angle` and back to 0: commands stay at the slew limit."""
+    _check(K=K, angle=angle)
+    checks.positive("rest", rest, "s")
     t = _times(LEAD + 3 * rest)
     sample = np.round((t - LEAD) / _DT)  # whole numbers avoid rounding at the edges
     per = round(rest / _DT)

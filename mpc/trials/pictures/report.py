@@ -9,6 +9,7 @@ import numpy as np
 from allocator.lazy import Figure, Table
 from allocator.mechanism.endpoint import Endpoint
 from allocator.presentation.plotting import GREY, name_axes, new_figure, save_figure
+from allocator.units import BAR
 from mpc.model.plant import Plant
 from mpc.trials.files import save_mcap, save_recording, save_run
 from mpc.trials.margins import ROBUST, Margins
@@ -49,6 +50,17 @@ def plot_margins(found: Sequence[Margins], path: str | PathLike[str] | None = No
     return figure
 
 
+def limits_of_reference(figures: Metrics, slew: float) -> Iterator[str]:
+    """Yield sentences about references out of reach, and about steps at the `slew` limit [Pa/s]."""
+    if figures.out_of_reach:
+        share = f"{figures.out_of_reach:.3g} % of the reference is out of reach"
+        yield f"{share}; `antagonist map` shows the reachable targets"
+    if figures.at_slew_limit >= _WORTH_SAYING:
+        share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed at the limit --slew"
+        yield f"{share} ({slew / BAR:g} bar/s): the reference may be too fast"
+
+
+_WORTH_SAYING = 5.0  # [% of the steps] at the slew limit, below which nothing is reported
 _NOTHING = 1e-6  # [N·m/rad] of an entry of the stiffness: no muscle crosses both joints
 
 

@@ -24,6 +24,7 @@ from allocator.mechanism import (
     from_function,
     machines,
 )
+from allocator.muscles import Cabled, Muscle
 from allocator.muscles.catalogue import MARTENS_DMSP_20_300, SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR
 
@@ -78,6 +79,19 @@ def test_a_file_gives_back_what_was_written(tmp_path, mechanism):
     assert load_machine(path) == mechanism
     assert named_machine(str(path)) == mechanism
     assert hash(load_machine(path)) == hash(mechanism)
+
+
+def test_the_covariance_of_a_muscle_travels_with_its_joint_or_arm(tmp_path):
+    law = MARTENS_DMSP_20_300
+    sizes = np.array(list(law.parameters.values()))
+    fitted = replace(law, covariance=np.diag((0.01 * sizes) ** 2))
+    tied = Cabled(fitted, cable_stiffness=4e4, rest_length=0.4)
+    mixed = replace(report_joint(fitted), antagonist=tied)
+    for machine in (report_joint(fitted), mixed, replace(machines.arm26(), muscles=(fitted, law) * 3)):
+        save_machine(machine, tmp_path / "fitted.toml")
+        assert load_machine(tmp_path / "fitted.toml") == machine
+    tied.save(tmp_path / "tied.toml")
+    assert Muscle.load(tmp_path / "tied.toml") == tied
 
 
 def test_functions_are_not_written(tmp_path):

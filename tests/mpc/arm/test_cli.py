@@ -162,6 +162,7 @@ def test_other_files_are_not_replaced_silently(folder):
         (("--out", "run.npz"), "a run is written as .png, .pdf, .svg, .csv, .gif, .mp4"),
         (("--controller", "pid"), "--controller is for one joint"),
         (("--stiffness", "7"), "--stiffness is for one joint"),
+        (("--amplitude", "2"), "--amplitude is for one joint"),
         (("--no-observer",), "--observer is for one joint"),
         (("--gravity", "1"), "--gravity is for one joint"),
         (("--radius", "20"), "--radius is for one joint"),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from allocator import BAR, allocate
 from allocator.errors import CannotWrite, InvalidInput, MissingBackend
 from allocator.mechanism import Endpoint
 from mpc.arm import film as filming
@@ -17,9 +18,10 @@ from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.model.arm.model import Arm
 from mpc.trials.files import save_run
 from mpc.trials.metrics import metrics
-from mpc.trials.motions.arm_trajectories import draw, reference
+from mpc.trials.motions.arm_trajectories import circle, draw, reference, usual_stiffness
 from mpc.trials.pictures.animation import check_film
 from mpc.trials.pictures.plotting import tracking_figure
+from mpc.trials.pictures.report import limits_of_reference
 from mpc.trials.simulation import Run
 
 ARM = Arm.machine("arm26")
@@ -63,6 +65,20 @@ def test_a_reference_that_stretches_the_arm_out_asks_for_no_stiffness_of_the_han
         reference("circle", hand)
     assert reference("circle", ARM).duration == 8.0
     assert np.isfinite(reference("draw", hand).K).all()
+
+
+def test_the_usual_stiffness_is_one_that_the_muscles_come_near(run):
+    weak = replace(ARM, mechanism=replace(ARM.mechanism, pressure_limits=(0.0, 2.0 * BAR)))
+    q = (ARM.angle_limits[0] + ARM.angle_limits[1]) / 2
+    usual = usual_stiffness(ARM)(q[None])[0]
+    assert allocate(q, usual, joint=ARM.mechanism).success
+    assert not allocate(q, usual, joint=weak.mechanism).success
+    asked = circle(weak, turns=1.0)
+    P = np.full((asked.t.size, weak.m), 1.0 * BAR)
+    swing = 1 + 0.1 * np.sin(np.pi * asked.t)[:, None, None]
+    np.testing.assert_allclose(asked.K, weak.mechanism.stiffness(asked.theta, P) * swing)
+    far = metrics(replace(run, K_ref=10 * run.K_ref))
+    assert "100 % of the reference is out of reach" in next(limits_of_reference(far, 5 * BAR))
 
 
 def test_the_table_has_every_sample_in_degrees_and_bar(run, tmp_path):

@@ -333,6 +333,16 @@ def test_an_update_changes_the_muscles_and_keeps_everything_else(tmp_path):
     assert again.stiffness(*at) == pytest.approx(after.stiffness(*at), rel=1e-9)
 
 
+def test_both_muscles_of_one_law_keep_its_common_errors_when_they_are_updated():
+    law = NOMINAL.joint.agonist
+    rows = np.diag((0.02 * np.array(list(law.parameters.values()))) ** 2)
+    fitted = replace(law, covariance=tuple(map(tuple, rows)))
+    joint = replace(NOMINAL.joint, agonist=fitted, antagonist=fitted)
+    after = strengthened(joint, np.ones(2), np.zeros((2, 2)))
+    a, b = (allocate(0.1, 6.0, 0.5, joint=one).K_std for one in (joint, after))
+    assert b == pytest.approx(a, rel=1e-9)
+
+
 def test_measurements_about_several_rests_are_weighed_and_the_inertia_is_common():
     C = np.diag([4e-4, 4e-4])
     common = 0.05**2

@@ -1,7 +1,9 @@
 """The sweep: what it visits, what it writes, and that a person is waited for."""
 
 import sys
+from dataclasses import replace
 from io import StringIO
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -80,6 +82,22 @@ def test_visits_follow_the_plan_from_both_sides():
         assert np.sign(there - before) == v.direction
         assert all(0 <= P <= 5 * BAR for P in v.come_from)
     assert {v.torque for v in visits_of(plan, JOINT, weights=False)} <= {0.0}
+
+
+@pytest.mark.parametrize("friction", [0.05, 0.1])
+def test_a_joint_with_friction_slides_into_its_setpoints_from_both_sides(friction):
+    joint = replace(JOINT, friction=friction, angle_limits=None)
+    plan = plan_joint_experiment(joint)
+    assert f"come from a P1 {plan.approach / BAR:.1f} bar higher" in str(plan)
+    errors = []
+    for s, v in zip(np.repeat(np.arange(len(plan.setpoints)), 2), visits_of(plan, joint), strict=True):
+        other = tuple(2 * there - away for there, away in zip(v.P, v.come_from, strict=True))  # the other side
+        steps = np.array([(0.0, 0.0), v.P, other, v.come_from, v.P])
+        path = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(steps)])
+        theta = joint.equilibrium(*path[-1], v.torque, history=tuple(path[:-1].T))
+        expected = plan.setpoints[s].falling if v.direction < 0 else plan.setpoints[s].rising
+        errors.append(float(theta) - expected)
+    assert np.sqrt(np.mean(np.square(errors))) < 1 * DEG
 
 
 def test_an_angle_that_never_rests_is_left_out(tmp_path):

@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 
 from allocator import Limits, report_joint
 from allocator.errors import InvalidInput
-from allocator.mechanism import machines
+from allocator.mechanism import Mechanism, Pulleys, machines
+from allocator.muscles import Hogan1984
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 from benchmarks.governor.closed_loop import COMMANDERS, closed_loop
@@ -130,6 +131,17 @@ def test_joints_never_leave_their_range_on_any_plant_within_the_intervals(name):
     assert min(run.moved for run in told) < 0.2  # and it is not always the backup that acts
     untold = [closed_loop(name, commander, arms=6, seconds=1.0, off=OFF) for commander in ("bang", "resonance")]
     assert np.degrees(max(run.beyond for run in untold)) > 3
+
+
+def test_a_rest_in_the_very_middle_of_the_range_is_found():
+    """SciPy's root finder reports a failure if it begins at the solution."""
+    law = Hogan1984(F_max=800.0, eps_max=0.28, P_max=6e5)
+    arms = [(0.02, 0.0), (-0.02, 0.0), (0.0, 0.018), (0.0, -0.018), (0.015, 0.015)]
+    limits = {"pressure_limits": (0.0, 6 * BAR), "min_contraction": 0.0, "angle_limits": ((-0.7, 0.7), (-0.9, 0.9))}
+    arm = Mechanism(Pulleys(0.3, arms, 0.12), (law,) * 5, **limits)
+    governor = PressureGovernor(arm, DT, 8 * BAR, inertia=(0.1, 0.05), lag=0.08)
+    P, rest = np.full((1, 5), 3 * BAR), np.zeros((1, 2))
+    assert np.isfinite(governor(rest, rest, P, P)).all()
 
 
 def test_intervals_without_width_are_numbers():

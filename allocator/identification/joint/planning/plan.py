@@ -43,6 +43,7 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import scaled
 from allocator.units import BAR, DEG
 
+APPROACH = 0.5 * BAR  # distance of a pressure from which a setpoint is approached, without friction
 _DEFLECTIONS = (5.0, 8.0, 12.0)  # [deg] by the weights tried, at the middle of the pressures
 _MOST_SETPOINTS = 60
 LEVELS = 8  # of the pressures
@@ -65,6 +66,17 @@ class Setpoint(NamedTuple):
     falling: float  # expected angle when θ falls into it [rad]
     rising: float  # and when it rises [rad]
 
+    def approach(self, joint: AntagonistJoint) -> float:
+        """Return the distance of either pressure [Pa] from which the joint slides into this setpoint with friction.
+
+        Friction resists θ in one direction before and in the other one after, so that the torque changes by twice it.
+        """
+        theta = (self.falling + self.rising) / 2
+        friction = joint.friction_torque(theta, self.P1, self.P2, 1.0)
+        one, two = joint.sides(theta)
+        gain = min(one.torque_gain(self.P1), -two.torque_gain(self.P2))
+        return max(APPROACH, float(2 * friction / (gain * (1 - joint.friction))))
+
 
 @dataclass(frozen=True)
 class JointPlan:
@@ -76,12 +88,14 @@ class JointPlan:
     accuracy: float  # relative standard deviation of K by the readings' noise [-]
     reached: bool  # whether that meets the requirement
     expected: float  # RMS relative error of K, with a force law wrong by 8 % and friction of unknown form [-]
+    approach: float  # distance of a pressure from which the joint slides into every setpoint [Pa]
     further: tuple[Supplement, ...] = ()  # additional measurements, the most informative first
 
     def __str__(self) -> str:
         """Return the table to follow, and after an empty line the benefit of further measurements."""
         n, usual = len(self.setpoints), _PER_UNKNOWN * self.unknowns
         few = f" are few: with fewer than {usual} a fit follows the errors of its force law."
+        away = f"{self.approach / BAR:.1f}"
         enough = ": with fewer it follows the errors of its force law, and some may end at a stop."
         lines = [
             f"{n} setpoints, each visited twice, with a weight of {self.weight:.3g} N·m; K will be known to about "
@@ -90,8 +104,8 @@ class JointPlan:
             f"alone leaves {self.accuracy:.1%}"
             + ("." if self.reached else ",\nwhich is less accurate than was wanted."),
             f"{n} setpoints for the {self.unknowns} unknowns of the fit{few if n < usual else enough}",
-            "falling: come from a P1 0.5 bar higher, then lower P1 to its value (where the supply ends: from a P2",
-            "0.5 bar lower, then raise P2); rising: from a P1 0.5 bar lower.",
+            f"falling: come from a P1 {away} bar higher, then lower P1 to its value (where the supply ends: from a P2",
+            f"{away} bar lower, then raise P2); rising: from a P1 {away} bar lower. Take more if friction holds it.",
             "Wait until nothing moves and note θ, P1, P2, the torque (> 0 where it pulls θ down) and the direction.",
             " no.  torque [N·m]  P1 [bar]  P2 [bar]   θ falling   θ rising",
         ]
@@ -193,7 +207,8 @@ def _plan(
     falling, rising = angle.reshape(2, -1)
     order = sorted(chosen, key=lambda i: (abs(T[i]), T[i], P1[i], P2[i]))
     points = tuple(Setpoint(*(float(a[i]) for a in (T, P1, P2, falling, rising))) for i in order)
-    return JointPlan(points, W, x.size, reached, reached <= accuracy, candidates.error(chosen), further)
+    approach = max(point.approach(joint) for point in points)
+    return JointPlan(points, W, x.size, reached, reached <= accuracy, candidates.error(chosen), approach, further)
 
 
 def _chosen(

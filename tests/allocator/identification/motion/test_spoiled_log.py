@@ -5,6 +5,7 @@ import pytest
 
 from allocator import BAR, DEG
 from allocator.identification import fit_motion
+from allocator.identification.motion.plotting import plot_motion_fit
 from allocator.identification.motion.samples import read_motion_log
 
 from ....rigs.bags import TOPICS, mcap, ros1, ros2
@@ -58,3 +59,10 @@ def test_a_spoiled_log_gives_parameters_within_the_intervals_of_the_clean_one(sp
     }
     assert not outside
     assert found.error.every < 1.2 * slow_fit.error.every
+    angles, errors, *_ = plot_motion_fit(found).axes
+    starts = [part.start for part in found.log.parts[1:]]
+    assert starts
+    for axes in (angles, errors):
+        for line in axes.lines:
+            y = np.array(line.get_ydata())
+            assert all(row >= y.size or np.isnan(y[row]) for row in starts)  # no line crosses a gap

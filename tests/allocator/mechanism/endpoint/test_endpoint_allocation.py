@@ -165,3 +165,11 @@ def test_wrong_arguments(changed, sentence):
 def test_only_an_answer_for_an_endpoint_has_its_stiffness():
     with pytest.raises(InvalidInput, match="no endpoint was given"):
         _ = allocate(Q, 9.0, joint=ARM).K_x
+
+
+def test_several_forces_at_one_posture_are_answered_as_one_after_the_other():
+    forces, K = np.array([[5.0, 0.0], [0.0, 5.0], [-3.0, 4.0]]), [[290.0, 290.0], [290.0, 380.0]]
+    together = allocate(Q, K, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=forces))
+    for force, P in zip(forces, together.P, strict=True):
+        alone = allocate(Q, K, joint=ARM, stiffness=Stiffness(endpoint=HAND, force=force))
+        np.testing.assert_allclose(P, alone.P, rtol=1e-6)

@@ -11,8 +11,10 @@ from scipy.spatial import ConvexHull
 from allocator import InvalidInput, Limits, Stiffness, allocate, report_joint, stiffness_interval, torque_interval
 from allocator.allocation import allocate_at_least
 from allocator.feasibility import feasible_targets
+from allocator.feasibility.pictures import plot_polygon
 from allocator.feasibility.polygon import Programme, outline
-from allocator.mechanism import Endpoint, Mechanism, machines
+from allocator.mechanism import Endpoint, Mechanism, Pulleys, machines
+from allocator.muscles import Hogan1984
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 
@@ -153,6 +155,16 @@ def test_a_line_and_a_point_are_polygons_too():
     assert sides == []
     nothing, _ = outline(Programme(np.ones((1, 3)), np.array([5.0]), lo, hi, True), np.zeros(2), np.ones((2, 3)))
     assert nothing == []
+
+
+def test_a_picture_names_a_muscle_once_on_an_edge():
+    """A muscle of Hogan's law goes slack where its supply ends: both limits have one mark."""
+    law = Hogan1984(F_max=800.0, eps_max=0.28, P_max=6e5)
+    arm = Mechanism(Pulleys(0.3, [(0.02, 0.0), (-0.02, 0.0), (0.0, 0.018), (0.0, -0.018)], 0.12), (law,) * 4)
+    polygon = feasible_targets(arm, [0.1, 0.2]).polygon("K11", "K22")
+    for text in plot_polygon(polygon).texts[:-1]:
+        marks = text.get_text().split()
+        assert len(marks) == len(set(marks))
 
 
 def test_where_nothing_exists_polygons_are_empty():
