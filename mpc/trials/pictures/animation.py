@@ -53,12 +53,20 @@ def _save_gif(pictures: list[Picture], path: Path, per_second: int) -> None:
     """Write the pictures with one palette, so that a frame holds only the moving parts."""
     from PIL import Image
 
-    some = np.concatenate(pictures[:: max(1, len(pictures) // 8)])
-    palette = Image.fromarray(some).quantize(_COLOURS, method=Image.Quantize.MAXCOVERAGE)  # white stays white
+    palette = _palette(np.concatenate(pictures[:: max(1, len(pictures) // 8)]))
     frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     frames[0].save(
         path, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 / per_second), loop=0
     )
+
+
+def _palette(picture: Picture) -> "Image.Image":
+    """Return the `picture` in the few colours nearest to its own: drawings need others than rendered scenes."""
+    from PIL import Image
+
+    image = Image.fromarray(picture)
+    found = (image.quantize(_COLOURS, method) for method in (Image.Quantize.MAXCOVERAGE, Image.Quantize.FASTOCTREE))
+    return min(found, key=lambda few: np.abs(np.asarray(few.convert("RGB"), np.int16) - picture).mean())
 
 
 def _save_mp4(pictures: list[Picture], path: Path, per_second: int, said: Path) -> None:
@@ -75,6 +83,7 @@ if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.lines import Line2D
     from matplotlib.patches import Polygon
+    from PIL import Image
 
 Progress: TypeAlias = Callable[[Iterable[int]], Iterable[int]]
 
