@@ -216,9 +216,10 @@ class StiffnessKind:
 
     def secant(self, own: Loop) -> Secant | None:
         """Return its hysteresis, for a joint with the `own` loop; None if it excludes hysteresis."""
-        if isinstance(self.loop, tuple):
-            raise InvalidInput(f"a joint of two muscles has one loop of hysteresis, not {len(self.loop)}")
-        return None if self.amplitude is None else (own if self.loop is None else self.loop).secant(self.amplitude)
+        loops = self.loop if isinstance(self.loop, tuple) else (own if self.loop is None else self.loop,)
+        if len(loops) != 1:
+            raise InvalidInput(f"a joint of two muscles has one loop of hysteresis, not {len(loops)}")
+        return None if self.amplitude is None else loops[0].secant(self.amplitude)
 
     def added(self, n: int) -> Array | None:
         """Return the K_h(A) [N·m/rad] of each of the `n` joints of a mechanism; None if it excludes hysteresis.

@@ -98,6 +98,8 @@ def test_a_push_that_cannot_be_is_refused_in_a_sentence(kind, said):
 
 
 def test_one_joint_has_one_loop():
+    one, row = (allocate(0.0, 15.0, 0.0, stiffness=replace(FELT, loop=loop)) for loop in (DAHL, [DAHL]))
+    assert one.P1 == row.P1
     with pytest.raises(InvalidInput, match="one loop of hysteresis, not 2"):
         allocate(0.0, 5.0, 0.0, stiffness=FELT)
 
