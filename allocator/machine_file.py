@@ -59,6 +59,8 @@ from inspect import signature
 from math import pi
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.files.atomic import write_text
@@ -84,6 +86,7 @@ _PAIR = ("agonist", "antagonist")
 _TABLES = ("machine", "routes", "muscle", "gas", "source", "plant", "regulators", "sensors", "intervals", "tuning")
 _OF_A_JOINT = "covariance", "hysteresis", "measured"
 _OF_MORE = "bodies", "friction"
+FRICTION = "mu", "coulomb", "presliding"  # of the table [friction]: [-], [N·m], [rad]
 _LIMITS = ("pressure_limits", "min_contraction", "angle_limits")
 _UNITS = "SI units: Pa, m, rad, N"
 
@@ -337,3 +340,20 @@ def _muscles(file: Table) -> dict[str, Muscle]:
 
 def _kinds() -> dict[str, Any]:
     return {**_GEOMETRIES, **FILED}
+
+
+def frictions_in(file: Table) -> list[dict[str, float]]:
+    """Return the numbers of the table [friction] for each joint, by name; none without it. Raises `InvalidFile`."""
+    if (table := file.table("friction")) is None:
+        return []
+    table.only(FRICTION)
+    machine = machine_from(file)
+    joints = machine.n if isinstance(machine, Mechanism) else 1
+    try:
+        columns = {name: checks.real(name, value, "SI unit") for name, value in table.entries.items()}
+        for name, column in columns.items():
+            if column.shape not in ((), (joints,)):
+                raise InvalidInput(f"{name} = {table.entries[name]} has to be one number, or one per joint ({joints})")
+    except InvalidInput as error:
+        raise table.fault(error) from None
+    return [{name: float(np.broadcast_to(x, joints)[i]) for name, x in columns.items()} for i in range(joints)]

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from typer import Option
 
-from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.shell.options import within
 from allocator.units import DEG
@@ -85,23 +84,12 @@ def _stored(path: str | None, name: str, otherwise: float) -> "ArrayLike":
 
 
 def _loops(path: str | None) -> "list[Loop]":
-    """Return the hysteresis of the joints in a machine's file: one for all of them, or one each.
-
-    Raises `InvalidFile` for no numbers, and `InvalidInput` without a table [friction].
-    """
-    import numpy as np
-
-    from allocator.errors import InvalidFile
+    """Return the hysteresis of each joint in a machine's file. Raises `InvalidInput` without a table [friction]."""
     from allocator.files.toml import Table
     from allocator.joint.felt import Loop
+    from allocator.machine_file import frictions_in
 
-    table = None if path is None else Table.read(path).table("friction")
-    if path is None or table is None:
+    rows = [] if path is None else frictions_in(Table.read(path))
+    if not rows:
         raise InvalidInput(f"--amplitude: {path or 'the machine'} has no table [friction] with the joints' hysteresis")
-    table.only(names := ("mu", "coulomb", "presliding"))
-    given = [name for name in names if name in table.entries]
-    try:
-        rows = np.transpose(np.broadcast_arrays(*(np.atleast_1d(checks.real(x, table.entries[x], "-")) for x in given)))
-        return [Loop(**dict(zip(given, row, strict=True))) for row in rows.tolist()]
-    except (InvalidInput, ValueError) as error:
-        raise InvalidFile(path, f"[friction]: {error}") from None
+    return [Loop(None, **row) for row in rows]

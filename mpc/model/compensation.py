@@ -6,7 +6,7 @@ its torque along the intended motion is in the feed-forward and in the predictio
 inverse of a `PrandtlIshlinskii`, to first order, without an iteration.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from os import PathLike
 from typing import Any, Self
@@ -17,14 +17,13 @@ from allocator import AntagonistJoint, checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.toml import Table
-from allocator.machine_file import load_joint, machine_from
-from allocator.mechanism import Mechanism
+from allocator.machine_file import frictions_in, load_joint
 from allocator.units import BAR, DEG
 from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
 from mpc.model.regulator import ratio
-from mpc.model.storage import numbers_in, stored_regulators
+from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides, without jumps due to noise
 USUAL_DEAD_TIME = 0.02  # [s] of an arm's regulators
@@ -175,16 +174,9 @@ class Compensation:
 
 def _frictions(path: str | PathLike[str]) -> tuple[Friction, ...]:
     """Return the friction of each joint in an arm's file, or () without a table [friction]. Raises `InvalidFile`."""
-    file = Table.read(path)
-    told, machine = numbers_in(file, [f.name for f in fields(Friction)], "friction"), machine_from(file)
-    joints = machine.n if isinstance(machine, Mechanism) else 1
+    rows = frictions_in(Table.read(path))
     try:
-        columns = {name: checks.real(name, value, "SI unit") for name, value in told.items()}
-        for name, column in columns.items():
-            if column.shape not in ((), (joints,)):
-                raise InvalidInput(f"{name} = {told[name]} has to be one number, or one per joint ({joints})")
-        rows = np.transpose([np.broadcast_to(column, joints) for column in columns.values()]).tolist()
-        return tuple(Friction(**dict(zip(told, row, strict=True))) for row in rows)
+        return tuple(Friction(**row) for row in rows)
     except InvalidInput as error:
         raise InvalidFile(path, f"[friction]: {error}") from None
 

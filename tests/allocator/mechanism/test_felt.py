@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from allocator import DEG, InvalidInput, Limits, Stiffness, allocate
+from allocator import DEG, InvalidInput, Limits, Status, Stiffness, allocate
 from allocator.allocation import allocate_at_least
 from allocator.cli import app
 from allocator.feasibility import feasible_targets
 from allocator.joint import Loop, Slip
 from allocator.machine_file import dumps
-from allocator.mechanism import Endpoint, machines
+from allocator.mechanism import Endpoint, Mechanism, from_function, machines
 
 ARM, A = machines.arm26(), 2 * DEG
 DAHL = Loop(coulomb=0.4, presliding=1 * DEG)
@@ -58,12 +58,17 @@ def test_the_stiffness_of_a_hand_has_it_too():
 
 
 def test_a_posture_that_only_friction_holds_is_not_stable():
-    firm = Stiffness(amplitude=A, loop=Loop(coulomb=20.0, presliding=1 * DEG))
-    bent = np.array([0.9, -0.9])
-    assert not allocate(bent, [700.0, 700.0], [0.0, 0.0], joint=ARM, stiffness=firm).stiffness_met
-    for kind, added in ((FELT, ADDED), (firm, 20 * np.tanh(2.0) / A * np.ones(2))):
-        a = allocate(bent, added + 1e-3, [0.0, 0.0], joint=ARM, stiffness=kind)
-        assert a.holds == (np.linalg.eigvalsh(a.K - np.diag(added))[0] > 0)
+    """The arms of these muscles shrink with the angle, so that their forces push the joint away."""
+    routes = from_function(0.4, 1, lambda q: [0.37 - s * 0.01 * q[0] - 0.1 * q[0] ** 2 for s in (1, -1)])
+    toggle = Mechanism(routes, ARM.muscles[0])
+    own = toggle.stiffness([0.0], [3e5, 3e5])[0, 0]
+    assert own < 0
+    stuck = Stiffness(amplitude=A, loop=Loop(coulomb=-2 * own * A / np.tanh(2.0), presliding=1 * DEG))
+    a = allocate([0.0], [-own], [0.0], joint=toggle, stiffness=stuck)
+    assert a.stiffness_met
+    assert a.K[0, 0] == pytest.approx(-own)
+    assert not a.holds
+    assert a.status == Status.UNSTABLE
 
 
 def test_at_least_counts_it_and_its_margin_does_not():
