@@ -22,6 +22,8 @@ _LOWEST = 0.2  # [Hz]
 _SHOWN = 2.5  # of the plane around -1
 _CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
 
+_WORTH_SAYING = 5.0  # [% of the steps] at the slew limit, below which nothing is reported
+
 
 def plot_margins(found: Sequence[Margins], path: str | PathLike[str] | None = None, title: str = "") -> "Figure":
     """Return a figure of |S| and of L's eigenvalues in the plane, one colour per posture, and write it to a `path`.
@@ -60,7 +62,6 @@ def limits_of_reference(figures: Metrics, slew: float) -> Iterator[str]:
         yield f"{share} ({slew / BAR:g} bar/s): the reference may be too fast"
 
 
-_WORTH_SAYING = 5.0  # [% of the steps] at the slew limit, below which nothing is reported
 _NOTHING = 1e-6  # [N·m/rad] of an entry of the stiffness: no muscle crosses both joints
 
 
