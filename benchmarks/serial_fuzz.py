@@ -65,7 +65,7 @@ def host(n: int, rng: np.random.Generator) -> None:
                 lost += 1
             else:
                 read += 1
-                strange += (reading.theta, reading.P1, reading.P2) != (line.said[device.asked], 2e5, 3e5)
+                strange += (reading.theta, *reading.P) != (line.said[device.asked], 2e5, 3e5)
     print(
         f"host: {line.carried} bytes, {read} readings, {strange} of them not the answer; {lost} times none in time, "
         f"{device.late} late, {device.damaged} damaged"

@@ -44,7 +44,7 @@ def device_on(master):
     def read():
         exchanged(master)
         one, two, steps = struct.unpack("<hhi", inputs.input[:8])
-        return Reading(time.monotonic(), 2 * pi * steps / STEPS, one / FULL * RANGE, two / FULL * RANGE)
+        return Reading(time.monotonic(), 2 * pi * steps / STEPS, (one / FULL * RANGE, two / FULL * RANGE))
 
     def write(P1, P2):
         outputs.output = struct.pack("<hh", *(round(P / RANGE * FULL) for P in (P1, P2)))

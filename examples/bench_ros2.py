@@ -37,7 +37,7 @@ class Joint:
 
     def read(self):
         """Return the newest angle and pressures."""
-        return Reading(self.t, self.theta, *self.P)  # an old time: no new angle, which the loop counts as silence
+        return Reading(self.t, self.theta, self.P)  # an old time: no new angle, which the loop counts as silence
 
     def write(self, P1, P2):
         """Publish the commands [Pa]."""

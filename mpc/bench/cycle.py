@@ -208,7 +208,7 @@ class Cycle:
     def _begin(self) -> None:
         """Read the joint's position, and refuse to move a joint outside its limits."""
         reading = self._first_reading()
-        measured = reading.P1, reading.P2
+        measured = reading.P
         present = self.settings.start.present
         if not all(map(isfinite, measured)):
             if present is None:
@@ -319,9 +319,9 @@ class Cycle:
         return taken
 
     def _row(self, reading: Reading, decision: Decision, began: float, late: float, took: float, taken: bool) -> Row:
-        zero = self._began
+        zero, (P1, P2) = self._began, reading.P
         return Row(
-            began - zero, reading.theta, reading.P1, reading.P2, *self._sent, int(decision.phase), self._missed, late,
+            began - zero, reading.theta, P1, P2, *self._sent, int(decision.phase), self._missed, late,
             took, reading.t - zero, int(taken), **decision.about,
         )  # fmt: skip
 

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
 from allocator import checks
+from allocator.calculus import Value
 from allocator.errors import AntagonistError, InvalidInput
 
 
@@ -72,12 +73,14 @@ class DeviceLost(DeviceError):
 
 
 class Reading(NamedTuple):
-    """Sensor readings at one time; NaN if not measured."""
+    """Sensor readings at one time; NaN if not measured.
+
+    Those of an arm with n joints and m muscles have n angles and m pressures.
+    """
 
     t: float  # when it was measured [s], on the clock of the loop: `time.monotonic` for a real device
-    theta: float = nan  # joint angle [rad]
-    P1: float = nan  # agonist, gauge [Pa]
-    P2: float = nan  # antagonist, gauge [Pa]
+    theta: Value = nan  # joint angle [rad], or (n,) of an arm
+    P: tuple[float, ...] = (nan, nan)  # gauge pressures [Pa], of a joint: agonist, antagonist
 
 
 class Device(Protocol):
@@ -163,7 +166,7 @@ class CallableDevice:
             ) from None
         if len(values) not in (1, 3):
             raise DeviceError(f"read() returned {len(values)} numbers: give theta [rad], or theta, P1 and P2 [Pa]")
-        return Reading(t, *(values if len(values) == 3 else (values[0], nan, nan)))
+        return Reading(t, values[0], tuple(values[1:]) or (nan, nan))
 
     def write(self, P1: float, P2: float) -> None:
         """Command pressures [Pa]."""

@@ -108,8 +108,8 @@ class Tracking:
         A later reading is interpolated linearly from the one before, an earlier angle is extrapolated with the
         estimated velocity.
         """
-        t, *now = tick.reading
-        said = np.array([now[0], np.nan, now[1], now[2]])
+        t, theta, P = tick.reading
+        said = np.array([theta, np.nan, *P])
         before, self._before = self._before, (t, said)
         if 0 < tick.due - t <= self.dt:
             said[0] += self._omega * (tick.due - t)
@@ -145,7 +145,7 @@ def replay(columns: Columns, tracking: Tracking) -> Array:
         if phase == Phase.STOP:
             break
         k += 1 + missed
-        tick = Tick(k, missed, Reading(t, theta, P1, P2), (P1, P2) if sent is None else sent, at)
+        tick = Tick(k, missed, Reading(t, theta, (P1, P2)), (P1, P2) if sent is None else sent, at)
         if phase != Phase.RAMP and (decision := tracking.decide(tick)) is not None:
             commands.append(decision.u)
         sent = one, two

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from math import isfinite
 from numbers import Real
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeGuard
 
 from allocator import checks
 from allocator.errors import AntagonistError, InvalidInput
@@ -150,10 +150,10 @@ class Guard:
             where = f"the joint's range {left / DEG:.1f} … {right / DEG:.1f}°"
             return Stopped(Reason.LIMIT, f"the angle {reading.theta / DEG:.1f}° is outside {where}")
         (low, high), margin = self.limits.pressure, self._watchdog.pressure_margin
-        for name, P in (("P1", reading.P1), ("P2", reading.P2)):
+        for i, P in enumerate(reading.P, 1):
             if P < low - margin or P > high + margin:
                 where = f"the supply's range {low / BAR:g} … {high / BAR:g} bar"
-                return Stopped(Reason.LIMIT, f"{name} = {P / BAR:.2f} bar is outside {where}", Action.VENT)
+                return Stopped(Reason.LIMIT, f"P{i} = {P / BAR:.2f} bar is outside {where}", Action.VENT)
         return None
 
     def command(self, u: Pressures, sent: Pressures) -> Pressures:
@@ -166,12 +166,17 @@ class Guard:
 
 
 def checked(reading: object) -> Reading:
-    """Return a device's reading as four floats. Raises `DeviceError` for anything else."""
-    if not isinstance(reading, Sequence) or len(reading) != len(Reading._fields):
-        raise DeviceError(f"read() returned {checks.brief(reading)}, which is not a Reading (t, theta, P1, P2)")
-    if not all(isinstance(value, Real) for value in reading):
+    """Return a device's reading with floats. Raises `DeviceError` for anything else."""
+    if not (_is_row(reading, len(Reading._fields)) and _is_row(reading[2], 2)):
+        raise DeviceError(f"read() returned {checks.brief(reading)}, which is not a Reading (t, theta, (P1, P2))")
+    t, theta, P = reading
+    if not all(isinstance(value, Real) for value in (t, theta, *P)):
         raise DeviceError(f"read() returned {checks.brief(reading)}: a Reading has four real numbers [s, rad, Pa, Pa]")
     try:
-        return Reading(*map(float, reading))
+        return Reading(float(t), float(theta), tuple(map(float, P)))
     except OverflowError:
         raise DeviceError(f"read() returned {checks.brief(reading)}, with a number that no float holds") from None
+
+
+def _is_row(value: object, size: int) -> TypeGuard[Sequence[Any]]:
+    return isinstance(value, Sequence) and len(value) == size

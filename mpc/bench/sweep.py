@@ -196,7 +196,7 @@ class Sweep:
                 reading = self._tick.reading
                 if rows:
                     rows[-1][2:4] = self._tick.sent  # the slew limit may have changed the commands
-                rows.append([reading.t, reading.theta, *u, reading.P1, reading.P2])
+                rows.append([reading.t, reading.theta, *u, *reading.P])
                 yield decision
         known = np.array([row for row in rows if isfinite(row[1])])
         if known.size:
@@ -239,7 +239,7 @@ class Sweep:
 
     def _measured(self) -> tuple[float, float, float]:
         """Return the present angle and pressures; commands in place of unmeasured pressures."""
-        _, theta, P1, P2 = self._tick.reading
+        _, theta, (P1, P2) = self._tick.reading
         return theta, P1 if isfinite(P1) else self._u[0], P2 if isfinite(P2) else self._u[1]
 
     def _move(self, to: Pressures) -> Iterator[Decision]:

@@ -231,7 +231,7 @@ class ModbusDevice:
                 for entry in entries:
                     at = entry.register - first
                     values[entry.quantity] = entry.value(words[at : at + entry.size], self.registers.big)
-        return Reading(self._clock.now(), **values)
+        return Reading(self._clock.now(), values["theta"], (values["P1"], values["P2"]))
 
     def write(self, P1: float, P2: float) -> None:
         """Command pressures [Pa], in one request if the registers are neighbours."""

@@ -255,7 +255,7 @@ class SerialDevice:
             self.board_time += 1e-6 * ((ticks - self._ticks) % 2**32)
         self._ticks = ticks
         self.damaged_there = int(answer.value("damaged"))
-        return Reading(self._dated(asked, come), answer.value("theta"), answer.value("P1"), answer.value("P2"))
+        return Reading(self._dated(asked, come), answer.value("theta"), (answer.value("P1"), answer.value("P2")))
 
     def _dated(self, asked: float, come: float) -> float:
         """Return the time [s] at which the board read its sensors, between request and answer.

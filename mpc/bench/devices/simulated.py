@@ -93,7 +93,7 @@ class SimulatedDevice:
         experiment = self._now()
         theta, _, P1, P2 = experiment.measure().tolist()
         shown = (P1, P2) if self._measures_pressure else (nan, nan)
-        return Reading(self._began + self._steps * STEP, theta + self._zero, *shown)
+        return Reading(self._began + self._steps * STEP, theta + self._zero, shown)
 
     def write(self, P1: float, P2: float) -> None:
         """Command pressures [Pa] from now on."""

@@ -242,8 +242,8 @@ class Driver:
             yield decision
         return np.array(rows)
 
-    def _row(self) -> tuple[float, float, float, float]:
+    def _row(self) -> tuple[float, ...]:
         assert self._tick is not None
         reading = self._tick.reading
         self._angles.append(reading.theta)
-        return reading.t, reading.theta, reading.P1, reading.P2
+        return reading.t, reading.theta, *reading.P

@@ -42,14 +42,14 @@ class Shaking:
         self.furthest = 0.0  # greatest excursion over the wanted amplitude [-]
         self._room = room(plant, theta, self.first)
         self._noise = noise(round(self.duration / dt), dt, seed)
-        self._rows: list[tuple[float, float, float, float]] = []
+        self._rows: list[tuple[float, ...]] = []
         self._centre = float("nan")  # [rad]
         self._decisions = self._all()
 
     def decide(self, tick: Tick) -> Decision | None:
         """Return the commands of this sample, None at the end."""
         reading = tick.reading
-        self._rows.append((reading.t, reading.theta, reading.P1, reading.P2))
+        self._rows.append((reading.t, reading.theta, *reading.P))
         return next(self._decisions, None)
 
     @property

@@ -32,13 +32,13 @@ def driven(process: Process, source: CommandSource, limits: Limits, theta: float
     k = 0
     while True:
         y = trial.measure()
-        reading = Reading(k * dt, float(y[0]), float(y[2]), float(y[3]))
+        reading = Reading(k * dt, float(y[0]), (float(y[2]), float(y[3])))
         if wrong := guard.broken(reading):
             raise wrong
         decision = source.decide(Tick(k, 0, reading, sent, k * dt))
         if decision is None:
             return np.array(rows)
         sent = guard.command(decision.u, sent)
-        rows.append((*reading, *sent))
+        rows.append((reading.t, reading.theta, *reading.P, *sent))
         trial.advance(np.array(sent))
         k += 1

@@ -43,7 +43,7 @@ def main(directory, hang):
             enough.set()
         elif k >= 100 and hang != "no":
             sleeping(hang == "stubborn")
-        return Reading(time.monotonic(), 0.0, 2 * BAR, 2 * BAR)
+        return Reading(time.monotonic(), 0.0, (2 * BAR, 2 * BAR))
 
     def write(P1, P2):
         if next(readings) >= 100 and hang == "device":

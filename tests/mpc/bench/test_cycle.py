@@ -109,9 +109,9 @@ def test_what_happens_at_the_end_is_what_was_asked_for(bench, action):
     ("changed", "said"),
     [
         (lambda r: r._replace(theta=3.0), "outside the joint's range"),
-        (lambda r: r._replace(P2=7 * BAR), "P2 = 7.00 bar is outside the supply's range"),
+        (lambda r: r._replace(P=(0.0, 7 * BAR)), "P2 = 7.00 bar is outside the supply's range"),
         (lambda r: r._replace(theta=float("nan")), "it measures no angle"),
-        (lambda r: r._replace(P1=float("nan"), P2=float("nan")), "measures no pressures"),
+        (lambda r: r._replace(P=(float("nan"),) * 2), "measures no pressures"),
     ],
 )
 def test_a_start_is_refused_where_the_joint_is_not_where_it_may_be(bench, changed, said):
@@ -129,7 +129,7 @@ def test_a_start_without_any_answer_is_refused(bench):
 
 
 def test_pressures_that_nobody_measures_have_to_be_said(bench):
-    bench.device.changed = lambda r: r._replace(P1=float("nan"), P2=float("nan"))
+    bench.device.changed = lambda r: r._replace(P=(float("nan"),) * 2)
     start = SoftStart(rate=5 * BAR, dwell=0.1, settle=0.1, present=(2 * BAR, 2 * BAR))
     record = bench.loop(start=start).run()
     assert record.ending.reason is Reason.FINISHED
@@ -262,8 +262,8 @@ def test_a_device_that_takes_nothing_more_is_said_to(bench):
     [
         (lambda r: r._replace(theta=1e9), Action.RAMP),
         (lambda r: r._replace(theta=float("-inf")), None),
-        (lambda r: r._replace(P1=9e9), Action.VENT),
-        (lambda r: Reading(float("nan"), 0.1, 2e5, 2e5), None),
+        (lambda r: r._replace(P=(9e9, 2e5)), Action.VENT),
+        (lambda r: Reading(float("nan"), 0.1, (2e5, 2e5)), None),
     ],
 )
 def test_garbage_is_not_followed(bench, garbage, action):

@@ -99,7 +99,7 @@ def test_a_disk_that_is_full_is_noticed_before_anything_moves_and_costs_no_log(b
 
 
 def test_run_with_force_leaves_the_log_where_it_cannot_start(log, monkeypatch):
-    monkeypatch.setattr(SimulatedDevice, "read", lambda self: Reading(0.0, 170 * DEG, 0.0, 0.0))
+    monkeypatch.setattr(SimulatedDevice, "read", lambda self: Reading(0.0, 170 * DEG, (0.0, 0.0)))
     arguments = ["run", "min-jerk", "--device", "sim", "--fast", "--quiet", "--controller", "pid", "--out", str(log)]
     refused = CliRunner().invoke(app, arguments)
     assert "log.csv exists" in str(refused.exception)

@@ -122,7 +122,7 @@ def test_an_uneven_clock_does_not_spoil_the_tracking(monkeypatch):
     controller = TrackingMPC(real.nominal, DT, 20, Weights.calm(), compensation=known)
 
     def as_read(tick):
-        _, theta, P1, P2 = tick.reading
+        _, theta, (P1, P2) = tick.reading
         return np.array([theta, np.nan, P1, P2])
 
     def worst(at_due):
@@ -155,5 +155,5 @@ def test_an_angle_that_is_dated_before_it_was_due_goes_on_with_the_estimated_vel
     tracking = Tracking(plant, PIDControl(plant, DT), Differentiator(DT), reference)
     tracking._omega = 2.0
     for age, moved in ((0.008, 0.016), (0.02, 0.0)):  # beyond a sample the velocity may be another one
-        said = tracking._at_due(Tick(1, 0, Reading(1.0 - age, 0.1, 2e5, 2e5), (2e5, 2e5), 1.0))
+        said = tracking._at_due(Tick(1, 0, Reading(1.0 - age, 0.1, (2e5, 2e5)), (2e5, 2e5), 1.0))
         np.testing.assert_allclose(said, [0.1 + moved, np.nan, 2e5, 2e5])

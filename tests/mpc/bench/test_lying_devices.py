@@ -47,9 +47,10 @@ GARBAGE = (
     None, "", "2.3", b"2", 1j, (), (1.0,) * 2, (1.0,) * 4, (1.0, (2e5, 3e5), 1.0), [[0.1, 2e5, 2e5]], {}, object(),
     float("nan"), float("inf"), -float("inf"), 1e300, 10**400, np.array("x"), np.full((3, 3), 0.1),
     (float("nan"),) * 3, (0.1, float("inf"), 2e5), (0.1, 1e300, 2e5), (0.1, None, 2e5), (0.1, "2e5", 2e5), ValueError,
-    Reading(None, None), Reading("0", 0.1, 2e5, 2e5), Reading(0.0, "0.1", 2e5, 2e5), Reading(0.0, 0.1, None, None),
-    Reading(float("nan"), 0.1, 2e5, 2e5), Reading(float("inf"), 0.1, 2e5, 2e5), Reading(1e300, 0.1, 2e5, 2e5),
-    Reading(0.0, 1j), Reading(np.array([0.0, 1.0]), np.array([0.1, 0.1])), Reading(10**400, 0.1, 2e5, 2e5),
+    Reading(None, None), Reading("0", 0.1, (2e5, 2e5)), Reading(0.0, "0.1", (2e5, 2e5)),
+    Reading(0.0, 0.1, (None, None)), Reading(0.0, 0.1, 2e5), Reading(0.0, 0.1, (2e5, 2e5, 2e5)),
+    Reading(float("nan"), 0.1, (2e5, 2e5)), Reading(float("inf"), 0.1, (2e5, 2e5)), Reading(1e300, 0.1, (2e5, 2e5)),
+    Reading(0.0, 1j), Reading(np.array([0.0, 1.0]), np.array([0.1, 0.1])), Reading(10**400, 0.1, (2e5, 2e5)),
 )  # fmt: skip
 WHEN = {"start": 0, "ramp": 10, "motion": 80, "stop": 215}  # calls before the first that fails
 HOW_OFTEN = (1, 2, FOREVER)
@@ -78,7 +79,7 @@ class Valves:
 
     def read(self):
         said = self._called("read")
-        return Reading(self.clock.now(), 0.1, *self.P) if said is None else said[0]
+        return Reading(self.clock.now(), 0.1, self.P) if said is None else said[0]
 
     def write(self, P1, P2):
         self.commanded = True
@@ -231,7 +232,7 @@ def test_valves_that_cannot_vent_are_commanded_to_the_lowest_pressure(tmp_path):
     log = tmp_path / "log.csv"
     valves = Valves().fail("vent", 0, FOREVER, raising(RuntimeError("no vent here")))
     valves.fail(
-        "read", WHEN["motion"], 1, lambda: [Reading(valves.clock.now(), 0.1, 9e9, 2e5)]
+        "read", WHEN["motion"], 1, lambda: [Reading(valves.clock.now(), 0.1, (9e9, 2e5))]
     )  # which asks for a vent
     cycle, _ = run(valves, log=log)
     assert valves.P == (0.0, 0.0)

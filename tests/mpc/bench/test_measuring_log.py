@@ -96,7 +96,7 @@ def test_noise_begins_small_and_is_halved_where_the_joint_moves_too_far():
     source = Shaking(JOINT.real.nominal, 0.0, 5.0, 0.01, 5 * DEG, 6.0)
     sent, angle = [], 0.0
     for k in range(10_000):
-        decision = source.decide(Tick(k, 0, Reading(0.01 * k, angle, *source.first), source.first, 0.01 * k))
+        decision = source.decide(Tick(k, 0, Reading(0.01 * k, angle, source.first), source.first, 0.01 * k))
         if decision is None:
             break
         sent.append(np.subtract(decision.u, source.first))

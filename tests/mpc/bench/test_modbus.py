@@ -33,7 +33,7 @@ def test_readings_and_commands_are_those_of_the_joint(terminal):
     with connected(terminal) as device:
         reading = device.read()
         assert reading.theta == pytest.approx(-0.3, abs=0.005 * DEG + 1e-12)
-        assert (reading.P1, reading.P2) == pytest.approx((1 * BAR, 2 * BAR), abs=0.5e-3 * BAR + 1)
+        assert reading.P == pytest.approx((1 * BAR, 2 * BAR), abs=0.5e-3 * BAR + 1)
         device.write(3.1234 * BAR, 0.5 * BAR)
         np.testing.assert_allclose(terminal.device.command, [3.123 * BAR, 0.5 * BAR])
         device.vent()

@@ -60,7 +60,7 @@ def test_right_answers_are_taken():
         reading = device.read()
         device.write(1 * BAR, 2 * BAR)
         device.vent()
-    assert reading.P1 == pytest.approx(2 * BAR)
+    assert reading.P[0] == pytest.approx(2 * BAR)
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ class ValveTerminal:
         if self.refuse:
             return ExcCodes.DEVICE_BUSY
         if function == 4:
-            _, theta, P1, P2 = self.device.read()
+            _, theta, (P1, P2) = self.device.read()
             (angle,) = struct.unpack(">H", struct.pack(">h", round(theta / DEG / 0.01)))
             registers[:3] = [angle, *(min(max(round(P / BAR * 1000), 0), 65535) for P in (P1, P2))]
         elif function == 16:
