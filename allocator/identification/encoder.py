@@ -12,9 +12,9 @@ from allocator.units import DEG
 _REMARK = re.compile(r"#\s*encoder zero (\S+) rad \(\S+\), subtracted from theta\s*")
 
 
-def remark(zero: float) -> str:
-    """Return the comment of a log whose angles are the readings less `zero` [rad]."""
-    return f"encoder zero {zero!r} rad ({zero / DEG:.4g}°), subtracted from theta"
+def remark(zero: float, column: str = "theta") -> str:
+    """Return the comment of a log whose angles in a `column` are the readings less `zero` [rad]."""
+    return f"encoder zero {zero!r} rad ({zero / DEG:.4g}°), subtracted from {column}"
 
 
 def subtracted(lines: Iterable[str]) -> float:

@@ -17,7 +17,6 @@ from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.measuring.update import update
 from mpc.model.friction.contact import Contact
-from mpc.tracking.limits import Limits
 
 OPERATOR = PrandtlIshlinskii((0.7, 0.12, 0.1, 0.08), (0.5 * DEG, 1.5 * DEG, 4 * DEG), base=0.2)
 RESTS = (-15 * DEG, 5.0), (0.0, 6.0), (15 * DEG, 5.0)
@@ -53,7 +52,7 @@ def drifted(seed: int, directory: Path) -> tuple[tuple[float, float], tuple[floa
     before = errors(load_joint(path), real)
     for noise, (theta, K) in enumerate(RESTS, start=len(RESTS) * seed):
         e = Experiment(plant, told, theta, K, DT, Tones(series=()))
-        driven(real, e, Limits.of(plant, DT), theta, noise)
+        driven(real, e, plant, theta, noise)
         known = Known(plant.inertia)
         found.append(MeasuredStiffness.of(plant, told.friction.loop, e.findings, e.tones, known, real.encoder))
     joint = update(path, found, plant.inertia) if any(m.success for m in found) else load_joint(path)

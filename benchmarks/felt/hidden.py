@@ -26,7 +26,6 @@ from mpc.model.compensation import Compensation
 from mpc.model.friction.contact import Contact, Hysteresis
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.tracking.limits import Limits
 
 DT = 0.01  # [s]
 STRUCTURES = "Maxwell slip", "Dahl", "Coulomb", "elastic operator"
@@ -106,7 +105,7 @@ def measured(h: Hidden, seed: int, tones: Tones | None = None, inertia_error: fl
     plant = replace(h.real.nominal, inertia=J * h.real.nominal.inertia)
     e = Experiment(plant, h.told, h.theta, h.K, DT, tones)
     try:
-        driven(h.real, e, Limits.of(plant, DT), h.theta, seed)
+        driven(h.real, e, plant, h.theta, seed)
     except (Stopped, InvalidInput) as ended:
         e.findings.refusal = e.findings.refusal or str(ended)
     known = Known(plant.inertia, inertia_error, h.told.reading_age)
@@ -119,7 +118,7 @@ def shaken(h: Hidden, seed: int, inertia_error: float = 0.0, J: float = 1.0) -> 
     source = Shaking(plant, h.theta, h.K, DT, 10 * DEG, 45.0)
     middle = (h.theta, *source.first)
     try:
-        driven(h.real, source, Limits.of(plant, DT), h.theta, seed)
+        driven(h.real, source, plant, h.theta, seed)
     except (Stopped, InvalidInput) as ended:
         return outcome(h, refused(middle, source.duration, str(ended)))
     assert source.log is not None

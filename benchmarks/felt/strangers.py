@@ -24,7 +24,6 @@ from mpc.bench.measuring.result import Felt, MeasuredStiffness
 from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.safety import Stopped
-from mpc.tracking.limits import Limits
 from mpc.tuning.draws import Spreads
 
 DT = 0.01  # [s]
@@ -96,7 +95,7 @@ def measured(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K:
     tones = Tones()
     e = Experiment(plant, told, theta, K, DT, tones)
     try:
-        driven(stranger, e, Limits.of(plant, DT), theta, seed)
+        driven(stranger, e, plant, theta, seed)
     except (Stopped, InvalidInput) as ended:
         e.findings.refusal = e.findings.refusal or str(ended)
     return MeasuredStiffness.of(plant, told.friction.loop, e.findings, tones, Known(plant.inertia, 0.0, age),

@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from mpc.bench.cycle import Cycle
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
-    from mpc.bench.record import Lateness, Row
+    from mpc.bench.record import Lateness
+    from mpc.bench.rows import Row
     from mpc.bench.safety import Ending
+    from mpc.model.machine import Machine
     from mpc.trials.motions.reference import Reference
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
@@ -113,7 +115,7 @@ def run_command(
         learner = repeated.learner(reference, answers, at.dt, begun, limits, controller) if learned else None
 
     def drive(asked: "Reference") -> "Record":
-        watch = Watch(plant.joint.pressure_limits[1], at.dt, bench)
+        watch = Watch(plant, at.dt, bench)
         driven = RealTimeLoop(
             opened.device, driver, observer, asked, plant=plant, start=settings.start, stop=settings.stop,
             watchdog=settings.watchdog, overrun=settings.overrun, zero=settings.zero, log=journal,
@@ -176,7 +178,6 @@ def sweep_command(
     from mpc.bench.loop import about
     from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of
     from mpc.bench.sweep import within as inside
-    from mpc.tracking.limits import Limits
 
     console = Console()
     within("--accuracy", accuracy, "%", 0.01, 99)
@@ -189,7 +190,6 @@ def sweep_command(
     settings = bench.settings(options)
     opened = bench.opened(options)
     joint, pace = opened.plant.joint, Pace(rate=rate * BAR, motion=motion)
-    limits = Limits.of(opened.plant, dt)
     plan = plan_joint_experiment(inside(joint), accuracy=accuracy * PERCENT, weights=weight)
     steps = random_steps(joint, round(motion / pace.every), seed)
     source = Sweep(
@@ -199,10 +199,10 @@ def sweep_command(
         console,
         f"{len(source.visits)} visits of setpoints, {motion:g} s of random steps: {source.duration / 60:.1f} min",
     )
-    watch = Watch(limits.pressure[1], dt, bench)
+    watch = Watch(opened.plant, dt, bench)
     cycle = Cycle(
-        opened.device, source, limits, settings, log=files[-1], replace=force, about=about(dt), clock=opened.clock,
-        watch=watch,
+        opened.device, source, opened.plant, settings, log=files[-1], replace=force,
+        about=about(dt, opened.plant), clock=opened.clock, watch=watch,
     )  # fmt: skip
     ending = _run(cycle, watch, console)
     with _exiting(ending):
@@ -256,11 +256,11 @@ def _exiting(ending: "Ending") -> Iterator[None]:
 class Watch:
     """Display of a loop's samples on a dashboard, unless it is quiet."""
 
-    def __init__(self, highest: float, dt: float, bench: BenchOptions) -> None:
+    def __init__(self, machine: "Machine", dt: float, bench: BenchOptions) -> None:
         from mpc.bench.display.dashboard import Dashboard
 
         self.health: Callable[[], object] = lambda: ""
-        self._dashboard = None if bench.quiet else Dashboard(highest, dt, plot=bench.plot)
+        self._dashboard = None if bench.quiet else Dashboard(machine, dt, plot=bench.plot)
 
     def __enter__(self) -> Self:
         if self._dashboard is not None:

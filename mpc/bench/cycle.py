@@ -19,25 +19,27 @@ from math import ceil, inf, isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
+from allocator.calculus import Value
 from allocator.errors import CannotWrite
 from allocator.identification.encoder import remark
 from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
-from mpc.bench.record import Lateness, Recorder, Row
+from mpc.bench.record import Lateness, Recorder
+from mpc.bench.rows import Pressures, Row, Sheet
 from mpc.bench.safety import (
     Action,
     Ending,
     Guard,
-    Pressures,
     Reason,
     RefusedStart,
     SafeStop,
     SoftStart,
     Stopped,
     Watchdog,
-    checked,
 )
 from mpc.bench.stops import Stops, said
-from mpc.tracking.limits import Limits
+from mpc.model.machine import Machine
 
 _PATIENCE = 5  # readings to wait for before a start
 _PAUSE = 0.05  # between two tries of the last command [s]
@@ -80,7 +82,7 @@ class Decision(NamedTuple):
 
 
 class CommandSource(Protocol):
-    """Source of the commands, one pair per sample of `dt` [s]."""
+    """Source of the commands, m pressures per sample of `dt` [s]."""
 
     @property
     def dt(self) -> float:
@@ -101,12 +103,14 @@ class Settings(NamedTuple):
     start: SoftStart = SoftStart()
     watchdog: Watchdog = Watchdog()
     stop: SafeStop = SafeStop()
-    zero: float = 0.0  # encoder reading at 0 of the joint [rad], subtracted from all readings
+    zero: Value = 0.0  # encoder reading at 0 of the joint [rad], (n,) of an arm, subtracted from all readings
 
     @property
     def about(self) -> tuple[str, ...]:
-        """Comment of logs of angles: the zero that was subtracted, if any."""
-        return (remark(self.zero),) if self.zero else ()
+        """Comments of logs of angles: the zeros that were subtracted, if any."""
+        if not np.ndim(self.zero):
+            return (remark(self.zero),) if self.zero else ()
+        return tuple(remark(zero, f"theta{i}") for i, zero in enumerate(self.zero.tolist(), 1) if zero)
 
 
 class Cycle:
@@ -120,7 +124,7 @@ class Cycle:
         self,
         device: Device,
         source: CommandSource,
-        limits: Limits,
+        machine: Machine,
         settings: Settings,
         *,
         log: str | Path | None = None,
@@ -129,12 +133,14 @@ class Cycle:
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
-        self.device, self.source, self.dt, self.limits, self.settings = device, source, source.dt, limits, settings
+        self.device, self.source, self.dt, self.settings = device, source, source.dt, settings
         self.clock: Clock = MonotonicClock() if clock is None else clock
-        self.recorder = Recorder(log, (*about, *settings.about), replace=replace)
+        self.recorder = Recorder(log, (*about, *settings.about), sheet=Sheet.of(machine), replace=replace)
         self.ending: Ending | None = None
         self._watch = watch
-        self._guard = Guard(limits, settings.watchdog, settings.start.angle_margin)
+        self._guard = Guard(machine, source.dt, settings.watchdog, settings.start.angle_margin)
+        self.limits = self._guard.limits
+        settings.start.check(machine.m)
         self._stops = Stops(device, settings.watchdog.stall)
         self._calling = ""  # function of the device, or `watch`, that is being called
         self._commanded, self._sighted = False, True
@@ -208,20 +214,11 @@ class Cycle:
     def _begin(self) -> None:
         """Read the joint's position, and refuse to move a joint outside its limits."""
         reading = self._first_reading()
-        measured = reading.P
-        present = self.settings.start.present
-        if not all(map(isfinite, measured)):
-            if present is None:
-                raise RefusedStart(
-                    "the device measures no pressures: give their values, SoftStart(present=(P1, P2)) in Pa, or "
-                    "--present on the command line (0:0 after venting)"
-                )
-            measured = present
+        measured = reading.P if all(map(isfinite, reading.P)) else self.settings.start.given(len(reading.P))
         if wrong := self._guard.broken(reading):
             raise RefusedStart(f"{wrong.message}; nothing was commanded")
         low, high = self.limits.pressure
-        one, two = (min(max(P, low), high) for P in measured)
-        self._sent: Pressures = one, two
+        self._sent: Pressures = tuple(min(max(P, low), high) for P in measured)
         self._began = self._seen = self._taken = self.clock.now()
         self._last_read = -inf  # that one may be read again
         self._next, self._missed = 0, 0
@@ -235,21 +232,21 @@ class Cycle:
                 why = str(silent)
                 self.clock.sleep_until(self.clock.now() + self.dt)
                 continue
-            if isfinite(reading.theta):
+            lacking = self._guard.lacking(reading)
+            if not lacking:
                 return reading
-            why = "it measures no angle"
+            why = f"it measures {lacking}"
         raise RefusedStart(f"{_PATIENCE} readings were asked for and none came ({why}); nothing was commanded")
 
     def _ramp_up(self) -> None:
-        """Move both pressures linearly to those of the first command, and wait there."""
+        """Move all pressures linearly to those of the first command, and wait there."""
         start, begin, end = self.settings.start, self._sent, self.source.first
         way = max(abs(b - a) for a, b in zip(begin, end, strict=True))
         steps = max(1, ceil(way / start.rate / self.dt))
 
         def decide(tick: Tick) -> Decision | None:
             share = min(1.0, (tick.k + 1) / steps)
-            one, two = (a + share * (b - a) for a, b in zip(begin, end, strict=True))
-            return Decision((one, two), Phase.RAMP)
+            return Decision(tuple(a + share * (b - a) for a, b in zip(begin, end, strict=True)), Phase.RAMP)
 
         while self._next < steps + round(start.dwell / self.dt):
             self._tick(decide)
@@ -283,22 +280,22 @@ class Cycle:
         try:
             reading = self._asked()
         except NoAnswer:
-            return Reading(nan)
+            return self._guard.unread(nan)
         if not reading.t > self._last_read:
-            return Reading(reading.t)
+            return self._guard.unread(reading.t)
         self._last_read = reading.t
         return reading
 
     def _asked(self) -> Reading:
         self._calling = "read"
-        reading = checked(self.device.read())
+        reading = self._guard.checked(self.device.read())
         self._calling = ""
         return reading._replace(theta=reading.theta - self.settings.zero)
 
     def _check(self, reading: Reading) -> None:
         """Raise `Stopped` if readings are missing for too long, or a limit is violated."""
         now, patience = self.clock.now(), self.settings.watchdog.silence
-        if isfinite(reading.theta):
+        if any(map(isfinite, self._guard.angles(reading))):  # the silence of one joint of many is the observer's affair
             self._seen = now
         elif now - self._seen > patience:
             raise Stopped(Reason.SILENT, f"no angle was read for {now - self._seen:.3g} s")
@@ -319,9 +316,9 @@ class Cycle:
         return taken
 
     def _row(self, reading: Reading, decision: Decision, began: float, late: float, took: float, taken: bool) -> Row:
-        zero, (P1, P2) = self._began, reading.P
+        zero = self._began
         return Row(
-            began - zero, reading.theta, P1, P2, *self._sent, int(decision.phase), self._missed, late,
+            began - zero, reading.theta, reading.P, self._sent, int(decision.phase), self._missed, late,
             took, reading.t - zero, int(taken), **decision.about,
         )  # fmt: skip
 
@@ -355,7 +352,7 @@ class Cycle:
         what = f"the device did not take it ({refused})" if refused else "done"
         if refused and not hold:  # a device that cannot vent may still take a command
             low = self.limits.pressure[0]
-            if not self._stops.insist(partial(self.device.write, low, low), self._pause):
+            if not self._stops.insist(partial(self.device.write, *[low] * len(self._sent)), self._pause):
                 what += f", but a command of {low:g} Pa"
         if ramp is not None:
             what += f"; the ramp ended early ({said(ramp)})"
@@ -364,7 +361,7 @@ class Cycle:
         return ending
 
     def _ramp_down(self) -> None:
-        """Let both pressures fall in proportion, until a second signal comes or the device takes no more commands."""
+        """Let all pressures fall in proportion, until a second signal comes or the device takes no more commands."""
         begin, low, began = self._sent, self.limits.pressure[0], self.clock.now()
         self._taken = began
         steps = ceil((max(begin) - low) / self.settings.stop.rate / self.dt)
@@ -377,8 +374,8 @@ class Cycle:
             self._stops.beat()
             if self._stops.urgent or now - self._taken > self.settings.watchdog.silence:
                 return
-            one, two = (low + (1 - k / steps) * max(P - low, 0.0) for P in begin)
-            self._descend((one, two), now, now - deadline)
+            u = tuple(low + (1 - k / steps) * max(P - low, 0.0) for P in begin)
+            self._descend(u, now, now - deadline)
 
     def _descend(self, u: Pressures, now: float, late: float) -> None:
         """Perform a sample of the ramp. Only the command has to succeed; a failed reading is the last one."""
@@ -387,7 +384,7 @@ class Cycle:
             reading, failed = self._stops.attempt(self._read)
             self._sighted = failed is None
         taken = self._write(u)
-        row = self._row(reading or Reading(nan), Decision(u, Phase.STOP), now, late, 0.0, taken)
+        row = self._row(reading or self._guard.unread(nan), Decision(u, Phase.STOP), now, late, 0.0, taken)
         for note in (self.recorder.add, self._show):
             self._stops.attempt(partial(note, row))
 

@@ -1,8 +1,8 @@
-"""Devices: the interface of a joint's valves and sensors, three functions in SI units.
+"""Devices: the interface of the valves and sensors of a joint or an arm, three functions in SI units.
 
-Muscle 1 is the agonist, which turns the joint towards greater angles; pressures are gauge pressures. `antagonist` calls
-a device from one thread, with one exception: if that thread hangs inside a call of the device for longer than the stall
-watchdog allows, another thread calls `vent` as a last resort, and the process ends.
+Muscle 1 of a joint is the agonist, which turns it towards greater angles; pressures are gauge pressures. `antagonist`
+calls a device from one thread, with one exception: if that thread hangs inside a call of the device for longer than the
+stall watchdog allows, another thread calls `vent` as a last resort, and the process ends.
 
 Device made of two functions: analog cards, EtherCAT masters, ROS nodes, anything that Python can reach.
 """
@@ -13,9 +13,12 @@ from math import nan
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
+import numpy as np
+
 from allocator import checks
 from allocator.calculus import Value
 from allocator.errors import AntagonistError, InvalidInput
+from mpc.model.machine import Machine, check_machine
 
 
 class Clock(Protocol):
@@ -92,14 +95,14 @@ class Device(Protocol):
         Raises `NoAnswer` if none came in time or it was damaged, `DeviceLost` if the device is gone.
         """
 
-    def write(self, P1: float, P2: float) -> None:
-        """Command the gauge pressures [Pa] of agonist and antagonist.
+    def write(self, *P: float) -> None:
+        """Command the gauge pressures [Pa] of the m muscles, for a joint those of agonist and antagonist.
 
         Raises `NoAnswer` if the device does not take them, `DeviceLost` if it is gone.
         """
 
     def vent(self) -> None:
-        """Vent both muscles as fast as the hardware can; may be called at any time, and more than once.
+        """Vent all muscles as fast as the hardware can; may be called at any time, and more than once.
 
         Raises `DeviceError` if the device does not take the command.
         """
@@ -122,26 +125,32 @@ class CallableDevice:
     Parameters
     ----------
     read
-        Returns the angle [rad], or (angle, P1, P2) [rad, Pa, Pa], or a `Reading`; NaN for unmeasured quantities. It is
-        called once per sample and should return at once.
+        Returns the n angles [rad], or the angles and the m pressures [rad, Pa], or a `Reading`; NaN for unmeasured
+        quantities. A joint has n = 1 and m = 2. It is called once per sample and should return at once.
     write
-        Takes the gauge pressures P1, P2 [Pa].
+        Takes the m gauge pressures [Pa].
     vent
-        Vents both muscles; by default `write(0, 0)`.
+        Vents all muscles; by default `write(0, …, 0)`.
     close
         Called at the end.
     clock
         Clock for readings without a time of their own; that of the loop.
+    machine
+        Arm with n joints and m muscles; by default a joint.
     """
 
     def __init__(
         self,
         read: Callable[[], Reading | Sequence[float] | float],
-        write: Callable[[float, float], object],
+        write: Callable[..., object],
         vent: Callable[[], object] | None = None,
         close: Callable[[], object] | None = None,
         clock: Clock | None = None,
+        machine: Machine | None = None,
     ) -> None:
+        if machine is not None:
+            check_machine(machine)
+        self._arm = None if machine is None or machine.angle_shape == () else machine
         self._read, self._write, self._vent, self._close = read, write, vent, close
         self._clock: Clock = MonotonicClock() if clock is None else clock
 
@@ -157,24 +166,31 @@ class CallableDevice:
         said = self._read()
         if isinstance(said, Reading):
             return said
-        t = self._clock.now()
+        t, (n, m) = self._clock.now(), self._sizes
+        angles, pressures = ("theta", "P1, P2") if self._arm is None else (f"{n} angles", f"{m} pressures")
         try:
-            values = checks.floats("read()", said, "rad, Pa, Pa").ravel().tolist()
+            values = checks.floats("read()", said, "rad, Pa").ravel().tolist()
         except InvalidInput:
-            raise DeviceError(
-                f"read() returned {checks.brief(said)}, not numbers: give theta [rad], P1, P2 [Pa]"
-            ) from None
-        if len(values) not in (1, 3):
-            raise DeviceError(f"read() returned {len(values)} numbers: give theta [rad], or theta, P1 and P2 [Pa]")
-        return Reading(t, values[0], tuple(values[1:]) or (nan, nan))
+            wanted = f"{angles} [rad], {pressures} [Pa]"
+            raise DeviceError(f"read() returned {checks.brief(said)}, not numbers: give {wanted}") from None
+        if len(values) not in (n, n + m):
+            both = f"{angles}, {pressures}".replace("P1, P2", "P1 and P2")
+            raise DeviceError(f"read() returned {len(values)} numbers: give {angles} [rad], or {both} [Pa]")
+        theta = values[0] if self._arm is None else np.array(values[:n])
+        return Reading(t, theta, tuple(values[n:]) or (nan,) * m)
 
-    def write(self, P1: float, P2: float) -> None:
-        """Command pressures [Pa]."""
-        self._write(P1, P2)
+    def write(self, *P: float) -> None:
+        """Command the m pressures [Pa]."""
+        self._write(*P)
 
     def vent(self) -> None:
-        """Vent both muscles."""
+        """Vent all muscles."""
         if self._vent is None:
-            self._write(0.0, 0.0)
+            self._write(*[0.0] * self._sizes[1])
         else:
             self._vent()
+
+    @property
+    def _sizes(self) -> tuple[int, int]:
+        """Numbers n of angles and m of pressures."""
+        return (1, 2) if self._arm is None else (self._arm.n, self._arm.m)

@@ -11,20 +11,22 @@ from pathlib import Path
 
 import numpy as np
 
+from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from mpc.bench.cycle import Phase
-from mpc.bench.record import INTEGERS, Column, Columns, Lateness, Row
+from mpc.bench.record import Lateness
+from mpc.bench.rows import INTEGERS, Column, Columns, Sheet
 from mpc.bench.safety import Ending
-from mpc.model.plant import Plant
+from mpc.model.machine import Machine
 from mpc.trials.files import save_recording
 from mpc.trials.simulation import Run
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Record of a loop: its rows as columns (n,) with the names of `Row`, and its ending."""
+    """Record of a loop: its N rows as columns (N,), see `mpc.bench.rows`, and its ending."""
 
-    plant: Plant  # the controller's
+    plant: Machine  # the controller's
     dt: float  # [s]
     columns: Columns
     ending: Ending
@@ -47,9 +49,13 @@ class Record:
 
     @property
     def theta_rms(self) -> float:
-        """Root mean square [rad] of the measured angle minus its reference, without settling."""
-        theta, wanted = self.where("theta", "theta_ref", phases=(Phase.RUN,))
+        """Root mean square [rad] of the measured angles minus their references, of all joints, without settling."""
+        theta, wanted = (self.values(field, phases=(Phase.RUN,)) for field in ("theta", "theta_ref"))
         return float(np.sqrt(np.nanmean((theta - wanted) ** 2)))
+
+    def values(self, field: str, phases: tuple[Phase, ...]) -> Column:
+        """Return a field of `Row` in these phases: numbers (N,), or a row or a matrix per sample."""
+        return Sheet.of(self.plant).values(self.columns, field)[np.isin(self.columns["phase"], phases)]
 
     def where(self, *names: str, phases: tuple[Phase, ...]) -> list[Column]:
         """Return the columns `names` in these phases."""
@@ -74,7 +80,7 @@ _LEAST = 2  # samples of a run
 _CONTROLLED = (Phase.SETTLE, Phase.RUN)
 
 
-def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
+def run_of(columns: Columns, plant: Machine, dt: float) -> Run:
     """Return the samples of a log that were under control as a `Run` of the nominal `plant` with samples of `dt` [s].
 
     The run ends at the last of them. Raises `InvalidInput` if there are fewer than two.
@@ -82,21 +88,25 @@ def run_of(columns: Columns, plant: Plant, dt: float) -> Run:
     here = np.isin(columns["phase"], _CONTROLLED)
     if here.sum() < _LEAST:
         raise InvalidInput(f"the log has {here.sum()} samples under control; a run has two or more")
-    c = {name: column[here] for name, column in columns.items()}
-    measured = np.stack([c["theta"], np.full(c["theta"].size, np.nan), c["P1"], c["P2"]], axis=1)
-    estimate = np.stack([c[f"{name}_estimate"] for name in ("theta", "omega", "P1", "P2", "d")], axis=1)
-    x = np.where(np.isfinite(measured), measured, estimate[:, :4])
+    c, sheet, size = {name: column[here] for name, column in columns.items()}, Sheet.of(plant), int(here.sum())
+
+    def rows(*fields: str) -> Array:
+        return np.concatenate([sheet.values(c, field).reshape(size, -1) for field in fields], axis=1)
+
+    estimate = rows(*(f"{name}_estimate" for name in ("theta", "omega", "P", "d")))
+    measured = np.concatenate([rows("theta"), np.full((size, plant.n), np.nan), rows("P")], axis=1)
+    x = np.where(np.isfinite(measured), measured, estimate[:, : plant.size])
     last = slice(None, -1)
-    moved = np.stack([c["moved_theta"], c["moved_K"], c["moved_T"]], axis=1)
+    moved = rows("moved_theta", "moved_K", "moved_T")
     return Run(
-        plant, dt, c["t"] - c["t"][0], x, estimate[last], np.stack([c["P1_command"], c["P2_command"]], axis=1)[last],
-        c["theta_ref"], c["K_ref"], *plant.along(x),
+        plant, dt, c["t"] - c["t"][0], x, estimate[last], rows("P_command")[last],
+        sheet.values(c, "theta_ref"), sheet.values(c, "K_ref"), *plant.along(x),
         c["took"][last], c["rung"][last], c["status"][last], c["slack"][last], c["slack_force"][last], moved[last], "",
     )  # fmt: skip
 
 
 def read_log(path: str | Path) -> dict[str, Column]:
-    """Read the columns (n,) of a loop's log, by the names of `Row`; an unfinished last line is left out.
+    """Read the columns (N,) of a loop's log by their names, see `mpc.bench.rows`, without an unfinished last line.
 
     Raises `InvalidFile`.
     """
@@ -111,7 +121,7 @@ def read_log(path: str | Path) -> dict[str, Column]:
     if not lines:
         raise InvalidFile(path, "has no line of column names")
     names = [re.sub(r" \[.*\]$", "", name) for name in lines[0][1].split(",")]
-    if missing := set(Row._fields) - set(names):
+    if missing := set(Sheet.found(names).names) - set(names):
         raise InvalidFile(path, f"is no log of a loop: {', '.join(sorted(missing))} missing", line=lines[0][0])
     whole = [i for i, name in enumerate(names) if name in INTEGERS]
     rows = np.array([_numbers(path, number, line, len(names), whole) for number, line in lines[1:]])

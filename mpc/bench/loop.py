@@ -16,29 +16,27 @@ reading, under the held command.
 """
 
 from collections.abc import Callable
-from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from mpc.bench.cycle import Cycle, Decision, Overrun, Phase, Settings, Tick
 from mpc.bench.device import Clock, Device, Reading
 from mpc.bench.logs import Record
-from mpc.bench.record import Columns, Row, of_plan
-from mpc.bench.safety import Action, Pressures, Reason, SafeStop, SoftStart, Stopped, Watchdog
-from mpc.model.plant import NU, NX, Plant
+from mpc.bench.rows import Columns, Pressures, Row, Sheet, of_plan
+from mpc.bench.safety import Action, Reason, SafeStop, SoftStart, Stopped, Watchdog
+from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 from mpc.observer.base import Observer
 from mpc.observer.health import WELL, Health, Reaction
-from mpc.tracking.limits import Limits
 from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller
 
 _ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
-_ESTIMATES = ("theta_estimate", "omega_estimate", "P1_estimate", "P2_estimate", "d_estimate")
-_UNSEEN = np.full(NX, np.nan)
 
 
 class Tracking:
@@ -46,14 +44,15 @@ class Tracking:
 
     def __init__(
         self,
-        plant: Plant,
+        plant: Machine,
         controller: Controller,
         observer: Observer,
         reference: Reference,
         settle: float = 0.0,
         watchdog: Watchdog | None = None,
     ) -> None:
-        self.controller, self.observer = controller, observer
+        self.plant, self.controller, self.observer = plant, controller, observer
+        self._single, self._n, self._unseen = isinstance(plant, Plant), plant.n, np.full(plant.size, np.nan)
         self._watchdog = Watchdog() if watchdog is None else watchdog
         self.dt = dt = controller.dt
         given = reference.resampled(dt)
@@ -61,11 +60,10 @@ class Tracking:
         t: Array = dt * np.arange(self._settling + given.t.size, dtype=float)
         i = np.maximum(np.arange(t.size) - self._settling, 0)  # the first point until the joint has settled
         self.reference = Reference(t, given.theta[i], given.K[i])
-        one, two = plant.at_rest(float(given.theta[0]), float(given.K[0]))[2:].tolist()
-        self.first: Pressures = one, two
+        self.first: Pressures = tuple(_rest(plant, given)[2 * plant.n :].tolist())
         self._begun: int | None = None  # the sample of the first decision
-        self._before: tuple[float, Array] | None = None  # the last reading's time [s] and values (4,)
-        self._omega = 0.0  # last estimate of the velocity [rad/s]
+        self._before: tuple[float, Array] | None = None  # the last reading's time [s] and values (2n + m,)
+        self._omega: Value = 0.0  # last estimate of the velocities (n,) [rad/s]
         self._unwell = 0  # samples for which health has required a reaction
         observer.reset()
         controller.reset()
@@ -86,33 +84,41 @@ class Tracking:
             return None
         x, d = self._estimate(tick)
         if k == 0:  # a controller's first step begins at the given pressures, those last commanded
-            x[2:] = tick.sent
+            x[2 * self._n :] = tick.sent
         self._check_health()
         plan = self.controller.step(x, *self.reference.preview(k, self.controller.ahead), d)
-        estimate = dict(zip(_ESTIMATES, [*x.tolist(), d], strict=True))
-        about = {"theta_ref": self.reference.theta[k], "K_ref": self.reference.K[k], **estimate, **of_plan(plan)}
-        one, two = plan.u[0].tolist()
-        return Decision((one, two), Phase.SETTLE if k < self._settling else Phase.RUN, about)
+        asked = {"theta_ref": self.reference.theta[k], "K_ref": self.reference.K[k]}
+        about = {**asked, **self._estimated(x, d), **of_plan(plan)}
+        return Decision(tuple(plan.u[0].tolist()), Phase.SETTLE if k < self._settling else Phase.RUN, about)
 
-    def _estimate(self, tick: Tick) -> tuple[Array, float]:
+    def _estimate(self, tick: Tick) -> tuple[Array, Value]:
         sent = np.array(tick.sent)
         for _ in range(tick.missed):
-            self.observer.estimate(_UNSEEN, sent)
+            self.observer.estimate(self._unseen, sent)
         x, d = self.observer.estimate(self._at_due(tick), sent)
-        self._omega = float(x[1]) if isfinite(x[1]) else 0.0
+        self._omega = x[self._n : 2 * self._n].copy()
         return x, d
 
+    def _estimated(self, x: Array, d: Value) -> dict[str, Any]:
+        """Return the fields of `Row` for a state `x` (2n + m,) and a disturbance torque `d`."""
+        n, values = self._n, x.tolist()
+        theta, omega = (values[0], values[1]) if self._single else (values[:n], values[n : 2 * n])
+        return {
+            "theta_estimate": theta, "omega_estimate": omega, "P_estimate": tuple(values[2 * n :]), "d_estimate": d,
+        }  # fmt: skip
+
     def _at_due(self, tick: Tick) -> Array:
-        """Return the readings (4,) projected to the due time.
+        """Return the readings (2n + m,) projected to the due time.
 
         A later reading is interpolated linearly from the one before, an earlier angle is extrapolated with the
         estimated velocity.
         """
         t, theta, P = tick.reading
-        said = np.array([theta, np.nan, *P])
+        said = np.array([theta, np.nan, *P] if self._single else [*theta, *[np.nan] * self._n, *P])
         before, self._before = self._before, (t, said)
         if 0 < tick.due - t <= self.dt:
-            said[0] += self._omega * (tick.due - t)
+            moved = self._omega * (tick.due - t)
+            said[: self._n] += np.where(np.isfinite(moved), moved, 0.0)
             return said
         if before is None or not t > before[0] or not tick.due < t:
             return said
@@ -132,24 +138,24 @@ class Tracking:
 
 
 def replay(columns: Columns, tracking: Tracking) -> Array:
-    """Return the commands (n, 2) [Pa] of `tracking` for the readings and commands of a log.
+    """Return the commands (N, m) [Pa] of `tracking` for the readings and commands of a log.
 
-    They are those of the log's n samples under control, if `tracking` has the same plant, controller, observer and
+    They are those of the log's N samples under control, if `tracking` has the same plant, controller, observer and
     reference, and if no guard changed them.
     """
-    commands, sent = [], None
-    names = ("read_at", "theta", "P1", "P2", "P1_command", "P2_command", "phase", "missed")
+    sheet, commands, sent = Sheet.of(tracking.plant), [], None
+    said = (sheet.values(columns, name).tolist() for name in ("read_at", "theta", "P", "P_command", "phase", "missed"))
     due = (columns["t"] - columns["late"]).tolist()
     k = -1
-    for t, theta, P1, P2, one, two, phase, missed, at in zip(*(columns[n].tolist() for n in names), due, strict=True):
+    for t, theta, P, u, phase, missed, at in zip(*said, due, strict=True):
         if phase == Phase.STOP:
             break
         k += 1 + missed
-        tick = Tick(k, missed, Reading(t, theta, (P1, P2)), (P1, P2) if sent is None else sent, at)
+        tick = Tick(k, missed, Reading(t, theta, tuple(P)), tuple(P) if sent is None else sent, at)
         if phase != Phase.RAMP and (decision := tracking.decide(tick)) is not None:
             commands.append(decision.u)
-        sent = one, two
-    return np.array(commands).reshape(-1, 2)
+        sent = tuple(u)
+    return np.array(commands).reshape(-1, tracking.plant.m)
 
 
 class RealTimeLoop:
@@ -158,18 +164,18 @@ class RealTimeLoop:
     Parameters
     ----------
     device
-        The joint's sensors and valves; `run` enters it.
+        Sensors and valves of the joint or the arm; `run` enters it.
     controller, observer
         As for `mpc.simulate`; the sample time is the controller's.
     reference
-        Angle [rad] and stiffness [N·m/rad] over time; between its samples a smooth curve.
+        Angles [rad] and stiffness [N·m/rad] over time; between its samples a smooth curve.
     plant
         Model that defines the limits and the rest at the end of the soft start; by default the controller's.
     start, stop, watchdog, overrun
         See `mpc.bench.safety` and `mpc.bench.cycle.Overrun`.
     zero
-        Encoder reading at 0 of the joint [rad], as of a fit. It is subtracted from every reading, before the observer,
-        the limits and the log; the log's head states it.
+        Encoder reading at 0 of the joint [rad], as of a fit; (n,) of an arm. It is subtracted from every reading,
+        before the observer, the limits and the log; the log's head states it.
     log
         CSV file that is written sample by sample; see `mpc.bench.record`.
     replace
@@ -188,27 +194,26 @@ class RealTimeLoop:
         observer: Observer,
         reference: Reference,
         *,
-        plant: Plant | None = None,
+        plant: Machine | None = None,
         start: SoftStart | None = None,
         stop: SafeStop | None = None,
         watchdog: Watchdog | None = None,
         overrun: Overrun = Overrun.SKIP,
-        zero: float = 0.0,
+        zero: Value = 0.0,
         log: str | Path | None = None,
         replace: bool = False,
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
         self.plant = _plant_of(controller) if plant is None else plant
-        zero = float(checks.angle("zero", zero))
+        zero = _zero_of(self.plant, zero)
         settings = Settings(overrun, start or SoftStart(), watchdog or Watchdog(), stop or SafeStop(), zero)
-        dt = controller.dt
-        limits = Limits.of(self.plant, dt)
         _rehearse(self.plant, controller, observer, reference)
         self.tracking = Tracking(self.plant, controller, observer, reference, settings.start.settle, settings.watchdog)
         self.cycle = Cycle(
-            device, self.tracking, limits, settings, log=log, replace=replace, about=about(dt), clock=clock, watch=watch
-        )
+            device, self.tracking, self.plant, settings, log=log, replace=replace,
+            about=about(controller.dt, self.plant), clock=clock, watch=watch,
+        )  # fmt: skip
 
     def run(self) -> Record:
         """Run to the end of the reference or an earlier ending; return the record.
@@ -232,24 +237,47 @@ class RealTimeLoop:
         self.cycle.request_stop()
 
 
-def about(dt: float) -> list[str]:
+def about(dt: float, machine: Machine) -> list[str]:
     """Return the first lines of a log."""
-    return [f"antagonist log; dt = {dt!r} s; SI units; muscle 1 is the agonist; NaN: not measured"]
+    head = f"antagonist log; dt = {dt!r} s; SI units; {{}}NaN: not measured"
+    if isinstance(machine, Plant):
+        return [head.format("muscle 1 is the agonist; ")]
+    parts = ("joints", machine.labels.angles), ("muscles", machine.labels.pressures)
+    return [head.format(""), *(f"{kind}: {_numbered(names)}" for kind, names in parts)]
 
 
-def _plant_of(controller: Controller) -> Plant:
+def _numbered(names: tuple[str, ...]) -> str:
+    """Return names on one line, each with its number in the names of the columns."""
+    return ", ".join(f"{i} {' '.join(name.split())}" for i, name in enumerate(names, 1))
+
+
+def _plant_of(controller: Controller) -> Machine:
     plant = getattr(controller, "plant", None)
-    if not isinstance(plant, Plant):
+    if not isinstance(plant, Machine):
         raise InvalidInput(f"plant = None: {type(controller).__name__} has none, and its limits are needed")
     return plant
 
 
-def _rehearse(plant: Plant, controller: Controller, observer: Observer, reference: Reference) -> None:
+def _zero_of(machine: Machine, zero: Value) -> Value:
+    """Return the zeros of the encoders [rad]: a number for a joint, (n,) for an arm. Raises `InvalidInput`."""
+    angle = checks.angle("zero", zero)
+    if isinstance(machine, Plant):
+        return float(angle)
+    if angle.shape not in ((), machine.angle_shape):
+        raise InvalidInput(f"zero = {checks.brief(zero)} has to be n = {machine.n} angles [rad], one a joint")
+    return np.broadcast_to(angle, machine.angle_shape)
+
+
+def _rest(machine: Machine, reference: Reference) -> Array:
+    """Return the state (2n + m,) at rest at the first point of a reference."""
+    return np.asarray(machine.at_rest(reference.theta[0], reference.K[0]))
+
+
+def _rehearse(plant: Machine, controller: Controller, observer: Observer, reference: Reference) -> None:
     """Run one sample of both in advance, so that nothing is loaded or compiled during the loop."""
-    theta, K = float(reference.theta[0]), float(reference.K[0])
-    x = plant.at_rest(theta, K)
-    seen = x.copy()
-    seen[1] = np.nan
+    seen = _rest(plant, reference)
+    P = seen[2 * plant.n :].copy()
+    seen[plant.n : 2 * plant.n] = np.nan
     for _ in range(2):
-        estimated, d = observer.estimate(seen, x[NX - NU :])
-        controller.step(estimated, theta, K, d)
+        estimated, d = observer.estimate(seen, P)
+        controller.step(estimated, reference.theta[0], reference.K[0], d)

@@ -153,7 +153,7 @@ def _on_device(
         opened = bench.opened(options)
         say(console, f"about {theta / DEG:.3g}° and {K:.3g} N·m/rad, with the inertia {opened.plant.inertia:g} kg·m²")
         hung = Weight(weight, hanger(opened.device, console)) if weight else None
-        watch = Watch(opened.plant.joint.pressure_limits[1], dt, bench)
+        watch = Watch(opened.plant, dt, bench)
         told = Told(opened.plant, opened.known, inertia_error * PERCENT)
         driven: dict[str, Any] = {"dt": dt, "settings": settings, "clock": opened.clock, "watch": watch}
         with watch:

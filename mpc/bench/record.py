@@ -9,94 +9,31 @@ file, which shows that the disk accepts it. A loop without a first row leaves no
 """
 
 import os
-from collections.abc import Mapping, Sequence
-from math import nan
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import CannotWrite, InvalidInput
 from allocator.files.atomic import check_writable
-from mpc.tracking.plan import Plan
+from mpc.bench.rows import INTEGERS, JOINT, Column, Row, Sheet
 
 _CHUNK = 4096  # rows
 
 
-class Row(NamedTuple):
-    """One sample of a loop; SI units."""
-
-    t: float  # beginning [s], since the first one
-    theta: float  # measured [rad]; NaN: no reading
-    P1: float  # measured [Pa]
-    P2: float  # measured [Pa]
-    P1_command: float  # [Pa]
-    P2_command: float  # [Pa]
-    phase: int  # `Phase`
-    missed: int  # missed samples before it
-    late: float  # delay of its beginning after the deadline [s]
-    took: float  # from then until its command was sent [s]
-    read_at: float = nan  # time of the measurement by the device [s], since the first sample
-    sent: int = 1  # whether the device took the command
-    torque: float = 0.0  # of a weight on the joint, if known [N·m]
-    theta_ref: float = nan  # [rad]
-    K_ref: float = nan  # [N·m/rad]
-    theta_estimate: float = nan  # [rad]
-    omega_estimate: float = nan  # [rad/s]
-    P1_estimate: float = nan  # [Pa]
-    P2_estimate: float = nan  # [Pa]
-    d_estimate: float = nan  # disturbance torque [N·m]
-    K_estimate: float = nan  # stiffness when the command begins to act, by the model [N·m/rad]
-    rung: int = -1  # `mpc.tracking.plan.Rung`; -1: no plan
-    status: int = -2  # `PlanStatus`; -2: no plan
-    slack: float = 0.0  # predicted excursion from the joint range [rad]
-    slack_force: float = 0.0  # predicted lack of muscle force [N]
-    moved_theta: float = nan  # distance by which the controller moved the reference [rad]
-    moved_K: float = nan  # [N·m/rad]
-    moved_T: float = nan  # [N·m]
-
-
-Column: TypeAlias = NDArray[Any]  # of floats or of integers
-Columns: TypeAlias = Mapping[str, Column]
-UNITS = {
-    "t": "s", "theta": "rad", "P1": "Pa", "P2": "Pa", "P1_command": "Pa", "P2_command": "Pa", "late": "s", "took": "s",
-    "read_at": "s", "torque": "Nm", "theta_ref": "rad", "K_ref": "Nm/rad", "theta_estimate": "rad",
-    "omega_estimate": "rad/s", "P1_estimate": "Pa", "P2_estimate": "Pa", "d_estimate": "Nm", "K_estimate": "Nm/rad",
-    "slack": "rad", "slack_force": "N", "moved_theta": "rad", "moved_K": "Nm/rad", "moved_T": "Nm",
-}  # fmt: skip
-_KINDS = tuple(Row.__annotations__.values())  # a NumPy scalar has another `repr`
-INTEGERS = frozenset(name for name, kind in Row.__annotations__.items() if kind is int)
-
-
-def of_plan(plan: Plan) -> dict[str, object]:
-    """Return the columns of a controller's plan."""
-    moved = {} if plan.moved is None else {f"moved_{name}": value for name, value in plan.moved._asdict().items()}
-    return {
-        "K_estimate": float(plan.K[0]),
-        "rung": int(plan.rung),
-        "status": int(plan.status),
-        "slack": plan.slack,
-        "slack_force": plan.slack_force,
-        **moved,
-    }
-
-
-def header(names: Sequence[str] = Row._fields) -> str:
-    """Return the line of column names."""
-    return ",".join(f"{name} [{UNITS[name]}]" if name in UNITS else name for name in names)
-
-
 class Recorder:
-    """Rows of a loop in memory, and in the file `path` if one is given.
+    """Rows of a loop in memory, and in the file `path` if one is given, with the columns of a `sheet`.
 
     Entered as a context, it begins the file. Raises `CannotWrite`, and `InvalidInput` for a file that exists unless
     `replace`.
     """
 
-    def __init__(self, path: str | Path | None, about: Sequence[str] = (), *, replace: bool = False) -> None:
-        self._path, self._about, self._replace = path, about, replace
+    def __init__(
+        self, path: str | Path | None, about: Sequence[str] = (), *, sheet: Sheet = JOINT, replace: bool = False
+    ) -> None:
+        self._path, self._about, self._sheet, self._replace = path, about, sheet, replace
         self._file: int | None = None
         self._target: Path | None = None  # to which the first row renames the draft
         self._draft: Path | None = None  # removed if there is no row
@@ -118,7 +55,7 @@ class Recorder:
             except OSError as error:
                 raise CannotWrite(self._path, error) from None
             try:
-                self._write("".join(f"# {line}\n" for line in self._about) + header() + "\n")
+                self._write("".join(f"# {line}\n" for line in self._about) + self._sheet.header + "\n")
             except CannotWrite:
                 self.__exit__()
                 raise
@@ -135,13 +72,16 @@ class Recorder:
     def add(self, row: Row) -> None:
         """Add a row. Raises `CannotWrite`; the file then ends with the row before, and is closed."""
         if self._used == _CHUNK:
-            self._chunks.append(np.empty((_CHUNK, len(Row._fields))))
+            self._chunks.append(np.empty((_CHUNK, len(self._sheet.names))))
             self._used = 0
-        self._chunks[-1][self._used] = row
+        cells = self._sheet.cells(row)
+        self._chunks[-1][self._used] = cells
         self._used += 1
         if self._file is not None:
             self._settle()
-            self._write(",".join([repr(kind(value)) for kind, value in zip(_KINDS, row, strict=True)]) + "\n")
+            self._write(
+                ",".join([repr(kind(value)) for kind, value in zip(self._sheet.kinds, cells, strict=True)]) + "\n"
+            )
 
     def remark(self, line: str) -> None:
         """Write a line of comment, if there is a writable file."""
@@ -167,8 +107,11 @@ class Recorder:
     @property
     def columns(self) -> dict[str, Column]:
         """Rows so far, as columns (n,) by name."""
-        rows = np.concatenate([*self._chunks[:-1], self._chunks[-1][: self._used]]) if self._chunks else _NONE
-        return {name: column.astype(int) if name in INTEGERS else column for name, column in _named(rows)}
+        names = self._sheet.names
+        filled = [*self._chunks[:-1], *(chunk[: self._used] for chunk in self._chunks[-1:])]
+        rows = np.concatenate([np.empty((0, len(names))), *filled])
+        named = zip(names, rows.T.copy(), strict=True)
+        return {name: column.astype(int) if name in INTEGERS else column for name, column in named}
 
     def _write(self, text: str) -> None:
         assert self._file is not None
@@ -198,13 +141,6 @@ def _opened(path: Path, more: int = 0) -> int:
     """Return the descriptor of a file; a pipe without a reader, or a full one, raises instead of blocking."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
     return os.open(path, flags | more, 0o644)
-
-
-_NONE = np.empty((0, len(Row._fields)))
-
-
-def _named(rows: Array) -> list[tuple[str, Array]]:
-    return list(zip(Row._fields, rows.T.copy(), strict=True))
 
 
 class Lateness(NamedTuple):

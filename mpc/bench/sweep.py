@@ -24,7 +24,7 @@ from allocator.files.atomic import write_text
 from allocator.identification.joint.planning.plan import APPROACH, JointPlan, Setpoint
 from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
-from mpc.bench.safety import Pressures
+from mpc.bench.rows import Pressures
 
 STEPS = (APPROACH, 0.3 * BAR, 0.15 * BAR)  # distances of the approach to a setpoint, by preference
 _STILL = 0.3 * DEG  # over a second, as in `read_joint_log`

@@ -21,7 +21,6 @@ from mpc.bench.safety import SoftStart, Watchdog
 from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of, within
 from mpc.cli import app
 from mpc.export.serial.simulated import SimulatedBoard
-from mpc.tracking.limits import Limits
 from mpc.trials.files import reference_called
 from mpc.trials.motions.reference import Reference
 
@@ -55,7 +54,7 @@ class Afternoon:
             device, clock = self._device(board)
             source = Sweep(visits_of(plan, ROUGH.joint), steps, dt, board.hang, directory, Pace(motion=float(motion)))
             settings = Settings(watchdog=self._watchdog)
-            cycle = Cycle(device, source, Limits.of(ROUGH, dt), settings, about=about(dt), clock=clock)
+            cycle = Cycle(device, source, ROUGH, settings, about=about(dt, ROUGH), clock=clock)
             cycle.run()
         return cycle
 

@@ -1,7 +1,7 @@
 """Simulated device: a plant that moves with the clock, in real time or as fast as the computer can.
 
-It behaves like a joint on a bench, including the effects of `RealPlant`. Its time base is finer than a controller's, so
-that a command acts from the time at which it is written.
+It behaves like a joint or an arm on a bench, including the effects of `RealPlant` and `RealArm`. Its time base is finer
+than a controller's, so that a command acts from the time at which it is written.
 """
 
 from dataclasses import replace
@@ -9,15 +9,19 @@ from math import nan
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
+from allocator.errors import InvalidInput
 from allocator.files.toml import Table
 from allocator.machine_file import encoder_zero_in
 from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
 from mpc.model.compensation import Compensation
+from mpc.model.machine import Machine
 from mpc.model.plant import Plant
-from mpc.model.real_experiment import RealExperiment
+from mpc.model.real_arm import RealArm
+from mpc.model.real_experiment import RealExperiment, RealMachine
 from mpc.model.real_plant import RealPlant
 
 STEP = 1e-3  # of its time base [s]
@@ -26,7 +30,7 @@ _MOST = 2.0  # [s] longest time that one call simulates: more would take as long
 
 
 class SimulatedDevice:
-    """`RealPlant` or `Plant` with the interface of a device.
+    """`RealPlant` or `RealArm`, or a plant or an arm without their effects, with the interface of a device.
 
     Parameters
     ----------
@@ -36,42 +40,44 @@ class SimulatedDevice:
         Clock of its motion: by default this computer's, for the speed of a real joint. With a `SimulatedClock`, which
         the loop needs as well, it is as fast as the computer.
     theta, pressures
-        Initial angle [rad] and pressures [Pa]; by default it hangs in the middle, vented.
+        Initial angles [rad] and pressures [Pa]; by default it hangs in the middle, vented.
     seed
         Seed of the sensors' noise.
     measures_pressure
         Whether its regulators measure their pressures.
     zero
-        Reading of its encoder at 0 of the joint [rad].
+        Readings of its encoders at 0 of the joints [rad].
     """
 
     def __init__(
         self,
-        plant: RealPlant | Plant | None = None,
+        plant: RealMachine | Machine | None = None,
         clock: Clock | None = None,
         *,
-        theta: float | None = None,
-        pressures: tuple[float, float] = (_VENTED, _VENTED),
+        theta: ArrayLike | None = None,
+        pressures: ArrayLike = _VENTED,
         seed: int = 0,
         measures_pressure: bool = True,
-        zero: float = 0.0,
+        zero: ArrayLike = 0.0,
     ) -> None:
         plant = RealPlant.standard() if plant is None else plant
-        self.plant = RealPlant(plant) if isinstance(plant, Plant) else plant
+        self.plant: RealMachine = _real(plant)
         self.clock: Clock = MonotonicClock() if clock is None else clock
-        middle = float(np.mean(self.plant.nominal.joint.angle_range))
-        at = middle if theta is None else float(checks.angle("theta", theta))
-        self._x0 = np.array([at, 0.0, *checks.pressure("pressures", pressures)])
+        nominal = self.plant.nominal
+        middle = np.mean(nominal.angle_limits, axis=0)
+        at = _row("theta", checks.angle("theta", middle if theta is None else theta), nominal.n)
+        P = _row("pressures", checks.pressure("pressures", pressures), nominal.m)
+        self._x0 = np.concatenate([at, np.zeros(nominal.n), P])
         self._seed, self._measures_pressure = seed, measures_pressure
-        self._zero = float(checks.angle("zero", zero))
+        self._zero = _row("zero", checks.angle("zero", zero), nominal.n)
         self._entered = 0
-        self.torque = 0.0  # of a weight on the joint [N·m], positive if it pulls θ down
+        self.torque: Value = 0.0  # of a weight on the joint [N·m], (n,) of an arm, positive if it pulls θ down
         self._experiment: RealExperiment | None = None
 
     def __enter__(self) -> Self:
         self._experiment = self.plant.begin(STEP, self._x0, self._seed + self._entered)  # noise does not repeat
         self._entered += 1
-        self._u = self._x0[2:].copy()
+        self._u = self._x0[2 * self.plant.nominal.n :].copy()
         self._began, self._steps = self.clock.now(), 0
         return self
 
@@ -80,32 +86,33 @@ class SimulatedDevice:
 
     @property
     def x(self) -> Array:
-        """True state (4,) [rad, rad/s, Pa, Pa] of the last call. Raises `DeviceError` if never entered."""
+        """True state (2n + m,) [rad, rad/s, Pa] of the last call. Raises `DeviceError` if never entered."""
         return self._running.x
 
     @property
     def command(self) -> Array:
-        """Last commanded pressures (2,) [Pa]."""
+        """Last commanded pressures (m,) [Pa]."""
         return self._u.copy()
 
     def read(self) -> Reading:
         """Return the sensor readings; their time is that of the state, independent of its computation time."""
-        experiment = self._now()
-        theta, _, P1, P2 = experiment.measure().tolist()
-        shown = (P1, P2) if self._measures_pressure else (nan, nan)
-        return Reading(self._began + self._steps * STEP, theta + self._zero, shown)
+        y, nominal = self._now().measure(), self.plant.nominal
+        theta, P = y[: nominal.n] + self._zero, tuple(y[2 * nominal.n :].tolist())
+        shown = P if self._measures_pressure else (nan,) * nominal.m
+        t = self._began + self._steps * STEP
+        return Reading(t, theta if nominal.angle_shape else float(theta[0]), shown)
 
-    def write(self, P1: float, P2: float) -> None:
-        """Command pressures [Pa] from now on."""
+    def write(self, *P: float) -> None:
+        """Command the m pressures [Pa] from now on."""
         self._now()
-        self._u = np.array([P1, P2])
+        self._u = np.array(P)
 
     def vent(self) -> None:
-        """Vent both muscles."""
-        self.write(_VENTED, _VENTED)
+        """Vent all muscles."""
+        self.write(*[_VENTED] * self.plant.nominal.m)
 
-    def hang(self, torque: float) -> bool:
-        """Hang a weight of this torque [N·m], positive if it pulls θ down; it acts at once."""
+    def hang(self, torque: Value) -> bool:
+        """Hang a weight of this torque [N·m], (n,) on an arm, positive if it pulls θ down; it acts at once."""
         self.torque = torque
         return True
 
@@ -119,10 +126,26 @@ class SimulatedDevice:
         """Return the experiment, simulated up to the present."""
         experiment = self._running
         due = int((self.clock.now() - self._began) / STEP * (1 + 1e-12) + 1e-6) - self._steps
+        load = np.asarray(self.torque, float)
         for _ in range(min(due, int(_MOST / STEP))):
-            experiment.advance(self._u, -self.torque)
+            experiment.advance(self._u, -load)
         self._steps += max(due, 0)
         return experiment
+
+
+def _real(plant: RealMachine | Machine) -> RealMachine:
+    """Return a machine with effects of real ones. Raises `InvalidInput` for anything else."""
+    if isinstance(plant, RealMachine):
+        return plant
+    checks.instance("plant", plant, Machine, "a RealPlant, a RealArm, a Plant or an Arm")
+    return RealPlant(plant) if isinstance(plant, Plant) else RealArm(plant)
+
+
+def _row(name: str, values: Array, size: int) -> Array:
+    """Return `values` as a row, a number for all of them. Raises `InvalidInput` for another size."""
+    if values.shape not in ((), (size,)):
+        raise InvalidInput(f"{name} = {checks.brief(values)} has to be one number or a row of {size}")
+    return np.broadcast_to(values, (size,))
 
 
 def simulated(plant: Plant, known: Compensation, **effects: Any) -> RealPlant:

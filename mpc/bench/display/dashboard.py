@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 from allocator.lazy import Table
 
 if TYPE_CHECKING:
-    from mpc.bench.record import Row
+    from mpc.bench.rows import Row
+    from mpc.model.machine import Machine
 
 State: TypeAlias = dict[str, Any]  # content of a line of JSON
 
@@ -23,13 +24,26 @@ _LINE_EVERY = 1.0  # [s] between two lines of text
 _BAR = 24  # characters
 _PLOT = "--plot"
 _PHASES = ("start", "settling", "tracking", "stopping")
+_SEVERAL = (  # lists of a state, and fields of `Row`
+    ("theta", "theta"), ("theta_ref", "theta_ref"), ("K", "K_estimate"), ("K_ref", "K_ref"), ("P", "P"),
+    ("u", "P_command"),
+)  # fmt: skip
 
 
 class Dashboard:
     """Dashboard as a context manager, which shows the states passed to it; `plot` also opens a window."""
 
-    def __init__(self, highest_pressure: float, dt: float, *, plot: bool = False) -> None:
-        self._highest, self._dt, self._plot = highest_pressure, dt, plot
+    def __init__(self, machine: "Machine", dt: float, *, plot: bool = False) -> None:
+        from mpc.bench.rows import Sheet  # not in the dashboard's process, which begins at once
+
+        self._sheet, one = Sheet.of(machine), machine.angle_shape == ()
+        self._constant = {
+            "joints": ("angle",) if one else machine.labels.angles,
+            "muscles": ("muscle 1", "muscle 2") if one else machine.labels.pressures,
+            "unit": machine.stiffness_unit,
+            "highest": machine.pressure_limits[1],
+        }
+        self._dt, self._plot = dt, plot
         self._last = float("-inf")
         self._late: list[float] = []
 
@@ -57,21 +71,10 @@ class Dashboard:
         if row.t - self._last < _EVERY:
             return
         self._last = row.t
-        state = {
-            "t": row.t,
-            "phase": row.phase,
-            "theta": row.theta,
-            "theta_ref": row.theta_ref,
-            "K": row.K_estimate,
-            "K_ref": row.K_ref,
-            "P": [row.P1, row.P2],
-            "u": [row.P1_command, row.P2_command],
-            "highest": self._highest,
-            "late": max(self._late),
-            "took": row.took,
-            "missed": row.missed,
-            "health": health,
-        }
+        cells = dict(zip(self._sheet.names, self._sheet.cells(row), strict=True))
+        several = {name: [cells[column] for column in self._sheet.fields[field]] for name, field in _SEVERAL}
+        one = {name: cells[name] for name in ("t", "phase", "took", "missed")}
+        state = {**one, **several, **self._constant, "late": max(self._late), "health": health}
         self._late.clear()
         try:
             os.write(self._pipe, json.dumps(state).encode() + b"\n")
@@ -102,18 +105,26 @@ def _print(states: Iterable[State]) -> None:
 
 def text(state: State) -> str:
     """Return a state as a line of text."""
-    P, u = (" ".join(f"{value / 1e5:.2f}" for value in state[name]) for name in ("P", "u"))
-    wanted = "" if state["theta_ref"] != state["theta_ref"] else f" of {_degrees(state['theta_ref'])}°"
+    P, u = (_numbers(state[name], 1e-5) for name in ("P", "u"))
+    wanted = f" of {_degrees(state['theta_ref'])}°" if _known(state["theta_ref"]) else ""
     health = f"  {state['health']}" if state["health"] else ""
-    stiff = "" if state["K"] != state["K"] else f"  K {state['K']:.2f} N·m/rad"
+    stiff = f"  K {_numbers(state['K'])} {state['unit']}" if _known(state["K"]) else ""
     return (
         f"{state['t']:7.1f} s {_PHASES[state['phase']]:9} θ {_degrees(state['theta'])}°{wanted}{stiff}  "
         f"P {P} bar, commanded {u}  late {1e3 * state['late']:.2f} ms{health}"
     )
 
 
-def _degrees(theta: float) -> str:
-    return f"{theta * 57.29577951308232:.2f}"
+def _known(values: list[float]) -> bool:
+    return any(value == value for value in values)
+
+
+def _numbers(values: list[float], scale: float = 1.0) -> str:
+    return " ".join(f"{scale * value:.2f}" for value in values)
+
+
+def _degrees(angles: list[float]) -> str:
+    return _numbers(angles, 57.29577951308232)
 
 
 def _draw(states: Iterable[State]) -> None:
@@ -129,11 +140,12 @@ def _picture(state: State) -> "Table":
     from rich.text import Text
 
     table = Table(title=f"{_PHASES[state['phase']]}, {state['t']:.1f} s", show_header=False, min_width=64)
-    table.add_row("angle", f"{_degrees(state['theta'])}°", f"reference {_degrees(state['theta_ref'])}°")
-    table.add_row("stiffness", f"{state['K']:.3g} N·m/rad", f"reference {state['K_ref']:.3g} N·m/rad")
-    for i, name in enumerate(("P1", "P2")):
-        P, u = state["P"][i], state["u"][i]
-        table.add_row(f"{name} (muscle {i + 1})", f"{P / 1e5:.2f} bar", bar(P, state["highest"]) + f" → {u / 1e5:.2f}")
+    for name, theta, wanted in zip(state["joints"], state["theta"], state["theta_ref"], strict=True):
+        table.add_row(Text(name), f"{_degrees([theta])}°", f"reference {_degrees([wanted])}°")
+    K, K_ref = (" ".join(f"{value:.3g}" for value in state[name]) for name in ("K", "K_ref"))
+    table.add_row("stiffness", f"{K} {state['unit']}", f"reference {K_ref} {state['unit']}")
+    for i, (name, P, u) in enumerate(zip(state["muscles"], state["P"], state["u"], strict=True), 1):
+        table.add_row(Text(f"P{i} ({name})"), f"{P / 1e5:.2f} bar", bar(P, state["highest"]) + f" → {u / 1e5:.2f}")
     late = f"{1e3 * state['late']:.2f} ms late, {1e3 * state['took']:.2f} ms taken"
     table.add_row("time", late, f"{state['missed']} missed" if state["missed"] else "")
     table.add_row("health", Text(state["health"] or "well", style="red" if state["health"] else "green"))

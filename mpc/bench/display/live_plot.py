@@ -4,17 +4,18 @@ import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
 from math import degrees
+from typing import Any
 
 from mpc.bench.display.dashboard import State
 
 _SHOWN = 10.0  # [s]
 _MOST = 400  # states kept
-_PANELS = (
-    ("angle [°]", ("theta", "theta_ref")),
-    ("stiffness [N·m/rad]", ("K", "K_ref")),
-    ("pressures [bar]", ("P1", "P2")),
+_PANELS = (  # label, lists of a state, scale of their numbers
+    ("angle [°]", ("theta", "theta_ref"), degrees(1.0)),
+    ("stiffness", ("K", "K_ref"), 1.0),
+    ("pressures [bar]", ("P",), 1e-5),
 )
-_COLOURS = ("#0072B2", "#D55E00")
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8c8c8c")
 
 
 def plotted(states: Iterable[State]) -> Iterator[State]:
@@ -34,32 +35,47 @@ def plotted(states: Iterable[State]) -> Iterator[State]:
 
 
 class Window:
-    """Window with angle, stiffness and pressures of the last seconds."""
+    """Window with angles, stiffness and pressures of the last seconds."""
 
     def __init__(self) -> None:
         import matplotlib.pyplot as plt
 
         self.figure, self._axes = plt.subplots(3, 1, sharex=True, figsize=(7, 6), layout="constrained")
-        self._rows: deque[dict[str, float]] = deque(maxlen=_MOST)
-        self._lines = {}
-        for axes, (label, names) in zip(self._axes, _PANELS, strict=True):
-            axes.set_ylabel(label)
-            axes.grid(alpha=0.25)
-            for name, colour in zip(names, _COLOURS, strict=True):
-                (self._lines[name],) = axes.plot([], [], color=colour, label=name)
-            axes.legend(loc="upper left", frameon=False, ncols=2)
-        self._axes[-1].set_xlabel("time [s]")
+        self._states: deque[State] = deque(maxlen=_MOST)
+        self._lines: dict[tuple[str, int], Any] = {}  # by list of a state and place in it
 
     def show(self, state: State) -> None:
         """Add a state and draw."""
-        angles = {name: degrees(state[name]) for name in ("theta", "theta_ref")}
-        pressures = {"P1": state["P"][0] / 1e5, "P2": state["P"][1] / 1e5}
-        self._rows.append({"t": state["t"], "K": state["K"], "K_ref": state["K_ref"], **angles, **pressures})
-        t = [row["t"] for row in self._rows]
-        for name, line in self._lines.items():
-            line.set_data(t, [row[name] for row in self._rows])
-        for axes in self._axes:
+        if not self._lines:
+            self._begin(state)
+        self._states.append(state)
+        t = [each["t"] for each in self._states]
+        for axes, (_, names, scale) in zip(self._axes, _PANELS, strict=True):
+            for (name, i), line in self._lines.items():
+                if name in names:
+                    line.set_data(t, [scale * each[name][i] for each in self._states])
             axes.relim()
             axes.autoscale_view(scalex=False)
         self._axes[-1].set_xlim(max(t[-1] - _SHOWN, t[0]), max(t[-1], t[0] + 1.0))
         self.figure.canvas.draw_idle()
+
+    def _begin(self, state: State) -> None:
+        """Draw the axes and the empty lines for the quantities of a state."""
+        for axes, (label, names, _) in zip(self._axes, _PANELS, strict=True):
+            axes.set_ylabel(f"{label} [{state['unit']}]" if label == "stiffness" else label)
+            axes.grid(alpha=0.25)
+            for name in names:
+                for i, (own, colour, style) in enumerate(_styles(name, len(state[name]))):
+                    (self._lines[name, i],) = axes.plot([], [], color=colour, ls=style, label=own)
+            axes.legend(loc="upper left", frameon=False, ncols=2)
+        self._axes[-1].set_xlabel("time [s]")
+
+
+def _styles(name: str, size: int) -> Iterator[tuple[str, str, str]]:
+    """Yield label, colour and style of each line of a list; references of several quantities are dashed."""
+    reference = name.endswith("_ref")
+    if size == 1:
+        yield name, _COLOURS[reference], "-"
+        return
+    for i in range(size):
+        yield f"{name}{i + 1}", _COLOURS[i % len(_COLOURS)], "--" if reference else "-"

@@ -21,7 +21,7 @@ from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.measuring.loops import Tone, tone_of
-from mpc.bench.safety import Pressures
+from mpc.bench.rows import Pressures
 from mpc.model.plant import Plant
 
 _JUMPING, CAUTIOUS, _PROPORTIONAL = 0.15, 0.4, 1.0  # exponents of a drive by its swing: least, first, greatest

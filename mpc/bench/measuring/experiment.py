@@ -108,7 +108,8 @@ class Experiment(Driver):
             )
         self._amplitude = tones.amplitude
         self._gains = self._torque_gains(theta)
-        self._backbone = float(plant.joint.stiffness(theta, *self.first)) + plant.gravity_torque * cos(theta)
+        P1, P2 = self.first
+        self._backbone = float(plant.joint.stiffness(theta, P1, P2)) + plant.gravity_torque * cos(theta)
         self._scales = {False: 1.0, True: 0.8}  # drive over the expected one: of slow and of quick tones
         self._exponents = {False: CAUTIOUS, True: CAUTIOUS}  # of the drive by the swing, in the last search
         self._until = tones.longest  # [s], the end

@@ -17,11 +17,10 @@ from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.shaking import Shaking
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.measuring.weighing import Weight
-from mpc.bench.record import Row
+from mpc.bench.rows import Row
 from mpc.bench.safety import Ending, Reason
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
-from mpc.tracking.limits import Limits
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def measure(
     tones = Tones() if tones is None else tones
     source = Experiment(told.plant, told.known, theta, K, dt, tones, weight)
     cycle = Cycle(
-        device, source, Limits.of(told.plant, dt), settings or Settings(), log=log, replace=replace, about=about(dt),
+        device, source, told.plant, settings or Settings(), log=log, replace=replace, about=about(dt, told.plant),
         clock=clock, watch=watch,
     )  # fmt: skip
     ending = cycle.run()
@@ -86,7 +85,7 @@ def shake(
     """
     source = Shaking(told.plant, theta, K, dt, amplitude, duration)
     cycle = Cycle(
-        device, source, Limits.of(told.plant, dt), settings or Settings(), about=about(dt), clock=clock, watch=watch
+        device, source, told.plant, settings or Settings(), about=about(dt, told.plant), clock=clock, watch=watch
     )
     ending = cycle.run()
     known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)

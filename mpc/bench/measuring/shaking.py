@@ -16,7 +16,7 @@ from allocator.units import BAR
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.measuring.driving import resting, room
 from mpc.bench.measuring.log import LEAST_ROWS, Samples
-from mpc.bench.safety import Pressures
+from mpc.bench.rows import Pressures
 from mpc.model.plant import Plant
 
 _BAND = 0.3, 4.0  # [Hz]

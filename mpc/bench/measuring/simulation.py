@@ -7,9 +7,10 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.bench.cycle import CommandSource, Tick
 from mpc.bench.device import Reading
-from mpc.bench.safety import Guard, Pressures, Watchdog
+from mpc.bench.rows import Pressures
+from mpc.bench.safety import Guard, Watchdog
 from mpc.model.experiment import Experiment
-from mpc.tracking.limits import Limits
+from mpc.model.plant import Plant
 
 
 class Process(Protocol):
@@ -19,13 +20,14 @@ class Process(Protocol):
         """Begin an experiment from the state `x0` (4,) with commands every `dt` [s]."""
 
 
-def driven(process: Process, source: CommandSource, limits: Limits, theta: float, seed: int = 0) -> Array:
+def driven(process: Process, source: CommandSource, plant: Plant, theta: float, seed: int = 0) -> Array:
     """Drive a process by a source from rest at its first pressures; return the rows (t, θ, P1, P2, u1, u2).
 
-    Commands are limited to supply and slew; raises `Stopped` if a reading violates a limit, like a loop on a device.
+    Commands are limited to the supply and the slew of `plant`. Raises `Stopped` if a reading violates a limit, like a
+    loop on a device.
     """
     dt, watchdog = source.dt, Watchdog()
-    guard = Guard(limits, watchdog, watchdog.angle_margin)
+    guard = Guard(plant, dt, watchdog, watchdog.angle_margin)
     trial = process.begin(dt, np.array([theta, 0.0, *source.first]), seed)
     sent: Pressures = source.first
     rows: list[tuple[float, ...]] = []

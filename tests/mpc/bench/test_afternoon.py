@@ -20,7 +20,6 @@ from mpc.bench.devices.simulated import SimulatedDevice, simulated
 from mpc.bench.loop import RealTimeLoop, Tracking, replay
 from mpc.bench.safety import SoftStart
 from mpc.bench.sweep import Sweep, random_steps, visits_of, within
-from mpc.tracking.limits import Limits
 from mpc.trials.files import load_recording
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.trajectories import point_to_point, shrunk, usual_stiffness
@@ -86,7 +85,7 @@ def identified(device, hang, clock, directory):
     """Sweep and fit; the file of the plant that was found."""
     plan = plan_joint_experiment(within(ROUGH.joint), setpoints=10)
     sweep = Sweep(visits_of(plan, ROUGH.joint), random_steps(ROUGH.joint, 30), SWEPT, hang, directory)
-    assert str(Cycle(device, sweep, Limits.of(ROUGH, SWEPT), Settings(), clock=clock).run()) == "finished"
+    assert str(Cycle(device, sweep, ROUGH, Settings(), clock=clock).run()) == "finished"
     rest, motion = read_joint_log(directory / "joint_log.csv"), read_motion_log(directory / "motion_log.csv")
     loads = {"torque": rest.torque, "direction": rest.direction, "geometry": Pulley(0.40, 0.02, 0.1375)}
     loads["choices"] = False

@@ -73,10 +73,10 @@ def test_a_log_as_csv_is_the_log(tmp_path, trajectory):
 def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajectory, monkeypatch):
     write, calls = SimulatedDevice.write, iter(range(10**9))
 
-    def write_or_fail(self, P1, P2):
+    def write_or_fail(self, *P):
         if next(calls) > 50:
             raise DeviceLost("unplugged")
-        write(self, P1, P2)
+        write(self, *P)
 
     monkeypatch.setattr(SimulatedDevice, "write", write_or_fail)
     result = antagonist("run", trajectory, *SIM, "--out", tmp_path / "run.npz")
@@ -179,8 +179,8 @@ def test_a_sweep_does_not_write_over_older_ones(tmp_path):
 
 
 STATE = {
-    "t": 1.0, "phase": 2, "theta": 0.1, "theta_ref": 0.2, "K": 7.4, "K_ref": 7.5, "P": [1e5, float("nan")],
-    "u": [2e5, 3e5],
+    "t": 1.0, "phase": 2, "joints": ["angle"], "theta": [0.1], "theta_ref": [0.2], "K": [7.4], "K_ref": [7.5],
+    "unit": "N·m/rad", "muscles": ["muscle 1", "muscle 2"], "P": [1e5, float("nan")], "u": [2e5, 3e5],
     "highest": 5e5, "late": 0.0012, "took": 0.001, "missed": 0, "health": "leak (muscle 1)",
 }  # fmt: skip
 
@@ -213,7 +213,7 @@ def test_a_bar_is_as_long_as_its_value(value, full):
 
 @pytest.mark.slow
 def test_a_dashboard_is_a_process_of_its_own_and_its_death_is_no_harm(bench):
-    with dashboard.Dashboard(5e5, 0.01) as shown:
+    with dashboard.Dashboard(bench.plant, 0.01) as shown:
         shown._process.kill()
         shown._process.wait()
         record = bench.loop(watch=shown.show).run()

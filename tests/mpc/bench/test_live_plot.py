@@ -8,7 +8,15 @@ from mpc.bench.display import live_plot
 
 def states(n):
     for k in range(n):
-        yield {"t": 0.1 * k, "theta": 0.1, "theta_ref": 0.2, "K": 5.0, "K_ref": 5.5, "P": [2e5, 3e5]}
+        yield {
+            "t": 0.1 * k,
+            "theta": [0.1],
+            "theta_ref": [0.2],
+            "K": [5.0],
+            "K_ref": [5.5],
+            "P": [2e5, 3e5],
+            "unit": "N·m/rad",
+        }
 
 
 @pytest.fixture

@@ -12,7 +12,8 @@ from allocator.errors import CannotWrite, InvalidInput
 from mpc.bench.device import DeviceLost, Reading
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log
-from mpc.bench.record import Recorder, Row
+from mpc.bench.record import Recorder
+from mpc.bench.rows import Row
 from mpc.bench.safety import RefusedStart
 from mpc.cli import app
 
@@ -80,9 +81,9 @@ def test_a_log_that_is_replaced_keeps_its_mode_and_its_links(bench, log):
 def test_the_old_log_is_there_until_the_first_row(log):
     with Recorder(log, ["new"], replace=True) as recorder:
         assert log.read_text() == OLD
-        recorder.add(Row(0.0, 0.1, 1e5, 1e5, 1e5, 1e5, 0, 0, 0.0, 0.0))
+        recorder.add(Row(0.0, 0.1, (1e5, 1e5), (1e5, 1e5), 0, 0, 0.0, 0.0))
         assert log.read_text().count("\n") == 3
-        recorder.add(Row(0.1, 0.1, 1e5, 1e5, 1e5, 1e5, 0, 0, 0.0, 0.0))
+        recorder.add(Row(0.1, 0.1, (1e5, 1e5), (1e5, 1e5), 0, 0, 0.0, 0.0))
     np.testing.assert_array_equal(read_log(log)["t"], [0.0, 0.1])
     assert alone(log)
 

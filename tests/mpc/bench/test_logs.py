@@ -11,7 +11,8 @@ from mpc.bench.device import NoAnswer, Reading, SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log, run_of
 from mpc.bench.loop import RealTimeLoop, Tracking, replay
-from mpc.bench.record import Lateness, Row
+from mpc.bench.record import Lateness
+from mpc.bench.rows import JOINT
 from mpc.bench.safety import SoftStart, Watchdog
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator
@@ -89,7 +90,7 @@ def test_a_damaged_line_is_named(bench, tmp_path):
     path = tmp_path / "log.csv"
     bench.loop(log=path).run()
     lines = path.read_text().splitlines()
-    phase = Row._fields.index("phase")
+    phase = JOINT.names.index("phase")
     cells = lines[5].split(",")
     halves = ",".join([*cells[:phase], "nan", *cells[phase + 1 :]])
     damage = ("1,2,3", "has 3 cells, not"), (lines[5].replace(",0,", ",zero,", 1), "no number"), (halves, "whole")

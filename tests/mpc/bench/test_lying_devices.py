@@ -17,11 +17,9 @@ from mpc.bench.logs import read_log
 from mpc.bench.safety import Reason, RefusedStart, SafeStop, SoftStart
 from mpc.bench.sweep import Sweep, Visit
 from mpc.observer.base import Differentiator
-from mpc.tracking.limits import Limits
 
 DT = 0.01
 PLANT = Plant()
-LIMITS = Limits.of(PLANT, DT)
 FOREVER = 10**9
 
 
@@ -130,7 +128,7 @@ def run(valves, kind=CallableDevice, log=None, source=None, stop=None):
     """Run a loop on `valves`; return the cycle, and what was raised."""
     device = kind(valves.read, valves.write, valves.vent, clock=valves.clock)
     settings = Settings(start=SoftStart(2 * BAR, dwell=0.1), stop=SafeStop(rate=2 * BAR) if stop is None else stop)
-    cycle = Cycle(device, source or Sine(), LIMITS, settings, clock=valves.clock, watch=valves.watch, log=log)
+    cycle = Cycle(device, source or Sine(), PLANT, settings, clock=valves.clock, watch=valves.watch, log=log)
     try:
         cycle.run()
     except BaseException as error:  # whatever it is, it is judged by what the valves got
@@ -256,7 +254,7 @@ def test_a_device_that_takes_nothing_ever_again_is_given_up_in_seconds():
 def test_a_close_that_fails_does_not_hide_why_the_loop_ended():
     valves = Valves().fail("read", WHEN["motion"], FOREVER, raising(ValueError("the cause")))
     device = Raw(valves.read, valves.write, valves.vent, close=raising(OSError(5, "on closing")), clock=valves.clock)
-    cycle = Cycle(device, Sine(), LIMITS, Settings(start=SoftStart(2 * BAR)), clock=valves.clock)
+    cycle = Cycle(device, Sine(), PLANT, Settings(start=SoftStart(2 * BAR)), clock=valves.clock)
     with pytest.raises(ValueError, match="the cause"):
         cycle.run()
     assert valves.safe

@@ -31,7 +31,6 @@ from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.real_plant import RealPlant
-from mpc.tracking.limits import Limits
 
 OPERATOR = PrandtlIshlinskii((0.7, 0.12, 0.1, 0.08), (0.5 * DEG, 1.5 * DEG, 4 * DEG), base=0.2)
 NOMINAL = replace(RealPlant.standard().nominal, inertia=0.045)
@@ -195,7 +194,7 @@ def test_the_balance_of_mean_torques_outweighs_tones_that_scatter():
 @pytest.fixture(scope="module")
 def measured():
     e = Experiment(REAL.nominal, KNOWN, 0.1, 6.0, 0.01, QUICK)
-    rows = driven(REAL, e, Limits.of(REAL.nominal, 0.01), 0.1, seed=3)
+    rows = driven(REAL, e, REAL.nominal, 0.1, seed=3)
     known = Known(REAL.nominal.inertia)
     return rows, e, MeasuredStiffness.of(REAL.nominal, REAL.friction.loop, e.findings, QUICK, known, REAL.encoder)
 
@@ -243,7 +242,7 @@ def test_a_weight_fixes_the_scale_where_the_inertia_is_hardly_known_and_checks_i
     wrong = replace(REAL.nominal, inertia=1.3 * REAL.nominal.inertia)
     weight, tones = Weight(1.0, device.hang), Tones(series=(8 * DEG,), longest=80.0)
     source = Experiment(wrong, KNOWN, 0.1, 6.0, 0.01, tones, weight)
-    cycle = Cycle(device, source, Limits.of(wrong, 0.01), Settings(), about=about(0.01), clock=clock)
+    cycle = Cycle(device, source, wrong, Settings(), about=about(0.01, wrong), clock=clock)
     ending = cycle.run()
     found = {e: result_of(source, Told(wrong, KNOWN, e), ending, cycle.recorder.columns["theta"]) for e in (0.5, 0.02)}
     m = found[0.5]
@@ -261,7 +260,7 @@ def test_what_cannot_be_measured_is_refused():
     tones = Tones(0.1 * DEG, series=())
     real = replace(REAL, friction=Friction(), encoder=0.1 * DEG)
     e = Experiment(REAL.nominal, replace(KNOWN, friction=Friction()), 0.1, 6.0, 0.01, tones)
-    driven(real, e, Limits.of(REAL.nominal, 0.01), 0.1, seed=3)
+    driven(real, e, REAL.nominal, 0.1, seed=3)
     m = MeasuredStiffness.of(REAL.nominal, real.friction.loop, e.findings, tones, Known(0.045), real.encoder)
     assert not m.success
     assert m.sentence.startswith("not measured, because")

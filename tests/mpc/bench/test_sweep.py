@@ -23,7 +23,6 @@ from mpc.bench.display.asking import Asking
 from mpc.bench.safety import Reason, SoftStart, Stopped
 from mpc.bench.sweep import Pace, Sweep, Visit, random_steps, visits_of, within
 from mpc.model.real_plant import RealPlant
-from mpc.tracking.limits import Limits
 
 DT = 0.02
 JOINT = report_joint(SAROSI_DMSP_20_400N)
@@ -41,7 +40,7 @@ def swept(directory, visits, steps, hang=None, device=None, pace=None):
     device.clock = clock
     source = Sweep(visits, steps, DT, device.hang if hang is None else hang, directory, pace)
     start = Settings(start=SoftStart(5 * BAR, settle=0.0))
-    cycle = Cycle(device, source, Limits.of(PLANT, DT), start, clock=clock)
+    cycle = Cycle(device, source, PLANT, start, clock=clock)
     return cycle.run(), source, cycle
 
 
