@@ -260,12 +260,11 @@ def _plant_of(controller: Controller) -> Machine:
 
 def _zero_of(machine: Machine, zero: Value) -> Value:
     """Return the zeros of the encoders [rad]: a number for a joint, (n,) for an arm. Raises `InvalidInput`."""
-    angle = checks.angle("zero", zero)
-    if isinstance(machine, Plant):
-        return float(angle)
-    if angle.shape not in ((), machine.angle_shape):
-        raise InvalidInput(f"zero = {checks.brief(zero)} has to be n = {machine.n} angles [rad], one a joint")
-    return np.broadcast_to(angle, machine.angle_shape)
+    angle, shape = checks.angle("zero", zero), machine.angle_shape
+    if angle.shape not in ((), shape):
+        wanted = f"n = {machine.n} angles [rad], one a joint" if shape else "one angle [rad]"
+        raise InvalidInput(f"zero = {checks.brief(zero)} has to be {wanted}")
+    return np.broadcast_to(angle, shape) if shape else float(angle)
 
 
 def _rest(machine: Machine, reference: Reference) -> Array:

@@ -38,15 +38,14 @@ def explore(
 
     from rich.console import Console
 
-    from mpc.explorer.server import HOST, frames, server
-    from mpc.trials.files import load_recording
+    from mpc.explorer.server import HOST, frames, joint_run, server
 
     within("--port", port, "", 0, 65535)
     if run is not None and options != MachineOptions():
         raise InvalidInput("--run has its own joint: leave out the options of a joint")
     if save is not None:
         claim(save, inputs=(run, *options.files), force=force)
-    joint = options.joint() if run is None else load_recording(run).plant.joint
+    joint = options.joint() if run is None else joint_run(run).plant.joint
     played = None if run is None else frames(run)
     if save is not None:
         _save(joint, played, save)

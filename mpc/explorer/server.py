@@ -23,10 +23,12 @@ import numpy as np
 
 from allocator import AntagonistJoint, stiffness_interval
 from allocator.calculus import Array
-from allocator.errors import AntagonistError
+from allocator.errors import AntagonistError, InvalidFile
 from allocator.units import DEG
 from mpc.explorer.question import Answer, Question, describe, muscles
+from mpc.model.plant import Plant
 from mpc.trials.files import load_recording
+from mpc.trials.simulation import Run
 
 Grid: TypeAlias = dict[str, list[float]]
 """Least and greatest value and step by name, in the page's units."""
@@ -174,9 +176,17 @@ class _Handler(BaseHTTPRequestHandler):
 _FRAMES = 400
 
 
+def joint_run(path: Path) -> Run:
+    """Return the run of a joint in `path`. Raises `InvalidFile` for that of an arm, and for any other file."""
+    run = load_recording(path)
+    if not isinstance(run.plant, Plant):
+        raise InvalidFile(path, "is the recording of an arm; the explorer plays those of one joint")
+    return run
+
+
 def frames(path: Path) -> dict[str, object]:
     """Return times [s] and the joint's motion in the run in `path`. Raises `InvalidFile`."""
-    run = load_recording(path)
+    run = joint_run(path)
     every = range(0, run.t.size, max(1, run.t.size // _FRAMES))
     return {
         "name": path.name,

@@ -7,7 +7,7 @@ which Foxglove and PlotJuggler plot.
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from lzma import LZMAError
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,10 @@ from allocator.errors import InvalidFile, InvalidInput
 from allocator.files import toml
 from allocator.files.atomic import replacing
 from allocator.units import DEG
-from mpc.model.plant import NU, NUMBERS, NX, Plant
+from mpc.model.arm.model import Arm
+from mpc.model.arm.storage import arm_from, arm_text
+from mpc.model.machine import Machine
+from mpc.model.plant import NUMBERS, Plant
 from mpc.trials.motions.columns import JOINT_STIFFNESS, MotionColumns
 from mpc.trials.motions.reference import Reference
 from mpc.trials.motions.trajectories import TRAJECTORIES, shrunk, usual_stiffness
@@ -88,19 +91,19 @@ _DAMAGE = (  # exceptions of zipfile and NumPy for other files
     ValueError, BadZipFile, Damaged, LZMAError, EOFError, AttributeError, TypeError, KeyError, IndexError, RuntimeError,
     OverflowError, MemoryError,
 )  # fmt: skip
+_JOINTS, _HAND = "joints", "hand"  # whose stiffness an arm tracks
 _ARRAYS = tuple(f.name for f in fields(Run) if f.name != "plant")
 
 
 def save_recording(run: Run, path: str | Path, further: Mapping[str, ArrayLike] | None = None) -> None:
-    """Write `run`: its arrays with their names in `Run`, and the plant as `joint` (TOML) and `plant_…`.
+    """Write `run`: its arrays with their names in `Run`, and its plant.
 
-    `further` arrays with other names are stored as well.
+    A joint is stored as `joint` (TOML) and `plant_…`, an arm as `arm` (TOML) and its `tracked` stiffness. `further`
+    arrays with other names are stored as well. Raises `InvalidInput` for an arm that a file cannot hold, such as a
+    MuJoCo model, and `CannotWrite`.
     """
-    if not isinstance(run.plant, Plant):
-        raise InvalidInput("recordings are of joints: an arm's bodies have no file; `save_run` writes its columns")
     values: dict[str, Any] = dict(further or {}) | {name: getattr(run, name) for name in _ARRAYS}
-    values |= {f"plant_{name}": value for name, value in run.plant.numbers.items()}
-    values["joint"] = machine_file.dumps(run.plant.joint)
+    values |= _of_joint(run.plant) if isinstance(run.plant, Plant) else _of_arm(run.plant)
     with replacing(path) as draft, draft.open("wb") as file:  # NumPy would add a suffix to a name
         np.savez_compressed(file, **values)
 
@@ -114,38 +117,65 @@ def load_recording(path: str | Path) -> Run:
         raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
     except _DAMAGE:
         raise InvalidFile(path, "is not an NPZ file, or damaged") from None
-    if missing := {*_ARRAYS, "joint", *(f"plant_{name}" for name in Plant().numbers)} - stored.keys():
+    of_plant = ["arm", "tracked"] if "arm" in stored else ["joint", *(f"plant_{name}" for name in Plant().numbers)]
+    if missing := {*_ARRAYS, *of_plant} - stored.keys():
         raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
     arrays = {name: stored[name] for name in _ARRAYS}
+    plant = _arm(path, stored) if "arm" in stored else _plant(path, stored)
     try:
-        _check(arrays)
+        _check(arrays, plant)
     except InvalidInput as error:
         raise InvalidFile(path, f"is not the recording of a run: {error}") from None
     plain = {"dt": float(stored["dt"]), "implementation": str(stored["implementation"])}
-    return Run(_plant(path, stored), **(arrays | plain))
+    return Run(plant, **(arrays | plain))
 
 
-def _check(arrays: dict[str, Array]) -> None:
-    """Raise `InvalidInput` unless arrays have the shapes and kinds of those of a run."""
+def _check(arrays: dict[str, Array], plant: Machine) -> None:
+    """Raise `InvalidInput` unless arrays have the shapes and kinds of those of a run of `plant`."""
     steps = arrays["step_time"].size
     for name, array in arrays.items():
-        if array.shape != (expected := _shape(name, steps)):
+        if array.shape != (expected := _shape(name, steps, plant)):
             raise InvalidInput(f"{name} has the shape {array.shape}, not {expected}")
         if array.dtype.kind not in ("U" if name == "implementation" else "fiu"):
             raise InvalidInput(f"{name} is an array of {array.dtype}")
     checks.real("t", arrays["t"], "s")
     checks.positive("dt", arrays["dt"], "s")
     checks.angle("theta_ref", arrays["theta_ref"])
-    checks.stiffness("K_ref", arrays["K_ref"])
+    plant.check_stiffness("K_ref", arrays["K_ref"])
 
 
-def _shape(name: str, steps: int) -> tuple[int, ...]:
-    """Return the shape of the array `name` of a `Run`."""
+def _shape(name: str, steps: int, plant: Machine) -> tuple[int, ...]:
+    """Return the shape of the array `name` of a `Run` of `plant`."""
     if name in ("dt", "implementation"):
         return ()
     length = steps + 1 if name in ("t", "x", "theta_ref", "K_ref", "K", "forces") else steps
-    width = {"x": NX, "estimate": NX + 1, "u": NU, "forces": NU, "moved": 3}.get(name)
-    return (length,) if width is None else (length, width)
+    rows: dict[str, tuple[int, ...]] = {
+        "x": (plant.size,), "estimate": (plant.size + plant.n,), "u": (plant.m,), "forces": (plant.m,), "moved": (3,),
+        "theta_ref": plant.angle_shape, "K_ref": plant.stiffness_shape, "K": plant.stiffness_shape,
+    }  # fmt: skip
+    return (length, *rows.get(name, ()))
+
+
+def _of_joint(plant: Plant) -> dict[str, Any]:
+    """Return the plant of a joint by the names in a recording."""
+    numbers = {f"plant_{name}": value for name, value in plant.numbers.items()}
+    return numbers | {"joint": machine_file.dumps(plant.joint)}
+
+
+def _of_arm(arm: Arm) -> dict[str, Any]:
+    """Return an arm by the names in a recording. Raises `InvalidInput` for one that a file cannot hold."""
+    text = arm_text(arm)
+    if arm.endpoint not in (None, arm.bodies.endpoint):
+        raise InvalidInput(f"{arm.endpoint} cannot be written to a file, only the end of the last link can")
+    return {"arm": text, "tracked": _JOINTS if arm.endpoint is None else _HAND}
+
+
+def _arm(path: str | Path, stored: dict[str, Array]) -> Arm:
+    arm = arm_from(toml.Table.parsed(f"{path} [arm]", str(stored["arm"])))
+    tracked = str(stored["tracked"])
+    if tracked not in (_JOINTS, _HAND):
+        raise InvalidFile(path, f"does not hold an arm (it tracks the stiffness of {tracked!r})")
+    return arm if tracked == _JOINTS else replace(arm, endpoint=arm.bodies.endpoint)
 
 
 def _plant(path: str | Path, stored: dict[str, Array]) -> Plant:

@@ -100,6 +100,8 @@ def read_log_of_motion(
     notes: tuple[str, ...] = ()
     if not columns and not topics and _of_a_run(Path(path)):
         c = read_log(path)
+        if "theta" not in c:
+            raise InvalidFile(path, "is the log of an arm; expected that of one joint with two muscles")
         good = np.all([np.isfinite(c[name]) for name in ("t", "theta", "P1", "P2")], axis=0)
         rows = [c[name][good] for name in ("t", "theta", "P1", "P2")]
     else:

@@ -35,6 +35,11 @@ _NUMBERS = ("lag", "slew", "gas")  # of [plant]
 
 def save_arm(arm: Arm, path: FilePath) -> None:
     """Write an arm to `path`. Raises `InvalidInput` for bodies or routes without formulas, and `CannotWrite`."""
+    write_text(path, arm_text(arm))
+
+
+def arm_text(arm: Arm) -> str:
+    """Return the text of an arm's file. Raises `InvalidInput` for bodies or routes without formulas."""
     if not isinstance(arm.bodies, Bodies):
         raise InvalidInput(f"{type(arm.bodies).__name__} cannot be written to a file; keep the MuJoCo model")
     lags = tuple(arm.lags.tolist())
@@ -42,12 +47,16 @@ def save_arm(arm: Arm, path: FilePath) -> None:
     numbers |= {} if arm.gas is None else {"gas": True}
     bodies = {f.name: getattr(arm.bodies, f.name) for f in fields(Bodies)}
     lines = section("bodies", bodies, "SI units: m, kg, kg·m², N·m·s/rad, m/s²") + section("plant", numbers, "s, Pa/s")
-    write_text(path, dumps(arm.mechanism) + "\n".join(lines) + "\n")
+    return dumps(arm.mechanism) + "\n".join(lines) + "\n"
 
 
 def load_arm(path: FilePath) -> Arm:
     """Read an arm. Raises `InvalidFile` if the file does not contain one."""
-    file = Table.read(path)
+    return arm_from(Table.read(path))
+
+
+def arm_from(file: Table) -> Arm:
+    """Return the arm of a file that was read. Raises `InvalidFile` if it does not contain one."""
     machine = machine_from(file)
     if not isinstance(machine, Mechanism):
         raise file.fault(f"holds {described(machine)}; expected an arm with [bodies]")
@@ -55,4 +64,4 @@ def load_arm(path: FilePath) -> Arm:
     try:
         return Arm(machine, bodies, **numbers_in(file, _NUMBERS))
     except (InvalidInput, TypeError) as error:
-        raise InvalidFile(path, str(error)) from None
+        raise InvalidFile(file.path, str(error)) from None

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from allocator.errors import CannotWrite
+from allocator.errors import CannotWrite, InvalidInput
 from mpc import KalmanObserver
 from mpc.bench.cycle import Overrun, Phase
-from mpc.bench.device import DeviceLost, NoAnswer, Reading
+from mpc.bench.device import DeviceLost, NoAnswer
 from mpc.bench.logs import read_log
 from mpc.bench.safety import Action, Reason, RefusedStart, SafeStop, SoftStart, Watchdog
+
+pytestmark = pytest.mark.parametrize("bench", ["joint", "arm"], indirect=True)
 
 DT = 0.01
 FIRST_CONTROLLED = 20  # about: samples of the soft start of these tests
@@ -36,9 +38,20 @@ def fail(error):
     return raising
 
 
+def angles_of(record):
+    """Return the measured angles (N, n)."""
+    return record.values("theta", tuple(Phase)).reshape(record.columns["t"].size, -1)
+
+
+def turned(reading, angle):
+    """Return a reading with another angle of the last joint."""
+    several = np.ndim(reading.theta) > 0
+    return reading._replace(theta=np.array([*reading.theta[:-1], angle]) if several else float(angle))
+
+
 def ended_safely(bench):
     """The last command is no pressure, and the pressures before it fell."""
-    assert bench.device.commands[-1] == (0.0, 0.0)
+    assert bench.device.commands[-1] == (0.0,) * bench.plant.m
     assert bench.device.vents >= 1
 
 
@@ -54,10 +67,11 @@ def test_a_run_starts_softly_follows_and_ends_without_pressure(bench):
     phases = record.columns["phase"]
     assert (np.diff(phases) >= 0).all()
     assert set(phases) == set(Phase)
-    first, target = np.array(bench.device.commands[0]), bench.plant.at_rest(0.0, 7.5)[2:]
+    rest = bench.plant.at_rest(bench.reference.theta[0], bench.reference.K[0])
+    first, target = np.array(bench.device.commands[0]), rest[2 * bench.plant.n :]
     assert abs(first - 2 * BAR).max() <= 5 * BAR * DT * (1 + 1e-9)  # from where they are, at the rate
     last = np.flatnonzero(phases == Phase.RAMP)[-1]
-    np.testing.assert_allclose([record.columns[f"P{i}_command"][last] for i in (1, 2)], target)
+    np.testing.assert_allclose(record.values("P_command", tuple(Phase))[last], target)
 
 
 def test_samples_are_on_absolute_deadlines(bench):
@@ -71,7 +85,7 @@ def test_samples_are_on_absolute_deadlines(bench):
 def test_no_command_leaves_the_supply_or_the_slew_limit(bench):
     bench.loop().run()
     u = np.array(bench.device.commands[:-1])
-    low, high = bench.plant.joint.pressure_limits
+    low, high = bench.plant.pressure_limits
     assert (u >= low).all()
     assert (u <= high).all()
     assert np.abs(np.diff(u, axis=0)).max() <= 10 * BAR * DT * (1 + 1e-9)
@@ -89,17 +103,18 @@ def test_the_log_says_what_the_record_says(bench, tmp_path):
 def test_what_happens_at_the_end_is_what_was_asked_for(bench, action):
     record = bench.loop(stop=SafeStop(action)).run()
     controlled = record.columns["phase"] != Phase.STOP
-    last = tuple(float(record.columns[f"P{i}_command"][controlled][-1]) for i in (1, 2))
+    last = tuple(record.values("P_command", tuple(Phase))[controlled][-1].tolist())
     n = int(controlled.sum())
     if action is Action.HOLD:
         assert bench.device.commands[n:] == [last]
     elif action is Action.VENT:
-        assert bench.device.commands[n:] == [(0.0, 0.0)]
+        assert bench.device.commands[n:] == [(0.0,) * bench.plant.m]
     else:
         falling = np.array([last, *bench.device.commands[n:]])
         assert (np.diff(falling, axis=0) <= 1e-6).all()
         assert np.abs(np.diff(falling, axis=0)).max() <= 1 * BAR * DT * (1 + 1e-6)
-        np.testing.assert_allclose(falling[:-2, 0] / falling[:-2, 1], last[0] / last[1], rtol=1e-6)  # the angle stays
+        shares = falling[:-2] / falling[:-2].max(axis=1, keepdims=True)
+        np.testing.assert_allclose(shares, np.tile(shares[0], (len(shares), 1)), rtol=1e-6)  # the angles stay
 
 
 # --- starts that are refused ---------------------------------------------------------------------------------------
@@ -108,15 +123,22 @@ def test_what_happens_at_the_end_is_what_was_asked_for(bench, action):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        (lambda r: r._replace(theta=3.0), "outside the joint's range"),
-        (lambda r: r._replace(P=(0.0, 7 * BAR)), "P2 = 7.00 bar is outside the supply's range"),
-        (lambda r: r._replace(theta=float("nan")), "it measures no angle"),
-        (lambda r: r._replace(P=(float("nan"),) * 2), "measures no pressures"),
+        (lambda r: turned(r, 3.0), ("the angle 171.9° is outside", "the angle 171.9° of elbow is outside")),
+        (
+            lambda r: r._replace(P=(*r.P[:-1], 7 * BAR)),
+            ("P2 = 7.00 bar is outside the supply's", "P6 = 7.00 bar of biarticular extensor is outside the supply's"),
+        ),
+        (lambda r: turned(r, np.nan), (r"it measures no angle\)", r"it measures no angle of elbow\)")),
+        (lambda r: r._replace(theta=np.nan), (r"no angle\)", r"no angle of shoulder and of elbow\)")),
+        (
+            lambda r: r._replace(P=(np.nan,) * len(r.P)),
+            (r"present=\(P1, P2\).* \(0:0 after venting", r"present=\(P1, …, P6\).* \(0:0:0:0:0:0 after venting"),
+        ),
     ],
 )
 def test_a_start_is_refused_where_the_joint_is_not_where_it_may_be(bench, changed, said):
     bench.device.changed = changed
-    with pytest.raises(RefusedStart, match=said):
+    with pytest.raises(RefusedStart, match=said[bench.plant.n - 1]):
         bench.loop().run()
     assert bench.device.commands == []
 
@@ -129,8 +151,8 @@ def test_a_start_without_any_answer_is_refused(bench):
 
 
 def test_pressures_that_nobody_measures_have_to_be_said(bench):
-    bench.device.changed = lambda r: r._replace(P=(float("nan"),) * 2)
-    start = SoftStart(rate=5 * BAR, dwell=0.1, settle=0.1, present=(2 * BAR, 2 * BAR))
+    bench.device.changed = lambda r: r._replace(P=(float("nan"),) * bench.plant.m)
+    start = SoftStart(rate=5 * BAR, dwell=0.1, settle=0.1, present=(2 * BAR,) * bench.plant.m)
     record = bench.loop(start=start).run()
     assert record.ending.reason is Reason.FINISHED
     assert np.abs(np.array(bench.device.commands[0]) - 2 * BAR).max() <= 5 * BAR * DT * (1 + 1e-9)
@@ -163,8 +185,11 @@ def test_samples_that_are_over_are_left_out_and_the_reference_goes_on(bench):
     assert columns["t"][gap] - columns["t"][gap - 1] == pytest.approx(0.05, abs=1e-9)
     here = columns["phase"] == Phase.RUN
     begun = columns["t"][here][0]
-    wanted = np.interp(columns["t"][here] - begun, bench.reference.t, bench.reference.theta)
-    np.testing.assert_allclose(columns["theta_ref"][here], wanted, atol=1e-3)  # by the clock, not by the count
+    theta_ref, theta = record.values("theta_ref", (Phase.RUN,)), bench.reference.theta
+    if theta.ndim > 1:
+        theta_ref, theta = theta_ref[:, 0], theta[:, 0]
+    wanted = np.interp(columns["t"][here] - begun, bench.reference.t, theta)
+    np.testing.assert_allclose(theta_ref, wanted, atol=1e-3)  # by the clock, not by the count
     assert record.theta_rms < 1 * DEG
 
 
@@ -211,7 +236,7 @@ def test_a_few_missing_readings_do_not_end_a_run(bench):
     bench.device.before_read = sometimes
     record = bench.loop().run()
     assert record.ending.reason is Reason.FINISHED
-    assert 0.1 < np.isnan(record.columns["theta"]).mean() < 0.2
+    assert 0.1 < np.isnan(angles_of(record)).all(axis=1).mean() < 0.2
     assert record.theta_rms < 1.5 * DEG
 
 
@@ -219,9 +244,37 @@ def test_silence_ends_the_loop_by_a_ramp(bench):
     bench.device.before_read = after(60, fail(NoAnswer("silent")))
     record = bench.loop(watchdog=Watchdog(silence=0.2)).run()
     assert record.ending.reason is Reason.SILENT
-    silent = np.isnan(record.columns["theta"]) & (record.columns["phase"] != Phase.STOP)
+    silent = np.isnan(angles_of(record)).all(axis=1) & (record.columns["phase"] != Phase.STOP)
     assert silent.sum() == pytest.approx(20, abs=1)
     ended_safely(bench)
+
+
+def test_one_silent_encoder_of_several_does_not_end_the_loop(bench):
+    """It is the observer's affair; without any angle the loop is blind."""
+    bench.device.changed = lambda r: r if r.t < 0.6 else turned(r, np.nan)
+    record = bench.loop().run()
+    assert record.ending.reason is (Reason.FINISHED if bench.plant.n > 1 else Reason.SILENT)
+    assert np.isnan(angles_of(record)[-1, -1])
+    ended_safely(bench)
+
+
+def test_an_encoder_of_each_joint_has_a_zero(bench, tmp_path):
+    zero = np.array([3.0, -4.0]) * DEG if bench.plant.n > 1 else 3 * DEG
+    bench.device.changed = lambda r: r._replace(theta=r.theta + zero)
+    record = bench.loop(zero=zero, log=tmp_path / "log.csv").run()
+    assert record.theta_rms < 1 * DEG
+    remarks = [line for line in (tmp_path / "log.csv").read_text().splitlines() if "encoder zero" in line]
+    assert remarks == [
+        f"# encoder zero {float(one)!r} rad ({one / DEG:.4g}°), subtracted from {name}"
+        for one, name in zip(np.ravel(zero), bench.sheet.fields["theta"], strict=True)
+    ]
+    with pytest.raises(InvalidInput, match="zero = "):
+        bench.loop(zero=np.zeros(3))
+
+
+def test_present_pressures_are_as_many_as_muscles(bench):
+    with pytest.raises(InvalidInput, match=f"has to be m = {bench.plant.m} pressures"):
+        bench.loop(start=SoftStart(present=(0.0,) * 4))
 
 
 def test_a_reading_that_repeats_itself_counts_as_none(bench):
@@ -260,10 +313,10 @@ def test_a_device_that_takes_nothing_more_is_said_to(bench):
 @pytest.mark.parametrize(
     ("garbage", "action"),
     [
-        (lambda r: r._replace(theta=1e9), Action.RAMP),
-        (lambda r: r._replace(theta=float("-inf")), None),
-        (lambda r: r._replace(P=(9e9, 2e5)), Action.VENT),
-        (lambda r: Reading(float("nan"), 0.1, (2e5, 2e5)), None),
+        (lambda r: turned(r, 1e9), Action.RAMP),
+        (lambda r: turned(r, float("-inf")), None),
+        (lambda r: r._replace(P=(9e9, *r.P[1:])), Action.VENT),
+        (lambda r: r._replace(t=float("nan")), None),
     ],
 )
 def test_garbage_is_not_followed(bench, garbage, action):
@@ -297,7 +350,7 @@ def test_a_command_that_is_no_number_is_not_sent(bench):
     def broken(*arguments):
         plan = step(*arguments)
         if next(calls) > 30:
-            object.__setattr__(plan, "u", np.full((10, 2), np.nan))
+            object.__setattr__(plan, "u", np.full((10, bench.plant.m), np.nan))
         return plan
 
     bench.controller.step = broken
@@ -347,11 +400,11 @@ def test_a_full_disk_ends_it_before_anything_moves(bench):
 
 
 def test_a_limp_joint_beyond_its_range_is_led_into_it_but_not_left_there(bench):
-    left = bench.plant.joint.angle_range[0]
-    bench.device.changed = lambda r: r._replace(theta=left - 5 * DEG) if r.t < 0.05 else r
+    left = np.ravel(bench.plant.angle_limits[0])[-1]
+    bench.device.changed = lambda r: turned(r, left - 5 * DEG) if r.t < 0.05 else r
     assert bench.loop().run().ending.reason is Reason.FINISHED
     bench.device.commands.clear()
-    bench.device.changed = lambda r: r._replace(theta=left - 5 * DEG)
+    bench.device.changed = lambda r: turned(r, left - 5 * DEG)
     record = bench.loop().run()
     assert record.ending.reason is Reason.LIMIT
     assert not np.isin(record.columns["phase"], (Phase.SETTLE, Phase.RUN)).any()
@@ -372,7 +425,7 @@ def test_an_ending_that_asks_to_hold_leaves_no_pressure_behind(bench, stop):
             raise NoAnswer("late")
 
     bench.device.before_read = every_other
-    loop = bench.loop(observer=KalmanObserver(bench.plant, DT), stop=stop)
+    loop = bench.loop(observer=KalmanObserver(bench.plant, DT, compiled=False), stop=stop)
     record = loop.run()
     assert record.ending.reason is Reason.UNHEALTHY
     assert record.ending.action is (Action.RAMP if stop is None else Action.VENT)

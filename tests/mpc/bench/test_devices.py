@@ -12,6 +12,7 @@ from mpc import Plant
 from mpc.bench.device import CallableDevice, DeviceError, MonotonicClock, Reading, SimulatedClock
 from mpc.bench.devices.registry import kinds, open_device
 from mpc.bench.devices.simulated import STEP, SimulatedDevice
+from mpc.model.arm.model import Arm
 from mpc.model.real_plant import RealPlant
 
 
@@ -98,6 +99,32 @@ def test_a_callable_device_takes_what_a_function_says(said, expected):
         device.vent()
     assert sent == [(1e5, 2e5), (0.0, 0.0)]
     assert closed == [True]
+
+
+def test_a_callable_device_of_an_arm_splits_its_numbers_by_the_machine():
+    said, sent = [(0.1, 0.2, *range(6))], []
+    device = CallableDevice(lambda: said[0], lambda *P: sent.append(P), machine=Arm.machine("arm26"))
+    np.testing.assert_array_equal(device.read().theta, [0.1, 0.2])
+    assert device.read().P == tuple(range(6))
+    said[0] = 0.1, 0.2
+    assert np.isnan(device.read().P).sum() == 6
+    for said[0] in ((0.1, 1e5, 2e5), 0.1):
+        with pytest.raises(DeviceError, match=r"give 2 angles \[rad\], or 2 angles, 6 pressures"):
+            device.read()
+    device.vent()
+    assert sent == [(0.0,) * 6]
+
+
+def test_a_weight_on_an_arm_pulls_the_joint_that_it_is_on(plant):
+    clock = SimulatedClock()
+    with SimulatedDevice(Arm.machine("arm26"), clock, pressures=2 * BAR) as device:
+        device.hang(np.array([0.0, 0.5]))
+        for k in range(1, 100):
+            clock.sleep_until(0.01 * k)
+            device.read()
+    assert device.x[1] < -1 * DEG
+    with pytest.raises(InvalidInput, match=r"pressures = .* has to be one number or a row of 6"):
+        SimulatedDevice(Arm.machine("arm26"), pressures=(0.0, 0.0))
 
 
 @pytest.mark.parametrize("said", [None, "high", (1.0, 2.0), ()])

@@ -1,30 +1,41 @@
 """Logs: read again, replayed, made a run; readings that come late."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from allocator import DEG
 from allocator.errors import InvalidFile, InvalidInput
-from mpc import KalmanObserver, Plant, TrackingMPC, Weights
+from allocator.mechanism.endpoint import Endpoint
+from mpc import KalmanObserver, Plant, Reference, TrackingMPC, Weights, simulate
 from mpc.bench.cycle import Phase, Tick
 from mpc.bench.device import NoAnswer, Reading, SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log, run_of
 from mpc.bench.loop import RealTimeLoop, Tracking, replay
+from mpc.bench.measuring.log import read_log_of_motion
 from mpc.bench.record import Lateness
-from mpc.bench.rows import JOINT
+from mpc.bench.rows import JOINT, Row, Sheet
 from mpc.bench.safety import SoftStart, Watchdog
+from mpc.explorer.server import frames
+from mpc.model.arm.model import Arm
+from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator
-from mpc.trials.files import load_recording
+from mpc.trials.files import load_recording, save_recording
 from mpc.trials.metrics import metrics
+from mpc.trials.motions.arm_trajectories import reference
 from mpc.trials.motions.reference import sine
 from mpc.yardsticks.baselines import PIDControl
+
+either = pytest.mark.parametrize("bench", ["joint", "arm"], indirect=True)
 
 DT = 0.01
 START = SoftStart(rate=20e5, dwell=0.3, settle=0.5)
 
 
+@either
 def test_a_log_replays_to_the_same_commands(bench, tmp_path):
     """With readings that come late or not at all, and samples that were left out."""
     rng = np.random.default_rng(3)
@@ -38,26 +49,76 @@ def test_a_log_replays_to_the_same_commands(bench, tmp_path):
     record = bench.loop(log=tmp_path / "log.csv", start=START).run()
     logged = read_log(tmp_path / "log.csv")
     assert logged["missed"].sum() > 3
-    assert np.isnan(logged["theta"]).sum() >= 3
-    again = Tracking(bench.plant, PIDControl(bench.plant, DT), Differentiator(DT), bench.reference, START.settle)
+    assert np.isnan(bench.sheet.values(logged, "theta")).sum() >= 3
+    controller = type(bench.controller)(bench.plant, DT)
+    again = Tracking(bench.plant, controller, bench.observer(), bench.reference, START.settle)
     here = np.isin(logged["phase"], (Phase.SETTLE, Phase.RUN))
-    sent = np.stack([logged["P1_command"], logged["P2_command"]], axis=1)[here]
+    sent = bench.sheet.values(logged, "P_command")[here]
     np.testing.assert_allclose(replay(logged, again), sent, rtol=1e-12)
     np.testing.assert_array_equal(record.columns["P1_command"][here], sent[:, 0])
 
 
+def test_columns_of_a_joint_have_no_numbers_and_those_of_an_arm_have(bench, tmp_path):
+    """The names are a format: programs of others read them."""
+    bench.loop(log=tmp_path / "log.csv").run()
+    joint = (
+        "t [s],theta [rad],P1 [Pa],P2 [Pa],P1_command [Pa],P2_command [Pa],phase,missed,late [s],took [s],read_at [s],"
+        "sent,torque [Nm],theta_ref [rad],K_ref [Nm/rad],theta_estimate [rad],omega_estimate [rad/s],P1_estimate [Pa],"
+        "P2_estimate [Pa],d_estimate [Nm],K_estimate [Nm/rad],rung,status,slack [rad],slack_force [N],"
+        "moved_theta [rad],moved_K [Nm/rad],moved_T [Nm]"
+    )
+    assert (tmp_path / "log.csv").read_text().splitlines()[1] == joint
+    arm = Arm.machine("arm26")
+    hand = Sheet.of(replace(arm, endpoint=arm.bodies.endpoint))
+    assert hand.fields["theta_ref"] == ("theta1_ref", "theta2_ref")
+    assert hand.fields["P_command"] == tuple(f"P{j}_command" for j in range(1, 7))
+    assert hand.fields["K_ref"] == ("Kx11_ref", "Kx12_ref", "Kx22_ref")
+    assert "Kx12_estimate [N/m]" in hand.header.split(",")
+    for sheet in (JOINT, hand, Sheet.of(arm)):
+        assert Sheet.found(sheet.names).names == sheet.names
+
+
+def test_a_row_of_an_arm_fills_its_columns_and_comes_back():
+    sheet, K = Sheet.of(Arm.machine("arm26")), np.array([[3.0, 0.5], [0.5, 2.0]])
+    P = tuple(1e5 * j for j in range(6))
+    row = Row(0.0, np.array([0.1, 0.2]), P, P, 2, 0, 0.0, 0.0, K_ref=K, d_estimate=0.7)
+    cells = sheet.cells(row)
+    columns = {name: np.array([cell, cell]) for name, cell in zip(sheet.names, cells, strict=True)}
+    np.testing.assert_array_equal(sheet.values(columns, "K_ref"), [K, K])
+    np.testing.assert_array_equal(sheet.values(columns, "theta"), [[0.1, 0.2]] * 2)
+    np.testing.assert_array_equal(sheet.values(columns, "P"), [P, P])
+    np.testing.assert_array_equal(sheet.values(columns, "d_estimate"), [[0.7, 0.7]] * 2)
+    assert np.isnan(sheet.values(columns, "P_estimate")).all()
+
+
+@either
 def test_a_record_is_a_run_that_can_be_kept(bench, tmp_path):
     record = bench.loop().run()
     record.save(tmp_path / "log.npz")
     run = load_recording(tmp_path / "log.npz")
-    assert run.plant == bench.plant
+    assert repr(run.plant) == repr(bench.plant)
     figures = metrics(run)
-    here = np.isin(record.columns["phase"], (Phase.SETTLE, Phase.RUN))
-    error = (record.columns["theta"] - record.columns["theta_ref"])[here]
-    assert figures.theta_rms == pytest.approx(np.sqrt(np.mean(error**2)) / DEG)
+    theta, wanted = (record.values(name, (Phase.SETTLE, Phase.RUN)) for name in ("theta", "theta_ref"))
+    np.testing.assert_allclose(figures.theta_rms, np.sqrt(np.mean((theta - wanted) ** 2, axis=0)) / DEG)
     assert figures.limits_kept, figures.violations
     with np.load(tmp_path / "log.npz") as archive:
         np.testing.assert_array_equal(archive["log_late"], record.columns["late"])
+
+
+@pytest.mark.parametrize("bench", ["arm"], indirect=True)
+def test_what_is_of_an_arm_is_refused_where_a_joint_is_meant(bench, tmp_path):
+    record = bench.loop(log=tmp_path / "log.csv").run()
+    record.save(tmp_path / "log.npz")
+    with pytest.raises(InvalidFile, match="is the recording of an arm"):
+        frames(tmp_path / "log.npz")
+    with pytest.raises(InvalidFile, match="is the log of an arm"):
+        read_log_of_motion(tmp_path / "log.csv")
+    run, hand = record.run(), replace(bench.plant, endpoint=bench.plant.bodies.endpoint)
+    save_recording(replace(run, plant=hand), tmp_path / "hand.npz")
+    assert load_recording(tmp_path / "hand.npz").plant.endpoint == hand.endpoint
+    other = replace(bench.plant, endpoint=Endpoint.planar((0.1, 0.2)))
+    with pytest.raises(InvalidInput, match="cannot be written to a file"):
+        save_recording(replace(run, plant=other), tmp_path / "other.npz")
 
 
 def test_an_unfinished_last_line_is_left_out(bench, tmp_path):
@@ -148,6 +209,28 @@ def test_an_uneven_clock_does_not_spoil_the_tracking(monkeypatch):
     even = worst(at_due=True)
     assert even < 1 * DEG
     assert worst(at_due=False) > 2 * even
+
+
+@pytest.mark.compiles
+@pytest.mark.slow
+@pytest.mark.parametrize("measured", [True, False], ids=["measured", "unmeasured"])
+def test_an_arm_on_a_device_follows_as_in_a_simulation(measured):
+    """Its circle after a soft start from no pressure and a second of settling, against a simulation from rest."""
+    arm = Arm.machine("arm26")
+    controller, observer = TrackingMPC(arm, DT), KalmanObserver(arm, DT)
+    circle, clock = reference("circle", arm), SimulatedClock()
+    x0 = arm.at_rest(circle.theta[0], circle.K[0])
+    resting = np.concatenate([[0.0], 1.0 + circle.t]), circle.theta[[0, *range(circle.t.size)]]
+    settled = Reference(*resting, circle.K[[0, *range(circle.t.size)]], tail=circle.tail)
+    simulated = simulate(RealArm(arm), controller, settled, x0=x0, observer=observer)
+    after = simulated.t > 1.0
+    wanted = np.sqrt(np.mean((simulated.theta - simulated.theta_ref)[after] ** 2))
+    device = SimulatedDevice(RealArm(arm), clock, measures_pressure=measured)
+    start = SoftStart(present=None if measured else (0.0,) * arm.m)
+    record = RealTimeLoop(device, controller, observer, circle, clock=clock, start=start).run()
+    assert str(record.ending) == "finished"
+    assert record.theta_rms == pytest.approx(wanted, rel=0.1)
+    assert record.theta_rms < 0.2 * DEG
 
 
 def test_an_angle_that_is_dated_before_it_was_due_goes_on_with_the_estimated_velocity():

@@ -14,12 +14,14 @@ from mpc import Plant
 from mpc.bench.cycle import Cycle, Decision, Phase, Settings
 from mpc.bench.device import CallableDevice, DeviceError, DeviceLost, NoAnswer, Reading, SimulatedClock
 from mpc.bench.logs import read_log
-from mpc.bench.safety import Reason, RefusedStart, SafeStop, SoftStart
+from mpc.bench.safety import Guard, Reason, RefusedStart, SafeStop, SoftStart, Watchdog
 from mpc.bench.sweep import Sweep, Visit
+from mpc.model.arm.model import Arm
 from mpc.observer.base import Differentiator
 
 DT = 0.01
-PLANT = Plant()
+PLANT, ARM = Plant(), Arm.machine("arm26")
+MACHINES = {"joint": PLANT, "arm": ARM}
 FOREVER = 10**9
 
 
@@ -50,16 +52,23 @@ GARBAGE = (
     Reading(float("nan"), 0.1, (2e5, 2e5)), Reading(float("inf"), 0.1, (2e5, 2e5)), Reading(1e300, 0.1, (2e5, 2e5)),
     Reading(0.0, 1j), Reading(np.array([0.0, 1.0]), np.array([0.1, 0.1])), Reading(10**400, 0.1, (2e5, 2e5)),
 )  # fmt: skip
+GARBAGE_OF_ARM = (
+    (0.1, 0.1, *(2e5,) * 5), (0.1, 0.1, *(2e5,) * 7), (0.1, 0.1, *(2e5,) * 5, None), Reading(0.0, (0.1,), (2e5,) * 6),
+    Reading(0.0, 0.1, (2e5,) * 6), Reading(0.0, (0.1, "0.1"), (2e5,) * 6), Reading(0.0, (0.1, 0.1, 0.1), (2e5,) * 6),
+    Reading(0.0, np.full((2, 1), 0.1), (2e5,) * 6), Reading(0.0, np.array([0.1, 1j]), (2e5,) * 6), Reading(0.0, (), ()),
+    Reading(0.0, np.array([0.1, None]), (2e5,) * 6), Reading(0.0, "ab", (2e5,) * 6), Reading(0.0, (0.1, 10**400), ()),
+    Reading(0.0, np.full(2, 0.1), np.full(6, 9e9)), Reading(0.0, (0.1, -float("inf")), (2e5,) * 6),
+)  # fmt: skip
 WHEN = {"start": 0, "ramp": 10, "motion": 80, "stop": 215}  # calls before the first that fails
 HOW_OFTEN = (1, 2, FOREVER)
 
 
 class Valves:
-    """Two valves behind two functions, of which some calls fail before anything reaches the hardware."""
+    """The valves of a machine behind two functions, of which some calls fail before anything reaches the hardware."""
 
-    def __init__(self):
-        self.clock = SimulatedClock()
-        self.P = self.before = 2 * BAR, 2 * BAR
+    def __init__(self, machine=PLANT):
+        self.clock, self.machine = SimulatedClock(), machine
+        self.P = self.before = (2 * BAR,) * machine.m
         self.vented = self.commanded = False
         self.calls = dict.fromkeys(("read", "write", "vent", "watch"), 0)
         self.written = []
@@ -77,17 +86,18 @@ class Valves:
 
     def read(self):
         said = self._called("read")
-        return Reading(self.clock.now(), 0.1, self.P) if said is None else said[0]
+        theta = np.full(self.machine.angle_shape, 0.1) if self.machine.angle_shape else 0.1
+        return Reading(self.clock.now(), theta, self.P) if said is None else said[0]
 
-    def write(self, P1, P2):
+    def write(self, *P):
         self.commanded = True
         self._called("write")
-        self.P, self.vented = (P1, P2), False
+        self.P, self.vented = P, False
         self.written.append(self.P)
 
     def vent(self):
         self._called("vent")
-        self.P, self.vented = (0.0, 0.0), True
+        self.P, self.vented = (0.0,) * self.machine.m, True
 
     def watch(self, row):
         self._called("watch")
@@ -109,12 +119,14 @@ class Sine:
     """Two seconds of commands to follow."""
 
     dt = DT
-    first = 2.5 * BAR, 1.5 * BAR
+
+    def __init__(self, machine=PLANT):
+        self.first = 2.5 * BAR, *(1.5 * BAR,) * (machine.m - 1)
 
     def decide(self, tick):
         if tick.k > 150:
             return None
-        return Decision((2.5 * BAR + 0.5 * BAR * float(np.sin(tick.k / 30)), 1.5 * BAR), Phase.RUN)
+        return Decision((self.first[0] + 0.5 * BAR * float(np.sin(tick.k / 30)), *self.first[1:]), Phase.RUN)
 
 
 def raising(error):
@@ -126,9 +138,17 @@ def raising(error):
 
 def run(valves, kind=CallableDevice, log=None, source=None, stop=None):
     """Run a loop on `valves`; return the cycle, and what was raised."""
-    device = kind(valves.read, valves.write, valves.vent, clock=valves.clock)
+    device = kind(valves.read, valves.write, valves.vent, clock=valves.clock, machine=valves.machine)
     settings = Settings(start=SoftStart(2 * BAR, dwell=0.1), stop=SafeStop(rate=2 * BAR) if stop is None else stop)
-    cycle = Cycle(device, source or Sine(), PLANT, settings, clock=valves.clock, watch=valves.watch, log=log)
+    cycle = Cycle(
+        device,
+        source or Sine(valves.machine),
+        valves.machine,
+        settings,
+        clock=valves.clock,
+        watch=valves.watch,
+        log=log,
+    )
     try:
         cycle.run()
     except BaseException as error:  # whatever it is, it is judged by what the valves got
@@ -141,14 +161,15 @@ def unsafe(cases):
     return [name for name, valves, kind in cases if not (run(valves, kind), valves.safe)[1]]
 
 
-def of_exceptions(call, when):
+def of_exceptions(call, when, machine):
     for error, number in product(EXCEPTIONS, HOW_OFTEN):
-        yield f"{call} {when} {error!r} x{number}", Valves().fail(call, WHEN[when], number, raising(error)), Raw
+        valves = Valves(machine).fail(call, WHEN[when], number, raising(error))
+        yield f"{call} {when} {error!r} x{number}", valves, Raw
 
 
-def of_garbage(kind, when):
-    for said, number in product(GARBAGE, HOW_OFTEN):
-        valves = Valves().fail("read", WHEN[when], number, lambda said=said: [said])
+def of_garbage(kind, when, machine):
+    for said, number in product((*GARBAGE, *GARBAGE_OF_ARM), HOW_OFTEN):
+        valves = Valves(machine).fail("read", WHEN[when], number, lambda said=said: [said])
         yield f"{kind.__name__} {when} {said!r:.40} x{number}", valves, kind
 
 
@@ -158,8 +179,9 @@ def of_stubborn_vents(call, when):
         yield f"{call} {when} {error!r} x{number}, vent x{refused}", valves, Raw
 
 
-def test_nothing_but_the_trajectory_ends_an_honest_loop():
-    valves = Valves()
+@pytest.mark.parametrize("machine", MACHINES)
+def test_nothing_but_the_trajectory_ends_an_honest_loop(machine):
+    valves = Valves(MACHINES[machine])
     cycle, error = run(valves)
     assert error is None
     assert valves.safe
@@ -170,16 +192,32 @@ def test_nothing_but_the_trajectory_ends_an_honest_loop():
     assert first_of_stop < WHEN["stop"] < phases.size
 
 
+@pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("when", WHEN)
 @pytest.mark.parametrize("call", ["read", "write", "watch"])
-def test_whatever_a_call_raises_the_muscles_are_vented(call, when):
-    assert unsafe(of_exceptions(call, when)) == []
+def test_whatever_a_call_raises_the_muscles_are_vented(call, when, machine):
+    assert unsafe(of_exceptions(call, when, MACHINES[machine])) == []
 
 
+@pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("when", WHEN)
 @pytest.mark.parametrize("kind", [CallableDevice, Raw])
-def test_whatever_a_reading_says_the_muscles_are_vented(kind, when):
-    assert unsafe(of_garbage(kind, when)) == []
+def test_whatever_a_reading_says_the_muscles_are_vented(kind, when, machine):
+    assert unsafe(of_garbage(kind, when, MACHINES[machine])) == []
+
+
+def test_an_arm_is_not_measured_by_wrong_numbers():
+    """The sizes are those of the machine; NaN in place of a row means that none of it was measured."""
+    guard = Guard(ARM, DT, Watchdog(), 0.0)
+    for said in GARBAGE_OF_ARM[3:8]:
+        with pytest.raises(DeviceError, match="Reading"):
+            guard.checked(said)
+    nothing = guard.checked(Reading(0.5))
+    assert (nothing.t, nothing.theta.shape, len(nothing.P)) == (0.5, (2,), 6)
+    assert np.isnan([*nothing.theta, *nothing.P]).all()
+    read = guard.checked(Reading(0.5, [0.1, np.nan], np.arange(6)))
+    assert guard.lacking(read) == "no angle of elbow"
+    assert read.P == tuple(map(float, range(6)))
 
 
 @pytest.mark.parametrize(("call", "when"), list(product(("read", "write", "watch"), ("motion", "stop"))))
