@@ -22,7 +22,7 @@ from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run, say
 from allocator.units import DEG
-from mpc.arm.cli import ArmOptions, track_arm
+from mpc.arm.cli import ArmOptions, refuse_options_of_one_joint, track_arm
 from mpc.bench.cli import devices_command, run_command, sweep_command
 from mpc.bench.measure_cli import measure_command
 from mpc.explorer.cli import explore
@@ -174,7 +174,9 @@ def track(
     claim(*files, margins, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force, own=own)
     if several:
         named = None if controller == _MPC else controller
-        _refuse(stiffness=at.stiffness, solver=solver, observer=observer, controller=named, amplitude=amplitude)
+        refuse_options_of_one_joint(
+            stiffness=at.stiffness, solver=solver, observer=observer, controller=named, amplitude=amplitude
+        )
         track_arm(
             options,
             more,
@@ -253,14 +255,6 @@ def track(
         files = [*files, margins]
     say(console, f"written: {', '.join(map(str, files))}")
     _show(files if show else [])
-
-
-def _refuse(**given: object) -> None:
-    """Refuse options that only one joint has. Raises `InvalidInput` for any that is not None."""
-    if option := next((name for name, value in given.items() if value is not None), None):
-        raise InvalidInput(
-            f"--{option} is for one joint; several joints track their usual stiffness with mpc and its observer"
-        )
 
 
 def _show(files: list[Path]) -> None:

@@ -167,5 +167,6 @@ def numbers(option: str, text: str, fewest: int, most: int, example: str) -> lis
         found = []
     if not fewest <= len(found) <= most:
         forms = " or ".join(("NUMBER", "LOW:HIGH", "LOW:HIGH:STEP")[fewest - 1 : most])
+        forms = forms or f"{fewest} numbers with colons between them"
         raise InvalidInput(f"{option} {text}: expected {forms}, such as {example}")
     return found

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter, sleep
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import typer
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from allocator.mechanism.endpoint import Endpoint
     from mpc.arm.mujoco_plant import MujocoPlant
     from mpc.model.arm.model import Arm
+    from mpc.model.arm.reading import Read
     from mpc.model.compensation import Compensation
     from mpc.plant_cli import PlantOptions
     from mpc.repetition.response import Response
@@ -33,8 +34,8 @@ _OFF = 0.05  # [-] error of the muscles' forces, on a real plant
 
 
 @dataclass(frozen=True)
-class ArmOptions:
-    """Options of several joints."""
+class HandOptions:
+    """Options of the stiffness that several joints track."""
 
     PANEL: ClassVar[str] = "Several joints"
 
@@ -43,13 +44,49 @@ class ArmOptions:
         str | None,
         typer.Option(help="hand of a MuJoCo model: a site or a body; with some of its coordinates, such as tip:xy"),
     ] = None
-    catch: Annotated[float, typer.Option(help="unmodelled mass at rest that the hand catches half-way [kg]")] = 0.0
-    view: Annotated[bool, typer.Option("--view", help="show the arm in MuJoCo's window, in real time")] = False
 
     def __post_init__(self) -> None:
         if self.stiffness_of not in _TRACKED:
             raise MissingBackend("stiffness to follow", self.stiffness_of, _TRACKED)
+
+
+@dataclass(frozen=True)
+class ArmOptions(HandOptions):
+    """Options of several joints on MuJoCo."""
+
+    catch: Annotated[float, typer.Option(help="unmodelled mass at rest that the hand catches half-way [kg]")] = 0.0
+    view: Annotated[bool, typer.Option("--view", help="show the arm in MuJoCo's window, in real time")] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         within("--catch", self.catch, "kg", 0.0, 100.0)
+
+
+class Described(NamedTuple):
+    """Arm of the options, with the place of its hand and remarks about it."""
+
+    arm: "Arm"
+    hand: "Endpoint | None"
+    notes: list[str]
+    read: "Read | None"  # the MuJoCo model
+
+
+def described(options: "PlantOptions", more: HandOptions) -> Described:
+    """Return the arm of the options, which tracks the stiffness that they name. Raises `InvalidInput`."""
+    arm, hand, notes, read = _from_mujoco(options, more) if options.is_mujoco else _with_bodies(options, more)
+    if more.stiffness_of == _HAND:
+        if hand is None:
+            raise InvalidInput(f"--stiffness-of hand: {options.machine} has no hand; name a site or body with --hand")
+        arm = replace(arm, endpoint=hand)
+    return Described(arm, hand, notes, read)
+
+
+def refuse_options_of_one_joint(**given: object) -> None:
+    """Refuse options that only one joint has. Raises `InvalidInput` for any that is not None."""
+    if option := next((name for name, value in given.items() if value is not None), None):
+        raise InvalidInput(
+            f"--{option} is for one joint; several joints track their usual stiffness with mpc and its observer"
+        )
 
 
 def track_arm(
@@ -89,7 +126,7 @@ def track_arm(
         if path.suffix.lower() in ENDINGS:
             check_film(path)
     arm, tested, point, notes = _machine(options, more, plant, seed)
-    asked = repeated.reference(trajectory, lambda: _asked(trajectory or _CIRCLE, arm, point))
+    asked = repeated.reference(trajectory, lambda: asked_of_arm(trajectory, arm, point))
     half_way = asked.duration / 2
     if more.catch and (learned or not isinstance(arm.bodies, Bodies)):
         raise InvalidInput("--catch is for one run of a --machine in the plane, such as arm26, without --repeat")
@@ -158,11 +195,12 @@ def track_arm(
     say(console, f"written: {', '.join(map(str, files))}")
 
 
-def _asked(trajectory: str, arm: "Arm", hand: "Endpoint | None") -> "Reference":
-    """Return the reference of a name, or that of a user's file."""
+def asked_of_arm(trajectory: str | None, arm: "Arm", hand: "Endpoint | None") -> "Reference":
+    """Return the reference of a name, or that of a user's file; by default the circle."""
     from mpc.trials.motions.arm_trajectories import REFERENCES, reference
     from mpc.trials.motions.motion_files import load_motion
 
+    trajectory = trajectory or _CIRCLE
     if trajectory not in REFERENCES and (Path(trajectory).suffix or Path(trajectory).exists()):
         return load_motion(trajectory, arm, hand)
     return reference(trajectory, arm)
@@ -178,12 +216,15 @@ def _machine(
 
     if kind not in (_NOMINAL, _REAL):
         raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
-    read = _from_mujoco if options.is_mujoco else _with_bodies
-    model, arm, hand, notes, of_tendons = read(options, more)
-    if more.stiffness_of == _HAND:
-        if hand is None:
-            raise InvalidInput(f"--stiffness-of hand: {options.machine} has no hand; name a site or body with --hand")
-        arm = replace(arm, endpoint=hand)
+    arm, hand, notes, read = described(options, more)
+    of_tendons: dict[str, Any] = {}
+    if read is None:
+        from mpc.arm.mjcf import to_mjcf
+
+        model: Any = to_mjcf(arm.mechanism, arm.bodies)
+    else:
+        model = read.model
+        of_tendons |= {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
     effects: dict[str, Any] = {"pressure_limits": arm.mechanism.pressure_limits, "gas": arm.gas}
     if kind == _REAL:
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
@@ -195,18 +236,14 @@ def _machine(
     return arm, plant, hand, notes
 
 
-def _with_bodies(options: "PlantOptions", more: ArmOptions) -> "tuple[Any, Arm, Endpoint, list[str], dict[str, Any]]":
-    from mpc.arm.mjcf import to_mjcf
-
+def _with_bodies(options: "PlantOptions", more: HandOptions) -> Described:
     if more.hand is not None:
         raise InvalidInput(f"--hand is of a MuJoCo model: --machine FILE.xml; {options.machine} has its own")
     arm = options.arm()
-    return to_mjcf(arm.mechanism, arm.bodies), arm, arm.bodies.endpoint, [], {}
+    return Described(arm, arm.bodies.endpoint, [], None)
 
 
-def _from_mujoco(
-    options: "PlantOptions", more: ArmOptions
-) -> "tuple[Any, Arm, Endpoint | None, list[str], dict[str, Any]]":
+def _from_mujoco(options: "PlantOptions", more: HandOptions) -> Described:
     """Read the arm of a MuJoCo model. Raises the errors of `PlantOptions.mujoco`."""
     read = options.mujoco(more.hand)
     notes = [f"muscles: {', '.join(options.mujoco_muscles)}"]
@@ -217,8 +254,7 @@ def _from_mujoco(
         notes.append(f"without formulas, so that a step is slow: {read.asked_of_mujoco}")
     if read.left_out:
         notes.append(f"not in the controller's model: {read.left_out}")
-    rest = {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
-    return read.model, options.mujoco_arm(read), read.hand, notes, rest
+    return Described(options.mujoco_arm(read), read.hand, notes, read)
 
 
 def _dry_friction(simulated: Sequence[float], known: "Compensation") -> list[str]:
@@ -245,13 +281,11 @@ def _loop(
     """Return a controller and its observer, which `wait` for compilation, their settings, and a sentence on the file's
     tuning or "".
     """
-    from mpc.observer.filter import CALM_NOISE
-    from mpc.tracking.cost import CALM
     from mpc.trials.loops import Settings, loop
 
     settings = Settings(arm, dt, horizon, wait=wait)
     if kind == _REAL:
-        settings = settings._replace(compensation=_known(options), weights=CALM, noise=CALM_NOISE)
+        settings = settings._replace(compensation=_known(options)).calm
     settings, tuned = options.tuned(settings, _MPC)
     return *loop(_MPC, settings), settings, tuned
 

@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Self
 import typer
 
 from allocator import checks
-from allocator.errors import AntagonistError
+from allocator.errors import AntagonistError, InvalidInput
 from allocator.lazy import Console
 from allocator.presentation.waiting import waiting
 from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
 from allocator.units import BAR, DEG, PERCENT
+from mpc.arm.cli import HandOptions, asked_of_arm, described, refuse_options_of_one_joint
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import LoopOptions, PlantOptions
 from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
+    from allocator.mechanism.endpoint import Endpoint
     from mpc.bench.cycle import Cycle
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
@@ -53,10 +55,11 @@ def devices_command() -> None:
 def run_command(
     options: PlantOptions,
     at: LoopOptions,
+    more: HandOptions,
     bench: BenchOptions,
     repeated: RepeatOptions,
     trajectory: Annotated[
-        str | None, typer.Argument(help="a standard trajectory or a CSV, as of `antagonist track`")
+        str | None, typer.Argument(help="a standard trajectory or a CSV, as of `antagonist track`, for an arm as well")
     ] = None,
     out: Annotated[
         list[Path] | None,
@@ -68,7 +71,7 @@ def run_command(
     settle: Annotated[float, typer.Option(help="time under control at the first point of the trajectory [s]")] = 1.0,
     force: Force = False,
 ) -> None:
-    """Drive a joint on a device along a trajectory of angle and stiffness.
+    """Drive a joint or an arm on a device along a trajectory of angle and stiffness.
 
     The run begins with a soft start from the present pressures. It ends with the safe stop of --stop after the
     trajectory, Ctrl-C (twice: vent at once), SIGTERM, a closed terminal, or a failure of the device or the log. The
@@ -95,19 +98,31 @@ def run_command(
     learned = repeated.written(trajectory)
     inputs = (trajectory, repeated.learned, *options.files)
     claim(*files, None if journal in files else journal, *learned, inputs=inputs, force=force)
-    settings = bench.settings(options, settle)
-    opened = bench.opened(options)
+    if several := options.of_several:
+        _refuse_for_several(at, controller, repeated)
+    elif more != HandOptions():
+        raise InvalidInput("--stiffness-of and --hand go with a --machine of several joints")
+    given = described(options, more) if several else None
+    hand = None if given is None else given.hand
+    opened = bench.opened(options, None if given is None else given.arm)
+    settings = bench.settings(options, settle, opened.plant.m)
     plant, known = opened.plant, opened.known
-    reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, plant))
-    owner = Owner.of(plant, known, controller, repeated.load or "")
-    begun = repeated.begun(reference, owner, at.dt)
+    if several:
+        reference, begun = asked_of_arm(trajectory, plant, hand), None
+    else:
+        reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, plant))
+        owner = Owner.of(plant, known, controller, repeated.load or "")
+        begun = repeated.begun(reference, owner, at.dt)
     say(console, f"plant: {plant.summary}" + f"; {known.summary}" * bool(known.summary))
-    if assumed := opened.assumed(options):
+    for note in [] if given is None else given.notes:
+        say(console, note)
+    if not several and (assumed := opened.assumed(options)):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
     with waiting("building the controller (compiled once after an installation: some 20 seconds)"):
-        told, tuned = options.tuned(LoopSettings(plant, at.dt, at.horizon, known), controller)
-        told = told if tuned else robust(controller, told, reference)
+        told = LoopSettings(plant, at.dt, at.horizon, known)
+        told, tuned = options.tuned(told.calm if several else told, controller)
+        told = told if tuned or several else robust(controller, told, reference)
         driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
         sentences = margins_in_words(controller, told, reference, driver)
         answers = partial(responses, controller, told, reference, options.spreads())
@@ -135,7 +150,7 @@ def run_command(
         record, best = done.last, done.best or done.last
     with _exiting(record.ending):
         if best.controlled:
-            _write(best, files, journal)
+            _write(best, files, journal, hand)
         _report(best if finished(record) else record, console)
         if learner is not None and done.first is not None and done.best is not None:
             first, after = (read(one, learner.course, known.reading_age) for one in (done.first, done.best))
@@ -241,6 +256,15 @@ def _run(cycle: "Cycle", watch: "Watch", console: "Console") -> "Ending":
         return ending
 
 
+def _refuse_for_several(at: LoopOptions, controller: str, repeated: RepeatOptions) -> None:
+    """Refuse the options of a run that only one joint has. Raises `InvalidInput`."""
+    refuse_options_of_one_joint(stiffness=at.stiffness, controller=None if controller == "mpc" else controller)
+    if repeated.asked:
+        raise InvalidInput(
+            "--repeat and --from take one joint on a device; `antagonist track` repeats a motion of an arm"
+        )
+
+
 @contextmanager
 def _exiting(ending: "Ending") -> Iterator[None]:
     """Exit with the code of an ending after a report, also where standard output is gone with its terminal."""
@@ -284,7 +308,7 @@ def _journal(files: list[Path]) -> Path | None:
     return next((path for path in files if path.suffix == ".csv"), files[0].with_suffix(".partial.csv"))
 
 
-def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
+def _write(record: "Record", files: list[Path], journal: Path | None, hand: "Endpoint | None") -> None:
     """Write the other files, and remove a journal that --out does not name."""
     from mpc.bench.cycle import Phase
     from mpc.trials.files import save_mcap
@@ -296,21 +320,28 @@ def _write(record: "Record", files: list[Path], journal: Path | None) -> None:
         elif path.suffix == ".mcap":
             save_mcap(record.run(), path)
         elif path.suffix != ".csv":
-            settling = record.dt * len(record.where("theta", phases=(Phase.SETTLE,))[0])
-            save_tracking_figure(record.run(), path, f"as measured, with {settling:.3g} s of settling")
+            settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
+            save_tracking_figure(record.run(), path, f"as measured, with {settling:.3g} s of settling", hand)
     if journal is not None and journal not in files:
         journal.unlink()
 
 
 def _report(record: "Record", console: "Console") -> None:
     """Print the ending, the errors, and whether the strengths need a check."""
+    import numpy as np
+
     from mpc.bench.measuring.due import check_due
+    from mpc.model.plant import Plant
 
     say_ending(record.ending, record.lateness, console)
-    if record.tracked:
-        say(console, f"angle error: {record.theta_rms / DEG:.3g}° RMS, as measured, without settling")
-        if due := check_due(record.run()):
-            say(console, due)
+    if not record.tracked:
+        return
+    one = isinstance(record.plant, Plant)
+    names = [""] if one else [f" of {name}" for name in record.plant.labels.angles]
+    for name, rms in zip(names, np.ravel(record.theta_rms / DEG), strict=True):
+        say(console, f"angle error{name}: {rms:.3g}° RMS, as measured, without settling")
+    if one and (due := check_due(record.run())):
+        say(console, due)
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
 from mpc.bench.cycle import Phase
 from mpc.bench.record import Lateness
@@ -48,10 +48,10 @@ class Record:
         return bool((self.columns["phase"] == Phase.RUN).any())
 
     @property
-    def theta_rms(self) -> float:
-        """Root mean square [rad] of the measured angles minus their references, of all joints, without settling."""
+    def theta_rms(self) -> Value:
+        """Root mean square [rad] of the measured angle minus its reference, (n,) of an arm, without settling."""
         theta, wanted = (self.values(field, phases=(Phase.RUN,)) for field in ("theta", "theta_ref"))
-        return float(np.sqrt(np.nanmean((theta - wanted) ** 2)))
+        return np.sqrt(np.nanmean((theta - wanted) ** 2, axis=0))
 
     def values(self, field: str, phases: tuple[Phase, ...]) -> Column:
         """Return a field of `Row` in these phases: numbers (N,), or a row or a matrix per sample."""

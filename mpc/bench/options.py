@@ -1,8 +1,8 @@
-"""Options of commands that move a joint, and the device that they open; in bar."""
+"""Options of commands that move a joint or an arm, and the device that they open; in bar."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import typer
 
@@ -14,15 +14,15 @@ from mpc.plant_cli import PlantOptions
 if TYPE_CHECKING:
     from mpc.bench.cycle import Settings
     from mpc.bench.device import Clock, Device
+    from mpc.model.arm.model import Arm
     from mpc.model.compensation import Compensation
-    from mpc.model.plant import Plant
 
 _SIM = "sim"
 
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """Options of a command that moves a joint."""
+    """Options of a command that moves a joint or an arm."""
 
     PANEL: ClassVar[str] = "Bench"
 
@@ -36,7 +36,9 @@ class BenchOptions:
     ] = ""
     present: Annotated[
         str | None,
-        typer.Option(help="pressures at the start P1:P2 [bar]; for devices that do not measure them, 0:0 if vented"),
+        typer.Option(
+            help="pressures at the start P1:P2, one a muscle [bar]; for devices that do not measure them, 0:0 if vented"
+        ),
     ] = None
     start_rate: Annotated[float, typer.Option(help="rate of the soft start [bar/s]")] = 1.0
     stop: Annotated[str, typer.Option(help="final treatment of the pressures: ramp, hold or vent")] = "ramp"
@@ -51,14 +53,14 @@ class BenchOptions:
     quiet: Annotated[bool, typer.Option("--quiet", help="show nothing during the run")] = False
     plot: Annotated[bool, typer.Option("--plot", help="draw the last seconds in a window")] = False
 
-    def opened(self, options: PlantOptions) -> "Opened":
-        """Return the device, the clock of its loop, the plant and its known effects.
+    def opened(self, options: PlantOptions, arm: "Arm | None" = None) -> "Opened":
+        """Return the device, the clock of its loop, the joint's plant or else the `arm`, and its known effects.
 
         A `sim` without a file simulates the joint of the options, with the effects of a real bench. Its controller has
-        the effects in the options, as on any device, and for the others the values that a fit would find.
+        the effects in the options, as on any device, and for the others the values that a fit would find. An arm has
+        the effects in its file, and the sensors of a bench.
         """
         from mpc.bench.device import MonotonicClock, SimulatedClock
-        from mpc.bench.devices.registry import open_device
         from mpc.bench.devices.simulated import SimulatedDevice, open_simulated, simulated
         from mpc.model.real_plant import RealPlant
 
@@ -66,20 +68,22 @@ class BenchOptions:
             raise InvalidInput("--device is missing: name a device, such as sim or serial:/dev/ttyUSB0")
         name, _, address = self.device.partition(":")
         clock = SimulatedClock() if self.fast else MonotonicClock()
+        if arm is not None:
+            known = options.compensation_of_arm()
+            return Opened(self._of_arm(arm, known, clock), clock, arm, known)
         plant, known = options.plant(), options.compensation()
         if name == _SIM and not address:
             plant = RealPlant.standard().nominal if options == PlantOptions() else plant
             real = simulated(plant, known)
+            assert isinstance(real, RealPlant)
             found = replace(real.known(share=1.0), **known.told)
             return Opened(SimulatedDevice(real, clock, zero=options.encoder_zero), clock, plant, found)
         if name == _SIM:
             return Opened(open_simulated(address, clock), clock, plant, known)
-        if self.fast:
-            raise InvalidInput(f"--fast is for --device {_SIM}: {name} is as fast as it is")
-        return Opened(open_device(self.device), clock, plant, known)
+        return Opened(self._driven(), clock, plant, known)
 
-    def settings(self, options: PlantOptions, settle: float = 0.0) -> "Settings":
-        """Return the settings of a loop: its start, its ends, its safe stop, and the encoder's zero of the file."""
+    def settings(self, options: PlantOptions, settle: float = 0.0, m: int = 2) -> "Settings":
+        """Return the settings of a loop of m muscles: start, ends, safe stop, and the encoder's zero of the file."""
         from mpc.bench.cycle import Overrun, Settings
         from mpc.bench.safety import Action, SafeStop, SoftStart
 
@@ -90,19 +94,35 @@ class BenchOptions:
         _chosen("--overrun", self.overrun, policies)
         present = None
         if self.present is not None:
-            one, two = numbers("--present", self.present, 2, 2, "0:0")
-            present = one * BAR, two * BAR
+            present = tuple(P * BAR for P in numbers("--present", self.present, m, m, ":".join("0" * m)))
         start = SoftStart(self.start_rate * BAR, settle=settle, present=present)
         stop = SafeStop(Action(self.stop), self.stop_rate * BAR)
         return Settings(policies[self.overrun], start, stop=stop, zero=options.encoder_zero)
 
+    def _of_arm(self, arm: "Arm", known: "Compensation", clock: "Clock") -> "Device":
+        """Return the device of an arm."""
+        from mpc.bench.devices.simulated import SimulatedDevice, open_simulated, simulated
+
+        name, _, address = self.device.partition(":")
+        if name != _SIM:
+            return self._driven()
+        return open_simulated(address, clock) if address else SimulatedDevice(simulated(arm, known), clock)
+
+    def _driven(self) -> "Device":
+        """Return a device that is not simulated. Raises `InvalidInput` with --fast."""
+        from mpc.bench.devices.registry import open_device
+
+        if self.fast:
+            raise InvalidInput(f"--fast is for --device {_SIM}: {self.device.partition(':')[0]} is as fast as it is")
+        return open_device(self.device)
+
 
 class Opened(NamedTuple):
-    """Open device with its clock, and the plant and known effects of its joint."""
+    """Open device with its clock, and the plant and known effects of its joint or its arm."""
 
     device: "Device"
     clock: "Clock"
-    plant: "Plant"
+    plant: Any  # a `Plant` or an `Arm`
     known: "Compensation"
 
     def assumed(self, options: PlantOptions) -> str:

@@ -12,11 +12,11 @@ from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Differentiator, Observer
-from mpc.observer.filter import Noise
+from mpc.observer.filter import CALM_NOISE, Noise
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
-from mpc.tracking.cost import Weights
+from mpc.tracking.cost import CALM, Weights
 from mpc.trials.margins import Margins, linear, linear_model, margins, usual_postures
 from mpc.trials.motions.reference import Reference
 from mpc.trials.robust import robust_weights
@@ -44,6 +44,11 @@ class Settings(NamedTuple):
     gains: PIDGains | None = None  # of the PIDs; None: each one's own
     solver: Any = None  # of the QPs or the NLPs: a name, options or a value; None: the controller's own choice
     wait: bool = True  # see `TrackingMPC`
+
+    @property
+    def calm(self) -> "Settings":
+        """Settings with the usual weights and noise for machines that differ from their model."""
+        return self._replace(weights=CALM, noise=CALM_NOISE)
 
     @property
     def sliding(self) -> "Settings":

@@ -15,8 +15,11 @@ from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.files.toml import Table
-from allocator.machine_file import encoder_zero_in
+from allocator.machine_file import encoder_zero_in, machine_from
+from allocator.mechanism import Mechanism
+from allocator.units import BAR, DEG
 from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
+from mpc.model.arm.storage import load_arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
@@ -26,6 +29,7 @@ from mpc.model.real_plant import RealPlant
 
 STEP = 1e-3  # of its time base [s]
 _VENTED = 0.0  # [Pa]
+_SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a bench
 _MOST = 2.0  # [s] longest time that one call simulates: more would take as long again
 
 
@@ -148,18 +152,23 @@ def _row(name: str, values: Array, size: int) -> Array:
     return np.broadcast_to(values, (size,))
 
 
-def simulated(plant: Plant, known: Compensation, **effects: Any) -> RealPlant:
-    """Return `plant` as a joint on a bench, with its `known` friction and regulators, and sensors of a bench.
+def simulated(plant: Machine, known: Compensation, **effects: Any) -> RealMachine:
+    """Return `plant` as a machine on a bench, with its `known` friction and regulators, and sensors of a bench.
 
-    Unknown effects are those of `RealPlant.standard`; the muscles have the forces of the plant's.
+    Unknown effects of a joint are those of `RealPlant.standard`, an arm has none. The muscles have the forces of the
+    plant's.
     """
-    standard = RealPlant.standard((1.0, 1.0), nominal=plant)
-    return replace(standard, **(known.told | effects))
+    if isinstance(plant, Plant):
+        return replace(RealPlant.standard((1.0, 1.0), nominal=plant), **(known.told | effects))
+    return RealArm.of(plant, known, **(_SENSORS | effects))
 
 
 def open_simulated(address: str = "", clock: Clock | None = None) -> SimulatedDevice:
-    """Simulate a joint in real time: sim for the benchmark's, or sim:plant.toml for that of a file."""
+    """Simulate a joint in real time: sim for the benchmark's, or sim:plant.toml for that of a file, or an arm."""
     if not address:
         return SimulatedDevice(RealPlant.standard(), clock)
-    zero = encoder_zero_in(Table.read(address))
+    file = Table.read(address)
+    if isinstance(machine_from(file), Mechanism):
+        return SimulatedDevice(simulated(load_arm(address), Compensation.of_arm(address)), clock)
+    zero = encoder_zero_in(file)
     return SimulatedDevice(simulated(Plant.load(address), Compensation.load(address)), clock, zero=zero)
