@@ -57,6 +57,7 @@ class Tracking:
         self.dt = dt = controller.dt
         given = reference.resampled(dt)
         self._settling = round(settle / dt)
+        self._end = self._settling + reference.samples(dt) + 1  # the tail is for preview only
         t: Array = dt * np.arange(self._settling + given.t.size, dtype=float)
         i = np.maximum(np.arange(t.size) - self._settling, 0)  # the first point until the joint has settled
         self.reference = Reference(t, given.theta[i], given.K[i])
@@ -76,11 +77,11 @@ class Tracking:
         return health
 
     def decide(self, tick: Tick) -> Decision | None:
-        """Return the controller's commands, None after the last sample of the reference."""
+        """Return the controller's commands, None after the last sample of the reference before its tail."""
         if self._begun is None:
             self._begun = tick.k
         k = tick.k - self._begun
-        if k >= self.reference.t.size:
+        if k >= self._end:
             return None
         x, d = self._estimate(tick)
         if k == 0:  # a controller's first step begins at the given pressures, those last commanded

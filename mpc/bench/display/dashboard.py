@@ -40,6 +40,7 @@ class Dashboard:
         self._constant = {
             "joints": ("angle",) if one else machine.labels.angles,
             "muscles": ("muscle 1", "muscle 2") if one else machine.labels.pressures,
+            "entries": self._sheet.stiffness,
             "unit": machine.stiffness_unit,
             "highest": machine.pressure_limits[1],
         }

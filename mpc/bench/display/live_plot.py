@@ -65,17 +65,19 @@ class Window:
             axes.set_ylabel(f"{label} [{state['unit']}]" if label == "stiffness" else label)
             axes.grid(alpha=0.25)
             for name in names:
-                for i, (own, colour, style) in enumerate(_styles(name, len(state[name]))):
+                for i, (own, colour, style) in enumerate(_styles(name, len(state[name]), state["entries"])):
                     (self._lines[name, i],) = axes.plot([], [], color=colour, ls=style, label=own)
             axes.legend(loc="upper left", frameon=False, ncols=2)
         self._axes[-1].set_xlabel("time [s]")
 
 
-def _styles(name: str, size: int) -> Iterator[tuple[str, str, str]]:
-    """Yield label, colour and style of each line of a list; references of several quantities are dashed."""
-    reference = name.endswith("_ref")
-    if size == 1:
-        yield name, _COLOURS[reference], "-"
-        return
+def _styles(name: str, size: int, entries: list[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield label, colour and style of each line of a list; references of several quantities are dashed.
+
+    The labels are the names of the columns in a log; `entries` are those of the stiffness.
+    """
+    stem, reference, ending = name.partition("_")
     for i in range(size):
-        yield f"{name}{i + 1}", _COLOURS[i % len(_COLOURS)], "--" if reference else "-"
+        own = entries[i] if stem == "K" else stem if size == 1 else f"{stem}{i + 1}"
+        place = (1 if reference else 0) if size == 1 else i % len(_COLOURS)
+        yield own + reference + ending, _COLOURS[place], "--" if reference and size > 1 else "-"

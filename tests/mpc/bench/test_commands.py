@@ -2,9 +2,11 @@
 
 import io
 import json
+import os
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from mpc.bench.device import DeviceLost
@@ -12,9 +14,12 @@ from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.display import dashboard
 from mpc.bench.logs import read_log
 from mpc.bench.loop import Tracking
+from mpc.bench.rows import Row
 from mpc.cli import app
+from mpc.model.arm.model import Arm
 from mpc.trials.files import load_recording
 
+ARM = "--machine", "arm26", "--device", "sim"
 SIM = "--device", "sim", "--fast", "--quiet", "--controller", "pid"
 
 
@@ -70,6 +75,30 @@ def test_a_log_as_csv_is_the_log(tmp_path, trajectory):
     assert read_log(out)["t"].size > 100
 
 
+@pytest.mark.slow
+@pytest.mark.compiles
+def test_an_arm_runs_its_circle_on_a_simulated_device(tmp_path):
+    """From the command line, with the device of the arm's file, its log, its recording and its picture."""
+    files = tmp_path / "arm.toml", tmp_path / "run.csv", tmp_path / "run.npz", tmp_path / "run.png"
+    assert antagonist("init", files[0], "--machine", "arm26").exit_code == 0
+    outs = [word for path in files[1:] for word in ("--out", path)]
+    device = "--device", f"sim:{files[0]}", "--present", "0:0:0:0:0:0"
+    result = antagonist("run", "--machine", files[0], *device, "--fast", "--quiet", *outs)
+    assert result.exit_code == 0, result.output
+    said = [line for line in result.output.splitlines() if line.startswith("angle error of ")]
+    assert [line.split()[3] for line in said] == ["shoulder:", "elbow:"]
+    assert max(float(line.split()[4].rstrip("°")) for line in said) < 0.2
+    run, log = load_recording(files[2]), read_log(files[1])
+    np.testing.assert_array_equal(run.u[:, 5], log["P6_command"][np.isin(log["phase"], (1, 2))][:-1])
+    assert files[3].stat().st_size > 10_000
+
+
+def test_one_joint_is_what_a_sweep_and_a_measurement_take(tmp_path):
+    for command in (("sweep", "--out", tmp_path / "sweep"), ("measure", "--out", tmp_path / "measured.png")):
+        result = antagonist(*command, *ARM, "--fast")
+        assert "this command takes one joint with two muscles; --machine arm26 is a machine" in str(result.exception)
+
+
 def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajectory, monkeypatch):
     write, calls = SimulatedDevice.write, iter(range(10**9))
 
@@ -99,6 +128,12 @@ def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajector
         (("--device", "sim", "--start-rate", "0"), "--start-rate 0: expected"),
         (("--device", "sim", "--settle", "-1"), "settle = -1"),
         (("--device", "sim", "--controller", "bang-bang"), "unknown controller 'bang-bang'"),
+        (("--device", "sim", "--hand", "tip"), "--stiffness-of and --hand go with a --machine of several joints"),
+        ((*ARM, "--controller", "pid"), "--controller is for one joint"),
+        ((*ARM, "--stiffness", "7"), "--stiffness is for one joint"),
+        ((*ARM, "--repeat", "3"), "--repeat and --from take one joint on a device"),
+        ((*ARM, "--present", "0:0"), "--present 0:0: expected 6 numbers with colons between them"),
+        ((*ARM,), "unknown reference 'min-jerk'"),
     ],
 )
 def test_wrong_input_is_one_sentence(arguments, said):
@@ -185,6 +220,13 @@ STATE = {
 }  # fmt: skip
 
 
+STATE_OF_ARM = {
+    "joints": ["shoulder", "elbow"], "theta": [0.1, 0.2], "theta_ref": [0.0, -0.1], "K": [3.0, 0.5, 2.0],
+    "K_ref": [3.0, 0.5, 2.0], "unit": "N/m", "muscles": ["biceps", "brachialis", "triceps"], "P": [1e5, 2e5, 3e5],
+    "u": [3e5, 2e5, 1e5],
+}  # fmt: skip
+
+
 def test_a_dashboard_without_a_terminal_prints_a_line_a_second(capsys):
     dashboard.main([json.dumps(STATE | {"t": 0.1 * k}) for k in range(25)])
     lines = capsys.readouterr().out.splitlines()
@@ -192,6 +234,27 @@ def test_a_dashboard_without_a_terminal_prints_a_line_a_second(capsys):
     assert all(
         text in lines[0] for text in ("tracking", "5.73°", "K 7.40", "1.00 nan bar", "late 1.20 ms", "leak (muscle 1)")
     )
+
+
+def test_a_dashboard_of_an_arm_names_its_joints_and_muscles(monkeypatch, capsys):
+    dashboard.main([json.dumps(STATE | STATE_OF_ARM)])
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "θ 5.73 11.46° of 0.00 -5.73°  K 3.00 0.50 2.00 N/m  P 1.00 2.00 3.00 bar, commanded 3.00 2.00 1.00" in line
+    picture = io.StringIO()
+    Console(file=picture, width=100).print(dashboard._picture(STATE | STATE_OF_ARM))
+    assert all(name in picture.getvalue() for name in ("shoulder", "elbow", "P3 (triceps)", "3 0.5 2 N/m", "-5.73°"))
+
+
+def test_the_state_of_a_row_has_a_number_for_each_joint_and_muscle(monkeypatch):
+    arm, sent = Arm.machine("arm26"), []
+    shown = dashboard.Dashboard(arm, 0.01)
+    shown._pipe = 0
+    monkeypatch.setattr(os, "write", lambda pipe, data: sent.append(json.loads(data)))
+    P = tuple(1e5 * j for j in range(6))
+    shown.show(Row(0.0, np.array([0.1, 0.2]), P, P, 2, 0, 0.0, 0.0, K_ref=np.eye(2)))
+    assert (sent[0]["theta"], sent[0]["P"], sent[0]["K_ref"]) == ([0.1, 0.2], list(P), [1.0, 0.0, 1.0])
+    assert np.isnan(sent[0]["theta_ref"]).tolist() == [True, True]
+    assert (sent[0]["joints"], sent[0]["muscles"][5]) == (["shoulder", "elbow"], "biarticular extensor")
 
 
 def test_a_dashboard_on_a_terminal_draws_bars(monkeypatch):
