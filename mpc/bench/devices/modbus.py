@@ -233,11 +233,12 @@ class ModbusDevice:
                     values[entry.quantity] = entry.value(words[at : at + entry.size], self.registers.big)
         return Reading(self._clock.now(), values["theta"], (values["P1"], values["P2"]))
 
-    def write(self, P1: float, P2: float) -> None:
-        """Command pressures [Pa], in one request if the registers are neighbours."""
-        one, two = self.registers.write["P1"], self.registers.write["P2"]
-        blocks = [(one.register, one.words(P1, self.registers.big)), (two.register, two.words(P2, self.registers.big))]
-        blocks.sort()
+    def write(self, *P: float) -> None:
+        """Command both pressures [Pa], in one request if the registers are neighbours."""
+        places = self.registers.write["P1"], self.registers.write["P2"]
+        blocks = sorted(
+            (place.register, place.words(value, self.registers.big)) for place, value in zip(places, P, strict=True)
+        )
         (first, words), (second, more) = blocks
         if first + len(words) == second:
             blocks = [(first, words + more)]

@@ -220,10 +220,10 @@ def test_an_arm_on_a_device_follows_as_in_a_simulation(measured):
     controller, observer = TrackingMPC(arm, DT), KalmanObserver(arm, DT)
     circle, clock = reference("circle", arm), SimulatedClock()
     x0 = arm.at_rest(circle.theta[0], circle.K[0])
-    resting = np.concatenate([[0.0], 1.0 + circle.t]), circle.theta[[0, *range(circle.t.size)]]
-    settled = Reference(*resting, circle.K[[0, *range(circle.t.size)]], tail=circle.tail)
+    held = np.maximum(np.arange(-round(1 / DT), circle.t.size), 0)  # a second at its first point
+    settled = Reference(DT * np.arange(held.size), circle.theta[held], circle.K[held], tail=circle.tail)
     simulated = simulate(RealArm(arm), controller, settled, x0=x0, observer=observer)
-    after = simulated.t > 1.0
+    after = simulated.t > 1.0 - DT / 2
     wanted = np.sqrt(np.mean((simulated.theta - simulated.theta_ref)[after] ** 2))
     device = SimulatedDevice(RealArm(arm), clock, measures_pressure=measured)
     start = SoftStart(present=None if measured else (0.0,) * arm.m)
