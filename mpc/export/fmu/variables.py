@@ -8,8 +8,9 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.compilation.printer import number
 from mpc.export import text
-from mpc.model.arm.model import Arm
+from mpc.export.parts import names_of
 from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 from mpc.model.real_experiment import RealMachine
 from mpc.tracking.controller import TrackingMPC
 
@@ -112,11 +113,9 @@ def controller_variables(controller: TrackingMPC, x0: Array) -> list[Variable]:
 
 def _labels(plant: Machine) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Return suffixes and names of the joints and of the muscles."""
-    if not isinstance(plant, Arm):
-        return [("", "the joint")], [("1", "the agonist"), ("2", "the antagonist")]
-    mechanism = plant.mechanism
-    joints, muscles = (list(enumerate(names, 1)) for names in (mechanism.joint_names, mechanism.muscle_names))
-    return [(str(i), name) for i, name in joints], [(str(i), name) for i, name in muscles]
+    joints, muscles = (list(enumerate(names, 1)) for names in names_of(plant))
+    suffixes = [""] if isinstance(plant, Plant) else [str(i) for i, _ in joints]
+    return [(i, name) for i, (_, name) in zip(suffixes, joints, strict=True)], [(str(j), name) for j, name in muscles]
 
 
 def variables_header(variables: Sequence[Variable], dt: float, token: str) -> str:

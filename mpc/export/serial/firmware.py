@@ -23,7 +23,7 @@ from mpc.export import text
 from mpc.export.building import check, write
 from mpc.export.entry import controller_files, pair
 from mpc.export.joint import Numbers
-from mpc.export.parts import Files, copied, filled, is_single
+from mpc.export.parts import Files, copied, filled, is_single, names_of
 from mpc.export.plant import plant_files, real_machine, start_of
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
@@ -76,7 +76,7 @@ def firmware_files(machine: Machine, safety: Safety, controller: TrackingMPC | N
     return files | {
         "serial/protocol.h": protocol_header(sizes),
         "serial/config.h": _config(sizes, limits, safety, controller),
-        "serial/README.md": firmware_readme(sizes, limits, safety, controller),
+        "serial/README.md": firmware_readme(machine, safety, controller),
     }
 
 
@@ -173,9 +173,9 @@ The controller takes a step every {dt:g} s. Bytes that arrive meanwhile wait in 
 """
 
 
-def firmware_readme(sizes: Sizes, limits: tuple[float, float], safety: Safety, controller: TrackingMPC | None) -> str:
+def firmware_readme(machine: Machine, safety: Safety, controller: TrackingMPC | None) -> str:
     """Return serial/README.md."""
-    low, high = limits
+    (low, high), (joints, muscles) = machine.pressure_limits, names_of(machine)
     if safety.fall == 0:
         fall = "the pressures are held"
     else:
@@ -186,8 +186,8 @@ def firmware_readme(sizes: Sizes, limits: tuple[float, float], safety: Safety, c
         "board",
         variant=_CONTROLLER if controls else _TERMINAL,
         version=protocol.VERSION,
-        joints=f"{sizes.joints} joint{'s' * (sizes.joints > 1)}",
-        muscles=sizes.muscles,
+        joints=", ".join(joints),
+        muscles=", ".join(muscles),
         low=low,
         high=high,
         watchdog=safety.watchdog,
