@@ -15,30 +15,43 @@ import numpy as np
 from fmpy.validation import validate_fmu
 
 from benchmarks.speed.exported import loop
-from mpc import RealPlant
+from mpc import Arm, RealPlant
 from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
-from tests.rigs.fmus import Stepped
+from mpc.export.plant import start_of
+from mpc.model.friction.dahl import Friction
+from mpc.model.real_arm import RealArm
+from mpc.model.real_experiment import RealMachine
+from tests.rigs.fmus import Stepped, names
 
 SPAN = 5e5  # [Pa]
-SCALE = np.array([1.0, 10.0, SPAN, SPAN])
+FRICTION = Friction(0.1, 0.2)
 
 
-def plant(directory: Path, steps: int) -> float:
-    """Return the greatest difference of a state, as a share of (1 rad, 10 rad/s, 5 bar, 5 bar)."""
-    real, dt = RealPlant.standard(), 0.01
-    x0, rng, worst = real.at_rest(0.1, 5.5), np.random.default_rng(0), 0.0
+def plant(directory: Path, steps: int, machine: str = "") -> float:
+    """Return the greatest difference of a state, as a share of 1 rad, 10 rad/s and 5 bar."""
+    real, dt = real_machine(machine), 0.01
+    x0, rng, worst = start_of(real), np.random.default_rng(0), 0.0
+    n, m = real.nominal.n, real.nominal.m
+    (states, valves, torques), scale = names(n, m), np.repeat([1.0, 10.0, SPAN], [n, n, m])
     path = export_plant_fmu(directory / "plant.fmu", real, dt, x0=x0)
-    print(f"plant: validation says {validate_fmu(str(path)) or 'nothing'}")
+    print(f"{machine or 'plant'}: validation says {validate_fmu(str(path)) or 'nothing'}")
     experiment = real.begin(dt, x0, 0)
     with Stepped(path, directory / "plant", dt) as fmu:
         for k in range(steps):
             if k % 20 == 0:
-                u, d = rng.uniform(1e5, 4e5, 2), float(rng.normal())
-                fmu.set(u1=u[0], u2=u[1], d=d)
+                u, d = rng.uniform(1e5, 4e5, m), rng.normal(size=n)
+                fmu.set(**dict(zip([*valves, *torques], [*u, *d], strict=True)))
             experiment.advance(u, d)
             fmu.step()
-            worst = max(worst, *np.abs((np.array(fmu.get("theta", "omega", "P1", "P2")) - experiment.x) / SCALE))
+            worst = max(worst, *np.abs((np.array(fmu.get(*states)) - experiment.x) / scale))
     return worst
+
+
+def real_machine(name: str) -> RealMachine:
+    """Return the joint of the closed-loop benchmark, or the arm of this name with friction, dead time and encoders."""
+    if not name:
+        return RealPlant.standard()
+    return RealArm(Arm.machine(name), friction=FRICTION, dead_time=0.025, encoder=3e-4, mass=1.2)
 
 
 def controller(directory: Path, steps: int, machine: str = "") -> tuple[np.ndarray, int]:
@@ -68,12 +81,11 @@ def controller(directory: Path, steps: int, machine: str = "") -> tuple[np.ndarr
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", type=int, default=10_000)
-    parser.add_argument("--machine", default="", help="a ready-made arm, its controller alone; by default a joint")
+    parser.add_argument("--machine", default="", help="a ready-made arm; by default a joint")
     asked = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as made:
-        if not asked.machine:
-            worst = plant(Path(made), asked.steps)
-            print(f"plant: {asked.steps} steps, greatest difference {worst:.2e} of the scale")
+        worst = plant(Path(made), asked.steps, asked.machine)
+        print(f"{asked.machine or 'plant'}: {asked.steps} steps, greatest difference {worst:.2e} of the scale")
         differences, others = controller(Path(made), asked.steps, asked.machine)
         print(
             f"{asked.machine or 'controller'}: {len(differences)} steps, {others} with another status or rung; "

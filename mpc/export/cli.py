@@ -15,6 +15,7 @@ from mpc.export.serial.cli import BoardOptions
 from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:
+    from mpc.model.real_experiment import RealMachine
     from mpc.observer.kalman import KalmanObserver
     from mpc.tracking.controller import TrackingMPC
     from mpc.trials.margins import Margins
@@ -39,6 +40,15 @@ class ControllerOptions(PlantOptions):
             "omega [°/s], K [N·m/rad], u [bar], rate [bar/s]"
         ),
     ] = None
+
+    def process(self) -> "RealMachine":
+        """Build the simulated machine, with the friction and the regulators of the file."""
+        from mpc.model.real_arm import RealArm
+        from mpc.model.real_plant import RealPlant
+
+        if self.of_several:
+            return RealArm.of(self.arm(), self.compensation_of_arm())
+        return RealPlant.of(self.plant(), self.compensation())
 
     def built(self) -> "Built":
         """Build controller and observer of a joint or an arm, with the compensation and the tuning of the file.
@@ -85,8 +95,7 @@ class Built(NamedTuple):
 def _group() -> None:
     """Write C99 for a microcontroller or a real-time PC, or FMUs.
 
-    `allocation` takes any --machine, `governor` an arm, `controller`, `tuning` and `fmu` one joint with two muscles or
-    an arm, and `firmware` one joint.
+    `allocation` takes any --machine, `governor` an arm, and all others one joint with two muscles or an arm.
     """
 
 
@@ -152,13 +161,9 @@ def fmu_command(
         bool, typer.Option("--source-only", help="write no binaries; the importing tool compiles the sources")
     ] = False,
 ) -> None:
-    """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools.
-
-    An arm has a controller.fmu only.
-    """
+    """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
     from mpc.export.building import check
     from mpc.export.fmu.entry import PLATFORMS, checked, export_controller_fmu, export_plant_fmu
-    from mpc.model.real_plant import RealPlant
 
     if source_only and platforms is not None:
         raise InvalidInput("--source-only and --platforms: give one of the two")
@@ -166,8 +171,7 @@ def fmu_command(
     on = () if source_only else checked(named)
     built = options.built()
     check(out)
-    if not options.of_several:
-        export_plant_fmu(out / "plant.fmu", RealPlant.of(options.plant(), options.compensation()), platforms=on)
+    export_plant_fmu(out / "plant.fmu", options.process(), platforms=on)
     export_controller_fmu(out / "controller.fmu", built.controller, built.observer, platforms=on)
     _say(built, out, f"tools that read FMI 3.0 import them; binaries: {', '.join(on) or 'none'}")
 
@@ -186,7 +190,7 @@ def firmware_command(
         raise InvalidInput("--errors belongs to a controller; a terminal has none")
     built = None if terminal else options.built()
     controller, observer = (None, None) if built is None else (built.controller, built.observer)
-    made = board.export(out, options.plant(), options.compensation(), controller, observer, precision)
+    made = board.export(out, options.process(), controller, observer, precision)
     _say(built, made, f"{made / 'serial' / 'README.md'} describes the next steps")
 
 

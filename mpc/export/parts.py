@@ -13,6 +13,8 @@ from allocator.mechanism import Mechanism
 from mpc.codegen import c_text
 from mpc.export import text
 from mpc.export.joint import Kernel, Numbers, kernel_files, sides_function, stiffness_function
+from mpc.model.machine import Machine
+from mpc.model.plant import Plant
 
 Files = dict[str, str]  # path within the exported directory: content
 Functions: TypeAlias = list[tuple["Function", str]]
@@ -38,6 +40,13 @@ def machine_words(mechanism: Mechanism) -> dict[str, object]:
     """Return the README section about a mechanism."""
     joints, muscles = ", ".join(mechanism.joint_names), ", ".join(mechanism.muscle_names)
     return {"n": mechanism.n, "m": mechanism.m, "joints": joints, "muscles": muscles}
+
+
+def names_of(machine: Machine) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the names of the joints and of the muscles, in their order in rows."""
+    if isinstance(machine, Plant):
+        return ["the joint"], ["the agonist", "the antagonist"]
+    return machine.mechanism.joint_names, machine.mechanism.muscle_names
 
 
 def is_single(precision: str) -> bool:

@@ -1,29 +1,43 @@
 """Plants as C, for simulated boards on a PC and for FMUs."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from allocator import checks
 from allocator.calculus import Array
 from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
 from mpc.codegen import c_text
 from mpc.export import text
+from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
-from mpc.model.plant import NU, NX, Plant
-from mpc.model.real_experiment import delayed, fine_steps
+from mpc.model.arm.model import Arm
+from mpc.model.machine import Machine
+from mpc.model.plant import NX, Plant
+from mpc.model.real_arm import RealArm
+from mpc.model.real_experiment import RealMachine, delayed, fine_steps
 from mpc.model.real_plant import RealPlant
 
-_PLAIN = (
-    "typedef double ant_real;\n#define ANT_F(function) function\n#define ANT_NAN NAN\n#define ANT_INFINITY INFINITY\n"
-)
+_PLAIN = """\
+typedef double ant_real;
+#define ANT_F(function) function
+#define ANT_NAN NAN
+#define ANT_INFINITY INFINITY
+#define ant_equal(a, b) ((a) <= (b) && (a) >= (b))
+"""
 
 
-def real_plant(process: Plant | RealPlant) -> RealPlant:
-    """Return `process` as a real plant that C can simulate.
+def real_machine(process: Machine | RealMachine) -> RealMachine:
+    """Return `process` as a real machine that C can simulate.
 
-    Raises InvalidInput for faults, a torque profile, delayed readings and pressure offsets.
+    Raises InvalidInput for faults, a torque profile, delayed readings, pressure offsets and arms without formulas.
     """
-    real = RealPlant(process) if isinstance(process, Plant) else process
+    checks.instance("process", process, Machine | RealMachine, "a Plant, an Arm, a RealPlant or a RealArm")
+    if isinstance(process, RealMachine):
+        real = process
+    else:
+        real = RealPlant(process) if isinstance(process, Plant) else RealArm(process)
     if real.faults:
         raise InvalidInput(f"a plant with faults ({len(real.faults)} of them) cannot be exported; leave them away")
     if real.reading_age or any(real.pressure_offset):
@@ -36,9 +50,9 @@ def real_plant(process: Plant | RealPlant) -> RealPlant:
     return real
 
 
-def plant_files(process: Plant | RealPlant, dt: float, directory: str = "") -> Files:
+def plant_files(process: Machine | RealMachine, dt: float, directory: str = "") -> Files:
     """Return the C files of a plant with steps of `dt` [s], with paths below `directory`."""
-    real = real_plant(process)
+    real = real_machine(process)
     heads, bodies = [], []
     for function, about in _functions(real):
         heads.append(f"{c_text.prototype(function)}; /* {about} */")
@@ -53,35 +67,45 @@ def plant_files(process: Plant | RealPlant, dt: float, directory: str = "") -> F
     }
 
 
-def _functions(real: RealPlant) -> Functions:
+def _functions(real: RealMachine) -> Functions:
     import casadi as ca
 
-    n = NX + real.friction.size
-    full, u, d, h = ca.SX.sym("full", n), ca.SX.sym("u", NU), ca.SX.sym("d"), ca.SX.sym("h")
-    x, start = full[:NX], ca.SX.sym("start", NX)
-    later = ca.vertcat(*real.stepped(x, full[NX:], u, d, h))
-    at_0, at_1 = (np.atleast_1d(real.friction.begun(angle)) for angle in (0.0, 1.0))  # affine in the angle
-    begun = ca.vertcat(start, ca.DM(at_0) + ca.DM(at_1 - at_0) * start[0])
-    outputs = {"K": ca.SX(real.stiffness(x)), "T": ca.SX(real.torque(x)), "F": ca.vertcat(*real.forces(x))}
+    size = real.nominal.size
+    full, start = ca.SX.sym("full", _states(real)), ca.SX.sym("start", size)
+    u, d, h = ca.SX.sym("u", real.nominal.m), ca.SX.sym("d", real.nominal.n), ca.SX.sym("h")
+    later = ca.vertcat(*real.stepped(full[:size], full[size:], u, d, h))
+    memories = []
+    for i, friction in enumerate(real.frictions):
+        at_0, at_1 = (np.atleast_1d(friction.begun(angle)) for angle in (0.0, 1.0))  # affine in the angle
+        memories.append(ca.DM(at_0) + ca.DM(at_1 - at_0) * start[i])
+    begun = ca.vertcat(start, *memories)
+    outputs = dict(zip("KTF", real.symbolic_outputs(full[:size]), strict=True))
 
     return [
         (
             dense("plant_begin", {"start": start}, {"full": begun}),
-            "the initial state, from theta, rate, P1, P2",
+            "the initial state, from angles, rates, pressures",
         ),
         (
             dense("plant_step", {"full": full, "u": u, "d": d, "h": h}, {"later": later}),
             "the state after h [s]",
         ),
-        (dense("plant_outputs", {"full": full}, outputs), "stiffness, torque and both forces"),
+        (dense("plant_outputs", {"full": full}, outputs), "stiffness by its upper triangle, torques and forces"),
     ]
 
 
-def _numbers(real: RealPlant, dt: float) -> str:
+def _states(real: RealMachine) -> int:
+    """Return the number of states, with the memory of the frictions."""
+    return int(real.nominal.size + sum(friction.size for friction in real.frictions))
+
+
+def _numbers(real: RealMachine, dt: float) -> str:
     """Return plant_numbers.h, with the dead time divided into samples as in the Python simulation."""
     pieces, waiting = delayed(real.dead_time, dt)
     numbers: Numbers = {
-        "PLANT_STATES": (NX + real.friction.size, "numbers of the state"),
+        "PLANT_JOINTS": (real.nominal.n, "n"),
+        "PLANT_MUSCLES": (real.nominal.m, "m"),
+        "PLANT_STATES": (_states(real), "numbers of the state"),
         "PLANT_WAITING": (waiting, "commands in transit between two samples"),
         "PLANT_PIECES": (len(pieces), "of a sample in which the command is another"),
         "PLANT_DT": (dt, "sample time [s]"),
@@ -97,8 +121,22 @@ def _numbers(real: RealPlant, dt: float) -> str:
     return text.header("ANT_PLANT_NUMBERS_H", "The plant's sizes and numbers, in SI units.", body)
 
 
-def start_of(real: RealPlant) -> Array:
-    """Return the initial state (4,): at rest in the middle of the joint range, with both pressures in mid supply."""
+def start_of(real: RealMachine, x0: ArrayLike | None = None) -> Array:
+    """Return the initial state `x0` (2n + m,), by default at rest in the middle of the ranges, with the stiffness of
+    mid supply. Raises InvalidInput.
+    """
+    if x0 is None:
+        return _middle(real)
+    x = checks.floats("x0", x0, "rad, rad/s, Pa")
+    if x.shape != (size := real.nominal.size,) or not np.isfinite(x).all():
+        order = "theta [rad], omega [rad/s], P1 [Pa], P2 [Pa]" if size == NX else "angles, rates, pressures"
+        raise InvalidInput(f"x0 = {checks.brief(x0)} has to be {size} finite numbers ({order})")
+    return x
+
+
+def _middle(real: RealMachine) -> Array:
+    if isinstance(real.nominal, Arm):
+        return arm_at_rest(real.nominal)[0]
     joint = real.nominal.joint
     low, high = joint.pressure_limits
     middle = float(np.mean(joint.angle_range))

@@ -11,6 +11,8 @@ push. The friction T_f of each joint, regulators and sensors are those of `mpc.m
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
+import numpy as np
+
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
@@ -60,6 +62,20 @@ class RealArm(RealMachine):
     def along(self, x: Array) -> tuple[Array, Array]:
         """Return the true stiffness (M, k, k) and muscle forces (M, m) [N] in the states `x` (M, 2n + m)."""
         return self.nominal.along(x, self.force_gains)
+
+    def symbolic_outputs(self, x: Value) -> tuple[Value, Value, Value]:
+        """Return the upper triangle of the joints' true isobaric stiffness [N·m/rad], the torques (n,) [N·m] and the
+        forces (m,) [N] in the state `x` (2n + m,), CasADi symbols.
+        """
+        import casadi as ca
+
+        s, n = self.nominal.statics, self.nominal.n
+        F = ca.DM(self.force_gains) * s.forces
+        torque = -ca.jacobian(symbolic_lengths(self.nominal.mechanism.routes, s.q), s.q).T @ F
+        K = -ca.jacobian(torque, s.q)
+        entries = ca.vertcat(*(K[int(i), int(j)] for i, j in zip(*np.triu_indices(n), strict=True)))
+        found = ca.Function("outputs", [s.q, s.P], [entries, torque, F])(x[:n], x[2 * n :])
+        return found[0], found[1], found[2]
 
     # --- the equations ----------------------------------------------------------------------------------------------
 

@@ -146,6 +146,10 @@ class RealMachine(ABC):
         ]
 
     @abstractmethod
+    def symbolic_outputs(self, x: Value) -> tuple[Value, Value, Value]:
+        """Return the true stiffness by its upper triangle, the torques (n,) and the forces (m,), CasADi symbols."""
+
+    @abstractmethod
     def stepped(self, x: Value, memory: Value, u: Value, d: Value, h: Value) -> tuple[Value, Value]:
         """Return `x` (2n + m,) and the frictions' `memory` after a fine step of `h` [s], CasADi symbols."""
 

@@ -141,6 +141,14 @@ class RealPlant(RealMachine):
         F1, F2 = self.nominal.forces(x)
         return self.force_gains[0] * F1, self.force_gains[1] * F2
 
+    def symbolic_outputs(self, x: Value) -> tuple[Value, Value, Value]:
+        """Return the true stiffness [N·m/rad], the torque [N·m] and the forces (2,) [N] in the state `x` (4,), CasADi
+        symbols.
+        """
+        import casadi as ca
+
+        return ca.SX(self.stiffness(x)), ca.SX(self.torque(x)), ca.vertcat(*self.forces(x))
+
     def along(self, x: Array) -> tuple[Array, Array]:
         """Return the true stiffness (M,) [N·m/rad] and muscle forces (M, 2) [N] in the states `x` (M, 4)."""
         return np.asarray(self.stiffness(x.T)), np.stack(self.forces(x.T), axis=1)

@@ -10,6 +10,13 @@ import numpy as np
 from fmpy.fmi3 import FMU3Slave
 
 
+def names(n: int, m: int) -> tuple[list[str], list[str], list[str]]:
+    """Return the names of the states, the commands and the torques of a plant's FMU."""
+    joints, muscles = [""] if n == 1 else [str(i + 1) for i in range(n)], [str(j + 1) for j in range(m)]
+    states = [f"{kind}{i}" for kind in ("theta", "omega") for i in joints] + [f"P{j}" for j in muscles]
+    return states, [f"u{j}" for j in muscles], [f"d{i}" for i in joints]
+
+
 class Stepped:
     """Running FMU at `path`, in steps of `dt` [s]; `start` are initial values."""
 

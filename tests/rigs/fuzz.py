@@ -9,7 +9,21 @@ import numpy as np
 
 from mpc.bench.device import Clock, SimulatedClock
 from mpc.bench.devices.serial_line import SerialDevice
-from mpc.bench.devices.serial_protocol import ANSWERS, LONGEST, VERSION, Frame, Kind, Receiver, encoded, stuffed
+from mpc.bench.devices.serial_protocol import (
+    ANSWERS,
+    JOINT,
+    LAYOUTS,
+    LONGEST,
+    SAMPLE,
+    VERSION,
+    Frame,
+    Kind,
+    Receiver,
+    Sizes,
+    encoded,
+    packing,
+    stuffed,
+)  # fmt: skip
 
 from .toolchain import SANITISED, compiled, run
 
@@ -18,10 +32,10 @@ HIGH = 5e5  # [Pa]
 
 
 class Stream(NamedTuple):
-    """Bytes for a board, and the intended commands (kind, first, second) in them."""
+    """Bytes for a board, and the intended commands (kind, pressures or reference, zeros) in them."""
 
     line: bytes
-    meant: list[tuple[float, float, float]]  # in the order of their first transmission
+    meant: list[tuple[float, ...]]  # in the order of their first transmission
     whole: list[int]  # indices in `meant` of undamaged ones in a session that had begun
 
 
@@ -31,11 +45,11 @@ def board(directory: Path, *, controls: bool = False) -> Path:
     return compiled(directory, BOARD, "fuzzed", "-Iserial", *SANITISED, linked=tuple(parts))
 
 
-def accepted(program: Path, line: bytes) -> np.ndarray:
-    """Return the commands (n, 3) that the board accepted from `line`."""
+def accepted(program: Path, line: bytes, sizes: Sizes = JOINT) -> np.ndarray:
+    """Return the commands (n, 1 + m) that the board accepted from `line`."""
     (program.parent / "in").write_bytes(line)
     run(program, "in", "out")
-    return np.fromfile(program.parent / "out").reshape(-1, 3)
+    return np.fromfile(program.parent / "out").reshape(-1, 1 + sizes.muscles)
 
 
 def noise(rng: np.random.Generator, n: int) -> bytes:
@@ -64,7 +78,7 @@ def damage(rng: np.random.Generator, line: bytes) -> bytes:
     return bytes(b)
 
 
-def damaged(rng: np.random.Generator, n: int, *, follows: bool = False) -> Stream:
+def damaged(rng: np.random.Generator, n: int, *, follows: bool = False, sizes: Sizes = JOINT) -> Stream:
     """Return about `n` bytes of sessions with half of the frames damaged, some repeated, some late, amid noise."""
     line, meant, whole, earlier = bytearray(), [], [], []
     session = sequence = first = 0
@@ -77,12 +91,11 @@ def damaged(rng: np.random.Generator, n: int, *, follows: bool = False) -> Strea
                 frame, greeted = damage(rng, frame), False
             line += frame
         sequence = (sequence + 1) % 2**16
-        # unique numbers
-        command = (1.0, np.float32(len(meant) / 1e6), np.float32(5.0)) if follows else (
-            0.0, np.float32(len(meant)), np.float32(rng.uniform(0, HIGH)))  # fmt: skip
+        numbers = _reference(sizes, len(meant)) if follows else _pressures(rng, sizes, len(meant))
         kind = Kind.FOLLOW if follows else Kind.WRITE
-        frame = encoded(Frame(kind, session, sequence, (first, *command[1:]) if follows else command[1:]))
-        meant.append(tuple(map(float, command)))
+        values = (first,) if follows else (numbers,)
+        frame = encoded(Frame(kind, session, sequence, values, numbers if follows else ()), sizes)
+        meant.append((float(follows), *numbers, *(0.0,) * (sizes.muscles - len(numbers))))
         if (fine := rng.random() < 0.5) and greeted:
             whole.append(len(meant) - 1)
             first += follows
@@ -95,7 +108,28 @@ def damaged(rng: np.random.Generator, n: int, *, follows: bool = False) -> Strea
     return Stream(bytes(line), meant, whole)
 
 
-def forged(rng: np.random.Generator, n: int) -> bytes:
+def _pressures(rng: np.random.Generator, sizes: Sizes, number: int) -> tuple[float, ...]:
+    """Return pressures of which the first is unique."""
+    rest = rng.uniform(0, HIGH, sizes.muscles - 1).astype(np.float32)
+    return (float(np.float32(number)), *rest.tolist())
+
+
+def _reference(sizes: Sizes, number: int) -> tuple[float, ...]:
+    """Return angles, of which the first is unique, and a stiffness."""
+    n = sizes.joints
+    entries = [5.0 if i == j else 1.0 for i, j in zip(*np.triu_indices(n), strict=True)]
+    return (float(np.float32(number / 1e6)), *(0.125,) * (n - 1), *entries)
+
+
+def stiffnesses(references: np.ndarray, sizes: Sizes) -> np.ndarray:
+    """Return the stiffness matrices (k, n, n) of the references (k, m) that a board accepted."""
+    n, (rows, columns) = sizes.joints, np.triu_indices(sizes.joints)
+    K = np.zeros((len(references), n, n))
+    K[:, rows, columns] = K[:, columns, rows] = references[:, n : n + rows.size]
+    return K
+
+
+def forged(rng: np.random.Generator, n: int, sizes: Sizes = JOINT) -> bytes:
     """Return about `n` bytes of whole frames, of random kinds, sessions, lengths and numbers."""
     line = bytearray(encoded(Frame(Kind.HELLO, 7, 0, (VERSION,))))
     special = [struct.pack("<f", value) for value in (np.nan, np.inf, -np.inf, 0.0, 1e-40, HIGH, -1.0, 3e38, 5.0)]
@@ -106,9 +140,16 @@ def forged(rng: np.random.Generator, n: int) -> bytes:
         words = [special[int(i)] for i in rng.integers(len(special), size=int(rng.integers(0, 40)))]
         body = b"".join(words) if rng.random() < 0.7 else noise(rng, int(rng.integers(0, LONGEST - 10)))
         if kind == Kind.WRITE and rng.random() < 0.9:
-            body = struct.pack("<2f", *rng.uniform(-0.2 * HIGH, 1.2 * HIGH, 2)) if rng.random() < 0.5 else body[:8]
+            P, layout = rng.uniform(-0.2 * HIGH, 1.2 * HIGH, sizes.muscles), packing(LAYOUTS[Kind.WRITE], sizes)
+            body = (
+                layout.pack(*np.clip(P, 0, HIGH) if rng.random() < 0.4 else P)
+                if rng.random() < 0.5
+                else body[: layout.size]
+            )
         if kind == Kind.FOLLOW and rng.random() < 0.9:
-            body = body[: 8 * (len(body) // 8)] if rng.random() < 0.5 else struct.pack("<4f", 0.1, 5.0, 0.2, 6.0)
+            sample = packing(SAMPLE, sizes)
+            two = sample.pack(*_reference(sizes, 1)) + sample.pack(*_reference(sizes, 2))
+            body = body[: sample.size * (len(body) // sample.size)] if rng.random() < 0.5 else two
             body = struct.pack("<I", int(rng.choice([0, 1, 2, 5, 2**32 - 1]))) + body
         session = 7 if kind == 1 or rng.random() < 0.9 else int(rng.integers(2**16))
         said = struct.pack("<BHH", kind, session, sequence % 2**16) + (bytes([VERSION]) if kind == 1 else body)
@@ -160,8 +201,8 @@ class NoisyLine:
         theta = float(np.float32(self.rng.uniform(-1, 1)))
         self.said[request.sequence] = theta
         values = {
-            Kind.INFO: (VERSION, 0, 0, 0, 0.0, HIGH, 200_000, 1e5, 1),
-            Kind.READING: (5, theta, 2e5, 3e5, 0, 2),
+            Kind.INFO: (VERSION, 1, 2, 0, 0, 0, 0.0, HIGH, 200_000, 1e5, 1),
+            Kind.READING: (5, (theta,), (2e5, 3e5), 0, 2),
             Kind.ACCEPTED: (2,),
         }
         kind = ANSWERS[request.kind]
@@ -181,7 +222,10 @@ class SlowLine(NoisyLine):
             self.measured = self.clock.now()
             ticks = round(1e6 * (4290.0 + 1.0001 * self.measured)) % 2**32  # which wraps after 5 s
             kind = ANSWERS[request.kind]
-            values = {Kind.INFO: (VERSION, 0, 0, 0, 0.0, HIGH, 200_000, 1e5, 1), Kind.READING: (ticks, 0, 0, 0, 0, 2)}
+            values = {
+                Kind.INFO: (VERSION, 1, 2, 0, 0, 0, 0.0, HIGH, 200_000, 1e5, 1),
+                Kind.READING: (ticks, (0.0,), (0.0, 0.0), 0, 2),
+            }
             self._waiting += encoded(Frame(kind, request.session, request.sequence, values[kind]))
         self._delay()
 

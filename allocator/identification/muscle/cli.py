@@ -145,7 +145,22 @@ def _report(ranking: Ranking, console: Console) -> None:
         )
     if ranking.fits:
         console.print(table)
+        print_lines(console, [_of_affine(ranking)] if len(ranking.fits) > 1 else [])
     print_lines(console, (f"{name}: not fitted, {why}" for name, why in ranking.failures.items()))
+
+
+def _of_affine(ranking: Ranking) -> str:
+    """Return a sentence about the best law that is affine in the pressure."""
+    if ranking.affine is None:
+        return (
+            "none of these laws is affine in the pressure and keeps [M]: the C of an arm's controller needs such a law"
+        )
+    unseen, cost = ranking.affine.cross_validated, ranking.cost_of_affine
+    best = "the least error of all" if cost == 1 else f"{cost:.2f} times the least error of all"
+    return (
+        f"best law that is affine in the pressure, as the C of an arm's controller needs it: {ranking.affine.model}, "
+        f"{unseen:.3g} N unseen, {best}"
+    )
 
 
 def _describe(fit: Fit[Muscle], console: Console) -> None:
@@ -185,6 +200,8 @@ def _values(ranking: Ranking, best: Fit[Muscle]) -> dict[str, object]:
     return {
         "ranking": [fit.to_dict() for fit in ranking.fits],
         "failures": ranking.failures,
+        "best_affine": None if ranking.affine is None else ranking.affine.model,
+        "cost_of_affine": None if ranking.affine is None else ranking.cost_of_affine,
         "best": {
             **best.to_dict(),
             "files": [f._asdict() for f in best.files],

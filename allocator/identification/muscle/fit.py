@@ -5,7 +5,7 @@ cross-validation within the samples common to all, in the same parts. A model th
 samples is never the best if another does not.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -21,7 +21,7 @@ from allocator.identification.muscle.problem import MuscleProblem, Solution
 from allocator.identification.muscle.result import Fit, Level
 from allocator.identification.muscle.samples import Samples, joined, thinned
 from allocator.muscles import MODELS, Muscle, Recipe, monotonicity_failure
-from allocator.muscles.base import Covariance
+from allocator.muscles.base import AffineMuscle, Covariance
 from allocator.muscles.measured import MeasuredRegion
 from allocator.muscles.recipe import among
 from allocator.units import BAR
@@ -310,10 +310,26 @@ class Ranking:
 
         Only those are considered that leave out at most a tenth of the samples, if there are any.
         """
-        wide = [f for f in self.fits if f.samples.n >= (1 - _MOST_LEFT_OUT) * self.samples] or self.fits
-        kept = [f for f in wide if f.monotone]
-        choice = [f for f in kept if f.closed_form] or kept or wide
+        kept = [f for f in self._wide if f.monotone]
+        choice = [f for f in kept if f.closed_form] or kept or self._wide
         return choice[0] if choice else None
+
+    @property
+    def affine(self) -> Fit[Muscle] | None:
+        """Return the best model that is affine in the pressure and satisfies [M], among those that `best` considers."""
+        return next((f for f in self._wide if isinstance(f.muscle, AffineMuscle) and f.monotone), None)
+
+    @property
+    def cost_of_affine(self) -> float:
+        """Return the error of `affine` on samples kept from the fit over that of the best model of all [-]; NaN without
+        one or without cross-validation.
+        """
+        return np.nan if self.affine is None else self.affine.cross_validated / self._wide[0].cross_validated
+
+    @property
+    def _wide(self) -> Sequence[Fit[Muscle]]:
+        """Models that leave out at most a tenth of the samples, or all, if there are none."""
+        return [f for f in self.fits if f.samples.n >= (1 - _MOST_LEFT_OUT) * self.samples] or self.fits
 
 
 def rank_models(

@@ -9,19 +9,20 @@ because the board has let the pressures fall or will do so by itself.
 """
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
-from math import inf, isfinite
+from math import inf
 from secrets import randbelow
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput
 from mpc.bench.device import Clock, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.devices import serial_protocol as protocol
-from mpc.bench.devices.serial_protocol import BATCH, Frame, Kind, Receiver, Refusal
+from mpc.bench.devices.serial_protocol import JOINT, Frame, Kind, Receiver, Refusal, Sizes
 from mpc.trials.motions.reference import Reference
 
 if TYPE_CHECKING:
@@ -48,20 +49,22 @@ _READING_ERRORS: tuple[type[Exception], ...] = (*_SYSTEM_ERRORS, TypeError)  # c
 class BoardInfo(NamedTuple):
     """Description that a board sends in reply to HELLO."""
 
+    joints: int  # n encoders
+    muscles: int  # m pressures
     ahead: int  # samples of reference that its controller needs after the present one
     room: int  # samples of reference that it can hold; 0: it has no controller
     dt: float  # sample time of its controller [s], or 0
     low: float  # least command [Pa]
     high: float  # greatest command [Pa]
     watchdog: float  # silence of the host after which the pressures fall [s]
-    fall: float  # rate at which the higher one then falls [Pa/s]
+    fall: float  # rate at which the highest one then falls [Pa/s]
 
 
 class Tracking(NamedTuple):
     """State of a board whose controller follows references."""
 
     reading: Reading
-    u: tuple[float, float]  # commanded now [Pa]
+    u: tuple[float, ...]  # (m,) commanded now [Pa]
     sample: int  # of the reference that is followed now
     next: int  # sample of reference that the board needs next
     status: int  # `PlanStatus` of the last plan
@@ -70,7 +73,7 @@ class Tracking(NamedTuple):
 
 
 class SerialDevice:
-    """Board at a serial port (`/dev/ttyUSB0`, `COM3`, or a URL of pyserial)."""
+    """Board at a serial port (`/dev/ttyUSB0`, `COM3`, or a URL of pyserial), of a joint or an arm."""
 
     def __init__(
         self,
@@ -89,7 +92,7 @@ class SerialDevice:
         self.port, self.baud = port, checks.count("baud", baud, least=1)
         self.timeout = checks.positive("timeout", timeout, "s")
         self.connect = checks.positive("connect", connect, "s")
-        self.info = BoardInfo(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self.info = BoardInfo(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.state = 0  # `State` of the board in its last answer
         self.unanswered = self.late = self.damaged_there = 0  # since connecting
         self.board_time = 0.0  # clock of the board at the last reading, since the first [s]
@@ -105,6 +108,11 @@ class SerialDevice:
         """Number of received stretches without a frame since connecting."""
         return self._receiver.damaged
 
+    @property
+    def sizes(self) -> Sizes:
+        """Joints and muscles of the connected board."""
+        return self._receiver.sizes
+
     # --- a device ---------------------------------------------------------------------------------------------------
 
     def read(self) -> Reading:
@@ -112,19 +120,21 @@ class SerialDevice:
         asked = self._clock.now()
         return self._reading(self._ask(Kind.READ), asked)
 
-    def write(self, P1: float, P2: float) -> None:
-        """Send the gauge pressures [Pa] as a command.
+    def write(self, *P: float) -> None:
+        """Send the gauge pressures [Pa] as a command, one a muscle.
 
-        Raises `InvalidInput` beyond the board's limits, `NoAnswer`, and `DeviceLost`, also if the board is in its safe
-        state, which only a new connection ends.
+        Raises `InvalidInput` for another number of them and beyond the board's limits, `NoAnswer`, and `DeviceLost`,
+        also if the board is in its safe state, which only a new connection ends.
         """
-        for name, P in (("P1", P1), ("P2", P2)):
-            if not self.info.low <= np.float32(P) <= self.info.high:
+        if self._line is not None and len(P) != self.info.muscles:
+            raise InvalidInput(f"write: {len(P)} pressures for the {self.info.muscles} of the board at {self.port}")
+        for j, pressure in enumerate(P, 1):
+            if not self.info.low <= np.float32(pressure) <= self.info.high:
                 raise InvalidInput(
-                    f"{name} = {P:g} Pa has to lie within the {self.info.low:g} to {self.info.high:g} Pa of the board "
-                    f"at {self.port}"
+                    f"P{j} = {pressure:g} Pa has to lie within the {self.info.low:g} to {self.info.high:g} Pa of the "
+                    f"board at {self.port}"
                 )
-        self._ask(Kind.WRITE, float(P1), float(P2))
+        self._ask(Kind.WRITE, tuple(map(float, P)))
 
     def vent(self) -> None:
         """Vent both muscles at once; the board takes no command afterwards. Raises `DeviceError`."""
@@ -162,21 +172,39 @@ class SerialDevice:
 
     # --- the controller on the board --------------------------------------------------------------------------------
 
-    def follow(self, first: int, theta: Iterable[float], K: Iterable[float]) -> Tracking:
-        """Send up to `BATCH` samples of reference θ [rad], K [N·m/rad] from number `first` on; none keep it going.
+    def follow(self, first: int, theta: ArrayLike, K: ArrayLike) -> Tracking:
+        """Send samples of reference from number `first` on; none keep it going.
 
-        Raises `InvalidInput` for a board without a controller, `NoAnswer`, `DeviceLost`.
+        They are angles θ (k,) or (k, n) [rad] and stiffnesses K (k,) or (k, n, n) [N·m/rad]; `sizes.batch` is for how
+        many there is room. Raises `InvalidInput` for others and for a board without a controller, `NoAnswer`,
+        `DeviceLost`.
         """
         if not self.info.room:
             raise InvalidInput(f"the board at {self.port} has no controller; export one with --variant controller")
-        samples = [float(value) for pair in zip(theta, K, strict=True) for value in pair]
-        if len(samples) > 2 * BATCH or not all(map(isfinite, samples)):
-            raise InvalidInput(f"theta and K have to be at most {BATCH} finite samples each, in rad and N·m/rad")
+        samples = self._samples(theta, K)
         asked = self._clock.now()
-        answer = self._ask(Kind.FOLLOW, int(first), *samples)
-        sample, next_, status, rung = (int(answer.value(name)) for name in ("sample", "next", "status", "rung"))
-        reading, u = self._reading(answer, asked), (answer.value("u1"), answer.value("u2"))
-        return Tracking(reading, u, sample, next_, status, rung, bool(answer.value("running")))
+        answer = self._ask(Kind.FOLLOW, int(first), samples=samples)
+        sample, next_, status, rung = (int(answer.number(name)) for name in ("sample", "next", "status", "rung"))
+        reading, u = self._reading(answer, asked), answer.row("u")
+        return Tracking(reading, u, sample, next_, status, rung, bool(answer.number("running")))
+
+    def _samples(self, theta: ArrayLike, K: ArrayLike) -> tuple[float, ...]:
+        """Return the numbers of samples of reference, one sample after the other. Raises `InvalidInput`."""
+        n, batch = self.info.joints, self.sizes.batch
+        angles = checks.real("theta", theta, "rad")
+        stiffness = checks.real("K", K, "N·m/rad")
+        count = len(angles)
+        if count and (angles.size != count * n or stiffness.size != count * n * n):
+            raise InvalidInput(
+                f"theta and K of shapes {angles.shape} and {stiffness.shape} are no samples for the n = {n} "
+                f"joint{'s' * (n > 1)} of the board at {self.port}"
+            )
+        rows, columns = np.triu_indices(n)
+        entries = stiffness.reshape(count, n, n)[:, rows, columns]
+        samples = np.hstack([angles.reshape(count, n), entries]).ravel()
+        if count > batch or not np.isfinite(samples).all():
+            raise InvalidInput(f"theta and K have to be at most {batch} finite samples each, in rad and N·m/rad")
+        return tuple(samples.tolist())
 
     def track(self, reference: Reference) -> Iterator[Tracking]:
         """Have the board follow `reference`, and yield its state about once per sample.
@@ -190,7 +218,7 @@ class SerialDevice:
         last = wanted.t.size - 1
         next_, room, said = 0, self.info.room, time.monotonic()
         while True:
-            until = min(next_ + BATCH, room, last + self.info.ahead + 1)
+            until = min(next_ + self.sizes.batch, room, last + self.info.ahead + 1)
             samples = [min(k, last) for k in range(next_, until)]
             began = self._clock.now()
             try:
@@ -203,19 +231,25 @@ class SerialDevice:
             yield now
             if now.sample >= last:
                 return
-            if now.running and len(samples) < BATCH:  # its buffer is full
+            if now.running and len(samples) < self.sizes.batch:  # its buffer is full
                 self._clock.sleep_until(began + self.info.dt)
 
     # --- exchanges --------------------------------------------------------------------------------------------------
 
-    def _ask(self, kind: Kind, *values: float, timeout: float | None = None) -> Frame:
+    def _ask(
+        self,
+        kind: Kind,
+        *values: protocol.Value,
+        samples: tuple[float, ...] = (),
+        timeout: float | None = None,
+    ) -> Frame:
         """Return the answer to a request; `DeviceLost` or `NoAnswer` if there is none or it is a refusal."""
         self._sequence = (self._sequence + 1) % 2**16
         number = self._sequence
         answers = protocol.ANSWERS[kind], Kind.REFUSED
         patience = self.timeout if timeout is None else timeout
         deadline = time.monotonic() + patience
-        self._send(protocol.encoded(Frame(kind, self._session, number, values)))
+        self._send(protocol.encoded(Frame(kind, self._session, number, values, samples), self.sizes))
         while True:
             come = list(self._receiver.frames(self._arrived()))
             meant = [f for f in come if (f.session, f.sequence) == (self._session, number) and f.kind in answers]
@@ -227,10 +261,10 @@ class SerialDevice:
                 raise NoAnswer(f"the board at {self.port} did not answer within {1e3 * patience:g} ms")
 
     def _accepted(self, answer: Frame) -> Frame:
-        self.state = int(answer.value("state"))
+        self.state = int(answer.number("state"))
         if answer.kind is not Kind.REFUSED:
             return answer
-        reason = int(answer.value("reason"))
+        reason = int(answer.number("reason"))
         sentence = f"the board at {self.port} refused: {protocol.REASONS.get(reason, f'reason {reason}')}"
         raise (DeviceLost if reason in _LASTING else NoAnswer)(sentence)
 
@@ -246,16 +280,20 @@ class SerialDevice:
                     f"nothing at {self.port} ({self.baud} baud) answered within {self.connect:g} s as a board of "
                     "`antagonist export --target serial` does"
                 ) from None
-            numbers: dict[str, Any] = {name: answer.value(name) for name in BoardInfo._fields}
-            return BoardInfo(**numbers | {"dt": numbers["dt"] / 1e6, "watchdog": numbers["watchdog"] / 1e6})
+            numbers: dict[str, Any] = {name: answer.number(name) for name in BoardInfo._fields}
+            info = BoardInfo(**numbers | {"dt": numbers["dt"] / 1e6, "watchdog": numbers["watchdog"] / 1e6})
+            self._receiver.sizes = Sizes(info.joints, info.muscles)
+            return info
 
     def _reading(self, answer: Frame, asked: float) -> Reading:
-        come, ticks = self._clock.now(), int(answer.value("t"))
+        come, ticks = self._clock.now(), int(answer.number("t"))
         if self._ticks is not None:
             self.board_time += 1e-6 * ((ticks - self._ticks) % 2**32)
         self._ticks = ticks
-        self.damaged_there = int(answer.value("damaged"))
-        return Reading(self._dated(asked, come), answer.value("theta"), (answer.value("P1"), answer.value("P2")))
+        self.damaged_there = int(answer.number("damaged"))
+        theta = answer.row("theta")
+        angles = theta[0] if self.sizes == JOINT else theta
+        return Reading(self._dated(asked, come), angles, answer.row("P"))
 
     def _dated(self, asked: float, come: float) -> float:
         """Return the time [s] at which the board read its sensors, between request and answer.

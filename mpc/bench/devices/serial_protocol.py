@@ -5,20 +5,26 @@
     on the line   0x00, COBS(payload), 0x00
     payload       kind u8, session u16, sequence u16, body, CRC-32 of all before it u32; little endian
 
+A board has n encoders and m pressures, which it says in INFO; a joint has n = 1 and m = 2. A stiffness has
+s = n (n + 1) / 2 numbers: K11, K12, ..., K22, ...
+
 COBS (Cheshire and Baker 1999, IEEE/ACM Trans. Networking 7(2)) removes every zero from a payload, so that a zero on the
 line always ends a frame: after any loss or addition of bytes, both ends agree again at the next zero. The CRC is that
 of IEEE 802.3, as in zlib.
 """
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import IntEnum
-from typing import NamedTuple
+from functools import lru_cache
+from typing import NamedTuple, TypeAlias
 from zlib import crc32
 
-VERSION = 1
-LONGEST = 200  # bytes of a payload at most; below 254, so that COBS adds a single byte
-BATCH = 16  # samples of reference in a frame at most
+from allocator.errors import InvalidInput
+
+VERSION = 2
+LONGEST = 253  # bytes of a payload at most; below 254, so that COBS adds a single byte
+_BATCH = 16  # samples of reference in a frame at most
 
 
 class Kind(IntEnum):
@@ -72,19 +78,49 @@ REASONS: Mapping[int, str] = {
     Refusal.VERSION: "it speaks another version of the protocol",
     Refusal.SESSION: "it knows of no such session: it was switched off and on, or another program has opened it",
     Refusal.STALE: "the request was older than one that it has answered",
-    Refusal.VALUE: "a pressure or a reference was beyond its limits, or no number",
+    Refusal.VALUE: "a pressure or a reference was beyond its limits, no number, or no stiffness that holds the joints",
     Refusal.SAFE: "it is in its safe state (the host was silent for too long, or said VENT) until a new session begins",
     Refusal.UNKNOWN: "it does not know this request",
     Refusal.GAP: "references were left out, or more were sent than it can hold",
 }
 
 
+class Sizes(NamedTuple):
+    """Sizes of a board."""
+
+    joints: int = 1  # n
+    muscles: int = 2  # m
+
+    def count(self, row: str) -> int:
+        """Return the numbers in a `row` of n, m or s; 1 for "", which is no row."""
+        return {"n": self.joints, "m": self.muscles, "s": self.joints * (self.joints + 1) // 2, "": 1}[row]
+
+    @property
+    def batch(self) -> int:
+        """Samples of reference in a frame at most."""
+        free = LONGEST - packing(HEADER, self).size - packing(LAYOUTS[Kind.FOLLOW], self).size - CRC_BYTES
+        return min(_BATCH, free // packing(SAMPLE, self).size)
+
+    def check(self) -> None:
+        """Raise `InvalidInput` for a machine whose frames would be too long."""
+        longest = max(packing(fields, self).size for fields in LAYOUTS.values())
+        if packing(HEADER, self).size + longest + CRC_BYTES > LONGEST or self.batch < 1:
+            raise InvalidInput(
+                f"a board for n = {self.joints} joints and m = {self.muscles} muscles would need frames of over "
+                f"{LONGEST} bytes"
+            )
+
+
+JOINT = Sizes()
+
+
 class Field(NamedTuple):
-    """Number in a frame's body."""
+    """Number in a frame's body, or a row of them."""
 
     name: str
     type: str  # of `TYPES`
     meaning: str
+    row: str = ""  # "n", "m" or "s" numbers; "": one
 
 
 TYPES: Mapping[str, str] = {"u8": "B", "i8": "b", "u16": "H", "u32": "I", "f32": "f"}  # names in `struct`
@@ -93,9 +129,8 @@ _STATE = Field("state", "u8", "State")
 _VERSION = Field("version", "u8", "of the protocol")
 _MEASURED = (
     Field("t", "u32", "clock of the board, which begins anew after 2^32 [us]"),
-    Field("theta", "f32", "joint angle, NaN if it is not measured [rad]"),
-    Field("P1", "f32", "gauge pressure of the agonist, or NaN [Pa]"),
-    Field("P2", "f32", "gauge pressure of the antagonist, or NaN [Pa]"),
+    Field("theta", "f32", "joint angles, NaN if not measured [rad]", "n"),
+    Field("P", "f32", "gauge pressures, of a joint those of agonist and antagonist, or NaN [Pa]", "m"),
     Field("damaged", "u16", "frames that came damaged to the board, modulo 2^16"),
 )
 HEADER = (
@@ -106,29 +141,27 @@ HEADER = (
 LAYOUTS: Mapping[Kind, tuple[Field, ...]] = {
     Kind.HELLO: (_VERSION,),
     Kind.READ: (),
-    Kind.WRITE: (
-        Field("P1", "f32", "command for the agonist, gauge [Pa]"),
-        Field("P2", "f32", "command for the antagonist, gauge [Pa]"),
-    ),
+    Kind.WRITE: (Field("P", "f32", "commands, gauge [Pa]", "m"),),
     Kind.VENT: (),
     Kind.FOLLOW: (Field("first", "u32", "number of the first of the samples that follow, `SAMPLE` each"),),
     Kind.INFO: (
         _VERSION,
+        Field("joints", "u8", "n"),
+        Field("muscles", "u8", "m"),
         Field("ahead", "u16", "samples of reference that the controller wants after the present one"),
         Field("room", "u16", "samples of reference that the board can hold; 0: it has no controller"),
         Field("dt", "u32", "sample time of the controller, or 0 [us]"),
         Field("low", "f32", "least command [Pa]"),
         Field("high", "f32", "greatest command [Pa]"),
         Field("watchdog", "u32", "silence of the host after which the pressures fall [us]"),
-        Field("fall", "f32", "how fast the higher one then falls [Pa/s]"),
+        Field("fall", "f32", "how fast the highest one then falls [Pa/s]"),
         _STATE,
     ),
     Kind.READING: (*_MEASURED, _STATE),
     Kind.ACCEPTED: (_STATE,),
     Kind.TRACKING: (
         *_MEASURED,
-        Field("u1", "f32", "commanded to the agonist [Pa]"),
-        Field("u2", "f32", "commanded to the antagonist [Pa]"),
+        Field("u", "f32", "commanded pressures [Pa]", "m"),
         Field("sample", "u32", "number of the sample of reference that is followed now"),
         Field("next", "u32", "number of the sample of reference that the board wants next"),
         Field("status", "i8", "of the last plan, as PlanStatus"),
@@ -139,20 +172,23 @@ LAYOUTS: Mapping[Kind, tuple[Field, ...]] = {
     Kind.REFUSED: (Field("reason", "u8", "Refusal"), _STATE),
 }
 SAMPLE = (
-    Field("theta", "f32", "reference of the angle [rad]"),
-    Field("K", "f32", "reference of the stiffness [N*m/rad]"),
+    Field("theta", "f32", "reference of the angles [rad]", "n"),
+    Field("K", "f32", "reference of the stiffness, upper triangle [N*m/rad]", "s"),
 )
 CRC_BYTES = 4
 
 
-def packing(fields: tuple[Field, ...]) -> struct.Struct:
+@lru_cache(maxsize=256)
+def packing(fields: tuple[Field, ...], sizes: Sizes = JOINT) -> struct.Struct:
     """Return the `struct` format of `fields`."""
-    return struct.Struct("<" + "".join(TYPES[field.type] for field in fields))
+    return struct.Struct("<" + "".join(f"{sizes.count(field.row)}{TYPES[field.type]}" for field in fields))
 
 
-_HEADER, _SAMPLE = packing(HEADER), packing(SAMPLE)
-_BODIES = {kind: packing(fields) for kind, fields in LAYOUTS.items()}
+_HEADER = packing(HEADER)
 _CRC = struct.Struct("<I")
+_KINDS = frozenset(int(kind) for kind in Kind)
+
+Value: TypeAlias = float | tuple[float, ...]  # a number or a row of them
 
 
 class Frame(NamedTuple):
@@ -161,23 +197,34 @@ class Frame(NamedTuple):
     kind: Kind
     session: int
     sequence: int
-    values: tuple[float, ...] = ()  # the fields of its layout; of FOLLOW also θ [rad] and K [N·m/rad] of each sample
+    values: tuple[Value, ...] = ()  # the fields of its layout
+    samples: tuple[float, ...] = ()  # of FOLLOW: θ (n,) [rad] and K (s,) [N·m/rad] of each
 
-    def value(self, name: str) -> float:
-        """Return the value of the field called `name`."""
+    def number(self, name: str) -> float:
+        """Return the number in the field called `name`."""
+        found = self._value(name)
+        assert not isinstance(found, tuple)
+        return found
+
+    def row(self, name: str) -> tuple[float, ...]:
+        """Return the row of numbers in the field called `name`."""
+        found = self._value(name)
+        assert isinstance(found, tuple)
+        return found
+
+    def _value(self, name: str) -> Value:
         return self.values[[field.name for field in LAYOUTS[self.kind]].index(name)]
 
 
-def encoded(frame: Frame) -> bytes:
-    """Return the bytes of `frame` on the line."""
-    fields = len(LAYOUTS[frame.kind])
-    body = _BODIES[frame.kind].pack(*frame.values[:fields])
-    samples = struct.pack(f"<{len(frame.values) - fields}f", *frame.values[fields:])
+def encoded(frame: Frame, sizes: Sizes = JOINT) -> bytes:
+    """Return the bytes of `frame` on the line, from or to a board of these `sizes`."""
+    body = packing(LAYOUTS[frame.kind], sizes).pack(*_flat(frame.values))
+    samples = struct.pack(f"<{len(frame.samples)}f", *frame.samples)
     payload = _HEADER.pack(frame.kind, frame.session, frame.sequence) + body + samples
     return b"\0" + stuffed(payload + _CRC.pack(crc32(payload))) + b"\0"
 
 
-def decoded(stretch: bytes) -> Frame | None:
+def decoded(stretch: bytes, sizes: Sizes = JOINT) -> Frame | None:
     """Return the frame in a `stretch` of the line between two zeros; None if that is not a whole, undamaged one."""
     payload = unstuffed(stretch)
     if payload is None or not _HEADER.size + CRC_BYTES <= len(payload) <= LONGEST:
@@ -186,17 +233,26 @@ def decoded(stretch: bytes) -> Frame | None:
     if crc32(said) != crc:
         return None
     number, session, sequence = _HEADER.unpack_from(said)
-    body = said[_HEADER.size :]
-    if number not in _KINDS or len(body) < (size := _BODIES[Kind(number)].size):
+    if number not in _KINDS:
         return None
-    rest = len(body) - size
-    if rest % _SAMPLE.size or (rest and number != Kind.FOLLOW):
+    kind, body = Kind(number), said[_HEADER.size :]
+    layout = packing(LAYOUTS[kind], sizes)
+    rest = len(body) - layout.size
+    if rest < 0 or (rest and kind is not Kind.FOLLOW) or rest % packing(SAMPLE, sizes).size:
         return None
-    values = _BODIES[Kind(number)].unpack_from(body) + struct.unpack_from(f"<{rest // 4}f", body, size)
-    return Frame(Kind(number), session, sequence, values)
+    values = _grouped(layout.unpack_from(body), LAYOUTS[kind], sizes)
+    return Frame(kind, session, sequence, values, struct.unpack_from(f"<{rest // 4}f", body, layout.size))
 
 
-_KINDS = frozenset(int(kind) for kind in Kind)
+def _flat(values: Iterable[Value]) -> Iterator[float]:
+    for value in values:
+        yield from value if isinstance(value, tuple) else (value,)
+
+
+def _grouped(numbers: tuple[float, ...], fields: tuple[Field, ...], sizes: Sizes) -> tuple[Value, ...]:
+    """Return the values of `fields` with these `numbers`."""
+    each = iter(numbers)
+    return tuple(tuple(next(each) for _ in range(sizes.count(f.row))) if f.row else next(each) for f in fields)
 
 
 def stuffed(payload: bytes) -> bytes:
@@ -221,7 +277,8 @@ def unstuffed(stretch: bytes) -> bytes | None:
 class Receiver:
     """Receiver that finds frames in arriving bytes, and counts damaged stretches."""
 
-    def __init__(self) -> None:
+    def __init__(self, sizes: Sizes = JOINT) -> None:
+        self.sizes = sizes  # of the board; its INFO has the same layout for all
         self.damaged = 0  # stretches without a frame
         self._open = bytearray()  # since the last zero
         self._lost = False  # more than any frame can be
@@ -234,7 +291,7 @@ class Receiver:
                 if not self._lost:
                     self._open.append(byte)
                 continue
-            frame = None if self._lost else decoded(bytes(self._open))
+            frame = None if self._lost else decoded(bytes(self._open), self.sizes)
             if self._lost or self._open:
                 self.damaged += frame is None
             self._open.clear()

@@ -15,21 +15,19 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput
 from allocator.files.atomic import replacing
 from mpc.export.building import compile_c, write
-from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.entry import controller_files, pair
 from mpc.export.fmu.variables import UNITS, Variable, controller_variables, plant_variables, variables_header
 from mpc.export.parts import Files, copied
-from mpc.export.plant import plant_files, real_plant, start_of
-from mpc.model.arm.model import Arm
-from mpc.model.plant import NX, Plant
-from mpc.model.real_plant import RealPlant
+from mpc.export.plant import plant_files, real_machine, start_of
+from mpc.model.machine import Machine
+from mpc.model.plant import Plant
+from mpc.model.real_experiment import RealMachine
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 
@@ -201,7 +199,7 @@ def _token(sources: Files, model: Model) -> str:
 
 def export_plant_fmu(
     out: str | PathLike[str],
-    process: Plant | RealPlant,
+    process: Machine | RealMachine,
     dt: float = 0.01,
     *,
     x0: ArrayLike | None = None,
@@ -210,17 +208,16 @@ def export_plant_fmu(
     """Write `process` as the FMU `out`, and return its path.
 
     A step of `dt` [s] equals that of `simulate`, to the last bit if the compiler follows IEEE 754. Longer steps must be
-    multiples of `dt`; commands are held meanwhile. The outputs have no sensor noise. `x0` (4,) is the default initial
-    state: θ [rad], ω [rad/s], P1, P2 [Pa]; if None, at rest in the middle of the joint range. `platforms`
-    are those of the binaries, by default this machine's. Others, of `PLATFORMS`, are compiled by the package ziglang.
-    With none, (), the importing tool compiles the sources. Raises `InvalidInput` (also for faults and a torque
-    profile), `CannotWrite`, `MissingBackend` without a C compiler, and `MissingPackage` without ziglang.
+    multiples of `dt`; commands are held meanwhile. The outputs have no sensor noise. `x0` (2n + m,) is the default
+    initial state: angles [rad], rates [rad/s], pressures [Pa]; if None, at rest in the middle of the ranges.
+    `platforms` are those of the binaries, by default this machine's. The package ziglang compiles those of `PLATFORMS`
+    for others. With none, (), the importing tool compiles the sources. Raises `InvalidInput` (also for faults, a torque
+    profile and an arm without formulas), `CannotWrite`, `MissingBackend` without a C compiler, and `MissingPackage`
+    without ziglang.
     """
-    real, dt = real_plant(process), checks.positive("dt", dt, "s")
-    x = start_of(real) if x0 is None else np.asarray(x0, float)
-    if x.shape != (NX,) or not np.isfinite(x).all():
-        raise InvalidInput(f"x0 = {x0!r} has to be 4 finite numbers (theta [rad], omega [rad/s], P1 [Pa], P2 [Pa])")
-    about = f"pneumatic-muscle joint: {real.nominal.summary}"
+    real, dt = real_machine(process), checks.positive("dt", dt, "s")
+    x = start_of(real, x0)
+    about = f"pneumatic-muscle {'joint' if isinstance(real.nominal, Plant) else 'arm'}: {real.nominal.summary}"
     model = Model("antagonist_plant", about, dt, plant_variables(real, x))
     own = plant_files(real, dt, "src/") | dict(copied("fmu/plant", "src/"))
     return packed(model, own, Path(out), platforms)
@@ -241,7 +238,7 @@ def export_controller_fmu(
     """
     controller, observer = pair(None, controller, observer)
     plant = controller.plant
-    x0 = arm_at_rest(plant)[0] if isinstance(plant, Arm) else start_of(real_plant(plant))
+    x0 = start_of(real_machine(plant))
     about = f"model predictive controller and observer of pneumatic muscles: {plant.summary}"
     model = Model("antagonist_controller", about, controller.dt, controller_variables(controller, x0))
     files = controller_files(controller, observer, False, alone=True)

@@ -8,9 +8,10 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.compilation.printer import number
 from mpc.export import text
-from mpc.model.arm.model import Arm
+from mpc.export.parts import names_of
 from mpc.model.machine import Machine
-from mpc.model.real_plant import RealPlant
+from mpc.model.plant import Plant
+from mpc.model.real_experiment import RealMachine
 from mpc.tracking.controller import TrackingMPC
 
 _SET = {"input": 2, "parameter": 1, "output": 0}
@@ -48,28 +49,31 @@ UNITS: dict[str, dict[str, int]] = {  # exponents of the base units
 }
 
 
-def plant_variables(real: RealPlant, x0: Array) -> list[Variable]:
-    """Return the variables of a plant that begins in `x0` (4,)."""
-    theta, omega, P1, P2 = map(float, x0)
+def plant_variables(real: RealMachine, x0: Array) -> list[Variable]:
+    """Return the variables of a plant that begins in `x0` (2n + m,), in the order of plant_unit.c."""
+    n = real.nominal.n
+    joints, muscles = _labels(real.nominal)
+    theta, omega, P = (values.tolist() for values in np.split(np.asarray(x0, float), [n, 2 * n]))
+    at_joints = [(i, name, *start) for (i, name), *start in zip(joints, theta, omega, strict=True)]
+    at_muscles = [(j, name, start) for (j, name), start in zip(muscles, P, strict=True)]
+    step = f"as an encoder of {real.encoder:g} rad a step reads it"
+    entries = [f"{a}{b}" for a, b in zip(*(1 + np.array(np.triu_indices(n))), strict=True)] if n > 1 else [""]
     variables = [
-        Variable("u1", "input", "Pa", "commanded pressure of the agonist", P1),
-        Variable("u2", "input", "Pa", "commanded pressure of the antagonist", P2),
-        Variable("d", "input", "N.m", "torque from outside"),
-        Variable("theta_start", "parameter", "rad", "joint angle at the beginning", theta),
-        Variable("omega_start", "parameter", "rad/s", "its rate at the beginning", omega),
-        Variable("P1_start", "parameter", "Pa", "pressure of the agonist at the beginning, and its command before", P1),
-        Variable("P2_start", "parameter", "Pa", "pressure of the antagonist at the beginning", P2),
-        Variable("theta", "output", "rad", "joint angle"),
-        Variable("omega", "output", "rad/s", "its rate"),
-        Variable("P1", "output", "Pa", "pressure of the agonist, gauge"),
-        Variable("P2", "output", "Pa", "pressure of the antagonist, gauge"),
-        Variable(
-            "theta_measured", "output", "rad", f"joint angle as an encoder of {real.encoder:g} rad a step reads it"
+        *(Variable(f"u{j}", "input", "Pa", f"commanded pressure of {name}", start) for j, name, start in at_muscles),
+        *(Variable(f"d{i}", "input", "N.m", f"torque from outside on {name}") for i, name in joints),
+        *(Variable(f"theta{i}_start", "parameter", "rad", f"angle of {name}", q) for i, name, q, _ in at_joints),
+        *(Variable(f"omega{i}_start", "parameter", "rad/s", f"rate of {name}", rate) for i, name, _, rate in at_joints),
+        *(
+            Variable(f"P{j}_start", "parameter", "Pa", f"pressure of {name} at the beginning, and its command", start)
+            for j, name, start in at_muscles
         ),
-        Variable("K", "output", "N.m/rad", "stiffness"),
-        Variable("T", "output", "N.m", "torque of the muscles"),
-        Variable("F1", "output", "N", "force of the agonist; negative: slack"),
-        Variable("F2", "output", "N", "force of the antagonist; negative: slack"),
+        *(Variable(f"theta{i}", "output", "rad", f"angle of {name}") for i, name in joints),
+        *(Variable(f"omega{i}", "output", "rad/s", f"rate of {name}") for i, name in joints),
+        *(Variable(f"P{j}", "output", "Pa", f"pressure of {name}, gauge") for j, name in muscles),
+        *(Variable(f"theta{i}_measured", "output", "rad", f"angle of {name} {step}") for i, name in joints),
+        *(Variable(f"K{entry}", "output", "N.m/rad", "stiffness of the joint" + "s" * (n > 1)) for entry in entries),
+        *(Variable(f"T{i}", "output", "N.m", f"torque of the muscles about {name}") for i, name in joints),
+        *(Variable(f"F{j}", "output", "N", f"force of {name}; negative: slack") for j, name in muscles),
     ]
     return [variable._replace(finite=variable.causality != "output") for variable in variables]
 
@@ -109,11 +113,9 @@ def controller_variables(controller: TrackingMPC, x0: Array) -> list[Variable]:
 
 def _labels(plant: Machine) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Return suffixes and names of the joints and of the muscles."""
-    if not isinstance(plant, Arm):
-        return [("", "the joint")], [("1", "the agonist"), ("2", "the antagonist")]
-    mechanism = plant.mechanism
-    joints, muscles = (list(enumerate(names, 1)) for names in (mechanism.joint_names, mechanism.muscle_names))
-    return [(str(i), name) for i, name in joints], [(str(i), name) for i, name in muscles]
+    joints, muscles = (list(enumerate(names, 1)) for names in names_of(plant))
+    suffixes = [""] if isinstance(plant, Plant) else [str(i) for i, _ in joints]
+    return [(i, name) for i, (_, name) in zip(suffixes, joints, strict=True)], [(str(j), name) for j, name in muscles]
 
 
 def variables_header(variables: Sequence[Variable], dt: float, token: str) -> str:

@@ -48,8 +48,10 @@ class Examination:
         """Return the report."""
         info = self.info
         kind = f"a controller every {1e3 * info.dt:g} ms" if info.room else "a dumb terminal"
+        sizes = f"{info.joints} joint{'s' * (info.joints > 1)} and {info.muscles} muscles"
         return [
-            f"board: {kind}, commands within {info.low / 1e5:g} to {info.high / 1e5:g} bar, clock {self.clock:+.1e}",
+            f"board: {kind} for {sizes}, commands within {info.low / 1e5:g} to {info.high / 1e5:g} bar, "
+            f"clock {self.clock:+.1e}",
             f"read:  {_quantiles(self.read)}",
             f"write: {_quantiles(self.write)}",
             f"of {2 * self.exchanges} requests {self.unanswered} were not answered in time, {self.late} answers came "
@@ -66,12 +68,12 @@ def examine(connect: Callable[[], SerialDevice], exchanges: int = 500) -> Examin
     Raises `DeviceError`.
     """
     with connect() as device:
-        low = device.info.low
+        low = (device.info.low,) * device.info.muscles
         began, ticks = device.read().t, device.board_time
         read, write = [], []
         for _ in range(exchanges):
             read.append(_timed(device.read))
-            write.append(_timed(lambda: device.write(low, low)))
+            write.append(_timed(lambda: device.write(*low)))
         time.sleep(device.info.watchdog + _MARGIN)
         obeyed, tripped = _after_silence(device, low)
         passed, board = device.read().t - began, device.board_time - ticks
@@ -104,11 +106,11 @@ def _timed(exchange: Callable[[], object]) -> float | None:
     return time.perf_counter() - began
 
 
-def _after_silence(device: SerialDevice, low: float) -> tuple[bool, bool]:
+def _after_silence(device: SerialDevice, low: tuple[float, ...]) -> tuple[bool, bool]:
     """Return whether the board obeyed, and whether it reported that its watchdog had acted."""
     for _ in range(10):
         try:
-            device.write(low, low)
+            device.write(*low)
         except NoAnswer:
             continue
         except DeviceLost:
@@ -122,7 +124,7 @@ def _greeted(connect: Callable[[], SerialDevice]) -> bool:
     with connect() as device:
         for _ in range(10):
             try:
-                device.write(device.info.low, device.info.low)
+                device.write(*(device.info.low,) * device.info.muscles)
             except NoAnswer:
                 continue
             except DeviceLost:

@@ -13,8 +13,7 @@ from allocator.shell.outputs import say
 from allocator.units import BAR
 
 if TYPE_CHECKING:
-    from mpc.model.compensation import Compensation
-    from mpc.model.plant import Plant
+    from mpc.model.real_experiment import RealMachine
     from mpc.observer.kalman import KalmanObserver
     from mpc.tracking.controller import TrackingMPC
 
@@ -46,18 +45,15 @@ class BoardOptions:
     def export(
         self,
         out: Path,
-        plant: "Plant",
-        known: "Compensation",
+        process: "RealMachine",
         controller: "TrackingMPC | None",
         observer: "KalmanObserver | None",
         precision: str,
     ) -> Path:
-        """Write the firmware and a simulated board, with the `known` effects of the plant; return `out`."""
+        """Write the firmware and a simulated board, of the machine `process`; return `out`."""
         from mpc.export.serial.firmware import Safety, export_board
-        from mpc.model.real_plant import RealPlant
 
         safety = Safety(self.watchdog, self.fall * BAR)
-        process = RealPlant.of(plant, known)
         return export_board(
             out, process=process, controller=controller, observer=observer, safety=safety, precision=precision
         )

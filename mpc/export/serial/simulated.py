@@ -1,4 +1,4 @@
-"""Simulated board: the exported firmware compiled for this PC, behind a pseudo-terminal, with a simulated joint.
+"""Simulated board: the exported firmware compiled for this PC, behind a pseudo-terminal, with a simulated joint or arm.
 
 with SimulatedBoard() as board, SerialDevice(board.port) as device:
     device.read()
@@ -9,13 +9,15 @@ import tempfile
 from pathlib import Path
 from typing import Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from allocator.errors import AntagonistError
+from allocator import checks
+from allocator.errors import AntagonistError, InvalidInput
 from mpc.export.building import compile_c, write
-from mpc.export.serial.firmware import Safety, board_files
-from mpc.model.plant import Plant
-from mpc.model.real_plant import RealPlant
+from mpc.export.serial.firmware import Safety, board_files, simulated_machine
+from mpc.model.machine import Machine
+from mpc.model.real_experiment import RealMachine
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 
@@ -27,7 +29,7 @@ class SimulatedBoard:
 
     def __init__(
         self,
-        process: Plant | RealPlant | None = None,
+        process: Machine | RealMachine | None = None,
         controller: TrackingMPC | None = None,
         *,
         observer: KalmanObserver | None = None,
@@ -42,6 +44,7 @@ class SimulatedBoard:
         time. Raises `InvalidInput` for settings that C does not support.
         """
         self.files = board_files(process, controller, observer, safety or Safety(), x0=x0)
+        self._joints = simulated_machine(process, controller).nominal.n
         self._controls, self._step, self._flags = controller is not None, step, flags
         self._directory: tempfile.TemporaryDirectory[str] | None = None
         self._process: subprocess.Popen[str] | None = None
@@ -79,11 +82,16 @@ class SimulatedBoard:
         """Process id of the board, 0 if it does not run."""
         return 0 if self._process is None else self._process.pid
 
-    def hang(self, torque: float) -> bool:
-        """Apply a weight of this torque [N·m], positive if it pulls θ down; return whether the board confirms it."""
+    def hang(self, torque: ArrayLike) -> bool:
+        """Apply weights of this torque [N·m], (n,) for an arm, positive if they pull θ down; return whether the board
+        confirms it.
+        """
         if self._process is None or self._process.stdin is None or self._process.stdout is None:
             raise AntagonistError("the simulated board does not run: use it as a context, `with board:`")
-        self._process.stdin.write(f"{-float(torque)!r}\n")
+        each = np.atleast_1d(checks.real("torque", torque, "N·m"))
+        if each.shape != (self._joints,):
+            raise InvalidInput(f"torque of shape {each.shape} has to be one number a joint, {self._joints}")
+        self._process.stdin.write(" ".join(map(repr, (-each).tolist())) + "\n")
         self._process.stdin.flush()
         return bool(self._process.stdout.readline())
 

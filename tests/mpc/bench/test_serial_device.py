@@ -12,14 +12,17 @@ from typer.testing import CliRunner
 from allocator import errors
 from allocator.errors import InvalidInput, MissingPackage
 from allocator.units import BAR, DEG
-from mpc import Compensation, Plant, RealPlant, TrackingMPC, Weights, sine
+from mpc import Arm, Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, simulate, sine
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
 from mpc.bench.devices.serial_line import SerialDevice, open_serial
 from mpc.bench.devices.serial_protocol import State
 from mpc.cli import app
+from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.serial.check import examine
 from mpc.export.serial.firmware import Safety
 from mpc.export.serial.simulated import SimulatedBoard
+from mpc.model.real_arm import RealArm
+from mpc.trials import circle
 from mpc.trials.motions.corrections import Correction, Owner
 
 from ...rigs.fuzz import noise
@@ -30,6 +33,7 @@ pytestmark = [
     needs("gcc"),
     posix,
 ]
+ARM = Arm.machine("arm26")
 PATIENT = 1.0  # [s]: a machine busy with other tests may stop a process for a while
 
 
@@ -53,7 +57,7 @@ def own_board():
 
 
 def test_the_board_says_what_was_chosen_at_export(device):
-    assert device.info == (0, 0, 0.0, 0.0, 5 * BAR, 0.4, 2 * BAR)
+    assert device.info == (1, 2, 0, 0, 0.0, 0.0, 5 * BAR, 0.4, 2 * BAR)
 
 
 def test_pressures_go_where_they_are_commanded(device):
@@ -216,7 +220,7 @@ def test_a_controller_on_the_board_tracks_a_corrected_motion_as_the_same_one_her
         SimulatedBoard(process, controller, step=controller.dt, x0=process.at_rest(0.0, 5.5), flags=("-O0",)) as board,
         SerialDevice(board.port, timeout=PATIENT) as device,
     ):
-        assert device.info[:3] == (controller.ahead, controller.ahead + 33, controller.dt)
+        assert device.info[:5] == (1, 2, controller.ahead, controller.ahead + 33, controller.dt)
         with pytest.raises(NoAnswer, match="left out"):
             device.follow(5, reference.theta[:1], reference.K[:1])
         with pytest.raises(InvalidInput, match="at most 16 finite"):
@@ -231,6 +235,69 @@ def test_a_controller_on_the_board_tracks_a_corrected_motion_as_the_same_one_her
     assert len(errors) > 240
     assert np.sqrt(np.mean(np.square(errors))) < 1 * DEG
     assert statuses == {0}
+
+
+@pytest.fixture(scope="module")
+def arm_board():
+    real = RealArm(ARM, encoder=1e-4)
+    with SimulatedBoard(real, safety=Safety(watchdog=0.4, fall=2 * BAR), step=0.01, flags=("-O1",)) as running:
+        yield running
+
+
+def test_a_board_of_an_arm_has_its_encoders_and_its_valves(arm_board):
+    P = np.linspace(1, 3, ARM.m) * BAR
+    experiment = RealArm(ARM, encoder=1e-4).begin(0.01, arm_at_rest(ARM)[0], 0)
+    with SerialDevice(arm_board.port, timeout=PATIENT) as device:
+        assert (device.info.joints, device.info.muscles) == (ARM.n, ARM.m) == device.sizes
+        for _ in range(100):
+            device.write(*P)
+            experiment.advance(P.astype(np.float32))
+        reading = device.read()
+        np.testing.assert_allclose(reading.theta, experiment.x[: ARM.n], atol=1e-3)
+        np.testing.assert_allclose(reading.P, experiment.x[2 * ARM.n :], rtol=1e-3)
+        with pytest.raises(InvalidInput, match="write: 2 pressures for the 6 of the board"):
+            device.write(1 * BAR, 1 * BAR)
+        with pytest.raises(InvalidInput, match="P6 = 600000 Pa"):
+            device.write(*P[:5], 6 * BAR)
+        device.vent()
+        assert device.state == State.VENTED
+
+
+def test_weights_on_a_simulated_arm_are_one_a_joint(arm_board):
+    with SerialDevice(arm_board.port, timeout=PATIENT) as device:
+        with pytest.raises(InvalidInput, match="one number a joint, 2"):
+            arm_board.hang(1.0)
+        before = after = device.read().theta
+        assert arm_board.hang([1.0, 0.0])
+        for _ in range(100):
+            device.write(*(2 * BAR,) * ARM.m)
+            after = device.read().theta
+        assert arm_board.hang([0.0, 0.0])
+    assert after[0] < before[0] - 2 * DEG
+
+
+@pytest.mark.slow
+def test_a_controller_on_the_board_of_an_arm_moves_it_as_the_same_one_here_does():
+    real, controller = RealArm(ARM, encoder=1e-4), TrackingMPC(ARM, N=4, compiled=False)
+    reference = circle(ARM, turns=1).resampled(controller.dt)
+    x0 = real.at_rest(reference.theta[0], reference.K[0])
+    observer = KalmanObserver(ARM, controller.dt, compiled=False)
+    run = simulate(real, controller, reference, x0=x0, observer=observer)
+    with (
+        SimulatedBoard(real, controller, step=controller.dt, x0=x0, flags=("-O0",)) as board,
+        SerialDevice(board.port, timeout=PATIENT) as device,
+    ):
+        with pytest.raises(InvalidInput, match=r"shapes \(3,\) and \(3,\) are no samples for the n = 2 joints"):
+            device.follow(0, [0.1, 0.2, 0.3], [5.0, 5.0, 5.0])
+        with pytest.raises(NoAnswer, match="beyond its limits"):
+            device.follow(0, reference.theta[:1], np.array([[[5.0, 6.0], [6.0, 5.0]]]))  # which holds no posture
+        states = [now for now in device.track(reference) if now.sample < run.t.size]
+    assert states[-1].sample == run.t.size - 1
+    there = np.array([now.reading.theta for now in states])
+    sent = np.array([now.u for now in states if now.sample])
+    assert {now.status for now in states} == {0}
+    assert np.abs(there - run.x[[now.sample for now in states], : ARM.n]).max() < 0.1 * DEG
+    assert np.abs(sent - run.u[[now.sample - 1 for now in states if now.sample]]).max() < 0.2 * BAR
 
 
 def test_a_good_board_is_found_good_and_bad_ones_bad(board):

@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from allocator.errors import InvalidInput
 from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.serial_protocol import (
     ANSWERS,
-    BATCH,
     CRC_BYTES,
     HEADER,
+    JOINT,
     LAYOUTS,
     LONGEST,
     REASONS,
@@ -22,6 +23,7 @@ from mpc.bench.devices.serial_protocol import (
     Kind,
     Receiver,
     Refusal,
+    Sizes,
     State,
     decoded,
     encoded,
@@ -41,13 +43,25 @@ NUMBERS = {
 }
 
 
+BOARDS = (JOINT, Sizes(2, 6), Sizes(3, 7))
+
+
+def row(numbers, size):
+    return st.tuples(*[numbers] * size)
+
+
 @st.composite
-def frames(draw):
+def frames(draw, sizes=JOINT):
     kind = draw(st.sampled_from(Kind))
-    values = [draw(NUMBERS[field.type]) for field in LAYOUTS[kind]]
+    values = [
+        draw(row(NUMBERS[field.type], sizes.count(field.row)) if field.row else NUMBERS[field.type])
+        for field in LAYOUTS[kind]
+    ]
+    samples = ()
     if kind is Kind.FOLLOW:
-        values += draw(st.lists(NUMBERS["f32"], max_size=2 * BATCH).filter(lambda some: len(some) % 2 == 0))
-    return Frame(kind, draw(NUMBERS["u16"]), draw(NUMBERS["u16"]), tuple(values))
+        numbers = sizes.count("n") + sizes.count("s")
+        samples = draw(row(NUMBERS["f32"], numbers * draw(st.integers(0, sizes.batch))))
+    return Frame(kind, draw(NUMBERS["u16"]), draw(NUMBERS["u16"]), tuple(values), samples)
 
 
 @pytest.mark.parametrize(
@@ -66,11 +80,12 @@ def test_the_examples_of_cheshire_and_baker_are_stuffed_as_they_are(plain, stuff
     assert unstuffed(bytes.fromhex(stuffed_)) == bytes.fromhex(plain)
 
 
-@given(st.lists(frames(), max_size=5), st.data())
-def test_frames_arrive_however_they_are_cut(sent, data):
-    line = b"".join(map(encoded, sent))
+@given(st.sampled_from(BOARDS), st.data())
+def test_frames_arrive_however_they_are_cut(sizes, data):
+    sent = data.draw(st.lists(frames(sizes), max_size=5))
+    line = b"".join(encoded(frame, sizes) for frame in sent)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(line)), max_size=8)))
-    receiver, came = Receiver(), []
+    receiver, came = Receiver(sizes), []
     for begin, end in zip([0, *cuts], [*cuts, len(line)], strict=True):
         came += receiver.frames(line[begin:end])
     assert came == sent
@@ -112,9 +127,17 @@ def test_readings_are_dated_as_exactly_as_the_swiftest_exchanges_allow():
 
 
 def test_every_frame_fits_into_one_block():
-    longest = {kind: packing(fields).size for kind, fields in LAYOUTS.items()}
-    longest[Kind.FOLLOW] += BATCH * packing(SAMPLE).size
-    assert max(longest.values()) + packing(HEADER).size + CRC_BYTES <= LONGEST <= 253
+    for n in range(1, 12):
+        for m in range(1, 40):
+            sizes = Sizes(n, m)
+            longest = {kind: packing(fields, sizes).size for kind, fields in LAYOUTS.items()}
+            longest[Kind.FOLLOW] += max(1, sizes.batch) * packing(SAMPLE, sizes).size
+            if max(longest.values()) + packing(HEADER).size + CRC_BYTES <= LONGEST <= 253:
+                sizes.check()
+            else:
+                with pytest.raises(InvalidInput, match=f"n = {n} joints and m = {m} muscles"):
+                    sizes.check()
+    assert [sizes.batch for sizes in BOARDS] == [16, 12, 6]
 
 
 def test_every_request_has_an_answer_that_names_the_state_of_the_board():
@@ -130,7 +153,7 @@ def test_the_document_says_what_the_table_says():
             shared = LAYOUTS[Kind.READING][:-1]
             assert fields[: len(shared)] == shared
             fields = fields[len(shared) :]
-        body = ", ".join(f"{field.name} {field.type}" for field in fields)
+        body = ", ".join(f"{f.name} {f.row} × {f.type}" if f.row else f"{f.name} {f.type}" for f in fields)
         prefix = "as READING, then " * (kind is Kind.TRACKING)
         assert f"{kind.name} 0x{kind:02X} | {prefix}{body}".rstrip() in plain
     for member in (*State, *Refusal):

@@ -3,69 +3,69 @@
 import numpy as np
 import pytest
 
-from mpc import Plant, TrackingMPC
+from mpc import Arm, Plant, TrackingMPC
 from mpc.bench.device import NoAnswer
+from mpc.bench.devices.serial_protocol import Sizes
 from mpc.export.serial.firmware import export_board
 
 from ...rigs import fuzz
 from ...rigs.needs import needs
 
-BYTES = 40_000  # `python -m benchmarks.serial_fuzz` takes a million
-needs_gcc = needs("gcc")
+pytestmark = pytest.mark.slow
+BYTES = 60_000  # `python -m benchmarks.serial_fuzz` takes a million
+MACHINES = {"a joint": Plant, "an arm": lambda: Arm.machine("arm26")}
+from_gcc = [needs("gcc"), pytest.mark.tools]
+
+
+@pytest.fixture(scope="module", params=[pytest.param(make, id=name, marks=from_gcc) for name, make in MACHINES.items()])
+def machine(request):
+    return request.param()
+
+
+@pytest.fixture
+def sizes(machine):
+    return Sizes(machine.n, machine.m)
 
 
 @pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    return fuzz.board(export_board(tmp_path_factory.mktemp("fuzzed") / "c"))
+def board(machine, tmp_path_factory):
+    return fuzz.board(export_board(tmp_path_factory.mktemp("fuzzed") / "c", process=machine))
 
 
-@needs_gcc
-@pytest.mark.tools
-@pytest.mark.slow
-def test_noise_moves_no_valve(board):
-    assert not len(fuzz.accepted(board, fuzz.noise(np.random.default_rng(0), BYTES)))
+def test_noise_moves_no_valve(board, sizes):
+    assert not len(fuzz.accepted(board, fuzz.noise(np.random.default_rng(0), BYTES), sizes))
 
 
-@needs_gcc
-@pytest.mark.tools
-@pytest.mark.slow
-def test_of_damaged_and_repeated_frames_the_whole_ones_are_obeyed_once_and_in_order(board):
-    stream = fuzz.damaged(np.random.default_rng(1), BYTES)
+def test_of_damaged_and_repeated_frames_the_whole_ones_are_obeyed_once_and_in_order(board, sizes):
+    stream = fuzz.damaged(np.random.default_rng(1), BYTES, sizes=sizes)
     places = {command: k for k, command in enumerate(stream.meant)}
-    obeyed = [places[tuple(row)] for row in fuzz.accepted(board, stream.line)]  # KeyError: nobody said that
+    obeyed = [places[tuple(row)] for row in fuzz.accepted(board, stream.line, sizes)]  # KeyError: nobody said that
     assert (np.diff(obeyed) >= 0).all()
     assert set(stream.whole) <= set(obeyed)
     assert len(stream.whole) > 300
 
 
-@needs_gcc
-@pytest.mark.tools
-@pytest.mark.slow
-def test_whole_frames_of_nonsense_move_no_valve_beyond_its_limits(board):
-    rows = fuzz.accepted(board, fuzz.forged(np.random.default_rng(2), BYTES))
+def test_whole_frames_of_nonsense_move_no_valve_beyond_its_limits(board, sizes):
+    rows = fuzz.accepted(board, fuzz.forged(np.random.default_rng(2), BYTES, sizes), sizes)
     assert len(rows) > 50
     assert ((rows[:, 1:] >= 0) & (rows[:, 1:] <= fuzz.HIGH)).all()  # which NaN is not
 
 
-@needs_gcc
-@pytest.mark.tools
-@pytest.mark.slow
-def test_a_board_with_the_controller_takes_no_reference_that_nobody_sent(tmp_path):
-    controller = TrackingMPC(Plant(), N=3)
+def test_a_board_with_the_controller_takes_no_reference_that_nobody_sent(machine, sizes, tmp_path):
+    controller = TrackingMPC(machine, N=3, compiled=False)
     board = fuzz.board(export_board(tmp_path / "c", controller=controller), controls=True)
-    stream = fuzz.damaged(np.random.default_rng(4), BYTES, follows=True)
+    stream = fuzz.damaged(np.random.default_rng(4), BYTES, follows=True, sizes=sizes)
     places = {command: k for k, command in enumerate(stream.meant)}
-    taken = [places[tuple(row)] for row in fuzz.accepted(board, stream.line)]
+    taken = [places[tuple(row)] for row in fuzz.accepted(board, stream.line, sizes)]
     assert (np.diff(taken) > 0).all()
     assert len(taken) > 20
-    rows = fuzz.accepted(board, fuzz.forged(np.random.default_rng(5), BYTES))
+    rows = fuzz.accepted(board, fuzz.forged(np.random.default_rng(5), BYTES, sizes), sizes)
     references = rows[rows[:, 0] == 1, 1:]
     assert len(references) > 20
     assert np.isfinite(references).all()
-    assert (references[:, 1] > 0).all()
+    assert (np.linalg.eigvalsh(fuzz.stiffnesses(references, sizes)) > 0).all()
 
 
-@pytest.mark.slow
 def test_a_host_believes_no_answer_but_the_one_to_its_question():
     line = fuzz.NoisyLine(np.random.default_rng(3))
     read = refused = 0

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.units import BAR
-from mpc import Plant, RealPlant, TrackingMPC
+from mpc import Arm, Plant, RealPlant, TrackingMPC
 from mpc.bench.devices import serial_protocol as protocol
 from mpc.cli import app
 from mpc.export.serial.firmware import Safety, export_board, protocol_header
@@ -28,6 +28,11 @@ def controller():
     return TrackingMPC(Plant(), N=3)
 
 
+@pytest.fixture(scope="module")
+def arm_s_controller():
+    return TrackingMPC(Arm.machine("arm26"), N=3, compiled=False)
+
+
 def objects(directory, sources, compiler, *flags):
     """The sources compiled without a warning, and without a call of the heap."""
     made = []
@@ -43,9 +48,13 @@ def objects(directory, sources, compiler, *flags):
 @pytest.mark.parametrize(
     ("variant", "precision"), [("terminal", "double"), ("controller", "double"), ("controller", "single")]
 )
-def test_the_firmware_compiles_without_a_warning_and_without_a_heap(compiler, variant, precision, controller, tmp_path):
-    given = controller if variant == "controller" else None
-    made = export_board(tmp_path / "c", controller=given, precision=precision)
+@pytest.mark.parametrize("joints", [1, 2])
+def test_the_firmware_compiles_without_a_warning_and_without_a_heap(
+    compiler, joints, variant, precision, controller, arm_s_controller, tmp_path
+):
+    of_machine = controller if joints == 1 else arm_s_controller
+    given = of_machine if variant == "controller" else None
+    made = export_board(tmp_path / "c", process=of_machine.plant, controller=given, precision=precision)
     sources = sorted((made / "serial").glob("*.c"))
     assert {source.stem for source in sources} == {"board", "frames", "main", "port"} | ({"follow"} if given else set())
     names = subprocess.run(["nm", *objects(made, sources, *compiler)], capture_output=True, text=True).stdout
@@ -59,12 +68,13 @@ def test_the_firmware_compiles_without_a_warning_and_without_a_heap(compiler, va
         assert sum(size.memory for size in sizes) < 1024
 
 
-def test_the_header_has_every_constant_of_the_table_that_the_host_runs_by(tmp_path):
-    (tmp_path / "protocol.h").write_text(protocol_header())
+@pytest.mark.parametrize("sizes", [protocol.JOINT, protocol.Sizes(2, 6), protocol.Sizes(3, 7)])
+def test_the_header_has_every_constant_of_the_table_that_the_host_runs_by(sizes, tmp_path):
+    (tmp_path / "protocol.h").write_text(protocol_header(sizes))
     lines = [f'_Static_assert(ANT_KIND_{kind.name} == {int(kind)}, "");' for kind in protocol.Kind]
     lines += [f'_Static_assert(ANT_STATE_{state.name} == {int(state)}, "");' for state in protocol.State]
     for kind, fields in protocol.LAYOUTS.items():
-        at = np.cumsum([0, *(protocol.packing((field,)).size for field in fields)])
+        at = np.cumsum([0, *(protocol.packing((field,), sizes).size for field in fields)])
         names = [field.name.upper() for field in fields] + ["BYTES"]
         lines += [f'_Static_assert(ANT_{kind.name}_{name} == {a}, "");' for name, a in zip(names, at, strict=True)]
     (tmp_path / "check.c").write_text('#include "protocol.h"\n' + "\n".join(lines) + "\n")
@@ -72,8 +82,16 @@ def test_the_header_has_every_constant_of_the_table_that_the_host_runs_by(tmp_pa
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_one_command_exports_a_board_and_the_lines_of_its_readme_compile_it(tmp_path):
-    options = ["--variant", "terminal", "--watchdog", "0.5", "--fall", "inf"]
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--variant", "terminal"],
+        ["--variant", "terminal", "--machine", "arm26"],
+        pytest.param(["--machine", "arm26", "--horizon", "3"], marks=pytest.mark.slow),
+    ],
+)
+def test_one_command_exports_a_board_and_the_lines_of_its_readme_compile_it(options, tmp_path):
+    options += ["--watchdog", "0.5", "--fall", "inf"]
     result = CliRunner().invoke(app, ["export", "firmware", "--out", str(tmp_path / "c"), *options])
     assert result.exit_code == 0, result.output
     assert "#define ANT_WATCHDOG_US 500000u" in (tmp_path / "c" / "serial" / "config.h").read_text()
@@ -94,6 +112,10 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, con
         ({"precision": "half"}, "'half'"),
         ({"controller": controller, "safety": Safety(0.02)}, "3 samples of 0.01 s"),
         ({"controller": replace(controller, budget=0.005)}, "no clock"),
+        ({"controller": controller, "process": Arm.machine("arm26")}, "2 joints and 6 muscles, the controller's"),
+        ({"process": 5.0}, "process = 5.0 has to be a Plant, an Arm"),
+        ({"process": Plant(), "x0": [0.1, 0.0, np.nan, 1e5]}, "x0"),
+        ({"process": Plant(), "x0": [0.1, 0.0]}, "x0"),
     ):
         with pytest.raises((InvalidInput, MissingBackend), match=words):
             export_board(tmp_path / "c", **arguments)
@@ -103,7 +125,6 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, con
     for options, error in (
         (["--variant", "clever"], MissingBackend),
         (["--variant", "terminal", "--errors", "u=1"], InvalidInput),
-        (["--machine", "arm26"], InvalidInput),
     ):
         refused = CliRunner().invoke(app, ["export", "firmware", "--out", str(tmp_path / "c"), *options])
         assert isinstance(refused.exception, error)

@@ -170,6 +170,10 @@ def test_the_command_exports_a_mechanism_by_its_name(tmp_path):
     made = CliRunner().invoke(app, ["export", "allocation", "--machine", "leg37", "--out", str(tmp_path / "c")])
     assert made.exit_code == 0, made.output
     assert "#define ANT_MUSCLES 7" in (tmp_path / "c" / "antagonist_config.h").read_text()
-    asked = ["export", "firmware", "--machine", "leg37", "--out", str(tmp_path / "d")]
-    said = "takes one joint with two muscles; --machine leg37 is a machine with n = 3 joints and m = 7 muscles"
-    assert said in str(CliRunner().invoke(app, asked).exception)
+    file = tmp_path / "leg.toml"
+    assert CliRunner().invoke(app, ["init", str(file), "--machine", "leg37"]).exit_code == 0
+    file.write_text(file.read_text().partition("[bodies]")[0])
+    asked = ["--machine", str(file), "--out", str(tmp_path / "d")]
+    assert CliRunner().invoke(app, ["export", "allocation", *asked]).exit_code == 0
+    refused = CliRunner().invoke(app, ["export", "firmware", *asked[:-1], str(tmp_path / "e")])
+    assert "the table [bodies] is missing" in str(refused.exception)

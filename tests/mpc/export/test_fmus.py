@@ -18,16 +18,17 @@ from allocator import AntagonistJoint, Lever, errors, report_joint
 from allocator.errors import CannotWrite, InvalidInput, MissingPackage
 from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
-from mpc import KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, sine
+from mpc import Arm, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.cli import app
 from mpc.export.building import compiler
 from mpc.export.fmu.entry import PLATFORMS, export_controller_fmu, export_plant_fmu, this_machine
 from mpc.model.faults import StuckValve
 from mpc.model.friction.dahl import Friction
+from mpc.model.real_arm import RealArm
 from mpc.tracking.preview import BadNumbers
 
 from ...rigs import toolchain as tools
-from ...rigs.fmus import Stepped
+from ...rigs.fmus import Stepped, names
 from ...rigs.needs import needs
 from ...rigs.replay import record
 
@@ -59,9 +60,20 @@ PLANTS = {
 }
 
 
-def commands(n, seed):
+ARM = RealArm(
+    replace(Arm.machine("arm26"), gas=True),
+    friction=(Friction(0.1, 0.2), Friction(0.2)),
+    force_gains=(1.1, 0.9, 1.0, 1.0, 1.2, 0.8),
+    dead_time=0.025,
+    encoder=0.02 * DEG,
+    mass=1.2,
+)
+
+
+def commands(n, seed, joints=1, muscles=2):
     rng = np.random.default_rng(seed)
-    return np.repeat(np.column_stack([rng.uniform(1 * BAR, 4 * BAR, (n, 2)), rng.normal(size=n)]), 20, axis=0)
+    rows = np.hstack([rng.uniform(1 * BAR, 4 * BAR, (n, muscles)), rng.normal(size=(n, joints))])
+    return np.repeat(rows, 20, axis=0)
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +103,29 @@ def test_a_plant_s_fmu_is_valid_and_moves_as_in_python(process, dt, tmp_path):
     assert T == pytest.approx(float(real.torque(x)), rel=1e-9)
     assert (F1, F2) == pytest.approx(tuple(map(float, real.forces(x))), rel=1e-9)
     assert read == experiment.measure()[0]
+
+
+def test_the_fmu_of_an_arm_s_plant_is_valid_and_moves_as_in_python(tmp_path):
+    n, m = ARM.nominal.n, ARM.nominal.m
+    (states, valves, torques), x0 = names(n, m), ARM.nominal.at_rest(ARM.nominal.middle, np.diag([8.0, 6.0]))
+    path = export_plant_fmu(tmp_path / "plant.fmu", ARM, x0=x0)
+    assert validate_fmu(str(path)) == []
+    experiment, scale = ARM.begin(0.01, x0, 0), np.repeat([1.0, 10.0, SPAN], [n, n, m])
+    with Stepped(path, tmp_path / "fmu", 0.01) as fmu:
+        np.testing.assert_array_equal(fmu.get(*states), x0)
+        for row in commands(10, 5, n, m):
+            fmu.set(**dict(zip([*valves, *torques], row, strict=True)))
+            fmu.step()
+            experiment.advance(row[:m], row[m:])
+            assert np.abs((np.array(fmu.get(*states)) - experiment.x) / scale).max() < 1e-10
+        K, F = ARM.along(experiment.x[None])
+        q, P = experiment.x[:n], experiment.x[2 * n :]
+        np.testing.assert_allclose(fmu.get("K11", "K12", "K22"), K[0][np.triu_indices(n)], rtol=1e-9)
+        np.testing.assert_allclose(fmu.get(*(f"F{j + 1}" for j in range(m))), F[0], rtol=1e-9)
+        arms = ARM.nominal.mechanism.routes.at(q).arm
+        np.testing.assert_allclose(fmu.get("T1", "T2"), arms.T @ F[0], rtol=1e-9)
+        np.testing.assert_array_equal(fmu.get("theta1_measured", "theta2_measured"), experiment.measure()[:n])
+    assert P.min() > 0
 
 
 def test_a_nominal_plant_s_fmu_is_the_plant_that_simulate_takes(tmp_path):
@@ -382,14 +417,14 @@ def test_one_command_writes_both(more, wanted, zig, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_command_writes_the_controller_of_an_arm_alone(tmp_path):
+def test_the_command_writes_plant_and_controller_of_an_arm(tmp_path):
     out = tmp_path / "fmus"
     given = ["--machine", "arm26", "--horizon", "3", "--source-only", "--out", str(out)]
     result = CliRunner().invoke(app, ["export", "fmu", *given])
     assert result.exit_code == 0, result.output
-    assert "written: 1 file in" in result.output
-    assert [path.name for path in out.iterdir()] == ["controller.fmu"]
-    assert validate_fmu(str(out / "controller.fmu")) == []
+    assert "written: 2 files in" in result.output
+    assert {path.name for path in out.iterdir()} == {"controller.fmu", "plant.fmu"}
+    assert all(validate_fmu(str(path)) == [] for path in out.iterdir())
     described = read_model_description(str(out / "controller.fmu"))
     rows = {v.name: v.dimensions[0].start for v in described.modelVariables if v.dimensions}
     assert rows == {"theta_ref": 12, "K_ref": 18}  # of 1 + 3 + 2 samples, with a dead time of two

@@ -10,20 +10,28 @@ static const uint32_t FALL_EVERY_US = 1000;
 
 static int obeys(const ant_board *b) { return b->state == ANT_STATE_DIRECT || b->state == ANT_STATE_FOLLOWING; }
 
-static void set_valves(ant_board *b, float P1, float P2) {
-    b->u[0] = P1;
-    b->u[1] = P2;
+static void set_valves(ant_board *b, const float P[ANT_MUSCLES]) {
+    memmove(b->u, P, sizeof b->u);
     b->moved = clock_us();
-    write_valves(P1, P2);
+    write_valves(b->u);
 }
 
-/* Both pressures to the least, in their ratio and with it about the angle, the higher by ANT_FALL. */
+/* All pressures to the least and a share of what they are above it. */
+static void lower(ant_board *b, float share) {
+    float P[ANT_MUSCLES];
+    for (int i = 0; i < ANT_MUSCLES; i++) P[i] = ANT_LOW + share * (b->u[i] - ANT_LOW);
+    set_valves(b, P);
+}
+
+/* All pressures to the least, in their ratio and with it about the angles, the highest by ANT_FALL. */
 static void fall(ant_board *b) {
     const uint32_t passed = clock_us() - b->moved;
-    const float one = b->u[0] - ANT_LOW, two = b->u[1] - ANT_LOW, higher = one > two ? one : two;
-    if (passed < FALL_EVERY_US || !(higher > 0)) return;
-    const float step = ANT_FALL * ((float)passed * 1e-6f), left = step < higher ? 1 - step / higher : 0;
-    set_valves(b, ANT_LOW + left * one, ANT_LOW + left * two);
+    float highest = 0;
+    for (int i = 0; i < ANT_MUSCLES; i++)
+        if (b->u[i] - ANT_LOW > highest) highest = b->u[i] - ANT_LOW;
+    if (passed < FALL_EVERY_US || !(highest > 0)) return;
+    const float step = ANT_FALL * ((float)passed * 1e-6f);
+    lower(b, step < highest ? 1 - step / highest : 0);
 }
 
 /* --- answers ----------------------------------------------------------------------------------------------------- */
@@ -54,6 +62,8 @@ static void answer_accepted(const ant_board *b) {
 static void answer_info(const ant_board *b) {
     uint8_t payload[ANT_HEADER_BYTES + ANT_INFO_BYTES], *body = payload + ANT_HEADER_BYTES;
     body[ANT_INFO_VERSION] = ANT_PROTOCOL;
+    body[ANT_INFO_JOINTS] = ANT_JOINTS;
+    body[ANT_INFO_MUSCLES] = ANT_MUSCLES;
 #ifdef ANT_BOARD_CONTROLS
     ant_put_u16(body + ANT_INFO_AHEAD, ANT_AHEAD);
     ant_put_u16(body + ANT_INFO_ROOM, ANT_ROOM);
@@ -75,9 +85,8 @@ static void answer_info(const ant_board *b) {
 static void put_measured(const ant_board *b, uint8_t *body) {
     const ant_sensors s = read_sensors();
     ant_put_u32(body + ANT_READING_T, clock_us());
-    ant_put_f32(body + ANT_READING_THETA, s.theta);
-    ant_put_f32(body + ANT_READING_P1, s.P1);
-    ant_put_f32(body + ANT_READING_P2, s.P2);
+    ant_put_row(body + ANT_READING_THETA, s.theta, ANT_JOINTS);
+    ant_put_row(body + ANT_READING_P, s.P, ANT_MUSCLES);
     ant_put_u16(body + ANT_READING_DAMAGED, b->receiver.damaged);
 }
 
@@ -93,8 +102,7 @@ static void answer_tracking(const ant_board *b) {
     uint8_t payload[ANT_HEADER_BYTES + ANT_TRACKING_BYTES], *body = payload + ANT_HEADER_BYTES;
     const ant_follower *f = &b->follower;
     put_measured(b, body);
-    ant_put_f32(body + ANT_TRACKING_U1, b->u[0]);
-    ant_put_f32(body + ANT_TRACKING_U2, b->u[1]);
+    ant_put_row(body + ANT_TRACKING_U, b->u, ANT_MUSCLES);
     ant_put_u32(body + ANT_TRACKING_SAMPLE, f->sample);
     ant_put_u32(body + ANT_TRACKING_NEXT, f->have);
     body[ANT_TRACKING_STATUS] = (uint8_t)(int8_t)f->plan.status;
@@ -107,7 +115,11 @@ static void answer_tracking(const ant_board *b) {
 
 /* --- requests ---------------------------------------------------------------------------------------------------- */
 
-static int within(float P) { return P >= ANT_LOW && P <= ANT_HIGH; } /* which NaN is not */
+static int within(const float P[ANT_MUSCLES]) {
+    for (int i = 0; i < ANT_MUSCLES; i++)
+        if (!(P[i] >= ANT_LOW && P[i] <= ANT_HIGH)) return 0; /* which NaN is not */
+    return 1;
+}
 
 static int safe(const ant_board *b) { return b->state == ANT_STATE_TRIPPED || b->state == ANT_STATE_VENTED; }
 
@@ -130,22 +142,22 @@ static void heed(ant_board *b, ant_state state) {
 }
 
 static void write_request(ant_board *b, const uint8_t *request) {
-    const float P1 = ant_get_f32(request + ANT_HEADER_BYTES + ANT_WRITE_P1);
-    const float P2 = ant_get_f32(request + ANT_HEADER_BYTES + ANT_WRITE_P2);
+    float P[ANT_MUSCLES];
+    ant_get_row(request + ANT_HEADER_BYTES + ANT_WRITE_P, P, ANT_MUSCLES);
     if (safe(b)) {
         answer_refused(b, request, ANT_REFUSAL_SAFE);
-    } else if (!within(P1) || !within(P2)) {
+    } else if (!within(P)) {
         answer_refused(b, request, ANT_REFUSAL_VALUE);
     } else {
         heed(b, ANT_STATE_DIRECT);
-        set_valves(b, P1, P2);
+        set_valves(b, P);
         answer_accepted(b);
     }
 }
 
 static void vent_request(ant_board *b) {
     b->state = ANT_STATE_VENTED;
-    set_valves(b, ANT_LOW, ANT_LOW);
+    lower(b, 0);
     answer_accepted(b);
 }
 
@@ -222,6 +234,15 @@ static void obey(ant_board *b, const uint8_t *request, size_t bytes) {
 
 /* --- time -------------------------------------------------------------------------------------------------------- */
 
+#ifdef ANT_BOARD_CONTROLS
+static void follow(ant_board *b) {
+    if (b->state != ANT_STATE_FOLLOWING || !ant_follower_step(&b->follower)) return;
+    float P[ANT_MUSCLES];
+    for (int i = 0; i < ANT_MUSCLES; i++) P[i] = (float)b->follower.plan.u[0][i];
+    set_valves(b, P);
+}
+#endif
+
 static void watch(ant_board *b) {
     const uint32_t now = clock_us();
     if (!obeys(b) || now - b->heard <= ANT_WATCHDOG_US) return;
@@ -232,7 +253,7 @@ static void watch(ant_board *b) {
 void ant_board_begin(ant_board *b) {
     memset(b, 0, sizeof *b);
     b->state = ANT_STATE_IDLE;
-    set_valves(b, ANT_LOW, ANT_LOW);
+    lower(b, 0);
 }
 
 void ant_board_poll(ant_board *b) {
@@ -244,8 +265,7 @@ void ant_board_poll(ant_board *b) {
         if (n) obey(b, b->receiver.bytes, n - ANT_HEADER_BYTES);
     }
 #ifdef ANT_BOARD_CONTROLS
-    if (b->state == ANT_STATE_FOLLOWING && ant_follower_step(&b->follower))
-        set_valves(b, (float)b->follower.plan.u[0][0], (float)b->follower.plan.u[0][1]);
+    follow(b);
 #endif
     if (!obeys(b)) fall(b);
 }

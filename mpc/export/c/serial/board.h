@@ -17,13 +17,13 @@ typedef struct {
     uint32_t heard;             /* when the last command came [us] */
     uint32_t commands;          /* number received */
     uint32_t moved;             /* when the valves were last set [us] */
-    float u[2];                 /* to these pressures [Pa] */
+    float u[ANT_MUSCLES];       /* to these pressures [Pa] */
 #ifdef ANT_BOARD_CONTROLS
     ant_follower follower;
 #endif
 } ant_board;
 
-/* Begin, with both muscles at the least pressure. */
+/* Begin, with all muscles at the least pressure. */
 void ant_board_begin(ant_board *board);
 
 /* Call as often as possible: it answers received bytes and advances time. */

@@ -12,11 +12,11 @@ typedef struct {
     ant_controller controller;
     ant_plan plan;
     ant_reference window;
-    float theta[ANT_ROOM], K[ANT_ROOM]; /* sample k at k modulo ANT_ROOM */
-    uint32_t have;                      /* samples received, which is the number of the next one */
-    uint32_t sample;                    /* that is followed now */
-    uint32_t due;                       /* when the next one is [us] */
-    int running;                        /* whether there were enough samples to begin */
+    float theta[ANT_ROOM][ANT_JOINTS], K[ANT_ROOM][ANT_STIFFNESSES]; /* sample k at k modulo ANT_ROOM */
+    uint32_t have;   /* samples received, which is the number of the next one */
+    uint32_t sample; /* that is followed now */
+    uint32_t due;    /* when the next one is [us] */
+    int running;     /* whether there were enough samples to begin */
 } ant_follower;
 
 void ant_follower_begin(ant_follower *f);

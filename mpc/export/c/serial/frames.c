@@ -33,6 +33,14 @@ void ant_put_f32(uint8_t *at, float value) {
     ant_put_u32(at, bits);
 }
 
+void ant_put_row(uint8_t *at, const float *values, int count) {
+    for (int i = 0; i < count; i++) ant_put_f32(at + 4 * i, values[i]);
+}
+
+void ant_get_row(const uint8_t *at, float *values, int count) {
+    for (int i = 0; i < count; i++) values[i] = ant_get_f32(at + 4 * i);
+}
+
 /* Four bits at a time: sixteen numbers in place of a kilobyte of them. */
 static uint32_t crc32(const uint8_t *bytes, size_t n) {
     static const uint32_t table[16] = {0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4,

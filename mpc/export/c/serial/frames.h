@@ -30,5 +30,7 @@ float ant_get_f32(const uint8_t *at);
 void ant_put_u16(uint8_t *at, uint16_t value);
 void ant_put_u32(uint8_t *at, uint32_t value);
 void ant_put_f32(uint8_t *at, float value);
+void ant_put_row(uint8_t *at, const float *values, int count);
+void ant_get_row(const uint8_t *at, float *values, int count);
 
 #endif /* ANT_FRAMES_H */

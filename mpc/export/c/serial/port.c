@@ -4,14 +4,14 @@
 #include <math.h>
 
 ant_sensors read_sensors(void) {
-    /* e.g. .theta = counts * (2 * pi / COUNTS_PER_TURN) - zero, .P1 = (volts - 0.5f) / 4 * 10e5f */
-    const ant_sensors s = {NAN, NAN, NAN};
+    ant_sensors s;
+    for (int i = 0; i < ANT_JOINTS; i++) s.theta[i] = NAN; /* e.g. counts[i] * (2 * pi / COUNTS_PER_TURN) - zero[i] */
+    for (int i = 0; i < ANT_MUSCLES; i++) s.P[i] = NAN;    /* e.g. (volts[i] - 0.5f) / 4 * 10e5f */
     return s;
 }
 
-void write_valves(float P1, float P2) {
-    (void)P1; /* e.g. dac_write(0, P1 / 6e5f * 4095) of a regulator for 0 to 6 bar */
-    (void)P2;
+void write_valves(const float P[ANT_MUSCLES]) {
+    (void)P; /* e.g. dac_write(i, P[i] / 6e5f * 4095) of regulators for 0 to 6 bar */
 }
 
 uint32_t clock_us(void) { return 0; /* e.g. a 32-bit timer that counts microseconds */ }

@@ -6,16 +6,18 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "config.h"
+
 /* Sensor readings; NAN if missing or unreliable. */
 typedef struct {
-    float theta;  /* joint angle [rad] */
-    float P1, P2; /* gauge pressures of agonist and antagonist [Pa] */
+    float theta[ANT_JOINTS]; /* joint angles [rad] */
+    float P[ANT_MUSCLES];    /* gauge pressures [Pa]; of a joint those of agonist and antagonist */
 } ant_sensors;
 
 ant_sensors read_sensors(void);
 
-/* Set both regulators [Pa], within the supply's limits in config.h. */
-void write_valves(float P1, float P2);
+/* Set all regulators [Pa], within the supply's limits in config.h. */
+void write_valves(const float P[ANT_MUSCLES]);
 
 /* A clock that never stops and wraps after 2^32 [us]. */
 uint32_t clock_us(void);

@@ -1,7 +1,7 @@
 /* The board on a PC: the same board.c and frames.c behind a pseudo-terminal, with a simulated plant under them.
  *
- * It prints the terminal's name and ends when its standard input does; a line there is a torque from outside [N*m], which
- * it prints when it acts. With an argument, a time in seconds, its clock advances only by that time at every
+ * It prints the terminal's name and ends when its standard input does; a line there are the torques from outside [N*m],
+ * one a joint, of which it prints the first when they act. With an argument, a time in seconds, its clock advances only by that time at every
  * command: at the pace of the host, and the same in every run. */
 #define _XOPEN_SOURCE 600 /* NOLINT: asks the C library for pseudo-terminals */
 
@@ -21,8 +21,8 @@
 
 static ant_board board;
 static ant_plant plant;
-static double u[2];
-static double torque;    /* from outside [N*m] */
+static double u[ANT_MUSCLES];
+static double torque[ANT_JOINTS]; /* from outside [N*m] */
 static double simulated; /* time up to which the plant is simulated [s] */
 static double step;      /* advance of the clock at every command, or 0: the PC's clock [s] */
 static double stepped;   /* the clock in that case [s] */
@@ -62,17 +62,17 @@ static void catch_up(void) {
 ant_sensors read_sensors(void) {
     catch_up();
     ant_plant moved = plant; /* since its last step: at 1 rad/s a millisecond is 0.06 degrees */
-    moved.full[0] += moved.full[1] * (now() - simulated);
-    ant_sensors s = {(float)ant_plant_look(&moved).theta, 0, 0};
-    s.P1 = (float)(plant.full[2] + ANT_PLANT_NOISE * normal());
-    s.P2 = (float)(plant.full[3] + ANT_PLANT_NOISE * normal());
+    for (int i = 0; i < ANT_JOINTS; i++) moved.full[i] += moved.full[ANT_JOINTS + i] * (now() - simulated);
+    const ant_plant_outputs y = ant_plant_look(&moved);
+    ant_sensors s;
+    for (int i = 0; i < ANT_JOINTS; i++) s.theta[i] = (float)y.theta[i];
+    for (int i = 0; i < ANT_MUSCLES; i++) s.P[i] = (float)(plant.full[ANT_PLANT_P + i] + ANT_PLANT_NOISE * normal());
     return s;
 }
 
-void write_valves(float P1, float P2) {
+void write_valves(const float P[ANT_MUSCLES]) {
     catch_up();
-    u[0] = P1;
-    u[1] = P2;
+    for (int i = 0; i < ANT_MUSCLES; i++) u[i] = P[i];
 }
 
 uint32_t clock_us(void) { return (uint32_t)(uint64_t)(now() * 1e6 + 0.5); }
@@ -120,7 +120,7 @@ static const char *open_line(void) {
 
 /* Read the standard input; whether to go on. */
 static int listen(void) {
-    static char said[32];
+    static char said[32 * ANT_JOINTS];
     static size_t n;
     char bytes[64];
     const ssize_t come = read(0, bytes, sizeof bytes);
@@ -132,15 +132,16 @@ static int listen(void) {
         said[n] = 0;
         n = 0;
         catch_up();
-        torque = atof(said);
-        printf("%g\n", torque);
+        char *at = said;
+        for (int k = 0; k < ANT_JOINTS; k++) torque[k] = strtod(at, &at);
+        printf("%g\n", torque[0]);
         fflush(stdout);
     }
     return come > 0;
 }
 
 int main(int argc, char **argv) {
-    static const double start[4] = ANT_START;
+    static const double start[ANT_PLANT_X] = ANT_START;
     struct pollfd waited[2] = {{0, POLLIN, 0}, {-1, POLLIN, 0}};
     step = argc > 1 ? atof(argv[1]) : 0;
     const char *name = open_line();

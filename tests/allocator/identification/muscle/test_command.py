@@ -29,6 +29,8 @@ def test_out_of_the_box_it_ranks_all_models_on_a_table_of_the_package():
     assert result.exit_code == 0
     assert all(name in result.output for name in MODELS)
     assert "60 taut samples and 66 slack ones" in result.output
+    said = " ".join(result.output.split())
+    assert "as the C of an arm's controller needs it: TableMuscle, 2.72 N unseen, the least error of all" in said
 
 
 def test_one_model_is_fitted_saved_and_drawn(tmp_path):

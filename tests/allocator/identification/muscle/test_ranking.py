@@ -5,7 +5,7 @@ import pytest
 
 from allocator import AntagonistJoint, Pulley, allocate
 from allocator.identification import DATASETS, Samples, load_dataset, rank_models
-from allocator.muscles import MODELS, AffinePolynomial, Hildebrandt2005, Hogan1984, TableMuscle
+from allocator.muscles import MODELS, AffinePolynomial, Hildebrandt2005, Hogan1984, TableMuscle, TonduLopez2000
 from allocator.units import BAR
 
 WORKING = {"pressure_range": (0.95 * BAR, 7 * BAR), "contraction_range": (0.0, 0.3)}
@@ -47,6 +47,21 @@ def test_a_model_that_leaves_out_more_than_a_tenth_is_not_the_best():
     assert ranking.fits[0].model == "Hildebrandt2005"
     assert ranking.fits[0].monotone
     assert ranking.best.model != "Hildebrandt2005"
+
+
+def test_the_best_affine_law_and_its_cost_are_named():
+    """Forces that grow with the square of the pressure, which no affine law follows."""
+    P, eps = (a.ravel() for a in np.meshgrid(np.arange(1, 6) * BAR, np.linspace(0.0, 0.2, 12)))
+    F = 300 * (P / BAR) ** 2 * (1 - 4 * eps)
+    models = (Hogan1984, AffinePolynomial, TonduLopez2000, TableMuscle)
+    ranking = rank_models(Samples.checked(eps, P, F), models)
+    others = [f for f in ranking.fits if f.model in ("Hogan1984", "AffinePolynomial", "TableMuscle") and f.monotone]
+    assert ranking.affine is others[0]
+    assert ranking.cost_of_affine == ranking.affine.cross_validated / ranking.fits[0].cross_validated
+    assert ranking.cost_of_affine >= 1
+    alone = rank_models(Samples.checked(eps, P, F), (TonduLopez2000,))
+    assert alone.affine is None
+    assert np.isnan(alone.cost_of_affine)
 
 
 def test_without_cross_validation_models_are_ranked_on_the_same_samples_too():

@@ -1,5 +1,5 @@
 /* A board that hears what is in one file, a byte at a time, and writes every command that it accepts to another: rows
- * of doubles. A row is 0 and both pressures of a WRITE, or 1 and both references of a sample. */
+ * of doubles. A row is 0 and the pressures of a WRITE, or 1 and the references of a sample; zeros fill it. */
 #include <math.h>
 #include <stdio.h>
 
@@ -9,16 +9,17 @@ static ant_board board;
 static FILE *from, *to;
 static int over, pause;
 static uint32_t now; /* [us]; one for every byte */
-static float valves[2];
+enum { COLUMNS = 1 + ANT_MUSCLES }; /* of a row; there are no more references than muscles */
+static float valves[ANT_MUSCLES];
 
 ant_sensors read_sensors(void) {
-    const ant_sensors s = {0.1f, 2e5f, NAN};
+    ant_sensors s = {{0.1f}, {2e5f}};
+    s.P[ANT_MUSCLES - 1] = NAN;
     return s;
 }
 
-void write_valves(float P1, float P2) {
-    valves[0] = P1;
-    valves[1] = P2;
+void write_valves(const float P[ANT_MUSCLES]) {
+    for (int i = 0; i < ANT_MUSCLES; i++) valves[i] = P[i];
 }
 
 uint32_t clock_us(void) { return now; }
@@ -37,8 +38,10 @@ void send_bytes(const uint8_t *bytes, size_t n) {
         if (bytes[i] == 0) over = 1; /* a zero within a frame would be the end of it */
 }
 
-static void put(double kind, double one, double two) {
-    const double row[3] = {kind, one, two};
+static void put(double kind, const float *one, int n, const float *two, int more) {
+    double row[COLUMNS] = {kind};
+    for (int i = 0; i < n; i++) row[1 + i] = one[i];
+    for (int i = 0; i < more; i++) row[1 + n + i] = two[i];
     if (fwrite(row, sizeof row, 1, to) != 1) over = 1;
 }
 
@@ -53,12 +56,12 @@ int main(int argc, char **argv) {
 #endif
     while (!over) {
         ant_board_poll(&board);
-        if (board.commands != commands && board.state == ANT_STATE_DIRECT) put(0, valves[0], valves[1]);
+        if (board.commands != commands && board.state == ANT_STATE_DIRECT) put(0, valves, ANT_MUSCLES, NULL, 0);
         commands = board.commands;
 #ifdef ANT_BOARD_CONTROLS
         if (board.follower.have < have) have = 0;
         for (; have < board.follower.have; have++)
-            put(1, board.follower.theta[have % ANT_ROOM], board.follower.K[have % ANT_ROOM]);
+            put(1, board.follower.theta[have % ANT_ROOM], ANT_JOINTS, board.follower.K[have % ANT_ROOM], ANT_STIFFNESSES);
 #endif
     }
     if (!feof(from)) return 2;
