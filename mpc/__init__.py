@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from mpc.model.compensation import Compensation as Compensation
     from mpc.model.plant import Plant as Plant
     from mpc.model.real_plant import RealPlant as RealPlant
+    from mpc.observer.filter import Noise as Noise
     from mpc.observer.kalman import KalmanObserver as KalmanObserver
     from mpc.tracking.controller import LongStep as LongStep
     from mpc.tracking.controller import TrackingMPC as TrackingMPC

@@ -76,7 +76,7 @@ class ControllerOptions(PlantOptions):
         if self.errors is not None:
             weights = weights_from(self.errors)
         elif not (tuned or several):
-            weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, compiled=False)
+            weights = robust_weights(s.plant, N=s.N, compensation=s.compensation, noise=s.noise, compiled=False)
         controller = TrackingMPC(s.plant, s.dt, s.N, weights, compensation=s.compensation, compiled=False)
         observer = KalmanObserver(s.plant, s.dt, s.noise, s.compensation, compiled=False)
         return Built(controller, observer, tuned, self.encoder_zero)

@@ -204,8 +204,9 @@ class Diagnosis:
         yield Finding(
             (Suspect(FaultKind.RINGING, self.names.loops[i]),),
             began,
-            f"at {self.loops[i].frequency:.1f} Hz: readings or commands are probably older than told, which is a dead "
-            f"time of {dead_time} and a reading age of {age}; raise dead_time or reading_age",
+            f"at {self.loops[i].frequency:.1f} Hz: readings or commands are older than told (a dead time of "
+            f"{dead_time} and a reading age of {age}), or a payload has multiplied the inertia; raise dead_time, "
+            "reading_age or inertia",
         )
 
     def _of_pressures(self) -> Iterator[Finding]:

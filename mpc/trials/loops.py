@@ -127,7 +127,7 @@ def robust(name: str, settings: Settings, reference: Reference | None = None) ->
         return settings
     known = settings.plant, settings.dt, settings.N, settings.compensation
     posture = None if reference is None else _within_reach(settings.plant, reference)
-    return settings._replace(weights=robust_weights(*known, posture=posture, wait=settings.wait))
+    return settings._replace(weights=robust_weights(*known, posture=posture, noise=settings.noise, wait=settings.wait))
 
 
 def sliding_margins(

@@ -10,6 +10,13 @@ from -1. At crossover, |L| = 1, the phase margin is π + arg L and the delay mar
 of the angle the loop is unstable. Names and signs are those of `control.stability_margins`; see Åström and
 Murray, Feedback Systems, 2nd ed., 2020, section 10.3.
 
+A payload adds inertia. With f times the inertia M(q), the surplus acts on the nominal loop as the torque
+-(f - 1) M(q) ω', so that the loop is stable up to the least f > 1 with
+
+    det(1 + (f - 1) M D(e^{jωdt})) = 0,      D: torque from outside ↦ ω' of the nominal loop
+
+D is the Fourier transform of the response to a torque pulse of one sample. At the limit the loop rings with ω.
+
 For an arm, the reading of each joint is disturbed in turn: S and L are matrices (n, n), |S| is the largest singular
 value, and the other margins are those of L's eigenvalues, for a factor or a delay common to all joints; see Skogestad
 and Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, sections 3.3 and 4.9.
@@ -20,7 +27,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from math import inf, pi
+from math import inf, isnan, nan, pi
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -61,16 +68,25 @@ class Margins:
     frequency: Array  # (f,) [Hz]
     S: NDArray[np.complex128]  # (f,) sensitivity [-], (f, n, n) for an arm
     stable: bool  # whether the loop settles
+    inertial: NDArray[np.complex128] | None = None  # (f, n, n) M D [-]; None: not computed
 
     @classmethod
-    def of(cls, theta: Value, K: Value, response: Array, dt: float) -> Self:
+    def of(cls, theta: Value, K: Value, response: Array, dt: float, swing: Array | None = None) -> Self:
         """Return the margins from the `response` of the readings to one disturbed by 1, every `dt` [s].
 
-        It is (samples,), or (samples, n, n) for an arm: the readings of each joint by the disturbed one.
+        It is (samples,), or (samples, n, n) for an arm: the readings of each joint by the disturbed one. The `swing`
+        (samples, n, n) is that of the angles by a pulse of torque that would turn each joint by dt² in a sample.
         """
         points = _FINE * max(len(response), round(LISTEN / dt))
         frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
-        return cls(theta, K, frequency, np.fft.rfft(response, points, axis=0)[1:], _left(response) < _DECAYED)
+        S, stable = np.fft.rfft(response, points, axis=0)[1:], _left(response) < _DECAYED
+        if swing is None:
+            return cls(theta, K, frequency, S, stable)
+        # M ω' of a central difference, at the middle of the sample in which the torque acts
+        turn = 2 * pi * frequency * dt
+        twice = (np.exp(1j * turn) - 2 + np.exp(-1j * turn)) * np.exp(1j * turn / 2)
+        inertial = twice[:, None, None] * np.fft.rfft(swing, points, axis=0)[1:]
+        return cls(theta, K, frequency, S, stable, inertial / dt**2)
 
     @cached_property
     def magnitude(self) -> Array:
@@ -94,12 +110,7 @@ class Margins:
     @cached_property
     def L(self) -> NDArray[np.complex128]:
         """Eigenvalues (n, f) of the loop transfer function L = S⁻¹ - 1, each continuous along the frequency."""
-        from scipy.optimize import linear_sum_assignment
-
-        found = np.linalg.eigvals(np.linalg.inv(self._matrices) - np.eye(np.size(self.theta)))
-        for before, now in pairwise(found):
-            now[:] = now[linear_sum_assignment(np.abs(before[:, None] - now))[1]]
-        return np.asarray(found.T, complex)
+        return _loci(np.asarray(np.linalg.inv(self._matrices) - np.eye(np.size(self.theta)), complex))
 
     @cached_property
     def _crossovers(self) -> tuple[Array, Array]:
@@ -125,6 +136,31 @@ class Margins:
         phase, omega = self._crossovers
         return float((phase % (2 * pi) / omega).min(initial=inf)) if self.stable else 0.0
 
+    @cached_property
+    def _heaviest(self) -> tuple[float, float]:
+        """Inertia margin, and the frequency [Hz] with which the loop rings there; NaN if it was not computed."""
+        if self.inertial is None or not self.stable:
+            return (1.0 if self.inertial is not None else nan), nan
+        found = [_at_zeros(locus.imag, locus.real, self.frequency) for locus in _loci(self.inertial)]
+        real, frequency = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        if not (unstable := real < 0).any():
+            return inf, nan
+        least = int(np.argmin(real[unstable]))
+        return float(1 - 1 / real[unstable][least]), float(frequency[unstable][least])
+
+    @property
+    def inertia_margin(self) -> float:
+        """Least factor above 1 of the inertia, of an arm of all masses, that makes the loop unstable; inf if none does.
+
+        NaN if it was not computed.
+        """
+        return self._heaviest[0]
+
+    @property
+    def inertia_frequency(self) -> float:
+        """Frequency [Hz] with which the loop rings at its inertia margin; NaN without one."""
+        return self._heaviest[1]
+
     def __repr__(self) -> str:
         return f"Margins: {self}"
 
@@ -136,6 +172,7 @@ class Margins:
         return (
             f"{at}: M_s = {self.sensitivity_peak:.2f} at {self.peak_frequency:.1f} Hz, gain margin "
             f"{self.gain_margin:.1f}, delay margin {1e3 * self.delay_margin:.0f} ms"
+            + ("" if isnan(self.inertia_margin) else f", inertia margin {self.inertia_margin:.1f}")
         )
 
     @property
@@ -164,11 +201,13 @@ def margins(
     postures: Iterable[tuple[Value, Value]] | None = None,
     *,
     listen: float | None = None,
+    inertia: bool = True,
 ) -> tuple[Margins, ...]:
     """Return the margins of the loop of `controller` and `observer` on its own model, including dead time and gas.
 
     `postures` are pairs (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; by default those of `usual_postures`. The
-    response is computed for `listen` [s], by default for 2 s, or 8 s if it has not decayed by then. Controller and
+    response is computed for `listen` [s], by default for 2 s, or 8 s if it has not decayed by then. The margin of the
+    `inertia` takes further runs, which can be left out. Controller and
     observer are used and reset; rest mode is off meanwhile. They need a compensation without friction and dead band,
     and a model whose pressures rise and fall alike: the others are nonlinear. Raises `InvalidInput` for other
     compensations and models, for other types, and for an observer with another sample time.
@@ -189,7 +228,7 @@ def margins(
             (checks.angle("theta", theta), checks.real("K", K, "N·m/rad"))
             for theta, K in (checks.pair("postures: an entry", one, known) for one in places)
         ]
-        return tuple(_at(controller, observer, theta[()], K[()], listen) for theta, K in at)
+        return tuple(_at(controller, observer, theta[()], K[()], listen, inertia) for theta, K in at)
     finally:
         controller.rest = rests
         controller.reset()
@@ -237,37 +276,78 @@ def _left(response: Array) -> float:
     return float(np.abs(response[-round(0.1 * len(response)) :]).max())
 
 
-def _at(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float | None) -> Margins:
+def _loci(matrices: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the eigenvalues (n, f) of `matrices` (f, n, n), each continuous along the frequency."""
+    from scipy.optimize import linear_sum_assignment
+
+    found = np.linalg.eigvals(matrices)
+    for before, now in pairwise(found):
+        now[:] = now[linear_sum_assignment(np.abs(before[:, None] - now))[1]]
+    return np.asarray(found.T, complex)
+
+
+def _at(
+    controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float | None, inertia: bool
+) -> Margins:
     """Return the margins at one posture."""
-    response = _response(controller, observer, theta, K, SHORT if listen is None else listen)
+    loop = _Loop(controller, observer, theta, K)
+    response = loop.response(SHORT if listen is None else listen)
     if listen is None and not _left(response) < _SILENT:
-        response = _response(controller, observer, theta, K, LISTEN)
-    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], controller.dt)
+        response = loop.response(LISTEN)
+    swing = loop.swing(len(response)) if inertia else None
+    return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], controller.dt, swing)
 
 
-def _response(controller: BaseController, observer: Observer, theta: Value, K: Value, listen: float) -> Array:
-    """Return the readings (samples, n, n) [-] of each joint by the one whose reading is disturbed by 1."""
-    dt, n = controller.dt, controller.plant.n
-    first, samples = round(SETTLE / dt), round((SETTLE + listen) / dt)
-    at_rest = controller.plant.at_rest(theta, K)
-    begin = _beginner(controller, at_rest)
+class _Loop:
+    """Closed loop at rest in a posture, for its responses to small disturbances."""
 
-    def readings(delta: Array) -> Array:
-        """Return the angles' readings (samples, n) from the one disturbed by `delta` (n,) [rad] on."""
+    def __init__(self, controller: BaseController, observer: Observer, theta: Value, K: Value) -> None:
+        self.controller, self.observer, self.theta, self.K = controller, observer, theta, K
+        self.dt, self.n = controller.dt, controller.plant.n
+        self.at_rest = controller.plant.at_rest(theta, K)
+        self._begin = _beginner(controller, self.at_rest)
+
+    def response(self, listen: float) -> Array:
+        """Return the readings (samples, n, n) [-] of each joint by the one whose reading is disturbed by 1."""
+        samples, still = round(listen / self.dt), np.zeros(self.n)
+        undisturbed = self._run(samples, still, still)[0]
+        found = [self._run(samples, DELTA * unit, still)[0] - undisturbed for unit in np.eye(self.n)]
+        return np.asarray(np.stack(found, axis=2) / DELTA)
+
+    def swing(self, samples: int) -> Array:
+        """Return the angles (samples, n, n), times the inertia, of each joint by a pulse of 1 at one of them."""
+        still, M = np.zeros(self.n), self._inertia()
+        undisturbed = self._run(samples, still, still)[1]
+        pulse = DELTA / self.dt**2  # [1/s²], which turns a joint by about DELTA
+        found = [self._run(samples, still, pulse * column)[1] - undisturbed for column in M.T]
+        return np.asarray(np.stack(found, axis=2) / pulse)
+
+    def _inertia(self) -> Array:
+        """Return the mass matrix (n, n) [kg·m²]."""
+        plant, theta, still = self.controller.plant, np.atleast_1d(self.theta), np.zeros(self.n)
+        if self.n == 1 and isinstance(plant, Plant):
+            return np.array([[plant.inertia]])
+        rest = plant.torque_for(theta, still, still)
+        return np.stack([plant.torque_for(theta, still, unit) - rest for unit in np.eye(self.n)], axis=1)
+
+    def _run(self, samples: int, delta: Array, torque: Array) -> tuple[Array, Array]:
+        """Return readings and angles (samples, n) from the sample on whose readings are disturbed by `delta` (n,) [rad]
+        and in which a `torque` (n,) [N·m] acts from outside.
+        """
+        controller, observer, n = self.controller, self.observer, self.n
         controller.reset()
         observer.reset()
-        trial, u, angles = begin(), at_rest[2 * n :], []
-        for k in range(samples):
+        trial, u, readings, angles = self._begin(), self.at_rest[2 * n :], [], []
+        first = round(SETTLE / self.dt)
+        for k in range(first + samples):
             y = trial.measure()
             y[:n] += delta * (k == first)
-            angles.append(y[:n].copy())
+            readings.append(y[:n].copy())
+            angles.append(trial.x[:n])
             x, d = observer.estimate(y, u)
-            u = controller.step(x, theta, K, d).u[0]
-            trial.advance(u)
-        return np.array(angles[first:])
-
-    undisturbed = readings(np.zeros(n))
-    return np.asarray(np.stack([readings(DELTA * unit) - undisturbed for unit in np.eye(n)], axis=2) / DELTA)
+            u = controller.step(x, self.theta, self.K, d).u[0]
+            trial.advance(u, torque * (k == first))
+        return np.array(readings[first:]), np.array(angles[first:])
 
 
 def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:

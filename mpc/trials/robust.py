@@ -14,6 +14,7 @@ from allocator.calculus import Value
 from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine, check_machine
+from mpc.observer.filter import Noise
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import Weights
@@ -35,14 +36,15 @@ def robust_weights(
     *,
     posture: tuple[Value, Value] | None = None,
     sensitivity_peak: float = ROBUST,
+    noise: Noise | None = None,
     wait: bool = True,
     compiled: bool = True,
 ) -> Weights:
     """Return `Weights.calm(s)` with the s for which the loop's M_s is `sensitivity_peak` at a `posture`.
 
     A posture is a pair (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; None is the middle of `usual_postures`. The
-    loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt)`, both with `compensation`, `wait` and
-    `compiled`; dt is in seconds. s is limited to 0.75 to 32, so that a long dead time can lead to a greater peak.
+    loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt, noise)`, both with `compensation`, `wait`
+    and `compiled`; dt is in seconds. s is limited to 0.75 to 32, so that a long dead time can lead to a greater peak.
     Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
     """
     check_machine(plant)
@@ -55,8 +57,8 @@ def robust_weights(
     def excess(s: float) -> float:
         """Return log((M_s - 1)/(wanted - 1)); infinite for a loop that does not settle."""
         controller = TrackingMPC(model, dt, N, Weights.calm(s), compensation=told, wait=wait, compiled=compiled)
-        observer = KalmanObserver(model, dt, compensation=told, wait=wait, compiled=compiled)
-        peak = margins(controller, observer, [place], listen=_LISTEN)[0].sensitivity_peak
+        observer = KalmanObserver(model, dt, noise, told, wait=wait, compiled=compiled)
+        peak = margins(controller, observer, [place], listen=_LISTEN, inertia=False)[0].sensitivity_peak
         return log((peak - 1) / (wanted - 1))
 
     with warnings.catch_warnings():

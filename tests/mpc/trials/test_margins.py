@@ -9,12 +9,15 @@ import pytest
 from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc import Compensation, KalmanObserver, Plant, TrackingMPC
+from mpc import Arm, Compensation, KalmanObserver, Plant, TrackingMPC
 from mpc.model.friction.dahl import Friction
+from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
+from mpc.observer.filter import CALM_NOISE
+from mpc.tracking.cost import CALM as CALM_OF_ARMS
 from mpc.tracking.cost import Weights
 from mpc.trials.loops import Settings, loop, sliding_margins
-from mpc.trials.margins import LISTEN, Margins, margins
+from mpc.trials.margins import LISTEN, Margins, margins, usual_postures
 
 pytestmark = pytest.mark.compiles
 
@@ -74,6 +77,12 @@ def test_without_feedback_every_margin_is_infinite():
     alone = Margins.of(0.0, 5.0, np.eye(1, 800)[0], 0.01)  # the readings are the disturbance
     assert alone.sensitivity_peak == pytest.approx(1.0)
     assert np.isinf([alone.gain_margin, alone.phase_margin, alone.delay_margin]).all()
+    assert np.isnan([alone.inertia_margin, alone.inertia_frequency]).all()  # not computed
+    assert "inertia" not in str(alone)
+    sprung = control.sample_system(control.tf([1.0], [1.0, 2.0, 40.0]), 0.01)  # passive: any inertia may be added
+    pulse = control.forced_response(sprung, 0.01 * np.arange(800), np.eye(1, 800)[0]).outputs
+    passive = Margins.of(0.0, 5.0, np.eye(1, 800)[0], 0.01, swing=pulse[:, None, None])
+    assert passive.inertia_margin == np.inf
 
 
 def test_the_short_response_gives_the_margins_of_the_long_one(parts, found):
@@ -91,14 +100,15 @@ def test_a_loop_that_has_not_decayed_is_listened_to_longer():
     np.testing.assert_array_equal(found.S, long.S)
 
 
-def rings(parts, delay):
-    """Whether a loop whose angle readings are so old [s] swings more and more."""
+def swung(parts, delay=0.0, heavier=1.0):
+    """Angles [rad] of a loop after a small disturbance, with such old readings [s] and so many times the inertia."""
     controller, observer = parts
     controller.rest = False
     controller.reset()
     observer.reset()
     x0 = PLANT.at_rest(*POSTURE)
-    trial, u = RealPlant(PLANT, dead_time=TOLD.dead_time, reading_age=delay).begin(DT, x0, 0), x0[2:]
+    plant = replace(PLANT, inertia=heavier * PLANT.inertia)
+    trial, u = RealPlant(plant, dead_time=TOLD.dead_time, reading_age=delay).begin(DT, x0, 0), x0[2:]
     angles = []
     for k in range(1500):
         y = trial.measure()
@@ -107,12 +117,53 @@ def rings(parts, delay):
         u = controller.step(x, *POSTURE, d).u[0]
         trial.advance(u)
         angles.append(trial.x[0])
+    return np.array(angles)
+
+
+def rings(angles):
+    """Whether they swing more and more."""
     return np.ptp(angles[-100:]) > np.ptp(angles[100:300])
 
 
 def test_a_loop_stands_a_little_less_delay_than_its_margin_and_no_more(parts, found):
-    assert not rings(parts, 0.9 * found.delay_margin)
-    assert rings(parts, 1.1 * found.delay_margin)
+    assert not rings(swung(parts, delay=0.9 * found.delay_margin))
+    assert rings(swung(parts, delay=1.1 * found.delay_margin))
+
+
+def test_a_loop_carries_a_little_less_inertia_than_its_margin_and_no_more(parts, found):
+    assert 1.5 < found.inertia_margin < 10
+    assert not rings(swung(parts, heavier=0.9 * found.inertia_margin))
+    ringing = swung(parts, heavier=1.1 * found.inertia_margin)
+    assert rings(ringing)
+    late = ringing[-500:] - ringing[-500:].mean()
+    turns = np.count_nonzero(np.diff(np.signbit(late)))
+    assert turns / 2 / (late.size * DT) == pytest.approx(found.inertia_frequency, rel=0.1)
+
+
+@pytest.mark.slow
+def test_an_arm_carries_a_little_less_mass_than_its_margin_and_no_more():
+    arm, told = Arm.machine("arm26"), Compensation(dead_time=0.02)
+    controller = TrackingMPC(arm, DT, 10, CALM_OF_ARMS, compensation=told, rest=False)
+    observer = KalmanObserver(arm, DT, CALM_NOISE, told)
+    posture = usual_postures(arm)[1]
+    found = margins(controller, observer, [posture])[0]
+
+    def swings(heavier):
+        real, x0 = RealArm(arm, mass=heavier, dead_time=0.02), arm.at_rest(*posture)
+        trial, u, angles = real.begin(DT, x0, 0), x0[4:], []
+        controller.reset()
+        observer.reset()
+        for k in range(600):
+            y = trial.measure()
+            y[0] += 1e-5 * (k == 20)
+            x, d = observer.estimate(y, u)
+            u = controller.step(x, *posture, d).u[0]
+            trial.advance(u)
+            angles.append(trial.x[0])
+        return np.ptp(angles[-100:]) > np.ptp(angles[20:220])
+
+    assert not swings(0.9 * found.inertia_margin)
+    assert swings(1.1 * found.inertia_margin)
 
 
 def test_dead_time_costs_margin_and_slow_commands_buy_it():
@@ -140,6 +191,7 @@ def test_a_loop_that_swings_has_no_margin():
     assert not found.stable
     assert found.sensitivity_peak == np.inf
     assert found.delay_margin == 0.0
+    assert found.inertia_margin == 1.0
 
 
 def test_commands_that_rest_and_what_is_not_linear_have_no_part():

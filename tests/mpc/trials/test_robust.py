@@ -6,7 +6,7 @@ import pytest
 from allocator import DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc import Compensation, KalmanObserver, Plant, TrackingMPC, robust_weights
+from mpc import Compensation, KalmanObserver, Noise, Plant, TrackingMPC, robust_weights
 from mpc.model.friction.dahl import Friction
 from mpc.tracking.cost import Weights
 from mpc.trials.loops import Settings, margins_in_words, robust
@@ -21,9 +21,9 @@ DT = 0.01
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
 
 
-def peaks(weights, dead_time):
+def peaks(weights, dead_time, noise=None):
     told = Compensation(dead_time=dead_time)
-    loop = TrackingMPC(PLANT, DT, weights=weights, compensation=told), KalmanObserver(PLANT, DT, compensation=told)
+    loop = TrackingMPC(PLANT, DT, weights=weights, compensation=told), KalmanObserver(PLANT, DT, noise, told)
     return margins(*loop)
 
 
@@ -33,6 +33,17 @@ def test_the_loop_has_the_peak_that_was_asked_for_at_each_posture(dead_time):
     assert [m.sensitivity_peak for m in found] == pytest.approx([2.0] * 3, rel=0.07)
     assert min(m.delay_margin for m in found) >= 2 * DT
     assert found[1].sensitivity_peak == pytest.approx(2.0, rel=0.03)
+
+
+def test_weights_fit_the_observer_s_noise_which_raises_the_inertia_margin():
+    told, careful = Compensation(dead_time=0.03), Noise(omega_walk=4.0)
+    weights, usual = (
+        robust_weights(PLANT, DT, compensation=told, sensitivity_peak=1.7, noise=noise) for noise in (careful, None)
+    )
+    own, other = peaks(weights, 0.03, careful)[1], peaks(usual, 0.03)[1]
+    assert own.sensitivity_peak == pytest.approx(1.7, rel=0.03) == other.sensitivity_peak
+    assert weights.rate < usual.rate  # a quicker loop …
+    assert own.inertia_margin > 1.1 * other.inertia_margin  # … that carries more
 
 
 def test_more_robust_weights_are_slower():
