@@ -46,7 +46,7 @@ class Safety:
         watchdog = checks.positive("watchdog", self.watchdog, "s")
         if not 1e-3 <= watchdog <= _LONGEST:
             raise InvalidInput(f"watchdog = {watchdog:g} s has to be between 0.001 and {_LONGEST:g} s")
-        fall = float(self.fall)
+        fall = checks.number_or_inf("fall", self.fall, "Pa/s")
         if not fall >= 0 or (isfinite(fall) and 0 < fall < BAR / 1e3):
             raise InvalidInput(f"fall = {fall:g} Pa/s has to be 0 (hold), inf (at once) or 100 Pa/s at least")
 
@@ -258,13 +258,15 @@ def board_files(
 
 def simulated_machine(process: Machine | RealMachine | None, controller: TrackingMPC | None) -> RealMachine:
     """Return the machine of the simulated board; see `export_board`."""
+    if controller is not None:
+        checks.instance("controller", controller, TrackingMPC, "a TrackingMPC")
     if process is None:
         process = Plant() if controller is None else controller.plant
     real = real_machine(process)
     sizes, controlled = Sizes(real.nominal.n, real.nominal.m), real.nominal if controller is None else controller.plant
     if sizes != (controlled.n, controlled.m):
         raise InvalidInput(
-            f"process has {sizes.joints} joints and {sizes.muscles} muscles, the controller's machine {controlled.n} "
-            f"and {controlled.m}"
+            f"process has n = {sizes.joints} and m = {sizes.muscles}, the controller's machine n = {controlled.n} and "
+            f"m = {controlled.m}"
         )
     return real
