@@ -339,7 +339,8 @@ def _report(record: "Record", console: "Console") -> None:
     one = isinstance(record.plant, Plant)
     names = [""] if one else [f" of {name}" for name in record.plant.labels.angles]
     for name, rms in zip(names, np.ravel(record.theta_rms / DEG), strict=True):
-        say(console, f"angle error{name}: {rms:.3g}° RMS, as measured, without settling")
+        error = "not measured" if np.isnan(rms) else f"{rms:.3g}° RMS, as measured, without settling"
+        say(console, f"angle error{name}: {error}")
     if one and (due := check_due(record.run())):
         say(console, due)
 

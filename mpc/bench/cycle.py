@@ -21,23 +21,14 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Value
 from allocator.errors import CannotWrite
 from allocator.identification.encoder import remark
 from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.record import Lateness, Recorder
 from mpc.bench.rows import Pressures, Row, Sheet
-from mpc.bench.safety import (
-    Action,
-    Ending,
-    Guard,
-    Reason,
-    RefusedStart,
-    SafeStop,
-    SoftStart,
-    Stopped,
-    Watchdog,
-)
+from mpc.bench.safety import Action, Ending, Guard, Reason, RefusedStart, SafeStop, SoftStart, Stopped, Watchdog
 from mpc.bench.stops import Stops, said
 from mpc.model.machine import Machine
 
@@ -105,6 +96,13 @@ class Settings(NamedTuple):
     stop: SafeStop = SafeStop()
     zero: Value = 0.0  # encoder reading at 0 of the joint [rad], (n,) of an arm, subtracted from all readings
 
+    def check(self) -> None:
+        """Raise `InvalidInput` for a part of another type, which the safe stop would be the first to notice."""
+        checks.instance("overrun", self.overrun, Overrun, "an Overrun")
+        checks.instance("start", self.start, SoftStart, "a SoftStart")
+        checks.instance("watchdog", self.watchdog, Watchdog, "a Watchdog")
+        checks.instance("stop", self.stop, SafeStop, "a SafeStop")
+
     @property
     def about(self) -> tuple[str, ...]:
         """Comments of logs of angles: the zeros that were subtracted, if any."""
@@ -133,6 +131,8 @@ class Cycle:
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
+        settings.check()
+        checks.instance("device", device, Device, "a device, such as a SimulatedDevice")
         self.device, self.source, self.dt, self.settings = device, source, source.dt, settings
         self.clock: Clock = MonotonicClock() if clock is None else clock
         self.recorder = Recorder(log, (*about, *settings.about), sheet=Sheet.of(machine), replace=replace)
@@ -214,7 +214,7 @@ class Cycle:
     def _begin(self) -> None:
         """Read the joint's position, and refuse to move a joint outside its limits."""
         reading = self._first_reading()
-        measured = reading.P if all(map(isfinite, reading.P)) else self.settings.start.given(len(reading.P))
+        measured = reading.P if all(map(isfinite, reading.P)) else self.settings.start.given(reading.P)
         if wrong := self._guard.broken(reading):
             raise RefusedStart(f"{wrong.message}; nothing was commanded")
         low, high = self.limits.pressure

@@ -110,12 +110,16 @@ class SoftStart:
         if self.present is not None and np.shape(self.present) != (m,):
             raise InvalidInput(f"present = {checks.brief(self.present)} has to be m = {m} pressures [Pa], one a muscle")
 
-    def given(self, m: int) -> Pressures:
-        """Return the present pressures (m,) [Pa]. Raises `RefusedStart` if there are none."""
+    def given(self, measured: Pressures) -> Pressures:
+        """Return the present pressures (m,) [Pa], which the device does not all measure. Raises `RefusedStart` if there
+        are none.
+        """
         if self.present is None:
+            m, lacking = len(measured), [f"P{i}" for i, P in enumerate(measured, 1) if not isfinite(P)]
             some = "P1, P2" if m == 2 else f"P1, …, P{m}"
+            silent = "measures no pressures" if len(lacking) == m else f"does not measure {', '.join(lacking)}"
             raise RefusedStart(
-                f"the device measures no pressures: give their values, SoftStart(present=({some})) in Pa, or "
+                f"the device {silent}: give the values of all pressures, SoftStart(present=({some})) in Pa, or "
                 f"--present on the command line ({':'.join('0' * m)} after venting)"
             )
         return self.present

@@ -10,6 +10,7 @@ from math import isfinite
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
@@ -51,6 +52,7 @@ class Safety:
             raise InvalidInput(f"fall = {fall:g} Pa/s has to be 0 (hold), inf (at once) or 100 Pa/s at least")
 
 
+_SUDDEN = float(np.finfo(np.float32).max)  # [Pa/s] of a fall at once
 _SAMPLES = 3  # least silence before a watchdog acts
 _SPARE = 32  # samples of reference that the host may send beyond the horizon
 PLANT_DT = 1e-3  # [s] step of the simulated plant
@@ -178,6 +180,8 @@ def firmware_readme(machine: Machine, safety: Safety, controller: TrackingMPC | 
     (low, high), (joints, muscles) = machine.pressure_limits, names_of(machine)
     if safety.fall == 0:
         fall = "the pressures are held"
+    elif safety.fall > _SUDDEN:
+        fall = "all pressures fall to the least at once"
     else:
         fall = f"the highest pressure falls by {safety.fall:g} Pa/s, and the others in proportion"
     controls = controller is not None
