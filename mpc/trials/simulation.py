@@ -312,7 +312,7 @@ def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:
     x = checks.floats("x0", x0, "rad, rad/s, Pa")
     if x.shape != (size,) or not np.isfinite(x).all():
         parts = "theta [rad], omega [rad/s], P1 [Pa], P2 [Pa]" if size == NX else "angles, velocities, pressures"
-        raise InvalidInput(f"x0 = {x0!r} has to be {size} finite numbers ({parts})")
+        raise InvalidInput(f"x0 = {checks.brief(x0)} has to be {size} finite numbers ({parts})")
     checks.angle("angles of x0: q", x[:n])
     checks.pressure("pressures of x0: P", x[2 * n :])
     return x

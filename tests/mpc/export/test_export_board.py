@@ -121,6 +121,8 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, con
         ({"process": 5.0}, "process = 5.0 has to be a Plant, an Arm"),
         ({"process": Plant(), "x0": [0.1, 0.0, np.nan, 1e5]}, "x0"),
         ({"process": Plant(), "x0": [0.1, 0.0]}, "x0"),
+        ({"process": Plant(), "x0": [30.0, 0.0, 1e5, 1e5]}, "angles of x0: .* if degrees were meant"),
+        ({"process": Plant(), "x0": [0.1, 0.0, 3.0, 3.0]}, "pressures of x0: .* if bar was meant"),
     ):
         with pytest.raises((InvalidInput, MissingBackend), match=words):
             export_board(tmp_path / "c", **arguments)
