@@ -84,7 +84,7 @@ def run_command(
     from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
-    from mpc.trials.files import reference_called
+    from mpc.trials.files import of_plant, reference_called
     from mpc.trials.loops import Settings as LoopSettings
     from mpc.trials.loops import loop, margins_in_words, robust
     from mpc.trials.motions.corrections import Owner
@@ -107,6 +107,8 @@ def run_command(
     opened = bench.opened(options, None if given is None else given.arm)
     settings = bench.settings(options, settle, opened.plant.m)
     plant, known = opened.plant, opened.known
+    if any(path.suffix == ".npz" for path in files):
+        of_plant(plant)  # refuses here an arm that cannot be written after the run
     if several:
         reference, begun = asked_of_arm(trajectory, plant, hand), None
     else:
@@ -149,12 +151,12 @@ def run_command(
         done = repeat(drive, learner, age=known.reading_age, progress=progress(console))
         record, best = done.last, done.best or done.last
     with _exiting(record.ending):
-        if best.controlled:
-            _write(best, files, journal, hand)
         _report(best if finished(record) else record, console)
         if learner is not None and done.first is not None and done.best is not None:
             first, after = (read(one, learner.course, known.reading_age) for one in (done.first, done.best))
             report(learner, owner, first, after, learned, console)
+        if best.controlled:
+            _write(best, files, journal, hand)
         if record.controlled and files:
             say(console, f"written: {', '.join(map(str, files))}")
 
