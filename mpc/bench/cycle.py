@@ -222,6 +222,7 @@ class Cycle:
         self._began = self._seen = self._taken = self.clock.now()
         self._last_read = -inf  # that one may be read again
         self._next, self._missed = 0, 0
+        self._lacking, self._observed = "", False  # one silent joint of many is the observer's affair, once it runs
 
     def _first_reading(self) -> Reading:
         for _ in range(_PATIENCE):
@@ -248,8 +249,9 @@ class Cycle:
             share = min(1.0, (tick.k + 1) / steps)
             return Decision(tuple(a + share * (b - a) for a, b in zip(begin, end, strict=True)), Phase.RAMP)
 
-        while self._next < steps + round(start.dwell / self.dt):
+        while self._next < steps + round(start.dwell / self.dt) or self._lacking:
             self._tick(decide)
+        self._observed = True
         self._guard.angle_margin = self.settings.watchdog.angle_margin
 
     # --- a sample ---------------------------------------------------------------------------------------------------
@@ -295,10 +297,11 @@ class Cycle:
     def _check(self, reading: Reading) -> None:
         """Raise `Stopped` if readings are missing for too long, or a limit is violated."""
         now, patience = self.clock.now(), self.settings.watchdog.silence
-        if any(map(isfinite, self._guard.angles(reading))):  # the silence of one joint of many is the observer's affair
+        self._lacking = self._guard.lacking(reading)
+        if not self._lacking or (self._observed and any(map(isfinite, self._guard.angles(reading)))):
             self._seen = now
         elif now - self._seen > patience:
-            raise Stopped(Reason.SILENT, f"no angle was read for {now - self._seen:.3g} s")
+            raise Stopped(Reason.SILENT, f"{self._lacking} was read for {now - self._seen:.3g} s")
         if now - self._taken > patience:
             raise Stopped(Reason.SILENT, f"the device took no command for {now - self._taken:.3g} s")
         if wrong := self._guard.broken(reading):

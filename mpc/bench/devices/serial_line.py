@@ -296,8 +296,22 @@ class SerialDevice:
                 ) from None
             numbers: dict[str, Any] = {name: answer.number(name) for name in BoardInfo._fields}
             info = BoardInfo(**numbers | {"dt": numbers["dt"] / 1e6, "watchdog": numbers["watchdog"] / 1e6})
+            self._check(info, int(answer.number("version")))
             self._receiver.sizes = Sizes(info.joints, info.muscles)
             return info
+
+    def _check(self, info: BoardInfo, version: int) -> None:
+        """Raise `DeviceError` for a board whose description makes no sense."""
+        sizes = Sizes(info.joints, info.muscles)
+        wrong = (
+            (version != protocol.VERSION, f"version {version} of the protocol, not {protocol.VERSION}"),
+            (not (min(sizes) > 0 and sizes.fit), f"{info.joints} joints and {info.muscles} muscles"),
+            (not -inf < info.low < info.high < inf, f"commands from {info.low:g} to {info.high:g} Pa"),
+            (not info.watchdog > 0, f"a watchdog of {info.watchdog:g} s"),
+            (info.room > 0 and not info.dt > 0, f"a controller with samples of {info.dt:g} s"),
+        )
+        if found := [words for is_wrong, words in wrong if is_wrong]:
+            raise DeviceError(f"the board at {self.port} describes itself with {' and '.join(found)}; flash it again")
 
     def _reading(self, answer: Frame, asked: float) -> Reading:
         come, ticks = self._clock.now(), int(answer.number("t"))

@@ -258,6 +258,17 @@ def test_one_silent_encoder_of_several_does_not_end_the_loop(bench):
     ended_safely(bench)
 
 
+@pytest.mark.parametrize("since", [0.05, 0.93])  # soon, and at the end, of a soft start of a second
+def test_an_encoder_that_falls_silent_before_the_observer_runs_ends_the_loop(bench, since):
+    bench.device.changed = lambda r: r if r.t < since else turned(r, np.nan)
+    record = bench.loop(start=SoftStart(rate=100 * BAR, dwell=1.0, settle=0.1)).run()
+    assert record.ending.reason is Reason.SILENT
+    silent = "no angle of elbow" if bench.plant.n > 1 else "no angle"
+    assert f"{silent} was read for 0.2" in record.ending.message
+    assert not np.isin(record.columns["phase"], [Phase.SETTLE, Phase.RUN]).any()
+    ended_safely(bench)
+
+
 def test_an_encoder_of_each_joint_has_a_zero(bench, tmp_path):
     zero = np.array([3.0, -4.0]) * DEG if bench.plant.n > 1 else 3 * DEG
     bench.device.changed = lambda r: r._replace(theta=r.theta + zero)

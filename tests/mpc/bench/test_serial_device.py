@@ -15,8 +15,8 @@ from allocator.errors import InvalidInput, MissingPackage
 from allocator.units import BAR, DEG
 from mpc import Arm, Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, simulate, sine
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
-from mpc.bench.devices.serial_line import SerialDevice, open_serial
-from mpc.bench.devices.serial_protocol import State
+from mpc.bench.devices.serial_line import BoardInfo, SerialDevice, open_serial
+from mpc.bench.devices.serial_protocol import VERSION, State
 from mpc.cli import app
 from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.serial.check import examine
@@ -122,6 +122,26 @@ def test_the_board_itself_refuses_what_is_beyond_its_limits(device):
     with pytest.raises(NoAnswer, match="beyond its limits"):
         device.write(1 * BAR, 6 * BAR)
     assert device.state == State.READY
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"joints": 0}, "0 joints and 6 muscles"),
+        ({"joints": 12}, "12 joints and 6 muscles"),
+        ({"low": np.nan}, "commands from nan to 500000 Pa"),
+        ({"high": 0.0}, "commands from 0 to 0 Pa"),
+        ({"watchdog": 0.0}, "a watchdog of 0 s"),
+        ({"room": 9}, "a controller with samples of 0 s"),
+    ],
+)
+def test_a_board_that_describes_itself_wrongly_is_refused(changed, words):
+    info, device = BoardInfo(2, 6, 0, 0, 0.0, 0.0, 5 * BAR, 0.2, 1 * BAR), SerialDevice("COM3")
+    device._check(info, VERSION)
+    with pytest.raises(DeviceError, match=f"describes itself with {words}"):
+        device._check(info._replace(**changed), VERSION)
+    with pytest.raises(DeviceError, match="version 3 of the protocol"):
+        device._check(info, 3)
 
 
 def test_noise_on_the_line_costs_nothing_that_comes_after_it(board, device):
