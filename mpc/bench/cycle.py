@@ -215,7 +215,7 @@ class Cycle:
         """Read the joint's position, and refuse to move a joint outside its limits."""
         reading = self._first_reading()
         measured = reading.P if all(map(isfinite, reading.P)) else self.settings.start.given(reading.P)
-        if wrong := self._guard.broken(reading):
+        if wrong := self._guard.broken(reading) or self._guard.broken(reading._replace(P=measured)):
             raise RefusedStart(f"{wrong.message}; nothing was commanded")
         low, high = self.limits.pressure
         self._sent: Pressures = tuple(min(max(P, low), high) for P in measured)

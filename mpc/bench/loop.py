@@ -34,7 +34,7 @@ from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Observer, check_observer
 from mpc.observer.health import WELL, Health, Reaction
-from mpc.trials.motions.reference import Reference
+from mpc.trials.motions.reference import LONGEST, Reference
 from mpc.trials.simulation import Controller, check_parts
 
 _ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
@@ -57,7 +57,7 @@ class Tracking:
         self._watchdog = Watchdog() if watchdog is None else watchdog
         self.dt = dt = controller.dt
         given = reference.resampled(dt)
-        self._settling = round(settle / dt)
+        self._settling = checks.count("samples of settling", round(settle / dt), 0, LONGEST)
         self._end = self._settling + reference.samples(dt) + 1  # the tail is for preview only
         t: Array = dt * np.arange(self._settling + given.t.size, dtype=float)
         i = np.maximum(np.arange(t.size) - self._settling, 0)  # the first point until the joint has settled

@@ -10,6 +10,7 @@ from allocator.mechanism.machines import arm26
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Arm, KalmanObserver, Plant, RealPlant, Reference, TrackingMPC, sine
 from mpc.bench import CallableDevice, RealTimeLoop, SimulatedDevice
+from mpc.bench.safety import SoftStart
 
 
 @pytest.mark.parametrize(
@@ -52,6 +53,7 @@ def parts_of_an_arm():
         ({"reference": sine()}, r"theta has the shape \(\d+,\); this plant takes \(M, 2\)"),
         ({"K": np.linspace(1, -1, 50)}, "K of the reference is not positive definite"),
         ({"start": 1.0}, "start = 1.0 has to be a SoftStart"),
+        ({"start": SoftStart(settle=1e9)}, "samples of settling = 100000000000 is over 1000000"),
         ({"stop": "vent"}, "stop = 'vent' has to be a SafeStop"),
         ({"watchdog": 0.2}, "watchdog = 0.2 has to be a Watchdog"),
         ({"overrun": "skip"}, "overrun = 'skip' has to be an Overrun"),

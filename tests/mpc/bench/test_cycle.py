@@ -143,6 +143,15 @@ def test_a_start_is_refused_where_the_joint_is_not_where_it_may_be(bench, change
     assert bench.device.commands == []
 
 
+def test_present_pressures_have_to_be_given_for_all_muscles_and_possible(bench):
+    bench.device.changed = lambda r: r._replace(P=(np.nan, *r.P[1:]))
+    with pytest.raises(RefusedStart, match=r"does not measure P1: give the values of all pressures, SoftStart"):
+        bench.loop().run()
+    with pytest.raises(RefusedStart, match="P1 = 70.00 bar.* is outside the supply's range"):
+        bench.loop(start=SoftStart(present=(70 * BAR,) * bench.plant.m)).run()
+    assert bench.device.commands == []
+
+
 def test_a_start_without_any_answer_is_refused(bench):
     bench.device.before_read = fail(NoAnswer("nothing came"))
     with pytest.raises(RefusedStart, match="nothing came"):
