@@ -121,7 +121,8 @@ def run_command(
     if not several and (assumed := opened.assumed(options)):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
-    with waiting("building the controller (compiled once after an installation: some 20 seconds)"):
+    once = "for each new arm: some 40 seconds" if several else "after an installation: some 20 seconds"
+    with waiting(f"building the controller (compiled once {once})"):
         told = LoopSettings(plant, at.dt, at.horizon, known)
         told, tuned = options.tuned(told.calm if several else told, controller)
         told = told if tuned or several else robust(controller, told, reference)

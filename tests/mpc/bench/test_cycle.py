@@ -147,7 +147,7 @@ def test_present_pressures_have_to_be_given_for_all_muscles_and_possible(bench):
     bench.device.changed = lambda r: r._replace(P=(np.nan, *r.P[1:]))
     with pytest.raises(RefusedStart, match=r"does not measure P1: give the values of all pressures, SoftStart"):
         bench.loop().run()
-    with pytest.raises(RefusedStart, match="P1 = 70.00 bar.* is outside the supply's range"):
+    with pytest.raises(RefusedStart, match=r"P1 = 70.00 bar.* is outside the supply's range"):
         bench.loop(start=SoftStart(present=(70 * BAR,) * bench.plant.m)).run()
     assert bench.device.commands == []
 
