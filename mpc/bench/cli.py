@@ -84,7 +84,7 @@ def run_command(
     from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
-    from mpc.trials.files import reference_called
+    from mpc.trials.files import of_plant, reference_called
     from mpc.trials.loops import Settings as LoopSettings
     from mpc.trials.loops import loop, margins_in_words, robust
     from mpc.trials.motions.corrections import Owner
@@ -107,6 +107,8 @@ def run_command(
     opened = bench.opened(options, None if given is None else given.arm)
     settings = bench.settings(options, settle, opened.plant.m)
     plant, known = opened.plant, opened.known
+    if any(path.suffix == ".npz" for path in files):
+        of_plant(plant)  # refuses here an arm that cannot be written after the run
     if several:
         reference, begun = asked_of_arm(trajectory, plant, hand), None
     else:
@@ -119,7 +121,8 @@ def run_command(
     if not several and (assumed := opened.assumed(options)):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
-    with waiting("building the controller (compiled once after an installation: some 20 seconds)"):
+    once = "for each new arm: some 40 seconds" if several else "after an installation: some 20 seconds"
+    with waiting(f"building the controller (compiled once {once})"):
         told = LoopSettings(plant, at.dt, at.horizon, known)
         told, tuned = options.tuned(told.calm if several else told, controller)
         told = told if tuned or several else robust(controller, told, reference)
@@ -149,12 +152,12 @@ def run_command(
         done = repeat(drive, learner, age=known.reading_age, progress=progress(console))
         record, best = done.last, done.best or done.last
     with _exiting(record.ending):
-        if best.controlled:
-            _write(best, files, journal, hand)
         _report(best if finished(record) else record, console)
         if learner is not None and done.first is not None and done.best is not None:
             first, after = (read(one, learner.course, known.reading_age) for one in (done.first, done.best))
             report(learner, owner, first, after, learned, console)
+        if best.controlled:
+            _write(best, files, journal, hand)
         if record.controlled and files:
             say(console, f"written: {', '.join(map(str, files))}")
 
@@ -339,7 +342,8 @@ def _report(record: "Record", console: "Console") -> None:
     one = isinstance(record.plant, Plant)
     names = [""] if one else [f" of {name}" for name in record.plant.labels.angles]
     for name, rms in zip(names, np.ravel(record.theta_rms / DEG), strict=True):
-        say(console, f"angle error{name}: {rms:.3g}° RMS, as measured, without settling")
+        error = "not measured" if np.isnan(rms) else f"{rms:.3g}° RMS, as measured, without settling"
+        say(console, f"angle error{name}: {error}")
     if one and (due := check_due(record.run())):
         say(console, due)
 

@@ -21,23 +21,14 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Value
 from allocator.errors import CannotWrite
 from allocator.identification.encoder import remark
 from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.record import Lateness, Recorder
 from mpc.bench.rows import Pressures, Row, Sheet
-from mpc.bench.safety import (
-    Action,
-    Ending,
-    Guard,
-    Reason,
-    RefusedStart,
-    SafeStop,
-    SoftStart,
-    Stopped,
-    Watchdog,
-)
+from mpc.bench.safety import Action, Ending, Guard, Reason, RefusedStart, SafeStop, SoftStart, Stopped, Watchdog
 from mpc.bench.stops import Stops, said
 from mpc.model.machine import Machine
 
@@ -105,6 +96,13 @@ class Settings(NamedTuple):
     stop: SafeStop = SafeStop()
     zero: Value = 0.0  # encoder reading at 0 of the joint [rad], (n,) of an arm, subtracted from all readings
 
+    def check(self) -> None:
+        """Raise `InvalidInput` for a part of another type, which the safe stop would be the first to notice."""
+        checks.instance("overrun", self.overrun, Overrun, "an Overrun")
+        checks.instance("start", self.start, SoftStart, "a SoftStart")
+        checks.instance("watchdog", self.watchdog, Watchdog, "a Watchdog")
+        checks.instance("stop", self.stop, SafeStop, "a SafeStop")
+
     @property
     def about(self) -> tuple[str, ...]:
         """Comments of logs of angles: the zeros that were subtracted, if any."""
@@ -133,6 +131,8 @@ class Cycle:
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
+        settings.check()
+        checks.instance("device", device, Device, "a device, such as a SimulatedDevice")
         self.device, self.source, self.dt, self.settings = device, source, source.dt, settings
         self.clock: Clock = MonotonicClock() if clock is None else clock
         self.recorder = Recorder(log, (*about, *settings.about), sheet=Sheet.of(machine), replace=replace)
@@ -214,14 +214,15 @@ class Cycle:
     def _begin(self) -> None:
         """Read the joint's position, and refuse to move a joint outside its limits."""
         reading = self._first_reading()
-        measured = reading.P if all(map(isfinite, reading.P)) else self.settings.start.given(len(reading.P))
-        if wrong := self._guard.broken(reading):
+        measured = reading.P if all(map(isfinite, reading.P)) else self.settings.start.given(reading.P)
+        if wrong := self._guard.broken(reading) or self._guard.broken(reading._replace(P=measured)):
             raise RefusedStart(f"{wrong.message}; nothing was commanded")
         low, high = self.limits.pressure
         self._sent: Pressures = tuple(min(max(P, low), high) for P in measured)
         self._began = self._seen = self._taken = self.clock.now()
         self._last_read = -inf  # that one may be read again
         self._next, self._missed = 0, 0
+        self._lacking, self._observed = "", False  # one silent joint of many is the observer's affair, once it runs
 
     def _first_reading(self) -> Reading:
         for _ in range(_PATIENCE):
@@ -248,8 +249,9 @@ class Cycle:
             share = min(1.0, (tick.k + 1) / steps)
             return Decision(tuple(a + share * (b - a) for a, b in zip(begin, end, strict=True)), Phase.RAMP)
 
-        while self._next < steps + round(start.dwell / self.dt):
+        while self._next < steps + round(start.dwell / self.dt) or self._lacking:
             self._tick(decide)
+        self._observed = True
         self._guard.angle_margin = self.settings.watchdog.angle_margin
 
     # --- a sample ---------------------------------------------------------------------------------------------------
@@ -295,10 +297,11 @@ class Cycle:
     def _check(self, reading: Reading) -> None:
         """Raise `Stopped` if readings are missing for too long, or a limit is violated."""
         now, patience = self.clock.now(), self.settings.watchdog.silence
-        if any(map(isfinite, self._guard.angles(reading))):  # the silence of one joint of many is the observer's affair
+        self._lacking = self._guard.lacking(reading)
+        if not self._lacking or (self._observed and any(map(isfinite, self._guard.angles(reading)))):
             self._seen = now
         elif now - self._seen > patience:
-            raise Stopped(Reason.SILENT, f"no angle was read for {now - self._seen:.3g} s")
+            raise Stopped(Reason.SILENT, f"{self._lacking} was read for {now - self._seen:.3g} s")
         if now - self._taken > patience:
             raise Stopped(Reason.SILENT, f"the device took no command for {now - self._taken:.3g} s")
         if wrong := self._guard.broken(reading):

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from math import nan
 from types import TracebackType
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -86,6 +86,7 @@ class Reading(NamedTuple):
     P: tuple[float, ...] = (nan, nan)  # gauge pressures [Pa], of a joint: agonist, antagonist
 
 
+@runtime_checkable
 class Device(Protocol):
     """Interface of devices for a real-time loop. It is a context manager; entering it connects."""
 
@@ -148,6 +149,9 @@ class CallableDevice:
         clock: Clock | None = None,
         machine: Machine | None = None,
     ) -> None:
+        for name, function in (("read", read), ("write", write)):
+            if not callable(function):
+                raise InvalidInput(f"{name} = {checks.brief(function)} has to be a function")
         if machine is not None:
             check_machine(machine)
         self._arm = None if machine is None or machine.angle_shape == () else machine
@@ -167,15 +171,18 @@ class CallableDevice:
         if isinstance(said, Reading):
             return said
         t, (n, m) = self._clock.now(), self._sizes
-        angles, pressures = ("theta", "P1, P2") if self._arm is None else (f"{n} angles", f"{m} pressures")
+        if self._arm is None:
+            wanted = "give theta [rad], or theta, P1 and P2 [Pa]"
+        else:
+            wanted = f"give a row of {n} angles [rad], or of {n} angles and {m} pressures [Pa]"
         try:
-            values = checks.floats("read()", said, "rad, Pa").ravel().tolist()
+            row = checks.floats("read()", said, "rad, Pa")
         except InvalidInput:
-            wanted = f"{angles} [rad], {pressures} [Pa]"
-            raise DeviceError(f"read() returned {checks.brief(said)}, not numbers: give {wanted}") from None
-        if len(values) not in (n, n + m):
-            both = f"{angles}, {pressures}".replace("P1, P2", "P1 and P2")
-            raise DeviceError(f"read() returned {len(values)} numbers: give {angles} [rad], or {both} [Pa]")
+            raise DeviceError(f"read() returned {checks.brief(said)}, not numbers: {wanted}") from None
+        values = row.ravel().tolist()
+        if len(values) not in (n, n + m) or row.ndim > 1:
+            some = f"{row.shape} numbers" if row.ndim > 1 else f"{len(values)} numbers"
+            raise DeviceError(f"read() returned {some}: {wanted}")
         theta = values[0] if self._arm is None else np.array(values[:n])
         return Reading(t, theta, tuple(values[n:]) or (nan,) * m)
 

@@ -49,9 +49,13 @@ class Record:
 
     @property
     def theta_rms(self) -> Value:
-        """Root mean square [rad] of the measured angle minus its reference, (n,) of an arm, without settling."""
+        """Root mean square [rad] of the measured angle minus its reference, (n,) of an arm, without settling;
+        NaN if never measured.
+        """
         theta, wanted = (self.values(field, phases=(Phase.RUN,)) for field in ("theta", "theta_ref"))
-        return np.sqrt(np.nanmean((theta - wanted) ** 2, axis=0))
+        squares = (theta - wanted) ** 2
+        with np.errstate(invalid="ignore"):  # 0/0 of an angle that was never measured
+            return np.sqrt(np.nansum(squares, axis=0) / np.isfinite(squares).sum(axis=0))
 
     def values(self, field: str, phases: tuple[Phase, ...]) -> Column:
         """Return a field of `Row` in these phases: numbers (N,), or a row or a matrix per sample."""

@@ -29,12 +29,13 @@ from mpc.bench.device import Clock, Device, Reading
 from mpc.bench.logs import Record
 from mpc.bench.rows import Columns, Pressures, Row, Sheet, of_plan
 from mpc.bench.safety import Action, Reason, SafeStop, SoftStart, Stopped, Watchdog
+from mpc.model.experiment import check_stiffness
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
-from mpc.observer.base import Observer
+from mpc.observer.base import Observer, check_observer
 from mpc.observer.health import WELL, Health, Reaction
-from mpc.trials.motions.reference import Reference
-from mpc.trials.simulation import Controller
+from mpc.trials.motions.reference import LONGEST, Reference
+from mpc.trials.simulation import Controller, check_parts
 
 _ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
 
@@ -56,10 +57,12 @@ class Tracking:
         self._watchdog = Watchdog() if watchdog is None else watchdog
         self.dt = dt = controller.dt
         given = reference.resampled(dt)
-        self._settling = round(settle / dt)
+        self._settling = checks.count("samples of settling", round(settle / dt), 0, LONGEST)
         self._end = self._settling + reference.samples(dt) + 1  # the tail is for preview only
         t: Array = dt * np.arange(self._settling + given.t.size, dtype=float)
         i = np.maximum(np.arange(t.size) - self._settling, 0)  # the first point until the joint has settled
+        if not self._single:
+            check_stiffness("K of the reference", given.K, "N·m/rad")
         self.reference = Reference(t, given.theta[i], given.K[i])
         self.first: Pressures = tuple(_rest(plant, given)[2 * plant.n :].tolist())
         self._begun: int | None = None  # the sample of the first decision
@@ -207,8 +210,11 @@ class RealTimeLoop:
         watch: Callable[[Row], None] | None = None,
     ) -> None:
         self.plant = _plant_of(controller) if plant is None else plant
+        check_parts(self.plant, controller, reference)
+        check_observer(observer, controller.dt)
         zero = _zero_of(self.plant, zero)
         settings = Settings(overrun, start or SoftStart(), watchdog or Watchdog(), stop or SafeStop(), zero)
+        settings.check()
         _rehearse(self.plant, controller, observer, reference)
         self.tracking = Tracking(self.plant, controller, observer, reference, settings.start.settle, settings.watchdog)
         self.cycle = Cycle(

@@ -110,12 +110,16 @@ class SoftStart:
         if self.present is not None and np.shape(self.present) != (m,):
             raise InvalidInput(f"present = {checks.brief(self.present)} has to be m = {m} pressures [Pa], one a muscle")
 
-    def given(self, m: int) -> Pressures:
-        """Return the present pressures (m,) [Pa]. Raises `RefusedStart` if there are none."""
+    def given(self, measured: Pressures) -> Pressures:
+        """Return the present pressures (m,) [Pa], which the device does not all measure. Raises `RefusedStart` if there
+        are none.
+        """
         if self.present is None:
+            m, lacking = len(measured), [f"P{i}" for i, P in enumerate(measured, 1) if not isfinite(P)]
             some = "P1, P2" if m == 2 else f"P1, …, P{m}"
+            silent = "measures no pressures" if len(lacking) == m else f"does not measure {', '.join(lacking)}"
             raise RefusedStart(
-                f"the device measures no pressures: give their values, SoftStart(present=({some})) in Pa, or "
+                f"the device {silent}: give the values of all pressures, SoftStart(present=({some})) in Pa, or "
                 f"--present on the command line ({':'.join('0' * m)} after venting)"
             )
         return self.present
@@ -151,6 +155,9 @@ class SafeStop:
             raise InvalidInput(f"action = {self.action!r} has to be one of {', '.join(Action)}")
         object.__setattr__(self, "action", Action(self.action))
         checks.positive("rate", self.rate, "Pa/s")
+
+
+_ROWS = "angle", "pressure"  # of a reading
 
 
 class Guard:
@@ -212,8 +219,7 @@ class Guard:
         n = self.n
         rows = self._rows(reading[1], reading[2]) if _is_row(reading, len(Reading._fields)) else None
         if rows is None:
-            form = "(t, theta, (P1, P2))" if self._single else f"(t, theta, P) of {n} angles and {self.m} pressures"
-            raise DeviceError(f"read() returned {checks.brief(reading)}, which is not a Reading {form}")
+            raise DeviceError(f"read() returned {self._misshaped(reading)}")
         values = [reading[0], *rows[0], *rows[1]]
         if not all(isinstance(value, Real) for value in values):
             form = "four real numbers [s, rad, Pa, Pa]" if self._single else "only real numbers [s, rad, Pa]"
@@ -224,12 +230,28 @@ class Guard:
             raise DeviceError(f"read() returned {checks.brief(reading)}, with a number that no float holds") from None
         return Reading(t, numbers[0] if self._single else np.array(numbers[:n]), tuple(numbers[n:]))
 
+    def _misshaped(self, reading: Any) -> str:
+        """Return a sentence's end about a reading with other rows than the machine's."""
+        form = "(t, theta, (P1, P2))" if self._single else f"(t, theta, P) of {self.n} angles and {self.m} pressures"
+        found = (_length(reading.theta), _length(reading.P)) if isinstance(reading, Reading) else None
+        if found in (None, (self.n, self.m)):
+            return f"{checks.brief(reading)}, which is not a Reading {form}"
+        angles, pressures = (f"{size} {name}{'s' * (size != 1)}" for size, name in zip(found, _ROWS, strict=True))
+        return f"{angles} and {pressures}, which is not a Reading {form}"
+
     def _rows(self, theta: Any, P: Any) -> tuple[Sequence[Any], Sequence[Any]] | None:
         """Return the angles and the pressures of a reading as rows; None if their numbers are wrong."""
         if self._single:
             return ((theta,), P) if _is_row(P, 2) else None
         angles, P = _filled(theta, self.n), _filled(P, self.m)
         return (angles, P) if _is_row(angles, self.n) and _is_row(P, self.m) else None
+
+
+def _length(row: Any) -> int:
+    """Return the number of entries of a row; 1 for anything else."""
+    if isinstance(row, np.ndarray):
+        return int(row.size)
+    return len(row) if isinstance(row, Sequence) else 1
 
 
 def _filled(values: Any, size: int) -> Any:

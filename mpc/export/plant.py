@@ -14,10 +14,11 @@ from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
-from mpc.model.plant import NX, Plant
+from mpc.model.plant import Plant
 from mpc.model.real_arm import RealArm
 from mpc.model.real_experiment import RealMachine, delayed, fine_steps
 from mpc.model.real_plant import RealPlant
+from mpc.trials.simulation import state
 
 _PLAIN = """\
 typedef double ant_real;
@@ -127,11 +128,7 @@ def start_of(real: RealMachine, x0: ArrayLike | None = None) -> Array:
     """
     if x0 is None:
         return _middle(real)
-    x = checks.floats("x0", x0, "rad, rad/s, Pa")
-    if x.shape != (size := real.nominal.size,) or not np.isfinite(x).all():
-        order = "theta [rad], omega [rad/s], P1 [Pa], P2 [Pa]" if size == NX else "angles, rates, pressures"
-        raise InvalidInput(f"x0 = {checks.brief(x0)} has to be {size} finite numbers ({order})")
-    return x
+    return state(x0, real.nominal.size, real.nominal.n)
 
 
 def _middle(real: RealMachine) -> Array:

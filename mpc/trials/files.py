@@ -103,7 +103,7 @@ def save_recording(run: Run, path: str | Path, further: Mapping[str, ArrayLike] 
     MuJoCo model, and `CannotWrite`.
     """
     values: dict[str, Any] = dict(further or {}) | {name: getattr(run, name) for name in _ARRAYS}
-    values |= _of_joint(run.plant) if isinstance(run.plant, Plant) else _of_arm(run.plant)
+    values |= of_plant(run.plant)
     with replacing(path) as draft, draft.open("wb") as file:  # NumPy would add a suffix to a name
         np.savez_compressed(file, **values)
 
@@ -117,8 +117,8 @@ def load_recording(path: str | Path) -> Run:
         raise InvalidFile(path, f"cannot be read ({error.strerror or error})") from None
     except _DAMAGE:
         raise InvalidFile(path, "is not an NPZ file, or damaged") from None
-    of_plant = ["arm", "tracked"] if "arm" in stored else ["joint", *(f"plant_{name}" for name in Plant().numbers)]
-    if missing := {*_ARRAYS, *of_plant} - stored.keys():
+    parts = ["arm", "tracked"] if "arm" in stored else ["joint", *(f"plant_{name}" for name in Plant().numbers)]
+    if missing := {*_ARRAYS, *parts} - stored.keys():
         raise InvalidFile(path, f"is not the recording of a run: {', '.join(sorted(missing))} missing")
     arrays = {name: stored[name] for name in _ARRAYS}
     plant = _arm(path, stored) if "arm" in stored else _plant(path, stored)
@@ -156,14 +156,16 @@ def _shape(name: str, steps: int, plant: Machine) -> tuple[int, ...]:
     return (length, *rows.get(name, ()))
 
 
-def _of_joint(plant: Plant) -> dict[str, Any]:
-    """Return the plant of a joint by the names in a recording."""
+def of_plant(plant: Machine) -> dict[str, Any]:
+    """Return a plant by the names in a recording. Raises `InvalidInput` for an arm that a file cannot hold."""
+    if not isinstance(plant, Plant):
+        return _of_arm(plant)
     numbers = {f"plant_{name}": value for name, value in plant.numbers.items()}
     return numbers | {"joint": machine_file.dumps(plant.joint)}
 
 
 def _of_arm(arm: Arm) -> dict[str, Any]:
-    """Return an arm by the names in a recording. Raises `InvalidInput` for one that a file cannot hold."""
+    """Return an arm by the names in a recording."""
     text = arm_text(arm)
     if arm.endpoint not in (None, arm.bodies.endpoint):
         raise InvalidInput(f"{arm.endpoint} cannot be written to a file, only the end of the last link can")

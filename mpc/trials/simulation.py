@@ -233,7 +233,10 @@ class ClosedLoop:
         seed: int,
         load: Load | None = None,
     ) -> None:
-        _check_parts(plant, controller, reference, observer, load)
+        _check_process(plant, load)
+        check_parts(plant.nominal, controller, reference)
+        if observer is not None:
+            check_observer(observer, controller.dt)
         dt, nominal = controller.dt, plant.nominal
         self.plant, self.controller, self.wanted, self._load = plant, controller, reference.resampled(dt), load
         self.steps = steps = self.wanted.samples(dt)
@@ -288,22 +291,17 @@ class ClosedLoop:
         )  # fmt: skip
 
 
-def _check_parts(
-    plant: Process, controller: Controller, reference: Reference, observer: Observer | None, load: Load | None
-) -> None:
-    """Check the types of the parts of a loop. Raises `InvalidInput`."""
-    wanted = (
-        ("plant", plant, isinstance(plant, Process), "a Plant, a RealPlant, an Arm or a MujocoPlant"),
-        ("controller", controller, isinstance(controller, Controller), "a controller, such as a TrackingMPC"),
-        ("reference", reference, isinstance(reference, Reference), "a Reference"),
-        ("load", load, load is None or callable(load), "a function of the time [s] or None"),
-    )
-    for name, value, right, known in wanted:
-        if not right:
-            raise InvalidInput(f"{name} = {checks.brief(value)} has to be {known}")
-    if observer is not None:
-        check_observer(observer, controller.dt)
-    n, pair = plant.nominal.n, isinstance(plant.nominal, Plant)
+def _check_process(plant: Process, load: Load | None) -> None:
+    checks.instance("plant", plant, Process, "a Plant, a RealPlant, an Arm or a MujocoPlant")
+    if load is not None and not callable(load):
+        raise InvalidInput(f"load = {checks.brief(load)} has to be a function of the time [s] or None")
+
+
+def check_parts(machine: Machine, controller: Controller, reference: Reference) -> None:
+    """Raise `InvalidInput` unless `controller` and `reference` are parts of a loop that controls `machine`."""
+    checks.instance("controller", controller, Controller, "a controller, such as a TrackingMPC")
+    checks.instance("reference", reference, Reference, "a Reference")
+    n, pair = machine.n, isinstance(machine, Plant)
     if reference.theta.shape[1:] != (() if pair else (n,)):
         wanted_shape = "(M,)" if pair else f"(M, {n})"
         raise InvalidInput(f"reference: theta has the shape {reference.theta.shape}; this plant takes {wanted_shape}")
@@ -314,7 +312,7 @@ def state(x0: ArrayLike, size: int = NX, n: int = 1) -> Array:
     x = checks.floats("x0", x0, "rad, rad/s, Pa")
     if x.shape != (size,) or not np.isfinite(x).all():
         parts = "theta [rad], omega [rad/s], P1 [Pa], P2 [Pa]" if size == NX else "angles, velocities, pressures"
-        raise InvalidInput(f"x0 = {x0!r} has to be {size} finite numbers ({parts})")
+        raise InvalidInput(f"x0 = {checks.brief(x0)} has to be {size} finite numbers ({parts})")
     checks.angle("angles of x0: q", x[:n])
     checks.pressure("pressures of x0: P", x[2 * n :])
     return x

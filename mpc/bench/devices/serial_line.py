@@ -19,10 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
+from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from mpc.bench.device import Clock, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.devices import serial_protocol as protocol
 from mpc.bench.devices.serial_protocol import JOINT, Frame, Kind, Receiver, Refusal, Sizes
+from mpc.model.experiment import check_stiffness
 from mpc.trials.motions.reference import Reference
 
 if TYPE_CHECKING:
@@ -34,6 +36,8 @@ _POLL = 0.002  # [s] longest wait for a byte: resolution of a time-out
 _GREETING = 0.1  # [s] after which a greeting is repeated
 _VENT_TRIES, _VENT_WAIT = 5, 0.05  # tries of a vent, and duration of each [s]
 _DRIFT = 2e-4  # greatest drift of a board's clock against this computer's [-]
+_LAST = 2**32 - 1  # number of a sample at most
+_MOST = float(np.finfo(np.float32).max)  # [N·m/rad] of a stiffness in a frame
 _LASTING = (Refusal.SAFE, Refusal.SESSION, Refusal.VERSION)  # refusals that the next request would get as well
 
 _SYSTEM_ERRORS: tuple[type[Exception], ...] = (OSError,)  # exceptions of pyserial when a port does not work
@@ -128,16 +132,17 @@ class SerialDevice:
         """
         if self._line is not None and len(P) != self.info.muscles:
             raise InvalidInput(f"write: {len(P)} pressures for the {self.info.muscles} of the board at {self.port}")
-        for j, pressure in enumerate(P, 1):
+        pressures = tuple(checks.floats("P", P, "Pa").tolist())
+        for j, pressure in enumerate(pressures, 1):
             if not self.info.low <= np.float32(pressure) <= self.info.high:
                 raise InvalidInput(
                     f"P{j} = {pressure:g} Pa has to lie within the {self.info.low:g} to {self.info.high:g} Pa of the "
                     f"board at {self.port}"
                 )
-        self._ask(Kind.WRITE, tuple(map(float, P)))
+        self._ask(Kind.WRITE, pressures)
 
     def vent(self) -> None:
-        """Vent both muscles at once; the board takes no command afterwards. Raises `DeviceError`."""
+        """Vent all muscles at once; the board takes no command afterwards. Raises `DeviceError`."""
         for left in reversed(range(_VENT_TRIES)):
             try:
                 self._ask(Kind.VENT, timeout=_VENT_WAIT)
@@ -179,50 +184,59 @@ class SerialDevice:
         many there is room. Raises `InvalidInput` for others and for a board without a controller, `NoAnswer`,
         `DeviceLost`.
         """
+        self._check_controller()
+        samples = self._samples(theta, K)
+        if len(samples) > self.sizes.batch:
+            raise InvalidInput(f"theta and K have to be at most {self.sizes.batch} samples each")
+        return self._follow(checks.count("first", first, 0, _LAST), samples)
+
+    def _check_controller(self) -> None:
         if not self.info.room:
             raise InvalidInput(f"the board at {self.port} has no controller; export one with --variant controller")
-        samples = self._samples(theta, K)
+
+    def _follow(self, first: int, samples: Array) -> Tracking:
         asked = self._clock.now()
-        answer = self._ask(Kind.FOLLOW, int(first), samples=samples)
+        answer = self._ask(Kind.FOLLOW, first, samples=tuple(samples.ravel().tolist()))
         sample, next_, status, rung = (int(answer.number(name)) for name in ("sample", "next", "status", "rung"))
         reading, u = self._reading(answer, asked), answer.row("u")
         return Tracking(reading, u, sample, next_, status, rung, bool(answer.number("running")))
 
-    def _samples(self, theta: ArrayLike, K: ArrayLike) -> tuple[float, ...]:
-        """Return the numbers of samples of reference, one sample after the other. Raises `InvalidInput`."""
-        n, batch = self.info.joints, self.sizes.batch
-        angles = checks.real("theta", theta, "rad")
+    def _samples(self, theta: ArrayLike, K: ArrayLike) -> Array:
+        """Return samples of reference, a row of numbers each. Raises `InvalidInput`."""
+        n = self.info.joints
+        angles = checks.angle("theta", theta)
         stiffness = checks.real("K", K, "N·m/rad")
-        count = len(angles)
-        if count and (angles.size != count * n or stiffness.size != count * n * n):
+        count = len(angles) if angles.ndim else -1
+        if angles.size != count * n or stiffness.size != count * n * n:
             raise InvalidInput(
                 f"theta and K of shapes {angles.shape} and {stiffness.shape} are no samples for the n = {n} "
                 f"joint{'s' * (n > 1)} of the board at {self.port}"
             )
+        matrices = stiffness.reshape(count, n, n)
+        check_stiffness("K", matrices, "N·m/rad")
+        if (matrices > _MOST).any():
+            raise InvalidInput(f"K has to be at most {_MOST:g} N·m/rad")
         rows, columns = np.triu_indices(n)
-        entries = stiffness.reshape(count, n, n)[:, rows, columns]
-        samples = np.hstack([angles.reshape(count, n), entries]).ravel()
-        if count > batch or not np.isfinite(samples).all():
-            raise InvalidInput(f"theta and K have to be at most {batch} finite samples each, in rad and N·m/rad")
-        return tuple(samples.tolist())
+        return np.hstack([angles.reshape(count, n), matrices[:, rows, columns]])
 
     def track(self, reference: Reference) -> Iterator[Tracking]:
         """Have the board follow `reference`, and yield its state about once per sample.
 
         The clock is the board's. A failed exchange is repeated as long as the board's watchdog allows. Raises
-        `InvalidInput`, `NoAnswer`, `DeviceLost`.
+        `InvalidInput` before anything is sent, `NoAnswer`, `DeviceLost`.
         """
-        if not self.info.room:
-            raise InvalidInput(f"the board at {self.port} has no controller; export one with --variant controller")
+        checks.instance("reference", reference, Reference, "a Reference")
+        self._check_controller()
         wanted = reference.resampled(self.info.dt)
-        last = wanted.t.size - 1
+        samples = self._samples(wanted.theta, wanted.K)
+        last = len(samples) - 1
         next_, room, said = 0, self.info.room, time.monotonic()
         while True:
             until = min(next_ + self.sizes.batch, room, last + self.info.ahead + 1)
-            samples = [min(k, last) for k in range(next_, until)]
+            numbers = [min(k, last) for k in range(next_, until)]
             began = self._clock.now()
             try:
-                now = self.follow(next_, wanted.theta[samples], wanted.K[samples])
+                now = self._follow(next_, samples[numbers])
             except NoAnswer:
                 if time.monotonic() - said > self.info.watchdog:
                     raise
@@ -231,7 +245,7 @@ class SerialDevice:
             yield now
             if now.sample >= last:
                 return
-            if now.running and len(samples) < self.sizes.batch:  # its buffer is full
+            if now.running and len(numbers) < self.sizes.batch:  # its buffer is full
                 self._clock.sleep_until(began + self.info.dt)
 
     # --- exchanges --------------------------------------------------------------------------------------------------
@@ -278,12 +292,26 @@ class SerialDevice:
                     continue
                 raise DeviceError(
                     f"nothing at {self.port} ({self.baud} baud) answered within {self.connect:g} s as a board of "
-                    "`antagonist export --target serial` does"
+                    "`antagonist export firmware` does"
                 ) from None
             numbers: dict[str, Any] = {name: answer.number(name) for name in BoardInfo._fields}
             info = BoardInfo(**numbers | {"dt": numbers["dt"] / 1e6, "watchdog": numbers["watchdog"] / 1e6})
+            self._check(info, int(answer.number("version")))
             self._receiver.sizes = Sizes(info.joints, info.muscles)
             return info
+
+    def _check(self, info: BoardInfo, version: int) -> None:
+        """Raise `DeviceError` for a board whose description makes no sense."""
+        sizes = Sizes(info.joints, info.muscles)
+        wrong = (
+            (version != protocol.VERSION, f"version {version} of the protocol, not {protocol.VERSION}"),
+            (not (min(sizes) > 0 and sizes.fit), f"{info.joints} joints and {info.muscles} muscles"),
+            (not -inf < info.low < info.high < inf, f"commands from {info.low:g} to {info.high:g} Pa"),
+            (not info.watchdog > 0, f"a watchdog of {info.watchdog:g} s"),
+            (info.room > 0 and not info.dt > 0, f"a controller with samples of {info.dt:g} s"),
+        )
+        if found := [words for is_wrong, words in wrong if is_wrong]:
+            raise DeviceError(f"the board at {self.port} describes itself with {' and '.join(found)}; flash it again")
 
     def _reading(self, answer: Frame, asked: float) -> Reading:
         come, ticks = self._clock.now(), int(answer.number("t"))
@@ -292,7 +320,7 @@ class SerialDevice:
         self._ticks = ticks
         self.damaged_there = int(answer.number("damaged"))
         theta = answer.row("theta")
-        angles = theta[0] if self.sizes == JOINT else theta
+        angles = theta[0] if self.sizes == JOINT else np.array(theta)
         return Reading(self._dated(asked, come), angles, answer.row("P"))
 
     def _dated(self, asked: float, come: float) -> float:

@@ -101,10 +101,15 @@ class Sizes(NamedTuple):
         free = LONGEST - packing(HEADER, self).size - packing(LAYOUTS[Kind.FOLLOW], self).size - CRC_BYTES
         return min(_BATCH, free // packing(SAMPLE, self).size)
 
+    @property
+    def fit(self) -> bool:
+        """Whether all frames are short enough."""
+        longest = max(packing(fields, self).size for fields in LAYOUTS.values())
+        return packing(HEADER, self).size + longest + CRC_BYTES <= LONGEST and self.batch >= 1
+
     def check(self) -> None:
         """Raise `InvalidInput` for a machine whose frames would be too long."""
-        longest = max(packing(fields, self).size for fields in LAYOUTS.values())
-        if packing(HEADER, self).size + longest + CRC_BYTES > LONGEST or self.batch < 1:
+        if not self.fit:
             raise InvalidInput(
                 f"a board for n = {self.joints} joints and m = {self.muscles} muscles would need frames of over "
                 f"{LONGEST} bytes"

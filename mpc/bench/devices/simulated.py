@@ -72,7 +72,7 @@ class SimulatedDevice:
         at = _row("theta", checks.angle("theta", middle if theta is None else theta), nominal.n)
         P = _row("pressures", checks.pressure("pressures", pressures), nominal.m)
         self._x0 = np.concatenate([at, np.zeros(nominal.n), P])
-        self._seed, self._measures_pressure = seed, measures_pressure
+        self._seed, self._measures_pressure = checks.count("seed", seed, least=0), measures_pressure
         self._zero = _row("zero", checks.angle("zero", zero), nominal.n)
         self._entered = 0
         self.torque: Value = 0.0  # of a weight on the joint [N·m], (n,) of an arm, positive if it pulls θ down
@@ -107,7 +107,9 @@ class SimulatedDevice:
         return Reading(t, theta if nominal.angle_shape else float(theta[0]), shown)
 
     def write(self, *P: float) -> None:
-        """Command the m pressures [Pa] from now on."""
+        """Command the m pressures [Pa] from now on. Raises `InvalidInput` for another number of them."""
+        if len(P) != (m := self.plant.nominal.m):
+            raise InvalidInput(f"write: {len(P)} pressures for the {m} of the simulated device")
         self._now()
         self._u = np.array(P)
 
@@ -117,6 +119,7 @@ class SimulatedDevice:
 
     def hang(self, torque: Value) -> bool:
         """Hang a weight of this torque [N·m], (n,) on an arm, positive if it pulls θ down; it acts at once."""
+        _row("torque", checks.real("torque", torque, "N·m"), self.plant.nominal.n)
         self.torque = torque
         return True
 

@@ -10,6 +10,7 @@ from math import isfinite
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
@@ -46,11 +47,12 @@ class Safety:
         watchdog = checks.positive("watchdog", self.watchdog, "s")
         if not 1e-3 <= watchdog <= _LONGEST:
             raise InvalidInput(f"watchdog = {watchdog:g} s has to be between 0.001 and {_LONGEST:g} s")
-        fall = float(self.fall)
+        fall = checks.number_or_inf("fall", self.fall, "Pa/s")
         if not fall >= 0 or (isfinite(fall) and 0 < fall < BAR / 1e3):
             raise InvalidInput(f"fall = {fall:g} Pa/s has to be 0 (hold), inf (at once) or 100 Pa/s at least")
 
 
+_SUDDEN = float(np.finfo(np.float32).max)  # [Pa/s] of a fall at once
 _SAMPLES = 3  # least silence before a watchdog acts
 _SPARE = 32  # samples of reference that the host may send beyond the horizon
 PLANT_DT = 1e-3  # [s] step of the simulated plant
@@ -178,6 +180,8 @@ def firmware_readme(machine: Machine, safety: Safety, controller: TrackingMPC | 
     (low, high), (joints, muscles) = machine.pressure_limits, names_of(machine)
     if safety.fall == 0:
         fall = "the pressures are held"
+    elif safety.fall > _SUDDEN:
+        fall = "all pressures fall to the least at once"
     else:
         fall = f"the highest pressure falls by {safety.fall:g} Pa/s, and the others in proportion"
     controls = controller is not None
@@ -258,13 +262,15 @@ def board_files(
 
 def simulated_machine(process: Machine | RealMachine | None, controller: TrackingMPC | None) -> RealMachine:
     """Return the machine of the simulated board; see `export_board`."""
+    if controller is not None:
+        checks.instance("controller", controller, TrackingMPC, "a TrackingMPC")
     if process is None:
         process = Plant() if controller is None else controller.plant
     real = real_machine(process)
     sizes, controlled = Sizes(real.nominal.n, real.nominal.m), real.nominal if controller is None else controller.plant
     if sizes != (controlled.n, controlled.m):
         raise InvalidInput(
-            f"process has {sizes.joints} joints and {sizes.muscles} muscles, the controller's machine {controlled.n} "
-            f"and {controlled.m}"
+            f"process has n = {sizes.joints} and m = {sizes.muscles}, the controller's machine n = {controlled.n} and "
+            f"m = {controlled.m}"
         )
     return real

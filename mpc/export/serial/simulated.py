@@ -45,7 +45,8 @@ class SimulatedBoard:
         """
         self.files = board_files(process, controller, observer, safety or Safety(), x0=x0)
         self._joints = simulated_machine(process, controller).nominal.n
-        self._controls, self._step, self._flags = controller is not None, step, flags
+        self._step = checks.not_negative("step", step, "s")
+        self._controls, self._flags = controller is not None, flags
         self._directory: tempfile.TemporaryDirectory[str] | None = None
         self._process: subprocess.Popen[str] | None = None
         self.port = ""

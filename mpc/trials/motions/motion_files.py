@@ -71,10 +71,12 @@ def _angles(columns: MotionColumns, arm: Arm, hand: Endpoint | None) -> Array:
     table, names, axes = columns.table, _angle_names(arm), _axis_names(hand)
     of_joints, of_hand = (any(name in columns.found for name in some) for some in (names, axes))
     if of_joints == of_hand:
-        what = "both" if of_joints else "neither"
+        what, joined = ("both", "and") if of_joints else ("neither", "nor")
         path = f"the path {', '.join(axes)} of the hand" if axes else "a path of the hand, which this machine lacks"
         found = ", ".join(table.names)
-        raise InvalidFile(table.path, f"has {what} the angles {', '.join(names)} and {path}; found: {found}", line=1)
+        raise InvalidFile(
+            table.path, f"has {what} the angles {', '.join(names)} {joined} {path}; found: {found}", line=1
+        )
     if hand is None or of_joints:
         angles = np.stack([columns.numbers(name) for name in names], axis=1)
         for name, column, low, high in zip(names, angles.T, *(ends / DEG for ends in arm.angle_limits), strict=True):

@@ -99,6 +99,20 @@ def test_one_joint_is_what_a_sweep_and_a_measurement_take(tmp_path):
         assert "this command takes one joint with two muscles; --machine arm26 is a machine" in str(result.exception)
 
 
+def test_what_cannot_be_written_after_a_run_is_refused_before_it(tmp_path):
+    model, out = tmp_path / "arm.xml", tmp_path / "run.npz"
+    model.write_text("""<mujoco><worldbody><site name="a" pos="-.3 .05 0"/><site name="b" pos="-.3 -.05 0"/>
+<body><joint name="elbow" axis="0 0 1" range="-45 45"/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".01"/>
+<site name="c" pos=".05 .05 0"/><site name="d" pos=".05 -.05 0"/></body></worldbody><tendon>
+<spatial name="flexor"><site site="a"/><site site="c"/></spatial>
+<spatial name="extensor"><site site="b"/><site site="d"/></spatial></tendon></mujoco>""")
+    given = "run", "--machine", model, "--rest-length", "300", "--device", "sim", "--fast", "--quiet", "--out", out
+    result = antagonist(*given)
+    assert "cannot be written to a file; keep the MuJoCo model" in str(result.exception)
+    assert "trajectory" not in result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]
+
+
 def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajectory, monkeypatch):
     write, calls = SimulatedDevice.write, iter(range(10**9))
 

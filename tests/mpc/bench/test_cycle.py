@@ -143,6 +143,15 @@ def test_a_start_is_refused_where_the_joint_is_not_where_it_may_be(bench, change
     assert bench.device.commands == []
 
 
+def test_present_pressures_have_to_be_given_for_all_muscles_and_possible(bench):
+    bench.device.changed = lambda r: r._replace(P=(np.nan, *r.P[1:]))
+    with pytest.raises(RefusedStart, match=r"does not measure P1: give the values of all pressures, SoftStart"):
+        bench.loop().run()
+    with pytest.raises(RefusedStart, match=r"P1 = 70.00 bar.* is outside the supply's range"):
+        bench.loop(start=SoftStart(present=(70 * BAR,) * bench.plant.m)).run()
+    assert bench.device.commands == []
+
+
 def test_a_start_without_any_answer_is_refused(bench):
     bench.device.before_read = fail(NoAnswer("nothing came"))
     with pytest.raises(RefusedStart, match="nothing came"):
@@ -255,6 +264,17 @@ def test_one_silent_encoder_of_several_does_not_end_the_loop(bench):
     record = bench.loop().run()
     assert record.ending.reason is (Reason.FINISHED if bench.plant.n > 1 else Reason.SILENT)
     assert np.isnan(angles_of(record)[-1, -1])
+    ended_safely(bench)
+
+
+@pytest.mark.parametrize("since", [0.05, 0.93])  # soon, and at the end, of a soft start of a second
+def test_an_encoder_that_falls_silent_before_the_observer_runs_ends_the_loop(bench, since):
+    bench.device.changed = lambda r: r if r.t < since else turned(r, np.nan)
+    record = bench.loop(start=SoftStart(rate=100 * BAR, dwell=1.0, settle=0.1)).run()
+    assert record.ending.reason is Reason.SILENT
+    silent = "no angle of elbow" if bench.plant.n > 1 else "no angle"
+    assert f"{silent} was read for 0.2" in record.ending.message
+    assert not np.isin(record.columns["phase"], [Phase.SETTLE, Phase.RUN]).any()
     ended_safely(bench)
 
 

@@ -108,8 +108,8 @@ def test_a_callable_device_of_an_arm_splits_its_numbers_by_the_machine():
     assert device.read().P == tuple(range(6))
     said[0] = 0.1, 0.2
     assert np.isnan(device.read().P).sum() == 6
-    for said[0] in ((0.1, 1e5, 2e5), 0.1):
-        with pytest.raises(DeviceError, match=r"give 2 angles \[rad\], or 2 angles, 6 pressures"):
+    for said[0] in ((0.1, 1e5, 2e5), 0.1, np.zeros((2, 4)), ((0.1, 0.2), (1e5,) * 6)):
+        with pytest.raises(DeviceError, match=r"give a row of 2 angles .*, or of 2 angles and 6 pressures"):
             device.read()
     device.vent()
     assert sent == [(0.0,) * 6]

@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from allocator.errors import InvalidInput, MissingPackage
 from allocator.units import BAR, DEG
 from mpc import Arm, Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, simulate, sine
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
-from mpc.bench.devices.serial_line import SerialDevice, open_serial
-from mpc.bench.devices.serial_protocol import State
+from mpc.bench.devices.serial_line import BoardInfo, SerialDevice, open_serial
+from mpc.bench.devices.serial_protocol import VERSION, State
 from mpc.cli import app
 from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.serial.check import examine
@@ -101,6 +102,13 @@ def test_a_vented_board_takes_no_command(device):
     assert device.read().P[0] < 5 * BAR  # it can still be asked
 
 
+def test_a_pressure_that_is_no_number_is_refused_in_a_sentence(device):
+    for P in (None, "1e5", 1j, 10**400):
+        with pytest.raises(InvalidInput, match="is not a number or an array of real numbers"):
+            device.write(1 * BAR, P)
+    assert device.state == State.READY
+
+
 @pytest.mark.parametrize("P", [-1.0, 5.001 * BAR, np.nan, np.inf])
 def test_a_pressure_beyond_the_limits_is_refused_in_a_sentence(device, P):
     device.read()
@@ -114,6 +122,26 @@ def test_the_board_itself_refuses_what_is_beyond_its_limits(device):
     with pytest.raises(NoAnswer, match="beyond its limits"):
         device.write(1 * BAR, 6 * BAR)
     assert device.state == State.READY
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"joints": 0}, "0 joints and 6 muscles"),
+        ({"joints": 12}, "12 joints and 6 muscles"),
+        ({"low": np.nan}, "commands from nan to 500000 Pa"),
+        ({"high": 0.0}, "commands from 0 to 0 Pa"),
+        ({"watchdog": 0.0}, "a watchdog of 0 s"),
+        ({"room": 9}, "a controller with samples of 0 s"),
+    ],
+)
+def test_a_board_that_describes_itself_wrongly_is_refused(changed, words):
+    info, device = BoardInfo(2, 6, 0, 0, 0.0, 0.0, 5 * BAR, 0.2, 1 * BAR), SerialDevice("COM3")
+    device._check(info, VERSION)
+    with pytest.raises(DeviceError, match=f"describes itself with {words}"):
+        device._check(info._replace(**changed), VERSION)
+    with pytest.raises(DeviceError, match="version 3 of the protocol"):
+        device._check(info, 3)
 
 
 def test_noise_on_the_line_costs_nothing_that_comes_after_it(board, device):
@@ -223,7 +251,7 @@ def test_a_controller_on_the_board_tracks_a_corrected_motion_as_the_same_one_her
         assert device.info[:5] == (1, 2, controller.ahead, controller.ahead + 33, controller.dt)
         with pytest.raises(NoAnswer, match="left out"):
             device.follow(5, reference.theta[:1], reference.K[:1])
-        with pytest.raises(InvalidInput, match="at most 16 finite"):
+        with pytest.raises(InvalidInput, match="at most 16 samples"):
             device.follow(0, reference.theta[:17], reference.K[:17])
         for now in device.track(reference):
             statuses |= {now.status}
@@ -253,7 +281,7 @@ def test_a_board_of_an_arm_has_its_encoders_and_its_valves(arm_board):
             device.write(*P)
             experiment.advance(P.astype(np.float32))
         reading = device.read()
-        np.testing.assert_allclose(reading.theta, experiment.x[: ARM.n], atol=1e-3)
+        np.testing.assert_allclose(reading.theta / DEG, experiment.x[: ARM.n] / DEG, atol=0.05)
         np.testing.assert_allclose(reading.P, experiment.x[2 * ARM.n :], rtol=1e-3)
         with pytest.raises(InvalidInput, match="write: 2 pressures for the 6 of the board"):
             device.write(1 * BAR, 1 * BAR)
@@ -276,6 +304,19 @@ def test_weights_on_a_simulated_arm_are_one_a_joint(arm_board):
     assert after[0] < before[0] - 2 * DEG
 
 
+WRONG_SAMPLES = (  # of a board with two joints
+    (0, [[0.0, 0.0]], [[[5.0, 6.0], [6.0, 5.0]]], "K is not positive definite"),
+    (0, [[0.0, 0.0]], [[[5.0, 1.0], [2.0, 5.0]]], "K is not symmetric"),
+    (0, [[0.0, 0.0]], [5e39 * np.eye(2)], "K has to be at most"),
+    (0, 0.1, 5.0, "are no samples for the n = 2 joints"),
+    (0, [], [1.0], "are no samples for the n = 2 joints"),
+    (0, [[20.0, 0.0]], [np.eye(2)], "degrees"),
+    (-1, [[0.0, 0.0]], [np.eye(2)], "first = -1 has to be a whole number"),
+    (2**32, [[0.0, 0.0]], [np.eye(2)], "first = 4294967296 is over"),
+    (0, np.zeros((13, 2)), np.tile(np.eye(2), (13, 1, 1)), "at most 12 samples"),
+)
+
+
 @pytest.mark.slow
 def test_a_controller_on_the_board_of_an_arm_moves_it_as_the_same_one_here_does():
     real, controller = RealArm(ARM, encoder=1e-4), TrackingMPC(ARM, N=4, compiled=False)
@@ -290,7 +331,14 @@ def test_a_controller_on_the_board_of_an_arm_moves_it_as_the_same_one_here_does(
         with pytest.raises(InvalidInput, match=r"shapes \(3,\) and \(3,\) are no samples for the n = 2 joints"):
             device.follow(0, [0.1, 0.2, 0.3], [5.0, 5.0, 5.0])
         with pytest.raises(NoAnswer, match="beyond its limits"):
-            device.follow(0, reference.theta[:1], np.array([[[5.0, 6.0], [6.0, 5.0]]]))  # which holds no posture
+            device._follow(0, np.array([[0.1, 0.2, 5.0, 6.0, 5.0]]))  # which holds no posture
+        for first, theta, K, match in WRONG_SAMPLES:
+            with pytest.raises(InvalidInput, match=match):
+                device.follow(first, theta, K)
+        falling = replace(reference, K=reference.K * np.linspace(1, -1, reference.t.size)[:, None, None])
+        with pytest.raises(InvalidInput, match="K is not positive definite"):
+            next(device.track(falling))
+        assert device.state == State.READY
         states = [now for now in device.track(reference) if now.sample < run.t.size]
     assert states[-1].sample == run.t.size - 1
     there = np.array([now.reading.theta for now in states])

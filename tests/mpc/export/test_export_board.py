@@ -96,6 +96,7 @@ def test_one_command_exports_a_board_and_the_lines_of_its_readme_compile_it(opti
     assert result.exit_code == 0, result.output
     assert "#define ANT_WATCHDOG_US 500000u" in (tmp_path / "c" / "serial" / "config.h").read_text()
     readme = (tmp_path / "c" / "serial" / "README.md").read_text().splitlines()
+    assert "all pressures fall to the least at once" in " ".join(readme)
     lines = [line.strip().replace("cc ", "gcc ", 1) for line in readme if line.startswith("    cc ")]
     assert len(lines) == 2
     for line in lines:
@@ -112,10 +113,16 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, con
         ({"precision": "half"}, "'half'"),
         ({"controller": controller, "safety": Safety(0.02)}, "3 samples of 0.01 s"),
         ({"controller": replace(controller, budget=0.005)}, "no clock"),
-        ({"controller": controller, "process": Arm.machine("arm26")}, "2 joints and 6 muscles, the controller's"),
+        (
+            {"controller": controller, "process": Arm.machine("arm26")},
+            "n = 2 and m = 6, the controller's machine n = 1",
+        ),
+        ({"controller": "mpc"}, "controller = 'mpc' has to be a TrackingMPC"),
         ({"process": 5.0}, "process = 5.0 has to be a Plant, an Arm"),
         ({"process": Plant(), "x0": [0.1, 0.0, np.nan, 1e5]}, "x0"),
         ({"process": Plant(), "x0": [0.1, 0.0]}, "x0"),
+        ({"process": Plant(), "x0": [30.0, 0.0, 1e5, 1e5]}, "angles of x0: .* if degrees were meant"),
+        ({"process": Plant(), "x0": [0.1, 0.0, 3.0, 3.0]}, "pressures of x0: .* if bar was meant"),
     ):
         with pytest.raises((InvalidInput, MissingBackend), match=words):
             export_board(tmp_path / "c", **arguments)
