@@ -7,8 +7,10 @@ ratio
 
     Λ_j := max(0, Λ_j + (min(|Δd̂|²/s², Z²) - min(|Δd̂ + ΔT_j|²/s², Z²))/2),   s = SPREAD T_usual
 
-in which increments that neither explains do not count (beyond Z). A cable is suspected if Λ_j > LIMIT and d̂ has just
-been there while the muscle pulled: the machine is displaced, so that T_j changes at once. If there are several, the one
+in which increments that neither explains do not count (beyond Z). A cable is likely if Λ_j > LIMIT and d̂ has just
+been there while the muscle pulled: the machine is displaced, so that T_j changes at once. It is suspected once it has
+been likely for CONFIRMED seconds, because a payload swings the machine alike at first: with inertia that the model does
+not have, d̂ follows the torque of the stretched muscle until the payload hangs still. If there are several, the one
 whose b - T_j is nearest to the disturbance is suspected, until its muscle is seen to pull for `HOLD` seconds.
 
 If |d̂_i| exceeds LOAD T_usual,i + MISMATCH Σ_j |T_ji| for LASTING seconds, there is a load at joint i or an error of
@@ -28,24 +30,26 @@ LIMIT = 12.0  # of Λ: e^12 to 1
 LOAD = 1.5  # [T_usual] of usual loads
 MISMATCH = 0.15  # of the muscles' strength [-]
 LATELY = 0.05  # [s]
+CONFIRMED = 0.4  # [s]
 LASTING = 0.3  # [s], longer than a broken cable takes
 _NEAR, _NEARER = 0.2, 1 / 3  # of |T_j| + T_usual, and of |T_j|: how near d̂ has to be to b - T_j
 _PULLS = 0.4  # [T_usual]
 
 BROKEN = 0  # muscle, NONE of them
-SINCE = 1  # its cable is suspected [s]
+SINCE = 1  # its cable has been likely to be broken [s]
 PULLED = 2  # time for which its muscle has been seen to pull since [s]
 COUNT = 3  # of the samples put into the past
 LOADED = 4  # and following: time since which each joint has more than a usual load [s]; NaN: it has not
 NONE = -1.0
 # after LOADED of n joints: MEAN b [N·m], NaN at first, and FROM when |d̂| began to be large [s], of n joints each; the
-# RATIO Λ, and MISSING, the last time [s] at which d̂ was that of a broken cable, of m muscles each; the past, that
-# is (d̂, T_1, …, T_m) of the samples within LATELY
+# RATIO Λ, MISSING, the last time [s] at which d̂ was that of a broken cable, and UNLIKELY, the last time [s] at which
+# the cable was not likely to be broken, of m muscles each; the past, that is (d̂, T_1, …, T_m) of the samples within
+# LATELY
 
 
 def past_of(n: int, m: int) -> int:
     """Return the place of the past of `n` joints and `m` muscles."""
-    return LOADED + 3 * n + 2 * m
+    return LOADED + 3 * n + 3 * m
 
 
 class TorqueDiagnosis:
@@ -61,7 +65,7 @@ class TorqueDiagnosis:
         self.numbers: list[float] = [0.0] * (past_of(n, m) + n * (m + 1) * max(round(LATELY / self.dt), 1))
         self.numbers[BROKEN] = NONE
         self.numbers[LOADED : LOADED + 2 * n] = [nan] * (2 * n)
-        self.numbers[past_of(n, m) - m : past_of(n, m)] = [-inf] * m
+        self.numbers[past_of(n, m) - 2 * m : past_of(n, m)] = [-inf] * m + [nan] * m
 
     @property
     def broken(self) -> int | None:
@@ -70,7 +74,7 @@ class TorqueDiagnosis:
 
     @property
     def since(self) -> float:
-        """Time since which a cable is suspected [s]."""
+        """Time since which the suspected cable has been likely to be broken [s]."""
         return self.numbers[SINCE]
 
     @property
@@ -127,7 +131,8 @@ def missing(x: Numbers, usual: Values, d: Values, pulls: Values, j: int, m: int)
 def compare(x: Numbers, past: int, dt: float, usual: Values, t: float, d: Values, pulls: Values, m: int) -> None:
     """Compare loads and broken cables as explanations of the increments since the sample at `past`."""
     n, nearest, found = len(usual), inf, NONE
-    ratio, missing, as_load = LOADED + 3 * n, LOADED + 3 * n + m, 0.0
+    ratio, as_load = LOADED + 3 * n, 0.0
+    missing, unlikely = ratio + m, ratio + 2 * m
     for i in range(n):
         as_load += ((d[i] - x[past + i]) / (SPREAD * usual[i])) ** 2
     for j in range(m):
@@ -140,10 +145,13 @@ def compare(x: Numbers, past: int, dt: float, usual: Values, t: float, d: Values
         if x[BROKEN] == j:
             x[PULLED] = x[PULLED] + dt if can_tell and x[missing + j] < t else 0.0
             x[BROKEN] = NONE if x[PULLED] > HOLD else float(j)
-        elif x[BROKEN] == NONE and x[ratio + j] > LIMIT and t - x[missing + j] < LASTING / 2 and off < nearest:
+        likely = x[ratio + j] > LIMIT and t - x[missing + j] < LASTING / 2
+        if not likely:
+            x[unlikely + j] = t
+        elif x[BROKEN] == NONE and t - x[unlikely + j] > CONFIRMED and off < nearest:
             nearest, found = off, float(j)
     if x[BROKEN] == NONE and found != NONE:
-        x[BROKEN], x[SINCE], x[PULLED] = found, t, 0.0
+        x[BROKEN], x[SINCE], x[PULLED] = found, x[unlikely + int(found)], 0.0
 
 
 def explained(
