@@ -10,7 +10,8 @@ ratio
 in which increments that neither explains do not count (beyond Z). A cable is likely if Λ_j > LIMIT and d̂ has just
 been there while the muscle pulled: the machine is displaced, so that T_j changes at once. It is suspected once it has
 been likely for CONFIRMED seconds, because a payload swings the machine alike at first: with inertia that the model does
-not have, d̂ follows the torque of the stretched muscle until the payload hangs still. If there are several, the one
+not have, d̂ follows the torque of the stretched muscle until the payload hangs still. Beyond a usual load, |d̂ - b| >
+LOAD T_usual, it is suspected at once. If there are several, the one
 whose b - T_j is nearest to the disturbance is suspected, until its muscle is seen to pull for `HOLD` seconds.
 
 If |d̂_i| exceeds LOAD T_usual,i + MISMATCH Σ_j |T_ji| for LASTING seconds, there is a load at joint i or an error of
@@ -163,7 +164,7 @@ def compare(x: Numbers, past: int, dt: float, usual: Values, t: float, d: Values
             x[BROKEN] = NONE if x[PULLED] > HOLD else float(j)
         if not is_likely(x[ratio + j], x[missing + j], t):
             x[unlikely + j] = t
-        elif x[BROKEN] == NONE and t - x[unlikely + j] > CONFIRMED and off < nearest:
+        elif x[BROKEN] == NONE and (t - x[unlikely + j] > CONFIRMED or away > LOAD) and off < nearest:
             nearest, found = off, float(j)
     if x[BROKEN] == NONE and found != NONE:
         x[BROKEN], x[SINCE], x[PULLED] = found, x[unlikely + int(found)], 0.0
