@@ -139,7 +139,6 @@ class Diagnosis:
             if Verdict.ACCEPTED in verdicts[self.n :] and Verdict.ACCEPTED not in verdicts[: self.n]:
                 self.torque.numbers[torque_diagnosis.COUNT] = 0.0  # d̂ jumps with the pressure, not because of a cable
             if not known:
-                self.torque.hasten(self.t)
                 for loop in self.loops:
                     ringing.begin(loop.numbers)
             moved = known and believed[:n] != self.theta  # repeated angles may be frozen

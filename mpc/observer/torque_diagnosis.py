@@ -48,16 +48,6 @@ NONE = -1.0
 # LATELY
 
 
-def places(n: int, m: int) -> tuple[int, int, int]:
-    """Return the places of RATIO, MISSING and UNLIKELY of `n` joints and `m` muscles."""
-    return LOADED + 3 * n, LOADED + 3 * n + m, LOADED + 3 * n + 2 * m
-
-
-def is_likely(ratio: float, missing: float, t: float) -> bool:
-    """Return whether a cable is likely to be broken at `t` [s], by its RATIO and MISSING."""
-    return ratio > LIMIT and t - missing < LASTING / 2
-
-
 def past_of(n: int, m: int) -> int:
     """Return the place of the past of `n` joints and `m` muscles."""
     return LOADED + 3 * n + 3 * m
@@ -92,13 +82,6 @@ class TorqueDiagnosis:
     def loaded(self) -> list[float | None]:
         """Time since which each joint (n,) has more than a usual load [s]."""
         return [None if since != since else since for since in self.numbers[LOADED : LOADED + len(self.usual)]]
-
-    def hasten(self, t: float) -> None:
-        """Suspect a cable that is likely to be broken without waiting: no payload throws a machine out of its range."""
-        x, (ratio, missing, unlikely) = self.numbers, places(len(self.usual), self.m)
-        for j in range(self.m):
-            if x[BROKEN] == NONE and is_likely(x[ratio + j], x[missing + j], t):
-                x[BROKEN], x[SINCE], x[PULLED] = float(j), x[unlikely + j], 0.0
 
     def follow(self, t: float, d: list[float], pulls: list[float]) -> None:
         """Update by the observer's results, like the function `follow`."""
@@ -149,7 +132,8 @@ def missing(x: Numbers, usual: Values, d: Values, pulls: Values, j: int, m: int)
 def compare(x: Numbers, past: int, dt: float, usual: Values, t: float, d: Values, pulls: Values, m: int) -> None:
     """Compare loads and broken cables as explanations of the increments since the sample at `past`."""
     n, nearest, found = len(usual), inf, NONE
-    (ratio, missing, unlikely), as_load = places(n, m), 0.0
+    ratio, as_load = LOADED + 3 * n, 0.0
+    missing, unlikely = ratio + m, ratio + 2 * m
     for i in range(n):
         as_load += ((d[i] - x[past + i]) / (SPREAD * usual[i])) ** 2
     for j in range(m):
@@ -162,7 +146,7 @@ def compare(x: Numbers, past: int, dt: float, usual: Values, t: float, d: Values
         if x[BROKEN] == j:
             x[PULLED] = x[PULLED] + dt if can_tell and x[missing + j] < t else 0.0
             x[BROKEN] = NONE if x[PULLED] > HOLD else float(j)
-        if not is_likely(x[ratio + j], x[missing + j], t):
+        if not (x[ratio + j] > LIMIT and t - x[missing + j] < LASTING / 2):
             x[unlikely + j] = t
         elif x[BROKEN] == NONE and (t - x[unlikely + j] > CONFIRMED or away > LOAD) and off < nearest:
             nearest, found = off, float(j)

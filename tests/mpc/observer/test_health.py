@@ -110,7 +110,7 @@ def test_a_fault_is_named_soon_and_alone_in_the_end(joint, fault, kind, part, wi
     ("joint", "fault", "kind", "part", "within"),
     [
         *((joint, Leak(BEGIN, muscle=2), FaultKind.LEAK, Part.MUSCLE_2, 0.8) for joint in JOINTS),
-        ("Tondu's muscles", BrokenCable(BEGIN, muscle=1), FaultKind.BROKEN_CABLE, Part.MUSCLE_1, 0.5),
+        ("Tondu's muscles", BrokenCable(BEGIN, muscle=1), FaultKind.BROKEN_CABLE, Part.MUSCLE_1, 0.25),
     ],
 )
 def test_a_fault_is_named_sooner_where_no_gas_hides_it(joint, fault, kind, part, within):
@@ -386,7 +386,7 @@ def test_a_payload_that_swings_as_with_a_broken_cable_is_none_once_it_hangs():
         torque = TorqueDiagnosis(DT, [USUAL])
         for k in range(300):
             t = max(k - 200, 0) * DT
-            T1, d = 4.0 + 8.0 * t, -4.0 - 8.0 * min(t, hangs_after)
+            T1, d = 3.0 + 6.0 * t, -3.0 - 6.0 * min(t, hangs_after)
             torque.follow(k * DT, [d if k >= 200 else 0.0], [T1, -4.0, GAIN, -GAIN])
         assert torque.broken == (None if hangs_after < 1 else 0)
 
