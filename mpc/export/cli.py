@@ -43,12 +43,11 @@ class ControllerOptions(PlantOptions):
 
     def process(self) -> "RealMachine":
         """Build the simulated machine, with the friction and the regulators of the file."""
-        from mpc.model.real_arm import RealArm
-        from mpc.model.real_plant import RealPlant
+        from mpc.model.real import real_of
 
         if self.of_several:
-            return RealArm.of(self.arm(), self.compensation_of_arm())
-        return RealPlant.of(self.plant(), self.compensation())
+            return real_of(self.arm(), self.compensation_of_arm())
+        return real_of(self.plant(), self.compensation())
 
     def built(self) -> "Built":
         """Build controller and observer of a joint or an arm, with the compensation and the tuning of the file.

@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allocator import checks
 from allocator.calculus import Array
 from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
@@ -14,10 +13,8 @@ from mpc.export.joint import Numbers
 from mpc.export.parts import Files, Functions, copied, dense
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine
-from mpc.model.plant import Plant
-from mpc.model.real_arm import RealArm
+from mpc.model.real import real_of
 from mpc.model.real_experiment import RealMachine, delayed, fine_steps
-from mpc.model.real_plant import RealPlant
 from mpc.trials.simulation import state
 
 _PLAIN = """\
@@ -34,11 +31,7 @@ def real_machine(process: Machine | RealMachine) -> RealMachine:
 
     Raises InvalidInput for faults, a torque profile, delayed readings, pressure offsets and arms without formulas.
     """
-    checks.instance("process", process, Machine | RealMachine, "a Plant, an Arm, a RealPlant or a RealArm")
-    if isinstance(process, RealMachine):
-        real = process
-    else:
-        real = RealPlant(process) if isinstance(process, Plant) else RealArm(process)
+    real = real_of(process)
     if real.faults:
         raise InvalidInput(f"a plant with faults ({len(real.faults)} of them) cannot be exported; leave them away")
     if real.reading_age or any(real.pressure_offset):

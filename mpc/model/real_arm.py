@@ -18,7 +18,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.lazy import Function
 from allocator.mechanism.formulas import symbolic_lengths
-from mpc.model.arm.formulas import rises, varied_acceleration
+from mpc.model.arm.formulas import rises, statics, varied_acceleration
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pressing import symbolic_loads
 from mpc.model.friction.contact import Hysteresis
@@ -69,13 +69,11 @@ class RealArm(RealMachine):
         """
         import casadi as ca
 
-        s, n = self.nominal.statics, self.nominal.n
-        F = ca.DM(self.force_gains) * s.forces
-        torque = -ca.jacobian(symbolic_lengths(self.nominal.mechanism.routes, s.q), s.q).T @ F
-        K = -ca.jacobian(torque, s.q)
-        entries = ca.vertcat(*(K[int(i), int(j)] for i, j in zip(*np.triu_indices(n), strict=True)))
-        found = ca.Function("outputs", [s.q, s.P], [entries, torque, F])(x[:n], x[2 * n :])
-        return found[0], found[1], found[2]
+        s, n = statics(self.nominal.mechanism, self.force_gains), self.nominal.n
+        rows, columns = np.triu_indices(n)
+        K = ca.vertcat(*(s.stiffness[i, j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)))
+        K, T, F = ca.Function("outputs", [s.q, s.P], [K, s.torque, s.forces])(x[:n], x[2 * n :])
+        return K, T, F
 
     # --- the equations ----------------------------------------------------------------------------------------------
 

@@ -44,8 +44,7 @@ from mpc.model.experiment import Experiment
 from mpc.model.friction.dahl import Friction
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
-from mpc.model.real_arm import RealArm
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import real_of
 from mpc.observer.base import Observer, check_observer
 from mpc.tracking.base import BaseController
 
@@ -75,7 +74,7 @@ class Margins:
         """Return the margins from the `response` of the readings to one disturbed by 1, every `dt` [s].
 
         It is (samples,), or (samples, n, n) for an arm: the readings of each joint by the disturbed one. The `swing`
-        (samples, n, n) is that of the angles by a pulse of torque that would turn each joint by dt² in a sample.
+        (samples, n, n) is that of the angles by a pulse of torque, a sample long, that would accelerate one joint by 1.
         """
         points = _FINE * max(len(response), round(LISTEN / dt))
         frequency = np.asarray(np.fft.rfftfreq(points, dt)[1:], float)
@@ -294,7 +293,7 @@ def _at(
     response = loop.response(SHORT if listen is None else listen)
     if listen is None and not _left(response) < _SILENT:
         response = loop.response(LISTEN)
-    swing = loop.swing(len(response)) if inertia else None
+    swing = loop.swing() if inertia else None
     return Margins.of(theta, K, response if np.ndim(theta) else response[:, 0, 0], controller.dt, swing)
 
 
@@ -310,23 +309,23 @@ class _Loop:
     def response(self, listen: float) -> Array:
         """Return the readings (samples, n, n) [-] of each joint by the one whose reading is disturbed by 1."""
         samples, still = round(listen / self.dt), np.zeros(self.n)
-        undisturbed = self._run(samples, still, still)[0]
-        found = [self._run(samples, DELTA * unit, still)[0] - undisturbed for unit in np.eye(self.n)]
+        self._quiet = self._run(samples, still, still)
+        found = [self._run(samples, DELTA * unit, still)[0] - self._quiet[0] for unit in np.eye(self.n)]
         return np.asarray(np.stack(found, axis=2) / DELTA)
 
-    def swing(self, samples: int) -> Array:
-        """Return the angles (samples, n, n), times the inertia, of each joint by a pulse of 1 at one of them."""
+    def swing(self) -> Array:
+        """Return the angles (samples, n, n) of each joint by a pulse of torque that would accelerate one of them by 1
+        rad/s², for as long as the last response.
+        """
+        readings, angles = self._quiet
         still, M = np.zeros(self.n), self._inertia()
-        undisturbed = self._run(samples, still, still)[1]
-        pulse = DELTA / self.dt**2  # [1/s²], which turns a joint by about DELTA
-        found = [self._run(samples, still, pulse * column)[1] - undisturbed for column in M.T]
+        pulse = DELTA / self.dt**2  # [rad/s²], which turns a joint by about DELTA
+        found = [self._run(len(readings), still, pulse * column)[1] - angles for column in M.T]
         return np.asarray(np.stack(found, axis=2) / pulse)
 
     def _inertia(self) -> Array:
         """Return the mass matrix (n, n) [kg·m²]."""
         plant, theta, still = self.controller.plant, np.atleast_1d(self.theta), np.zeros(self.n)
-        if self.n == 1 and isinstance(plant, Plant):
-            return np.array([[plant.inertia]])
         rest = plant.torque_for(theta, still, still)
         return np.stack([plant.torque_for(theta, still, unit) - rest for unit in np.eye(self.n)], axis=1)
 
@@ -353,12 +352,11 @@ class _Loop:
 def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:
     """Return a function that begins the controller's model at `x`, with its known dead time and reading age."""
     plant, told, dt = controller.plant, controller.compensation, controller.dt
-    real: Any = RealArm if isinstance(plant, Arm) else RealPlant
-    trial = real(plant, dead_time=told.dead_time, reading_age=told.reading_age).begin(dt, x, 0)
+    trial = real_of(plant, dead_time=told.dead_time, reading_age=told.reading_age).begin(dt, x, 0)
     start = trial.memory
 
     def begin() -> Experiment:
         trial.recall(start, 0)
-        return trial  # type: ignore[no-any-return]
+        return trial
 
     return begin

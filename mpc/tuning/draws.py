@@ -13,7 +13,7 @@ all links those of masses and damping.
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import hypot, sqrt
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 import numpy as np
 from scipy.special import ndtri
@@ -30,6 +30,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.friction.contact import Hysteresis
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.machine import Machine
+from mpc.model.real import Real
 from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
 
@@ -115,7 +116,6 @@ class Spreads:
         return np.hypot(self.strength * backbone, share * (felt - backbone))
 
 
-Real: TypeAlias = RealPlant | RealArm
 """Machines that differ from a model."""
 
 

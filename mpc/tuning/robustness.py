@@ -15,15 +15,13 @@ from allocator.calculus import Array
 from mpc.model.arm.model import Arm
 from mpc.model.faults import WrongReadings
 from mpc.model.friction.dahl import Friction
-from mpc.model.real_arm import RealArm
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import Real, real_of
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
 from mpc.trials.many.loop import Compiled, Loop, runs
 from mpc.trials.margins import DELTA, Margins, linear_model
 from mpc.trials.motions.reference import Reference
-from mpc.tuning.draws import Real
 from mpc.tuning.tour import Tour
 from mpc.yardsticks.baselines import Baseline
 
@@ -43,8 +41,7 @@ class Listening:
         self._places = [*tour.postures, *[tour.postures[len(tour.postures) // 2]] * len(draws)]
         self._rests = [plant.at_rest(*place) for place in self._places]
         known = replace(settings.compensation, lag_up=None, lag_down=None)
-        real: Any = RealArm if isinstance(plant, Arm) else RealPlant
-        model: Real = sliding(real.of(plant, known, force_gains=(_UNEQUAL,) * plant.m))
+        model: Real = sliding(real_of(plant, known, force_gains=(_UNEQUAL,) * plant.m))
         nominal = len(tour.postures)
         plants = [model] * nominal + [sliding(draw) for draw in draws]
         window, sizes = (self._settle, self._settle + settings.dt), {"joints": plant.n, "muscles": plant.m}

@@ -23,7 +23,7 @@ from mpc.model.arm.storage import load_arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
-from mpc.model.real_arm import RealArm
+from mpc.model.real import real_of
 from mpc.model.real_experiment import RealExperiment, RealMachine
 from mpc.model.real_plant import RealPlant
 
@@ -64,8 +64,7 @@ class SimulatedDevice:
         measures_pressure: bool = True,
         zero: ArrayLike = 0.0,
     ) -> None:
-        plant = RealPlant.standard() if plant is None else plant
-        self.plant: RealMachine = _real(plant)
+        self.plant = RealPlant.standard() if plant is None else real_of(plant)
         self.clock: Clock = MonotonicClock() if clock is None else clock
         nominal = self.plant.nominal
         middle = np.mean(nominal.angle_limits, axis=0)
@@ -140,14 +139,6 @@ class SimulatedDevice:
         return experiment
 
 
-def _real(plant: RealMachine | Machine) -> RealMachine:
-    """Return a machine with effects of real ones. Raises `InvalidInput` for anything else."""
-    if isinstance(plant, RealMachine):
-        return plant
-    checks.instance("plant", plant, Machine, "a RealPlant, a RealArm, a Plant or an Arm")
-    return RealPlant(plant) if isinstance(plant, Plant) else RealArm(plant)
-
-
 def _row(name: str, values: Array, size: int) -> Array:
     """Return `values` as a row, a number for all of them. Raises `InvalidInput` for another size."""
     if values.shape not in ((), (size,)):
@@ -163,7 +154,7 @@ def simulated(plant: Machine, known: Compensation, **effects: Any) -> RealMachin
     """
     if isinstance(plant, Plant):
         return replace(RealPlant.standard((1.0, 1.0), nominal=plant), **(known.told | effects))
-    return RealArm.of(plant, known, **(_SENSORS | effects))
+    return real_of(plant, known, **(_SENSORS | effects))
 
 
 def open_simulated(address: str = "", clock: Clock | None = None) -> SimulatedDevice:

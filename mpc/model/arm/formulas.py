@@ -38,14 +38,18 @@ def missing(routes: Routes, bodies: MovingBodies) -> str:
     return f"{' and '.join(found)} have no formulas" if found else ""
 
 
-def statics(mechanism: Mechanism) -> Statics:
-    """Return torques, stiffness and forces. Raises `InvalidInput` for routes without formulas."""
+def statics(mechanism: Mechanism, gains: Sequence[float] | None = None) -> Statics:
+    """Return torques, stiffness and forces of muscles `gains` (m,) as strong as their models.
+
+    Raises `InvalidInput` for routes without formulas.
+    """
     import casadi as ca
 
     q, P = ca.SX.sym("q", mechanism.n), ca.SX.sym("P", mechanism.m)
     length, L = symbolic_lengths(mechanism.routes, q), mechanism.routes.rest_length
     laws = (muscle.law(P[j], (L[j] - length[j]) / L[j]) for j, muscle in enumerate(mechanism.muscles))
     F = ca.vertcat(*laws)
+    F = F if gains is None else ca.DM(gains) * F
     torque = -ca.jacobian(length, q).T @ F  # (M1)
     return Statics(q, P, torque, -ca.jacobian(torque, q), F)  # (M2)
 

@@ -118,7 +118,7 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, con
             "n = 2 and m = 6, the controller's machine n = 1",
         ),
         ({"controller": "mpc"}, "controller = 'mpc' has to be a TrackingMPC"),
-        ({"process": 5.0}, "process = 5.0 has to be a Plant, an Arm"),
+        ({"process": 5.0}, "5.0 is no machine: give a Plant, an Arm"),
         ({"process": Plant(), "x0": [0.1, 0.0, np.nan, 1e5]}, "x0"),
         ({"process": Plant(), "x0": [0.1, 0.0]}, "x0"),
         ({"process": Plant(), "x0": [30.0, 0.0, 1e5, 1e5]}, "angles of x0: .* if degrees were meant"),

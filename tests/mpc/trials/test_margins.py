@@ -13,8 +13,6 @@ from mpc import Arm, Compensation, KalmanObserver, Plant, TrackingMPC
 from mpc.model.friction.dahl import Friction
 from mpc.model.real_arm import RealArm
 from mpc.model.real_plant import RealPlant
-from mpc.observer.filter import CALM_NOISE
-from mpc.tracking.cost import CALM as CALM_OF_ARMS
 from mpc.tracking.cost import Weights
 from mpc.trials.loops import Settings, loop, sliding_margins
 from mpc.trials.margins import LISTEN, Margins, margins, usual_postures
@@ -100,24 +98,27 @@ def test_a_loop_that_has_not_decayed_is_listened_to_longer():
     np.testing.assert_array_equal(found.S, long.S)
 
 
-def swung(parts, delay=0.0, heavier=1.0):
-    """Angles [rad] of a loop after a small disturbance, with such old readings [s] and so many times the inertia."""
+def swung(parts, real, posture=POSTURE):
+    """Angles [rad] of the first joint of a loop on a real machine, after a small disturbance of its reading."""
     controller, observer = parts
     controller.rest = False
     controller.reset()
     observer.reset()
-    x0 = PLANT.at_rest(*POSTURE)
-    plant = replace(PLANT, inertia=heavier * PLANT.inertia)
-    trial, u = RealPlant(plant, dead_time=TOLD.dead_time, reading_age=delay).begin(DT, x0, 0), x0[2:]
-    angles = []
+    x0, n = controller.plant.at_rest(*posture), controller.plant.n
+    trial, u, angles = real.begin(DT, x0, 0), x0[2 * n :], []
     for k in range(1500):
         y = trial.measure()
         y[0] += 1e-5 * (k == 100)
         x, d = observer.estimate(y, u)
-        u = controller.step(x, *POSTURE, d).u[0]
+        u = controller.step(x, *posture, d).u[0]
         trial.advance(u)
         angles.append(trial.x[0])
     return np.array(angles)
+
+
+def with_payload(factor):
+    """The joint with so many times the inertia."""
+    return RealPlant(replace(PLANT, inertia=factor * PLANT.inertia), dead_time=TOLD.dead_time)
 
 
 def rings(angles):
@@ -126,14 +127,15 @@ def rings(angles):
 
 
 def test_a_loop_stands_a_little_less_delay_than_its_margin_and_no_more(parts, found):
-    assert not rings(swung(parts, delay=0.9 * found.delay_margin))
-    assert rings(swung(parts, delay=1.1 * found.delay_margin))
+    for share in (0.9, 1.1):
+        real = RealPlant(PLANT, dead_time=TOLD.dead_time, reading_age=share * found.delay_margin)
+        assert rings(swung(parts, real)) == (share > 1)
 
 
 def test_a_loop_carries_a_little_less_inertia_than_its_margin_and_no_more(parts, found):
     assert 1.5 < found.inertia_margin < 10
-    assert not rings(swung(parts, heavier=0.9 * found.inertia_margin))
-    ringing = swung(parts, heavier=1.1 * found.inertia_margin)
+    assert not rings(swung(parts, with_payload(0.9 * found.inertia_margin)))
+    ringing = swung(parts, with_payload(1.1 * found.inertia_margin))
     assert rings(ringing)
     late = ringing[-500:] - ringing[-500:].mean()
     turns = np.count_nonzero(np.diff(np.signbit(late)))
@@ -143,27 +145,12 @@ def test_a_loop_carries_a_little_less_inertia_than_its_margin_and_no_more(parts,
 @pytest.mark.slow
 def test_an_arm_carries_a_little_less_mass_than_its_margin_and_no_more():
     arm, told = Arm.machine("arm26"), Compensation(dead_time=0.02)
-    controller = TrackingMPC(arm, DT, 10, CALM_OF_ARMS, compensation=told, rest=False)
-    observer = KalmanObserver(arm, DT, CALM_NOISE, told)
+    parts = loop("mpc", Settings(arm, DT, 10, told).calm)
     posture = usual_postures(arm)[1]
-    found = margins(controller, observer, [posture])[0]
-
-    def swings(heavier):
-        real, x0 = RealArm(arm, mass=heavier, dead_time=0.02), arm.at_rest(*posture)
-        trial, u, angles = real.begin(DT, x0, 0), x0[4:], []
-        controller.reset()
-        observer.reset()
-        for k in range(600):
-            y = trial.measure()
-            y[0] += 1e-5 * (k == 20)
-            x, d = observer.estimate(y, u)
-            u = controller.step(x, *posture, d).u[0]
-            trial.advance(u)
-            angles.append(trial.x[0])
-        return np.ptp(angles[-100:]) > np.ptp(angles[20:220])
-
-    assert not swings(0.9 * found.inertia_margin)
-    assert swings(1.1 * found.inertia_margin)
+    found = margins(*parts, [posture])[0]
+    for share in (0.9, 1.1):
+        real = RealArm(arm, mass=share * found.inertia_margin, dead_time=told.dead_time)
+        assert rings(swung(parts, real, posture)) == (share > 1)
 
 
 def test_dead_time_costs_margin_and_slow_commands_buy_it():

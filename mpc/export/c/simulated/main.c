@@ -1,8 +1,8 @@
 /* The board on a PC: the same board.c and frames.c behind a pseudo-terminal, with a simulated plant under them.
  *
- * It prints the terminal's name and ends when its standard input does; a line there are the torques from outside [N*m],
- * one a joint, of which it prints the first when they act. With an argument, a time in seconds, its clock advances only by that time at every
- * command: at the pace of the host, and the same in every run. */
+ * It prints the terminal's name and ends when its standard input does; a line there has the torques from outside [N*m],
+ * one a joint, of which it prints the first when they act. With an argument, a time in seconds, its clock advances only
+ * by that time at every command: at the pace of the host, and the same in every run. */
 #define _XOPEN_SOURCE 600 /* NOLINT: asks the C library for pseudo-terminals */
 
 #include <errno.h>
