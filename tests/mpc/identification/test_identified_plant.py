@@ -112,8 +112,9 @@ def test_damping_is_in_the_file_of_a_measured_joint_that_does_not_show_its_inert
     rows = [column[:5000] for column in measured]  # two minutes
     fit, path = fit_motion(*rows, joint=joint), tmp_path / "plant.toml"
     IdentifiedPlant.of(fit).save(path)
-    inertia = fit.parameters.get("inertia")  # None: a joint without inertia explains the log as well
-    assert inertia is None or inertia.low == 0.0
+    said = any(sentence.startswith("the inertia: ") for sentence in fit.unseen)
+    # either model explains the log; which one is nearer depends on the processor
+    assert said if "inertia" not in fit.parameters else fit.parameters["inertia"].low == 0.0
     plant, P = Plant.load(path), (float(fit.run.P1.mean()), float(fit.run.P2.mean()))
     K = float(plant.joint.stiffness(plant.joint.equilibrium(*P), *P))
     assert plant.damping / K == pytest.approx(fit.parameters["damping"].value, rel=1e-6)
