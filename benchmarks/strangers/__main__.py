@@ -2,6 +2,7 @@
 
     python -m benchmarks.strangers [--seeds 5] [--controllers mpc,lqr] [--models 'data sheet,identified']
     python -m benchmarks.strangers --ages [--seeds 3]
+    python -m benchmarks.strangers --payloads [--seeds 2]
 
 Each of the four structures of `benchmarks.strangers.plants` is drawn with as many seeds. All controllers get the same
 model, either from data sheets or from `fit_joint` and `fit_motion` on logs of the stranger; their observers estimate
@@ -21,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from allocator.presentation.progress import counted
-from benchmarks.strangers import ages
+from benchmarks.strangers import ages, payloads
 from benchmarks.strangers.plants import REPORTING, STRUCTURES
 from benchmarks.strangers.runs import CASES, CONTROLLERS, MODELS, Row, rows_of
 
@@ -72,6 +73,15 @@ def ages_report(seeds: range, pool: ProcessPoolExecutor) -> str:
     return "\n".join([*lines, *ages.ages_table(rows)]) + "\n"
 
 
+def payloads_report(seeds: range, pool: ProcessPoolExecutor) -> str:
+    """Return the report on payloads that are heavier."""
+    jobs = [pool.submit(payloads.carried_rows, *one) for one in product(STRUCTURES, seeds)]
+    rows = [row for job in counted(jobs, "strangers") for row in job.result()]
+    lines = ["# Heavier payloads", "", (payloads.__doc__ or "").split("\n\n", 1)[1].strip(), ""]
+    lines += [f"Seeds of each structure: {', '.join(map(str, seeds))}. Errors in degrees.", ""]
+    return "\n".join([*lines, *payloads.payloads_table(rows)]) + "\n"
+
+
 def main() -> None:
     """Run the benchmark and write the report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -84,15 +94,18 @@ def main() -> None:
         help="models of the controllers; tuning takes a quarter of an hour per stranger",
     )
     parser.add_argument("--ages", action="store_true", help="readings that are older than told, instead")
+    parser.add_argument("--payloads", action="store_true", help="heavier payloads, instead")
     parser.add_argument("--out", type=Path, help="file to write; else in benchmarks/results")
     asked = parser.parse_args()
-    out = asked.out or Path(__file__).parents[1] / "results" / ("ages.md" if asked.ages else "strangers.md")
+    name = "ages" if asked.ages else "payloads" if asked.payloads else "strangers"
+    out = asked.out or Path(__file__).parents[1] / "results" / f"{name}.md"
     controllers = tuple(asked.controllers.split(","))
     models = tuple(asked.models.split(","))
     seeds = range(asked.first, asked.first + asked.seeds)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        if asked.ages:
-            out.write_text(ages_report(seeds, pool), encoding="utf-8")
+        if asked.ages or asked.payloads:
+            made = ages_report if asked.ages else payloads_report
+            out.write_text(made(seeds, pool), encoding="utf-8")
             return
         jobs = [pool.submit(rows_of, *one, models, controllers) for one in product(STRUCTURES, seeds)]
         rows = [row for job in counted(jobs, "strangers") for row in job.result()]
