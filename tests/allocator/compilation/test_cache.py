@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba.core.errors import TypingError
@@ -53,6 +54,12 @@ def lines(process):
     out, err = process.communicate(timeout=300)
     assert (process.returncode, besides_compiling(err)) == (0, "")
     return out.splitlines()
+
+
+@pytest.fixture(autouse=True)
+def beside_the_file(monkeypatch):
+    """In this process, too, whatever NUMBA_CACHE_DIR is where the tests run."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
 
 
 @pytest.fixture(scope="module")
