@@ -135,7 +135,7 @@ def whole_cost(qp, z):
 
 def test_interrupted_it_keeps_slew_and_supply_and_bounds_what_that_costs(mpc):
     rng, interrupted = np.random.default_rng(6), 0
-    for n in range(80):
+    for n in range(100):
         given = anything(mpc, rng)
         qp, previous = dense(mpc, given), given[-1]
         exact = certified(DAQP, qp, math.inf, mpc.problem.curvature)
@@ -268,7 +268,7 @@ BOUNDS_CHECKED = """
 import numpy as np
 from benchmarks.speed.worst_cases import arguments, hunted, random_situation
 from mpc import Plant, TrackingMPC
-for found in hunted(60, 12, seed=13):
+for found in hunted(60, 20, seed=13):
     pass
 assert max(found.exchanges) > 40, found.exchanges
 assert not found.unsolved

@@ -51,8 +51,9 @@ CENTRED = 0.1  # of these products in the first turn; later, the less the longer
 LEAST_CENTRED, MOST_CENTRED = 0.01, 0.5
 KEPT = 0.99  # of the way to a limit, at most
 STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the present limits are taken
-COARSE, FINE = 1e-3, 1e-6  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows
-HELD = 0.01  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
+COARSE, FINE = 1e-4, 1e-8  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows;
+# a greater one may hold a limit that is not active, and to release it may break a hundred others
+HELD = 0.1  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
 
 
 @inlined

@@ -1,7 +1,7 @@
 """Solution of the QP along a path, with its proof: a sweep, and an exchange of the limits that it holds wrongly.
 
-The sweep begins with the limits of the last QP. If these are far from right, or an exchange takes long, a barrier
-chooses others.
+The sweep begins with the limits of the last QP. If these are far from right, or many are wrong, or an exchange takes
+long, a barrier chooses others.
 """
 
 import numpy as np
@@ -18,8 +18,10 @@ from mpc.tracking.compiled.structured_qp.sizes import FREE, NU, NX, NXI
 from mpc.tracking.compiled.structured_qp.stage import curvature
 
 MOST = 16  # exchanges per decision, at most
-PATIENCE = 16  # exchanges, before the barrier chooses another set
-FAR = 10.0  # [bar] beyond a limit, for which it does at once; noise takes a set less far
+PATIENCE = 24  # exchanges, before the barrier chooses another set
+FAR = 10.0  # [bar] beyond a limit, for which it does at once; noise takes a set less far …
+MANY = 12  # … or so many changes that are
+AWAY = 1e-3  # [bar] beyond a limit
 
 
 @inlined
@@ -72,13 +74,14 @@ def solve(
 
 @inlined_flat
 def far(bounded: Bounded, sweep: Sweep, at: Point, r: Array) -> bool:
-    """Return whether a free change is far beyond its limits, or a held one pushed far away from them."""
+    """Return whether a free change is far beyond its limits, or a held one pushed far away from them, or many are."""
+    wrong = 0
     for k in range(at.v.shape[0]):
         for i in range(NU):
             v, w, held = at.v[k, i], at.xi[k + 1, NX + i], sweep.held[k, i]
             push = (1.0 if held > 0 else -1.0) * r[k, i] / curvature(sweep.D, k, i) if held != FREE else 0.0
             beyond = max(max(bounded.lower[k, i] - v, v - bounded.upper[k, i]), push)
             beyond = max(max(bounded.low[k, i] - w, w - bounded.high[k, i]), beyond)
-            if beyond > FAR and bounded.lower[k, i] < bounded.upper[k, i]:
-                return True
-    return False
+            if beyond > AWAY and bounded.lower[k, i] < bounded.upper[k, i]:
+                wrong += MANY if beyond > FAR else 1
+    return wrong >= MANY
