@@ -3,6 +3,7 @@
     python -m benchmarks.strangers [--seeds 5] [--controllers mpc,lqr] [--models 'data sheet,identified']
     python -m benchmarks.strangers --ages [--seeds 3]
     python -m benchmarks.strangers --payloads [--seeds 2]
+    python -m benchmarks.strangers --bounds [--seeds 2]
 
 Each of the four structures of `benchmarks.strangers.plants` is drawn with as many seeds. All controllers get the same
 model, either from data sheets or from `fit_joint` and `fit_motion` on logs of the stranger; their observers estimate
@@ -18,13 +19,16 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
 from allocator.presentation.progress import counted
-from benchmarks.strangers import ages, payloads
+from benchmarks.strangers import ages, bounds, payloads
 from benchmarks.strangers.plants import REPORTING, STRUCTURES
 from benchmarks.strangers.runs import CASES, CONTROLLERS, MODELS, Row, rows_of
+
+PARTS = {"payloads": payloads, "bounds": bounds}
 
 
 def table(rows: list[Row], model: str, controllers: Iterable[str]) -> list[str]:
@@ -73,13 +77,13 @@ def ages_report(seeds: range, pool: ProcessPoolExecutor) -> str:
     return "\n".join([*lines, *ages.ages_table(rows)]) + "\n"
 
 
-def payloads_report(seeds: range, pool: ProcessPoolExecutor) -> str:
-    """Return the report on payloads that are heavier."""
-    jobs = [pool.submit(payloads.carried_rows, *one) for one in product(STRUCTURES, seeds)]
+def part_report(part: ModuleType, seeds: range, pool: ProcessPoolExecutor) -> str:
+    """Return the report of one of the `PARTS`, with a job for each stranger."""
+    jobs = [pool.submit(part.rows_of, *one) for one in product(STRUCTURES, seeds)]
     rows = [row for job in counted(jobs, "strangers") for row in job.result()]
-    lines = ["# Heavier payloads", "", (payloads.__doc__ or "").split("\n\n", 1)[1].strip(), ""]
+    lines = [f"# {part.TITLE}", "", (part.__doc__ or "").partition("\n\n")[2].strip(), ""]
     lines += [f"Seeds of each structure: {', '.join(map(str, seeds))}. Errors in degrees.", ""]
-    return "\n".join([*lines, *payloads.payloads_table(rows)]) + "\n"
+    return "\n".join([*lines, *part.table(rows)]) + "\n"
 
 
 def main() -> None:
@@ -94,18 +98,19 @@ def main() -> None:
         help="models of the controllers; tuning takes a quarter of an hour per stranger",
     )
     parser.add_argument("--ages", action="store_true", help="readings that are older than told, instead")
-    parser.add_argument("--payloads", action="store_true", help="heavier payloads, instead")
+    for part, module in PARTS.items():
+        parser.add_argument(f"--{part}", action="store_true", help=f"instead: {module.TITLE}")
     parser.add_argument("--out", type=Path, help="file to write; else in benchmarks/results")
     asked = parser.parse_args()
-    name = "ages" if asked.ages else "payloads" if asked.payloads else "strangers"
+    name = next((part for part in ("ages", *PARTS) if getattr(asked, part)), "strangers")
     out = asked.out or Path(__file__).parents[1] / "results" / f"{name}.md"
     controllers = tuple(asked.controllers.split(","))
     models = tuple(asked.models.split(","))
     seeds = range(asked.first, asked.first + asked.seeds)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        if asked.ages or asked.payloads:
-            made = ages_report if asked.ages else payloads_report
-            out.write_text(made(seeds, pool), encoding="utf-8")
+        if name != "strangers":
+            text = ages_report(seeds, pool) if asked.ages else part_report(PARTS[name], seeds, pool)
+            out.write_text(text, encoding="utf-8")
             return
         jobs = [pool.submit(rows_of, *one, models, controllers) for one in product(STRUCTURES, seeds)]
         rows = [row for job in counted(jobs, "strangers") for row in job.result()]

@@ -19,6 +19,7 @@ from benchmarks.strangers.runs import CASES, DT, rms
 from mpc import Noise, simulate
 from mpc.trials.loops import Settings, loop, robust, sliding_margins
 
+TITLE = "Heavier payloads"
 PAYLOADS = 1.0, 2.0  # [N·m]
 RINGS = 4.0  # [°]
 LOOPS = {"mpc": ("mpc", 0.2), "mpc, omega_walk 4": ("mpc", 4.0), "predictive-pid": ("predictive-pid", 0.2)}
@@ -36,7 +37,7 @@ class Carried(NamedTuple):
     rings: bool  # at rest with it
 
 
-def carried_rows(structure: str, seed: int) -> list[Carried]:
+def rows_of(structure: str, seed: int) -> list[Carried]:
     """Return the runs of one stranger."""
     stranger = drawn(structure, seed)
     model, rows = identified(stranger), []
@@ -61,7 +62,7 @@ def carried_rows(structure: str, seed: int) -> list[Carried]:
     return rows
 
 
-def payloads_table(rows: Iterable[Carried]) -> list[str]:
+def table(rows: Iterable[Carried]) -> list[str]:
     """Return the medians as lines of Markdown."""
     all_rows = list(rows)
     lines = [
