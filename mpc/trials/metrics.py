@@ -105,12 +105,19 @@ def _listed(figures: dict[str, tuple[float, str]]) -> str:
     return ", ".join(f"{name} by {value}{'' if unit == '°' else ' '}{unit}" for name, (value, unit) in told.items())
 
 
+def errors_of(theta: Array, theta_ref: Array, K: Array, K_ref: Array) -> Errors:
+    """Return the errors of angles (M,) or (M, n) [rad] and stiffnesses (M,) [N·m/rad] or (M, k, k) of the plant's unit.
+
+    Masked samples do not count; a figure of masked samples only is NaN.
+    """
+    K_error = (K / K_ref - 1) / PERCENT if K.ndim == 1 else K - K_ref
+    figures = (*_rms_and_worst((theta - theta_ref) / DEG), *_rms_and_worst(K_error))
+    return Errors(*(float(figure) if figure.ndim == 0 else figure for figure in figures))
+
+
 def _errors(run: Run, begin: int) -> Errors:
     """Return the errors from the sample `begin` on."""
-    theta_error = ((run.theta - run.theta_ref) / DEG)[begin:]
-    K_error = ((run.K / run.K_ref - 1) / PERCENT if run.K.ndim == 1 else run.K - run.K_ref)[begin:]
-    figures = (*_rms_and_worst(theta_error), *_rms_and_worst(K_error))
-    return Errors(*(float(figure) if figure.ndim == 0 else figure for figure in figures))
+    return errors_of(*(quantity[begin:] for quantity in (run.theta, run.theta_ref, run.K, run.K_ref)))
 
 
 def _rested(run: Run) -> int:
@@ -168,4 +175,5 @@ def _excess(values: Array, low: float | Array, high: float | Array, scale: float
 
 def _rms_and_worst(error: Array) -> tuple[Array, Array]:
     """Return both (…) of errors (M, …)."""
-    return np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)
+    rms, worst = np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)
+    return np.ma.filled(rms, np.nan), np.ma.filled(worst, np.nan)
