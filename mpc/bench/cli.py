@@ -14,7 +14,7 @@ from allocator.lazy import Console
 from allocator.presentation.waiting import waiting
 from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
-from allocator.units import BAR, DEG, PERCENT
+from allocator.units import BAR, PERCENT
 from mpc.arm.cli import HandOptions, asked_of_arm, described, refuse_options_of_one_joint
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import LoopOptions, PlantOptions
@@ -84,7 +84,7 @@ def run_command(
     from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
-    from mpc.trials.files import of_plant, reference_called
+    from mpc.trials.files import check_recordable, reference_called
     from mpc.trials.loops import Settings as LoopSettings
     from mpc.trials.loops import loop, margins_in_words, robust
     from mpc.trials.motions.corrections import Owner
@@ -107,8 +107,7 @@ def run_command(
     opened = bench.opened(options, None if given is None else given.arm)
     settings = bench.settings(options, settle, opened.plant.m)
     plant, known = opened.plant, opened.known
-    if any(path.suffix == ".npz" for path in files):
-        of_plant(plant)  # refuses here an arm that cannot be written after the run
+    check_recordable(files, plant)
     if several:
         reference, begun = asked_of_arm(trajectory, plant, hand), None
     else:
@@ -331,28 +330,23 @@ def _write(record: "Record", files: list[Path], journal: Path | None, hand: "End
 
 def _report(record: "Record", console: "Console") -> None:
     """Print the ending, the errors, and whether the strengths need a check."""
-    import numpy as np
-
     from mpc.bench.measuring.due import check_due
     from mpc.model.plant import Plant
+    from mpc.trials.pictures.report import table_of_errors
 
     say_ending(record.ending, record.lateness, console)
-    if not record.tracked:
+    if not (record.tracked and record.controlled):
         return
-    one = isinstance(record.plant, Plant)
-    names = [""] if one else [f" of {name}" for name in record.plant.labels.angles]
-    for name, rms in zip(names, np.ravel(record.theta_rms / DEG), strict=True):
-        error = "not measured" if np.isnan(rms) else f"{rms:.3g}° RMS, as measured, without settling"
-        say(console, f"angle error{name}: {error}")
-    if one and (due := check_due(record.run())):
+    console.print(table_of_errors(record.run(), record.errors, "tracking, as measured, without settling"))
+    if isinstance(record.plant, Plant) and (due := check_due(record.run())):
         say(console, due)
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
     """Print the ending of a loop, the final pressures, and the lateness of its samples."""
     say(console, f"ended: {ending}")
-    if ending.action is not None:
-        say(console, f"pressures: {ending.action}" + ("" if ending.delivered else ", which the device did not take"))
+    if ending.treatment:
+        say(console, f"pressures: {ending.treatment}" + ("" if ending.delivered else ", which the device did not take"))
     say(console, str(lateness))
 
 

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -64,7 +65,8 @@ def test_a_run_writes_what_is_asked_for_and_cleans_up(tmp_path, trajectory):
     result = antagonist("run", trajectory, *SIM, "--settle", 0.2, "--out", out)
     assert result.exit_code == 0, result.output
     assert "ended: finished" in result.output
-    assert "angle error" in result.output
+    assert re.search(r"angle error \[°\] +│ 0\.\d+", result.output)
+    assert re.search(r"isobaric stiffness error \[%\] +│ [\d.]+", result.output)
     assert load_recording(out).t.size > 100
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.npz", "short.csv"]
 
@@ -85,9 +87,9 @@ def test_an_arm_runs_its_circle_on_a_simulated_device(tmp_path):
     device = "--device", f"sim:{files[0]}", "--present", "0:0:0:0:0:0"
     result = antagonist("run", "--machine", files[0], *device, "--fast", "--quiet", *outs)
     assert result.exit_code == 0, result.output
-    said = [line for line in result.output.splitlines() if line.startswith("angle error of ")]
-    assert [line.split()[3] for line in said] == ["shoulder:", "elbow:"]
-    assert max(float(line.split()[4].rstrip("°")) for line in said) < 0.2
+    said = dict(re.findall(r"error, (shoulder|elbow|K\d\d) \S+ +│ ([\d.]+)", result.output))
+    assert list(said) == ["shoulder", "elbow", "K11", "K12", "K22"]
+    assert max(map(float, said.values())) < 0.2  # [°], [N·m/rad]
     run, log = load_recording(files[2]), read_log(files[1])
     np.testing.assert_array_equal(run.u[:, 5], log["P6_command"][np.isin(log["phase"], (1, 2))][:-1])
     assert files[3].stat().st_size > 10_000
