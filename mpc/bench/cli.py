@@ -48,6 +48,7 @@ def devices_command() -> None:
     table = Table("name", "description", "from")
     for name, kind in sorted(kinds().items()):
         table.add_row(name, Text(kind.summary), kind.brought_by)
+    table.add_row("MODULE:FUNCTION", "your own: a function without arguments that returns a device", "")
     Console().print(table)
 
 

@@ -31,7 +31,8 @@ class BenchOptions:
         typer.Option(
             rich_help_panel="Options",
             help="device to drive, NAME or NAME:ADDRESS; such as sim, serial:/dev/ttyUSB0, "
-            "modbus:192.168.0.5:502. `antagonist devices` lists them",
+            "modbus:192.168.0.5:502; or MODULE:FUNCTION of your own, such as my_rig:open_device. "
+            "`antagonist devices` lists them",
         ),
     ] = ""
     present: Annotated[
