@@ -88,7 +88,9 @@ def run_command(
     from mpc.trials.files import check_recordable, reference_called
     from mpc.trials.loops import Settings as LoopSettings
     from mpc.trials.loops import loop, margins_in_words, robust
+    from mpc.trials.metrics import out_of_reach
     from mpc.trials.motions.corrections import Owner
+    from mpc.trials.pictures.report import reach_in_words
 
     console = Console()
     finite("--settle", settle, "s")
@@ -121,6 +123,9 @@ def run_command(
     if not several and (assumed := opened.assumed(options)):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
     say(console, f"trajectory: {reference.summary}")
+    even = reference.resampled(at.dt)
+    if beyond := out_of_reach(plant, even.theta, even.K, at.dt):
+        say(console, reach_in_words(beyond))
     once = "for each new arm: some 40 seconds" if several else "after an installation: some 20 seconds"
     with waiting(f"building the controller (compiled once {once})"):
         told = LoopSettings(plant, at.dt, at.horizon, known)

@@ -110,7 +110,10 @@ def recorded(path: str | Path, machine: Machine) -> Reference:
     if run.plant.labels.angles != machine.labels.angles or run.plant.labels.stiffness != machine.labels.stiffness:
         names = (f"{', '.join(m.labels.angles)} and {', '.join(m.labels.stiffness)}" for m in (run.plant, machine))
         raise InvalidFile(path, "holds a run with {}; this machine needs {}".format(*names))
-    return Reference(run.t, run.theta_ref, run.K_ref, Path(path).stem)
+    try:
+        return Reference(run.t, run.theta_ref, run.K_ref, Path(path).stem)
+    except InvalidInput as error:
+        raise InvalidFile(path, f"holds no trajectory: {error}") from None
 
 
 _DAMAGE = (  # exceptions of zipfile and NumPy for other files

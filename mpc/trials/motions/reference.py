@@ -79,8 +79,9 @@ class Reference:
 
         Raises `InvalidInput` for over a million of them.
         """
+        steps = self.samples(dt)
         ahead = int(self.tail / dt * (1 + 1e-12))
-        t = self.t[0] + dt * np.arange(self.samples(dt) + ahead + 1)
+        t = self.t[0] + dt * np.arange(steps + ahead + 1)
         return replace(self, t=t, theta=_smooth(self.t, self.theta, t), K=_smooth(self.t, self.K, t), tail=ahead * dt)
 
     @property

@@ -52,11 +52,15 @@ def plot_margins(found: Sequence[Margins], path: str | PathLike[str] | None = No
     return figure
 
 
+def reach_in_words(share: float) -> str:
+    """Return a sentence about the `share` [%] of a reference that is out of reach."""
+    return f"{share:.3g} % of the reference is out of reach; `antagonist map` shows the reachable targets"
+
+
 def limits_of_reference(figures: Metrics, slew: float) -> Iterator[str]:
     """Yield sentences about references out of reach, and about steps at the `slew` limit [Pa/s]."""
     if figures.out_of_reach:
-        share = f"{figures.out_of_reach:.3g} % of the reference is out of reach"
-        yield f"{share}; `antagonist map` shows the reachable targets"
+        yield reach_in_words(figures.out_of_reach)
     if figures.at_slew_limit >= _WORTH_SAYING:
         share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed at the limit --slew"
         yield f"{share} ({slew / BAR:g} bar/s): the reference may be too fast"

@@ -95,6 +95,28 @@ def test_an_arm_runs_its_circle_on_a_simulated_device(tmp_path):
     assert files[3].stat().st_size > 10_000
 
 
+def test_a_reference_out_of_reach_is_said_before_anything_moves(trajectory):
+    stiff = trajectory.with_name("stiff.csv")
+    stiff.write_text("t,theta_deg,stiffness\n0,0,56\n0.5,0,56\n")
+    words = "100 % of the reference is out of reach; `antagonist map` shows the reachable targets"
+    told = " ".join(antagonist("run", stiff, *SIM).output.split())
+    assert 0 < told.find(words) < told.find("ended: finished")
+    assert "out of reach" not in antagonist("run", trajectory, *SIM).output
+
+
+@pytest.mark.parametrize(
+    ("machine", "there", "here"), [("arm26", "1 joint with 2", "2 joints with 6"), (None, "2", "1")]
+)
+def test_a_simulated_file_of_another_machine_is_refused(tmp_path, machine, there, here):
+    file, of_file = tmp_path / "machine.toml", () if machine else ("--machine", "arm26")
+    assert antagonist("init", file, *of_file).exit_code == 0
+    given = ("--machine", machine) if machine else ()
+    said = str(antagonist("run", "--device", f"sim:{file}", *given, "--fast", "--quiet").exception)
+    assert f"--device sim:{file} has {there}" in said
+    assert f"and --machine {here}" in said
+    assert said.endswith(f"give --machine {file}")
+
+
 def test_one_joint_is_what_a_sweep_and_a_measurement_take(tmp_path):
     for command in (("sweep", "--out", tmp_path / "sweep"), ("measure", "--out", tmp_path / "measured.png")):
         result = antagonist(*command, *ARM, "--fast")

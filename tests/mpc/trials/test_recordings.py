@@ -1,7 +1,7 @@
 """Runs survive as NPZ."""
 
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -44,6 +44,9 @@ def test_a_recording_is_a_trajectory_for_its_kind_of_machine(run, tmp_path):
         np.testing.assert_array_equal(values, wanted)
     with pytest.raises(InvalidFile, match="a run with theta and stiffness; this machine needs shoulder, elbow and K11"):
         recorded(tmp_path / "run.npz", Arm.machine("arm26"))
+    save_recording(replace(run, t=run.t[::-1]), tmp_path / "back.npz")
+    with pytest.raises(InvalidFile, match=r"back.npz: holds no trajectory: t\[1\] = .* does not come after"):
+        recorded(tmp_path / "back.npz", PLANT)
 
 
 def test_numpy_alone_opens_a_recording(run, tmp_path):
