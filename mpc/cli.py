@@ -278,7 +278,7 @@ def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Ref
         say(console, f"known to the controller: {known.summary}")
     if untold := known.untold(nominal):
         say(console, f"simulated, but not known to the controller: {untold}")
-    say(console, f"trajectory: {reference.summary}")
+    say(console, f"trajectory: {reference.summary()}")
     console.print(table_of(run, figures))
     if run.assumed:
         say(console, run.assumed)

@@ -122,7 +122,7 @@ def run_command(
         say(console, note)
     if not several and (assumed := opened.assumed(options)):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
-    say(console, f"trajectory: {reference.summary}")
+    say(console, f"trajectory: {reference.summary(plant.stiffness_unit)}")
     even = reference.resampled(at.dt)
     if beyond := out_of_reach(plant, even.theta, even.K, at.dt):
         say(console, reach_in_words(beyond))

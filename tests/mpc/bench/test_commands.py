@@ -90,6 +90,7 @@ def test_an_arm_runs_its_circle_on_a_simulated_device(tmp_path):
     said = dict(re.findall(r"error, (shoulder|elbow|K\d\d) \S+ +│ ([\d.]+)", result.output))
     assert list(said) == ["shoulder", "elbow", "K11", "K12", "K22"]
     assert max(map(float, said.values())) < 0.2  # [°], [N·m/rad]
+    assert re.search(r"trajectory: angle .*°, entries of K .* N·m/rad, ", " ".join(result.output.split()))
     run, log = load_recording(files[2]), read_log(files[1])
     np.testing.assert_array_equal(run.u[:, 5], log["P6_command"][np.isin(log["phase"], (1, 2))][:-1])
     assert files[3].stat().st_size > 10_000
