@@ -245,7 +245,7 @@ def track(
     title = f"{controller} with a model of {_muscles(nominal)}, {_PLANTS[plant]}"
     bar = partial(counted, title="drawing")
     for path in files:
-        if path.suffix in IMAGES:
+        if path.suffix.lower() in IMAGES:
             say(console, f"drawing {path}")
         write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title, model=nominal)
     if margins is not None:
@@ -257,7 +257,7 @@ def track(
 
 def _show(files: list[Path]) -> None:
     for path in files:
-        if path.suffix not in (".csv", ".npz", ".mcap"):
+        if path.suffix.lower() not in (".csv", ".npz", ".mcap"):
             typer.launch(str(path))
 
 

@@ -313,23 +313,25 @@ def _journal(files: list[Path]) -> Path | None:
     """Return the file that is written sample by sample: a requested .csv, or one next to the first other file."""
     if not files:
         return None
-    return next((path for path in files if path.suffix == ".csv"), files[0].with_suffix(".partial.csv"))
+    return next(filter(_is_log, files), files[0].with_suffix(".partial.csv"))
+
+
+def _is_log(path: Path) -> bool:
+    return path.suffix.lower() == ".csv"
 
 
 def _write(record: "Record", files: list[Path], journal: Path | None, hand: "Endpoint | None") -> None:
     """Write the other files, and remove a journal that --out does not name."""
     from mpc.bench.cycle import Phase
-    from mpc.trials.files import save_mcap
-    from mpc.trials.pictures.plotting import save_tracking_figure
+    from mpc.trials.files import is_recording
+    from mpc.trials.pictures.report import write_run
 
+    settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
     for path in files:
-        if path.suffix == ".npz":
+        if is_recording(path):
             record.save(path)
-        elif path.suffix == ".mcap":
-            save_mcap(record.run(), path)
-        elif path.suffix != ".csv":
-            settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
-            save_tracking_figure(record.run(), path, f"as measured, with {settling:.3g} s of settling", hand)
+        elif not _is_log(path):
+            write_run(record.run(), path, None, f"as measured, with {settling:.3g} s of settling", hand)
     if journal is not None and journal not in files:
         journal.unlink()
 

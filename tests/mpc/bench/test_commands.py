@@ -71,10 +71,15 @@ def test_a_run_writes_what_is_asked_for_and_cleans_up(tmp_path, trajectory):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.npz", "short.csv"]
 
 
-def test_a_log_as_csv_is_the_log(tmp_path, trajectory):
-    out = tmp_path / "run.csv"
-    assert antagonist("run", trajectory, *SIM, "--out", out).exit_code == 0
+@pytest.mark.parametrize("ending", [str.lower, str.upper])
+def test_a_log_as_csv_is_the_log_and_endings_may_be_capital(tmp_path, trajectory, ending):
+    out, *others = (tmp_path / ending(f"run.{kind}") for kind in ("csv", "npz", "png"))
+    outs = [word for path in (out, *others) for word in ("--out", path)]
+    result = antagonist("run", trajectory, *SIM, *outs)
+    assert result.exit_code == 0, result.output
     assert read_log(out)["t"].size > 100
+    assert load_recording(others[0]).t.size > 100
+    assert {path.name for path in tmp_path.iterdir()} == {"short.csv", out.name, *(path.name for path in others)}
 
 
 @pytest.mark.slow
