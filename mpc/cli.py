@@ -49,7 +49,6 @@ _PLANTS = {
 }
 _REAL_LAG = 0.12  # [s] default of a real plant
 _SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap", ".gif", ".mp4")
-_OF_SEVERAL = tuple(suffix for suffix in _SUFFIXES if suffix not in (".npz", ".mcap"))
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _OWN_FILM = "tracking.gif"  # for several joints
 _MPC = "mpc"
@@ -75,18 +74,17 @@ def track(
         str | None,
         typer.Argument(
             help="sine (the default), min-jerk, chirp, steps, stiffness-step, stiffness-ramps, together, jumps, "
-            "or a CSV; a CSV has the columns t,theta_deg,stiffness. Standard trajectories are smaller on a "
+            "or a file; a CSV has the columns t,theta_deg,stiffness. Standard trajectories are smaller on a "
             "joint with less room. For several joints: circle (the default), reach, hold, draw (arm26), or a "
-            "CSV of angles or of the hand's path and of stiffness"
+            "CSV of angles or of the hand's path and of stiffness. An .npz of a run repeats its trajectory"
         ),
     ] = None,
-    reference: Annotated[str | None, typer.Option(help="CSV of the trajectory; instead of the argument")] = None,
+    reference: Annotated[str | None, typer.Option(help="file of the trajectory; instead of the argument")] = None,
     out: Annotated[
         list[Path] | None,
         typer.Option(
             help="a .png, .gif, .mp4, .csv, .npz or .mcap to write, or a directory; may be repeated. A directory "
-            "gets tracking.png and tracking.csv, and for several joints tracking.gif. Only one joint has .npz "
-            "and .mcap"
+            "gets tracking.png and tracking.csv, and for several joints tracking.gif"
         ),
     ] = None,
     solver: Annotated[
@@ -168,7 +166,7 @@ def track(
     if None not in (trajectory, reference):
         raise InvalidInput(f"two trajectories are asked for: {trajectory} and --reference {reference}; leave one out")
     trajectory = trajectory if reference is None else reference
-    files = files_of_run(out or [Path()], _OF_SEVERAL if several else _SUFFIXES, own)
+    files = files_of_run(out or [Path()], _SUFFIXES, own)
     check_ending("--margins", margins, IMAGES)
     learned = repeated.written(trajectory)
     claim(*files, margins, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force, own=own)
@@ -247,7 +245,7 @@ def track(
     title = f"{controller} with a model of {_muscles(nominal)}, {_PLANTS[plant]}"
     bar = partial(counted, title="drawing")
     for path in files:
-        if path.suffix in IMAGES:
+        if path.suffix.lower() in IMAGES:
             say(console, f"drawing {path}")
         write_run(done, path, lambda file: save_animation(done, file, title, progress=bar), title, model=nominal)
     if margins is not None:
@@ -259,7 +257,7 @@ def track(
 
 def _show(files: list[Path]) -> None:
     for path in files:
-        if path.suffix not in (".csv", ".npz", ".mcap"):
+        if path.suffix.lower() not in (".csv", ".npz", ".mcap"):
             typer.launch(str(path))
 
 
@@ -280,7 +278,7 @@ def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Ref
         say(console, f"known to the controller: {known.summary}")
     if untold := known.untold(nominal):
         say(console, f"simulated, but not known to the controller: {untold}")
-    say(console, f"trajectory: {reference.summary}")
+    say(console, f"trajectory: {reference.summary()}")
     console.print(table_of(run, figures))
     if run.assumed:
         say(console, run.assumed)

@@ -113,6 +113,7 @@ def track_arm(
     from mpc.arm.payload import arriving
     from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
+    from mpc.trials.files import check_recordable
     from mpc.trials.loops import margins_in_words, sliding_margins
     from mpc.trials.metrics import metrics
     from mpc.trials.motions.corrections import Owner, compared, digest_of
@@ -126,6 +127,7 @@ def track_arm(
         if path.suffix.lower() in ENDINGS:
             check_film(path)
     arm, tested, point, notes = _machine(options, more, plant, seed)
+    check_recordable(files, arm)
     asked = repeated.reference(trajectory, lambda: asked_of_arm(trajectory, arm, point))
     half_way = asked.duration / 2
     if more.catch and (learned or not isinstance(arm.bodies, Bodies)):
@@ -197,10 +199,13 @@ def track_arm(
 
 def asked_of_arm(trajectory: str | None, arm: "Arm", hand: "Endpoint | None") -> "Reference":
     """Return the reference of a name, or that of a user's file; by default the circle."""
+    from mpc.trials.files import is_recording, recorded
     from mpc.trials.motions.arm_trajectories import REFERENCES, reference
     from mpc.trials.motions.motion_files import load_motion
 
     trajectory = trajectory or _CIRCLE
+    if is_recording(trajectory):
+        return recorded(trajectory, arm)
     if trajectory not in REFERENCES and (Path(trajectory).suffix or Path(trajectory).exists()):
         return load_motion(trajectory, arm, hand)
     return reference(trajectory, arm)

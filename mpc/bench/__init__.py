@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from allocator.faces import face
 
 if TYPE_CHECKING:
+    from mpc.bench.cycle import Overrun as Overrun
     from mpc.bench.device import CallableDevice as CallableDevice
     from mpc.bench.device import DeviceLost as DeviceLost
     from mpc.bench.device import NoAnswer as NoAnswer
@@ -29,5 +30,8 @@ if TYPE_CHECKING:
     from mpc.bench.measuring.update import combined as combined
     from mpc.bench.measuring.update import update as update
     from mpc.bench.measuring.weighing import Weight as Weight
+    from mpc.bench.safety import SafeStop as SafeStop
+    from mpc.bench.safety import SoftStart as SoftStart
+    from mpc.bench.safety import Watchdog as Watchdog
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -14,7 +14,7 @@ from allocator.lazy import Console
 from allocator.presentation.waiting import waiting
 from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
-from allocator.units import BAR, DEG, PERCENT
+from allocator.units import BAR, PERCENT
 from mpc.arm.cli import HandOptions, asked_of_arm, described, refuse_options_of_one_joint
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import LoopOptions, PlantOptions
@@ -48,6 +48,7 @@ def devices_command() -> None:
     table = Table("name", "description", "from")
     for name, kind in sorted(kinds().items()):
         table.add_row(name, Text(kind.summary), kind.brought_by)
+    table.add_row("MODULE:FUNCTION", "your own: a function without arguments that returns a device", "")
     Console().print(table)
 
 
@@ -84,10 +85,12 @@ def run_command(
     from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
-    from mpc.trials.files import of_plant, reference_called
+    from mpc.trials.files import check_recordable, reference_called
     from mpc.trials.loops import Settings as LoopSettings
     from mpc.trials.loops import loop, margins_in_words, robust
+    from mpc.trials.metrics import out_of_reach
     from mpc.trials.motions.corrections import Owner
+    from mpc.trials.pictures.report import reach_in_words
 
     console = Console()
     finite("--settle", settle, "s")
@@ -107,8 +110,7 @@ def run_command(
     opened = bench.opened(options, None if given is None else given.arm)
     settings = bench.settings(options, settle, opened.plant.m)
     plant, known = opened.plant, opened.known
-    if any(path.suffix == ".npz" for path in files):
-        of_plant(plant)  # refuses here an arm that cannot be written after the run
+    check_recordable(files, plant)
     if several:
         reference, begun = asked_of_arm(trajectory, plant, hand), None
     else:
@@ -120,7 +122,10 @@ def run_command(
         say(console, note)
     if not several and (assumed := opened.assumed(options)):
         say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
-    say(console, f"trajectory: {reference.summary}")
+    say(console, f"trajectory: {reference.summary(plant.stiffness_unit)}")
+    even = reference.resampled(at.dt)
+    if beyond := out_of_reach(plant, even.theta, even.K, at.dt):
+        say(console, reach_in_words(beyond))
     once = "for each new arm: some 40 seconds" if several else "after an installation: some 20 seconds"
     with waiting(f"building the controller (compiled once {once})"):
         told = LoopSettings(plant, at.dt, at.horizon, known)
@@ -308,51 +313,48 @@ def _journal(files: list[Path]) -> Path | None:
     """Return the file that is written sample by sample: a requested .csv, or one next to the first other file."""
     if not files:
         return None
-    return next((path for path in files if path.suffix == ".csv"), files[0].with_suffix(".partial.csv"))
+    return next(filter(_is_log, files), files[0].with_suffix(".partial.csv"))
+
+
+def _is_log(path: Path) -> bool:
+    return path.suffix.lower() == ".csv"
 
 
 def _write(record: "Record", files: list[Path], journal: Path | None, hand: "Endpoint | None") -> None:
     """Write the other files, and remove a journal that --out does not name."""
     from mpc.bench.cycle import Phase
-    from mpc.trials.files import save_mcap
-    from mpc.trials.pictures.plotting import save_tracking_figure
+    from mpc.trials.files import is_recording
+    from mpc.trials.pictures.report import write_run
 
+    settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
     for path in files:
-        if path.suffix == ".npz":
+        if is_recording(path):
             record.save(path)
-        elif path.suffix == ".mcap":
-            save_mcap(record.run(), path)
-        elif path.suffix != ".csv":
-            settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
-            save_tracking_figure(record.run(), path, f"as measured, with {settling:.3g} s of settling", hand)
+        elif not _is_log(path):
+            write_run(record.run(), path, None, f"as measured, with {settling:.3g} s of settling", hand)
     if journal is not None and journal not in files:
         journal.unlink()
 
 
 def _report(record: "Record", console: "Console") -> None:
     """Print the ending, the errors, and whether the strengths need a check."""
-    import numpy as np
-
     from mpc.bench.measuring.due import check_due
     from mpc.model.plant import Plant
+    from mpc.trials.pictures.report import table_of_errors
 
     say_ending(record.ending, record.lateness, console)
-    if not record.tracked:
+    if not (record.tracked and record.controlled):
         return
-    one = isinstance(record.plant, Plant)
-    names = [""] if one else [f" of {name}" for name in record.plant.labels.angles]
-    for name, rms in zip(names, np.ravel(record.theta_rms / DEG), strict=True):
-        error = "not measured" if np.isnan(rms) else f"{rms:.3g}° RMS, as measured, without settling"
-        say(console, f"angle error{name}: {error}")
-    if one and (due := check_due(record.run())):
+    console.print(table_of_errors(record.run(), record.errors, "tracking, as measured, without settling"))
+    if isinstance(record.plant, Plant) and (due := check_due(record.run())):
         say(console, due)
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
     """Print the ending of a loop, the final pressures, and the lateness of its samples."""
     say(console, f"ended: {ending}")
-    if ending.action is not None:
-        say(console, f"pressures: {ending.action}" + ("" if ending.delivered else ", which the device did not take"))
+    if ending.treatment:
+        say(console, f"pressures: {ending.treatment}" + ("" if ending.delivered else ", which the device did not take"))
     say(console, str(lateness))
 
 

@@ -349,7 +349,7 @@ class Cycle:
         if not self._commanded:
             return ending
         action = ending.action or self.settings.stop.action
-        ramp = self._stops.attempt(self._ramp_down)[1] if action is Action.RAMP else None
+        cut, failed = self._stops.attempt(self._ramp_down) if action is Action.RAMP else (None, None)
         hold = action is Action.HOLD
         refused = self._stops.insist(partial(self.device.write, *self._sent) if hold else self.device.vent, self._pause)
         what = f"the device did not take it ({refused})" if refused else "done"
@@ -357,14 +357,13 @@ class Cycle:
             low = self.limits.pressure[0]
             if not self._stops.insist(partial(self.device.write, *[low] * len(self._sent)), self._pause):
                 what += f", but a command of {low:g} Pa"
-        if ramp is not None:
-            what += f"; the ramp ended early ({said(ramp)})"
-        ending = ending._replace(action=action, delivered=not refused)
-        self._stops.attempt(partial(self.recorder.remark, f"ended: {ending}; {action}: {what}"))
+        why = said(failed) if failed else cut or ""
+        ending = ending._replace(action=action, delivered=not refused, cut=why)
+        self._stops.attempt(partial(self.recorder.remark, f"ended: {ending}; {ending.treatment}: {what}"))
         return ending
 
-    def _ramp_down(self) -> None:
-        """Let all pressures fall in proportion, until a second signal comes or the device takes no more commands."""
+    def _ramp_down(self) -> str:
+        """Let all pressures fall in proportion, and return why that ended early, or ""."""
         begin, low, began = self._sent, self.limits.pressure[0], self.clock.now()
         self._taken = began
         steps = ceil((max(begin) - low) / self.settings.stop.rate / self.dt)
@@ -375,10 +374,13 @@ class Cycle:
             now = self.clock.now()
             k = min(max(k + 1, int((now - began) / self.dt)), steps)  # by the clock: slow calls do not prolong it
             self._stops.beat()
-            if self._stops.urgent or now - self._taken > self.settings.watchdog.silence:
-                return
+            if self._stops.urgent:
+                return "a vent was requested"
+            if now - self._taken > self.settings.watchdog.silence:
+                return f"the device took no command for {now - self._taken:.3g} s"
             u = tuple(low + (1 - k / steps) * max(P - low, 0.0) for P in begin)
             self._descend(u, now, now - deadline)
+        return ""
 
     def _descend(self, u: Pressures, now: float, late: float) -> None:
         """Perform a sample of the ramp. Only the command has to succeed; a failed reading is the last one."""

@@ -13,12 +13,14 @@ import numpy as np
 
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
+from allocator.units import DEG
 from mpc.bench.cycle import Phase
 from mpc.bench.record import Lateness
 from mpc.bench.rows import INTEGERS, Column, Columns, Sheet
 from mpc.bench.safety import Ending
 from mpc.model.machine import Machine
 from mpc.trials.files import save_recording
+from mpc.trials.metrics import Errors, errors_of
 from mpc.trials.simulation import Run
 
 
@@ -52,10 +54,18 @@ class Record:
         """Root mean square [rad] of the measured angle minus its reference, (n,) of an arm, without settling;
         NaN if never measured.
         """
-        theta, wanted = (self.values(field, phases=(Phase.RUN,)) for field in ("theta", "theta_ref"))
-        squares = (theta - wanted) ** 2
-        with np.errstate(invalid="ignore"):  # 0/0 of an angle that was never measured
-            return np.sqrt(np.nansum(squares, axis=0) / np.isfinite(squares).sum(axis=0))
+        return np.multiply(self.errors.theta_rms, DEG)
+
+    @property
+    def errors(self) -> Errors:
+        """Errors of the measured angle and of the stiffness, without settling; NaN if never measured.
+
+        The stiffness is that of the model at the measured or else estimated state. Raises `InvalidInput` if there are
+        fewer than two samples under control.
+        """
+        run, begin = self.run(), len(self.values("phase", (Phase.SETTLE,)))
+        theta, K = map(np.ma.masked_invalid, (self.values("theta", (Phase.RUN,)), run.K[begin:]))
+        return errors_of(theta, run.theta_ref[begin:], K, run.K_ref[begin:])
 
     def values(self, field: str, phases: tuple[Phase, ...]) -> Column:
         """Return a field of `Row` in these phases: numbers (N,), or a row or a matrix per sample."""

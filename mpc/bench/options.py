@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mpc.bench.device import Clock, Device
     from mpc.model.arm.model import Arm
     from mpc.model.compensation import Compensation
+    from mpc.model.machine import Machine
 
 _SIM = "sim"
 
@@ -31,7 +32,8 @@ class BenchOptions:
         typer.Option(
             rich_help_panel="Options",
             help="device to drive, NAME or NAME:ADDRESS; such as sim, serial:/dev/ttyUSB0, "
-            "modbus:192.168.0.5:502. `antagonist devices` lists them",
+            "modbus:192.168.0.5:502; or MODULE:FUNCTION of your own, such as my_rig:open_device. "
+            "`antagonist devices` lists them",
         ),
     ] = ""
     present: Annotated[
@@ -61,7 +63,7 @@ class BenchOptions:
         the effects in its file, and the sensors of a bench.
         """
         from mpc.bench.device import MonotonicClock, SimulatedClock
-        from mpc.bench.devices.simulated import SimulatedDevice, open_simulated, simulated
+        from mpc.bench.devices.simulated import SimulatedDevice, simulated
         from mpc.model.real_plant import RealPlant
 
         if not self.device:
@@ -79,7 +81,7 @@ class BenchOptions:
             found = replace(real.known(share=1.0), **known.told)
             return Opened(SimulatedDevice(real, clock, zero=options.encoder_zero), clock, plant, found)
         if name == _SIM:
-            return Opened(open_simulated(address, clock), clock, plant, known)
+            return Opened(_of_file(address, clock, plant), clock, plant, known)
         return Opened(self._driven(), clock, plant, known)
 
     def settings(self, options: PlantOptions, settle: float = 0.0, m: int = 2) -> "Settings":
@@ -101,12 +103,12 @@ class BenchOptions:
 
     def _of_arm(self, arm: "Arm", known: "Compensation", clock: "Clock") -> "Device":
         """Return the device of an arm."""
-        from mpc.bench.devices.simulated import SimulatedDevice, open_simulated, simulated
+        from mpc.bench.devices.simulated import SimulatedDevice, simulated
 
         name, _, address = self.device.partition(":")
         if name != _SIM:
             return self._driven()
-        return open_simulated(address, clock) if address else SimulatedDevice(simulated(arm, known), clock)
+        return _of_file(address, clock, arm) if address else SimulatedDevice(simulated(arm, known), clock)
 
     def _driven(self) -> "Device":
         """Return a device that is not simulated. Raises `InvalidInput` with --fast."""
@@ -115,6 +117,18 @@ class BenchOptions:
         if self.fast:
             raise InvalidInput(f"--fast is for --device {_SIM}: {self.device.partition(':')[0]} is as fast as it is")
         return open_device(self.device)
+
+
+def _of_file(address: str, clock: "Clock", machine: "Machine") -> "Device":
+    """Return the simulated device of a file. Raises `InvalidInput` for a machine with other joints or muscles."""
+    from mpc.bench.devices.simulated import open_simulated
+
+    device = open_simulated(address, clock)
+    sizes = [(one.n, one.m) for one in (device.plant.nominal, machine)]
+    if sizes[0] != sizes[1]:
+        there, here = (f"{n} joint{'s' * (n > 1)} with {m} muscles" for n, m in sizes)
+        raise InvalidInput(f"--device sim:{address} has {there}, and --machine {here}; give --machine {address}")
+    return device
 
 
 class Opened(NamedTuple):

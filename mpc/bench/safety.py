@@ -62,9 +62,17 @@ class Ending(NamedTuple):
     message: str
     action: Action | None = None  # that the reason requires, independent of the configuration
     delivered: bool = True  # whether the device took the last command
+    cut: str = ""  # why a ramp ended early
 
     def __str__(self) -> str:
         return f"{self.reason}: {self.message}" if self.message else str(self.reason)
+
+    @property
+    def treatment(self) -> str:
+        """Treatment of the pressures in words; "" if nothing was commanded."""
+        if self.action is None:
+            return ""
+        return f"{self.action}, cut short ({self.cut}), then vent" if self.cut else str(self.action)
 
 
 class RefusedStart(AntagonistError):

@@ -6,7 +6,7 @@ which Foxglove and PlotJuggler plot.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from lzma import LZMAError
 from pathlib import Path
@@ -72,7 +72,7 @@ def _write(path: str | Path, names: tuple[str, ...], table: Array, form: str) ->
 
 
 def reference_called(name: str | None, K: float | None, plant: Plant) -> Reference:
-    """Return the trajectory of this name or in this file, by default the standard sine.
+    """Return the trajectory of this name or in this CSV or recording, by default the standard sine.
 
     K [N·m/rad] is the stiffness of a standard trajectory, by default the joint's usual one. Raises `InvalidInput`.
     """
@@ -82,9 +82,38 @@ def reference_called(name: str | None, K: float | None, plant: Plant) -> Referen
         return shrunk(TRAJECTORIES[name].about, middle, plant.joint)
     if K is not None:
         raise InvalidInput("--stiffness goes with a standard trajectory; a file has its own")
+    if is_recording(name):
+        return recorded(name, plant)
     if Path(name).suffix or Path(name).exists():
         return load(name)
     raise InvalidInput(f"there is neither a standard trajectory nor a file {name}; there are {', '.join(TRAJECTORIES)}")
+
+
+def is_recording(name: str | Path) -> bool:
+    """Return whether this is the name of a recording, from its ending."""
+    return Path(name).suffix.lower() == ".npz"
+
+
+def check_recordable(files: Iterable[Path], machine: Machine) -> None:
+    """Raise `InvalidInput` if one of the `files` is a recording, and no file can hold the `machine`."""
+    if any(map(is_recording, files)):
+        of_plant(machine)
+
+
+def recorded(path: str | Path, machine: Machine) -> Reference:
+    """Return the reference of the run in a recording, for `machine`.
+
+    Raises `InvalidFile` for a file that is no recording, and for a run of a machine with other joints or another
+    stiffness.
+    """
+    run = load_recording(path)
+    if run.plant.labels.angles != machine.labels.angles or run.plant.labels.stiffness != machine.labels.stiffness:
+        names = (f"{', '.join(m.labels.angles)} and {', '.join(m.labels.stiffness)}" for m in (run.plant, machine))
+        raise InvalidFile(path, "holds a run with {}; this machine needs {}".format(*names))
+    try:
+        return Reference(run.t, run.theta_ref, run.K_ref, Path(path).stem)
+    except InvalidInput as error:
+        raise InvalidFile(path, f"holds no trajectory: {error}") from None
 
 
 _DAMAGE = (  # exceptions of zipfile and NumPy for other files

@@ -17,7 +17,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import CALM, Weights
-from mpc.trials.margins import Margins, linear, linear_model, margins, usual_postures
+from mpc.trials.margins import Margins, in_range, linear, linear_model, margins, usual_postures
 from mpc.trials.motions.reference import Reference
 from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
@@ -151,7 +151,9 @@ def margins_in_words(name: str, settings: Settings, reference: Reference, driver
 
 
 def _within_reach(plant: Machine, reference: Reference) -> tuple[Value, Value] | None:
-    """Return the middle of a reference, or None if its stiffness is beyond limits, at which a loop is not linear."""
+    """Return the middle of a reference, or None beyond the joint's range or limits, at which a loop is not linear."""
     theta, K = reference.middle
+    if not in_range(plant, theta):
+        return None
     reached = plant.tracked_stiffness(plant.at_rest(theta, K))
     return (theta, K) if np.linalg.norm(reached - K) <= _NEAR * np.linalg.norm(K) else None

@@ -52,6 +52,7 @@ MachineT = TypeVar("MachineT", bound=Machine)
 ROBUST = 2.0  # greatest M_s recommended by textbooks
 DELTA = 1e-5  # [rad], far below the observer's gates
 SETTLE, SHORT, LISTEN = 0.2, 2.0, 8.0  # [s] before the disturbed reading and after it
+_BRIEFEST, _LONGEST = 0.1, 60.0  # [s]
 _FINE = 8  # resolution of the frequencies relative to 1/LISTEN
 _DECAYED = 1e-2  # [-] of δ at the end; with more, the loop does not settle
 _ALIKE = 1 + 1e-12  # ratio of equal lags; exactly 1 would be a formula compiled separately
@@ -209,7 +210,8 @@ def margins(
     `inertia` takes further runs, which can be left out. Controller and
     observer are used and reset; rest mode is off meanwhile. They need a compensation without friction and dead band,
     and a model whose pressures rise and fall alike: the others are nonlinear. Raises `InvalidInput` for other
-    compensations and models, for other types, and for an observer with another sample time.
+    compensations and models, for other types, for angles outside the joint's range, and for an observer with another
+    sample time.
     """
     checks.instance("controller", controller, BaseController, "a controller, such as a TrackingMPC")
     check_observer(observer, controller.dt)
@@ -219,19 +221,35 @@ def margins(
             "margins are those of a joint that slides: build controller and observer with `linear(compensation)`, "
             "which is without friction and dead band, for `linear_model(plant)`, whose pressures rise and fall alike"
         )
-    places = usual_postures(plant) if postures is None else postures
+    if listen is not None and not _BRIEFEST <= checks.number("listen", listen, "s") <= _LONGEST:
+        raise InvalidInput(f"listen = {listen:g} s has to lie between {_BRIEFEST:g} and {_LONGEST:g} s")
+    places = usual_postures(plant) if postures is None else _checked(plant, postures)
     rests, controller.rest = controller.rest, False
     try:
-        known = "has to be a pair (θ [rad], K [N·m/rad])"
-        at = [
-            (checks.angle("theta", theta), checks.real("K", K, "N·m/rad"))
-            for theta, K in (checks.pair("postures: an entry", one, known) for one in places)
-        ]
-        return tuple(_at(controller, observer, theta[()], K[()], listen, inertia) for theta, K in at)
+        return tuple(_at(controller, observer, theta, K, listen, inertia) for theta, K in places)
     finally:
         controller.rest = rests
         controller.reset()
         observer.reset()
+
+
+def _checked(plant: Machine, postures: Iterable[tuple[Value, Value]]) -> list[tuple[Value, Value]]:
+    """Return the postures as a list of pairs. Raises `InvalidInput`."""
+    known = "has to be a pair (θ [rad], K [N·m/rad])"
+    checks.instance("postures", postures, Iterable, "a list of pairs (θ [rad], K [N·m/rad])")
+    pairs = [checks.pair("postures: an entry", one, known) for one in postures]
+    found = [(checks.angle("theta", theta)[()], checks.real("K", K, "N·m/rad")[()]) for theta, K in pairs]
+    for theta, _ in found:
+        if not in_range(plant, theta):
+            low, high = (np.round(end / DEG, 1) for end in plant.angle_limits)
+            raise InvalidInput(f"theta = {np.round(theta / DEG, 1)}° is outside the joint's range {low} … {high}°")
+    return found
+
+
+def in_range(plant: Machine, theta: Value) -> bool:
+    """Return whether angles [rad] are within the range of the joints; True for another number of them."""
+    low, high = plant.angle_limits
+    return bool(np.shape(theta) != np.shape(low) or (np.all(low <= theta) and np.all(theta <= high)))
 
 
 def linear(told: Compensation) -> Compensation:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array
 from allocator.presentation.tables import number, span
 from allocator.units import BAR, DEG, PERCENT
 from mpc.tracking.plan import Moved, PlanStatus, Rung
@@ -85,11 +85,20 @@ def metrics(run: Run) -> Metrics:
         step_median=float(np.median(run.step_time)) * 1e3,
         step_p99=float(np.percentile(run.step_time, 99)) * 1e3,
         rungs=_rungs(run),
-        out_of_reach=float(np.mean(~_reachable(run))) / PERCENT,
+        out_of_reach=out_of_reach(run.plant, run.theta_ref, run.K_ref, run.dt),
         at_slew_limit=float(np.mean((_changes(run) >= (1 - _AT_LIMIT) * run.plant.slew * run.dt).any(axis=1)))
         / PERCENT,
         moved=_moved(run),
     )
+
+
+def out_of_reach(plant: Any, theta_ref: Array, K_ref: Array, dt: float) -> float:
+    """Return the share [%] of a reference every `dt` [s] at which no pressures give its stiffness and the torque of its
+    motion: angles (M,) or (M, n) [rad] and stiffnesses of a `Plant` or an `Arm`.
+    """
+    omega = np.gradient(theta_ref, dt, axis=0)
+    T = plant.torque_for(theta_ref, omega, np.gradient(omega, dt, axis=0))
+    return float(np.mean(~np.asarray(plant.reachable(theta_ref, K_ref, T)))) / PERCENT
 
 
 def _in_words(errors: Errors | Metrics, K_unit: str) -> str:
@@ -105,12 +114,19 @@ def _listed(figures: dict[str, tuple[float, str]]) -> str:
     return ", ".join(f"{name} by {value}{'' if unit == '°' else ' '}{unit}" for name, (value, unit) in told.items())
 
 
+def errors_of(theta: Array, theta_ref: Array, K: Array, K_ref: Array) -> Errors:
+    """Return the errors of angles (M,) or (M, n) [rad] and stiffnesses (M,) [N·m/rad] or (M, k, k) of the plant's unit.
+
+    Masked samples do not count; a figure of masked samples only is NaN.
+    """
+    K_error = (K / K_ref - 1) / PERCENT if K.ndim == 1 else K - K_ref
+    figures = (*_rms_and_worst((theta - theta_ref) / DEG), *_rms_and_worst(K_error))
+    return Errors(*(float(figure) if figure.ndim == 0 else figure for figure in figures))
+
+
 def _errors(run: Run, begin: int) -> Errors:
     """Return the errors from the sample `begin` on."""
-    theta_error = ((run.theta - run.theta_ref) / DEG)[begin:]
-    K_error = ((run.K / run.K_ref - 1) / PERCENT if run.K.ndim == 1 else run.K - run.K_ref)[begin:]
-    figures = (*_rms_and_worst(theta_error), *_rms_and_worst(K_error))
-    return Errors(*(float(figure) if figure.ndim == 0 else figure for figure in figures))
+    return errors_of(*(quantity[begin:] for quantity in (run.theta, run.theta_ref, run.K, run.K_ref)))
 
 
 def _rested(run: Run) -> int:
@@ -127,13 +143,6 @@ def _rungs(run: Run) -> dict[str, int]:
     resting = run.status == PlanStatus.RESTING
     counts = {rung.name: int(((run.rung == rung) & ~resting).sum()) for rung in Rung}
     return counts | ({"REST": int(resting.sum())} if resting.any() else {})
-
-
-def _reachable(run: Run) -> Mask:
-    """Return whether any pressures give the reference's stiffness and the torque of its motion."""
-    omega = np.gradient(run.theta_ref, run.dt, axis=0)
-    T = run.plant.torque_for(run.theta_ref, omega, np.gradient(omega, run.dt, axis=0))
-    return np.asarray(run.plant.reachable(run.theta_ref, run.K_ref, T))
 
 
 def _moved(run: Run) -> dict[str, tuple[float, str]]:
@@ -168,4 +177,5 @@ def _excess(values: Array, low: float | Array, high: float | Array, scale: float
 
 def _rms_and_worst(error: Array) -> tuple[Array, Array]:
     """Return both (…) of errors (M, …)."""
-    return np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)
+    rms, worst = np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)
+    return np.ma.filled(rms, np.nan), np.ma.filled(worst, np.nan)

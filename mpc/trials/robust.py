@@ -48,6 +48,7 @@ def robust_weights(
     Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
     """
     check_machine(plant)
+    checks.instance("compensation", compensation, Compensation | None, "a Compensation")
     wanted = checks.number("sensitivity_peak", sensitivity_peak, "-")
     if not wanted > 1:
         raise InvalidInput(f"sensitivity_peak = {wanted:g} has to be above 1, which no loop with a lag stays below")

@@ -126,8 +126,10 @@ def test_a_standard_trajectory_is_one_word_and_the_run_can_be_read_again(tmp_pat
     np.testing.assert_allclose(table["theta_deg"] * DEG, run.theta, atol=1e-9)
     np.testing.assert_allclose(table["P1_bar"] * BAR, run.P[:, 0], rtol=1e-8)
     assert run.theta_ref[0] == pytest.approx(-30 * DEG)
-    again = CliRunner().invoke(app, ["track", str(files[0])])
-    assert again.exit_code != 0  # a recording is no trajectory
+    repeated = tmp_path / "repeated.npz"  # a recording is a trajectory
+    again = CliRunner().invoke(app, ["track", str(files[0]), "--out", str(repeated), "--controller", "feedforward"])
+    assert again.exit_code == 0, again.output
+    np.testing.assert_array_equal(load_recording(repeated).u, run.u)
 
 
 def test_the_table_says_that_slack_limits_are_assumed_where_the_fit_has_not_seen_them(tmp_path):

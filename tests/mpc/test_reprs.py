@@ -5,7 +5,7 @@ import pytest
 from allocator.mechanism import Mechanism
 from allocator.mechanism.machines import arm26
 from allocator.units import BAR
-from mpc import KalmanObserver, NonlinearMPC, Plant, RealPlant, sine
+from mpc import KalmanObserver, NonlinearMPC, Plant, RealPlant, Reference, sine
 from mpc.arm import MujocoPlant, RealArm
 from mpc.model.arm.model import Arm
 from mpc.trials import FeedForwardControl
@@ -21,6 +21,10 @@ MODEL = "inertia 0.05 kg·m², damping 0.1 N·m·s/rad"
         (
             lambda: sine(duration=5.0, ramp=1.0),
             "Reference: 251 samples, angle -40 … 40°, stiffness 7.3 … 7.9 N·m/rad, 5 s",
+        ),
+        (
+            lambda: Reference((0, 1), ((0, 0),) * 2, (((9, -1), (-1, 4)),) * 2),
+            "Reference: 2 samples, angle 0 … 0°, entries of K -1 … 9, 1 s",
         ),
         (lambda: RealPlant(Plant()), "RealPlant: without effects; nominal Plant: AntagonistJoint"),
         (lambda: RealPlant(Plant(), dead_band=0.1 * BAR), "RealPlant: differs in dead_band; nominal Plant"),

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.bench.device import Device
+from mpc.bench.devices.own import own_device
 
 GROUP = "antagonist.devices"
 _OURS = {
@@ -56,15 +57,17 @@ def kinds() -> Mapping[str, Kind]:
 
 
 def open_device(spec: str) -> Device:
-    """Return the device that `spec` describes, NAME or NAME:ADDRESS; it connects when it is entered.
+    """Return the device that `spec` describes, NAME, NAME:ADDRESS or MODULE:FUNCTION; it connects when it is entered.
 
-    Raises `MissingBackend` for an unknown name, `InvalidInput` for an invalid address or a package that cannot be
-    loaded.
+    Raises `MissingBackend` for an unknown name, `InvalidInput` for an invalid address, a package that cannot be loaded,
+    and a function that returns no device.
     """
     name, _, address = spec.partition(":")
     known = kinds()
     if name not in known:
-        raise MissingBackend("device", name, known)
+        if address.isidentifier() and all(map(str.isidentifier, name.split("."))):
+            return own_device(name, address, known)
+        raise MissingBackend("device", name, [*known, "MODULE:FUNCTION"])
     try:
         make = known[name].load()
     except (ImportError, AttributeError) as error:

@@ -8,6 +8,7 @@ skipped, and noise affects only one exchange. After `NoAnswer`, continue with th
 because the board has let the pressures fall or will do so by itself.
 """
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -345,7 +346,8 @@ class SerialDevice:
             )
             line.reset_input_buffer()
         except _OPENING_ERRORS as error:
-            raise DeviceError(f"{self.port} cannot be opened ({error})") from None
+            why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
+            raise DeviceError(f"{self.port} cannot be opened ({why})") from None
         return line
 
     def _send(self, line: bytes) -> None:

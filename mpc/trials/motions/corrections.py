@@ -117,7 +117,7 @@ class Correction:
         for name, unit in (("theta", "rad"), ("K", "N·m/rad")):
             learned, asked = getattr(self.wanted, name), getattr(other, name)
             if learned.shape[1:] != asked.shape[1:] or not _close(_at(self.wanted.t, learned, at), asked, unit):
-                raise InvalidInput(f"{path} was learned for another motion ({self.wanted.summary})")
+                raise InvalidInput(f"{path} was learned for another motion ({self.wanted.summary()})")
         low, high = speeds
         if not low <= speed <= high:
             raise InvalidInput(

@@ -79,8 +79,9 @@ class Reference:
 
         Raises `InvalidInput` for over a million of them.
         """
+        steps = self.samples(dt)
         ahead = int(self.tail / dt * (1 + 1e-12))
-        t = self.t[0] + dt * np.arange(self.samples(dt) + ahead + 1)
+        t = self.t[0] + dt * np.arange(steps + ahead + 1)
         return replace(self, t=t, theta=_smooth(self.t, self.theta, t), K=_smooth(self.t, self.K, t), tail=ahead * dt)
 
     @property
@@ -90,13 +91,16 @@ class Reference:
         return theta, K
 
     def __repr__(self) -> str:
-        return f"Reference{f' {self.name}' * bool(self.name)}: {self.t.size} samples, {self.summary}"
+        return f"Reference{f' {self.name}' * bool(self.name)}: {self.t.size} samples, {self.summary()}"
 
-    @property
-    def summary(self) -> str:
-        """One line with the ranges of angle and stiffness and the duration."""
+    def summary(self, unit: str = "") -> str:
+        """Return one line with the ranges of angle and stiffness and the duration.
+
+        The stiffness of a joint is in N·m/rad, the entries of an arm's are in the `unit` of its plant.
+        """
         angles, stiffnesses = (f"{a.min():.3g} … {a.max():.3g}" for a in (self.theta / DEG, self.K))
-        return f"angle {angles}°, stiffness {stiffnesses} N·m/rad, {self.duration:.3g} s"
+        name, unit = ("entries of K", unit) if self.K.ndim > 1 else ("stiffness", "N·m/rad")
+        return f"angle {angles}°, {name} {stiffnesses}{f' {unit}' * bool(unit)}, {self.duration:.3g} s"
 
     def preview(self, k: int, N: int) -> tuple[Array, Array]:
         """Return angles and stiffness (N+1, …) from sample `k` on; the last one is held."""

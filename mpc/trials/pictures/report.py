@@ -52,17 +52,22 @@ def plot_margins(found: Sequence[Margins], path: str | PathLike[str] | None = No
     return figure
 
 
+def reach_in_words(share: float) -> str:
+    """Return a sentence about the `share` [%] of a reference that is out of reach."""
+    return f"{share:.3g} % of the reference is out of reach; `antagonist map` shows the reachable targets"
+
+
 def limits_of_reference(figures: Metrics, slew: float) -> Iterator[str]:
     """Yield sentences about references out of reach, and about steps at the `slew` limit [Pa/s]."""
     if figures.out_of_reach:
-        share = f"{figures.out_of_reach:.3g} % of the reference is out of reach"
-        yield f"{share}; `antagonist map` shows the reachable targets"
+        yield reach_in_words(figures.out_of_reach)
     if figures.at_slew_limit >= _WORTH_SAYING:
         share = f"in {figures.at_slew_limit:.3g} % of the steps a command changed at the limit --slew"
         yield f"{share} ({slew / BAR:g} bar/s): the reference may be too fast"
 
 
 _NOTHING = 1e-6  # [N·m/rad] of an entry of the stiffness: no muscle crosses both joints
+_UNMEASURED = "not measured"
 
 
 def write_run(
@@ -93,12 +98,10 @@ def table_of(run: Run, m: Metrics) -> "Table":
     from rich.table import Table
 
     table = Table("", "RMS, median", "worst, 99 %", title="tracking")
-    for row in _errors(run, m):
-        table.add_row(*map(escape, row))
+    _add_errors(table, run, m)
     if m.rest:
         table.add_row(f"after the first rest of {m.rest:.3g} s")
-        for name, *figures in _errors(run, m.after_rest):
-            table.add_row(escape(f"  {name}"), *figures)
+        _add_errors(table, run, m.after_rest, "  ")
     table.add_section()
     for limit, (excess, unit) in m.violations.items():
         table.add_row(limit, "", f"exceeded by {excess:.3g} {unit}" if excess else "kept")
@@ -114,16 +117,34 @@ def table_of(run: Run, m: Metrics) -> "Table":
     return table
 
 
-def _errors(run: Run, of: Metrics | Errors) -> Iterator[tuple[str, str, str]]:
+def table_of_errors(run: Run, errors: Errors, title: str) -> "Table":
+    """Return a table of `errors` of a run."""
+    from rich.table import Table
+
+    table = Table("", "RMS", "worst", title=title)
+    _add_errors(table, run, errors)
+    return table
+
+
+def _add_errors(table: "Table", run: Run, of: Metrics | Errors, indent: str = "") -> None:
+    """Add a row for each error: its name, its RMS and its worst."""
+    from rich.markup import escape
+
+    for name, *figures in _errors(run, of):
+        table.add_row(
+            escape(indent + name), *(_UNMEASURED if np.isnan(figure) else f"{figure:.3g}" for figure in figures)
+        )
+
+
+def _errors(run: Run, of: Metrics | Errors) -> Iterator[tuple[str, float, float]]:
     """Yield the name of each error, its RMS and its worst."""
     plant = run.plant
     names = [""] if isinstance(plant, Plant) else [f", {name}" for name in plant.mechanism.joint_names]
     for name, rms, worst in zip(names, np.ravel(of.theta_rms), np.ravel(of.theta_worst), strict=True):
-        yield f"angle error{name} [°]", f"{rms:.3g}", f"{worst:.3g}"
+        yield f"angle error{name} [°]", rms, worst
     if isinstance(plant, Plant):
-        yield f"{plant.stiffness_text} error [%]", f"{of.K_rms:.3g}", f"{of.K_worst:.3g}"
+        yield f"{plant.stiffness_text} error [%]", of.K_rms, of.K_worst
         return
     for name, i, j in zip(plant.labels.stiffness, *np.triu_indices(plant.tracked), strict=True):
-        if np.abs(run.K[:, i, j]).max() > _NOTHING:
-            entry = f"stiffness error, {name} [{plant.stiffness_unit}]"
-            yield entry, f"{of.K_rms[i, j]:.3g}", f"{of.K_worst[i, j]:.3g}"
+        if not np.abs(run.K[:, i, j]).max() <= _NOTHING:
+            yield f"stiffness error, {name} [{plant.stiffness_unit}]", of.K_rms[i, j], of.K_worst[i, j]

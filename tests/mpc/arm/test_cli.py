@@ -19,6 +19,7 @@ from mpc.model.arm.storage import load_arm, save_arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction
 from mpc.tracking.qp.step import SlowStep
+from mpc.trials.files import load_recording
 from mpc.trials.motions import arm_trajectories as references
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "hand_path.csv"
@@ -145,6 +146,25 @@ def test_other_files_are_not_replaced_silently(folder):
     assert (folder / "run.csv").read_text() == "mine\n"
 
 
+@pytest.mark.slow
+def test_a_recorded_run_is_a_trajectory(folder, brief):
+    few = "--dt", "0.02", "--horizon", "8"
+    assert run("hold", *few, "--out", "run.npz", "--out", "run.mcap").exit_code == 0
+    result = run("run.npz", *few, "--out", "again.npz")
+    assert result.exit_code == 0, result.output
+    first, again = map(load_recording, ("run.npz", "again.npz"))
+    np.testing.assert_array_equal(again.theta_ref, first.theta_ref)
+    np.testing.assert_allclose(again.u, first.u, rtol=1e-6)
+    assert (folder / "run.mcap").stat().st_size > 1000
+
+
+def test_a_mujoco_model_has_no_recording_and_that_is_said_before_its_run(folder):
+    (folder / "arm.xml").write_text(ARM.format(**STRAIGHT))
+    result = run("--machine", "arm.xml", "--rest-length", "300", "--out", "run.npz")
+    assert "cannot be written to a file; keep the MuJoCo model" in str(result.exception)
+    assert [path.name for path in folder.iterdir()] == ["arm.xml"]
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -159,7 +179,6 @@ def test_other_files_are_not_replaced_silently(folder):
         (("--out", "run.txt"), "a run is written as"),
         (("--dt", "5"), "--dt 5"),
         (("--payload", "nan"), "--payload"),
-        (("--out", "run.npz"), "a run is written as .png, .pdf, .svg, .csv, .gif, .mp4"),
         (("--controller", "pid"), "--controller is for one joint"),
         (("--stiffness", "7"), "--stiffness is for one joint"),
         (("--amplitude", "2"), "--amplitude is for one joint"),

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -64,15 +65,21 @@ def test_a_run_writes_what_is_asked_for_and_cleans_up(tmp_path, trajectory):
     result = antagonist("run", trajectory, *SIM, "--settle", 0.2, "--out", out)
     assert result.exit_code == 0, result.output
     assert "ended: finished" in result.output
-    assert "angle error" in result.output
+    assert re.search(r"angle error \[°\] +│ 0\.\d+", result.output)
+    assert re.search(r"isobaric stiffness error \[%\] +│ [\d.]+", result.output)
     assert load_recording(out).t.size > 100
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.npz", "short.csv"]
 
 
-def test_a_log_as_csv_is_the_log(tmp_path, trajectory):
-    out = tmp_path / "run.csv"
-    assert antagonist("run", trajectory, *SIM, "--out", out).exit_code == 0
+@pytest.mark.parametrize("ending", [str.lower, str.upper])
+def test_a_log_as_csv_is_the_log_and_endings_may_be_capital(tmp_path, trajectory, ending):
+    out, *others = (tmp_path / ending(f"run.{kind}") for kind in ("csv", "npz", "png"))
+    outs = [word for path in (out, *others) for word in ("--out", path)]
+    result = antagonist("run", trajectory, *SIM, *outs)
+    assert result.exit_code == 0, result.output
     assert read_log(out)["t"].size > 100
+    assert load_recording(others[0]).t.size > 100
+    assert {path.name for path in tmp_path.iterdir()} == {"short.csv", out.name, *(path.name for path in others)}
 
 
 @pytest.mark.slow
@@ -85,12 +92,35 @@ def test_an_arm_runs_its_circle_on_a_simulated_device(tmp_path):
     device = "--device", f"sim:{files[0]}", "--present", "0:0:0:0:0:0"
     result = antagonist("run", "--machine", files[0], *device, "--fast", "--quiet", *outs)
     assert result.exit_code == 0, result.output
-    said = [line for line in result.output.splitlines() if line.startswith("angle error of ")]
-    assert [line.split()[3] for line in said] == ["shoulder:", "elbow:"]
-    assert max(float(line.split()[4].rstrip("°")) for line in said) < 0.2
+    said = dict(re.findall(r"error, (shoulder|elbow|K\d\d) \S+ +│ ([\d.]+)", result.output))
+    assert list(said) == ["shoulder", "elbow", "K11", "K12", "K22"]
+    assert max(map(float, said.values())) < 0.2  # [°], [N·m/rad]
+    assert re.search(r"trajectory: angle .*°, entries of K .* N·m/rad, ", " ".join(result.output.split()))
     run, log = load_recording(files[2]), read_log(files[1])
     np.testing.assert_array_equal(run.u[:, 5], log["P6_command"][np.isin(log["phase"], (1, 2))][:-1])
     assert files[3].stat().st_size > 10_000
+
+
+def test_a_reference_out_of_reach_is_said_before_anything_moves(trajectory):
+    stiff = trajectory.with_name("stiff.csv")
+    stiff.write_text("t,theta_deg,stiffness\n0,0,56\n0.5,0,56\n")
+    words = "100 % of the reference is out of reach; `antagonist map` shows the reachable targets"
+    told = " ".join(antagonist("run", stiff, *SIM).output.split())
+    assert 0 < told.find(words) < told.find("ended: finished")
+    assert "out of reach" not in antagonist("run", trajectory, *SIM).output
+
+
+@pytest.mark.parametrize(
+    ("machine", "there", "here"), [("arm26", "1 joint with 2", "2 joints with 6"), (None, "2", "1")]
+)
+def test_a_simulated_file_of_another_machine_is_refused(tmp_path, machine, there, here):
+    file, of_file = tmp_path / "machine.toml", () if machine else ("--machine", "arm26")
+    assert antagonist("init", file, *of_file).exit_code == 0
+    given = ("--machine", machine) if machine else ()
+    said = str(antagonist("run", "--device", f"sim:{file}", *given, "--fast", "--quiet").exception)
+    assert f"--device sim:{file} has {there}" in said
+    assert f"and --machine {here}" in said
+    assert said.endswith(f"give --machine {file}")
 
 
 def test_one_joint_is_what_a_sweep_and_a_measurement_take(tmp_path):

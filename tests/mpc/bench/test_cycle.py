@@ -379,13 +379,16 @@ def test_a_command_that_is_no_number_is_not_sent(bench):
     ended_safely(bench)
 
 
-def test_a_program_can_stop_a_loop_and_insist(bench):
-    loop = bench.loop()
+def test_a_program_can_stop_a_loop_and_insist(bench, tmp_path):
+    loop = bench.loop(log=tmp_path / "log.csv")
     stops = after(60, loop.stop)
     bench.device.before_read = stops  # at every reading: the second one makes the ramp a vent
     record = loop.run()
     assert record.ending.reason is Reason.REQUESTED
     assert (record.columns["phase"] == Phase.STOP).sum() <= 1
+    treated = "ramp, cut short (a vent was requested), then vent"
+    assert record.ending.treatment == treated
+    assert f"# ended: stopped by the program; {treated}: done" in (tmp_path / "log.csv").read_text()
     ended_safely(bench)
 
 

@@ -1,5 +1,6 @@
 """Simulated and callable devices, and how devices get their names."""
 
+import sys
 import time
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import AntagonistError, InvalidInput, MissingBackend
 from mpc import Plant
 from mpc.bench.device import CallableDevice, DeviceError, MonotonicClock, Reading, SimulatedClock
 from mpc.bench.devices.registry import kinds, open_device
@@ -154,6 +155,76 @@ def test_a_device_of_another_package_has_a_name(tmp_path, monkeypatch):
 def test_an_unknown_device_names_the_known_ones():
     with pytest.raises(MissingBackend, match=r"unknown device 'analog'; available: .*modbus.*sim"):
         open_device("analog:1")
+
+
+RIG = """
+from mpc.bench import CallableDevice
+
+commands, number = [], 3
+
+
+def open_device():
+    return CallableDevice(lambda: 0.1, lambda P1, P2: commands.append((P1, P2)))
+
+
+def needs(address):
+    return address
+
+
+def broken():
+    return 1 / 0
+
+
+def empty():
+    return None
+"""
+
+
+@pytest.fixture
+def rig(tmp_path, monkeypatch):
+    """A folder with the user's module, from which commands are called."""
+    (tmp_path / "my_own_rig.py").write_text(RIG)
+    (tmp_path / "lacking_rig.py").write_text("import nothing_of_this_name\n")
+    (tmp_path / "wrong_rig.py").write_text("def open_device(:\n")
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    sys.modules.pop("my_own_rig", None)
+
+
+def test_a_device_of_one_s_own_is_a_function_of_a_module_in_this_folder(rig):
+    with open_device("my_own_rig:open_device") as device:
+        assert device.read().theta == 0.1
+        device.write(1e5, 2e5)
+    assert sys.modules["my_own_rig"].commands == [(1e5, 2e5)]
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("my_own_rig:needs", r"needs\(\) raised TypeError: .* missing 1 required positional argument"),
+        ("my_own_rig:broken", r"broken\(\) raised ZeroDivisionError: .* \(my_own_rig.py, line 16\)"),
+        ("my_own_rig:empty", r"empty\(\) = None has to be a device"),
+        ("my_own_rig:number", "my_own_rig has number, which is not a function"),
+        ("my_own_rig:nowhere", "my_own_rig has no function nowhere"),
+        ("lacking_rig:open_device", "lacking_rig needs nothing_of_this_name, which is not installed"),
+        ("wrong_rig:open_device", r"importing wrong_rig raised SyntaxError: .*wrong_rig.py, line 1\)$"),
+        ("no_such_rig:open_device", "there is no module no_such_rig; known are modbus, serial, sim and the modules"),
+        ("my_own_rig.part:open_device", "there is no module my_own_rig.part"),
+        ("my_own_rig", "unknown device 'my_own_rig'; available: MODULE:FUNCTION, modbus"),
+        ("my_own_rig:", "unknown device 'my_own_rig'"),
+    ],
+)
+def test_what_is_no_device_of_one_s_own_is_one_sentence(rig, spec, said):
+    with pytest.raises(AntagonistError, match=said) as raised:
+        open_device(spec)
+    assert "\n" not in str(raised.value)
+
+
+def test_names_of_devices_come_before_modules(rig):
+    (rig / "sim.py").write_text("def open_device():\n    raise AssertionError\n")
+    with pytest.raises(InvalidInput, match="open_device: does not exist"):
+        open_device("sim:open_device")
 
 
 def test_a_joint_of_a_file_is_simulated(tmp_path):

@@ -105,6 +105,23 @@ def test_a_record_is_a_run_that_can_be_kept(bench, tmp_path):
         np.testing.assert_array_equal(archive["log_late"], record.columns["late"])
 
 
+@either
+def test_errors_of_a_record_are_those_of_measured_angles_and_of_the_model_at_measured_pressures(bench):
+    record = bench.loop().run()
+    begin = len(record.values("phase", (Phase.SETTLE,)))
+    run, errors = record.run(), record.errors
+    error = (run.K / run.K_ref - 1) * 100 if run.K.ndim == 1 else run.K - run.K_ref
+    np.testing.assert_allclose(errors.K_rms, np.sqrt(np.mean(error[begin:] ** 2, axis=0)))
+    np.testing.assert_allclose(np.multiply(errors.theta_rms, DEG), record.theta_rms)
+    columns = dict(record.columns)
+    name = next(name for name in ("theta", "theta2") if name in columns)
+    columns[name] = np.full_like(columns[name], np.nan)
+    blind = replace(record, columns=columns).errors
+    assert np.isnan(np.ravel(blind.theta_rms)[-1])
+    np.testing.assert_array_equal(np.ravel(blind.theta_rms)[:-1], np.ravel(errors.theta_rms)[:-1])
+    assert np.isfinite(blind.K_rms).all()
+
+
 @pytest.mark.parametrize("bench", ["arm"], indirect=True)
 def test_what_is_of_an_arm_is_refused_where_a_joint_is_meant(bench, tmp_path):
     record = bench.loop(log=tmp_path / "log.csv").run()

@@ -1,7 +1,7 @@
 """Runs survive as NPZ."""
 
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ import pytest
 from allocator import DEG, InvalidFile
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc import Plant, RealPlant, Run, TrackingMPC, simulate, sine
-from mpc.trials.files import load_recording, save_recording
+from mpc import Arm, Plant, RealPlant, Run, TrackingMPC, simulate, sine
+from mpc.trials.files import load_recording, recorded, reference_called, save_recording
 from mpc.trials.metrics import metrics
 
 pytestmark = pytest.mark.slow
@@ -35,6 +35,18 @@ def test_a_recording_comes_back_to_the_last_bit_with_its_plant(run, tmp_path):
     np.testing.assert_array_equal(again.plant.rate(x, x[2:]), PLANT.rate(x, x[2:]))
     assert (again.plant.slew, again.dt) == (PLANT.slew, run.dt)
     assert metrics(again) == metrics(run)
+
+
+def test_a_recording_is_a_trajectory_for_its_kind_of_machine(run, tmp_path):
+    save_recording(run, tmp_path / "run.npz")
+    reference = reference_called(str(tmp_path / "run.npz"), None, Plant())
+    for values, wanted in ((reference.t, run.t), (reference.theta, run.theta_ref), (reference.K, run.K_ref)):
+        np.testing.assert_array_equal(values, wanted)
+    with pytest.raises(InvalidFile, match="a run with theta and stiffness; this machine needs shoulder, elbow and K11"):
+        recorded(tmp_path / "run.npz", Arm.machine("arm26"))
+    save_recording(replace(run, t=run.t[::-1]), tmp_path / "back.npz")
+    with pytest.raises(InvalidFile, match=r"back.npz: holds no trajectory: t\[1\] = .* does not come after"):
+        recorded(tmp_path / "back.npz", PLANT)
 
 
 def test_numpy_alone_opens_a_recording(run, tmp_path):
