@@ -41,7 +41,6 @@ _MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
 _BEGIN = 0.8  # [-] of the amplitude, to which the first drive is expected to swing
 _OTHER = 0.85  # of the drive, for a muscle that may be the stronger one, and for a slow tone
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
-_ENOUGH_ABOVE = 1.5  # … by which the amplitude is planned
 _CALM = 0.44  # of |K_felt + i h|: least |K_felt + i h - J ω²| of an upper tone, 1.2 times the resonance without losses
 _USED = 1.2  # of the slew: beyond it sines become triangles
 _SHORT = 0.93  # [-] of the amplitude: less counts as not reached
@@ -248,7 +247,7 @@ class Experiment(Driver):
         for share in _PLANNED:
             self._amplitude = share * self.tones.amplitude
             stiffness = 1.1 * self._expected(self._amplitude)
-            margins.append(self._margin(_ENOUGH_ABOVE * self._resonance(stiffness), max(MORE), stiffness))
+            margins.append(self._margin(self._lowest(stiffness), max(MORE), stiffness))
             if margins[-1] >= 1:
                 break
         self._amplitude = _PLANNED[int(np.argmax(margins))] * self.tones.amplitude
