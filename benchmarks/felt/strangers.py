@@ -2,7 +2,8 @@
 
 The model is that of data sheets, or with "identified" that of `fit_joint` and `fit_motion` from the stranger's own
 logs. Felt stiffness is compared with pushes: quasi-static cycles of ±A at constant pressures, by the stranger's own
-equations.
+equations. A push also meets gravity. Measured stiffness is without the gravity that the model knows. Identified models
+know none, so that all of it is in their stiffness, and in the one measured by them.
 """
 
 from collections.abc import Callable
@@ -112,6 +113,11 @@ def in_log(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K: f
     return from_log(plant, model.told.friction.loop, log, Known(plant.inertia, 0.0, stranger.sensors.late * DT))
 
 
+def unknown_gravity(stranger: Stranger, model: Model, theta: float) -> float:
+    """Return the stiffness at θ [rad] of the gravity that the model does not know [N·m/rad]."""
+    return float((stranger.parts.gravity - model.plant.gravity_torque) * np.cos(theta))
+
+
 def creeping(stranger: Stranger, frequency: float = RATE) -> float:
     """Return the stiffness of creep at a frequency [Hz], of which slow pushes meet none [N·m/rad]."""
     p = stranger.parts
@@ -154,8 +160,9 @@ def report(n: int = 5, first: int = 0, of: str = "data sheet", by: Road = measur
                 continue
             P = np.array(m.pressures)
             gs = [g / t - 1 for g, t in zip(m.strengths, true_strengths(stranger, model, m), strict=True)]
-            K, creep = float(stranger.along(np.array([[m.theta, 0.0, *P]]))[0][0]), creeping(stranger)
-            curve = [errors(m, f, K, pushed(stranger, m.theta, P, f.amplitude), creep, model.spreads)
+            heavy, creep = unknown_gravity(stranger, model, m.theta), creeping(stranger)
+            K = float(stranger.along(np.array([[m.theta, 0.0, *P]]))[0][0]) + heavy
+            curve = [errors(m, f, K, pushed(stranger, m.theta, P, f.amplitude) + heavy, creep, model.spreads)
                      for f in m.felt]  # fmt: skip
             strengths += gs
             felts += [e for f, e in zip(m.felt, curve, strict=True) if 1 * DEG <= f.amplitude <= 8.5 * DEG]

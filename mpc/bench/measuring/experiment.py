@@ -22,7 +22,7 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.units import DEG
+from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.measuring.driving import CAUTIOUS, QUICK, Driver, Late, Refused, Search, Wave, resting, room
 from mpc.bench.measuring.loops import Tone
@@ -41,11 +41,11 @@ _MORE_ROUNDS = 4  # for a tone that is not usable after all rounds
 _BEGIN = 0.8  # [-] of the amplitude, to which the first drive is expected to swing
 _OTHER = 0.85  # of the drive, for a muscle that may be the stronger one, and for a slow tone
 _ABOVE = 1.6, 2.0  # of the resonance: the upper tones
-_ENOUGH_ABOVE = 1.5  # … by which the amplitude is planned
 _CALM = 0.44  # of |K_felt + i h|: least |K_felt + i h - J ω²| of an upper tone, 1.2 times the resonance without losses
 _USED = 1.2  # of the slew: beyond it sines become triangles
 _SHORT = 0.93  # [-] of the amplitude: less counts as not reached
 _PLANNED = 1.0, 1.4, 0.75, 0.5  # [-] of the wanted amplitude, in the order of the trials
+_LEAST_COMMAND = 0.05 * BAR  # between the commands of the rest and the supply's ends
 _SAMPLES = 16  # per period, at least
 _HIGHEST = 8.0  # [Hz]
 _LEAST_RESONANCE = 0.3  # of the low tone
@@ -139,6 +139,7 @@ class Experiment(Driver):
                 f"with the inertia of {self.plant.inertia:g} kg·m² the joint resonates at {resonance:.2g} Hz, far "
                 f"below the slow tone of {tones.low:g} Hz: check the unit of the inertia"
             )
+        self._check_supply()
         rest = yield from self._seen(self._hold(tones.settle))
         if not np.isfinite(rest).all(axis=1).any():
             raise Refused("the device measures no pressures, of which the muscles' torques are computed")
@@ -212,6 +213,16 @@ class Experiment(Driver):
         expected = np.abs(self._drive(wave.frequency, shares, A).drive).max()
         self._scales[wave.frequency > QUICK] = float(np.clip(np.abs(wave.drive).max() / expected, *_BETWEEN))
 
+    def _check_supply(self) -> None:
+        low, high = self.plant.pressure_limits
+        for k, P in enumerate(self.first):
+            if min(P - low, high - P) < max(self.known.dead_band, _LEAST_COMMAND):
+                other = "softer" if high - P < P - low else "stiffer"
+                raise Refused(
+                    f"at this rest muscle {k + 1} has {P / BAR:.3g} bar, which the supply of {low / BAR:.3g} … "
+                    f"{high / BAR:.3g} bar leaves no room to vary; choose a {other} rest"
+                )
+
     def _check_range(self) -> None:
         left, right = self.plant.joint.angle_range
         most = 2 * max(self.tones.amplitude, *self.tones.series, 0.0)
@@ -248,7 +259,7 @@ class Experiment(Driver):
         for share in _PLANNED:
             self._amplitude = share * self.tones.amplitude
             stiffness = 1.1 * self._expected(self._amplitude)
-            margins.append(self._margin(_ENOUGH_ABOVE * self._resonance(stiffness), max(MORE), stiffness))
+            margins.append(self._margin(self._lowest(stiffness), max(MORE), stiffness))
             if margins[-1] >= 1:
                 break
         self._amplitude = _PLANNED[int(np.argmax(margins))] * self.tones.amplitude

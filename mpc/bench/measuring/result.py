@@ -1,7 +1,11 @@
-"""Result of a measurement: strengths, backbone K, felt K by amplitude, loss and damping, or the reason of a refusal."""
+"""Result of a measurement: strengths, backbone K, felt K by amplitude, loss and damping, or the reason of a refusal.
+
+Every stiffness is that of motions at the tones' frequencies. Creep that is slower than they are counts as stiffness, of
+which a push that lasts for many seconds meets nothing.
+"""
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot, isfinite, sqrt
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -67,6 +71,7 @@ class MeasuredStiffness:
     furthest: float  # greatest excursion over the wanted amplitude [-]
     scale: Scale | None = None  # inertia by a weight, relative to the given one
     left_out: tuple[float, ...] = ()  # amplitudes of the curve, for lack of time [rad]
+    slowest: float = float("nan")  # frequency of the slowest tone of K and felt K [Hz]; NaN of a log
     refusal: str = ""  # reason of a refusal; all of the above except posture and duration are NaN then
 
     @property
@@ -152,7 +157,7 @@ class MeasuredStiffness:
         return cls(
             theta, P, found.strengths, C, K, sqrt(float(k @ C @ k) + error**2), float(k.sum()), felt,
             found.values["D"], found.errors["D"], found.values["age"], found, findings.duration, findings.furthest,
-            left_out=findings.left_out,
+            left_out=findings.left_out, slowest=min(tone.frequency for tone in slow),
         )  # fmt: skip
 
     @property
@@ -183,9 +188,10 @@ class MeasuredStiffness:
         at = f"about {self.theta / DEG:.1f}°, {self.pressures[0] / BAR:.2f} and {self.pressures[1] / BAR:.2f} bar"
         if self.refusal:
             return f"not measured, because {self.refusal}"
+        rate = f" at {self.slowest:.2g} Hz" if isfinite(self.slowest) else ""
         return (
             f"{at}: strengths {self.strengths[0]:.3f} and {self.strengths[1]:.3f}, backbone K {self.K:.3g} ± "
-            f"{self.K_std:.2g} N·m/rad (model {self.model_K:.3g})"
+            f"{self.K_std:.2g} N·m/rad{rate} (model {self.model_K:.3g})"
         )
 
     def to_dict(self) -> dict[str, object]:
@@ -213,6 +219,7 @@ class MeasuredStiffness:
             ],
             "amplitudes_left_out_deg": [A / DEG for A in self.left_out],
             "inertia_by_weight": None if self.scale is None else self.scale.ratio,
+            "slowest_tone_Hz": self.slowest if isfinite(self.slowest) else None,
             "damping_Nms_per_rad": self.damping,
             "age_s": self.age,
             "duration_s": self.duration,

@@ -268,6 +268,21 @@ def test_what_cannot_be_measured_is_refused():
         combined([m])
 
 
+def test_a_rest_at_the_end_of_the_supply_is_refused_at_once():
+    e = Experiment(REAL.nominal, KNOWN, 0.0, 9.45, 0.01, QUICK)
+    driven(REAL, e, REAL.nominal, 0.0, seed=3)
+    assert "at this rest muscle 1 has 5 bar, which the supply of 0 … 5 bar leaves no room" in e.findings.refusal
+    assert "choose a softer rest" in e.findings.refusal
+    assert e.findings.duration < 2
+
+
+def test_the_amplitude_is_planned_for_the_least_frequency_that_is_calm():
+    e = Experiment(REAL.nominal, replace(KNOWN, flow=1.2 * BAR), 0.1, 6.0, 0.01, QUICK)
+    assert e._planned() == 3 * DEG
+    stiffness = 1.1 * e._expected(3 * DEG)
+    assert not e._follows(1.5 * e._resonance(stiffness), 0.6, stiffness)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1017, 1034])
 def test_a_joint_that_jumps_is_refused_within_a_minute(seed):
