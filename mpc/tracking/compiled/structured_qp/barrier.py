@@ -44,9 +44,10 @@ from mpc.tracking.compiled.structured_qp.sizes import (
     UPPER,
 )
 
-TURNS = 40  # sweeps, at most
+TURNS = 60  # sweeps, at most
 NEAR = 0.04  # [bar] least distance from a bound at the beginning
-SHARE = 0.03  # [bar] products t λ at the beginning, by the steepest gradient
+SHARE, WIDE = 0.03, 1.0  # [bar] products t λ at the beginning, by the steepest gradient; and of a new one after …
+SHORT, STALLED = 0.02, 3  # … so many steps of a smaller share
 CENTRED = 0.1  # of these products in the first turn; later, the less the longer the last step was
 LEAST_CENTRED, MOST_CENTRED = 0.01, 0.5
 KEPT = 0.99  # of the way to a limit, at most
@@ -61,14 +62,17 @@ def guessed(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active
 ) -> int:  # fmt: skip
     """Set the held changes of the sweep to those that the barrier finds, and the point to its last one; name items for
-    the other active limits, and return their number. The search begins anew, with soft rows, when one is violated.
+    the other active limits, and return their number. The search begins anew, with soft rows, when one is violated, and
+    once when its steps are short.
     """
-    at.xi[:], at.v[:], lines, product, centred = 0.0, 0.0, 0, 0.0, CENTRED
+    at.xi[:], at.v[:], lines, product, centred, short, start = 0.0, 0.0, 0, 0.0, CENTRED, 0, SHARE
     for _ in range(TURNS):
         wanted = LIMIT_LINES if lines == LIMIT_LINES or soften(path, setting, at) > 0.0 else SIDES
+        if short == STALLED:
+            lines, short, start = 0, STALLED + 1, WIDE
         if wanted > lines:
             lines, centred = wanted, CENTRED
-            product = placed(path, errors, setting, bounded, lines, at, sweep, a.items)
+            product = placed(path, errors, setting, bounded, start, lines, at, sweep, a.items)
         if product < enough(lines) * setting.curvature:
             break
         gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
@@ -80,8 +84,10 @@ def guessed(
             slackened(path, setting, centred * product, at, sweep, a.items, a.xi)
         product, share = moved(path, setting, bounded, centred * product, lines, at, sweep, a.items)
         centred = min(max((1.0 - share) ** 3, LEAST_CENTRED), MOST_CENTRED)
-        if not share > STUCK:
+        if not share > STUCK and short > STALLED:
             break
+        if not share > SHORT and short < STALLED:
+            short = short + 1 if share > STUCK else STALLED
     if not product < HUGE:
         at.xi[:], at.v[:] = 0.0, 0.0
     take_charges(setting.cost, sweep)
@@ -98,10 +104,11 @@ def enough(lines: int) -> float:
 
 @inlined
 def placed(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, lines: int, at: Point, sweep: Sweep, items: Items
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, start: float, lines: int, at: Point, sweep: Sweep,
+    items: Items
 ) -> float:  # fmt: skip
-    """Set the point to the origin with its slacks, and its distances and multipliers; return the mean of their
-    products.
+    """Set the point to the origin with its slacks, and its distances and multipliers; return their products, which are
+    `start` times the steepest gradient.
     """
     at.xi[:], at.v[:] = 0.0, 0.0
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
@@ -119,8 +126,8 @@ def placed(
                 if is_limit(sweep, line, k, i):
                     least = NEAR if line < SIDES else width(row_of(line, i))
                     items.z[line, k, i] = max(distance(path, setting, bounded, at, line, k, i), least)
-                    items.r[line, k, i] = SHARE * steepest / items.z[line, k, i]
-    return SHARE * steepest
+                    items.r[line, k, i] = start * steepest / items.z[line, k, i]
+    return start * steepest
 
 
 @inlined_flat
