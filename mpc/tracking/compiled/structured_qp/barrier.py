@@ -65,11 +65,11 @@ def guessed(
     the other active limits, and return their number. The search begins anew, with soft rows, when one is violated, and
     once when its steps are short.
     """
-    at.xi[:], at.v[:], lines, product, centred, short, start = 0.0, 0.0, 0, 0.0, CENTRED, 0, SHARE
+    at.xi[:], at.v[:], lines, product, centred, stalls, start = 0.0, 0.0, 0, 0.0, CENTRED, 0, SHARE
     for _ in range(TURNS):
         wanted = LIMIT_LINES if lines == LIMIT_LINES or soften(path, setting, at) > 0.0 else SIDES
-        if short == STALLED:
-            lines, short, start = 0, STALLED + 1, WIDE
+        if stalls == STALLED:
+            lines, stalls, start = 0, STALLED + 1, WIDE
         if wanted > lines:
             lines, centred = wanted, CENTRED
             product = placed(path, errors, setting, bounded, start, lines, at, sweep, a.items)
@@ -84,10 +84,10 @@ def guessed(
             slackened(path, setting, centred * product, at, sweep, a.items, a.xi)
         product, share = moved(path, setting, bounded, centred * product, lines, at, sweep, a.items)
         centred = min(max((1.0 - share) ** 3, LEAST_CENTRED), MOST_CENTRED)
-        if not share > STUCK and short > STALLED:
+        if not share > STUCK and stalls > STALLED:
             break
-        if not share > SHORT and short < STALLED:
-            short = short + 1 if share > STUCK else STALLED
+        if not share > SHORT and stalls < STALLED:
+            stalls = stalls + 1 if share > STUCK else STALLED
     if not product < HUGE:
         at.xi[:], at.v[:] = 0.0, 0.0
     take_charges(setting.cost, sweep)
