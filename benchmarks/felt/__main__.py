@@ -7,7 +7,7 @@ from benchmarks.felt import allocation, drift, hidden, logs, refusals, strangers
 
 PARTS = {
     "allocation": allocation.report,
-    "hidden": partial(hidden.report, n=60, first=180),
+    "hidden": partial(hidden.report, n=100, first=180),
     "shaken": partial(hidden.report, n=30, first=180, by=hidden.shaken),
     "inertia": partial(hidden.report, n=30, inertia_error=0.05),
     "logs": partial(logs.report, n=20, first=180),
