@@ -23,6 +23,8 @@ LINK = re.compile(r"(\]\()(?!https?:|#|mailto:)([^)#\s]+)")
 PLACEHOLDER = re.compile(r"^\{\{ (\w+) \}\}$", re.MULTILINE)
 PICTURE = re.compile(r"^\{\{ picture (\d\d) (\d) (.+) \}\}$", re.MULTILINE)  # notebook, number from 0, caption
 PICTURES: dict[str, list[str]] = {}  # files in tutorials/, by notebook
+GITHUB = re.compile(r"https://github\.com/([\w.-]+/[\w-]+)/?")
+HERE = "<this repository>"  # in a page, for the address
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
@@ -32,6 +34,7 @@ def on_files(files: Files, config: Any) -> Files:
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
         text, resources = MarkdownExporter().from_filename(str(notebook), {"unique_key": notebook.stem})
         text = text.replace("<details>", '<details markdown="1">')  # or Markdown within it stays as it is
+        text = text.replace("\n", _in_colab(notebook.stem, config.repo_url), 1)  # below the title
         files.append(File.generated(config, f"tutorials/{notebook.stem}.md", content=text))
         for name, picture in sorted(resources["outputs"].items(), key=_place):
             PICTURES.setdefault(notebook.stem, []).append(name)
@@ -49,7 +52,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     """Fill in the lists, and turn links to files of the project into links to pages."""
     up = "../" * (page.file.src_uri.count("/"))
     markdown = PICTURE.sub(lambda found: _picture(up, found[1], int(found[2]), found[3]), markdown)
-    markdown = PLACEHOLDER.sub(lambda found: LISTS[found[1]](), markdown)
+    markdown = PLACEHOLDER.sub(lambda found: LISTS[found[1]](), markdown).replace(HERE, config.repo_url or HERE)
     path = page.file.abs_src_path  # None of what was made here of a notebook
     source = Path(path).relative_to(ROOT).parent.as_posix() if path else "notebooks"
     here = Path(page.file.src_uri).parent.as_posix()
@@ -67,6 +70,15 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 def _place(output: tuple[str, bytes]) -> list[int]:
     """Return cell and number of a notebook's picture, which end its name."""
     return [int(part) for part in re.findall(r"_(\d+)", output[0])[-2:]]
+
+
+def _in_colab(notebook: str, repository: str | None) -> str:
+    """Return a line that opens a notebook in Colab, if `repo_url` in mkdocs.yml is the address of one on GitHub."""
+    found = GITHUB.fullmatch(repository or "")
+    if found is None:
+        return "\n"
+    address = f"https://colab.research.google.com/github/{found[1]}/blob/main/notebooks/{notebook}.ipynb"
+    return f"\n\n[Open in Colab]({address}){{ .md-button }}\n\n"
 
 
 def _picture(up: str, notebook: str, number: int, caption: str) -> str:
