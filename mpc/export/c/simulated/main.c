@@ -27,6 +27,7 @@ static double simulated; /* time up to which the plant is simulated [s] */
 static double step;      /* advance of the clock at every command, or 0: the PC's clock [s] */
 static double stepped;   /* the clock in that case [s] */
 static uint32_t commands; /* that the clock has gone on for */
+static int settling;     /* whether the board acts on the clock alone */
 static int line = -1;    /* the board's end of the pseudo-terminal */
 static uint64_t noise = 88172645463325252u; /* state of xorshift (Marsaglia 2003) */
 
@@ -80,7 +81,7 @@ uint32_t clock_us(void) { return (uint32_t)(uint64_t)(now() * 1e6 + 0.5); }
 int receive_byte(void) {
     static uint8_t bytes[256];
     static ssize_t n, at;
-    if (step > 0 && board.commands != commands) return -1; /* bytes after a command are received at the next time */
+    if (settling || (step > 0 && board.commands != commands)) return -1; /* until the next time */
     if (at == n) {
         at = 0;
         n = read(line, bytes, sizeof bytes);
@@ -158,8 +159,13 @@ int main(int argc, char **argv) {
         if (waited[0].revents && !listen()) return 0;
         catch_up();
         ant_board_poll(&board);
-        if (board.commands != commands) stepped += step;
+        if (board.commands == commands) continue;
         commands = board.commands;
+        stepped += step;
+        settling = 1; /* the controller's sample comes before the next command, however soon that is there */
+        catch_up();
+        ant_board_poll(&board);
+        settling = 0;
     }
     return 1;
 }

@@ -44,7 +44,7 @@ from mpc.tracking.compiled.structured_qp.sizes import (
     UPPER,
 )
 
-TURNS = 60  # sweeps, at most
+TURNS = 48  # sweeps, at most
 NEAR = 0.04  # [bar] least distance from a bound at the beginning
 SHARE, WIDE = 0.03, 1.0  # [bar] products t λ at the beginning, by the steepest gradient; and of a new one after …
 SHORT, STALLED = 0.02, 3  # … so many steps of a smaller share
