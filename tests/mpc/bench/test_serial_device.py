@@ -16,7 +16,7 @@ from allocator.units import BAR, DEG
 from mpc import Arm, Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, simulate, sine
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer
 from mpc.bench.devices.serial_line import BoardInfo, SerialDevice, open_serial
-from mpc.bench.devices.serial_protocol import VERSION, State
+from mpc.bench.devices.serial_protocol import VERSION, Frame, Kind, State, encoded
 from mpc.cli import app
 from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.serial.check import examine
@@ -266,6 +266,25 @@ def test_a_controller_on_the_board_tracks_a_corrected_motion_as_the_same_one_her
     assert len(errors) > 240
     assert np.sqrt(np.mean(np.square(errors))) < 1 * DEG
     assert statuses == {0}
+
+
+@pytest.mark.slow
+def test_commands_that_wait_in_the_line_come_after_the_sample_before_them():
+    """Such are repeated ones, after an answer that came too late for the host."""
+    controller, found = TrackingMPC(Plant(), N=4, compiled=False), []
+    with (
+        SimulatedBoard(RealPlant(), controller, step=controller.dt, flags=("-O0",)) as board,
+        SerialDevice(board.port, timeout=PATIENT) as device,
+    ):
+        begun = device.follow(0, np.zeros(16), np.full(16, 6.0))
+        numbers = range(device._sequence + 1, device._sequence + 4)
+        for number in numbers:
+            request = Frame(Kind.FOLLOW, device._session, number, (begun.next,), ())
+            device._send(encoded(request, device.sizes))
+        until = time.monotonic() + 10 * PATIENT
+        while len(found) < len(numbers) and time.monotonic() < until:
+            found += device._receiver.frames(device._arrived())
+    assert [int(frame.number("sample")) for frame in found] == [begun.sample + 1 + k for k in range(len(numbers))]
 
 
 @pytest.fixture(scope="module")
