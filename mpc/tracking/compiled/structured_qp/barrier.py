@@ -46,8 +46,8 @@ from mpc.tracking.compiled.structured_qp.sizes import (
 
 TURNS = 48  # sweeps, at most
 NEAR = 0.04  # [bar] least distance from a bound at the beginning
-SHARE, WIDE = 0.03, 1.0  # [bar] products t λ at the beginning, by the steepest gradient; and of a new one after …
-SHORT, STALLED = 0.02, 3  # … so many steps of a smaller share
+SHARE, WIDE = 0.03, 1.0  # [bar] products t λ at the beginning, by the steepest gradient: usually, and after short steps
+SHORT, STALLED = 0.02, 3  # share below which a step is short, and the number of such steps for a new beginning
 CENTRED = 0.1  # of these products in the first turn; later, the less the longer the last step was
 LEAST_CENTRED, MOST_CENTRED = 0.01, 0.5
 KEPT = 0.99  # of the way to a limit, at most
