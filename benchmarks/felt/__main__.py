@@ -14,7 +14,7 @@ PARTS = {
     "refusals": refusals.report,
     "strangers": partial(strangers.report, n=3, first=180),
     "stranger-logs": partial(strangers.report, n=3, first=180, by=strangers.in_log),
-    "identified": partial(strangers.report, n=3, first=180, of="identified"),
+    "identified": partial(strangers.report, n=3, of="identified"),
     "drift": partial(drift.report, n=8),
 }
 
