@@ -19,9 +19,8 @@ from mpc.tracking.compiled.structured_qp.stage import curvature
 
 MOST = 16  # exchanges per decision, at most
 PATIENCE = 24  # exchanges, before the barrier chooses another set
-FAR = 10.0  # [bar] beyond a limit, for which it does at once; noise takes a set less far …
-MANY = 12  # … or so many changes that are
-AWAY = 1e-3  # [bar] beyond a limit
+FAR = 10.0  # [bar] beyond a limit: with a change so far, it does at once; noise takes a set less far
+MANY, AWAY = 12, 1e-3  # changes, and [bar] beyond a limit: with so many, it does at once as well
 
 
 @inlined
@@ -75,13 +74,14 @@ def solve(
 @inlined_flat
 def far(bounded: Bounded, sweep: Sweep, at: Point, r: Array) -> bool:
     """Return whether a free change is far beyond its limits, or a held one pushed far away from them, or many are."""
-    wrong = 0
+    furthest, wrong = 0.0, 0.0
     for k in range(at.v.shape[0]):
         for i in range(NU):
             v, w, held = at.v[k, i], at.xi[k + 1, NX + i], sweep.held[k, i]
             push = (1.0 if held > 0 else -1.0) * r[k, i] / curvature(sweep.D, k, i) if held != FREE else 0.0
             beyond = max(max(bounded.lower[k, i] - v, v - bounded.upper[k, i]), push)
             beyond = max(max(bounded.low[k, i] - w, w - bounded.high[k, i]), beyond)
-            if beyond > AWAY and bounded.lower[k, i] < bounded.upper[k, i]:
-                wrong += MANY if beyond > FAR else 1
-    return wrong >= MANY
+            beyond = beyond if bounded.lower[k, i] < bounded.upper[k, i] else 0.0
+            furthest = max(furthest, beyond)
+            wrong += 1.0 if beyond > AWAY else 0.0
+    return furthest > FAR or wrong >= MANY
