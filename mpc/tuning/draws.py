@@ -116,9 +116,6 @@ class Spreads:
         return np.hypot(self.strength * backbone, share * (felt - backbone))
 
 
-"""Machines that differ from a model."""
-
-
 def draws(plant: Machine, known: Compensation, n: int, seed: int, spreads: Spreads) -> tuple[Real, ...]:
     """Return `n` real machines, without payload, drawn about `plant` and its compensation `known`.
 
