@@ -8,6 +8,9 @@ for each limit a·z ≤ b,
     (H + Σ λ/t a aᵀ) Δz = -∇ - Σ (μ/t + λ/t (a·z + t - b)) a,    Δt = b - a·(z + Δz) - t,    Δλ = μ/t - λ - λ/t Δt
 
 Slews, supplies and soft rows of a sample charge its changes, commands and states; `slackened` adds the slacks.
+
+A search near the solution resumes at the point of a sweep, with the multipliers of what it holds. All products t λ are
+then equal, as on the central path, and about 9 sweeps follow. Any other search begins at the origin, with 11 to 15.
 """
 
 from mpc.codegen.jit import inlined, inlined_flat
@@ -21,6 +24,7 @@ from mpc.tracking.compiled.structured_qp.barrier_limits import (
     is_limit,
     pushed_back,
     row_of,
+    side_of,
     slackened,
 )
 from mpc.tracking.compiled.structured_qp.certificate import adjoint, gradients, soften
@@ -46,26 +50,32 @@ from mpc.tracking.compiled.structured_qp.sizes import (
 
 TURNS = 48  # sweeps, at most
 NEAR = 0.04  # [bar] least distance from a bound at the beginning
-SHARE, WIDE = 0.03, 1.0  # [bar] products t λ at the beginning, by the steepest gradient: usually, and after short steps
+RESUMED = 1.0  # [bar²] product t λ by the curvature of a change, where a search resumes
+HOPEFUL = 0.1  # share of its steps; after a shorter one it begins at the origin
+SHARE, WIDE = 0.003, 1.0  # [bar] product there, by the steepest gradient: usually, and after short steps
 SHORT, STALLED = 0.02, 3  # share below which a step is short, and the number of such steps for a new beginning
-CENTRED = 0.1  # of these products in the first turn; later, the less the longer the last step was
-LEAST_CENTRED, MOST_CENTRED = 0.01, 0.5
+CENTRED = 0.1  # of the product in the first turn; later, the less the longer the last step was
+LEAST_CENTRED, MOST_CENTRED = 0.01, 0.8
 KEPT = 0.99  # of the way to a limit, at most
 STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the present limits are taken
 COARSE, FINE = 1e-4, 1e-8  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows;
 # a greater one may hold a limit that is not active, and to release it may break a hundred others
-HELD = 0.1  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
+HELD = 0.001  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
 
 
 @inlined
 def guessed(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, near: bool, at: Point, sweep: Sweep, a: Active
 ) -> int:  # fmt: skip
     """Set the held changes of the sweep to those that the barrier finds, and the point to its last one; name items for
-    the other active limits, and return their number. The search begins anew, with soft rows, when one is violated, and
-    once when its steps are short.
+    the other active limits, and return their number. `near` the solution the search resumes at the point and the held
+    changes. It begins anew, with soft rows, when one is violated, and when its steps are short.
     """
-    at.xi[:], at.v[:], lines, product, centred, stalls, start = 0.0, 0.0, 0, 0.0, CENTRED, 0, SHARE
+    lines, product, centred, stalls, start = 0, 0.0, CENTRED, 0, SHARE
+    if near:
+        lines, product = SIDES, resumed(path, setting, bounded, at, sweep, a)
+    else:
+        at.xi[:], at.v[:] = 0.0, 0.0
     for _ in range(TURNS):
         wanted = LIMIT_LINES if lines == LIMIT_LINES or soften(path, setting, at) > 0.0 else SIDES
         if stalls == STALLED:
@@ -83,7 +93,9 @@ def guessed(
         if lines == LIMIT_LINES:
             slackened(path, setting, centred * product, at, sweep, a.items, a.xi)
         product, share = moved(path, setting, bounded, centred * product, lines, at, sweep, a.items)
-        centred = min(max((1.0 - share) ** 3, LEAST_CENTRED), MOST_CENTRED)
+        centred = min(max((1.0 - share) ** 2, LEAST_CENTRED), MOST_CENTRED)
+        if near and not share > HOPEFUL:
+            near, lines = False, 0
         if not share > STUCK and stalls > STALLED:
             break
         if not share > SHORT and stalls < STALLED:
@@ -100,6 +112,25 @@ def guessed(
 def enough(lines: int) -> float:
     """Return the product at the end [bar²]; a limit held wrongly moves many others if soft rows hold."""
     return FINE if lines == LIMIT_LINES else COARSE
+
+
+@inlined_flat
+def resumed(path: Path, setting: Setting, bounded: Bounded, at: Point, sweep: Sweep, a: Active) -> float:
+    """Set the multipliers to those of the held changes, or to a share of the distances, and release the changes; return
+    the products with the distances, which are equal.
+    """
+    items, product = a.items, RESUMED * setting.curvature
+    for k in range(at.v.shape[0]):
+        for i in range(NU):
+            held = sweep.held[k, i]
+            sweep.held[k, i] = FREE if bounded.lower[k, i] < bounded.upper[k, i] else LOWER
+            if sweep.held[k, i] == FREE:
+                for line in range(SIDES):
+                    push = (-a.r[k, i] if held > 0 else a.r[k, i]) if held == side_of(line) else 0.0
+                    away = max(distance(path, setting, bounded, at, line, k, i), NEAR)
+                    items.r[line, k, i] = max(push, product / away)
+                    items.z[line, k, i] = product / items.r[line, k, i]
+    return product
 
 
 @inlined
@@ -165,16 +196,16 @@ def moved(
             for i in range(NU):
                 if is_limit(sweep, line, k, i):
                     farther, more = changes(path, setting, bounded, product, at, items, line, k, i)
-                    whole = min(whole, -t[line, k, i] / farther if farther < 0.0 else HUGE)
-                    dual = min(dual, -multiplier[line, k, i] / more if more < 0.0 else HUGE)
+                    whole = until(whole, t[line, k, i], farther)
+                    dual = until(dual, t[line, k, i] * multiplier[line, k, i], more)
     whole, dual = KEPT * whole, KEPT * dual
     for k in range(N + 1 if lines == LIMIT_LINES else N):
         for line in range(lines):
             for i in range(NU):
                 if is_limit(sweep, line, k, i):
                     farther, more = changes(path, setting, bounded, product, at, items, line, k, i)
+                    multiplier[line, k, i] += dual * more / t[line, k, i]
                     t[line, k, i] += whole * farther
-                    multiplier[line, k, i] += dual * more
                     total += t[line, k, i] * multiplier[line, k, i]
                     number += 1
     for k in range(N):
@@ -185,6 +216,12 @@ def moved(
     if lines == LIMIT_LINES:
         at.sigma[0], at.sigma[1] = t[0, N, 0], t[0, N, 1]  # of the slacks, σ ≥ 0
     return total / max(number, 1), min(whole, dual)
+
+
+@inlined_flat
+def until(share: float, value: float, change: float) -> float:
+    """Return the share of a `change` that takes a positive `value` to 0, if it is less than `share`."""
+    return -value / change if value + share * change < 0.0 else share
 
 
 @inlined_flat

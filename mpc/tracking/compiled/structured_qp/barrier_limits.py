@@ -22,7 +22,22 @@ from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.responses import Items, row_push, row_side, row_value, slack_of
 from mpc.tracking.compiled.structured_qp.riccati import Sweep
-from mpc.tracking.compiled.structured_qp.sizes import ALL, FORCE, FREE, JOINTS, LIMIT_LINES, NU, NX, NXI, RANGE, SIDES
+from mpc.tracking.compiled.structured_qp.sizes import (
+    ALL,
+    FORCE,
+    FREE,
+    HIGH,
+    JOINTS,
+    LIMIT_LINES,
+    LOW,
+    LOWER,
+    NU,
+    NX,
+    NXI,
+    RANGE,
+    SIDES,
+    UPPER,
+)
 from mpc.tracking.compiled.structured_qp.stage import advance, answered, gone_along, linear_before
 
 COUPLED = 0.1  # [-] of the slack's own curvature: more is solved with the changes
@@ -120,6 +135,13 @@ def row_of(line: int, i: int) -> int:
 
 
 @inlined_flat
+def side_of(line: int) -> int:
+    """Return the state of a change that is held at the limit of a line."""
+    below, above = (LOWER, UPPER) if line < 2 else (LOW, HIGH)
+    return above if line == 1 or line == 3 else below
+
+
+@inlined_flat
 def is_limit(sweep: Sweep, line: int, k: int, i: int) -> bool:
     """Return whether a place in the arrays belongs to a limit."""
     if k == sweep.v.shape[0]:
@@ -185,6 +207,6 @@ def pushed_back(items: Items, product: float, away: float, line: int, k: int, i:
 def changes(
     path: Path, setting: Setting, bounded: Bounded, product: float, at: Point, items: Items, line: int, k: int, i: int
 ) -> tuple[float, float]:  # fmt: skip
-    """Return Δt and Δλ of a limit, with the point where the whole step ends."""
+    """Return Δt and t Δλ of a limit, with the point where the whole step ends."""
     away = distance(path, setting, bounded, at, line, k, i)
-    return away - items.z[line, k, i], pushed_back(items, product, away, line, k, i) - items.r[line, k, i]
+    return away - items.z[line, k, i], product - items.r[line, k, i] * away

@@ -96,10 +96,10 @@ def swept(
 @inlined
 def exchanged(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Active,
-    limit: int
+    limit: int, final: bool
 ) -> tuple[bool, int, float]:  # fmt: skip
     """Move from the base with the first `size` items to the solution, in at most `limit` exchanges; return whether it
-    is proved, the number of exchanges, and the bound of its suboptimality.
+    is proved, the number of exchanges, and the bound of its suboptimality, unless another search follows.
     """
     most, taken = 0.5 * setting.curvature * setting.accuracy**2, limit
     tries, enters, again, exact, violation, items = 0, False, False, True, 0.0, a.items
@@ -140,7 +140,8 @@ def exchanged(
             break
         tries += 1
         enters, again, items.multiplier[last] = False, True, 0.0
-    return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a)
+    lead_on(path, at, a)
+    return False, taken, interrupted(path, errors, setting, bounded, size, at, sweep, a) if final else HUGE
 
 
 @inlined

@@ -18,9 +18,10 @@ from mpc.tracking.compiled.structured_qp.sizes import FREE, NU, NX, NXI
 from mpc.tracking.compiled.structured_qp.stage import curvature
 
 MOST = 16  # exchanges per decision, at most
-PATIENCE = 24  # exchanges, before the barrier chooses another set
+PATIENCE = 20  # exchanges, before the barrier chooses another set
 FAR = 10.0  # [bar] beyond a limit: with a change so far, it does at once; noise takes a set less far
-MANY, AWAY = 12, 1e-3  # changes, and [bar] beyond a limit: with so many, it does at once as well
+MANY, AWAY = 16, 1e-3  # changes, and [bar] beyond a limit: with so many, it does at once as well
+CLOSE = 1.0  # [bar] beyond a limit: with no change farther, the barrier resumes from the last set
 
 
 @inlined
@@ -59,12 +60,14 @@ def solve(
     take_set(setting.starts, guess, sweep.held)
     take_charges(setting.cost, sweep)
     size = based(path, errors, setting, bounded, 0, at, sweep, a)
-    if limit == 0 or not far(bounded, sweep, at, a.r):
-        solved, exchanges, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, min(PATIENCE, limit))
+    furthest, wrong = astray(bounded, sweep, at, a.r)
+    if limit == 0 or (furthest < FAR and wrong < MANY):
+        first, final = min(PATIENCE, limit), limit <= PATIENCE
+        solved, exchanges, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, first, final)
     if not solved and exchanges < limit:
-        named = guessed(path, errors, setting, bounded, at, sweep, a)
+        named = guessed(path, errors, setting, bounded, furthest < CLOSE, at, sweep, a)
         size = based(path, errors, setting, bounded, named, at, sweep, a)
-        solved, more, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, limit - exchanges)
+        solved, more, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, limit - exchanges, True)
         exchanges += more
     if solved:
         give_set(setting.starts, a.guess, guess)
@@ -72,9 +75,11 @@ def solve(
 
 
 @inlined_flat
-def far(bounded: Bounded, sweep: Sweep, at: Point, r: Array) -> bool:
-    """Return whether a free change is far beyond its limits, or a held one pushed far away from them, or many are."""
-    furthest, wrong = 0.0, 0.0
+def astray(bounded: Bounded, sweep: Sweep, at: Point, r: Array) -> tuple[float, int]:
+    """Return how far at most a free change is beyond its limits or a held one pushed away from them [bar], and how many
+    are.
+    """
+    furthest, wrong = 0.0, 0
     for k in range(at.v.shape[0]):
         for i in range(NU):
             v, w, held = at.v[k, i], at.xi[k + 1, NX + i], sweep.held[k, i]
@@ -83,5 +88,5 @@ def far(bounded: Bounded, sweep: Sweep, at: Point, r: Array) -> bool:
             beyond = max(max(bounded.low[k, i] - w, w - bounded.high[k, i]), beyond)
             beyond = beyond if bounded.lower[k, i] < bounded.upper[k, i] else 0.0
             furthest = max(furthest, beyond)
-            wrong += 1.0 if beyond > AWAY else 0.0
-    return furthest > FAR or wrong >= MANY
+            wrong += 1 if beyond > AWAY else 0
+    return furthest, wrong
