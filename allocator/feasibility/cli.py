@@ -259,7 +259,9 @@ def _polygon(
     polygon = found.polygon(x, y, held)
     binding = list(dict.fromkeys(limit for edge in polygon.edges for limit in edge.active))
     kept = f" at {polygon.held}" if polygon.held else ""
-    sentence = f"{x} and {y}{kept}: {len(polygon.vertices)} corners; bounded by: {', '.join(binding) or 'nothing exists'}"
+    sentence = (
+        f"{x} and {y}{kept}: {len(polygon.vertices)} corners; bounded by: {', '.join(binding) or 'nothing exists'}"
+    )
     edges = [{"start": edge.start, "end": edge.end, "limits": edge.active} for edge in polygon.edges]
     return polygon.plot().figure, sentence, {"targets": [x, y], "held": held, "area": polygon.area, "edges": edges}
 
