@@ -87,7 +87,7 @@ def _letters(names: set[str]) -> dict[str, str]:
 
 
 def _name(axes: Any, edge: "Edge", centre: Array, letters: dict[str, str], others: list["Annotation"]) -> None:
-    """Write the binding limits outside the middle of an edge, clear of other texts; upright at a short or a steep edge."""
+    """Write the binding limits outside the middle of an edge, clear of other texts; upright at short or steep edges."""
     to_points = 72 / axes.figure.dpi
     start, end, inside = (axes.transData.transform(point) * to_points for point in (edge.start, edge.end, centre))
     along, middle = end - start, (start + end) / 2
