@@ -162,7 +162,7 @@ def axis(name: str, value: object, ndim: int) -> int | None:
     if value is None:
         return None
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or not -ndim <= value < ndim:
-        raise InvalidInput(f"{name} = {brief(value)} is no axis of targets with {ndim} of them")
+        raise InvalidInput(f"{name} = {brief(value)} is no axis of the targets, which have {ndim}")
     return int(value) % ndim
 
 

@@ -238,7 +238,7 @@ def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
     if kind not in list(_kinds()):  # it may be anything, even a list
         raise routes.fault(f"the unknown kind {kind!r}; known: {', '.join(_kinds())}")
     one = kind in _GEOMETRIES
-    whose = "the file of a joint" if one else "the file of a machine with such routes"
+    whose = f"the file of {'a joint' if one else 'a machine'} with the routes {kind}"
     file.only((*_TABLES, *(_OF_A_JOINT if one else _OF_MORE)), whose)
     if one and scale_needed and not scale_known_in(file):
         raise file.fault(

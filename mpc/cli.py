@@ -122,7 +122,7 @@ def track(
             help="amplitude of pushes whose felt stiffness is reported [±°]; for plants with hysteresis; 2 by default"
         ),
     ] = None,
-    margins: Annotated[Path | None, typer.Option(help="picture of the loop's robustness at three postures")] = None,
+    margins: Annotated[Path | None, typer.Option(help="picture of the loop's margins at three postures")] = None,
     show: Annotated[bool, typer.Option("--show", help="open the picture when it is written")] = False,
     wait: Annotated[
         bool,

@@ -131,7 +131,7 @@ class Allocation(ABC):
             return self._sentence
         values, counts = np.unique(self.status, return_counts=True)
         listed = ", ".join(f"{n} {Status(int(v)).name}" for v, n in zip(values, counts, strict=True))
-        return f"{self.status.size} targets: {listed}"
+        return f"{self.status.size} target{'s' * (self.status.size != 1)}: {listed}"
 
     @property
     def _sentence(self) -> str:

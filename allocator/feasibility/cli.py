@@ -177,7 +177,7 @@ def _sentence(name: str, found: "FeasibilityMap") -> str:
     """Return one line on the feasible set and one on the limits that bound it."""
     return (
         f"{name}: {100 * found.share:.1f} % of {found.status.size} combinations exist, {found.kind.text}\n"
-        f"  ended by: {', '.join(_ended_by(found)) or 'nothing exists'}" + (found.assumed and f"\n  {found.assumed}")
+        f"  bounded by: {', '.join(_ended_by(found)) or 'nothing exists'}" + (found.assumed and f"\n  {found.assumed}")
     )
 
 
@@ -259,7 +259,9 @@ def _polygon(
     polygon = found.polygon(x, y, held)
     binding = list(dict.fromkeys(limit for edge in polygon.edges for limit in edge.active))
     kept = f" at {polygon.held}" if polygon.held else ""
-    sentence = f"{x} and {y}{kept}: {len(polygon.vertices)} corners; ended by: {', '.join(binding) or 'nothing exists'}"
+    sentence = (
+        f"{x} and {y}{kept}: {len(polygon.vertices)} corners; bounded by: {', '.join(binding) or 'nothing exists'}"
+    )
     edges = [{"start": edge.start, "end": edge.end, "limits": edge.active} for edge in polygon.edges]
     return polygon.plot().figure, sentence, {"targets": [x, y], "held": held, "area": polygon.area, "edges": edges}
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _MARKS = {"upper": "↑", "slack": "↓", "lower": "↓"}  # of limits with a mark
 _OUTSIDE = 11  # points between an edge and its text
 _LETTER = 5.0  # points
+_STEEP = 60.0  # [°] of an edge; the arrow of a text along it would point sideways
 _MOST_NUMBERS = 60
 _TURN = np.linspace(0, 2 * np.pi, 73)
 _FAN, _STIFF, _SOFT = "#dbe7f1", "#1f4e79", "#d08770"
@@ -86,15 +87,18 @@ def _letters(names: set[str]) -> dict[str, str]:
 
 
 def _name(axes: Any, edge: "Edge", centre: Array, letters: dict[str, str], others: list["Annotation"]) -> None:
-    """Write the binding limits outside the middle of an edge, clear of other texts; upright at a short edge."""
+    """Write the binding limits outside the middle of an edge, clear of other texts; upright at short or steep edges."""
     to_points = 72 / axes.figure.dpi
     start, end, inside = (axes.transData.transform(point) * to_points for point in (edge.start, edge.end, centre))
     along, middle = end - start, (start + end) / 2
     normal = np.array([along[1], -along[0]]) / max(np.hypot(*along), 1e-9)
     normal *= np.sign(normal @ (middle - inside)) or 1.0
     text = " ".join(dict.fromkeys("".join((letters[name], mark)) for name, mark in map(_split, edge.active)))
+    angle = (np.degrees(np.arctan2(along[1], along[0])) + 90) % 180 - 90
     fits = np.hypot(*along) > _LETTER * len(text)
-    angle = (np.degrees(np.arctan2(along[1], along[0])) + 90) % 180 - 90 if fits else 0.0
+    if fits and abs(angle) > _STEEP:
+        text, fits = text.replace(" ", "\n"), False
+    angle = angle if fits else 0.0
     sideways = "center" if fits or abs(normal[0]) < 0.3 else ("left" if normal[0] > 0 else "right")
     style = {"ha": sideways, "va": "center", "rotation": angle, "rotation_mode": "anchor", "fontsize": "small"}
     near = _OUTSIDE if fits else 0.6 * _OUTSIDE

@@ -111,7 +111,7 @@ def is_recording(path: Path) -> bool:
 def opened(path: Path) -> Iterator[Bag]:
     """Open a recording: a .bag, a .mcap, or the folder of a ROS 2 bag. Raises `InvalidFile` for anything else."""
     if not path.exists():
-        raise InvalidFile(path, "is not there")
+        raise InvalidFile(path, "does not exist")
     if path.is_dir() and not is_recording(path):
         raise InvalidFile(path, "is a folder without metadata.yaml: it is no ROS 2 bag")
     if path.suffix == ".mcap":

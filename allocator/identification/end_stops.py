@@ -50,8 +50,8 @@ def stops(theta: Array, P1: Array, P2: Array) -> Iterator[Stop]:
 def stops_of_rests(theta: Array, P1: Array, P2: Array) -> dict[str, Stop]:
     """Return the stops of angles at rest, by their ends.
 
-    Besides those of `stops`, they are ends at which the angle hardly changes with the pressure difference. This finds
-    stops under noise and with few rests, whose angles are spread.
+    In addition to those of `stops`, these are ends at which the angle hardly changes with the pressure difference, so
+    that stops are also found under noise and with few rests, whose angles are spread.
     """
     found = {stop.end: stop for stop in stops(theta, P1, P2)}
     if theta.size < 2 * _FEWEST_RESTS or not np.ptp(q := _difference(P1, P2)):

@@ -47,7 +47,7 @@ _NAMES = {
     "pressure2": "pressure2 p2 antagonistpressure pressureantagonist pantagonist druck2 pression2",
     "measured1": "measured1 p1measured measuredp1 pressure1measured measuredpressure1",
     "measured2": "measured2 p2measured measuredp2 pressure2measured measuredpressure2",
-    "force": "force f muscleforce load tension pull kraft zugkraft",
+    "force": "force f muscleforce pullingforce tensileforce load loadcell tension pull kraft zugkraft muskelkraft",
     "theta": "theta θ phi φ angle jointangle winkel gelenkwinkel",
     "torque": "torque drehmoment couple tau τ moment lastmoment loadtorque torqueload externaltorque weight last poids "
     "gewicht gewichtsmoment",

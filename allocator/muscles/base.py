@@ -218,11 +218,11 @@ class Muscle(ABC):
         return self.volume_at_rest(rest_length) + rest_length * self.gain_integral(P, eps)
 
     def gain_integral(self, P: Value, eps: Value) -> Value:
-        """Return ∫_0^ε F_P(P, ε') dε' [N/Pa]; by quadrature where a law does not say better."""
+        """Return ∫_0^ε F_P(P, ε') dε' [N/Pa]; by quadrature unless a law has a formula."""
         return volume.integral(lambda e: self.gain(P, e), eps)
 
     def gain_integral_slope(self, P: Value, eps: Value) -> Value:
-        """Return ∂/∂P of `gain_integral` [N/Pa²], analytic in P; by differences where a law does not say better."""
+        """Return ∂/∂P of `gain_integral` [N/Pa²], analytic in P; by differences unless a law has a formula."""
         return volume.difference(lambda p: self.gain_integral(p, eps), P)
 
     def same_law(self, other: "Muscle") -> bool:
@@ -370,7 +370,7 @@ class AffineMuscle(Muscle):
         return 0.0 * (P + eps)
 
     def A_integral(self, eps: Value) -> Value:
-        """Return ∫_0^ε A(ε') dε' [N/Pa]; by quadrature where a model does not say better."""
+        """Return ∫_0^ε A(ε') dε' [N/Pa]; by quadrature unless a model has a formula."""
         return volume.integral(self.A, eps)
 
     def pressure(self, F: Value, eps: Value) -> Array:

@@ -6,6 +6,9 @@ from allocator.calculus import Array, Mask
 from allocator.muscles.base import Muscle
 from allocator.units import BAR
 
+FAILS = "[M] fails, so that more pressure does not always pull more and stiffen"
+"""The consequence of a failure, in the words of messages."""
+
 _GRID = 81
 _ROUNDING = 1e-9  # of the greatest force
 

@@ -95,6 +95,7 @@ def _site_uri(path: str) -> str:
     return {"CHANGELOG.md": "changes.md"}.get(path, path)
 
 
+_WIDTH = 72  # characters of a line of code in the site's column of text
 MACHINE = re.compile(r"\n\nMachine:\n(?:  .*\n?)+")  # the panel that most commands share
 
 
@@ -104,7 +105,7 @@ def _printed(*command: str) -> str:
 
     from mpc.cli import app
 
-    return CliRunner().invoke(app, [*command, "--help-all"], env={"COLUMNS": "80", "TERM": "dumb"}).output.strip()
+    return CliRunner().invoke(app, [*command, "--help-all"], env={"TERM": "dumb"}, terminal_width=_WIDTH).output.strip()
 
 
 def _shared_options() -> str:

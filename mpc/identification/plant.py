@@ -261,7 +261,7 @@ class _Written:
 
     @property
     def taken(self) -> tuple[str, ...]:
-        """Numbers of the plant that nobody has shown: `assumed`, and the slew of the regulators unless it is known."""
+        """Names of the plant's unmeasured numbers: `assumed`, and the slew of the regulators unless it is known."""
         return (*self.assumed, *(() if "slew" in self.known else ("slew",)))
 
     @property

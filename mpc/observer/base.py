@@ -7,6 +7,7 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from mpc.observer.units import units_shown
 
 
 @runtime_checkable
@@ -41,10 +42,16 @@ class Differentiator:
     def reset(self) -> None:
         """Forget the past samples."""
         self._angles: Array | None = None  # (n,)
+        self._units_shown = False
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
-        """Return `y` (2n + m,) with the velocities filled in, and no disturbance torque."""
+        """Return `y` (2n + m,) with the velocities filled in, and no disturbance torque.
+
+        Warns (`BadNumbers`) if the first pressures above 0 look like bar.
+        """
         x, n = np.array(y), self.n
+        if not self._units_shown:
+            self._units_shown = units_shown("y", x[2 * n :], stacklevel=2)
         now, speed = x[:n].copy(), x[n : 2 * n]  # a view
         if np.isnan(speed).any():
             difference = np.zeros(n) if self._angles is None else (now - self._angles) / self.dt

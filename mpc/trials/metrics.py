@@ -15,6 +15,7 @@ Figure: TypeAlias = Any  # a number for a joint, an array for an arm
 
 _ROUNDING = 1e-9  # [-] of the limit, or of a constant value: less is rounding
 _NEGLIGIBLE = 1e-6  # in the unit of a figure: less is not shown
+_SHORTEST_REST = 0.1  # [s]: a smooth motion seems to rest in its first samples
 _AT_LIMIT = 1e-3  # [-] of the slew limit: commands this near count as at the limit, for QP solvers that stop inside
 
 
@@ -33,7 +34,8 @@ class Metrics:
 
     A reference that begins with a rest gives a controller time to identify the error of its model; `after_rest` are the
     errors from the last sample on at which angle and stiffness were still those of the first one. A reference that
-    begins in motion, or never moves, has no first rest: then they are the errors over all samples.
+    begins in motion, within a tenth of a second, or never moves has no first rest: then they are the errors over all
+    samples.
     """
 
     theta_rms: Figure  # [°], (n,) of an arm
@@ -130,12 +132,13 @@ def _errors(run: Run, begin: int) -> Errors:
 
 
 def _rested(run: Run) -> int:
-    """Return the last sample of the first rest of the reference; 0 if there is none."""
+    """Return the last sample of the first rest of the reference, of a tenth of a second or more; 0 if there is none."""
     moved = np.zeros(run.t.size, bool)
     for wanted in (run.theta_ref, run.K_ref):
         away = np.abs(wanted - wanted[0]) > _ROUNDING * np.abs(wanted).max()
         moved |= away.reshape(run.t.size, -1).any(axis=1)
-    return max(int(np.argmax(moved)) - 1, 0)
+    last = int(np.argmax(moved)) - 1
+    return last if last * run.dt >= _SHORTEST_REST else 0
 
 
 def _rungs(run: Run) -> dict[str, int]:

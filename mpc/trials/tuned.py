@@ -102,7 +102,7 @@ class Tuning:
             f"{name.replace('_', ' ')} {value / p.shown:.3g} {p.symbol}".strip()
             for (name, value), p in zip(self.numbers.items(), parameters.values(), strict=True)
         )
-        return f"{self.controller} tuned for this plant: {', '.join(shown)}"
+        return f"tuning of {self.controller} for this plant: {', '.join(shown)}"
 
 
 def parameters_of(controller: str) -> Mapping[str, Parameter]:

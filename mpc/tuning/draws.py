@@ -2,8 +2,8 @@
 
 Each number is the file's value times exp(σ z), z ~ N(0, 1). σ is a spread. Without intervals it is the usual one of
 data sheets, σ₀. The 95 % intervals of a file (table [intervals], written by `antagonist fit-motion`) narrow it,
-1/σ² = 1/σ₀² + 1/σ_fit²: a log that says little of a number does not make it less known than it was. σ is never below
-`LEAST`, since no model is exact. The draws form a Latin hypercube, so that a few of them cover the posterior.
+1/σ² = 1/σ₀² + 1/σ_fit²: a log that hardly determines a number does not widen its spread. σ is never below `LEAST`,
+since no model is exact. The draws form a Latin hypercube, so that a few of them cover the posterior.
 
 Dead time and reading age of the file vary by the same factor, as only their sum affects the loop. The muscles of an arm
 differ in strength and in the offsets of their sensors; all of them share the factors of lags, gas and dead time, and
@@ -108,8 +108,8 @@ class Spreads:
     def felt_std(self, backbone: Value, felt: Value) -> Value:
         """Return the standard deviation of a model's `felt` stiffness, of which `backbone` is K (any shape) [N·m/rad].
 
-        The backbone varies as the force of muscles that err together, and the rest of it as hysteresis does about 1.
-        Where the model does not know the hysteresis of the joint, the result is too small.
+        The backbone varies like the common strength of all muscles, and the rest like the hysteresis about 1. If the
+        model does not know the hysteresis of the joint, the result is too small.
         """
         low, high = self.hysteresis
         share = hypot((high - low) / sqrt(12), (high + low) / 2 - 1)

@@ -20,6 +20,11 @@ SIGNS = {
     ast.LShift: ("<<", 11),
     ast.RShift: (">>", 11),
 }
+KEYWORDS = {
+    "auto", "case", "char", "const", "default", "do", "double", "enum", "extern", "float", "goto", "inline", "int",
+    "long", "register", "restrict", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union",
+    "unsigned", "void", "volatile", "_Bool", "_Complex", "_Imaginary",
+}  # fmt: skip  # of C99, less those that are also Python's
 CHOICE, OR, AND, FLAGS, LINK, SUM, UNARY, ATOM = 3, 4, 5, 6, 10, 12, 14, 16  # precedences; ATOM: no operator
 
 

@@ -13,7 +13,7 @@ from allocator.compilation.printer.c_expressions import (
     Unit,
     declared,
 )
-from allocator.compilation.printer.c_layout import ATOM, REAL, SIDE, SIGNS, SUM, UNARY, comment, wrapped
+from allocator.compilation.printer.c_layout import ATOM, KEYWORDS, REAL, SIDE, SIGNS, SUM, UNARY, comment, wrapped
 from allocator.compilation.printer.python_text import refuse, statements
 
 
@@ -30,6 +30,7 @@ class Statements(Expressions):
         nodes = [*ast.walk(node)]
         self.counters = {n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)}
         self.node, self.head, self.line = node, "", node.lineno
+        _check_names(nodes, renamed=node.name in unit.entries)
         self.comments = unit.comments[node.name]
         sized = {id(n) for n in nodes if _asks_for_a_size(n) for n in ast.walk(n)}
         loaded = [n for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)]
@@ -281,6 +282,20 @@ class Statements(Expressions):
             refuse(sequence, "a loop over something else than a range in steps of 1 or -1")
         sign, step = (">", "--") if down else ("<", "++")
         yield f"{pad}for (int {name} = {self.text(begin)}; {name} {sign} {self.text(end, SUM)}; {name}{step}) {{"
+
+
+def _check_names(nodes: Sequence[ast.AST], renamed: bool) -> None:
+    """Refuse a function, unless it is `renamed`, an argument or a variable named like a keyword of C."""
+    for node in nodes:
+        match node:
+            case ast.FunctionDef(name=name) if not renamed:
+                pass
+            case ast.arg(name) | ast.Name(name, ast.Store()):
+                pass
+            case _:
+                continue
+        if name in KEYWORDS:
+            refuse(ast.copy_location(ast.Name(name), node), "a keyword of C")
 
 
 def _asks_for_a_size(node: ast.AST) -> bool:

@@ -176,8 +176,8 @@ def _describe_log(log: JointLog, console: Console) -> None:
         say(console, note)
     if log.used < log.rows:
         console.print(
-            f"{log.theta.size} equilibria in {log.rows} rows of a raw log; {log.dropped_share:.0%} of the rows were "
-            "left out: not the last second of a time without motion",
+            f"{log.theta.size} equilibria, the last seconds of rests in {log.rows} rows of a raw log; the other "
+            f"{log.dropped_share:.0%} of the rows were left out",
             markup=False,
         )
 

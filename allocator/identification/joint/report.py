@@ -14,6 +14,7 @@ from allocator.identification.joint.search import minimise
 from allocator.identification.least_squares import at_bound, determine, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
+from allocator.muscles.monotonicity import FAILS
 from allocator.units import BAR, DEG
 
 _DETERMINANT_GRID = 7
@@ -201,7 +202,7 @@ def _of_the_model(problem: JointProblem, x: Array, found: Findings) -> Iterator[
     bounded = at_bound(x, problem.lower, problem.upper, 1e-5, 1e-2)
     yield from (f"{n} ended at the limit of its search" for n, b in zip(problem.names, bounded, strict=True) if b)
     if found.failure:
-        yield f"[M] fails: {found.failure}"
+        yield f"{FAILS}: {found.failure}"
     if not found.determinant_positive:
         yield "det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere"
     if found.slack and problem.pull is None:  # an assumed pull share implies assumed slack cables

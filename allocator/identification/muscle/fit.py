@@ -23,6 +23,7 @@ from allocator.identification.muscle.samples import Samples, joined, thinned
 from allocator.muscles import MODELS, Muscle, Recipe, monotonicity_failure
 from allocator.muscles.base import AffineMuscle, Covariance
 from allocator.muscles.measured import MeasuredRegion
+from allocator.muscles.monotonicity import FAILS
 from allocator.muscles.recipe import among
 from allocator.units import BAR
 
@@ -239,7 +240,7 @@ def _warnings(
         yield "the search stopped before it converged"
     yield from (f"collinear: {direction} changes no force" for direction in collinear)
     if failure:
-        yield f"[M] fails: {failure}"
+        yield f"{FAILS}: {failure}"
     if (wrong := pulls > _PULLS * problem.samples.full_scale).any():
         yield f"pulls up to {pulls.max():.3g} N at {wrong.sum()} of the slack samples"
 

@@ -5,7 +5,7 @@
     on the line   0x00, COBS(payload), 0x00
     payload       kind u8, session u16, sequence u16, body, CRC-32 of all before it u32; little endian
 
-A board has n encoders and m pressures, which it says in INFO; a joint has n = 1 and m = 2. A stiffness has
+A board has n encoders and m pressures, which it reports in INFO; a joint has n = 1 and m = 2. A stiffness has
 s = n (n + 1) / 2 numbers: K11, K12, ..., K22, ...
 
 COBS (Cheshire and Baker 1999, IEEE/ACM Trans. Networking 7(2)) removes every zero from a payload, so that a zero on the

@@ -116,7 +116,7 @@ def read_log_of_motion(
 
 def _of_a_run(path: Path) -> bool:
     """Return whether the file is a log of `antagonist run`."""
-    if is_recording(path):
+    if is_recording(path) or not path.is_file():
         return False
     with open(path, encoding="utf-8", errors="replace") as file:
         head = next((line for line in file if not line.startswith("#")), "")

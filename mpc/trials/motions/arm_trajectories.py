@@ -7,7 +7,7 @@ import numpy as np
 from allocator import allocate, checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.mechanism import Pulleys
+from allocator.mechanism import Mechanism, Pulleys
 from allocator.units import DEG
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
@@ -20,6 +20,7 @@ _K_SWING = 1.5  # [N·m/rad] of K11
 _NEAR = 1 / 3  # [-] of the greatest entry, greatest error of a usual stiffness, such as of biarticular muscles
 _MOST = 0.6  # [-] of a joint's range, greatest swing
 _SHARES = 1.0, 0.7, 0.5, 0.35, 0.25  # [-] of a swing; the first one that the arm can hold is used
+_STEP, _ROUNDS = 1e-3, 3  # difference over the supply's span, and steps of Newton's method, exact after one if affine
 _HELD = 0.1  # [-] of the least stiffness in the middle, required elsewhere
 
 
@@ -28,7 +29,8 @@ def circle(arm: Arm, frequency: float = 0.5, turns: float = 4.0, size: float = 1
 
     The joints swing about the middles of their ranges, and less if the arm would not hold itself. K is
     [[12 ± 1.5, 4.6], [4.6, 9.5]] for two joints on pulleys with a biarticular pair, and diag(6 ± 1.5, 6, …) for others
-    on pulleys, if their muscles come near it, and otherwise the stiffness at middle pressures, ± 10 %.
+    on pulleys, if their muscles come near it, and otherwise the stiffness at pressures half-way from slack to the
+    greatest ones, ± 10 %.
 
     Raises `InvalidInput`.
     """
@@ -122,12 +124,26 @@ def tracked_stiffness(arm: Arm, q: Array, K: Array) -> Array:
 def usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
     """Return the joints' stiffness (k, n, n) [N·m/rad] over postures (k, n).
 
-    On pulleys it is the same everywhere, if the muscles come near it; otherwise it is that of middle pressures.
+    On pulleys it is the same everywhere, if the muscles come near it; otherwise it is that of pressures half-way from
+    slack to the greatest ones, at which their torques cancel.
     """
     if (K := _usual_number(arm)) is not None:
         return lambda q: np.tile(K, (len(q), 1, 1))
-    P = np.full(arm.m, np.mean(arm.mechanism.pressure_limits))
-    return lambda q: arm.mechanism.stiffness(q, np.broadcast_to(P, (len(q), arm.m)))
+    return lambda q: arm.mechanism.stiffness(q, _balanced(arm.mechanism, q))
+
+
+def _balanced(mechanism: Mechanism, q: Array) -> Array:
+    """Return the pressures (k, m) [Pa] nearest to those half-way from slack to the greatest ones at which no torque is
+    left, by Newton's method. Those beyond the supply are clipped.
+    """
+    least, most = mechanism.pressure_box(q)
+    P = np.where(least < most, (least + most) / 2, np.mean(mechanism.pressure_limits))
+    step = _STEP * mechanism.pressure_span
+    for _ in range(_ROUNDS):
+        T = mechanism.torque(q, P)
+        slopes = [(mechanism.torque(q, P + step * muscle) - T) / step for muscle in np.eye(mechanism.m)]
+        P = P - np.einsum("kmn,kn->km", np.linalg.pinv(np.stack(slopes, axis=-1)), T)
+    return np.clip(P, *mechanism.pressure_limits)
 
 
 def _usual_number(arm: Arm) -> Array | None:
@@ -164,8 +180,9 @@ def _swings(arm: Arm, wanted: Array) -> Array:
     least = np.linalg.eigvalsh(K_of(middle[None]))[0, 0]
     if not least > 0:
         raise InvalidInput(
-            f"with middle pressures the arm does not hold itself in the middle of its ranges: an eigenvalue of its "
-            f"stiffness is {least:.3g} N·m/rad; its muscles' arms grow too fast as they shorten"
+            "the arm does not hold itself in the middle of its ranges at pressures half-way from slack to the greatest "
+            f"ones: an eigenvalue of its stiffness is {least:.3g} N·m/rad; its muscles' arms grow too fast as they "
+            "shorten"
         )
     away = np.random.default_rng(0).uniform(-1.0, 1.0, (256, arm.n))
     away[::2] /= np.abs(away[::2]).max(axis=1, keepdims=True)  # on the sides of the box

@@ -27,7 +27,7 @@ _FACTORS: Mapping[str, Mapping[str, float]] = {  # of the units that may stand i
     HAND_STIFFNESS: {"": 1.0, "N/m": 1.0, "N/mm": 1e3},
 }
 _ALIASES = {"t": "time", "theta": "theta"}  # names with synonyms in several languages
-_SYMBOLS = {"stiffness": "k"}  # names with a letter of formulas
+_SYNONYMS = {"stiffness": ("k", "steifigkeit", "drehsteifigkeit", "raideur")}
 _NAME = re.compile(r"(.+?)(?:\s*[\[(](.*)[\])]|_([^\W_]+))?\s*")
 
 
@@ -104,7 +104,7 @@ def _factor(table: Table, header: str, name: str, unit: str) -> float | None:
 
 def _is_called(said: str, base: str) -> bool:
     quantity = _ALIASES.get(base)
-    return _plain(said) in (_plain(base), _SYMBOLS.get(base)) or (
+    return _plain(said) in (_plain(base), *_SYNONYMS.get(base, ())) or (
         quantity is not None and quantity_named(said) == quantity
     )
 

@@ -77,6 +77,7 @@ def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
         axes.plot(x + moved[0], y + moved[1], color=COLOURS[0], lw=1)
         axes.plot(x, y, ".", color=COLOURS[1], ms=3)
     axes.set_aspect("equal", adjustable="datalim")
+    axes.locator_params(axis="x", nbins=4)  # of a narrow panel, with numbers of several digits
     axes.set(xlabel=f"{way.names[0]} [m]", ylabel=f"{way.names[1]} [m]", title="displacement by 1 N")
 
 

@@ -282,6 +282,23 @@ def f(x):
     for k in range(3):
         x = x + k
     return x * k
+### an argument named like a keyword of C
+def f(short):
+    return 2.0 * short
+### a variable named like a keyword of C
+def f(x):
+    register = 2.0 * x
+    return register
+### a loop's variable named like a keyword of C
+def f(x):
+    for unsigned in range(3):
+        x = x + unsigned
+    return x
+### a function named like a keyword of C
+def double(x):
+    return 2.0 * x
+def f(x):
+    return double(x)
 ### a number that is no truth value
 def f(x):
     return 1.0 if x and x > 1 else 2.0

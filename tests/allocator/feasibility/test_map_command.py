@@ -27,7 +27,7 @@ def test_out_of_the_box_it_draws_the_report_s_map(tmp_path):
     result = run("--out", tmp_path / "map.png")
     assert result.exit_code == 0
     assert "combinations exist" in result.output
-    assert "ended by: agonist slack, antagonist slack, P2 upper, P1 upper, joint range" in result.output
+    assert "bounded by: agonist slack, antagonist slack, P2 upper, P1 upper, joint range" in result.output
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
 
 

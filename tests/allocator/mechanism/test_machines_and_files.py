@@ -125,7 +125,7 @@ def test_functions_are_not_written(tmp_path):
         (
             "[machine]",
             "[hysteresis]\n[machine]",
-            "the file of a machine with such routes has no hysteresis; it has machine",
+            "the file of a machine with the routes Pulleys has no hysteresis; it has machine",
         ),
         ("min_contraction", "max_contraction", "has no max_contraction; it has"),
         ("[0.0, 500000.0]", "[0.0, 5.0]", "if bar was meant"),
@@ -169,7 +169,11 @@ def test_a_joint_written_by_hand_has_its_forces_in_newtons(tmp_path):
         ("[machine]", "[joint]", r"is not a machine: the table \[machine\] is missing"),
         ('"agonist"', '"biceps"', r"a joint has the \[\[muscle\]\]s agonist and antagonist, not biceps"),
         ("friction =", 'joints = ["elbow"]\nfriction =', r"\[machine\] has no joints; it has pressure_limits"),
-        ("[routes]", "[bodies]\n[routes]", "the file of a joint has no bodies; it has machine, routes, muscle"),
+        (
+            "[routes]",
+            "[bodies]\n[routes]",
+            "the file of a joint with the routes Pulley has no bodies; it has machine, routes, muscle",
+        ),
         ("    [-2.181661564992912, 2.181661564992912],", "-2.0, 2.0", "angle_limits has one row of a joint"),
         ("scale_known = true", 'scale_known = "yes"', r"\[machine\]: scale_known = 'yes' has to be true or false"),
         ("[routes]", "[measured]\ncontraction = [0.1]\n[routes]", r"below its \[\[muscle\]\], as \[muscle.measured\]"),

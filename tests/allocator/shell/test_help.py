@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from mpc.cli import app
 
 SCREEN = {"COLUMNS": "80", "TERM": "dumb"}
+WIDTH = 78  # which click leaves of a terminal with 80 columns, but not in its test runner
 
 
 def commands():
@@ -23,7 +24,7 @@ COMMANDS = dict(commands())
 
 
 def printed(*arguments):
-    result = CliRunner().invoke(app, arguments, env=SCREEN)
+    result = CliRunner().invoke(app, arguments, env=SCREEN, terminal_width=WIDTH)
     assert result.exit_code == 0, result.output
     return result.output
 

@@ -128,7 +128,10 @@ def test_a_file_with_a_word_too_many_is_refused(tmp_path):
     PLANT.save(tmp_path / "plant.toml")
     text = (tmp_path / "plant.toml").read_text(encoding="utf-8")
     for wrong, said in (
-        (text.replace("[plant]", "[plnat]"), "the file of a joint has no plnat; it has machine, routes, muscle"),
+        (
+            text.replace("[plant]", "[plnat]"),
+            "the file of a joint with the routes Lever has no plnat; it has machine, routes, muscle",
+        ),
         (
             text.replace("\nlever = ", "\nlevel = "),
             r"^[^:]*: \[routes\]: a Lever has no level; it has rest_length, anchor",

@@ -226,7 +226,7 @@ def test_an_arm_that_init_wrote_and_somebody_edited_is_followed(folder, brief):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("[bodies]", "[links]", "the file of a machine with such routes has no links"),
+        ("[bodies]", "[links]", "the file of a machine with the routes Pulleys has no links"),
         ("lag = 0.1", "lagg = 0.1", r"\[plant\] has no lagg; it has lag, slew, gas"),
         ("slew = 500000.0", "slew = 5.0", "if bar/s was meant"),
         ("mass =", "masses =", r"\[bodies\] has no masses; it has length, mass"),

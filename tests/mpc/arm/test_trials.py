@@ -74,9 +74,9 @@ def test_the_usual_stiffness_is_one_that_the_muscles_come_near(run):
     assert allocate(q, usual, joint=ARM.mechanism).success
     assert not allocate(q, usual, joint=weak.mechanism).success
     asked = circle(weak, turns=1.0)
-    P = np.full((asked.t.size, weak.m), 1.0 * BAR)
     swing = 1 + 0.1 * np.sin(np.pi * asked.t)[:, None, None]
-    np.testing.assert_allclose(asked.K, weak.mechanism.stiffness(asked.theta, P) * swing)
+    still = (asked.K / swing)[::20]
+    assert allocate(asked.theta[::20], still, joint=weak.mechanism).success.all()
     far = metrics(replace(run, K_ref=10 * run.K_ref))
     assert "100 % of the reference is out of reach" in next(limits_of_reference(far, 5 * BAR))
 

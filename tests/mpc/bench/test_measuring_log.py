@@ -74,6 +74,12 @@ def test_a_short_log_and_rows_that_are_none_are_refused(noise):
         Samples.of(noise.t[::-1], noise.theta, noise.P1, noise.P2)
 
 
+@pytest.mark.parametrize("name", ["log.csv", "log.mcap"])
+def test_a_log_that_does_not_exist_is_named(tmp_path, name):
+    with pytest.raises(InvalidFile, match=f"{name}: does not exist"):
+        read_log_of_motion(tmp_path / name)
+
+
 @pytest.mark.slow
 def test_a_joint_on_a_device_is_shaken_within_twice_the_amplitude_and_measured():
     clock = SimulatedClock()

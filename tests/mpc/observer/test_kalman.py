@@ -255,8 +255,8 @@ def test_noise_that_cannot_be_meant_is_named(wrong, said):
         Noise(**wrong)
 
 
-def test_pressures_in_bar_are_pointed_out_once_when_a_vented_joint_shows_them():
-    observer = KalmanObserver(Plant(), 0.01)
+@pytest.mark.parametrize("observer", [KalmanObserver(Plant(), 0.01), Differentiator(0.01)], ids=["kalman", "none"])
+def test_pressures_in_bar_are_pointed_out_once_when_a_vented_joint_shows_them(observer):
     observer.estimate(np.array([0.1, np.nan, 0.0, 0.0]), np.array([5e3, 5e3]))
     for _ in range(2):
         with pytest.warns(BadNumbers, match="pressures of y: P.* = 0.4 Pa is next to nothing; if bar was meant"):

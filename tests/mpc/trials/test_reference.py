@@ -56,8 +56,9 @@ def test_columns_may_come_in_any_order_with_others_between(tmp_path):
     np.testing.assert_allclose(r.K, [7.5, 7.6, 7.7])
 
 
-def test_the_stiffness_may_have_the_letter_of_formulas(tmp_path):
-    r = load(write(tmp_path / "r.csv", "t (s);theta (°);K [Nm/rad]\n0;10;7,5\n1,5;20;8\n"))
+@pytest.mark.parametrize("names", ["t (s);theta (°);K [Nm/rad]", "Zeit (s);Winkel [deg];Steifigkeit [Nm/rad]"])
+def test_columns_may_have_the_letters_of_formulas_or_german_names(tmp_path, names):
+    r = load(write(tmp_path / "r.csv", f"{names}\n0;10;7,5\n1,5;20;8\n"))
     np.testing.assert_allclose(r.t, [0, 1.5])
     np.testing.assert_allclose(r.K, [7.5, 8.0])
 

@@ -287,7 +287,9 @@ def test_errors_after_the_first_rest_count_from_its_last_sample_on(default_run):
     assert "after the first rest of 0.4 s, angle error" in run._repr_html_()
 
 
-@pytest.mark.parametrize(("rest", "still"), [(0, 1e-3), (100, 0.0)], ids=["begins in motion", "never moves"])
+@pytest.mark.parametrize(
+    ("rest", "still"), [(0, 1e-3), (3, 0.0), (100, 0.0)], ids=["begins in motion", "moves after 0.03 s", "never moves"]
+)
 def test_without_a_first_rest_all_samples_count(default_run, rest, still):
     run = rested(default_run, rest, still)
     m = metrics(run)

@@ -192,7 +192,7 @@ def test_the_command_writes_an_arm_that_track_takes(tmp_path):
     files = ["--out", str(tmp_path / "run.csv"), "--dt", "0.02", "--horizon", "10"]
     tracked = CliRunner().invoke(app, ["track", "hold", "--machine", str(out), "--plant", "real", *files])
     assert tracked.exit_code == 0, tracked.output
-    assert "mpc tuned for this plant: theta error" in tracked.output
+    assert "tuning of mpc for this plant: theta error" in tracked.output
 
 
 ELBOW = """<mujoco><worldbody><site name="a" pos="-.3 .05 0"/><site name="b" pos="-.3 -.05 0"/>

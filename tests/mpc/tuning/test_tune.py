@@ -134,9 +134,9 @@ def test_the_command_writes_a_plant_that_track_takes(mine, tmp_path):
     files = ["--out", str(tmp_path / "run.csv"), "--plant", "real"]
     tracked = CliRunner().invoke(app, ["track", "steps", "--machine", str(out), *files])
     assert tracked.exit_code == 0, tracked.output
-    assert "mpc tuned for this plant: theta error" in tracked.output
+    assert "tuning of mpc for this plant: theta error" in tracked.output
     other = CliRunner().invoke(app, ["track", "steps", "--machine", str(out), "--controller", "pid", "--force", *files])
-    assert "tuned for this plant" not in other.output
+    assert "tuning of" not in other.output
     result = CliRunner().invoke(app, ["tune", "--machine", str(mine), "--in-place", *small])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "plant.toml.before-tuning").read_text() == before
@@ -168,7 +168,7 @@ def test_tuned_numbers_reach_the_exported_controller(tmp_path):
     built = ControllerOptions(machine=str(path)).built()
     assert built.controller.weights.theta == pytest.approx(mine.numbers["theta_error"] ** -2)
     assert built.observer.noise.d_walk == mine.numbers["d_walk"]
-    assert "tuned for this plant" in built.tuned
+    assert "tuning of mpc for this plant" in built.tuned
     errors = ControllerOptions(machine=str(path), errors="theta=0.1").built()
     assert errors.controller.weights.theta == pytest.approx((0.1 * np.pi / 180) ** -2)
 

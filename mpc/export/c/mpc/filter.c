@@ -60,7 +60,7 @@ void ant_contacts_of(const ant_belief *b, ant_contact contacts[N]) {
 }
 
 void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_real Q[B]) {
-    ant_real A[S][S], Bu[S][ANT_MUSCLES], by_d[S][N], later[S], near[S], acting[ANT_MUSCLES], torque[N];
+    ant_real A[S][S], by_u[S][ANT_MUSCLES], by_d[S][N], later[S], near[S], acting[ANT_MUSCLES], torque[N];
     ant_contact contacts[N];
     ant_real *xi = b->xi;
     ant_within(xi);
@@ -68,7 +68,7 @@ void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_r
     for (int i = 0; i < ANT_MUSCLES; i++) acting[i] = ant_acting(i, o->commands[k][i], xi[2 * N + i]);
     ant_contacts_at(near, contacts);
     for (int i = 0; i < N; i++) torque[i] = xi[S + i] - ant_friction_torque(o->friction[i].memory, i, contacts[i]);
-    ant_model_slopes(near, acting, torque, later, A[0], Bu[0], by_d[0]);
+    ant_model_slopes(near, acting, torque, later, A[0], by_u[0], by_d[0]);
     for (int i = 0; i < S; i++)
         for (int j = 0; j < S; j++) later[i] += A[i][j] * (xi[j] - near[j]);
     memcpy(xi, later, sizeof later);

@@ -41,6 +41,8 @@ def same(samples):
         ("Kontraktion in %,Druck in mbar,Kraft in kN", 0.01, 100, 1e3),
         ("contraction [-],pression (bar rel),Force [N]", 1, BAR, 1),
         ("epsilon [percent],Pressure MPa,muscle force [N]", 0.01, 1e6, 1),
+        ("contraction (%),pressure/kPa,pulling force / N", 0.01, 1e3, 1),
+        ("eps [%],p [bar],load cell [kg]", 0.01, BAR, 9.80665),
     ],
 )
 def test_units_stand_in_brackets_or_after_the_quantity_in_several_languages(tmp_path, header, eps, p, f):

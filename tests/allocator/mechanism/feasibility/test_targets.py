@@ -167,6 +167,12 @@ def test_a_picture_names_a_muscle_once_on_an_edge():
         assert len(marks) == len(set(marks))
 
 
+def test_no_arrow_of_a_polygon_points_sideways():
+    texts = plot_polygon(feasible_targets(ARM, Q).polygon("K11", "K22", {"T1": 0.0, "T2": 0.0})).texts[:-1]
+    assert any("\n" in text.get_text() for text in texts)
+    assert all(np.cos(np.radians(text.get_rotation())) > 0.49 for text in texts)
+
+
 def test_where_nothing_exists_polygons_are_empty():
     found = feasible_targets(ARM, Q, limits=Limits(min_force=3000.0))
     assert not found.exists
