@@ -39,7 +39,7 @@ SMALL = 1e-3  # of a response: 1 mbar, 1 mN·m, 1e-3 of the rounding
 TWINS = np.array([1.0, -1.0])  # commands that turn the joint
 
 
-class Plant(NamedTuple):
+class Responses(NamedTuple):
     """Responses (LENGTH,) of the plant without a controller."""
 
     reading: Array  # to a pulse of the commands [rad/bar]
@@ -68,7 +68,7 @@ def begun(settings: Settings) -> Experiment:
     return real.begin(DT, plant.at_rest(THETA, K), 0)
 
 
-def plant_of(settings: Settings) -> Plant:
+def responses_of(settings: Settings) -> Responses:
     """Return the responses of the model."""
     rest = settings.plant.at_rest(THETA, K)[2:]
 
@@ -82,7 +82,7 @@ def plant_of(settings: Settings) -> Plant:
 
     still = run(0.0, 0.0)
     pulsed, loaded = (run(SMALL, 0.0) - still) / SMALL, (run(0.0, SMALL) - still) / SMALL * LOAD
-    return Plant(pulsed[0], pulsed[1], loaded[0], loaded[1])
+    return Responses(pulsed[0], pulsed[1], loaded[0], loaded[1])
 
 
 def achieved(controller: str, settings: Settings) -> tuple[float, float, float, float]:
@@ -117,7 +117,7 @@ def noise_of(response: Array) -> float:
     return float(np.linalg.norm(np.diff(response, prepend=0.0)) / DT)
 
 
-def least(plant: Plant, peak: float, noise: float, slew: float = inf) -> float:
+def least(plant: Responses, peak: float, noise: float, slew: float = inf) -> float:
     """Return the least RMS error [°] of the linear controllers with at most this M_s, noise and slew [bar/s]."""
     import cvxpy as cp
 
@@ -144,7 +144,7 @@ def rows_of(structure: str, seed: int) -> list[Achieved]:
     """Return the figures of all controllers on one stranger."""
     model, rows = identified(drawn(structure, seed)), []
     settings = Settings(model.plant, DT, compensation=model.told)
-    plant, slew, calm = plant_of(settings.sliding), model.plant.slew / BAR, 0.0
+    plant, slew, calm = responses_of(settings.sliding), model.plant.slew / BAR, 0.0
     for name in CONTROLLERS:
         figures = achieved(name, robust(name, settings, CASES["rest"].reference).sliding)
         calm = calm or figures[1]
