@@ -167,7 +167,7 @@ class PrandtlIshlinskii:
                 f"filled{checks.at(filled, wrong)} Pa leaves no width to the plays: P1 + P2 is too small"
             )
         passed = np.empty((self.size, u.size))
-        pass_plays(u.tolist(), self.scale(filled).tolist(), self.thresholds, [float(u[0])] * self.size, passed)
+        pass_plays(u.tolist(), self.scale(filled).tolist(), self.thresholds, self.at_rest(u[0]).tolist(), passed)
         return np.asarray(self.output(passed, u))
 
     # --- backwards --------------------------------------------------------------------------------------------------
