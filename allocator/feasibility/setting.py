@@ -93,6 +93,12 @@ class Setting:
         found = [columns(state.problem(theta, T)[0]) for state in self.states]
         return found[0] if len(found) == 1 else _united(found)
 
+    def torque_margin(self, theta: Array, T: Array) -> Array:
+        """Return the margin of T within its interval at θ, as a fraction of the torque scale; < 0 outside."""
+        theta, T = np.broadcast_arrays(theta, T)
+        found = self.columns(theta, T)
+        return np.where(found.empty, -1.0, found.reach.ravel()).reshape(theta.shape)
+
 
 def columns(problem: Problem) -> Columns:
     """Return the columns of the problems."""
