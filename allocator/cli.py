@@ -1,18 +1,19 @@
-"""The command line: its group, the commands about statics, and `antagonist muscles`."""
+"""The command line: its group, the commands about statics, `antagonist muscles` and `antagonist bag`."""
 
 from importlib import metadata
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from allocator.allocate_cli import allocate_command
+from allocator.errors import InvalidInput
 from allocator.feasibility.cli import map_command
 from allocator.identification.arm.cli import fit_arm_command
-from allocator.identification.bag_cli import bag_command
 from allocator.identification.joint.cli import fit_joint_command, plan_joint_command
 from allocator.identification.muscle.cli import fit_command
 from allocator.shell.options import Command
-from allocator.shell.outputs import say
+from allocator.shell.outputs import Force, check_ending, claim, say
 
 app = typer.Typer(
     name="antagonist",
@@ -87,6 +88,47 @@ app.command("fit-joint", cls=Command, short_help="identify a joint from angles a
     fit_joint_command
 )
 app.command("fit-arm", cls=Command, short_help="find muscles and motion of an arm from its log")(fit_arm_command)
-app.command("bag", cls=Command, short_help="convert topics of a ROS bag to a CSV log")(bag_command)
+
+
+@app.command("bag", cls=Command, short_help="convert topics of a ROS bag to a CSV log")
+def bag_command(
+    bag: Annotated[Path, typer.Argument(help="ROS 1 .bag, .mcap, or the folder of a ROS 2 bag")],
+    topics: Annotated[
+        str | None,
+        typer.Option(
+            help="quantities and their fields; such as 'theta=/joint_states.position[0] "
+            "pressure1=/valves.data[0]:bar'. Angles are in rad and pressures in Pa unless a unit follows. "
+            "Without this option the topics are listed"
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV to write, for fit-motion, fit-joint or fit")] = None,
+    force: Force = False,
+) -> None:
+    """Write topics of a ROS bag or an MCAP file as a CSV log.
+
+    Each message of the first quantity gives a row with the latest messages of the others. Rows with a message older
+    than a second are left out, so that a silent topic makes a gap in the log.
+    """
+    from rich.console import Console
+
+    from allocator.files import bags
+
+    console = Console()
+    if topics is None:
+        with bags.opened(bag) as recording:
+            for name, (kind, count) in sorted(recording.topics.items()):
+                say(console, f"{name}: {kind}, {count} messages")
+        return
+    if out is None:
+        raise InvalidInput("--topics needs --out, the CSV to write")
+    check_ending("--out", out, (".csv",))
+    claim(out, inputs=(bag,), force=force)
+    written, left = bags.to_csv(bag, bags.Quantity.parse(topics), out)
+    say(
+        console,
+        f"written: {out}, {written} rows" + (f"; {left} without a recent message were left out" if left else ""),
+    )
+
+
 app.command("plan-joint", cls=Command, short_help="plan the measurement for fit-joint")(plan_joint_command)
 app.command("map", cls=Command, short_help="draw the feasible angles, stiffnesses and torques")(map_command)

@@ -243,7 +243,7 @@ def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
     if one and scale_needed and not scale_known_in(file):
         raise file.fault(
             "holds a joint whose force scale is unknown, since it was fitted without a weight: it has no stiffness to "
-            "command; fit again with a torque column, or complete the fit by with_scale"
+            "command; fit again with a torque column"
         )
     led, muscles = _routes(routes, str(kind)), _muscles(file)
     gas = file.table("gas")

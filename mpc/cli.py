@@ -17,7 +17,7 @@ from allocator import checks
 from allocator.cli import app
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.lazy import Console
-from allocator.presentation.waiting import waiting
+from allocator.presentation.progress import waiting
 from allocator.shell import failures
 from allocator.shell.options import Command, finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, files_of_run, say

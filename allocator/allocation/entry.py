@@ -21,7 +21,7 @@ from allocator.joint.antagonist import AntagonistJoint, joint_or_report, report_
 from allocator.joint.gas import HELD, ISOBARIC, Stiffness
 from allocator.joint.limits import TAUT, Limits
 from allocator.mechanism.mechanism import Mechanism
-from allocator.presentation.waiting import waiting
+from allocator.presentation.progress import waiting
 
 
 @overload

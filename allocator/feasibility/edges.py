@@ -54,12 +54,7 @@ def edges_at_torque(setting: Setting, T: float, left: float, right: float) -> tu
     def ends(theta: Array) -> tuple[End, End]:
         return _column_ends(setting.columns(theta, T))
 
-    def margin(theta: Array, T: Array) -> Array:
-        theta, T = np.broadcast_arrays(theta, T)
-        found = setting.columns(theta, T)
-        return np.where(found.empty, -1.0, found.reach.ravel()).reshape(theta.shape)
-
-    return _edges(setting, ends, spans(margin, left, right, np.array([T])))
+    return _edges(setting, ends, spans(setting.torque_margin, left, right, np.array([T])))
 
 
 def edges_at_stiffness(setting: Setting, K: float, left: float, right: float) -> tuple[Edge, ...]:

@@ -1,31 +1,21 @@
-"""Feasibility maps: the answers of `allocate`, cell by cell, over any two or three of (θ, K, T).
-
-A map consists of columns (θ, T): the ends of the stiffness interval decide for every K of the column whether it is
-feasible, and which limits bind if it is not. Only feasible cells need the inverse: along the level of affine muscles
-the pressures are linear in K, two equal Tondu2021 on a pulley have a closed form, others require root finding.
-"""
+"""Feasibility maps: the answers of `allocate`, cell by cell, over any two or three of (θ, K, T)."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks, search
-from allocator.allocation import Status, allocate
-from allocator.allocation.status import CLOSED_FORM
-from allocator.allocation.two_muscles import exact
-from allocator.allocation.two_muscles.certificate import assess
-from allocator.calculus import Array, Mask
-from allocator.closed_form import solve_inverse
+from allocator.allocation import allocate
+from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.feasibility.result import FeasibilityMap
-from allocator.feasibility.setting import Columns, Setting, columns
+from allocator.feasibility.setting import Setting
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import TAUT, Limits
-from allocator.joint.torque_levels import Pair, torque_interval
+from allocator.joint.torque_levels import torque_interval
 
 _CELL_BYTES = 8 + 8 + 1 + 4  # P1, P2, status, limits
 _WORK_BYTES = 400  # per cell while its chunk is computed
@@ -67,8 +57,7 @@ def feasibility_map(
     Returns
     -------
     FeasibilityMap
-        Status, limits and pressures of `allocate` in every cell (equal up to 1e-9 of the supply range), the edges as
-        curves, `to_csv`, `to_npz` and `plot`.
+        Status, limits and pressures of `allocate` in every cell, the edges as curves, `to_csv`, `to_npz` and `plot`.
 
     Raises
     ------
@@ -88,7 +77,7 @@ def feasibility_map(
     _check_memory(axes, max_bytes)
     cells = _cells(setting, np.atleast_1d(theta_axis), np.atleast_1d(K_axis), np.atleast_1d(T_axis), progress)
     shape = tuple(axis.size for axis in axes.values() if axis.ndim)
-    return FeasibilityMap(setting, theta_axis, K_axis, T_axis, *(array.reshape(shape) for array in cells.arrays))
+    return FeasibilityMap(setting, theta_axis, K_axis, T_axis, *(array.reshape(shape) for array in cells))
 
 
 def _angles(setting: Setting, theta: ArrayLike | None) -> Array:
@@ -108,102 +97,23 @@ def _check_memory(axes: dict[str, Array], max_bytes: float) -> None:
         )
 
 
-class Cells(NamedTuple):
-    """Answers in (θ, K, T) cells."""
-
-    status: NDArray[np.int8]
-    limits: NDArray[np.int32]
-    P1: Array  # [Pa]
-    P2: Array  # [Pa]
-    state: NDArray[np.int8] | None = None  # of free valves: 1 antagonist shut, 2 agonist, 3 both
-
-    @property
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """Status, limits, P1, P2 and the state of free valves."""
-        return tuple(array for array in self if array is not None)
-
-    def formed(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "Cells":
-        """Return a copy with `function` applied to every array."""
-        return Cells(*map(function, self.arrays))
-
-
-def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progress) -> Cells:
-    """Return all cells, chunk after chunk of angles."""
-    shape = theta.size, K.size, T.size
-    out = _nothing(shape, setting)
-    closed = setting.joint.affine or (setting.joint.tondu_pulley is not None and setting.kind.isobaric)
+def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progress) -> list[NDArray[Any]]:
+    """Return status, limits, P1, P2 and the state of free valves in all cells, chunk after chunk of angles."""
+    shape, joint, free = (theta.size, K.size, T.size), setting.joint, len(setting.states) > 1
+    out = [np.empty(shape, kind) for kind in (np.int8, np.int32, float, float, *([np.int8] if free else []))]
+    closed = joint.affine or (joint.tondu_pulley is not None and setting.kind.isobaric)
     step = max(1, (_CHUNK_CELLS if closed else _SLOW_CHUNK_CELLS) // (K.size * T.size))
+    asked: dict[str, Any] = {"joint": joint, "limits": setting.limits, "stiffness": Stiffness(setting.kind)}
     for start in progress(range(0, theta.size, step)):
         if start == 0 and not closed:  # so that progress is visible
-            search.prepare(theta.size * K.size * T.size * len(setting.states))
+            search.prepare(int(np.prod(shape)) * len(setting.states))
         part = slice(start, start + step)
-        for target, array in zip(out.arrays, _chunk(setting, theta[part], K, T).arrays, strict=True):
+        a = allocate(theta[part, None, None], K[:, None], T, **asked)
+        for target, array in zip(out, (a.status, a.limits, a.P1, a.P2), strict=False):
             target[part] = array
+        if free:
+            out[-1][part] = 2 * a.valves[0] + a.valves[1]
     return out
-
-
-def _chunk(setting: Setting, theta: Array, K: Array, T: Array) -> Cells:
-    """Return the cells (θ, K, T) of some angles."""
-    problem, asked = setting.problem(theta[:, None], T[None, :])
-    if len(setting.states) > 1:
-        cells = _nothing((problem.T.size, K.size), setting)
-        _answered(setting, cells, np.ones(problem.T.shape, bool), asked.ravel(), problem.T, K)
-        return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
-    signs = exact.determinant_signs(setting.problem(theta)[0])
-    found = columns(problem, np.repeat(signs, T.size))
-    cells = _filled(setting, found, asked.ravel(), K)  # (columns, K)
-    curved = not setting.joint.affine or problem.felt is not None  # along a torque level K is not linear
-    if (several := (found.signs == 0) & curved).any():
-        _answered(setting, cells, several, asked.ravel(), problem.T, K)
-    return cells.formed(lambda array: array.reshape(theta.size, T.size, K.size).swapaxes(1, 2))
-
-
-def _nothing(shape: tuple[int, ...], setting: Setting) -> Cells:
-    """Return empty cells."""
-    empty = np.empty(shape, np.int8), np.empty(shape, np.int32), np.empty(shape), np.empty(shape)
-    return Cells(*empty, np.empty(shape, np.int8) if len(setting.states) > 1 else None)
-
-
-def _filled(setting: Setting, found: Columns, asked: Array, K: Array) -> Cells:
-    """Return the cells (n, K.size) of n columns: its ends below and above a column, the inverse between them."""
-    outside = setting.joint.outside_range(asked)
-    low, high = (assess(found.problem, *pair, outside) for pair in (found.low, found.high))
-    tolerance = CLOSED_FORM.met * found.problem.scales[1][:, None]
-    K_min, K_max = found.K_min[:, None], found.K_max[:, None]
-    below, above = K <= K_min + tolerance, K >= K_max - tolerance
-    missed = (K < K_min - tolerance) | (K > K_max + tolerance)
-    overruled = low.status > Status.BOTH_LIMITED  # the joint range or the box leaves no choice
-    status = np.where(overruled, low.status, low.status & Status.TORQUE_LIMITED)[:, None] + np.where(
-        overruled[:, None], 0, missed * np.int8(Status.STIFFNESS_LIMITED)
-    )
-    P1, P2 = (np.where(below, lo[:, None], hi[:, None]) for lo, hi in zip(found.low, found.high, strict=True))
-    between = ~(below | above)
-    if between.any():
-        P1[between], P2[between] = _inverse(found, K, *np.nonzero(between))
-    limits = np.where(below, low.limits[:, None], np.where(above, high.limits[:, None], outside[:, None]))
-    return Cells(status.astype(np.int8), limits.astype(np.int32), P1, P2)
-
-
-def _inverse(found: Columns, K: Array, column: NDArray[np.intp], row: NDArray[np.intp]) -> Pair:
-    """Return the pressures of cells between the ends of their columns."""
-    if found.problem.joint.affine and found.problem.felt is None:  # the level is a straight line, and K linear along it
-        share = (K[row] - found.K_min[column]) / (found.K_max - found.K_min)[column]
-        P1, P2 = (lo[column] + share * (hi - lo)[column] for lo, hi in zip(found.low, found.high, strict=True))
-        return P1, P2
-    problem = replace(found.problem.take(column), K=K[row])
-    if problem.tondu_pulley:
-        return solve_inverse(problem.joint, problem.theta, problem.K, problem.T)
-    P1, P2, _ = exact.solve(problem)
-    return P1, P2
-
-
-def _answered(setting: Setting, cells: Cells, where: Mask, theta: Array, T: Array, K: Array) -> None:
-    """Solve columns that may have several pairs per cell by `allocate` itself."""
-    asked: dict[str, Any] = {"joint": setting.joint, "limits": setting.limits, "stiffness": Stiffness(setting.kind)}
-    a = allocate(theta[where, None], K, T[where, None], **asked)
-    found = a.status, a.limits, a.P1, a.P2, *((2 * a.valves[0] + a.valves[1],) if len(setting.states) > 1 else ())
-    for target, array in zip(cells.arrays, found, strict=True):
-        target[where] = array
 
 
 def map_axis(name: str, asked: object, values: Array) -> Array:

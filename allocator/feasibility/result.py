@@ -92,10 +92,6 @@ class FeasibilityMap:
         """Feasible part of the cells [-]."""
         return float(self.feasible.mean())
 
-    def limit_names(self, *index: int) -> tuple[str, ...]:
-        """Return the limits that bind in a cell, by name."""
-        return names(int(self.limits[index]))
-
     @cached_property
     def edges(self) -> tuple[Edge, ...]:
         """Edges of the feasible set as curves, each labelled by the limit that binds along it.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from allocator import checks
 from allocator.allocation.arguments import problem_from
 from allocator.allocation.status import CLOSED_FORM
-from allocator.allocation.two_muscles import exact, reach
+from allocator.allocation.two_muscles import reach
 from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array, Mask, Value, increasing_root
 from allocator.errors import InvalidInput
@@ -36,7 +36,6 @@ class Columns(NamedTuple):
     K_min: Array  # [N·m/rad]
     K_max: Array
     reach: Array  # margin of the torque within its interval, as a fraction of the torque scale; negative outside
-    signs: Array  # of the determinant, see `exact.determinant_signs`: unless 0, one pair gives each stiffness
     problem_high: Problem  # of the greatest stiffness, if its valves differ from those of the least
 
     @property
@@ -94,14 +93,19 @@ class Setting:
         found = [columns(state.problem(theta, T)[0]) for state in self.states]
         return found[0] if len(found) == 1 else _united(found)
 
+    def torque_margin(self, theta: Array, T: Array) -> Array:
+        """Return the margin of T within its interval at θ, as a fraction of the torque scale; < 0 outside."""
+        theta, T = np.broadcast_arrays(theta, T)
+        found = self.columns(theta, T)
+        return np.where(found.empty, -1.0, found.reach.ravel()).reshape(theta.shape)
 
-def columns(problem: Problem, signs: Array | None = None) -> Columns:
-    """Return the columns of the problems, by the determinant's `signs` if these are known."""
+
+def columns(problem: Problem) -> Columns:
+    """Return the columns of the problems."""
     T_min, T_max = torque_interval(problem.sides, problem.box)
     scale = problem.scales[0]
     T = np.clip(problem.T, T_min, T_max)
-    signs = exact.determinant_signs(problem) if signs is None else signs
-    low, high = reach.stiffness_ends(problem, T, signs)
+    low, high = reach.stiffness_ends(problem, T)
     return Columns(
         problem,
         low,
@@ -109,7 +113,6 @@ def columns(problem: Problem, signs: Array | None = None) -> Columns:
         problem.stiffness(*low),
         problem.stiffness(*high),
         np.minimum(problem.T - T_min, T_max - problem.T) / scale,
-        signs,
         problem,
     )
 
@@ -130,7 +133,6 @@ def _united(found: list[Columns]) -> Columns:
         of(lowest, (c.K_min for c in found)),
         of(highest, (c.K_max for c in found)),
         np.stack([np.where(c.empty, -1.0, c.reach) for c in found]).max(axis=0),
-        np.zeros(lowest.shape),
         _with_states(found, highest),
     )
 

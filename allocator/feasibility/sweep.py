@@ -97,11 +97,7 @@ def performance(
         return _NOTHING
     setting = Setting.of(design.joint(muscle, stops), Limits(min_force))
 
-    def held(theta: Array, T: Array) -> Array:
-        found = setting.columns(theta, np.broadcast_to(T, theta.shape))
-        return np.where(found.empty, -1.0, found.reach).reshape(theta.shape)
-
-    left, right = spans(held, *setting.joint.angle_range, np.zeros(1), pieces=_PIECES)
+    left, right = spans(setting.torque_margin, *setting.joint.angle_range, np.zeros(1), pieces=_PIECES)
     if not len(left):
         return _NOTHING
     widest = int(np.argmax(right - left))

@@ -4,7 +4,7 @@ y holds torques and stiffness. The zonotope is known by its support function
 
     h(d) = max d·y = d·y0 + Σ_j max(d·M_j lo_j, d·M_j hi_j),
 
-which proves that targets are out of reach (d·y* > h(d)) and gives the corners: the pressures that attain it.
+which proves that targets are out of reach: d·y* > h(d).
 """
 
 from collections.abc import Mapping
@@ -93,17 +93,6 @@ class FeasibleTargets:
         """Whether the limits leave every muscle a pressure that keeps it taut."""
         return not any((side.empty | side.unreachable | side.slack).any() for side in self._problem.box)
 
-    def support(self, d: ArrayLike) -> Array:
-        """Return h(d) = max d·y (…) for directions `d` (…, n + n(n+1)/2). Raises `InvalidInput`."""
-        direction = self._direction(d)
-        slope, (lo, hi) = direction @ self.map.M, self.box
-        return np.asarray(direction @ self.map.y0 + np.maximum(slope * lo, slope * hi).sum(axis=-1))
-
-    def pressures(self, d: ArrayLike) -> Array:
-        """Return pressures (…, m) [Pa] that attain h(d) for directions `d` (…, n + n(n+1)/2). Raises `InvalidInput`."""
-        lo, hi = self.box
-        return np.where(self._direction(d) @ self.map.M > 0, hi, lo)
-
     def interval(self, target: object, held: Mapping[str, float] | None = None) -> tuple[float, float]:
         """Return the least and the greatest value of a target, such as "K12", with others held; NaN if none exist.
 
@@ -173,15 +162,6 @@ class FeasibleTargets:
             if p
             for limit in limit_names(name, int((side.hi_limit if p > 0 else side.lo_limit)[0]))
         )
-
-    def _direction(self, d: object) -> Array:
-        array = checks.real("d", d, "of torques, then stiffness")
-        if array.ndim == 0 or array.shape[-1] != self.map.y0.size:
-            raise InvalidInput(
-                f"d has the shape {array.shape}; expected (…, {self.map.y0.size}): n = {self.mechanism.n} torques and "
-                "the upper triangle of K, row by row"
-            )
-        return array
 
 
 _TRACE = {"Kx11": 1.0, "Kx22": 1.0}

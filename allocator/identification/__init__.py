@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from allocator.identification.arm.fit import ArmFit as ArmFit
     from allocator.identification.arm.fit import assign_muscles as assign_muscles
     from allocator.identification.arm.fit import fit_arm as fit_arm
-    from allocator.identification.joint.fit import compare_joint_models as compare_joint_models
     from allocator.identification.joint.fit import fit_joint as fit_joint
     from allocator.identification.joint.planning.plan import plan_joint_experiment as plan_joint_experiment
     from allocator.identification.joint.plotting import plot_joint_fit as plot_joint_fit

@@ -4,11 +4,11 @@
 the pressures that both allow at an angle.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from functools import reduce
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,10 +179,6 @@ class PressureInterval:
         """Whether no allowed pressure gives the least force."""
         return np.asarray(self.broken & (Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) != 0)
 
-    def map(self, function: Callable[[Any], Any]) -> "PressureInterval":
-        """Return a copy with `function` applied to every array."""
-        return PressureInterval(*(function(getattr(self, field.name)) for field in fields(self)))
-
     def contains(self, P: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
         """Return whether `P` lies inside, up to `tolerance` [Pa]; NaN does not."""
         return (P >= self.lo - tolerance) & (P <= self.hi + tolerance)
@@ -215,11 +211,6 @@ class PressureBox:
     def __iter__(self) -> Iterator[PressureInterval]:
         """Yield agonist and antagonist."""
         return iter((self.agonist, self.antagonist))
-
-    def map(self, function: Callable[[Any], Any]) -> "PressureBox":
-        """Return a copy with `function` applied to every array."""
-        least_sum = function(np.broadcast_to(self.least_sum, self.agonist.lo.shape))
-        return PressureBox(self.agonist.map(function), self.antagonist.map(function), least_sum)
 
     def with_least_sum(self, least_sum: Array) -> "PressureBox":
         """Add a floor on P1 + P2; if the upper ends do not reach it, the box shrinks to them."""

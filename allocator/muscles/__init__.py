@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from allocator.muscles.models.custom import TableMuscle as TableMuscle
     from allocator.muscles.models.kazemipour import KazemipourKatzschmann2025 as KazemipourKatzschmann2025
     from allocator.muscles.models.martens import MartensBoblan2017 as MartensBoblan2017
+    from allocator.muscles.models.mckibben import PolynomialMcKibben as PolynomialMcKibben
     from allocator.muscles.models.mckibben import TonduLopez1995 as TonduLopez1995
-    from allocator.muscles.models.polynomial import PolynomialMcKibben as PolynomialMcKibben
     from allocator.muscles.models.pressure_dependent import Andrikopoulos2016 as Andrikopoulos2016
     from allocator.muscles.models.pressure_dependent import TonduLopez2000 as TonduLopez2000
     from allocator.muscles.models.threshold import ThresholdPolynomial as ThresholdPolynomial

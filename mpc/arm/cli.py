@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 import typer
 
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.presentation.waiting import waiting
+from allocator.presentation.progress import waiting
 from allocator.shell.options import within
 from allocator.shell.outputs import say
 from allocator.units import BAR, DEG

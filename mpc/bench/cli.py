@@ -11,7 +11,7 @@ import typer
 from allocator import checks
 from allocator.errors import AntagonistError, InvalidInput
 from allocator.lazy import Console
-from allocator.presentation.waiting import waiting
+from allocator.presentation.progress import waiting
 from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
 from allocator.units import BAR, PERCENT

@@ -21,14 +21,14 @@ _SAME = 1e-9  # of the supply range, or of the scale of torque: closer pairs or 
 _FAR = 1e3  # times the capacity: the nearest value to it is the extreme
 
 
-def stiffness_ends(problem: Problem, T: Array, signs: Array | None = None) -> tuple[Pair, Pair]:
+def stiffness_ends(problem: Problem, T: Array) -> tuple[Pair, Pair]:
     """Return the pressures of the least and of the greatest stiffness at the torques T (n,) [N·m]; NaN out of reach.
 
-    These are the ends of the torque level if the determinant keeps its sign; `signs` are its signs if known.
+    These are the ends of the torque level if the determinant keeps its sign.
     """
     if problem.felt is not None:
         return _extremes(replace(problem, priority="torque", T=T), "K", _FAR * problem.scales[1])
-    signs = exact.determinant_signs(problem) if signs is None else signs
+    signs = exact.determinant_signs(problem)
     level = torque_level(problem.sides, problem.box, T)
     falls = signs < 0
     low, high = (

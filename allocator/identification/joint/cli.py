@@ -6,17 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.files.text import short
 from allocator.identification.columns import parse_columns
-from allocator.identification.joint.fit import JointComparison, compare_joint_models, fit_joint
+from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import JointLog, joined_logs, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
-from allocator.identification.options import SkipRows, Topics, assigned, clock, columns_option, each, print_lines
+from allocator.identification.options import SkipRows, Topics, assigned, clock, columns_option, print_lines
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
@@ -56,7 +55,6 @@ def fit_joint_command(
     skip_rows: SkipRows = 0,
     topics: Topics = None,
     model: Annotated[str, typer.Option(help="muscle model")] = "Sarosi2012",
-    every: Annotated[bool, typer.Option("--all", help="compare all models, in angle and in stiffness")] = False,
     average: Annotated[bool, typer.Option("--average", help="fit the mean of both directions")] = False,
     friction: Annotated[bool, typer.Option(help="fit the friction μ; needs directions in the log")] = True,
     dead_band: Annotated[float, typer.Option(help="leave out samples with a pressure below this [bar]")] = 0.5,
@@ -102,15 +100,12 @@ def fit_joint_command(
         "dead_band": dead_band * BAR,
     }
     measured = (data.theta, data.P1, data.P2)
-    compared = compare_joint_models(*measured, progress=each, **options) if every else None
     with clock(console) as bar:
         bar.add_task(f"fitting {model}", total=None)  # the number of steps is unknown
         fit = fit_joint(*measured, model=model, **options)
     if as_json:
-        print_json(_values(fit, compared))
+        print_json(_values(fit))
     else:
-        if compared is not None:
-            _report(compared, console)
         _describe(fit, _better_laws(fit, measured, options), console)
     if out is not None:
         fit.save(out, group)
@@ -182,26 +177,18 @@ def _describe_log(log: JointLog, console: Console) -> None:
         )
 
 
-def _report(comparison: JointComparison, console: Console) -> None:
-    caption = "in the order of publication, since a good angle fit does not select the stiffness"
-    table = Table(title="Angle error and implied stiffness", caption=caption)
-    for heading in ("model", "error [°]", "left out [°]", "K/K_ref low", "K/K_ref high"):
-        table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
-    for name, fit in comparison.fits.items():
-        low, _, high = comparison.stiffness[name]
-        left_out = "–" if np.isnan(fit.left_out) else f"{fit.left_out / DEG:.2f}"
-        table.add_row(name, f"{fit.rms / DEG:.2f}", left_out, f"{low:.3f}", f"{high:.3f}")
-    console.print(table)
-    failures = (f"{name}: not fitted, {why}" for name, why in comparison.failures.items())
-    print_lines(console, (*comparison.sentences, *failures))
-
-
 def _better_laws(fit: JointFit, measured: tuple[Array, Array, Array], options: dict[str, Any]) -> list[str]:
     """Return the laws that predict the angles better if the joint is fitted with them, as --model does."""
     most = 0.8 * fit.rms  # of a law worth trying
-    names = [c.name for c in fit.doubt.choices if c.kind == "law" and c.rms < most]
-    others = compare_joint_models(*measured, models=names, leave_one_out=False, **options).fits
-    return [name for name, other in others.items() if other.rms < most]
+    better = []
+    for name in (choice.name for choice in fit.doubt.choices if choice.kind == "law" and choice.rms < most):
+        try:
+            other = fit_joint(*measured, model=name, leave_one_out=False, choices=False, **options)
+        except InvalidInput:
+            continue
+        if other.rms < most:
+            better.append(name)
+    return better
 
 
 def _describe(fit: JointFit, better: list[str], console: Console) -> None:
@@ -257,9 +244,9 @@ def _choice_lines(fit: JointFit) -> list[str]:
     ]
 
 
-def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object]:
+def _values(fit: JointFit) -> dict[str, object]:
     """Return the values printed by `--json`."""
-    values: dict[str, object] = {
+    return {
         **fit.to_dict(),
         "samples_left_out": fit.samples.dropped,
         "law_error": fit.doubt.discrepancy.law,
@@ -279,14 +266,6 @@ def _values(fit: JointFit, compared: JointComparison | None) -> dict[str, object
         "unseen": fit.unseen,
         "warnings": fit.warnings,
     }
-    if compared is not None:
-        ends = {name: (low, high) for name, (low, _, high) in compared.stiffness.items()}
-        values["models"] = [
-            {**other.to_dict(), "model": name, "stiffness_over_reference": ends[name]}
-            for name, other in compared.fits.items()
-        ]
-        values["failures"] = compared.failures
-    return values
 
 
 # --- plan-joint -------------------------------------------------------------------------------------------------------

@@ -1,28 +1,17 @@
-"""Fit of one muscle model, or of all, to the measured equilibria of a joint.
+"""Fit of a muscle model to the measured equilibria of a joint."""
 
-A comparison shows the angle error and the implied stiffness of each model. A good angle fit does not determine the
-stiffness: any increasing transformation of the force law leaves the unloaded angles of a pulley unchanged. So models
-keep the given order, and pairs with indistinguishable angles but different stiffnesses are named.
-"""
-
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from itertools import combinations
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.identification.joint.problem import JointProblem
-from allocator.identification.joint.relative import RelativeJoint
 from allocator.identification.joint.result import JointFit, first_search, solved
 from allocator.identification.joint.samples import Geometries, JointSamples, SlackReadings
 from allocator.identification.joint.search import starting_muscle
-from allocator.identification.least_squares import rms
-from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import MODELS, Muscle, Recipe
 from allocator.units import BAR, DEG
 
@@ -242,95 +231,3 @@ def _check_signs(samples: JointSamples) -> None:
             f"θ changes by {rise1 / DEG:.2g} deg/bar with P1 and {rise2 / DEG:.2g} deg/bar with P2: in an antagonistic "
             "pair P1 raises and P2 lowers it"
         )
-
-
-# --- comparison of models ---------------------------------------------------------------------------------------------
-
-
-Model = str | type[Muscle] | Muscle
-_TOLD_APART = 0.5  # of the scatter: closer predictions are indistinguishable
-_DIFFERENT = 0.05  # relative difference of K/K_ref that matters
-_LEVELS = (0.5, 1.0, 1.5)  # of the pressure of K_ref
-
-
-class Twins(NamedTuple):
-    """Two models with indistinguishable angles."""
-
-    first: str
-    second: str
-    angle: float  # RMS difference of their predictions [rad]
-    stiffness: float  # relative difference of their K/K_ref, exceeded at 5 % of the samples [-]
-
-
-@dataclass(frozen=True)
-class JointComparison:
-    """Fits by model name in the order given, and reasons why other models have none."""
-
-    fits: Mapping[str, JointFit]
-    failures: Mapping[str, str]
-    stiffness: Mapping[str, Array]  # K/K_ref (3,) at half, once and 1.5 times the pressure of K_ref [-]
-    indistinguishable: tuple[Twins, ...]
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """Sentences on models that the angles cannot distinguish."""
-        return tuple(
-            f"{t.first} and {t.second} cannot be told apart by these angles (predictions {np.degrees(t.angle):.2g}° "
-            f"apart), but their stiffness relative to the reference differs by {t.stiffness:.0%}"
-            for t in self.indistinguishable
-        )
-
-
-def compare_joint_models(
-    theta: ArrayLike,
-    P1: ArrayLike,
-    P2: ArrayLike,
-    *,
-    models: Iterable[Model] = tuple(MODELS),
-    progress: Callable[[Iterable[Model]], Iterable[Model]] = lambda models: models,
-    **options: Any,
-) -> JointComparison:
-    """Fit every model to the same equilibria; `options` go to `fit_joint`. Models may include muscles.
-
-    Each fit is made without `choices`, since the comparison shows the effect of the law.
-    """
-    options = {"choices": False} | options
-    fits: dict[str, JointFit] = {}
-    failures: dict[str, str] = {}
-    for model in progress(tuple(models)):
-        kind = model if isinstance(model, str | type) else type(model)
-        name = kind if isinstance(kind, str) else kind.__name__
-        number = sum(other.partition(" #")[0] == name for other in fits)
-        name = f"{name} #{number + 1}" if number else name
-        try:
-            fits[name] = fit_joint(theta, P1, P2, model=model, **options)
-        except InvalidInput as error:
-            failures[name] = str(error)
-    stiffness = {}
-    for name, fit in fits.items():
-        relative = RelativeJoint(_first(fit))
-        theta, P, _ = relative.reference
-        stiffness[name] = relative.relative_stiffness(theta, np.array(_LEVELS) * P, np.array(_LEVELS) * P)
-    return JointComparison(fits, failures, stiffness, _twins(fits))
-
-
-def _first(fit: JointFit) -> AntagonistJoint:
-    return next(iter(fit.shapes.values()))
-
-
-def _twins(fits: Mapping[str, JointFit]) -> tuple[Twins, ...]:
-    scatter = min((fit.rms for fit in fits.values()), default=0.0)
-    found = []
-    for first, second in combinations(fits, 2):
-        both = fits[first], fits[second]
-        s = min((fit.samples for fit in both), key=lambda s: s.n)  # some laws leave out samples
-        here = s.group == 0
-        one, other = (replace(fit.problem, samples=s).angle_error(fit.x) for fit in both)
-        K1, K2 = (
-            RelativeJoint(_first(fit)).relative_stiffness(s.theta[here] - fit.zero, s.P1[here], s.P2[here])
-            for fit in both
-        )
-        angle, K = rms(one - other), float(np.quantile(np.abs(K1 / K2 - 1), 0.95))
-        if angle <= _TOLD_APART * scatter and K > _DIFFERENT:
-            found.append(Twins(first, second, angle, K))
-    return tuple(found)

@@ -16,13 +16,12 @@ from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.one_muscle import OneMuscle
 from allocator.machine_file import save_machine
-from allocator.muscles import parameter_sensitivities, scaled, strength_powers
-from allocator.muscles.uncertainty import deviation, parameter_gradient
+from allocator.muscles import parameter_sensitivities
+from allocator.muscles.uncertainty import deviation
 from allocator.units import BAR, DEG
 
 WHY = (
-    "needs the force scale, which equilibria without a weight cannot tell: pass torque= of a known weight to "
-    "fit_joint, or complete the fit by with_scale(...)"
+    "needs the force scale, which equilibria without a weight cannot tell: pass torque= of a known weight to fit_joint"
 )
 
 
@@ -58,14 +57,6 @@ def _stiffness_gradient(side: OneMuscle, P: Array) -> Array:
     _, force, slope = parameter_sensitivities(side.muscle, P, side.contraction)
     arm, bend = np.asarray(side.arm)[:, None], np.asarray(side.bend)[:, None]
     return np.asarray(-(arm**2) / side.rest_length * slope + bend * force)
-
-
-def gain_with_gradient(joint: AntagonistJoint, theta: Array, P1: Array, P2: Array) -> Quantity:
-    """Return ∂T/∂P1 [N·m/Pa] (n,) and its gradient in q."""
-    one, two = joint.sides(theta)
-    of_agonist = parameter_gradient(one.muscle, lambda m: one.arm * m.gain(P1, one.contraction), theta.shape)
-    of_antagonist = np.zeros((theta.size, len(two.muscle.parameters)))
-    return Quantity(np.asarray(one.torque_gain(P1)), np.hstack([of_agonist, of_antagonist]))
 
 
 @dataclass(frozen=True)
@@ -117,19 +108,6 @@ class RelativeJoint:
         left, right = self.shape.angle_range
         return (0.0 if left < 0 < right else (left + right) / 2, P, P)
 
-    def with_scale(self, T_P: float, at: tuple[float, float, float], std: float = 0.0) -> AntagonistJoint:
-        """Return the joint with its force scale, from a measured torque per pressure ∂T/∂P1 = `T_P` ± `std` [N·m/Pa].
-
-        `at` is (θ, P1, P2) [rad, Pa, Pa]. The uncertainty enters the joint's covariance, hence `K_std`.
-        """
-        measured, error = float(checks.real("T_P", T_P, "N·m/Pa")), checks.not_negative("std", std, "N·m/Pa")
-        if not measured > 0:
-            raise InvalidInput(f"T_P = {measured:g} N·m/Pa has to be positive: P1 raises the torque")
-        if measured > 1e-2:
-            raise InvalidInput(f"T_P = {measured:g} N·m/Pa is beyond any joint; if N·m/bar was meant, divide by 1e5")
-        gain = gain_with_gradient(self.shape, *_flat(*at))
-        return _rescaled(self.shape, measured / gain.value[0], -gain.gradient[0] / gain.value[0], error / measured)
-
     def save(self, path: str | PathLike[str]) -> None:
         """Write it as TOML; commands that need stiffness refuse it until it has a scale."""
         save_machine(self.shape, path, scale_known=False)
@@ -139,20 +117,6 @@ class RelativeJoint:
         if not name.startswith("_") and hasattr(AntagonistJoint, name):
             raise InvalidInput(f"{name} of this joint {WHY}")
         raise AttributeError(f"a RelativeJoint has no {name!r}")
-
-
-def _rescaled(joint: AntagonistJoint, factor: float, sensitivity: Array, error: float) -> AntagonistJoint:
-    """Return the joint with all forces times `factor`; `sensitivity` is ∂(log factor)/∂q, `error` its deviation."""
-    powers = np.concatenate([strength_powers(joint.agonist), strength_powers(joint.antagonist)])
-    q = np.array([*joint.agonist.parameters.values(), *joint.antagonist.parameters.values()])
-    along = powers * q  # ∂q/∂(log factor)
-    covariance = None
-    if joint.covariance is not None:
-        J = np.diag(factor**powers) @ (np.eye(q.size) + np.outer(along, sensitivity))
-        moved = factor**powers * along
-        covariance = J @ np.asarray(joint.covariance) @ J.T + error**2 * np.outer(moved, moved)
-    agonist, antagonist = scaled(joint.agonist, factor), scaled(joint.antagonist, factor)
-    return with_joint_covariance(replace(joint, agonist=agonist, antagonist=antagonist, covariance=None), covariance)
 
 
 def with_joint_covariance(joint: AntagonistJoint, covariance: Array | None) -> AntagonistJoint:

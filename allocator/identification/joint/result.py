@@ -26,7 +26,7 @@ from allocator.identification.joint.doubt.prediction import (
     force_intervals,
     predict,
 )
-from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
+from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.relative import WHY, Quantity, RelativeJoint, stiffness_with_gradient
 from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
@@ -35,7 +35,7 @@ from allocator.identification.least_squares import at_bound, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
 from allocator.machine_file import save_machine
-from allocator.muscles import Muscle, Recipe, strength_powers
+from allocator.muscles import Muscle, Recipe
 from allocator.presentation.tables import first_of, html_table, number
 from allocator.units import DEG, PERCENT
 
@@ -192,24 +192,6 @@ class JointFit:
 
     def _by_group(self) -> list[tuple[Mask, AntagonistJoint]]:
         return [(self.samples.group == i, joint) for i, joint in enumerate(self.shapes.values())]
-
-    def with_scale(self, T_P: float, at: tuple[float, float, float], std: float = 0.0) -> "JointFit":
-        """Complete the force scale from the torque per pressure P1 `T_P` ± `std` [N·m/Pa].
-
-        It was measured `at` (θ, P1, P2) [rad, Pa, Pa], θ being the encoder reading. Equilibria under a weight, which
-        also determine the scale, are fitted together with the others by `fit_joint`.
-        """
-        if self.scale is not None:
-            raise InvalidInput("the force scale is known already, from the weight in the data")
-        if self._several:
-            raise InvalidInput("T_P belongs to one geometry, and this fit is of several: fit them with a known weight")
-        shape, (theta, P1, P2) = next(iter(self.shapes.values())), at
-        joint = RelativeJoint(shape).with_scale(T_P, (theta - self.zero, P1, P2), std)
-        names, powers = list(shape.agonist.parameters), strength_powers(shape.agonist)
-        name, power = next((n, p) for n, p in zip(names, powers, strict=True) if p)
-        factor = (joint.agonist.parameters[name] / shape.agonist.parameters[name]) ** (1 / power)
-        scale, shapes = CONVENTIONAL_AREA * float(factor), dict.fromkeys(self.shapes, joint)
-        return replace(self, shapes=shapes, scale=scale, scale_std=std / T_P)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``.

@@ -43,7 +43,6 @@ def fit(
     force: ArrayLike,
     *,
     weights: ArrayLike | None = None,
-    taut_only: bool = True,
     hold: Mapping[str, float] | None = None,
     start: M | None = None,
     pressure_range: Range = EVERYTHING,
@@ -54,6 +53,7 @@ def fit(
 ) -> Fit[M]:
     """Fit `model` to forces [N] measured at contractions [-] and gauge pressures [Pa], arrays that broadcast.
 
+    Forces distinguishable from zero are equations; the others mean slack: inequalities F ≤ 0 (see `Samples.residual`).
     Logs of more than 2000 rows are averaged over cells first (see `thinning`), and the load cell's sign and offset are
     corrected if the slack readings show them (see `load_cell`), with a note in `samples.notes`. Outliers are left out
     (see `outliers`) and listed in `samples.dropped`.
@@ -62,9 +62,6 @@ def fit(
     ----------
     weights
         Relative weights of the squared residuals; by default 1.
-    taut_only
-        Only forces distinguishable from zero are equations; the others mean slack: inequalities F ≤ 0 (see
-        `Samples.residual`). If False every force is an equation, including negative ones.
     hold
         Parameters (by the names of `Muscle.parameters`) that are not fitted, e.g. ``{"r0": 0.0109}``. Those that only
         set a scale (P_max, rest lengths) are always held, by default at a usual value.
@@ -88,8 +85,8 @@ def fit(
         fits them.
     """
     samples = Samples.checked(contraction, pressure, force, weights, file)
-    samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
-    problem, starts, _ = build_problem(model, samples, hold, start, taut_only=taut_only)
+    samples = prepared(samples, pressure_range, contraction_range, zero_noise)
+    problem, starts, _ = build_problem(model, samples, hold, start)
     return conclude(model, problem, folds, starts)
 
 
@@ -98,8 +95,6 @@ def prepared(
     pressure_range: Range = EVERYTHING,
     contraction_range: Range = EVERYTHING,
     zero_noise: float | None = None,
-    *,
-    taut_only: bool = True,
 ) -> Samples:
     """Return the samples for all models: within the ranges, thinned, corrected for the load cell, without outliers.
 
@@ -113,8 +108,6 @@ def prepared(
         samples = samples.without(getattr(samples, name) > high, f"{name} above {high / unit:g}{suffix}")
     if not samples.n:
         raise InvalidInput("no samples are left to fit")
-    if not taut_only:
-        return thinned(samples)
     told = joined({name: _zeroed(part, zero_noise) for name, part in samples.parts.items()})
     if samples.file is not None:
         told = replace(told, dropped={**samples.dropped, **told.dropped}, notes=(*samples.notes, *told.notes))
@@ -133,8 +126,6 @@ def build_problem(
     samples: Samples,
     hold: Mapping[str, float] | None = None,
     start: M | None = None,
-    *,
-    taut_only: bool = True,
 ) -> tuple[MuscleProblem, tuple[Muscle, ...], Mask]:
     """Build the fit of `model` to the prepared samples in its domain.
 
@@ -147,8 +138,7 @@ def build_problem(
     prototype = recipe.starts[0]
     free = recipe.free(prototype.parameters, hold or {})
     linear = tuple(n for n in free if among(n, recipe.linear))
-    slack = inside.slack if taut_only else np.zeros(inside.n, bool)
-    problem = MuscleProblem(prototype, free, linear, *recipe.limits(free), inside, slack)
+    problem = MuscleProblem(prototype, free, linear, *recipe.limits(free), inside, inside.slack)
     _check_sufficient(problem)
     return problem, recipe.starts, takes
 
@@ -339,7 +329,6 @@ def rank_models(
     *,
     hold: Mapping[str, float] | None = None,
     folds: int = 5,
-    taut_only: bool = True,
     pressure_range: Range = EVERYTHING,
     contraction_range: Range = EVERYTHING,
     zero_noise: float | None = None,
@@ -351,12 +340,12 @@ def rank_models(
     """
     models = tuple(models)
     _check_held(models, hold or {})
-    samples = prepared(samples, pressure_range, contraction_range, zero_noise, taut_only=taut_only)
+    samples = prepared(samples, pressure_range, contraction_range, zero_noise)
     built, failures = {}, {}
     for model in models:
         held = {name: value for name, value in (hold or {}).items() if among(name, model.parameter_fields())}
         try:
-            built[model] = build_problem(model, samples, held, taut_only=taut_only)
+            built[model] = build_problem(model, samples, held)
         except InvalidInput as error:
             failures[model.__name__] = str(error)
     common = np.logical_and.reduce([np.ones(samples.n, bool), *(takes for *_, takes in built.values())])

@@ -97,29 +97,8 @@ class Fit(Generic[M_co]):
 
     def residuals(self) -> Array:
         """Return F_model - F_measured (n,) [N]; if model and muscle are slack, the cell's reading alone."""
-        return self._residuals(self.muscle)
-
-    def _residuals(self, muscle: Muscle) -> Array:
-        F = muscle.law(self.samples.pressure, self.samples.contraction)
+        F = self.muscle.law(self.samples.pressure, self.samples.contraction)
         return self.samples.residual(F, self.slack)
-
-    def in_confidence_region(self, muscle: Muscle, level: float = 0.99) -> bool:
-        """Return whether the samples are compatible with another `muscle`, of the same kind, at this level of
-        confidence.
-
-        The region {p: (S(p) - S_min)/r ≤ s² F_level(r, n - r)}, S the sum of weighted squares, r the rank, s² the
-        variance of the residuals (Bates & Watts 1988, section 6.1). Unlike the ellipsoid of the covariance it does not
-        depend on the parametrisation of the law, and is valid for nonlinear laws: the ellipsoid of MartensBoblan2017 or
-        TonduLopez2000 misses the truth in half of all cases or more at 2 % noise, this region in 1 %.
-        """
-        from scipy.special import fdtri
-
-        least, freedom = self._cost(self.muscle), self.samples.n - self.rank
-        allowed = self.rank * least / freedom * fdtri(self.rank, freedom, level)
-        return bool(self._cost(muscle) - least <= allowed)
-
-    def _cost(self, muscle: Muscle) -> float:
-        return float(self.samples.weights @ self._residuals(muscle) ** 2)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in one row of a table, ``pandas.DataFrame([f.to_dict() for f in fits])``.

@@ -6,8 +6,7 @@ from allocator.muscles.models.chou import ChouHannaford1996
 from allocator.muscles.models.custom import TableMuscle
 from allocator.muscles.models.kazemipour import KazemipourKatzschmann2025
 from allocator.muscles.models.martens import MartensBoblan2017
-from allocator.muscles.models.mckibben import TonduLopez1995
-from allocator.muscles.models.polynomial import PolynomialMcKibben
+from allocator.muscles.models.mckibben import PolynomialMcKibben, TonduLopez1995
 from allocator.muscles.models.pressure_dependent import Andrikopoulos2016, TonduLopez2000
 from allocator.muscles.models.threshold import ThresholdPolynomial
 from allocator.muscles.models.tondu import Tondu2021

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.presentation.waiting import waiting
+from allocator.presentation.progress import waiting
 from allocator.units import BAR
 from mpc.arm.learning.actions import KINDS, Governor, governor_of, within
 from mpc.arm.learning.plant import ArmBatch, VariedArm

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from allocator.compilation import beside
-from allocator.presentation.waiting import waiting
+from allocator.presentation.progress import waiting
 from mpc.observer.compiled.layout import State, Tail
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import Filter

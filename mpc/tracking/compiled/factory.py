@@ -12,7 +12,7 @@ import numpy as np
 
 from allocator.compilation import beside
 from allocator.errors import notice
-from allocator.presentation.waiting import waiting
+from allocator.presentation.progress import waiting
 from allocator.units import BAR
 from mpc.model.arm.model import Arm
 from mpc.model.machine import Machine

@@ -10,39 +10,25 @@ from allocator.units import BAR, DEG
 REPORT = report_joint()
 
 
-def test_every_cell_is_what_allocate_answers(joint):
+@pytest.mark.parametrize(
+    "options", [{}, {"min_force": 50.0, "max_force": 600.0}, {"min_cocontraction": 3 * BAR}, {"min_force": None}]
+)
+def test_a_cell_is_feasible_within_the_stiffness_interval_of_its_angle_and_torque(joint, options):
     left, right = joint.angle_range
     theta = np.linspace(left - 0.1, right + 0.1, 13)  # beyond the joint range too
     K, T = np.linspace(1.5, 12, 17), np.linspace(-12, 12, 7)
-    found = feasibility_map(theta, K, T, joint=joint)
-    answer = allocate(theta[:, None, None], K[:, None], T, joint=joint)
-    assert (found.status == answer.status).all()
-    assert (found.limits == answer.limits).all()
-    assert found.P1 == pytest.approx(answer.P1, abs=1e-6 * BAR)
-    assert found.P2 == pytest.approx(answer.P2, abs=1e-6 * BAR)
+    found = feasibility_map(theta, K, T, joint=joint, limits=Limits(**options))
+    K_min, K_max = (
+        end[:, None] for end in stiffness_interval(theta[:, None], T, joint=joint, limits=Limits(**options))
+    )
+    assert (found.feasible == ((K_min <= K[:, None]) & (K[:, None] <= K_max))).all()
     assert found.feasible.any()
     assert not found.feasible.all()
 
 
-@pytest.mark.parametrize(
-    "options", [{"min_force": 200.0, "max_force": 600.0}, {"min_cocontraction": 3 * BAR}, {"min_force": None}]
-)
-def test_the_other_limits_are_respected_too(options):
-    theta, K = np.linspace(-120, 120, 21) * DEG, np.linspace(5, 12, 31)
-    found = feasibility_map(theta, K, 1.0, limits=Limits(**options))
-    answer = allocate(theta[:, None], K, 1.0, limits=Limits(**options))
-    assert (found.status == answer.status).all()
-    assert (found.limits == answer.limits).all()
-    assert found.P1 == pytest.approx(answer.P1, abs=1e-6 * BAR)
-
-
 def test_where_no_pressure_keeps_a_cable_taut_the_map_says_slack():
-    theta, K = np.linspace(-125, 125, 21) * DEG, np.linspace(5, 12, 7)
-    found = feasibility_map(theta, K, limits=Limits(500.0))
-    answer = allocate(theta[:, None], K, limits=Limits(min_force=500.0))
-    assert (answer.status == Status.SLACK).any()
-    assert (found.status == answer.status).all()
-    assert found.P1 == pytest.approx(answer.P1, abs=1e-6 * BAR)
+    found = feasibility_map(np.linspace(-125, 125, 21) * DEG, np.linspace(5, 12, 7), limits=Limits(500.0))
+    assert (found.status == Status.SLACK).any()
 
 
 def test_a_million_cells_are_answered_in_a_few_passes_over_arrays():

@@ -9,7 +9,6 @@ from allocator.errors import InvalidFile
 from allocator.identification.joint.relative import RelativeJoint
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE
 from allocator.machine_file import load_joint
-from allocator.units import BAR
 
 ASSUMED = replace(report_joint(), unseen=(COMMON_FORCE,))
 
@@ -38,8 +37,7 @@ def test_a_word_that_means_nothing_is_refused(tmp_path):
             replace(report_joint(), unseen=wrong)
 
 
-def test_a_scale_adds_no_knowledge_of_the_common_force():
+def test_a_joint_without_a_scale_states_what_its_fit_left_open():
     relative = RelativeJoint(ASSUMED)
     assert relative.slack_assumed
     assert relative.unseen == (COMMON_FORCE,)
-    assert relative.with_scale(1e-5, (0.0, 2 * BAR, 2 * BAR)).unseen == (COMMON_FORCE,)

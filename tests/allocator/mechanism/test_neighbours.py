@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allocator import allocate
-from allocator.allocation.box import neighbours, pivoting
+from allocator.allocation.box import pivoting
 from allocator.allocation.box.arguments import problem_from
 from allocator.joint.limits import Limits
 from allocator.mechanism import machines
@@ -50,7 +50,7 @@ def test_right_sides_are_proved_and_whatever_is_proved_is_the_kernel_s_answer():
         (kernel_s, sides), m = pivoting._pivoted(problem, slice(N), False), mechanism.m
         met = np.abs((problem.A @ kernel_s.x[:, :, None])[:, :, 0] - problem.b).max(axis=1) < 1e-12
         for side in np.unique(sides[:, :m], axis=0):
-            given = neighbours.solved(problem.A, problem.b, *problem.x_bounds, side)
+            given = pivoting.by_sides(problem.A, problem.b, *problem.x_bounds, side)
             right = (sides[:, :m] == side).all(axis=1) & met & ((side == 0).sum() >= problem.b.shape[1])
             assert given.proved[right].all()
             np.testing.assert_allclose(given.x[given.proved], kernel_s.x[given.proved], atol=1e-9)
@@ -64,9 +64,9 @@ def test_rows_that_depend_on_each_other_or_cannot_be_met_are_left_to_the_kernel(
     q, K, T = drifting(mechanism, 0)
     problem, _ = problem_from(mechanism, q, 3 * K, T)
     A, b, box, free = problem.A, problem.b, problem.x_bounds, np.zeros(mechanism.m, np.int8)
-    assert not neighbours.solved(A, b, *box, free).proved.any()
-    assert not neighbours.solved(A[:, [0, 0, 1]], b[:, [0, 0, 1]], *box, free).proved.any()
-    assert not neighbours.solved(A, b, *box, free - 1).proved.any()
+    assert not pivoting.by_sides(A, b, *box, free).proved.any()
+    assert not pivoting.by_sides(A[:, [0, 0, 1]], b[:, [0, 0, 1]], *box, free).proved.any()
+    assert not pivoting.by_sides(A, b, *box, free - 1).proved.any()
 
 
 @pytest.mark.parametrize("along", [None, 0])

@@ -5,8 +5,8 @@ from time import sleep
 
 import pytest
 
-from allocator.presentation import waiting as module
-from allocator.presentation.waiting import waiting
+from allocator.presentation import progress as module
+from allocator.presentation.progress import waiting
 
 
 @pytest.fixture

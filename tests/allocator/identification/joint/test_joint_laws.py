@@ -1,20 +1,19 @@
 """Laws of the joint's fit: derivatives, equilibria, scale, indistinguishable models, friction, storage, planning."""
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from allocator import AntagonistJoint, Table, allocate, report_joint
-from allocator.identification.joint.fit import compare_joint_models, fit_joint
+from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.problem import JointProblem
 from allocator.identification.joint.samples import JointSamples
 from allocator.identification.joint.search import first_guess, minimise
 from allocator.machine_file import load_joint, save_machine
-from allocator.muscles import MODELS, Muscle, scaled
-from allocator.muscles.base import NOT_A_NUMBER
+from allocator.muscles import MODELS, scaled
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N, TONDU_MCKIBBEN
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant
@@ -125,17 +124,6 @@ def test_angle_per_pressure_and_relative_stiffness_need_no_scale(unloaded):
     assert abs(fit.joint.relative_stiffness(theta, 2 * BAR, 2 * BAR)[0] - ratio) < 3 * std
 
 
-def test_a_torque_per_pressure_completes_the_scale(unloaded):
-    joint, _, fit = unloaded
-    P = 3 * BAR
-    gain = joint.jacobian(0.1, P, P)[0][0]
-    done = fit.with_scale(T_P=gain, at=(0.1 + fit.zero, P, P), std=0.1 * gain)
-    assert done.joint.jacobian(0.1, P, P)[0][0] == pytest.approx(gain, rel=1e-6)
-    assert done.joint.stiffness(0.1, P, P) == pytest.approx(joint.stiffness(0.1, P, P), rel=0.05)
-    answer = allocate(0.1, 4.0, joint=done.joint)
-    assert answer.K_std / answer.K == pytest.approx(0.1, abs=0.02)
-
-
 @pytest.mark.slow
 def test_weights_added_later_complete_the_scale(unloaded):
     joint, log, _ = unloaded
@@ -144,46 +132,6 @@ def test_weights_added_later_complete_the_scale(unloaded):
     P = 3 * BAR
     assert abs(done.joint.stiffness(0.0, P, P) / joint.stiffness(0.0, P, P) - 1) < 3 * done.scale_std
     assert done.scale_std < 0.08
-
-
-# --- what angles leave open ---------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Transformed(Muscle):
-    """F + F³/bend² of another law's force F: a rising transformation, which leaves every angle as it is."""
-
-    citation = "mathematics: a good angle fit does not select the stiffness"
-    other: Muscle = field(metadata=NOT_A_NUMBER)
-    bend: float  # [N]
-
-    def law(self, P, eps):
-        F = self.other.law(P, eps)
-        return F + F**3 / self.bend**2
-
-    def gain(self, P, eps):
-        return (1 + 3 * (self.other.law(P, eps) / self.bend) ** 2) * self.other.gain(P, eps)
-
-
-def test_two_laws_with_the_same_angles_and_other_stiffness_are_recognised(all_twins, log_maker):
-    joint = replace(all_twins["sarosi-pulley"], friction=0.0)
-    (theta, P1, P2), _ = log_maker(joint, 0).fit_arguments()
-    one, two = joint.agonist, Transformed(joint.agonist, 400.0)
-    given = {"geometry": joint.geometry, "ratio": False, "taut_min": 0.0}
-    found = compare_joint_models(theta, P1, P2, models=(one, two), **given)
-    (pair,) = found.indistinguishable
-    assert pair.angle < 1e-6
-    assert pair.stiffness > 0.1
-    assert "cannot be told apart" in found.sentences[0]
-
-
-def test_models_stay_in_the_order_given(all_twins, log_maker):
-    joint = all_twins["sarosi-lever"]
-    (theta, P1, P2), given = log_maker(joint, 0).fit_arguments()
-    names = ("TonduLopez1995", "AffinePolynomial", "Hogan1984")
-    found = compare_joint_models(theta, P1, P2, models=names, geometry=joint.geometry, **given)
-    assert tuple(found.fits) == names
-    assert found.fits["AffinePolynomial"].rms < found.fits["TonduLopez1995"].rms
 
 
 # --- friction -----------------------------------------------------------------------------------------------------
@@ -228,7 +176,7 @@ def test_the_mpc_s_feed_forward_adds_what_the_fitted_friction_takes(all_twins):
 def test_a_joint_survives_its_file(all_twins, unloaded, tmp_path):
     angles = np.linspace(-1, 1, 9)
     table = Table(0.4, angles, 0.13 + 0.04 * np.sin(angles), 0.13 - 0.05 * np.sin(angles))
-    fitted = unloaded[2].with_scale(T_P=1e-5, at=(0.0, 3 * BAR, 3 * BAR)).joint
+    fitted = next(iter(unloaded[2].shapes.values()))
     others = (report_joint(), AntagonistJoint(table, TONDU_MCKIBBEN, SAROSI_DMSP_20_400N), fitted)
     for joint in (*all_twins.values(), *others):
         save_machine(joint, tmp_path / "joint.toml", source={"of": "a test"})

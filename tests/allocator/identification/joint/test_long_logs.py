@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from allocator import Pulley
-from allocator.identification import compare_joint_models, fit_joint, read_joint_log
+from allocator.identification import fit_joint, read_joint_log
 from allocator.identification.joint.samples import JointSamples
 from allocator.units import BAR, DEG
 
@@ -90,15 +90,6 @@ def test_samples_that_the_law_cannot_take_are_left_out_and_counted(stretched):
     assert 0 < short < data["theta"].size / 2
     fit = fit_joint(**data, model="Hildebrandt2005")
     assert fit.samples.dropped == {"a contraction below 0, where Hildebrandt2005 ends": short}
-
-
-@pytest.mark.slow
-def test_models_that_take_different_samples_are_compared_on_those_that_both_take(stretched):
-    data, short = stretched
-    compared = compare_joint_models(**data, models=("Sarosi2012", "Hildebrandt2005"))
-    assert not compared.failures
-    n = [fit.samples.n for fit in compared.fits.values()]
-    assert n[0] - n[1] == short
 
 
 def test_where_no_sample_is_left_the_law_is_named_and_not_the_geometry(stretched):

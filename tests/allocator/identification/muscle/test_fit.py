@@ -71,7 +71,7 @@ def test_martens_boblan_fitted_is_better_than_its_published_constants(measured):
 
 
 def test_the_fit_of_a_smooth_law_is_that_of_scipy_s_curve_fit(measured):
-    found = fitted(Sarosi2012, measured, pressure_range=(2 * BAR, 7 * BAR), taut_only=True)
+    found = fitted(Sarosi2012, measured, pressure_range=(2 * BAR, 7 * BAR))
     use = (measured.pressure >= 2 * BAR) & (measured.force > 0)
     eps, P, F = measured.contraction[use], measured.pressure[use] / BAR, measured.force[use]
 
@@ -94,10 +94,7 @@ def test_the_fit_of_a_smooth_law_is_that_of_scipy_s_curve_fit(measured):
 
 def test_slack_samples_are_inequalities_and_not_zeros(measured):
     as_inequalities = fitted(Hildebrandt2005, measured)
-    as_zeros = fitted(Hildebrandt2005, measured, taut_only=False)
     assert as_inequalities.slack.sum() == 66
-    assert not as_zeros.slack.any()
-    assert as_inequalities.rms < 0.1 * as_zeros.rms
     F = as_inequalities.muscle.force(measured.pressure, measured.contraction)[as_inequalities.slack]
     assert F.min() < -100  # free to be far below zero
     assert F.max() < 0.02 * as_inequalities.samples.full_scale

@@ -117,15 +117,6 @@ def test_the_limits_on_an_edge_are_those_that_move_it():
             assert (after - before > 1e-6) == (name in edge.active)
 
 
-def test_the_support_function_bounds_and_its_pressures_attain():
-    found, rng = feasible_targets(LEG, [0.3, -0.2, 0.1]), np.random.default_rng(1)
-    d = rng.normal(size=(20, 9))
-    y0, M = LEG.targets_map([0.3, -0.2, 0.1])
-    every = y0 + corners(LEG, [0.3, -0.2, 0.1]) @ M.T
-    assert found.support(d) == pytest.approx((d @ every.T).max(axis=1))
-    assert ((y0 + found.pressures(d) @ M.T) * d).sum(axis=1) == pytest.approx(found.support(d))
-
-
 def test_intervals_are_the_ends_of_polygons():
     found = feasible_targets(ARM, Q, stiffness=Stiffness(endpoint=HAND))
     held = {"T1": 2.0, "T2": 1.0}
@@ -217,7 +208,6 @@ def test_tighter_limits_leave_less():
         (lambda: feasible_targets(ARM, Q).polygon("K11", "K22", {"T9": 0}), "no target 'T9'"),
         (lambda: feasible_targets(ARM, Q).polygon("K11", "K22", {"T1": np.nan}), "not finite"),
         (lambda: feasible_targets(ARM, Q).polygon("K11", "K22", [0.0]), "held = .* mapping"),
-        (lambda: feasible_targets(ARM, Q).support([1.0, 2.0]), r"d has the shape \(2,\); expected \(…, 5\)"),
         (lambda: feasible_targets(ARM, Q).endpoint_stiffness(np.zeros(6)), "no endpoint was given"),
     ],
 )
