@@ -33,9 +33,9 @@ from allocator.units import BAR, DEG
 from benchmarks.arm.cases import DEAD_TIME, DT, SENSORS
 from benchmarks.arm.pid import Gains, PredictivePID
 from benchmarks.arm.rough import TUNED, Loop
+from mpc.arm.experiments import carry
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.payload import carry
 from mpc.model.arm.model import Arm
 from mpc.model.arm.reading import read_arm
 from mpc.model.compensation import Compensation

@@ -109,8 +109,8 @@ def track_arm(
     import numpy as np
     from rich.console import Console
 
+    from mpc.arm.experiments import arriving
     from mpc.arm.film import SIZES, Film
-    from mpc.arm.payload import arriving
     from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
     from mpc.trials.files import check_recordable

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
-from mpc.arm.drawing import paint
+from mpc.arm.mjcf import paint
 from mpc.arm.mujoco_plant import MujocoPlant
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mpc.arm.learning.task import Reaching as Reaching
     from mpc.arm.learning.task import Task as Task
     from mpc.arm.learning.task import Variation as Variation
-    from mpc.arm.learning.wiping import Wiping as Wiping
+    from mpc.arm.learning.task import Wiping as Wiping
     from mpc.repetition.learner import Learner as Learner
     from mpc.repetition.learner import Reason as Reason
     from mpc.repetition.picture import plot_learning as plot_learning
