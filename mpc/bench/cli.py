@@ -240,7 +240,7 @@ def sweep_command(
 def hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
     """Return the function that requests a weight; a simulated joint hangs it without a person."""
     from mpc.bench.devices.simulated import SimulatedDevice
-    from mpc.bench.display.asking import REQUEST, Asking
+    from mpc.bench.sweep import REQUEST, Asking
 
     if isinstance(device, SimulatedDevice):
         return device.hang
@@ -338,7 +338,7 @@ def _write(record: "Record", files: list[Path], journal: Path | None, hand: "End
 
 def _report(record: "Record", console: "Console") -> None:
     """Print the ending, the errors, and whether the strengths need a check."""
-    from mpc.bench.measuring.due import check_due
+    from mpc.bench.measuring.update import check_due
     from mpc.model.plant import Plant
     from mpc.trials.pictures.report import table_of_errors
 

@@ -10,7 +10,7 @@ from allocator.errors import MissingBackend
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.lazy import Function
 from allocator.mechanism import Mechanism
-from mpc.codegen import c_text
+from mpc.codegen.text import c_function, c_prototype
 from mpc.export import text
 from mpc.export.joint import Kernel, Numbers, kernel_files, sides_function, stiffness_function
 from mpc.model.machine import Machine
@@ -100,8 +100,8 @@ def model_files(functions: Functions, single: bool, includes: Sequence[str] = ()
     """Return model.h, which includes other headers, and model.c with these CasADi functions, or files of a `name`."""
     if not functions:
         return {}
-    heads = "\n".join(f"{c_text.prototype(f)}; /* {about} */" for f, about in functions)
-    bodies = "\n\n".join(c_text.function(f, about, single) for f, about in functions)
+    heads = "\n".join(f"{c_prototype(f)}; /* {about} */" for f, about in functions)
+    bodies = "\n\n".join(c_function(f, about, single) for f, about in functions)
     about = "The machine's formulas, derived by CasADi."
     return {
         f"src/{name}.h": text.header(f"ANT_{name.upper()}_H", about, heads, ["antagonist.h", *includes]),

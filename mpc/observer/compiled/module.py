@@ -16,7 +16,7 @@ from allocator.calculus import Array
 from allocator.compilation.linked import INNER
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import IMPORTS, filling, translated
+from mpc.codegen.text import IMPORTS, filling, translated
 from mpc.model.arm.compiled.module import compiled_motion
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pressing import symbolic_pressing

@@ -17,7 +17,7 @@ from allocator.calculus import Array, Value
 from allocator.lazy import Function
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import IMPORTS, filling
+from mpc.codegen.text import IMPORTS, filling
 from mpc.model.faults import Fault, WrongReadings
 from mpc.model.integration import integrated
 from mpc.model.machine import Machine

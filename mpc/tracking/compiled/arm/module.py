@@ -10,7 +10,7 @@ import numpy as np
 
 from allocator.lazy import Function
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import IMPORTS, filling
+from mpc.codegen.text import IMPORTS, filling
 from mpc.model.arm.compiled.module import compiled_motion
 from mpc.model.arm.formulas import joint_svec
 from mpc.model.arm.model import Arm
