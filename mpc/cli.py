@@ -147,7 +147,7 @@ def track(
 
     from allocator.presentation.progress import counted
     from mpc.model.plant import Plant
-    from mpc.model.real_plant import RealPlant
+    from mpc.model.real import RealPlant
     from mpc.repetition.practice import practise
     from mpc.repetition.response import responses
     from mpc.trials.files import reference_called
@@ -294,7 +294,7 @@ def _tested(
     Friction and regulators of the plant's file are simulated, and the controller knows them.
     """
     from mpc.model.compensation import Compensation
-    from mpc.model.real_plant import RealPlant
+    from mpc.model.real import RealPlant
     from mpc.trials.loops import Settings
     from mpc.trials.other_plant import other_plant
 

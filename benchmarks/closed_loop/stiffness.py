@@ -18,7 +18,7 @@ from benchmarks.closed_loop.cases import CASES, EVERY, LOAD, SEEDS, STANDARD
 from benchmarks.closed_loop.push import Cycle, Push, push
 from mpc import Plant, Reference, Weights
 from mpc.model.friction.contact import Contact
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.trajectories import LEAD
 

@@ -81,8 +81,8 @@ def run_command(
     """
     from rich.console import Console
 
+    from mpc.bench.logs import compared, finished, read, repeat
     from mpc.bench.loop import RealTimeLoop
-    from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
     from mpc.trials.files import check_recordable, reference_called

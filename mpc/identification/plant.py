@@ -33,7 +33,7 @@ from allocator.units import DEG
 from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 
 _RESOLUTION = 0.25  # of the integration, see `Plant.substeps`: 3e-5 of the change
 _HELD = 1e6  # [s] lag of regulators whose pressures are imposed

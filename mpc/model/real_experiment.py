@@ -1,7 +1,7 @@
 """Simulated machines with effects of real ones: their experiment, and the effects that joints and arms share.
 
 A `RealPlant` and a `RealArm` have a nominal machine (n joints, m muscles) and the same effects, see
-`mpc.model.real_plant`: force gains, friction at the joints, regulators with two lags, a dead band, a flow limit and a
+`mpc.model.real`: force gains, friction at the joints, regulators with two lags, a dead band, a flow limit and a
 dead time, sensors with steps, offsets, noise and age, and faults.
 """
 
@@ -27,7 +27,7 @@ from mpc.model.friction.contact import Hysteresis
 from mpc.model.friction.dahl import Friction
 from mpc.model.machine import Machine
 from mpc.model.plant import MOST_SUBSTEPS, Plant
-from mpc.model.regulator import pull
+from mpc.model.pressures import pull
 
 
 @dataclass(frozen=True, repr=False)

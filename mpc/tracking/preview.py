@@ -24,8 +24,8 @@ from mpc.deferred import Deferred
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.friction.contact import Contacts
 from mpc.model.machine import Machine
+from mpc.observer.base import BadNumbers
 from mpc.observer.gating import Gate
-from mpc.observer.units import BadNumbers
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus

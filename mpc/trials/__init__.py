@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from mpc.trials.motions.arm_trajectories import draw as draw
     from mpc.trials.motions.arm_trajectories import hold as hold
     from mpc.trials.motions.arm_trajectories import reach as reach
-    from mpc.trials.motions.columns import UnusedColumns as UnusedColumns
+    from mpc.trials.motions.motion_files import UnusedColumns as UnusedColumns
     from mpc.trials.motions.motion_files import load_motion as load_motion
     from mpc.trials.motions.reference import min_jerk as min_jerk
     from mpc.trials.motions.trajectories import chirp as chirp

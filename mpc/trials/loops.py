@@ -1,15 +1,24 @@
-"""Named control loops for comparisons, each of a controller and its observer."""
+"""Named control loops for comparisons, each of a controller and its observer.
 
+`robust_weights` are those of the fastest robust loop of a tracking MPC. `Weights.calm` has one parameter that trades
+speed for robustness, its detuning s. The sensitivity peak M_s of the loop on its model falls with it: M_s - 1 is nearly
+a power of s, so that a secant in logarithms finds M_s = 2 in a few steps. On joints that differ from the model
+(`benchmarks.strangers`), errors under load are approximately least there.
+"""
+
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from math import exp, isfinite, log
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from allocator import checks
 from allocator.calculus import Value
 from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.compensation import Compensation
-from mpc.model.machine import Machine
+from mpc.model.machine import Machine, check_machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Differentiator, Observer
 from mpc.observer.filter import CALM_NOISE, Noise
@@ -17,9 +26,9 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import CALM, Weights
-from mpc.trials.margins import Margins, in_range, linear, linear_model, margins, usual_postures
+from mpc.tracking.qp.step import CompilingBeside, SlowStep
+from mpc.trials.margins import ROBUST, Margins, in_range, linear, linear_model, margins, usual_postures
 from mpc.trials.motions.reference import Reference
-from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
 from mpc.yardsticks.baselines import (
     FeedForwardControl,
@@ -157,3 +166,65 @@ def _within_reach(plant: Machine, reference: Reference) -> tuple[Value, Value] |
         return None
     reached = plant.tracked_stiffness(plant.at_rest(theta, K))
     return (theta, K) if np.linalg.norm(reached - K) <= _NEAR * np.linalg.norm(K) else None
+
+
+QUICKEST, SLOWEST = 0.75, 32.0  # detuning; a faster loop has a delay margin below two samples
+_LISTEN = 1.5  # [s], enough for the peak
+_ACCURACY = 0.02  # of log(M_s - 1)
+_SLOPE = -0.7  # usual slope of log(M_s - 1) over log s
+_TRIALS = 8
+
+
+def robust_weights(
+    plant: Machine,
+    dt: float = 0.01,
+    N: int = 20,
+    compensation: Compensation | None = None,
+    *,
+    posture: tuple[Value, Value] | None = None,
+    sensitivity_peak: float = ROBUST,
+    noise: Noise | None = None,
+    wait: bool = True,
+    compiled: bool = True,
+) -> Weights:
+    """Return `Weights.calm(s)` with the s for which the loop's M_s is `sensitivity_peak` at a `posture`.
+
+    A posture is a pair (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; None is the middle of `usual_postures`. The
+    loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt, noise)`, both with `compensation`, `wait`
+    and `compiled`; dt is in seconds. s is limited to 0.75 to 32, so that a long dead time can lead to a greater peak.
+    Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
+    """
+    check_machine(plant)
+    checks.instance("compensation", compensation, Compensation | None, "a Compensation")
+    wanted = checks.number("sensitivity_peak", sensitivity_peak, "-")
+    if not wanted > 1:
+        raise InvalidInput(f"sensitivity_peak = {wanted:g} has to be above 1, which no loop with a lag stays below")
+    model, told = linear_model(plant), linear(compensation or Compensation())
+    place = posture or usual_postures(plant)[1]
+
+    def excess(s: float) -> float:
+        """Return log((M_s - 1)/(wanted - 1)); infinite for a loop that does not settle."""
+        controller = TrackingMPC(model, dt, N, Weights.calm(s), compensation=told, wait=wait, compiled=compiled)
+        observer = KalmanObserver(model, dt, noise, told, wait=wait, compiled=compiled)
+        peak = margins(controller, observer, [place], listen=_LISTEN, inertia=False)[0].sensitivity_peak
+        return log((peak - 1) / (wanted - 1))
+
+    with warnings.catch_warnings():
+        for told_by_the_loop_itself in (CompilingBeside, SlowStep):
+            warnings.simplefilter("ignore", told_by_the_loop_itself)
+        return Weights.calm(round(_root(excess), 2))
+
+
+def _root(excess: Callable[[float], float]) -> float:
+    """Return the zero of `excess`, or the end of the range nearest to it."""
+    at, value, slope = 0.0, excess(1.0), _SLOPE
+    for _ in range(_TRIALS):
+        step = -value / slope if isfinite(value) else log(2.0)
+        after = min(max(at + step, log(QUICKEST)), log(SLOWEST))
+        if abs(value) < _ACCURACY or after == at:
+            break
+        new = excess(exp(after))
+        if isfinite(value) and isfinite(new):
+            slope = min((new - value) / (after - at), _SLOPE / 4)  # always falling
+        at, value = after, new
+    return exp(at)

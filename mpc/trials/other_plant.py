@@ -17,7 +17,7 @@ from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import Muscle, Sarosi2012, Wickramatunge2010
 from allocator.units import BAR, DEG, PERCENT
 from mpc.model.plant import Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 
 STIFFNESS_BAND = 0.17
 """Half width of the 95 % band of the stiffness by a model from a data sheet [-].

@@ -29,7 +29,7 @@ from allocator.calculus import Array, Value
 from allocator.units import BAR, DEG
 from mpc.model.real import Real
 from mpc.trials.loops import Settings
-from mpc.trials.many.loop import Compiled, Loop, runs
+from mpc.trials.many.entry import Compiled, Loop, runs
 from mpc.trials.margins import ROBUST, Margins
 from mpc.trials.simulation import Run
 from mpc.trials.tuned import Tuning

@@ -2,7 +2,7 @@
 
 `mpc.trials.many.plant` replaces the lines below that begin with `FORMULAS` by the formulas of the arm, functions that
 fill flat arrays: `rate` (x, u, d, T_f) ↦ x' and `rubbed` (q, z, x) ↦ the frictions' memory and T_f, see
-`mpc.model.real_arm`. The array c holds their numbers.
+`mpc.model.real`. The array c holds their numbers.
 """
 
 from typing import Any

@@ -13,7 +13,7 @@ from mpc.model.friction.contact import Contact, Contacts
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.filter import CALM_NOISE
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.cost import CALM

@@ -20,8 +20,7 @@ from mpc.bench.rows import JOINT, Row, Sheet
 from mpc.bench.safety import SoftStart, Watchdog
 from mpc.explorer.server import frames
 from mpc.model.arm.model import Arm
-from mpc.model.real_arm import RealArm
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealArm, RealPlant
 from mpc.observer.base import Differentiator
 from mpc.trials.files import load_recording, save_recording
 from mpc.trials.metrics import metrics

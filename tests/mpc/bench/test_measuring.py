@@ -26,7 +26,7 @@ from mpc.bench.measuring.update import combined, strengthened, update
 from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 
 OPERATOR = PrandtlIshlinskii((0.7, 0.12, 0.1, 0.08), (0.5 * DEG, 1.5 * DEG, 4 * DEG), base=0.2)
 NOMINAL = replace(RealPlant.standard().nominal, inertia=0.045)

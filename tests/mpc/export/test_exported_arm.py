@@ -14,7 +14,7 @@ from mpc.export.controller.certificate import certificate
 from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm
 from mpc.observer.filter import CALM_NOISE
 from mpc.tracking.qp.solvers import Riccati
 from mpc.trials.motions.arm_trajectories import circle, reach

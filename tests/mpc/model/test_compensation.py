@@ -15,7 +15,7 @@ from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
 from mpc.model.plant import Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.trials.metrics import metrics
 

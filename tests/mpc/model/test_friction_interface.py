@@ -17,7 +17,7 @@ from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.cost import Weights
 from mpc.trials.loops import CONTROLLERS, Settings, loop

@@ -17,7 +17,7 @@ from mpc import Plant
 from mpc.model.friction.contact import Contact
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
 SLIP = MaxwellSlip.of_width(PLANT, 5 * DEG)

@@ -6,7 +6,7 @@ from scipy.linalg import solve_discrete_are
 
 from allocator import BAR, DEG, InvalidInput, MissingBackend
 from mpc import PlanStatus, Reference, Rung, Weights, simulate, sine
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.base import Differentiator
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.linearise import Predictor
