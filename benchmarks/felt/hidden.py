@@ -23,7 +23,7 @@ from mpc.bench.measuring.shaking import Shaking
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.safety import Stopped
 from mpc.model.compensation import Compensation
-from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 
@@ -95,7 +95,7 @@ def truth(h: Hidden, m: MeasuredStiffness) -> tuple[float, Callable[[float], flo
     """Return the backbone K and K_felt(A) of the real joint at the place of the measurement, at its true pressures."""
     P = np.array(m.pressures) - h.real.pressure_offset
     x = np.array([m.theta, 0.0, *P])
-    K, contact = float(h.real.isobaric(x)), Contact(h.real, x)
+    K, contact = float(h.real.isobaric(x)), Loads.of(h.real, x)
     return K, lambda A: K + float(h.real.friction.loop.secant(A).added(K, contact.pulled, contact.filled))
 
 

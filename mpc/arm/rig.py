@@ -22,10 +22,9 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.limits import checked_supply
 from allocator.mechanism.routes.base import per_muscle
-from mpc.model.arm.pressing import CROSSES
 from mpc.model.compensation import checked_delay
 from mpc.model.faults import Fault
-from mpc.model.friction.contact import Hysteresis, Pressed
+from mpc.model.friction.contact import CROSSES, Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
 
@@ -168,7 +167,7 @@ class Rubbing:
     def forces(self, s: Array, loads: Array) -> Array:
         """Return f (n + m,) [N·m, N] at `s` (n + m,), on the path from the `s` of the last `go_on`.
 
-        `loads` (n + m, 3) are those of `mpc.model.friction.contact.Pressed`.
+        `loads` (n + m, 3) are those of `mpc.model.friction.contact.Loads`.
         """
         f = np.zeros(s.size)
         for i, memory, own in self._moved(s, loads):
@@ -190,18 +189,18 @@ class Rubbing:
         """Restore the memory `kept`."""
         self._from, self._memories = kept[0], list(kept[1])
 
-    def _moved(self, s: Array, loads: Array) -> list[tuple[int, Any, Pressed]]:
+    def _moved(self, s: Array, loads: Array) -> list[tuple[int, Any, Loads]]:
         """Return index, memory and loads of every friction that is not absent, at `s` (n + m,)."""
         motion, given = (s - self._from).tolist(), loads.tolist()
         found = []
         for i in self._places:
-            own = Pressed(*given[i])
+            own = Loads(*given[i])
             found.append((i, self._models[i].moved(self._memories[i], motion[i], own), own))
         return found
 
 
 def loads(arms: Array, k: Array, forces: Array, P: Array) -> Array:
-    """Return the loads (n + m, 3) at joints and muscles, in the order of `Pressed`.
+    """Return the loads (n + m, 3) at joints and muscles, in the order of `Loads`.
 
     Muscles with the `arms` (m, n) [m] and own stiffness `k` (m,) [N/m] pull with `forces` (m,) [N] at the pressures
     `P` (m,) [Pa]. The curvature of the tendon routes is neglected in the joint stiffness.

@@ -41,9 +41,8 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc.model.arm.formulas import rises, statics, varied_acceleration
 from mpc.model.arm.model import Arm
-from mpc.model.arm.pressing import symbolic_loads
 from mpc.model.compensation import Compensation
-from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.contact import Hysteresis, Loads, symbolic_loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
 from mpc.model.integration import integrated
@@ -187,10 +186,10 @@ class RealPlant(RealMachine):
         import casadi as ca
 
         def remembered(now: Value) -> Value:
-            return self.friction.moved(memory, now[0] - x[0], Contact(self, now))
+            return self.friction.moved(memory, now[0] - x[0], Loads.of(self, now))
 
         def rate(now: Value, t: Value) -> Value:
-            return ca.vertcat(*self.rate(now, u, d, self.friction.torque(remembered(now), Contact(self, now))))
+            return ca.vertcat(*self.rate(now, u, d, self.friction.torque(remembered(now), Loads.of(self, now))))
 
         after = integrated(rate, x, h, 1)
         return after, remembered(after)

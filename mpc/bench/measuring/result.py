@@ -5,8 +5,8 @@ which a push that lasts for many seconds meets nothing.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import hypot, isfinite, sqrt
+from dataclasses import dataclass, field, replace
+from math import hypot, isfinite, nan, sqrt
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
@@ -64,22 +64,21 @@ class MeasuredStiffness:
     """Stiffness measured about one rest."""
 
     theta: float  # [rad]
-    pressures: tuple[float, float]  # [Pa]
-    strengths: tuple[float, float]  # g_i [-], relative to the model's
-    covariance: Array  # of the strengths (2, 2) [-]
-    K: float  # backbone [N·m/rad]: that of the model with these strengths and that of the loops, averaged; or by a log
-    K_std: float
-    model_K: float  # backbone by the previous model [N·m/rad]
-    felt: tuple[Felt, ...]
-    damping: float  # D [N·m·s/rad]
-    damping_std: float
-    age: float  # of the angle's readings, as identified [s]
-    solution: Solution | None
-    duration: float  # [s]
-    furthest: float  # greatest excursion over the wanted amplitude [-]
+    pressures: tuple[float, ...]  # (2,) [Pa]
+    strengths: tuple[float, float] = (nan, nan)  # g_i [-], relative to the model's
+    covariance: Array = field(default_factory=lambda: np.full((2, 2), nan))  # of the strengths (2, 2) [-]
+    K: float = nan  # backbone [N·m/rad]: that of the model with these strengths and of the loops, averaged; or by a log
+    K_std: float = nan
+    model_K: float = nan  # backbone by the previous model [N·m/rad]
+    felt: tuple[Felt, ...] = ()
+    damping: float = nan  # D [N·m·s/rad]
+    damping_std: float = nan
+    age: float = nan  # of the angle's readings, as identified [s]
+    duration: float = nan  # [s]
+    furthest: float = nan  # greatest excursion over the wanted amplitude [-]
     scale: Scale | None = None  # inertia by a weight, relative to the given one
     left_out: tuple[float, ...] = ()  # amplitudes of the curve, for lack of time [rad]
-    slowest: float = float("nan")  # frequency of the slowest tone of K and felt K [Hz]; NaN of a log
+    slowest: float = nan  # frequency of the slowest tone of K and felt K [Hz]; NaN of a log
     refusal: str = ""  # reason of a refusal; all of the above except posture and duration are NaN then
 
     @property
@@ -138,12 +137,8 @@ class MeasuredStiffness:
 
     @classmethod
     def _refused(cls, findings: Findings, why: str) -> Self:
-        nan = float("nan")
         at = findings.tones[0].middle if findings.tones else (nan, nan, nan)
-        return cls(
-            at[0], at[1:], (nan, nan), np.full((2, 2), nan), nan, nan, nan, (), nan, nan, nan, None,
-            findings.duration, findings.furthest, refusal=why,
-        )  # fmt: skip
+        return cls(at[0], at[1:], duration=findings.duration, furthest=findings.furthest, refusal=why)
 
     @classmethod
     def _measured(cls, plant: Plant, loop: Loop, findings: Findings, found: Solution) -> Self:
@@ -164,7 +159,7 @@ class MeasuredStiffness:
         K, error = _average((by_model, by_loops), (_SHAPE * by_model, unsure))
         return cls(
             theta, P, found.strengths, C, K, sqrt(float(k @ C @ k) + error**2), float(k.sum()), felt,
-            found.values["D"], found.errors["D"], found.values["age"], found, findings.duration, findings.furthest,
+            found.values["D"], found.errors["D"], found.values["age"], findings.duration, findings.furthest,
             left_out=findings.left_out, slowest=min(tone.frequency for tone in slow),
         )  # fmt: skip
 

@@ -17,7 +17,7 @@ from mpc.bench.cycle import CommandSource, Cycle, Settings, Tick
 from mpc.bench.device import Clock, Device, Reading
 from mpc.bench.loop import about
 from mpc.bench.measuring.experiment import Experiment, Tones
-from mpc.bench.measuring.log import from_log, refused
+from mpc.bench.measuring.log import from_log
 from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.shaking import Shaking
 from mpc.bench.measuring.strengths import Known, Weight
@@ -95,12 +95,13 @@ def shake(
     ending = cycle.run()
     known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)
     if ending.reason is not Reason.FINISHED:
-        return refused((theta, *source.first), duration, f"the loop ended: {ending}"), cycle
-    if source.log is None:
-        why = "the device gave too few readings of angle and pressures"
-        return refused((theta, *source.first), duration, why), cycle
-    m = from_log(told.plant, told.known.friction.loop, source.log, known)
-    return dataclasses.replace(m, furthest=source.furthest), cycle
+        refusal = f"the loop ended: {ending}"
+    elif source.log is None:
+        refusal = "the device gave too few readings of angle and pressures"
+    else:
+        m = from_log(told.plant, told.known.friction.loop, source.log, known)
+        return dataclasses.replace(m, furthest=source.furthest), cycle
+    return MeasuredStiffness(theta, source.first, duration=duration, refusal=refusal), cycle
 
 
 def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray) -> MeasuredStiffness:

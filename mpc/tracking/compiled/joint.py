@@ -28,7 +28,7 @@ rate = variational = begun = advanced = ended = outputs = output_slopes = expans
 
 @inlined_flat
 def press(c: Array, x: Array, loads: Array) -> None:
-    """Fill in the loads (1, 3) on the sliding surfaces: see `mpc.model.friction.contact.Pressed`."""
+    """Fill in the loads (1, 3) on the sliding surfaces: see `mpc.model.friction.contact.Loads`."""
     found = pressing(x[0], x[1], x[2], x[3], c)
     loads[0, 0], loads[0, 1], loads[0, 2] = found[0], x[2] + x[3], found[1]
 

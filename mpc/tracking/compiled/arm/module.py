@@ -19,7 +19,7 @@ from mpc.codegen.views import flat, in_python, length_of
 from mpc.model.arm.compiled.module import compiled_motion
 from mpc.model.arm.formulas import joint_svec
 from mpc.model.arm.model import Arm
-from mpc.model.arm.pressing import symbolic_pressing
+from mpc.model.friction.contact import loads_function
 from mpc.tracking.compiled.arm.records import ArmAlong
 from mpc.tracking.compiled.factory import setting
 from mpc.tracking.compiled.module import STEP, CompiledPlant, register_rest
@@ -106,7 +106,7 @@ def _functions(arm: Arm, feeds: bool) -> dict[str, "Function"]:
     made = {
         "outputs": (held, [y]),
         "output_slopes": (held, [y, ca.jacobian(y, ca.vertcat(*held))]),
-        "pressing": ([x], [symbolic_pressing(arm)(x)]),
+        "pressing": ([x], [loads_function(arm)(x)]),
         "rigidity": (held, [s.stiffness, ca.jacobian(s.torque, s.P).T]),
     }
     if feeds:
