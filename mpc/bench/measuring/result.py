@@ -64,7 +64,7 @@ class MeasuredStiffness:
     """Stiffness measured about one rest."""
 
     theta: float  # [rad]
-    pressures: tuple[float, ...]  # (2,) [Pa]
+    pressures: tuple[float, float]  # [Pa]
     strengths: tuple[float, float] = (nan, nan)  # g_i [-], relative to the model's
     covariance: Array = field(default_factory=lambda: np.full((2, 2), nan))  # of the strengths (2, 2) [-]
     K: float = nan  # backbone [N·m/rad]: that of the model with these strengths and of the loops, averaged; or by a log

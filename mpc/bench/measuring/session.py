@@ -101,7 +101,8 @@ def shake(
     else:
         m = from_log(told.plant, told.known.friction.loop, source.log, known)
         return dataclasses.replace(m, furthest=source.furthest), cycle
-    return MeasuredStiffness(theta, source.first, duration=duration, refusal=refusal), cycle
+    P1, P2 = source.first
+    return MeasuredStiffness(theta, (P1, P2), duration=duration, refusal=refusal), cycle
 
 
 def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray) -> MeasuredStiffness:
