@@ -16,7 +16,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from mpc import Plant, RealPlant
 from mpc.bench.measuring.experiment import Experiment, Tones
-from mpc.bench.measuring.log import from_log, refused
+from mpc.bench.measuring.log import from_log
 from mpc.bench.measuring.result import MeasuredStiffness
 from mpc.bench.measuring.session import driven
 from mpc.bench.measuring.shaking import Shaking
@@ -116,11 +116,11 @@ def shaken(h: Hidden, seed: int, inertia_error: float = 0.0, J: float = 1.0) -> 
     """Measure a hidden joint by noise that moves it by about 10°."""
     plant = replace(h.real.nominal, inertia=J * h.real.nominal.inertia)
     source = Shaking(plant, h.theta, h.K, DT, 10 * DEG, 45.0)
-    middle = (h.theta, *source.first)
     try:
         driven(h.real, source, plant, h.theta, seed)
     except (Stopped, InvalidInput) as ended:
-        return outcome(h, refused(middle, source.duration, str(ended)))
+        P1, P2 = source.first
+        return outcome(h, MeasuredStiffness(h.theta, (P1, P2), duration=source.duration, refusal=str(ended)))
     assert source.log is not None
     known = Known(plant.inertia, inertia_error, h.told.reading_age)
     m = from_log(plant, h.told.friction.loop, source.log, known)

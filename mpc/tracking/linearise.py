@@ -67,13 +67,6 @@ class Linearisation(Motion):
         C = self.C if self.C.ndim == 3 else self.C[:, None]  # an arm's K has several entries
         return np.concatenate([C, self.D], axis=1)
 
-    @property
-    def c(self) -> Array:
-        """Constants c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
-        return np.asarray(
-            self.x[1:] - np.einsum("kij,kj->ki", self.A, self.x[:-1]) - np.einsum("kij,kj->ki", self.B, self.u)
-        )
-
 
 class Predictor:
     """Motions and linearisations of `plant` over `N` samples of `dt` [s]."""

@@ -35,7 +35,6 @@ class Read(NamedTuple):
     model: "MjModel"  # an `MjModel` for a `MujocoPlant`, whose actuators are switched off
     mechanism: Mechanism
     bodies: TreeBodies | MujocoBodies
-    cable: Array  # (m,) [m] for a `MujocoPlant`
     asked_of_mujoco: str  # parts without formulas; "" if there are none
     left_out: str  # parts of the model missing in the prediction; "" if there are none
     dry: Array  # (n,) dry friction of the joints [N·m]
@@ -84,7 +83,7 @@ def read_arm(
     point = hand_of_model(source, named, mechanism) if named else None
     name = "" if point is None else named.partition(":")[0]
     dry = np.array(model.dof_frictionloss[model.jnt_dofadr])
-    return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), dry, point, name)
+    return Read(model, mechanism, bodies, ", ".join(filter(None, unread)), _left_out(model), dry, point, name)
 
 
 def _winding(model: "MjModel") -> str:

@@ -28,7 +28,8 @@ def u():
 def linear_rollout(model, u):
     x = [model.x[0]]
     for k in range(len(u)):
-        x.append(model.A[k] @ x[k] + model.B[k] @ u[k] + model.c[k])
+        constant = model.x[k + 1] - model.A[k] @ model.x[k] - model.B[k] @ model.u[k]
+        x.append(model.A[k] @ x[k] + model.B[k] @ u[k] + constant)
     return np.array(x)
 
 
