@@ -294,9 +294,8 @@ def _tested(
     Friction and regulators of the plant's file are simulated, and the controller knows them.
     """
     from mpc.model.compensation import Compensation
-    from mpc.model.real import RealPlant
+    from mpc.model.real import RealPlant, other_plant
     from mpc.trials.loops import Settings
-    from mpc.trials.other_plant import other_plant
 
     if kind not in _PLANTS:
         raise MissingBackend("plant", kind, _PLANTS)

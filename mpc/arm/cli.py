@@ -110,7 +110,7 @@ def track_arm(
     from rich.console import Console
 
     from mpc.arm.experiments import arriving
-    from mpc.arm.film import SIZES, Film
+    from mpc.arm.picture import SIZES, Film
     from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
     from mpc.trials.files import check_recordable

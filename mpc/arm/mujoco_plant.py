@@ -29,8 +29,8 @@ from mpc.arm.rig import Given, Readings, Rubbing, Supply, encoders_of, loads
 from mpc.model.arm.mechanics.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics, beyond
+from mpc.model.experiment import NODES, SHARES
 from mpc.model.faults import Fault, Sensors
-from mpc.model.integration import NODES, SHARES
 
 Kept: TypeAlias = tuple[float, Array, Array, Array, Array, list[tuple[float, Array]], Any]
 

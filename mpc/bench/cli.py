@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from mpc.bench.cycle import Cycle
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
-    from mpc.bench.record import Lateness
-    from mpc.bench.rows import Row
+    from mpc.bench.rows import Lateness, Row
     from mpc.bench.safety import Ending
     from mpc.model.machine import Machine
     from mpc.trials.motions.reference import Reference
@@ -289,7 +288,7 @@ class Watch:
     """Display of a loop's samples on a dashboard, unless it is quiet."""
 
     def __init__(self, machine: "Machine", dt: float, bench: BenchOptions) -> None:
-        from mpc.bench.display.dashboard import Dashboard
+        from mpc.bench.dashboard import Dashboard
 
         self.health: Callable[[], object] = lambda: ""
         self._dashboard = None if bench.quiet else Dashboard(machine, dt, plot=bench.plot)

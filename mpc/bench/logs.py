@@ -1,6 +1,6 @@
 """Logs of a bench: reading, conversion to runs, storage as NPZ.
 
-A log is the CSV of `mpc.bench.record`, in SI units. `read_log` accepts one that ends in the middle of a line. The
+A log is the CSV of `mpc.bench.rows`, in SI units. `read_log` accepts one that ends in the middle of a line. The
 samples of a log under control make a `Run`, for the same metrics, pictures and recordings as those of simulations: its
 states are measured, or estimated if they are not measured.
 
@@ -20,8 +20,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.units import DEG
 from mpc.bench.cycle import Phase
-from mpc.bench.record import Lateness
-from mpc.bench.rows import INTEGERS, Column, Columns, Sheet
+from mpc.bench.rows import INTEGERS, Column, Columns, Lateness, Sheet
 from mpc.bench.safety import Ending, Reason
 from mpc.model.machine import Machine
 from mpc.repetition.learner import Course, Learner, Repetition

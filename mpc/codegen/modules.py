@@ -78,7 +78,7 @@ def _surroundings() -> str:
         *sorted(file for part in ("arm", "model") for file in (_MPC / part).glob("*/compiled/*.py")),
         *(_MPC / "codegen" / f"{name}.py" for name in _CODEGEN),
         _MPC / "model" / "compiled_friction.py",
-        _MPC / "model" / "integration.py",
+        _MPC / "model" / "experiment.py",
         _MPC / "tracking" / "resting.py",
         _MPC / "trials" / "many" / "records.py",
         *(Path(str(m.__file__)) for m in (kernels, compiled, jit, status, units)),

@@ -160,8 +160,8 @@ def fmu_command(
     ] = False,
 ) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
-    from mpc.export.building import check
     from mpc.export.fmu import PLATFORMS, checked, export_controller_fmu, export_plant_fmu
+    from mpc.export.parts import check
 
     if source_only and platforms is not None:
         raise InvalidInput("--source-only and --platforms: give one of the two")

@@ -30,8 +30,7 @@ from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, Stiffnes
 from allocator.joint.limits import Limits
 from allocator.lazy import Function
 from allocator.units import BAR, CM3
-from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
-from mpc.model.integration import integrated
+from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, integrated, substeps
 from mpc.model.pressures import each_way, fall, gas_of, pull, trapped
 from mpc.model.storage import load_plant, save_plant
 

@@ -25,11 +25,10 @@ from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
-from mpc.tracking.cost import Weights, diagonal
+from mpc.tracking.cost import Weights, diagonal, middle, regulator, solve_riccati
 from mpc.tracking.feedforward import FeedForward, FeedForwardOf, InverseDynamics
 from mpc.tracking.plan import PlanStatus, Rung
 from mpc.tracking.preview import Task
-from mpc.tracking.terminal import middle, regulator, solve_riccati
 
 _PREVIEW = 10  # samples, enough for the derivatives of the reference
 

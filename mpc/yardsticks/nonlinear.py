@@ -19,11 +19,10 @@ from allocator.errors import InvalidInput
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
-from mpc.tracking.cost import Weights
+from mpc.tracking.cost import Weights, terminal_factor
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import PlanStatus, Rung
-from mpc.tracking.terminal import terminal_factor
 from mpc.yardsticks.shooting import NLPOptions, NLPSolver, Shooting
 
 _TOLERANCE = 1e-6  # of the conditions, in the units of `mpc.yardsticks.shooting`

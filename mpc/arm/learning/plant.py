@@ -39,7 +39,7 @@ from mpc.codegen.text import IMPORTS, filling
 from mpc.model.arm.formulas import varied_acceleration
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
-from mpc.model.integration import integrated
+from mpc.model.experiment import integrated
 from mpc.model.pressures import fall
 from mpc.tracking.qp.step import SlowStep
 

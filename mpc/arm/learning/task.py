@@ -31,8 +31,8 @@ from allocator.muscles.uncertainty import covariance_root
 from allocator.units import BAR, DEG
 from mpc.arm.learning.actions import KINDS
 from mpc.arm.learning.plant import Touch, VariedArm, Wall
-from mpc.model.arm.hand_paths import OutOfReach, followed
 from mpc.model.arm.model import Arm
+from mpc.model.arm.ranges import OutOfReach, followed
 
 _LOOKED_AT, _MOST_REFUSED = 1000, 0.05  # draws of a covariance, and the greatest share of useless ones
 

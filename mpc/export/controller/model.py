@@ -17,10 +17,10 @@ from allocator.lazy import Function
 from mpc.export.joint import Numbers
 from mpc.export.parts import Functions, dense
 from mpc.model.compensation import Compensation
+from mpc.model.experiment import variational
 from mpc.model.friction.contact import Hysteresis, Loads, symbolic_loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.integration import variational
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
 from mpc.tracking.controller import TrackingMPC

@@ -15,7 +15,7 @@ from allocator.calculus import Array
 from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
-from mpc.model.integration import integrated
+from mpc.model.experiment import integrated
 
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
 _COARSE = 1.0  # step of the integration times the fastest eigenvalue

@@ -12,7 +12,7 @@ from allocator.mechanism import Mechanism, Routes
 from allocator.mechanism.formulas import has_formulas, symbolic_jacobian, symbolic_lengths
 from mpc.model.arm.bodies import MovingBodies
 from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
-from mpc.model.integration import integrated
+from mpc.model.experiment import integrated
 from mpc.model.pressures import fall
 
 if TYPE_CHECKING:

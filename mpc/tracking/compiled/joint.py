@@ -8,7 +8,7 @@ of `mpc.tracking.compiled.module`, `outputs` x ↦ y = (K, F1, F2), `output_slop
 `allocator.allocation` for the joint, if there is one. The array c holds the numbers of the formulas, p those of the
 kernel.
 
-The motion is that of `mpc.model.integration`, and its derivatives are those of the formula. Each formula occurs once
+The motion is that of `mpc.model.experiment`, and its derivatives are those of the formula. Each formula occurs once
 and is evaluated four times: writing it out would make the graph and the compilation four times as long.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat
-from mpc.model.integration import NODES, SHARES
+from mpc.model.experiment import NODES, SHARES
 from mpc.tracking.compiled.records import Path, Reference
 from mpc.tracking.compiled.sample.layout import Inputs, Known, joint_inverse_in
 

@@ -18,8 +18,8 @@ from allocator.lazy import Function
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.text import IMPORTS, filling
+from mpc.model.experiment import integrated
 from mpc.model.faults import Fault, WrongReadings
-from mpc.model.integration import integrated
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
 from mpc.model.real import RealArm, RealPlant

@@ -28,8 +28,8 @@ from allocator.files.csv_table import Table, read_table
 from allocator.identification.headers import UNITS, is_unit, quantity_named, unit_of
 from allocator.mechanism.endpoint import Endpoint
 from allocator.units import DEG, MM
-from mpc.model.arm.hand_paths import OutOfReach, followed
 from mpc.model.arm.model import Arm
+from mpc.model.arm.ranges import OutOfReach, followed
 from mpc.trials.motions.arm_trajectories import tracked_stiffness, usual_stiffness
 from mpc.trials.motions.reference import Reference
 

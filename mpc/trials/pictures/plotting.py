@@ -15,8 +15,8 @@ from allocator.units import BAR, DEG
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.plant import Plant
+from mpc.model.real import STIFFNESS_BAND
 from mpc.trials.metrics import metrics
-from mpc.trials.other_plant import STIFFNESS_BAND
 from mpc.trials.simulation import Run
 
 # Okabe & Ito's colours, distinguishable with colour blindness

@@ -11,10 +11,10 @@ import pytest
 from allocator import BAR, allocate
 from allocator.errors import CannotWrite, InvalidInput, MissingBackend
 from allocator.mechanism import Endpoint
-from mpc.arm import film as filming
-from mpc.arm.film import Film
+from mpc.arm import picture as filming
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
+from mpc.arm.picture import Film
 from mpc.model.arm.model import Arm
 from mpc.trials.files import save_run
 from mpc.trials.metrics import metrics

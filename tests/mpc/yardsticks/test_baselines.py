@@ -69,7 +69,7 @@ def test_the_lqr_takes_the_load_from_the_observer():
 
 
 def test_the_lqr_s_first_answer_is_the_riccati_equation_s():
-    """Written anew from the docstring of `mpc.tracking.terminal`, in units of bar."""
+    """Written anew from the docstring of `mpc.tracking.cost`, in units of bar."""
     weights, dt = Weights.calm(), 0.01
     middle = np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR])
     model = Predictor(PLANT, dt, 1).linearise(middle, middle[None, 2:])
