@@ -26,8 +26,8 @@ from allocator.units import BAR
 from mpc.arm.experiments import MujocoExperiment, pushed_stiffness, settle
 from mpc.arm.mjcf import model_of
 from mpc.arm.rig import Given, Readings, Rubbing, Supply, encoders_of, loads
-from mpc.model.arm.mechanics.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.model import Arm
+from mpc.model.arm.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.pneumatics import Pneumatics, beyond
 from mpc.model.experiment import NODES, SHARES
 from mpc.model.faults import Fault, Sensors

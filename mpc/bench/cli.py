@@ -89,7 +89,7 @@ def run_command(
     from mpc.trials.loops import loop, margins_in_words, robust
     from mpc.trials.metrics import out_of_reach
     from mpc.trials.motions.corrections import Owner
-    from mpc.trials.pictures.report import reach_in_words
+    from mpc.trials.pictures.plotting import reach_in_words
 
     console = Console()
     finite("--settle", settle, "s")
@@ -323,7 +323,7 @@ def _write(record: "Record", files: list[Path], journal: Path | None, hand: "End
     """Write the other files, and remove a journal that --out does not name."""
     from mpc.bench.cycle import Phase
     from mpc.trials.files import is_recording
-    from mpc.trials.pictures.report import write_run
+    from mpc.trials.pictures.plotting import write_run
 
     settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
     for path in files:
@@ -339,7 +339,7 @@ def _report(record: "Record", console: "Console") -> None:
     """Print the ending, the errors, and whether the strengths need a check."""
     from mpc.bench.measuring.update import check_due
     from mpc.model.plant import Plant
-    from mpc.trials.pictures.report import table_of_errors
+    from mpc.trials.pictures.plotting import table_of_errors
 
     say_ending(record.ending, record.lateness, console)
     if not (record.tracked and record.controlled):

@@ -12,8 +12,8 @@ differences over angles and velocities; over pressures its slope M⁻¹ rᵀ F_P
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.model.arm.model import Arm
+from mpc.model.arm.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.experiment import integrated
 

@@ -11,7 +11,7 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Routes
 from allocator.mechanism.formulas import has_formulas, symbolic_jacobian, symbolic_lengths
 from mpc.model.arm.bodies import MovingBodies
-from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
+from mpc.model.arm.mujoco_mechanics import MujocoBodies
 from mpc.model.experiment import integrated
 from mpc.model.pressures import fall
 

@@ -1,7 +1,7 @@
 """Arms read from MuJoCo models: tendons are the muscles, and hinges move the bodies.
 
 Straight tendons through sites, sums of angles, and bodies with only masses, armatures, springs and damping become
-formulas. MuJoCo itself evaluates everything else (`mpc.model.arm.mechanics.mujoco_mechanics`).
+formulas. MuJoCo itself evaluates everything else (`mpc.model.arm.mujoco_mechanics`).
 """
 
 from collections.abc import Sequence
@@ -20,8 +20,8 @@ from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.linkage import Link
 from allocator.mechanism.routes.mjcf import Source, linkage_of, load, muscle_lengths, name_of, read_mjcf, rotation, said
 from allocator.muscles import Muscle
-from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
-from mpc.model.arm.mechanics.tree import TreeBodies
+from mpc.model.arm.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
+from mpc.model.arm.tree import TreeBodies
 
 if TYPE_CHECKING:
     from mujoco import MjModel

@@ -20,8 +20,7 @@ from mpc.trials.files import save_run
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.arm_trajectories import circle, draw, reference, usual_stiffness
 from mpc.trials.pictures.animation import check_film
-from mpc.trials.pictures.plotting import tracking_figure
-from mpc.trials.pictures.report import limits_of_reference
+from mpc.trials.pictures.plotting import limits_of_reference, tracking_figure
 from mpc.trials.simulation import Run
 
 ARM = Arm.machine("arm26")

@@ -16,8 +16,7 @@ from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.condense import TrackingProblem, condense
-from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.solvers import QP, solver
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, certified
 
 RNG = np.random.default_rng(8)

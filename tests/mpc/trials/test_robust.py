@@ -12,7 +12,7 @@ from mpc.tracking.cost import Weights
 from mpc.trials.loops import SLOWEST, Settings, _root, margins_in_words, robust
 from mpc.trials.margins import margins, usual_postures
 from mpc.trials.motions.reference import Reference
-from mpc.trials.pictures.report import plot_margins
+from mpc.trials.pictures.plotting import plot_margins
 
 pytestmark = pytest.mark.compiles
 

@@ -9,10 +9,10 @@ from allocator.errors import InvalidFile
 from allocator.mechanism import Endpoint, Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N as MUSCLE
 from mpc.model.arm.differences import Differences
-from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons, TendonJacobian
-from mpc.model.arm.mechanics.tree import TreeBodies
 from mpc.model.arm.model import Arm
+from mpc.model.arm.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons, TendonJacobian
 from mpc.model.arm.reading import read_arm
+from mpc.model.arm.tree import TreeBodies
 from mpc.model.experiment import RESOLUTION
 from mpc.tracking.linearise import Predictor
 
