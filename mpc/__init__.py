@@ -36,6 +36,6 @@ if TYPE_CHECKING:
     from mpc.trials.simulation import simulate as simulate
     from mpc.tuning.draws import Spreads as Spreads
     from mpc.tuning.search import tune as tune
-    from mpc.yardsticks.nonlinear import NonlinearMPC as NonlinearMPC
+    from mpc.yardsticks.baselines import NonlinearMPC as NonlinearMPC
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -80,7 +80,7 @@ def _surroundings() -> str:
         _MPC / "model" / "compiled_friction.py",
         _MPC / "model" / "experiment.py",
         _MPC / "tracking" / "resting.py",
-        _MPC / "trials" / "many" / "records.py",
+        _MPC / "trials" / "many" / "driving.py",
         *(Path(str(m.__file__)) for m in (kernels, compiled, jit, status, units)),
     ]
     return "".join(file.read_text(encoding="utf-8") for file in files)

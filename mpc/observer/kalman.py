@@ -37,7 +37,7 @@ from mpc.observer.health import Health
 from mpc.observer.rivalry import Readings, Rivalry
 
 if TYPE_CHECKING:
-    from mpc.observer.compiled.whole import CompiledEstimate  # which imports numba
+    from mpc.observer.compiled.factory import CompiledEstimate  # which imports numba
 
 FIRST = 3  # samples up to which rejected readings may be right, because nothing has confirmed the first reading
 COARSEST = 1 * DEG  # step of an encoder

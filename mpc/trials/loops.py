@@ -46,12 +46,12 @@ from mpc.trials.simulation import Controller
 from mpc.yardsticks.baselines import (
     FeedForwardControl,
     LQRControl,
+    NonlinearMPC,
     PIControl,
     PIDControl,
     PIDGains,
     PredictivePIDControl,
 )
-from mpc.yardsticks.nonlinear import NonlinearMPC
 
 
 class Settings(NamedTuple):

@@ -21,7 +21,7 @@ from mpc import Plant, TrackingMPC
 from mpc.tracking.qp.solvers import QP, solver
 from mpc.tracking.qp.step import certified
 from mpc.trials.simulation import Controller
-from mpc.yardsticks.nonlinear import NonlinearMPC
+from mpc.yardsticks.baselines import NonlinearMPC
 
 PART = "control"
 CLOSE = 2e-3 * BAR  # [Pa] tolerance of equal commands
