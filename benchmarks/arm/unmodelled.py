@@ -87,7 +87,7 @@ def machine(name: str) -> Machine:
     """Return the machine of a name."""
     if name == "three":
         read = read_arm(str(_HERE / "three_joints.xml"), SAROSI_DMSP_20_400N, 0.4, None, 0.1375, (0.0, 5 * BAR))
-        of_tendons = {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
+        of_tendons = {"rest_length": read.mechanism.routes.rest_length, "cable": read.mechanism.routes.cable}
         return Machine(Arm(read.mechanism, read.bodies), read.model, (0.0, 0.0, -0.12), of_tendons)
     arm = Arm.machine(name)
     return Machine(arm, to_mjcf(arm.mechanism, arm.bodies), (arm.bodies.length[-1], 0.0, 0.0), {})
