@@ -16,10 +16,10 @@ from fmpy.validation import validate_fmu
 
 from benchmarks.speed.exported import loop
 from mpc import Arm, RealPlant
-from mpc.export.fmu.entry import export_controller_fmu, export_plant_fmu
+from mpc.export.fmu import export_controller_fmu, export_plant_fmu
 from mpc.export.plant import start_of
 from mpc.model.friction.dahl import Friction
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm
 from mpc.model.real_experiment import RealMachine
 from tests.rigs.fmus import Stepped, names
 

@@ -33,9 +33,9 @@ from allocator.units import BAR, DEG
 from benchmarks.arm.cases import DEAD_TIME, DT, SENSORS
 from benchmarks.arm.pid import Gains, PredictivePID
 from benchmarks.arm.rough import TUNED, Loop
-from mpc.arm.mjcf import to_mjcf
+from mpc.arm.experiments import carry
+from mpc.arm.mjcf import model_of
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.payload import carry
 from mpc.model.arm.model import Arm
 from mpc.model.arm.reading import read_arm
 from mpc.model.compensation import Compensation
@@ -87,10 +87,12 @@ def machine(name: str) -> Machine:
     """Return the machine of a name."""
     if name == "three":
         read = read_arm(str(_HERE / "three_joints.xml"), SAROSI_DMSP_20_400N, 0.4, None, 0.1375, (0.0, 5 * BAR))
-        of_tendons = {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
-        return Machine(Arm(read.mechanism, read.bodies), read.model, (0.0, 0.0, -0.12), of_tendons)
-    arm = Arm.machine(name)
-    return Machine(arm, to_mjcf(arm.mechanism, arm.bodies), (arm.bodies.length[-1], 0.0, 0.0), {})
+        arm, tip = Arm(read.mechanism, read.bodies), (0.0, 0.0, -0.12)
+    else:
+        arm = Arm.machine(name)
+        tip = (arm.bodies.length[-1], 0.0, 0.0)
+    model, of_tendons = model_of(arm)
+    return Machine(arm, model, tip, of_tendons)
 
 
 def tested(name: str, width: float, seed: int) -> MujocoPlant:

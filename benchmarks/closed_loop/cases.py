@@ -8,7 +8,7 @@ import numpy as np
 from allocator.units import BAR
 from mpc import Compensation, Reference, Weights
 from mpc.model.friction.dahl import WIDTH_AT, Friction
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.trials.loops import Settings
 from mpc.trials.motions.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step
 from mpc.yardsticks.baselines import PIDGains

@@ -31,7 +31,7 @@ from benchmarks.closed_loop.cases import CASES, FREE, MODEL, SETTINGS, STANDARD,
 from benchmarks.closed_loop.runs import figures, run_case
 from mpc import RealPlant
 from mpc.model.compensation import Compensation
-from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.trials.loops import loop
@@ -90,7 +90,7 @@ def followed(friction: Hysteresis, log: Log) -> Array:
     """Return the memory of `friction` along the log (n, ...)."""
     memory, states = friction.begun(float(log.theta[0])), []
     for motion, x in zip(np.diff(log.theta, prepend=log.theta[:1]).tolist(), log.x.T.tolist(), strict=True):
-        memory = friction.moved(memory, motion, Contact(MODEL, x))
+        memory = friction.moved(memory, motion, Loads.of(MODEL, x))
         states.append(memory)
     return np.array(states)
 

@@ -45,8 +45,8 @@ from allocator.errors import InvalidInput
 from allocator.units import DEG
 from mpc.model.faults import StuckValve
 from mpc.model.plant import NX, Plant
+from mpc.model.real import RealPlant
 from mpc.model.real_experiment import RealExperiment
-from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Observer
 from mpc.tracking.plan import Plan
 from mpc.trials.motions.reference import Reference, min_jerk

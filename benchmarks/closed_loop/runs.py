@@ -9,7 +9,7 @@ import numpy as np
 from allocator.units import DEG
 from benchmarks.closed_loop.cases import ALONE, CASES, EVERY, LOAD, PLACED, PLANTS, SETTINGS, VARIANTS, Case
 from mpc import Run, Rung, simulate
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.base import Differentiator, Observer
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics

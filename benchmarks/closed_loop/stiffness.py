@@ -17,8 +17,8 @@ from allocator.units import BAR, DEG, PERCENT
 from benchmarks.closed_loop.cases import CASES, EVERY, LOAD, SEEDS, STANDARD
 from benchmarks.closed_loop.push import Cycle, Push, push
 from mpc import Plant, Reference, Weights
-from mpc.model.friction.contact import Contact
-from mpc.model.real_plant import RealPlant
+from mpc.model.friction.contact import Loads
+from mpc.model.real import RealPlant
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.trajectories import LEAD
 
@@ -106,7 +106,7 @@ def _log(real: RealPlant) -> tuple[np.ndarray, ...]:
 
     def lacking(theta: np.ndarray, P1: np.ndarray, P2: np.ndarray, torque: np.ndarray, s: np.ndarray) -> np.ndarray:
         x = np.stack([theta, 0 * theta, P1, P2])
-        return torque + s * real.friction.most(Contact(real, x)) - real.torque(x)
+        return torque + s * real.friction.most(Loads.of(real, x)) - real.torque(x)
 
     theta = increasing_root(lacking, *real.nominal.joint.angle_range, P1, P2, torque, direction)
     random = np.random.default_rng(1)

@@ -17,7 +17,7 @@ from mpc.model.faults import (
     StuckValve,
     SupplyDrop,
 )
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.health import FaultKind, Part, Suspect
 
 K = 5.5  # [N·m/rad] about which the trajectories are

@@ -27,7 +27,7 @@ from benchmarks.strangers.identified import identified
 from benchmarks.strangers.plants import Stranger
 from mpc import KalmanObserver, Run, simulate
 from mpc.model.faults import DriftingSensor, Fault
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.health import Health, Suspect
 from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.motions.reference import Reference

@@ -13,10 +13,10 @@ from benchmarks.felt.hidden import DT
 from mpc import RealPlant
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.result import MeasuredStiffness
-from mpc.bench.measuring.simulation import driven
+from mpc.bench.measuring.session import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.measuring.update import update
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Loads
 
 OPERATOR = PrandtlIshlinskii((0.7, 0.12, 0.1, 0.08), (0.5 * DEG, 1.5 * DEG, 4 * DEG), base=0.2)
 RESTS = (-15 * DEG, 5.0), (0.0, 6.0), (15 * DEG, 5.0)
@@ -32,7 +32,7 @@ def errors(joint, real: RealPlant) -> tuple[float, float]:  # type: ignore[no-un
         a = allocate(theta, K, joint=joint)
         x = np.array([theta, 0.0, a.P1, a.P2])
         true = float(real.isobaric(x))
-        contact = Contact(real, x)
+        contact = Loads.of(real, x)
         felt = true + float(real.friction.loop.secant(PUSH).added(true, contact.pulled, contact.filled))
         found.append((K / true - 1, float(a.felt_stiffness(PUSH)) / felt - 1))
     rms = np.sqrt(np.mean(np.square(found), axis=0))

@@ -16,14 +16,13 @@ from allocator.errors import InvalidInput
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from mpc import Plant, RealPlant
 from mpc.bench.measuring.experiment import Experiment, Tones
-from mpc.bench.measuring.log import from_log, refused
+from mpc.bench.measuring.log import from_log
 from mpc.bench.measuring.result import MeasuredStiffness
-from mpc.bench.measuring.shaking import Shaking
-from mpc.bench.measuring.simulation import driven
+from mpc.bench.measuring.session import Shaking, driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.safety import Stopped
 from mpc.model.compensation import Compensation
-from mpc.model.friction.contact import Contact, Hysteresis
+from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 
@@ -95,7 +94,7 @@ def truth(h: Hidden, m: MeasuredStiffness) -> tuple[float, Callable[[float], flo
     """Return the backbone K and K_felt(A) of the real joint at the place of the measurement, at its true pressures."""
     P = np.array(m.pressures) - h.real.pressure_offset
     x = np.array([m.theta, 0.0, *P])
-    K, contact = float(h.real.isobaric(x)), Contact(h.real, x)
+    K, contact = float(h.real.isobaric(x)), Loads.of(h.real, x)
     return K, lambda A: K + float(h.real.friction.loop.secant(A).added(K, contact.pulled, contact.filled))
 
 
@@ -116,11 +115,11 @@ def shaken(h: Hidden, seed: int, inertia_error: float = 0.0, J: float = 1.0) -> 
     """Measure a hidden joint by noise that moves it by about 10°."""
     plant = replace(h.real.nominal, inertia=J * h.real.nominal.inertia)
     source = Shaking(plant, h.theta, h.K, DT, 10 * DEG, 45.0)
-    middle = (h.theta, *source.first)
     try:
         driven(h.real, source, plant, h.theta, seed)
     except (Stopped, InvalidInput) as ended:
-        return outcome(h, refused(middle, source.duration, str(ended)))
+        P1, P2 = source.first
+        return outcome(h, MeasuredStiffness(h.theta, (P1, P2), duration=source.duration, refusal=str(ended)))
     assert source.log is not None
     known = Known(plant.inertia, inertia_error, h.told.reading_age)
     m = from_log(plant, h.told.friction.loop, source.log, known)

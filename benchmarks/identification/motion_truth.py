@@ -26,7 +26,7 @@ from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from benchmarks.identification import motion_truth_strangers as other
 from mpc import Plant, RealPlant
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 
@@ -107,7 +107,7 @@ def truths(real: RealPlant, x: Array) -> Truths:
     mean = plant.joint.equilibrium(*P.mean(axis=0)), 0.0, *P.mean(axis=0)
     K = float(plant.isobaric(np.array(mean, float)))
     at_five = P * (5 * BAR / P.sum(axis=1))[:, None]
-    contact = Contact(real, np.array([x[:, 0], 0 * x[:, 0], *at_five.T]))
+    contact = Loads.of(real, np.array([x[:, 0], 0 * x[:, 0], *at_five.T]))
     known = {"inertia": plant.inertia / K, "damping": plant.damping / K, "gain": 1.0}
     known["loop_width"] = float(np.mean(2 * real.friction.most(contact) / contact.stiffness))
     if x[1, 2] == x[2, 2]:  # commands: the angle contains the regulators' effect

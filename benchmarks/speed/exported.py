@@ -29,7 +29,7 @@ from mpc.export import export
 from mpc.model.faults import FrozenSensors, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
 from mpc.model.machine import Machine
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm
 from mpc.observer.filter import CALM_NOISE
 from mpc.trials.motions.arm_trajectories import circle
 from tests.rigs import toolchain as tools

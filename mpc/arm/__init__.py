@@ -16,6 +16,6 @@ if TYPE_CHECKING:
     from mpc.model.arm.reading import read_arm as read_arm
     from mpc.model.arm.storage import load_arm as load_arm
     from mpc.model.arm.storage import save_arm as save_arm
-    from mpc.model.real_arm import RealArm as RealArm
+    from mpc.model.real import RealArm as RealArm
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -109,8 +109,8 @@ def track_arm(
     import numpy as np
     from rich.console import Console
 
-    from mpc.arm.film import SIZES, Film
-    from mpc.arm.payload import arriving
+    from mpc.arm.experiments import arriving
+    from mpc.arm.picture import SIZES, Film
     from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
     from mpc.trials.files import check_recordable
@@ -118,7 +118,7 @@ def track_arm(
     from mpc.trials.metrics import metrics
     from mpc.trials.motions.corrections import Owner, compared, digest_of
     from mpc.trials.pictures.animation import ENDINGS, check_film
-    from mpc.trials.pictures.report import limits_of_reference, plot_margins, table_of, write_run
+    from mpc.trials.pictures.plotting import limits_of_reference, plot_margins, table_of, write_run
     from mpc.trials.simulation import in_motion, simulate
 
     console = Console()
@@ -222,23 +222,14 @@ def _machine(
     if kind not in (_NOMINAL, _REAL):
         raise MissingBackend("plant", kind, [_NOMINAL, _REAL])
     arm, hand, notes, read = described(options, more)
-    of_tendons: dict[str, Any] = {}
-    if read is None:
-        from mpc.arm.mjcf import to_mjcf
-
-        model: Any = to_mjcf(arm.mechanism, arm.bodies)
-    else:
-        model = read.model
-        of_tendons |= {"rest_length": read.mechanism.routes.rest_length, "cable": read.cable}
-    effects: dict[str, Any] = {"pressure_limits": arm.mechanism.pressure_limits, "gas": arm.gas}
+    effects: dict[str, Any] = {"gas": arm.gas}
     if kind == _REAL:
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
         known = _known(options)
         effects |= {"dead_time": known.dead_time, "dead_band": known.dead_band}
         effects |= {} if options.is_mujoco else {"friction": known.of_joints(arm.n)}  # a MuJoCo model has its own
         effects |= {"force_gains": 1 + _OFF * signs, **_SENSORS}
-    plant = MujocoPlant(model, arm.mechanism.muscles, lag=arm.lag, slew=arm.slew, nominal=arm, **of_tendons, **effects)
-    return arm, plant, hand, notes
+    return arm, MujocoPlant.of(arm, None if read is None else read.model, **effects), hand, notes
 
 
 def _with_bodies(options: "PlantOptions", more: HandOptions) -> Described:

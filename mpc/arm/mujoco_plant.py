@@ -25,12 +25,12 @@ from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.arm.experiments import MujocoExperiment, pushed_stiffness, settle
 from mpc.arm.mjcf import model_of
-from mpc.arm.rig import Given, Readings, Rubbing, Sensors, Supply, encoders_of, loads
-from mpc.model.arm.mechanics.mujoco_mechanics import TendonJacobian
+from mpc.arm.rig import Given, Readings, Rubbing, Supply, encoders_of, loads
 from mpc.model.arm.model import Arm
+from mpc.model.arm.mujoco_mechanics import TendonJacobian
 from mpc.model.arm.pneumatics import Pneumatics, beyond
-from mpc.model.faults import Fault
-from mpc.model.integration import NODES, SHARES
+from mpc.model.experiment import NODES, SHARES
+from mpc.model.faults import Fault, Sensors
 
 Kept: TypeAlias = tuple[float, Array, Array, Array, Array, list[tuple[float, Array]], Any]
 
@@ -124,9 +124,13 @@ class MujocoPlant:
         self.reset()
 
     @classmethod
-    def of(cls, arm: Arm, **effects: Any) -> Self:
-        """Return bodies and muscles of `arm` on MuJoCo, with unmodelled `effects` by name."""
-        model, lengths = model_of(arm)
+    def of(cls, arm: Arm, source: Source | None = None, **effects: Any) -> Self:
+        """Return bodies and muscles of `arm` on MuJoCo, with unmodelled `effects` by name.
+
+        `source` is the model that it was read from, with the parts that the arm leaves out.
+        """
+        own, lengths = model_of(arm)
+        model = own if source is None else source
         given = {"pressure_limits": arm.pressure_limits, "lag": arm.lag, "slew": arm.slew, "nominal": arm} | effects
         return cls(model, arm.mechanism.muscles, **(lengths | given))
 
@@ -218,7 +222,8 @@ class MujocoPlant:
 
     def measure(self) -> Readings:
         """Read the sensors; every call draws new noise."""
-        return self.sensors.read(self.q, self._P, self.time)
+        y = self.sensors.read(self.q, self._P, self.time)
+        return Readings(y[: self.n], y[2 * self.n :])
 
     # --- the true state ---------------------------------------------------------------------------------------------
 

@@ -1,9 +1,9 @@
-"""Parts of a simulated machine's rig that MuJoCo lacks: sensors, the path of the commands, friction.
+"""Parts of a simulated machine's rig that MuJoCo lacks: the path of the commands, and friction.
 
-Encoders and pressure sensors have steps, noise, offsets and faults; commands reach the regulators through supply, slew
-and dead time. The friction models are those of one joint (`mpc.model.friction.contact.Hysteresis`). They act along the
-coordinates s = (q, l): the angles of the joints, and the lengths of the muscles. With J = ∂s/∂q the torques at the
-joints are
+Sensors and faults are those of any simulated machine (`mpc.model.faults.Sensors`). Commands reach the regulators
+through supply, slew and dead time. The friction models are those of one joint
+(`mpc.model.friction.contact.Hysteresis`). They act along the coordinates s = (q, l): the angles of the joints, and the
+lengths of the muscles. With J = ∂s/∂q the torques at the joints are
 
     τ = -Jᵀ f,    f_i = T_f,i of the path of s_i
 
@@ -15,17 +15,14 @@ from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from allocator import checks
-from allocator.calculus import Array, Mask
+from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.limits import checked_supply
-from allocator.mechanism.routes.base import per_muscle
-from mpc.model.arm.pressing import CROSSES
 from mpc.model.compensation import checked_delay
-from mpc.model.faults import Fault
-from mpc.model.friction.contact import Hysteresis, Pressed
+from mpc.model.friction.contact import CROSSES, Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
 
@@ -35,68 +32,6 @@ class Readings(NamedTuple):
 
     q: Array  # encoders (n,) [rad, or m of slides]
     P: Array  # pressure sensors (m,) [Pa]
-
-
-class Sensors:
-    """Sensors of n joints and m muscles.
-
-    Encoders have steps of `encoder` [rad or m]. Pressure sensors have the offset `pressure_offset` [Pa], a number or a
-    row (m,), and noise of the standard deviation `pressure_noise` [Pa]. `faults` are made with `joints=n, muscles=m`.
-    """
-
-    def __init__(
-        self, n: int, m: int, encoder: float, pressure_noise: float, pressure_offset: ArrayLike, faults: Sequence[Fault]
-    ) -> None:
-        """Check the numbers. Raises `InvalidInput`."""
-        self.n, self.m = n, m
-        self.encoder = checks.not_negative("encoder", encoder, "rad")
-        self.pressure_noise = checks.not_negative("pressure_noise", pressure_noise, "Pa")
-        self.pressure_offset = per_muscle("pressure_offset", pressure_offset, m, "Pa")
-        self.faults = tuple(faults)
-        for fault in self.faults:
-            if not isinstance(fault, Fault) or (fault.joints, fault.muscles) != (n, m):
-                raise InvalidInput(f"faults: {fault!r} is not one of joints={n}, muscles={m}; give it these numbers")
-        self.begin(0)
-
-    @property
-    def exact(self) -> bool:
-        """Whether the readings are exact."""
-        return not (self.encoder or self.pressure_noise or self.pressure_offset.any() or self.faults)
-
-    def begin(self, seed: int) -> None:
-        """Restart with the noise of the `seed`."""
-        self._noise = np.random.default_rng(seed)
-        self._said = np.full(2 * self.n + self.m, np.nan)
-
-    def active(self, t: float) -> list[Fault]:
-        """Return the faults that are active at the time `t` [s]."""
-        return [fault for fault in self.faults if fault.active(t)]
-
-    def broken(self, t: float) -> tuple[Array, Mask]:
-        """Return the remaining shares (m,) of the muscles' forces at the time `t` [s], and the valves (m,) shut by
-        faults.
-        """
-        pulling, shut = np.ones(self.m), np.zeros(self.m, bool)
-        for fault in self.active(t):
-            pulling, shut = pulling * np.array(fault.pulling), shut | np.array(fault.shut)
-        return pulling, shut
-
-    def effective(self, command: Array, P: Array, t: float) -> Array:
-        """Return the regulators' inputs (m,) [Pa] instead of a `command` at the pressures `P` and the time `t`."""
-        for fault in self.active(t):
-            command = fault.effective(command, P)
-        return command
-
-    def read(self, q: Array, P: Array, t: float) -> Readings:
-        """Return the readings of the angles `q` (n,) and pressures `P` (m,) at the time `t` [s]."""
-        if self.encoder:
-            q = self.encoder * np.round(q / self.encoder)
-        P = P + self.pressure_offset + self.pressure_noise * self._noise.standard_normal(self.m)
-        y = np.concatenate([q, np.full(self.n, np.nan), P])
-        for fault in self.active(t):
-            y = fault.read(y + fault.offset(t), self._said)
-        self._said = y
-        return Readings(y[: self.n], y[2 * self.n :])
 
 
 def encoders_of(model: Any, source: str) -> NDArray[np.intp]:
@@ -168,7 +103,7 @@ class Rubbing:
     def forces(self, s: Array, loads: Array) -> Array:
         """Return f (n + m,) [N·m, N] at `s` (n + m,), on the path from the `s` of the last `go_on`.
 
-        `loads` (n + m, 3) are those of `mpc.model.friction.contact.Pressed`.
+        `loads` (n + m, 3) are those of `mpc.model.friction.contact.Loads`.
         """
         f = np.zeros(s.size)
         for i, memory, own in self._moved(s, loads):
@@ -190,18 +125,18 @@ class Rubbing:
         """Restore the memory `kept`."""
         self._from, self._memories = kept[0], list(kept[1])
 
-    def _moved(self, s: Array, loads: Array) -> list[tuple[int, Any, Pressed]]:
+    def _moved(self, s: Array, loads: Array) -> list[tuple[int, Any, Loads]]:
         """Return index, memory and loads of every friction that is not absent, at `s` (n + m,)."""
         motion, given = (s - self._from).tolist(), loads.tolist()
         found = []
         for i in self._places:
-            own = Pressed(*given[i])
+            own = Loads(*given[i])
             found.append((i, self._models[i].moved(self._memories[i], motion[i], own), own))
         return found
 
 
 def loads(arms: Array, k: Array, forces: Array, P: Array) -> Array:
-    """Return the loads (n + m, 3) at joints and muscles, in the order of `Pressed`.
+    """Return the loads (n + m, 3) at joints and muscles, in the order of `Loads`.
 
     Muscles with the `arms` (m, n) [m] and own stiffness `k` (m,) [N/m] pull with `forces` (m,) [N] at the pressures
     `P` (m,) [Pa]. The curvature of the tendon routes is neglected in the joint stiffness.

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from mpc.bench.cycle import Cycle
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
-    from mpc.bench.record import Lateness
-    from mpc.bench.rows import Row
+    from mpc.bench.rows import Lateness, Row
     from mpc.bench.safety import Ending
     from mpc.model.machine import Machine
     from mpc.trials.motions.reference import Reference
@@ -81,8 +80,8 @@ def run_command(
     """
     from rich.console import Console
 
+    from mpc.bench.logs import compared, finished, read, repeat
     from mpc.bench.loop import RealTimeLoop
-    from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
     from mpc.trials.files import check_recordable, reference_called
@@ -90,7 +89,7 @@ def run_command(
     from mpc.trials.loops import loop, margins_in_words, robust
     from mpc.trials.metrics import out_of_reach
     from mpc.trials.motions.corrections import Owner
-    from mpc.trials.pictures.report import reach_in_words
+    from mpc.trials.pictures.plotting import reach_in_words
 
     console = Console()
     finite("--settle", settle, "s")
@@ -240,7 +239,7 @@ def sweep_command(
 def hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
     """Return the function that requests a weight; a simulated joint hangs it without a person."""
     from mpc.bench.devices.simulated import SimulatedDevice
-    from mpc.bench.display.asking import REQUEST, Asking
+    from mpc.bench.sweep import REQUEST, Asking
 
     if isinstance(device, SimulatedDevice):
         return device.hang
@@ -289,7 +288,7 @@ class Watch:
     """Display of a loop's samples on a dashboard, unless it is quiet."""
 
     def __init__(self, machine: "Machine", dt: float, bench: BenchOptions) -> None:
-        from mpc.bench.display.dashboard import Dashboard
+        from mpc.bench.dashboard import Dashboard
 
         self.health: Callable[[], object] = lambda: ""
         self._dashboard = None if bench.quiet else Dashboard(machine, dt, plot=bench.plot)
@@ -324,7 +323,7 @@ def _write(record: "Record", files: list[Path], journal: Path | None, hand: "End
     """Write the other files, and remove a journal that --out does not name."""
     from mpc.bench.cycle import Phase
     from mpc.trials.files import is_recording
-    from mpc.trials.pictures.report import write_run
+    from mpc.trials.pictures.plotting import write_run
 
     settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
     for path in files:
@@ -338,9 +337,9 @@ def _write(record: "Record", files: list[Path], journal: Path | None, hand: "End
 
 def _report(record: "Record", console: "Console") -> None:
     """Print the ending, the errors, and whether the strengths need a check."""
-    from mpc.bench.measuring.due import check_due
+    from mpc.bench.measuring.update import check_due
     from mpc.model.plant import Plant
-    from mpc.trials.pictures.report import table_of_errors
+    from mpc.trials.pictures.plotting import table_of_errors
 
     say_ending(record.ending, record.lateness, console)
     if not (record.tracked and record.controlled):

@@ -181,7 +181,7 @@ class RealTimeLoop:
         Encoder reading at 0 of the joint [rad], as of a fit; (n,) of an arm. It is subtracted from every reading,
         before the observer, the limits and the log; the log's head states it.
     log
-        CSV file that is written sample by sample; see `mpc.bench.record`.
+        CSV file that is written sample by sample; see `mpc.bench.rows`.
     replace
         Whether an existing `log` may be replaced, by the first sample.
     clock

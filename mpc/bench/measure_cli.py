@@ -144,7 +144,7 @@ def _on_device(
     Return the measurements and the exit code. All rests are checked before the first motion.
     """
     from mpc.bench.measuring.session import Told, measure, shake
-    from mpc.bench.measuring.weighing import Weight
+    from mpc.bench.measuring.strengths import Weight
 
     settings, found = bench.settings(options), []
     opened = bench.opened(options)
@@ -261,7 +261,7 @@ def _draw(
     good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOptions | None, out: Path, console: "Console"
 ) -> None:
     from allocator.presentation.plotting import save_figure
-    from mpc.bench.measuring.picture import plot_measured
+    from mpc.bench.measuring.result import plot_measured
 
     if bench is None:
         plant, known = options.plant(), options.compensation()

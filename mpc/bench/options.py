@@ -64,7 +64,7 @@ class BenchOptions:
         """
         from mpc.bench.device import MonotonicClock, SimulatedClock
         from mpc.bench.devices.simulated import SimulatedDevice, simulated
-        from mpc.model.real_plant import RealPlant
+        from mpc.model.real import RealPlant
 
         if not self.device:
             raise InvalidInput("--device is missing: name a device, such as sim or serial:/dev/ttyUSB0")

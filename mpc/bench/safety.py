@@ -165,9 +165,6 @@ class SafeStop:
         checks.positive("rate", self.rate, "Pa/s")
 
 
-_ROWS = "angle", "pressure"  # of a reading
-
-
 class Guard:
     """Limits of a machine on readings and commands every `dt` [s], with the margins of a watchdog."""
 
@@ -224,28 +221,19 @@ class Guard:
 
         NaN in place of all angles of an arm, or of all its pressures, means that none was measured.
         """
-        n = self.n
         rows = self._rows(reading[1], reading[2]) if _is_row(reading, len(Reading._fields)) else None
-        if rows is None:
-            raise DeviceError(f"read() returned {self._misshaped(reading)}")
-        values = [reading[0], *rows[0], *rows[1]]
-        if not all(isinstance(value, Real) for value in values):
-            form = "four real numbers [s, rad, Pa, Pa]" if self._single else "only real numbers [s, rad, Pa]"
-            raise DeviceError(f"read() returned {checks.brief(reading)}: a Reading has {form}")
+        values = None if rows is None else [reading[0], *rows[0], *rows[1]]
+        if values is None or not all(isinstance(value, Real) for value in values):
+            form = (
+                "(t, theta, (P1, P2))" if self._single else f"(t, theta, P) of {self.n} angles and {self.m} pressures"
+            )
+            said = checks.brief(reading)
+            raise DeviceError(f"read() returned {said}; expected a Reading {form} of real numbers [s, rad, Pa]")
         try:
             t, *numbers = map(float, values)
         except OverflowError:
             raise DeviceError(f"read() returned {checks.brief(reading)}, with a number that no float holds") from None
-        return Reading(t, numbers[0] if self._single else np.array(numbers[:n]), tuple(numbers[n:]))
-
-    def _misshaped(self, reading: Any) -> str:
-        """Return a sentence's end about a reading with other rows than the machine's."""
-        form = "(t, theta, (P1, P2))" if self._single else f"(t, theta, P) of {self.n} angles and {self.m} pressures"
-        found = (_length(reading.theta), _length(reading.P)) if isinstance(reading, Reading) else None
-        if found in (None, (self.n, self.m)):
-            return f"{checks.brief(reading)}, which is not a Reading {form}"
-        angles, pressures = (f"{size} {name}{'s' * (size != 1)}" for size, name in zip(found, _ROWS, strict=True))
-        return f"{angles} and {pressures}, which is not a Reading {form}"
+        return Reading(t, numbers[0] if self._single else np.array(numbers[: self.n]), tuple(numbers[self.n :]))
 
     def _rows(self, theta: Any, P: Any) -> tuple[Sequence[Any], Sequence[Any]] | None:
         """Return the angles and the pressures of a reading as rows; None if their numbers are wrong."""
@@ -253,13 +241,6 @@ class Guard:
             return ((theta,), P) if _is_row(P, 2) else None
         angles, P = _filled(theta, self.n), _filled(P, self.m)
         return (angles, P) if _is_row(angles, self.n) and _is_row(P, self.m) else None
-
-
-def _length(row: Any) -> int:
-    """Return the number of entries of a row; 1 for anything else."""
-    if isinstance(row, np.ndarray):
-        return int(row.size)
-    return len(row) if isinstance(row, Sequence) else 1
 
 
 def _filled(values: Any, size: int) -> Any:

@@ -7,12 +7,16 @@ experiment writes:
 
     joint_log.csv    a row for each visit: means of the second at rest, torque of the weight, direction of the approach
     motion_log.csv   a row for each sample of the random steps: the angle, and the commands as P1 and P2
+
+The loop does not wait for the answer of the person who hangs the weight (`Asking`).
 """
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
+from threading import Thread
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +29,7 @@ from allocator.identification.joint.planning.plan import APPROACH, JointPlan, Se
 from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.rows import Pressures
+from mpc.bench.safety import Reason, Stopped
 
 STEPS = (APPROACH, 0.3 * BAR, 0.15 * BAR)  # distances of the approach to a setpoint, by preference
 _STILL = 0.3 * DEG  # over a second, as in `read_joint_log`
@@ -263,3 +268,41 @@ class Sweep:
 def _csv(header: str, rows: Array) -> str:
     lines = (",".join(f"{value:.9g}" for value in row) for row in rows.tolist())
     return "\n".join([header, *lines]) + "\n"
+
+
+REQUEST = "hang the weight so that it pulls θ {1} with {0:.3g} N·m, and press Enter; the pressures are held"
+
+
+class Asking:
+    """Request for a weight by `ask`, called with its torque [N·m]; a thread waits for the Enter key."""
+
+    def __init__(self, ask: Callable[[float], None]) -> None:
+        self._ask = ask
+        self._wanted: float | None = None
+        self._line: str | None = None
+
+    def __call__(self, torque: float) -> bool:
+        """Return whether Enter was pressed since this torque [N·m] was asked for.
+
+        Raises `Stopped` where input or output of the terminal end.
+        """
+        if self._wanted != torque:
+            self._wanted, self._line = torque, None
+            try:
+                self._ask(torque)
+            except OSError:
+                raise Stopped(
+                    Reason.TERMINATED, "the request to hang a weight cannot be answered: the terminal is closed"
+                ) from None
+            Thread(target=self._read, daemon=True).start()
+        if self._line == "":
+            raise Stopped(
+                Reason.REQUESTED, "the request to hang a weight cannot be answered: standard input is at its end"
+            )
+        return self._line is not None
+
+    def _read(self) -> None:
+        try:
+            self._line = sys.stdin.readline()
+        except (OSError, ValueError):  # closed, or not text
+            self._line = ""

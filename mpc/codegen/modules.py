@@ -78,9 +78,9 @@ def _surroundings() -> str:
         *sorted(file for part in ("arm", "model") for file in (_MPC / part).glob("*/compiled/*.py")),
         *(_MPC / "codegen" / f"{name}.py" for name in _CODEGEN),
         _MPC / "model" / "compiled_friction.py",
-        _MPC / "model" / "integration.py",
+        _MPC / "model" / "experiment.py",
         _MPC / "tracking" / "resting.py",
-        _MPC / "trials" / "many" / "records.py",
+        _MPC / "trials" / "many" / "driving.py",
         *(Path(str(m.__file__)) for m in (kernels, compiled, jit, status, units)),
     ]
     return "".join(file.read_text(encoding="utf-8") for file in files)

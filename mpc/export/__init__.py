@@ -16,8 +16,8 @@ from allocator.faces import face
 if TYPE_CHECKING:
     from mpc.export.controller.tuning import write_tuning as write_tuning
     from mpc.export.entry import export as export
-    from mpc.export.fmu.entry import export_controller_fmu as export_controller_fmu
-    from mpc.export.fmu.entry import export_plant_fmu as export_plant_fmu
+    from mpc.export.fmu import export_controller_fmu as export_controller_fmu
+    from mpc.export.fmu import export_plant_fmu as export_plant_fmu
     from mpc.export.governor import export_governor as export_governor
     from mpc.export.mechanism import export_mechanism as export_mechanism
     from mpc.export.serial.firmware import Safety as Safety

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from allocator.calculus import Array
 from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
-from mpc.codegen import c_text
+from mpc.codegen.text import c_function, c_prototype
 from mpc.export import text
 from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.joint import Numbers
@@ -49,8 +49,8 @@ def plant_files(process: Machine | RealMachine, dt: float, directory: str = "") 
     real = real_machine(process)
     heads, bodies = [], []
     for function, about in _functions(real):
-        heads.append(f"{c_text.prototype(function)}; /* {about} */")
-        bodies.append(c_text.function(function, about, single=False))
+        heads.append(f"{c_prototype(function)}; /* {about} */")
+        bodies.append(c_function(function, about, single=False))
     about = "The plant's formulas, derived by CasADi."
     body = f'/* {about} */\n#include "plant_model.h"\n\n#include <math.h>\n\n' + "\n\n".join(bodies) + "\n"
     head = text.header("ANT_PLANT_MODEL_H", about, _PLAIN + "\n" + "\n".join(heads), ["math.h"])

@@ -12,7 +12,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.limits import BINDS
 from allocator.lazy import Function
-from mpc.codegen.python_text import IMPORTS, filling
+from mpc.codegen.text import IMPORTS, filling
 from mpc.governor import kernel
 from mpc.governor.model import Corners, Dynamics, corners, motion_function, potential_function, statics_function
 

@@ -32,8 +32,9 @@ from allocator.machine_file import dumps, encoder_zero_in
 from allocator.units import DEG
 from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation
-from mpc.model.plant import NU, NX, Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.plant import NX, Plant
+from mpc.model.real import RealPlant
+from mpc.model.real_experiment import integrator
 
 _RESOLUTION = 0.25  # of the integration, see `Plant.substeps`: 3e-5 of the change
 _HELD = 1e6  # [s] lag of regulators whose pressures are imposed
@@ -103,29 +104,14 @@ def _integrated(process: RealPlant, ends: Array, u: Array, full: Array, *, impos
 
     The commands `u[k]` (2,) [Pa] act between `ends[k]` and the next; `imposed`: the muscles have these pressures.
     """
-    step = _step(process, process.substeps(float(np.diff(ends).max()), _RESOLUTION))
+    step = Buffered(integrator(process, process.substeps(float(np.diff(ends).max()), _RESOLUTION)))
     theta = [float(full[0])]
     for command, length in zip(u, np.diff(ends).tolist(), strict=True):
         if imposed:
             full[2:NX] = command
-        full = step(full, command, length)[0][0]
+        full = step(full, command, 0.0, length)[0][0]
         theta.append(float(full[0]))
     return np.array(theta)
-
-
-def _step(process: RealPlant, substeps: int) -> Buffered:
-    """Return (state, commands, duration) ↦ state, in equal steps."""
-    import casadi as ca
-
-    n = NX + process.friction.size
-    full, u, h = ca.SX.sym("full", n), ca.SX.sym("u", NU), ca.SX.sym("h")
-    later = ca.vertcat(*process.stepped(full[:NX], full[NX:], u, 0.0, h))
-    fine = ca.Function("fine", [full, u, h], [ca.cse(ca.densify(later))])
-    begin, held, duration = ca.MX.sym("full", n), ca.MX.sym("u", NU), ca.MX.sym("duration")
-    end = begin
-    for _ in range(substeps):
-        end = fine(end, held, duration / substeps)
-    return Buffered(ca.Function("step", [begin, held, duration], [end]))
 
 
 COMMANDED, IMPOSED = "commanded", "in the muscles"  # `pressures` in [source]

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from mpc.arm.learning.task import Reaching as Reaching
     from mpc.arm.learning.task import Task as Task
     from mpc.arm.learning.task import Variation as Variation
-    from mpc.arm.learning.wiping import Wiping as Wiping
+    from mpc.arm.learning.task import Wiping as Wiping
     from mpc.repetition.learner import Learner as Learner
     from mpc.repetition.learner import Reason as Reason
-    from mpc.repetition.picture import plot_learning as plot_learning
     from mpc.repetition.practice import Practice as Practice
+    from mpc.repetition.practice import plot_learning as plot_learning
     from mpc.repetition.practice import practise as practise
     from mpc.repetition.response import Response as Response
     from mpc.repetition.response import response as response

@@ -22,7 +22,7 @@ from allocator.units import BAR, DEG
 from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
-from mpc.model.regulator import ratio
+from mpc.model.pressures import ratio
 from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides, without jumps due to noise

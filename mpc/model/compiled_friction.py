@@ -10,7 +10,7 @@ from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat
 from mpc.codegen.views import flat, in_python, viewer
 from mpc.model.compensation import JITTER
-from mpc.model.friction.contact import Hysteresis, Pressed
+from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import WIDTH_AT, Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 
@@ -70,11 +70,11 @@ def numbers_of_joints(frictions: Sequence[Hysteresis]) -> Array | None:
 
 
 @inlined_flat
-def strength(f: Rubbing, pressed: Pressed) -> float:
+def strength(f: Rubbing, pressed: Loads) -> float:
     """Return the factor of Σ k_i z_i in the friction torque [N·m]."""
     if f.kind != SLIP:
-        return f.mu * pressed.pulled + f.coulomb
-    return pressed.stiffness if f.elastic else 1.0
+        return float(f.mu * pressed.pulled + f.coulomb)
+    return float(pressed.stiffness) if f.elastic else 1.0
 
 
 @inlined_flat
@@ -91,7 +91,7 @@ def width_of(f: Rubbing, i: int, filled: float) -> float:
 
 
 @inlined_flat
-def followed(f: Rubbing, theta: float, pressed: Pressed, last: float, memory: Array, now: Array) -> float:
+def followed(f: Rubbing, theta: float, pressed: Loads, last: float, memory: Array, now: Array) -> float:
     """Set `now` (n,) to the friction's memory at `theta` [rad], from `memory` (n,) at the angle `last`, NaN for none;
     return the origin of its next motion: see `FrictionState.follow`.
     """
@@ -111,9 +111,7 @@ def followed(f: Rubbing, theta: float, pressed: Pressed, last: float, memory: Ar
 
 
 @inlined_flat
-def less_friction(
-    f: Rubbing, now: Array, back: float, theta: Array, pressed: Pressed, d: float, torques: Array
-) -> None:
+def less_friction(f: Rubbing, now: Array, back: float, theta: Array, pressed: Loads, d: float, torques: Array) -> None:
     """Set `torques` (M,) [N·m] to `d` minus the friction of the motion along `theta` (M,) [rad] with the first angle
     `back`, from the memory `now` (n,); friction is left out if any of it is not finite.
     """

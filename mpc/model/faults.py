@@ -1,17 +1,21 @@
-"""Faults to inject into a `RealPlant` or a `MujocoPlant`, each from `begin` until just before `end`.
+"""Sensors of simulated machines, and faults to inject into them, each from `begin` until just before `end`.
 
 A fault changes the command that a regulator follows, the readings of sensors, or the muscles that pull, and leaves
 everything else unchanged. (A payload is a torque, not a fault: `RealPlant.torque_profile`. `mpc.observer.health` names
 faults from the quantities of an observer.)
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from allocator.calculus import Array
+from allocator import checks
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.mechanism.routes.base import per_muscle
 from allocator.units import BAR
 from mpc.model.plant import NU
 
@@ -201,3 +205,68 @@ class DriftingSensor(Fault):
     def offset(self, t: float) -> Array:
         """Return the rate times the time since `begin`."""
         return np.where(np.arange(self.size) == self.sensor, self.rate * (t - self.begin), 0.0)
+
+
+class Sensors:
+    """Sensors of n joints and m muscles.
+
+    Encoders have steps of `encoder` [rad or m]. Pressure sensors have the offset `pressure_offset` [Pa], a number or a
+    row (m,), and noise of the standard deviation `pressure_noise` [Pa]. `faults` are made with `joints=n, muscles=m`.
+    """
+
+    def __init__(
+        self, n: int, m: int, encoder: float, pressure_noise: float, pressure_offset: ArrayLike, faults: Sequence[Fault]
+    ) -> None:
+        """Check the numbers. Raises `InvalidInput`."""
+        self.n, self.m = n, m
+        self.encoder = checks.not_negative("encoder", encoder, "rad")
+        self.pressure_noise = checks.not_negative("pressure_noise", pressure_noise, "Pa")
+        self.pressure_offset = per_muscle("pressure_offset", pressure_offset, m, "Pa")
+        self.faults = tuple(faults)
+        for fault in self.faults:
+            if not isinstance(fault, Fault) or (fault.joints, fault.muscles) != (n, m):
+                raise InvalidInput(f"faults: {fault!r} is not one of joints={n}, muscles={m}; give it these numbers")
+        self.begin(0)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the readings are exact."""
+        return not (self.encoder or self.pressure_noise or self.pressure_offset.any() or self.faults)
+
+    def begin(self, seed: int) -> None:
+        """Restart with the noise of the `seed`."""
+        self._noise = np.random.default_rng(seed)
+        self._said = np.full(2 * self.n + self.m, np.nan)  # readings of the previous sample
+
+    def active(self, t: float) -> list[Fault]:
+        """Return the faults that are active at the time `t` [s]."""
+        return [fault for fault in self.faults if fault.active(t)]
+
+    def broken(self, t: float) -> tuple[Array, Mask]:
+        """Return the remaining shares (m,) of the muscles' forces at the time `t` [s], and the valves (m,) shut by
+        faults.
+        """
+        pulling, shut = np.ones(self.m), np.zeros(self.m, bool)
+        for fault in self.active(t):
+            pulling, shut = pulling * np.array(fault.pulling), shut | np.array(fault.shut)
+        return pulling, shut
+
+    def effective(self, command: Array, P: Array, t: float) -> Array:
+        """Return the regulators' inputs (m,) [Pa] instead of a `command` at the pressures `P` and the time `t`."""
+        for fault in self.active(t):
+            command = fault.effective(command, P)
+        return command
+
+    def read(self, q: Array, P: Array, t: float, noise: Array | None = None) -> Array:
+        """Return the readings (2n + m,) of the angles `q` (n,) and pressures `P` (m,) at the time `t` [s], NaN for the
+        velocities, with the `noise` (m,) of the pressure sensors in standard deviations, by default new noise.
+        """
+        if self.encoder:
+            q = self.encoder * np.round(q / self.encoder)
+        noise = self._noise.standard_normal(self.m) if noise is None else noise
+        P = P + self.pressure_offset + self.pressure_noise * noise
+        y = np.concatenate([q, np.full(self.n, np.nan), P])
+        for fault in self.active(t):
+            y = fault.read(y + fault.offset(t), self._said)
+        self._said = y
+        return y

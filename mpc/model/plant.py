@@ -4,7 +4,7 @@
     J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
     P_i' = (u_i - P_i)/τ_i  -  κ (P_i + p_a) V_i'/V_i^eff, the second term not with `gas=False`                   (G3)
 
-with one τ_i of a rising and another of a falling pressure if `venting` is not 1 (`mpc.model.regulator`).
+with one τ_i of a rising and another of a falling pressure if `venting` is not 1 (`mpc.model.pressures`).
 
 State x = (θ [rad], ω [rad/s], P1 [Pa], P2 [Pa]), input u = commanded pressures [Pa], disturbance torque d [N·m]. The
 stiffness K(θ, P1, P2) is computed, never measured: the isobaric one, or that at a `frequency`. The controller has to
@@ -30,10 +30,8 @@ from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, Stiffnes
 from allocator.joint.limits import Limits
 from allocator.lazy import Function
 from allocator.units import BAR, CM3
-from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, substeps
-from mpc.model.gas import fall, gas_of, trapped
-from mpc.model.integration import integrated
-from mpc.model.regulator import each_way, pull
+from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, integrated, substeps
+from mpc.model.pressures import each_way, fall, gas_of, pull, trapped
 from mpc.model.storage import load_plant, save_plant
 
 STATES = ("theta", "omega", "P1", "P2")

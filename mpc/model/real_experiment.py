@@ -1,7 +1,7 @@
 """Simulated machines with effects of real ones: their experiment, and the effects that joints and arms share.
 
 A `RealPlant` and a `RealArm` have a nominal machine (n joints, m muscles) and the same effects, see
-`mpc.model.real_plant`: force gains, friction at the joints, regulators with two lags, a dead band, a flow limit and a
+`mpc.model.real`: force gains, friction at the joints, regulators with two lags, a dead band, a flow limit and a
 dead time, sensors with steps, offsets, noise and age, and faults.
 """
 
@@ -22,12 +22,12 @@ from allocator.units import BAR
 from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation, check_regulators
 from mpc.model.experiment import FINE
-from mpc.model.faults import Fault
+from mpc.model.faults import Fault, Sensors
 from mpc.model.friction.contact import Hysteresis
 from mpc.model.friction.dahl import Friction
 from mpc.model.machine import Machine
 from mpc.model.plant import MOST_SUBSTEPS, Plant
-from mpc.model.regulator import pull
+from mpc.model.pressures import pull
 
 
 @dataclass(frozen=True, repr=False)
@@ -185,13 +185,13 @@ class RealExperiment:
         self.real, self.dt = real, dt
         nominal = real.nominal
         self._n, self._m, self._size = nominal.n, nominal.m, nominal.size
-        self._noise = np.random.default_rng(seed)
+        readings = real.encoder, real.pressure_noise, real.pressure_offset, real.faults
+        self._sensors = Sensors(self._n, self._m, *readings)
+        self._sensors.begin(seed)
         theta = np.array(x0[: self._n])
         begun = (np.atleast_1d(one.begun(at)) for one, at in zip(real.frictions, theta.tolist(), strict=True))
         self._full = np.concatenate([x0, *begun])  # with the frictions' memories
         self._sample = 0
-        self._said = np.full(self._size, np.nan)  # readings of the previous sample
-        self._offset = np.array(real.pressure_offset)
         self._pieces, waiting = delayed(real.dead_time, dt)
         self._steps = fine_steps(real, dt, self._pieces)
         self._waiting = [np.array(x0[2 * self._n :])] * waiting  # delayed commands, oldest first
@@ -208,18 +208,12 @@ class RealExperiment:
 
     def measure(self) -> Array:
         """Read the sensors (2n + m,): angles, NaN for the velocities, pressures. Every call draws new noise."""
-        return self.read(self._noise.standard_normal(self._m))
+        return self.read()
 
-    def read(self, noise: Array) -> Array:
-        """Read the sensors (2n + m,) with the `noise` (m,) of the pressure sensors in standard deviations."""
-        step, theta, P = self.real.encoder, self._angles_then, self._full[2 * self._n : self._size]
-        read = step * np.round(theta / step) if step else theta
-        P = P + self._offset + self.real.pressure_noise * noise
-        y = np.concatenate([read, np.full(self._n, np.nan), P])
-        for fault in self._faults:
-            y = fault.read(y + fault.offset(self._sample * self.dt), self._said)
-        self._said = y
-        return y
+    def read(self, noise: Array | None = None) -> Array:
+        """Read the sensors (2n + m,), with the `noise` (m,) of the pressure sensors in standard deviations if given."""
+        P = self._full[2 * self._n : self._size]
+        return self._sensors.read(self._angles_then, P, self._sample * self.dt, noise)
 
     @property
     def _angles_then(self) -> Array:
@@ -229,11 +223,6 @@ class RealExperiment:
         whole, part = divmod(self.real.reading_age / self.dt, 1.0)
         now, before = self._angles[-1 - int(whole)], self._angles[-2 - int(whole)]
         return np.asarray(now + part * (before - now))
-
-    @property
-    def _faults(self) -> list[Fault]:
-        t = self._sample * self.dt
-        return [fault for fault in self.real.faults if fault.active(t)]
 
     @property
     def memory(self) -> Array:
@@ -253,11 +242,11 @@ class RealExperiment:
         """Advance by one sample with the commands `u` (m,) [Pa] given now, and a torque `d` [N·m], (n,) for an arm,
         added to the machine's own.
         """
-        torque = np.add(d, outside_torque(self.real.torque_profile, self._sample * self.dt))
+        t = self._sample * self.dt
+        torque = np.add(d, outside_torque(self.real.torque_profile, t))
         self._waiting.append(np.array(u))
         for command, duration, integrate in zip(self._waiting, self._pieces, self._integrate, strict=False):
-            for fault in self._faults:
-                command = fault.effective(command, self._full[2 * self._n : self._size])
+            command = self._sensors.effective(command, self._full[2 * self._n : self._size], t)
             self._full = integrate(self._full, command, torque, duration)[0][0]
         self._waiting.pop(0)
         self._angles = [*self._angles, self._full[: self._n].copy()][1:] if self._angles else []
@@ -269,12 +258,12 @@ class RealExperiment:
     @property
     def _integrate(self) -> list[Buffered]:
         """Integrators of the pieces of a sample, with the present faults."""
-        real, faults = self.real, self._faults
-        if not faults:
+        real, t = self.real, self._sample * self.dt
+        if not self._sensors.active(t):
             return self._sound
-        pulling = tuple(prod((fault.pulling[i] for fault in faults), start=1.0) for i in range(self._m))
+        shares, closed = self._sensors.broken(t)
         gas = real.nominal.gas is not None  # without it a stuck valve's command is its constant pressure
-        shut = tuple(own or (gas and any(fault.shut[i] for fault in faults)) for i, own in enumerate(real.shut))
+        pulling, shut = tuple(shares.tolist()), tuple((real.shut | (gas & closed)).tolist())
         if (pulling, shut) not in self._integrators:
             gains = tuple(g * share for g, share in zip(real.force_gains, pulling, strict=True))
             broken = replace(real, force_gains=gains, shut=shut)

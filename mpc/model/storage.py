@@ -37,7 +37,7 @@ from allocator.files.text import FilePath
 from allocator.files.toml import Table, section
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.machine_file import dumps, joint_from
-from mpc.model.regulator import ratio
+from mpc.model.pressures import ratio
 
 _REGULATORS = ("dead_time", "dead_band", "lag_up", "lag_down", "flow")
 _SENSORS = ("reading_age",)

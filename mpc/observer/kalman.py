@@ -27,6 +27,7 @@ from allocator.units import DEG
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.machine import Machine, sample_time
+from mpc.observer.base import units_shown
 from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State, Tail
 from mpc.observer.diagnosis import Diagnosis
@@ -34,10 +35,9 @@ from mpc.observer.filter import Belief, Filter, Noise, settings
 from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
 from mpc.observer.rivalry import Readings, Rivalry
-from mpc.observer.units import units_shown
 
 if TYPE_CHECKING:
-    from mpc.observer.compiled.whole import CompiledEstimate  # which imports numba
+    from mpc.observer.compiled.factory import CompiledEstimate  # which imports numba
 
 FIRST = 3  # samples up to which rejected readings may be right, because nothing has confirmed the first reading
 COARSEST = 1 * DEG  # step of an encoder

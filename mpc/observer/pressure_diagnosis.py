@@ -175,13 +175,6 @@ class PressureDiagnosis:
         """Sum of residuals below [Pa]."""
         return self.numbers[LOW]
 
-    def follow(
-        self, t: float, read: float, v: float, gain: float, d: float, other: "PressureDiagnosis", q: float = 0.0,
-        missing: bool = False,
-    ) -> None:  # fmt: skip
-        """Update by a reading, like the function `follow`; `other` is the other muscle's diagnosis."""
-        follow(self.numbers, other.numbers, self.sound, t, read, v, gain, d, q, missing)
-
 
 def follow(
     m: Numbers, other: Numbers, k: Sound, t: float, read: float, v: float, gain: float, d: float, q: float,

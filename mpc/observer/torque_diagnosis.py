@@ -83,10 +83,6 @@ class TorqueDiagnosis:
         """Time since which each joint (n,) has more than a usual load [s]."""
         return [None if since != since else since for since in self.numbers[LOADED : LOADED + len(self.usual)]]
 
-    def follow(self, t: float, d: list[float], pulls: list[float]) -> None:
-        """Update by the observer's results, like the function `follow`."""
-        follow(self.numbers, self.dt, self.usual, t, d, pulls, self.m)
-
 
 def follow(x: Numbers, dt: float, usual: Values, t: float, d: Values, pulls: Values, m: int) -> None:
     """Update by the observer's `d` (n,) [N·m] at `t` [s] and the `pulls` of the `m` muscles of its model.

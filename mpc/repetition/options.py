@@ -141,7 +141,7 @@ def report(
     `before` and `after` are the measured angles (M, …) [rad] of the first and the best repetition.
     """
     from allocator.presentation.plotting import save_figure
-    from mpc.repetition.picture import plot_learning
+    from mpc.repetition.practice import plot_learning
     from mpc.trials.motions.corrections import Correction
 
     console.print(_table(learner))

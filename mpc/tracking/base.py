@@ -14,8 +14,8 @@ from allocator.errors import InvalidInput
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
-from mpc.model.real_plant import RealPlant
-from mpc.observer.units import units_shown
+from mpc.model.real import RealPlant
+from mpc.observer.base import units_shown
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.feedforward import FeedForward, FeedForwardOf
 from mpc.tracking.limits import Limits

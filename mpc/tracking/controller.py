@@ -14,7 +14,7 @@ whose lengths grow along the horizon.
 The squares of the first line are weighted entry by entry (`mpc.tracking.cost`); y = (K, F1, F2). θ* and K* are the
 references, moved to the nearest feasible ones. The closed-form allocation gives u* and the pressures in
 x* = (θ*, θ*', P1*, P2*) that follow them (`mpc.tracking.feedforward`). L is the terminal cost
-(`mpc.tracking.terminal`). The penalties ρ, ρ_F are large enough for slacks to be used only if necessary (`Weights`).
+(`mpc.tracking.cost`). The penalties ρ, ρ_F are large enough for slacks to be used only if necessary (`Weights`).
 f_d, K and F are linearised along the previous plan, shifted by one sample (`mpc.tracking.linearise`). The result is a
 QP in the changes of the commands (`mpc.tracking.qp.condense`). One QP is solved per sample, or `iterations` of them,
 which converge to the solution of the nonlinear problem. With `blocks`, the commands depart from the previous plan only
@@ -53,7 +53,7 @@ from mpc.model.plant import Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
-from mpc.tracking.cost import Weights
+from mpc.tracking.cost import Weights, terminal_factor
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import Plan, PlanStatus, Rung
@@ -61,7 +61,6 @@ from mpc.tracking.qp.condense import NamedQP, TrackingProblem, condense, named, 
 from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.qp.step import QPAnswer
-from mpc.tracking.terminal import terminal_factor
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.sample.whole import WholeStep  # which imports numba

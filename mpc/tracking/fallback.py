@@ -19,10 +19,9 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.units import BAR
-from mpc.deferred import Deferred
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Motion, Predictor
-from mpc.tracking.plan import Rung
+from mpc.tracking.plan import Deferred, Rung
 from mpc.tracking.qp.step import PreviousSample
 
 

@@ -35,26 +35,6 @@ class FeedForward:
     u: Array  # (N, 2) u*, commands [Pa], unlimited
     moved: Moved  # distance from the references
 
-    @property
-    def theta(self) -> Array:
-        """Angle θ* (N+1,) [rad] of a joint; the next three properties are for a joint as well."""
-        return self.x[:, 0]
-
-    @property
-    def omega(self) -> Array:
-        """Velocity θ*' (N+1,) [rad/s]."""
-        return self.x[:, 1]
-
-    @property
-    def P(self) -> Array:
-        """Pressures P* (N+1, 2) [Pa]."""
-        return self.x[:, 2:]
-
-    @property
-    def K(self) -> Array:
-        """Stiffness K* (N+1,) [N·m/rad]."""
-        return self.y[:, 0]
-
 
 class FeedForwardOf(Protocol):
     """`InverseDynamics`, or the same in compiled code."""

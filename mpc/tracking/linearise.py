@@ -2,8 +2,8 @@
 
 From the measured x_0 and commands ū_0 … ū_{N-1} (the previous plan), with f_d the plant over one sample,
 
-    x̄_0 = x_0,   x̄_{k+1} = f_d(x̄_k, ū_k, d_k),   A_k = ∂f_d/∂x,   B_k = ∂f_d/∂u,   c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k
-    K̄_k = K(x̄_k),   C_k = ∂K/∂x,   F̄_k = F(x̄_k),   D_k = ∂F/∂x
+x̄_0 = x_0, x̄_{k+1} = f_d(x̄_k, ū_k, d_k), A_k = ∂f_d/∂x, B_k = ∂f_d/∂u, c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k K̄_k =
+K(x̄_k), C_k = ∂K/∂x, F̄_k = F(x̄_k), D_k = ∂F/∂x
 
 to first order x_{k+1} = A_k x_k + B_k u_k + c_k, K_k = K̄_k + C_k (x_k - x̄_k), and the forces of the muscles are
 F_k = F̄_k + D_k (x_k - x̄_k). The linear model is exact on x̄, since x̄ is a motion of the plant. CasADi evaluates the
@@ -66,13 +66,6 @@ class Linearisation(Motion):
         """Gradients of the outputs, (N+1, 3, 4)."""
         C = self.C if self.C.ndim == 3 else self.C[:, None]  # an arm's K has several entries
         return np.concatenate([C, self.D], axis=1)
-
-    @property
-    def c(self) -> Array:
-        """Constants c_k = x̄_{k+1} - A_k x̄_k - B_k ū_k, (N, 4)."""
-        return np.asarray(
-            self.x[1:] - np.einsum("kij,kj->ki", self.A, self.x[:-1]) - np.einsum("kij,kj->ki", self.B, self.u)
-        )
 
 
 class Predictor:

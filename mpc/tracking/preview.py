@@ -20,15 +20,14 @@ import numpy as np
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
-from mpc.deferred import Deferred
 from mpc.model.compensation import Compensation, FrictionState
 from mpc.model.friction.contact import Contacts
 from mpc.model.machine import Machine
+from mpc.observer.base import BadNumbers
 from mpc.observer.gating import Gate
-from mpc.observer.units import BadNumbers
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
-from mpc.tracking.plan import PlanStatus
+from mpc.tracking.plan import Deferred, PlanStatus
 
 _TURN, _LEAST = 2 * pi, 1e-300  # [rad], [N·m/rad] range that `checks` accepts
 CORRECTED = 0.1  # [-] of an angle error counts as motion that friction opposes

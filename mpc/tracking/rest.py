@@ -33,12 +33,12 @@ own amount without turning the others. Changes of pressures in the direction of 
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.deferred import Deferred
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.tracking import resting
 from mpc.tracking.limits import Limits
+from mpc.tracking.plan import Deferred
 from mpc.tracking.preview import Task
 from mpc.tracking.rest_memory import HELD, Memory, Rules
 from mpc.tracking.resting import DWELL, JOLT, QUARTER

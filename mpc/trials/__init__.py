@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from allocator.faces import face
 
 if TYPE_CHECKING:
+    from mpc.model.real import other_plant as other_plant
     from mpc.observer.filter import CALM_NOISE as CALM_NOISE
     from mpc.tracking.cost import CALM as CALM
     from mpc.trials.files import load_recording as load_recording
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from mpc.trials.motions.arm_trajectories import draw as draw
     from mpc.trials.motions.arm_trajectories import hold as hold
     from mpc.trials.motions.arm_trajectories import reach as reach
-    from mpc.trials.motions.columns import UnusedColumns as UnusedColumns
+    from mpc.trials.motions.motion_files import UnusedColumns as UnusedColumns
     from mpc.trials.motions.motion_files import load_motion as load_motion
     from mpc.trials.motions.reference import min_jerk as min_jerk
     from mpc.trials.motions.trajectories import chirp as chirp
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from mpc.trials.motions.trajectories import rested_sine as rested_sine
     from mpc.trials.motions.trajectories import steps as steps
     from mpc.trials.motions.trajectories import usual_stiffness as usual_stiffness
-    from mpc.trials.other_plant import other_plant as other_plant
     from mpc.trials.pictures.plotting import save_tracking_figure as save_tracking_figure
     from mpc.trials.simulation import in_motion as in_motion
     from mpc.yardsticks.baselines import FeedForwardControl as FeedForwardControl

@@ -27,7 +27,7 @@ from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import arm_from, arm_text
 from mpc.model.machine import Machine
 from mpc.model.plant import NUMBERS, Plant
-from mpc.trials.motions.columns import JOINT_STIFFNESS, MotionColumns
+from mpc.trials.motions.motion_files import JOINT_STIFFNESS, MotionColumns
 from mpc.trials.motions.reference import Reference
 from mpc.trials.motions.trajectories import TRAJECTORIES, shrunk, usual_stiffness
 from mpc.trials.simulation import Run

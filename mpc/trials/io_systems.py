@@ -25,8 +25,8 @@ from mpc.codegen.buffered import Buffered
 from mpc.model.experiment import FINE
 from mpc.model.machine import sample_time
 from mpc.model.plant import INPUTS, NU, NX, STATES, Plant
+from mpc.model.real import RealPlant
 from mpc.model.real_experiment import RealExperiment
-from mpc.model.real_plant import RealPlant
 from mpc.observer.base import Differentiator, Observer, check_observer
 from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Controller

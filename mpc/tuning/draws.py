@@ -30,9 +30,7 @@ from mpc.model.compensation import Compensation
 from mpc.model.friction.contact import Hysteresis
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.machine import Machine
-from mpc.model.real import Real
-from mpc.model.real_arm import RealArm
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import Real, RealArm, RealPlant
 
 LEAST = 0.05  # relative error of any fitted number
 _95 = 1.96  # standard deviations in half an interval of 95 %

@@ -19,7 +19,7 @@ from mpc.model.real import Real, real_of
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
-from mpc.trials.many.loop import Compiled, Loop, runs
+from mpc.trials.many.entry import Compiled, Loop, runs
 from mpc.trials.margins import DELTA, Margins, linear_model
 from mpc.trials.motions.reference import Reference
 from mpc.tuning.tour import Tour

@@ -8,8 +8,8 @@ import pytest
 
 from allocator import BAR
 from mpc import Plant, Weights
+from mpc.tracking.cost import terminal_factor
 from mpc.tracking.feedforward import InverseDynamics
-from mpc.tracking.terminal import terminal_factor
 
 DEFAULT = Weights()
 
@@ -68,9 +68,10 @@ class IpoptMPC:
 
     def given(self, x, theta, K, u_last, u_star_last):
         feed = self.feed_forward(theta, K)
-        x_star = [feed.theta[-1], feed.omega[-1], *feed.P[-1]]
         u_star_last = feed.u[0] if u_star_last is None else u_star_last
-        return np.concatenate([x, u_last, u_star_last, feed.theta, feed.omega, feed.K, feed.u.ravel(), x_star])
+        return np.concatenate(
+            [x, u_last, u_star_last, feed.x[:, 0], feed.x[:, 1], feed.y[:, 0], feed.u.ravel(), feed.x[-1]]
+        )
 
     def cost_of(self, plan, given):
         return float(self.cost(np.concatenate([plan.u.ravel() / BAR, [plan.slack, plan.slack_force]]), given))

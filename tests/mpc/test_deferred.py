@@ -6,7 +6,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from mpc.deferred import Deferred
+from mpc.tracking.plan import Deferred
 
 
 class Counted(Deferred):

@@ -95,5 +95,5 @@ def test_every_name_in_a_docstring_is_there():
 
 
 def test_a_name_that_is_not_there_is_found():
-    dead = "see `mpc.tracking.nothing` and `allocator/nowhere.py`, not mpc.csv or `mpc.tracking.terminal`"
+    dead = "see `mpc.tracking.nothing` and `allocator/nowhere.py`, not mpc.csv or `mpc.tracking.cost`"
     assert [name for _, name in missing([("here", dead)])] == ["mpc.tracking.nothing", "allocator/nowhere.py"]

@@ -16,7 +16,7 @@ from allocator.identification import fit_motion
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 
 from .once import once
 

@@ -10,11 +10,11 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import Plan, PlanStatus, Plant, Rung, Weights
+from mpc.tracking.cost import terminal_factor
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.plan import Times
-from mpc.tracking.qp.programme import QP
-from mpc.tracking.terminal import terminal_factor
+from mpc.tracking.qp.solvers import QP
 
 _NAMES = ("theta", "omega", "K", "u1", "u2", "before1", "before2", "d")  # time-varying parameters
 _COST = 1e2  # [cost] per unit of do-mpc's objective: with more, IPOPT stops before small errors matter
@@ -55,15 +55,15 @@ class DoMPC:
             raise BenchmarkFailure(f"do-mpc: {self._mpc.solver_stats['return_status']}")
         self._u, self._u_star = u_last + BAR * change, feed.u[0]
         times = Times(0.0, 0.0, 0.0, 0.0, 0.0)
-        return Plan(np.array([self._u]), np.array([x, x]), feed.K, PlanStatus.OPTIMAL, Rung.QP, 0.0, times)
+        return Plan(np.array([self._u]), np.array([x, x]), feed.y[:, 0], PlanStatus.OPTIMAL, Rung.QP, 0.0, times)
 
     def _fill(self, feed: FeedForward, u_star_last: Array, d: float) -> None:
         u = np.vstack([u_star_last, feed.u, feed.u[-1:]]) / BAR
-        columns = np.column_stack([feed.theta, feed.omega, feed.K, u[1:], u[:-1], np.full(len(feed.theta), d)])
+        columns = np.column_stack([feed.x[:, :2], feed.y[:, 0], u[1:], u[:-1], np.full(len(feed.x), d)])
         for k, row in enumerate(columns):
             for name, value in zip(_NAMES, row, strict=True):
                 self._tvp["_tvp", k, name] = value
-        self._P_end[...] = feed.P[-1] / BAR
+        self._P_end[...] = feed.x[-1, 2:] / BAR
         self._p["_p", 0, "P_end"] = self._P_end
 
     def _build(self, plant: Plant, N: int) -> Any:

@@ -7,9 +7,8 @@ from math import atan2
 import numpy as np
 
 from allocator.calculus import Array, Mask
-from mpc.arm.drawing import DRAWN, row
 from mpc.arm.learning.plant import RESOLUTION, Touch, VariedArm, Wall, views
-from mpc.arm.mjcf import model_of
+from mpc.arm.mjcf import DRAWN, model_of, row
 from mpc.arm.mujoco_plant import MujocoPlant
 
 _SIZE, _SEEN_THROUGH = (0.01, 0.25, 0.04), "0.35 0.5 0.65 0.6"  # [m] halves of a drawn wall, and its colour

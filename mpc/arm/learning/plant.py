@@ -35,12 +35,12 @@ from allocator.mechanism.endpoint import Endpoint
 from allocator.mechanism.formulas import symbolic_lengths, symbolic_position
 from allocator.muscles import Muscle
 from mpc.codegen.buffered import Buffered
-from mpc.codegen.python_text import IMPORTS, filling
+from mpc.codegen.text import IMPORTS, filling
 from mpc.model.arm.formulas import varied_acceleration
 from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
-from mpc.model.gas import fall
-from mpc.model.integration import integrated
+from mpc.model.experiment import integrated
+from mpc.model.pressures import fall
 from mpc.tracking.qp.step import SlowStep
 
 _UNIT = 1e-9  # greatest error of the square of a unit vector

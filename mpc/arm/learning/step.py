@@ -12,7 +12,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import compiled, inlined  # noqa: F401  # `inlined` is for the formula
-from mpc.model.integration import NODES, SHARES
+from mpc.model.experiment import NODES, SHARES
 
 FORMULAS: Any = None
 rate = FORMULAS

@@ -23,9 +23,8 @@ from mpc.model.arm.storage import load_arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
-from mpc.model.real import real_of
+from mpc.model.real import RealPlant, real_of
 from mpc.model.real_experiment import RealExperiment, RealMachine
-from mpc.model.real_plant import RealPlant
 
 STEP = 1e-3  # of its time base [s]
 _VENTED = 0.0  # [Pa]

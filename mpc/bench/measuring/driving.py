@@ -51,7 +51,6 @@ class Findings:
 
     tones: list[Tone] = field(default_factory=list)
     curve: list[Tone] = field(default_factory=list)
-    quantum: float = 0.0  # of the encoder [rad]
     balance: tuple[Tone, Tone] | None = None  # without and with the weight
     left_out: tuple[float, ...] = ()  # amplitudes of the series, for lack of time [rad]
     refusal: str = ""

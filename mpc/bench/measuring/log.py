@@ -24,6 +24,7 @@ share, since errors of the regressors attenuate.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from math import sqrt
 from pathlib import Path
@@ -41,8 +42,8 @@ from allocator.identification.recording import stretches
 from allocator.joint.felt import Loop
 from allocator.units import DEG
 from mpc.bench.logs import read_log
+from mpc.bench.measuring.loops import SPRINGS, solved, stop
 from mpc.bench.measuring.result import Felt, MeasuredStiffness
-from mpc.bench.measuring.springs import SPRINGS, solved, stop
 from mpc.bench.measuring.strengths import Known, why_implausible
 from mpc.model.plant import Plant
 
@@ -131,9 +132,10 @@ def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredSt
     """
     table = _Table.of(plant, log, known)
     duration = float(sum(np.ptp(log.t[part]) for part in stretches(log.t)))
-    middle = tuple(float(np.median(a)) for a in (log.theta, log.P1, log.P2))
+    middle = theta, P1, P2 = tuple(float(np.median(a)) for a in (log.theta, log.P1, log.P2))
+    refused = partial(MeasuredStiffness, theta, (P1, P2), duration=duration)
     if len(table.y) < 4 * table.X.shape[1]:
-        return refused(middle, duration, f"{duration:.0f} s are too short")
+        return refused(refusal=f"{duration:.0f} s are too short")
     X = table.X[:, :_SHAPE]
     left = float(np.std(table.y - X @ solved(X, table.y)) / np.std(table.y))
     x = solved(table.X, table.y)
@@ -141,7 +143,7 @@ def from_log(plant: Plant, loop: Loop, log: Samples, known: Known) -> MeasuredSt
     scattered = _scatter(table)
     std = np.sqrt(np.diag(scattered)[:2]) / np.maximum(x[:2], 1e-9)
     if why := _why_not(left, float(std.max()), x):
-        return refused(middle, duration, why)
+        return refused(refusal=why)
     common = _MODEL**2 + left**4 + known.inertia_error**2
     C = scattered[:3, :3] + common * np.outer(scale, scale) + _by_age(plant, log, known, x)
     return _measured(plant, loop, table, x, C, sqrt(scattered[3, 3]), middle, duration)
@@ -264,10 +266,9 @@ def _measured(
         for A in _CURVE
         if A <= table.swing
     ]
-    nan = float("nan")
     return MeasuredStiffness(
         theta, P, (float(x[0]), float(x[1])), C[:2, :2], K, K_std, float(k.sum()), tuple(felt), float(x[_DAMPING]),
-        damping_std, nan, None, duration, nan,
+        damping_std, duration=duration,
     )  # fmt: skip
 
 
@@ -276,12 +277,3 @@ def _felt(A: float, K: float, K_std: float, w: Array, r: Array, model: float) ->
     K_h = float(w @ np.minimum(1.0, r / A))
     work = float(4 * w * r @ np.maximum(A - r, 0.0))
     return Felt(A, K + K_h, sqrt(K_std**2 + (SPRINGS * K_h) ** 2), work / (np.pi * A**2 * (K + K_h)), model)
-
-
-def refused(middle: Sequence[float], duration: float, why: str) -> MeasuredStiffness:
-    """Return a refused measurement about the angle [rad] and pressures [Pa] `middle` (3,), with the reason `why`."""
-    nan = float("nan")
-    return MeasuredStiffness(
-        middle[0], (middle[1], middle[2]), (nan, nan), np.full((2, 2), nan), nan, nan, nan, (), nan, nan, nan, None,
-        duration, nan, refusal=why,
-    )  # fmt: skip

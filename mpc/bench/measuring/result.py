@@ -4,32 +4,40 @@ Every stiffness is that of motions at the tones' frequencies. Creep that is slow
 which a push that lasts for many seconds meets nothing.
 """
 
-from dataclasses import dataclass, replace
-from math import hypot, isfinite, sqrt
-from typing import NamedTuple, Self
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import hypot, isfinite, nan, sqrt
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.felt import Loop
+from allocator.presentation.plotting import legend_below, new_figure
 from allocator.units import BAR, DEG
 from mpc.bench.measuring.driving import Findings
 from mpc.bench.measuring.experiment import Tones
-from mpc.bench.measuring.loops import Tone
-from mpc.bench.measuring.springs import SPRINGS, backbone, secant
+from mpc.bench.measuring.loops import SPRINGS, Tone, backbone, secant
 from mpc.bench.measuring.strengths import (
     LOSSY,
     WIDER,
     Known,
     Load,
+    Scale,
     Solution,
+    disagreement,
+    scale_of,
     solve,
+    weighed,
     why_implausible,
     why_not,
     why_rubber,
 )
-from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LEAST_STEPS = 4.0  # of the encoder in a swing
 _SCATTER = 0.02  # [-] of K_felt: waveform of the turns, beyond the errors of phasors (seeds >= 1000)
@@ -57,21 +65,20 @@ class MeasuredStiffness:
 
     theta: float  # [rad]
     pressures: tuple[float, float]  # [Pa]
-    strengths: tuple[float, float]  # g_i [-], relative to the model's
-    covariance: Array  # of the strengths (2, 2) [-]
-    K: float  # backbone [N·m/rad]: that of the model with these strengths and that of the loops, averaged; or by a log
-    K_std: float
-    model_K: float  # backbone by the previous model [N·m/rad]
-    felt: tuple[Felt, ...]
-    damping: float  # D [N·m·s/rad]
-    damping_std: float
-    age: float  # of the angle's readings, as identified [s]
-    solution: Solution | None
-    duration: float  # [s]
-    furthest: float  # greatest excursion over the wanted amplitude [-]
+    strengths: tuple[float, float] = (nan, nan)  # g_i [-], relative to the model's
+    covariance: Array = field(default_factory=lambda: np.full((2, 2), nan))  # of the strengths (2, 2) [-]
+    K: float = nan  # backbone [N·m/rad]: that of the model with these strengths and of the loops, averaged; or by a log
+    K_std: float = nan
+    model_K: float = nan  # backbone by the previous model [N·m/rad]
+    felt: tuple[Felt, ...] = ()
+    damping: float = nan  # D [N·m·s/rad]
+    damping_std: float = nan
+    age: float = nan  # of the angle's readings, as identified [s]
+    duration: float = nan  # [s]
+    furthest: float = nan  # greatest excursion over the wanted amplitude [-]
     scale: Scale | None = None  # inertia by a weight, relative to the given one
     left_out: tuple[float, ...] = ()  # amplitudes of the curve, for lack of time [rad]
-    slowest: float = float("nan")  # frequency of the slowest tone of K and felt K [Hz]; NaN of a log
+    slowest: float = nan  # frequency of the slowest tone of K and felt K [Hz]; NaN of a log
     refusal: str = ""  # reason of a refusal; all of the above except posture and duration are NaN then
 
     @property
@@ -130,12 +137,8 @@ class MeasuredStiffness:
 
     @classmethod
     def _refused(cls, findings: Findings, why: str) -> Self:
-        nan = float("nan")
         at = findings.tones[0].middle if findings.tones else (nan, nan, nan)
-        return cls(
-            at[0], at[1:], (nan, nan), np.full((2, 2), nan), nan, nan, nan, (), nan, nan, nan, None,
-            findings.duration, findings.furthest, refusal=why,
-        )  # fmt: skip
+        return cls(at[0], at[1:], duration=findings.duration, furthest=findings.furthest, refusal=why)
 
     @classmethod
     def _measured(cls, plant: Plant, loop: Loop, findings: Findings, found: Solution) -> Self:
@@ -156,7 +159,7 @@ class MeasuredStiffness:
         K, error = _average((by_model, by_loops), (_SHAPE * by_model, unsure))
         return cls(
             theta, P, found.strengths, C, K, sqrt(float(k @ C @ k) + error**2), float(k.sum()), felt,
-            found.values["D"], found.errors["D"], found.values["age"], found, findings.duration, findings.furthest,
+            found.values["D"], found.errors["D"], found.values["age"], findings.duration, findings.furthest,
             left_out=findings.left_out, slowest=min(tone.frequency for tone in slow),
         )  # fmt: skip
 
@@ -268,3 +271,38 @@ def _mean(one: Felt, two: Felt) -> Felt:
     """Return the mean of two tones of one amplitude, of one muscle each."""
     middle = [(a + b) / 2 for a, b in zip(one, two, strict=True)]
     return Felt(middle[0], middle[1], max(one.K_std, two.K_std) / sqrt(2) + abs(one.K - two.K) / 4, *middle[3:])
+
+
+_BAND = 1.96  # of 95 %
+
+
+def plot_measured(
+    found: Sequence[MeasuredStiffness], joint: AntagonistJoint, loop: Loop, figure: "Figure | None" = None
+) -> "Figure":
+    """Draw K_felt(A) of each rest with 95 % bands, and the model's; returns the Matplotlib figure.
+
+    `joint` and its `loop` of hysteresis are the model before the measurement.
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    figure = new_figure(7, 5) if figure is None else figure
+    axes = figure.subplots()
+    for k, m in enumerate(m for m in found if m.success):
+        A = np.array([f.amplitude for f in m.felt]) / DEG
+        K, std = (np.array([getattr(f, name) for f in m.felt]) for name in ("K", "K_std"))
+        at = f"{round(m.theta / DEG)}°"
+        fine = np.geomspace(A.min() / 2, A.max() * 1.5, 120)
+        felt = [joint.stiffness(m.theta, *m.pressures, amplitude=a * DEG, loop=loop) for a in fine]
+        axes.plot(fine, felt, "--", color=f"C{k}", lw=1, label=f"model, {at}")
+        axes.errorbar(A, K, _BAND * std, fmt="o", color=f"C{k}", capsize=3, label=f"measured, {at}")
+        axes.axhspan(m.K - _BAND * m.K_std, m.K + _BAND * m.K_std, color=f"C{k}", alpha=0.2, lw=0)
+        axes.axhline(m.K, color=f"C{k}", lw=1.5, label=f"backbone measured, {at}")
+        axes.axhline(m.model_K, color=f"C{k}", lw=1, ls=":", label=f"backbone of the model, {at}")
+    axes.set_xscale("log")
+    axes.set_ylim(0)
+    axes.set(xlabel="amplitude of the push [±°]", ylabel="stiffness [N·m/rad]")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    legend_below(axes)
+    return figure

@@ -16,12 +16,11 @@ from allocator.errors import InvalidInput
 from allocator.lazy import Function
 from mpc.export.joint import Numbers
 from mpc.export.parts import Functions, dense
-from mpc.model.arm.pressing import symbolic_loads
 from mpc.model.compensation import Compensation
-from mpc.model.friction.contact import Contact, Hysteresis, Loads
+from mpc.model.experiment import variational
+from mpc.model.friction.contact import Hysteresis, Loads, symbolic_loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.integration import variational
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
 from mpc.tracking.controller import TrackingMPC
@@ -82,7 +81,7 @@ def friction_function(known: Compensation, plant: Machine) -> tuple["Function", 
     import casadi as ca
 
     x = ca.SX.sym("x", plant.size)
-    loads: Sequence[Any] = [Contact(plant, x)] if isinstance(plant, Plant) else symbolic_loads(plant, x)
+    loads = symbolic_loads(plant, x)
     pairs = [_of_state(friction, load) for friction, load in zip(known.of_joints(plant.n), loads, strict=True)]
     strength, scale = (ca.densify(ca.SX(ca.vertcat(*each))) for each in zip(*pairs, strict=True))
     function = ca.Function("friction", [x], ca.cse([strength, scale]), ["x"], ["strength", "scale"])

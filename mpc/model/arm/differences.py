@@ -12,10 +12,10 @@ differences over angles and velocities; over pressures its slope M⁻¹ rᵀ F_P
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.model.arm.model import Arm
+from mpc.model.arm.mujoco_mechanics import MujocoBodies, MujocoTendons
 from mpc.model.arm.pneumatics import Pneumatics
-from mpc.model.integration import integrated
+from mpc.model.experiment import integrated
 
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
 _COARSE = 1.0  # step of the integration times the fastest eigenvalue
@@ -116,11 +116,8 @@ class Differences:
 
     def _outputs(self, x: Array) -> tuple[Array, Array]:
         """Return svec K (N+1, …) and the forces (N+1, m)."""
-        q, P = x[:, : self.arm.n], x[:, 2 * self.arm.n :].T
-        muscles = self.arm.mechanism.at(q)
-        K = sum(muscle.stiffness(pressure) for muscle, pressure in zip(muscles, P, strict=True))
-        F = np.stack([muscle.force(pressure) for muscle, pressure in zip(muscles, P, strict=True)], axis=-1)
-        return self.arm.svec(self.arm.seen(q, np.asarray(K))), F
+        K, F = self.arm.along(x)
+        return self.arm.svec(K), F
 
     def _output_slopes(self, x: Array) -> tuple[Array, Array]:
         """Return the derivatives (N+1, k, s) and (N+1, m, s) of the outputs by the states."""

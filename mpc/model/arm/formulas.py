@@ -11,9 +11,9 @@ from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Routes
 from allocator.mechanism.formulas import has_formulas, symbolic_jacobian, symbolic_lengths
 from mpc.model.arm.bodies import MovingBodies
-from mpc.model.arm.mechanics.mujoco_mechanics import MujocoBodies
-from mpc.model.gas import fall
-from mpc.model.integration import integrated
+from mpc.model.arm.mujoco_mechanics import MujocoBodies
+from mpc.model.experiment import integrated
+from mpc.model.pressures import fall
 
 if TYPE_CHECKING:
     from casadi import MX, SX, Function
@@ -127,7 +127,7 @@ def discrete(arm: "Arm", dt: float, substeps: int) -> "Function":
 
 
 def gas_motion(arm: "Arm") -> "Function":
-    """Return the function (x, u, d) ↦ x' of an arm with gas, `mpc.model.gas` muscle by muscle   (G3)"""
+    """Return the function (x, u, d) ↦ x' of an arm with gas, `mpc.model.pressures` muscle by muscle   (G3)"""
     import casadi as ca
 
     s = arm.statics

@@ -34,7 +34,7 @@ from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.formulas import Statics
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, check_stiffness, substeps
-from mpc.model.gas import gas_of
+from mpc.model.pressures import gas_of
 
 _MOST_SUBSTEPS = 1000  # per sample
 _MISSED = 1e-6  # [-] of a stiffness, or [N·m]

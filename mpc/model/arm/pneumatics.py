@@ -20,7 +20,7 @@ from allocator.joint.gas import AIR, Gas
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.routes.base import per_muscle, rest_lengths
 from allocator.muscles import Muscle
-from mpc.model.gas import fall, gas_of
+from mpc.model.pressures import fall, gas_of
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Arms read from MuJoCo models: tendons are the muscles, and hinges move the bodies.
 
 Straight tendons through sites, sums of angles, and bodies with only masses, armatures, springs and damping become
-formulas. MuJoCo itself evaluates everything else (`mpc.model.arm.mechanics.mujoco_mechanics`).
+formulas. MuJoCo itself evaluates everything else (`mpc.model.arm.mujoco_mechanics`).
 """
 
 from collections.abc import Sequence
@@ -20,8 +20,8 @@ from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.linkage import Link
 from allocator.mechanism.routes.mjcf import Source, linkage_of, load, muscle_lengths, name_of, read_mjcf, rotation, said
 from allocator.muscles import Muscle
-from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
-from mpc.model.arm.mechanics.tree import TreeBodies
+from mpc.model.arm.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons
+from mpc.model.arm.tree import TreeBodies
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -35,7 +35,6 @@ class Read(NamedTuple):
     model: "MjModel"  # an `MjModel` for a `MujocoPlant`, whose actuators are switched off
     mechanism: Mechanism
     bodies: TreeBodies | MujocoBodies
-    cable: Array  # (m,) [m] for a `MujocoPlant`
     asked_of_mujoco: str  # parts without formulas; "" if there are none
     left_out: str  # parts of the model missing in the prediction; "" if there are none
     dry: Array  # (n,) dry friction of the joints [N·m]
@@ -84,7 +83,7 @@ def read_arm(
     point = hand_of_model(source, named, mechanism) if named else None
     name = "" if point is None else named.partition(":")[0]
     dry = np.array(model.dof_frictionloss[model.jnt_dofadr])
-    return Read(model, mechanism, bodies, cables, ", ".join(filter(None, unread)), _left_out(model), dry, point, name)
+    return Read(model, mechanism, bodies, ", ".join(filter(None, unread)), _left_out(model), dry, point, name)
 
 
 def _winding(model: "MjModel") -> str:

@@ -10,106 +10,83 @@ F_j, they are
 which are a1 F1 + a2 F2, P1 + P2 and K of one joint with two muscles.
 """
 
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
+
+import numpy as np
 
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop
+from allocator.lazy import SX, Function
+from allocator.mechanism.formulas import symbolic_lengths
 from mpc.codegen.buffered import Buffered
-from mpc.model.arm.pressing import Pressing as ManyPressing
+from mpc.model.arm.model import Arm
+from mpc.model.arm.ranges import about_the_middle
 from mpc.model.machine import Machine
-from mpc.model.plant import NX, Plant
+from mpc.model.plant import Plant
+
+CROSSES = 1e-9  # [m] of an arm, above which its muscle crosses the joint
 
 
-class Loads(Protocol):
-    """Loads on the sliding surfaces of a joint."""
+class Loads(NamedTuple):
+    """Loads on the sliding surfaces of a joint: numbers, arrays or CasADi symbols."""
 
-    @property
-    def pulled(self) -> Value:
-        """Sum of the muscles' opposing torques [N·m]."""
+    pulled: Value  # sum of the muscles' opposing torques [N·m]; a slack muscle of an arm has none
+    filled: Value  # twice the mean pressure [Pa]
+    stiffness: Value  # isobaric stiffness [N·m/rad], for any tracked stiffness of the plant
 
-    @property
-    def filled(self) -> Value:
-        """Twice the mean pressure [Pa]."""
-
-    @property
-    def stiffness(self) -> Value:
-        """Isobaric stiffness [N·m/rad]."""
-
-
-class Pressed(NamedTuple):
-    """Numeric `Loads`."""
-
-    pulled: float  # [N·m]
-    filled: float  # [Pa]
-    stiffness: float  # [N·m/rad]
-
-
-class Pressing(Protocol):
-    """Plant that supplies the loads on sliding surfaces: pull, stiffness and pressures of its muscles."""
-
-    def pull(self, x: Value) -> Value:
-        """Return a1 F1 + a2 F2 [N·m] in the state `x` [4, ...]."""
-
-    def isobaric(self, x: Value) -> Value:
-        """Return the isobaric stiffness [N·m/rad] in the state `x` [4, ...]."""
-
-
-class BufferedPressing:
-    """Loads of a plant in one CasADi function, which takes a fifth of the plant's own time for numbers."""
-
-    def __init__(self, plant: Plant) -> None:
-        import casadi as ca
-
-        x = ca.SX.sym("x", NX)
-        both = ca.densify(ca.vertcat(plant.pull(x), plant.isobaric(x)))
-        self._both = Buffered(ca.Function("pressing", [x], [both]))
-
-    def pull(self, x: Value) -> Value:
-        """Return a1 F1 + a2 F2 [N·m] in the state `x` (4,)."""
-        return float(self._both(x)[0][0, 0])
-
-    def isobaric(self, x: Value) -> Value:
-        """Return the isobaric stiffness [N·m/rad] in the state `x` (4,)."""
-        return float(self._both(x)[0][0, 1])
-
-
-class Contact(NamedTuple):
-    """Loads of a plant in a state, for a friction model."""
-
-    plant: Pressing
-    x: Value  # (4, ...)
-
-    @property
-    def pulled(self) -> Value:
-        """Sum a1 F1 + a2 F2 [N·m] of the muscles' opposing torques."""
-        return self.plant.pull(self.x)
-
-    @property
-    def filled(self) -> Value:
-        """Sum P1 + P2 [Pa]."""
-        return self.x[2] + self.x[3]
-
-    @property
-    def stiffness(self) -> Value:
-        """Isobaric stiffness [N·m/rad], for any tracked stiffness of the plant."""
-        return self.plant.isobaric(self.x)
+    @classmethod
+    def of(cls, plant: Any, x: Value) -> Self:
+        """Return the loads in a `Plant` or a `RealPlant` in the state `x` [4, ...]."""
+        return cls(plant.pull(x), x[2] + x[3], plant.isobaric(x))
 
 
 class Contacts:
-    """Loads at every joint of `machine`, as a function of its state."""
+    """Loads at every joint of `machine`, as a function of its state; for arms without formulas it is slower."""
 
     def __init__(self, machine: Machine) -> None:
-        self._plant = BufferedPressing(machine) if isinstance(machine, Plant) else None
-        self._many = None if isinstance(machine, Plant) else ManyPressing(machine)
+        self._machine: Any = machine
+        self._formulas = None if machine.unformulated else Buffered(loads_function(machine))
 
     def __call__(self, x: Array) -> tuple[Loads, ...]:
         """Return the loads at each of the n joints in the state `x` (2n + m,)."""
-        if self._plant is not None:
-            return (Contact(self._plant, x),)
-        assert self._many is not None
-        return tuple(Pressed(*joint) for joint in self._many(x).tolist())
+        loads = self._numbers(x) if self._formulas is None else self._formulas(x)[0]
+        return tuple(Loads(*joint) for joint in loads.tolist())
+
+    def _numbers(self, x: Array) -> Array:
+        """Return the loads (n, 3) at the joints of an arm."""
+        n, mechanism = self._machine.n, self._machine.mechanism
+        q, P = x[:n], x[2 * n :]
+        pulled = np.abs(mechanism.arms(q)).T @ np.maximum(mechanism.forces(q, P), 0.0)
+        return np.stack([pulled, P @ _shares(self._machine), np.diag(mechanism.stiffness(q, P))], axis=1)
+
+
+def loads_function(machine: Machine) -> "Function":
+    """Return the CasADi function x ↦ (3, n) of the loads at every joint of a machine with formulas."""
+    import casadi as ca
+
+    x = ca.SX.sym("x", machine.size)
+    if isinstance(machine, Plant):
+        return ca.Function("pressing", [x], [ca.densify(ca.vertcat(*Loads.of(machine, x)))])
+    s = machine.statics
+    arms = ca.jacobian(symbolic_lengths(machine.mechanism.routes, s.q), s.q)
+    pulled = ca.fabs(arms).T @ ca.fmax(s.forces, 0.0)
+    loads = ca.horzcat(pulled, ca.DM(_shares(machine)).T @ s.P, ca.diag(s.stiffness)).T
+    of_state = ca.Function("loads", [s.q, s.P], [loads])(x[: machine.n], x[2 * machine.n :])
+    return ca.Function("pressing", [x], [ca.densify(of_state)])
+
+
+def symbolic_loads(machine: Machine, x: "SX") -> list[Loads]:
+    """Return the loads at every joint of a machine with formulas in the state `x` (2n + m,), CasADi symbols."""
+    loads = loads_function(machine)(x)
+    return [Loads(*(loads[row, i] for row in range(3))) for i in range(machine.n)]
+
+
+def _shares(arm: Arm) -> Array:
+    """Return the shares (m, n) of the pressures in twice the mean pressure at each joint."""
+    crossing = (np.abs(arm.mechanism.arms(about_the_middle(arm))) > CROSSES).any(axis=0)  # (m, n)
+    return np.asarray(2 * crossing / np.maximum(crossing.sum(axis=0), 1))
 
 
 @runtime_checkable
@@ -158,7 +135,7 @@ class Hysteresis(Protocol):
         """Return Dahl's friction with a loop of the same width at θ = 0, P1 + P2 = 5 bar."""
 
 
-def first_push(friction: Hysteresis, memory: Value, motion: float, contact: Contact) -> float:
+def first_push(friction: Hysteresis, memory: Value, motion: float, contact: Loads) -> float:
     """Return the stiffness [N·m/rad] against a push by `motion` [rad], with its sign, from a `memory`.
 
         K + [T_f(m after Δθ) - T_f(m)]/Δθ

@@ -36,7 +36,7 @@ from allocator.errors import InvalidInput
 from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import NO_GAIN, PrandtlIshlinskii, Slip
 from allocator.units import DEG
-from mpc.model.friction.contact import Contact, Hysteresis, Loads
+from mpc.model.friction.contact import Hysteresis, Loads
 from mpc.model.friction.dahl import WIDTH_AT, Friction, torque_of_width
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
@@ -179,7 +179,7 @@ class MaxwellSlip:
 
     def as_dahl(self, plant: Plant) -> Friction:
         """Return Dahl's friction with the same loop width at θ = 0, P1 + P2 = 5 bar, as found without this model."""
-        contact = Contact(plant, np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT]))
+        contact = Loads.of(plant, np.array([0.0, 0.0, WIDTH_AT, WIDTH_AT]))
         return Friction.of_width(plant, float(2 * self.most(contact) / contact.stiffness))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from mpc.codegen.addresses import floats
 from mpc.codegen.jit import inlined
-from mpc.model.integration import NODES, SHARES
+from mpc.model.experiment import NODES, SHARES
 from mpc.observer.compiled.layout import Sample
 
 FORMULAS: Any = None

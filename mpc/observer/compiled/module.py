@@ -16,12 +16,12 @@ from allocator.calculus import Array
 from allocator.compilation.linked import INNER
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import IMPORTS, filling, translated
+from mpc.codegen.text import IMPORTS, filling, translated
 from mpc.model.arm.compiled.module import compiled_motion
 from mpc.model.arm.model import Arm
-from mpc.model.arm.pressing import symbolic_pressing
 from mpc.model.compiled_friction import friction_numbers
 from mpc.model.experiment import RESOLUTION
+from mpc.model.friction.contact import loads_function
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
 from mpc.observer import diagnosis, pressure_diagnosis, ringing, torque_diagnosis
@@ -95,11 +95,7 @@ def _formulas(plant: Machine) -> dict[str, "Function"]:
     import casadi as ca
 
     x = ca.SX.sym("x", plant.size)
-    if isinstance(plant, Arm):
-        loads = symbolic_pressing(plant)(x)
-    else:
-        loads = ca.vertcat(plant.pull(x), x[2] + x[3], plant.isobaric(x))
-    values = {"pulls": pulling(plant)(x), "pressing": loads}
+    values = {"pulls": pulling(plant)(x), "pressing": loads_function(plant)(x)}
     return {name: ca.Function(name, [x], ca.cse([ca.densify(value)])) for name, value in values.items()}
 
 

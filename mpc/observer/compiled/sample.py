@@ -20,7 +20,7 @@ from allocator.calculus import Array
 from mpc.codegen.addresses import floats, opener
 from mpc.codegen.jit import compiled, inlined
 from mpc.model.compiled_friction import ABSENT, followed, rubbing_in, strength
-from mpc.model.friction.contact import Pressed
+from mpc.model.friction.contact import Loads
 from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import Belief, Places, Sample
 from mpc.observer.diagnosis import Known, follow, large_since, less_lost, steps
@@ -199,9 +199,9 @@ def press(o: Sample) -> None:
 
 
 @inlined
-def pressed(o: Sample, i: int) -> Pressed:
+def pressed(o: Sample, i: int) -> Loads:
     """Return the loads at joint `i`, as filled in."""
-    return Pressed(o.work.loads[i, 0], o.work.loads[i, 1], o.work.loads[i, 2])
+    return Loads(o.work.loads[i, 0], o.work.loads[i, 1], o.work.loads[i, 2])
 
 
 @inlined

@@ -96,8 +96,7 @@ def _of_joint(plant: Plant, dt: float, problem: TrackingProblem, feed_forward: I
 
 def _of_arm(arm: Arm, dt: float, problem: TrackingProblem, feed_forward: InverseDynamics) -> Compiling:
     from mpc.tracking.compiled.arm.inverse_dynamics import feed_forward_of
-    from mpc.tracking.compiled.arm.module import compiled_arm
-    from mpc.tracking.compiled.arm.qp_step import SizedQP
+    from mpc.tracking.compiled.arm.module import SizedQP, compiled_arm
 
     made = compiled_arm(arm, dt)
 

@@ -8,7 +8,7 @@ of `mpc.tracking.compiled.module`, `outputs` x ↦ y = (K, F1, F2), `output_slop
 `allocator.allocation` for the joint, if there is one. The array c holds the numbers of the formulas, p those of the
 kernel.
 
-The motion is that of `mpc.model.integration`, and its derivatives are those of the formula. Each formula occurs once
+The motion is that of `mpc.model.experiment`, and its derivatives are those of the formula. Each formula occurs once
 and is evaluated four times: writing it out would make the graph and the compilation four times as long.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined_flat
-from mpc.model.integration import NODES, SHARES
+from mpc.model.experiment import NODES, SHARES
 from mpc.tracking.compiled.records import Path, Reference
 from mpc.tracking.compiled.sample.layout import Inputs, Known, joint_inverse_in
 
@@ -28,7 +28,7 @@ rate = variational = begun = advanced = ended = outputs = output_slopes = expans
 
 @inlined_flat
 def press(c: Array, x: Array, loads: Array) -> None:
-    """Fill in the loads (1, 3) on the sliding surfaces: see `mpc.model.friction.contact.Pressed`."""
+    """Fill in the loads (1, 3) on the sliding surfaces: see `mpc.model.friction.contact.Loads`."""
     found = pressing(x[0], x[1], x[2], x[3], c)
     loads[0, 0], loads[0, 1], loads[0, 2] = found[0], x[2] + x[3], found[1]
 

@@ -15,9 +15,8 @@ from allocator.compilation.linked import INNER
 from allocator.lazy import Function
 from allocator.units import BAR
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import IMPORTS, translated
-from mpc.model.experiment import RESOLUTION
-from mpc.model.integration import variational
+from mpc.codegen.text import IMPORTS, translated
+from mpc.model.experiment import RESOLUTION, variational
 from mpc.model.plant import NU, NX, Plant
 from mpc.tracking import resting
 

@@ -12,7 +12,7 @@ from allocator.units import BAR
 from mpc.codegen.addresses import floats_at, seconds_at
 from mpc.codegen.jit import assign, compiled_flat, inlined_flat
 from mpc.model.compiled_friction import Rubbing, followed, less_friction, rubbing_in
-from mpc.model.friction.contact import Pressed
+from mpc.model.friction.contact import Loads
 from mpc.tracking import resting
 from mpc.tracking.compiled.commands import cumulative, excess, finite, limit
 from mpc.tracking.compiled.records import Bounds, Given
@@ -125,7 +125,7 @@ def rubbed(table: int, last: Array, out: Array) -> bool:
 def rub(joint: int, f: Rubbing, known: Known, asked: Asked, before: State, after: State, room: Room) -> None:
     """Update the memory of a joint's friction, and subtract it from the torques."""
     loads, theta = room.loads[joint], asked.theta[joint::JOINTS]
-    pressed, now, felt = Pressed(loads[0], loads[1], loads[2]), asked.x[joint], after.memory[joint]
+    pressed, now, felt = Loads(loads[0], loads[1], loads[2]), asked.x[joint], after.memory[joint]
     after.angle[joint] = followed(f, now, pressed, before.angle[joint], before.memory[joint], felt)
     corrected = 0.0 if before.rest[RINGS] > 0 else known.corrected
     back = theta[0] + corrected * (now - theta[0])

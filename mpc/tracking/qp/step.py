@@ -6,7 +6,7 @@ the other; `mpc.tracking.compiled.qp_step` does the same in compiled code.
 `certified` solves a QP with many rows of which few bind, and proves the solution. Rows are left out until a solution
 violates them. This is faster than passing all rows to a solver and leads to the same point: a solution of the problem
 with fewer rows that violates none of the others solves the whole problem. A solution is accepted by the certificate of
-`mpc.tracking.qp.programme` for the whole problem: gap ≤ ½ c ACCURACY², c the curvature that every change of a command
+`mpc.tracking.qp.solvers` for the whole problem: gap ≤ ½ c ACCURACY², c the curvature that every change of a command
 has by itself. The changes are then within ACCURACY [bar] of the solution.
 """
 
@@ -22,8 +22,7 @@ from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.linearise import Linearisation, Motion, Predictor
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.condense import SLACKS, TrackingProblem, condense
-from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import Riccati, Solver
+from mpc.tracking.qp.solvers import QP, Riccati, Solver
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.structured_qp.structured import StructuredQP

@@ -2,7 +2,7 @@
 
 `mpc.trials.many.plant` replaces the lines below that begin with `FORMULAS` by the formulas of the arm, functions that
 fill flat arrays: `rate` (x, u, d, T_f) ↦ x' and `rubbed` (q, z, x) ↦ the frictions' memory and T_f, see
-`mpc.model.real_arm`. The array c holds their numbers.
+`mpc.model.real`. The array c holds their numbers.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined
-from mpc.model.integration import NODES, SHARES
+from mpc.model.experiment import NODES, SHARES
 
 FORMULAS: Any = None
 n = SIZE = rate = rubbed = FORMULAS

@@ -17,7 +17,7 @@ from mpc.tracking.compiled.records import given_in
 from mpc.tracking.compiled.sample.layout import inputs_at
 from mpc.tracking.compiled.sample.stages import WHOLE
 from mpc.tracking.compiled.sample.views import asked_in, made_in, plan_length
-from mpc.trials.many.records import Answers, Plant
+from mpc.trials.many.driving import Answers, Plant
 
 FORMULAS: Any = None
 process = observer = joint = FORMULAS

@@ -7,21 +7,51 @@ and `Compensation`. The readable parts make the first samples of a run, and the 
 
 from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from allocator.calculus import Array
 from mpc.codegen.modules import imported, with_formulas
 from mpc.model.arm.model import Arm
 from mpc.model.plant import NU
 from mpc.observer.base import Observer
-from mpc.observer.compiled.whole import CompiledEstimate
+from mpc.observer.compiled.factory import CompiledEstimate
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.compiled.sample.whole import WholeStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
 from mpc.trials.many.plant import CompiledExperiment
-from mpc.trials.many.records import Answers, Plant
 from mpc.trials.simulation import ClosedLoop, Controller
+
+
+class Plant(NamedTuple):
+    """Plant under test, see `mpc.trials.many.process`."""
+
+    c: Array
+    durations: Array
+    steps: NDArray[np.int64]
+    sensors: Array
+    full: Array
+    waiting: Array
+    angles: Array  # (a, n)
+    noise: Array  # (M, n + m)
+    torques: Array  # (M, n)
+
+
+class Answers(NamedTuple):
+    """Record of M samples, see `mpc.trials.simulation.Run`."""
+
+    x: Array  # (M+1, 4)
+    estimate: Array  # (M, 5)
+    u: Array  # (M, 2)
+    rung: NDArray[np.int64]
+    status: NDArray[np.int64]
+    slack: Array
+    slack_force: Array
+    moved: Array  # (M, 3)
+
 
 READABLE = 2  # first samples, by the readable parts, which then have the complete state
 

@@ -1,7 +1,7 @@
 """Plants under test as compiled functions: the formula of a fine step, and the loop over a sample.
 
-The formula of a joint is that of `mpc.model.real_plant` for CasADi and for the exported C; that of an arm consists of
-the two of `mpc.model.real_arm`, with their integration in `arm`. Plants that differ only in their numbers share
+The formula of a joint is that of `mpc.model.real` for CasADi and for the exported C; that of an arm consists of
+the two of `mpc.model.real`, with their integration in `arm`. Plants that differ only in their numbers share
 compiled code. Faults, except additions to the angles' readings, and processes of other kinds are not compiled.
 """
 
@@ -17,14 +17,13 @@ from allocator.calculus import Array, Value
 from allocator.lazy import Function
 from mpc.codegen.graphs import Untranslatable
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import IMPORTS, filling
+from mpc.codegen.text import IMPORTS, filling
+from mpc.model.experiment import integrated
 from mpc.model.faults import Fault, WrongReadings
-from mpc.model.integration import integrated
 from mpc.model.machine import Machine
 from mpc.model.plant import NU, NX, Plant
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm, RealPlant
 from mpc.model.real_experiment import delayed, fine_steps, outside_torque
-from mpc.model.real_plant import RealPlant
 from mpc.trials.simulation import Process
 
 _TEMPLATE, _ARM = (Path(__file__).with_name(f"{name}.py") for name in ("process", "arm"))

@@ -13,7 +13,7 @@ from allocator.joint.felt import Loop
 from allocator.joint.hysteresis import Slip
 from allocator.muscles import Cabled
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
-from mpc.model.friction.contact import Contact, first_push
+from mpc.model.friction.contact import Loads, first_push
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant
@@ -33,7 +33,7 @@ AMPLITUDES = 0.3 * DEG, 1 * DEG, 3 * DEG, 12 * DEG
 
 def steady_loop(friction, amplitude):
     """Angles and torques T_f of a cycle between ±amplitude, stepped finely, after many cycles."""
-    contact, n = Contact(PLANT, X), 4000
+    contact, n = Loads.of(PLANT, X), 4000
     memory = friction.moved(friction.begun(0.0), -amplitude, contact)
     for _ in range(40):
         for motion in (2 * amplitude, -2 * amplitude):
@@ -45,7 +45,7 @@ def steady_loop(friction, amplitude):
 @pytest.mark.parametrize("amplitude", AMPLITUDES)
 @pytest.mark.parametrize("name", MODELS)
 def test_secant_and_work_are_those_of_the_simulated_loop(name, amplitude):
-    friction, contact = MODELS[name], Contact(PLANT, X)
+    friction, contact = MODELS[name], Loads.of(PLANT, X)
     secant = friction.loop.secant(amplitude)
     state = contact.stiffness, contact.pulled, contact.filled
     angle, T = steady_loop(friction, amplitude)
@@ -57,7 +57,7 @@ def test_secant_and_work_are_those_of_the_simulated_loop(name, amplitude):
 @pytest.mark.parametrize("name", MODELS)
 def test_a_loop_that_loses_softens_the_joint(name):
     """-dK_h/d ln A ≥ π/4 h, h = W/(π A²), of Dahl's friction from 0.6 δ on: refusals of rubber rest on it."""
-    contact, e = Contact(PLANT, X), 1e-5
+    contact, e = Loads.of(PLANT, X), 1e-5
     least = 0.6 * MODELS[name].presliding if name == "Dahl" else 0.1 * DEG
     state = contact.stiffness, contact.pulled, contact.filled
     for A in np.geomspace(least, 60 * DEG, 40):
@@ -68,7 +68,7 @@ def test_a_loop_that_loses_softens_the_joint(name):
 
 def test_a_joint_has_the_loop_of_its_operator_or_friction():
     at = 0.1, 2.8 * BAR, 2.2 * BAR
-    contact = Contact(PLANT, X)
+    contact = Loads.of(PLANT, X)
     for joint, friction in (
         (JOINT, MODELS["elastic operator"]),
         (replace(JOINT, hysteresis=None, friction=0.1), Friction(0.1)),
@@ -234,7 +234,7 @@ def test_what_has_no_felt_answer_is_refused():
 
 
 def test_the_first_push_on_meets_the_backbone_and_one_back_meets_more():
-    friction, contact = MODELS["Maxwell slip"], Contact(PLANT, X)
+    friction, contact = MODELS["Maxwell slip"], Loads.of(PLANT, X)
     memory = friction.moved(friction.begun(0.0), 40 * DEG, contact)
     K, A, s = contact.stiffness, 1 * DEG, friction.scale(contact.filled)
     assert first_push(friction, memory, A, contact) == pytest.approx(K, rel=1e-12)

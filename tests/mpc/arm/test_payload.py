@@ -6,9 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mpc.arm.experiments import mass_matrix
+from mpc.arm.experiments import arriving, carry, mass_matrix
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.payload import arriving, carry
 from mpc.model.arm.model import Arm
 
 ARM = Arm.machine("arm26")

@@ -11,8 +11,7 @@ from allocator.mechanism.routes import Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 from mpc.arm import picture
-from mpc.arm.drawing import muscle_geom, paint
-from mpc.arm.mjcf import to_mjcf
+from mpc.arm.mjcf import muscle_geom, paint, to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.picture import Camera, radii
 from mpc.model.arm.bodies import Bodies, arm26_bodies

@@ -9,11 +9,11 @@ from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.faults import BrokenCable, DriftingSensor, FrozenSensors, Leak, SilentSensors, StuckValve
-from mpc.model.friction.contact import Contact, Contacts
+from mpc.model.friction.contact import Contacts, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.filter import CALM_NOISE
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.cost import CALM
@@ -34,7 +34,7 @@ FRICTIONS = {
 
 def test_the_loads_of_an_arm_of_one_joint_are_those_of_the_joint():
     x = np.array([0.3, 0.1, 3.1 * BAR, 2.2 * BAR])
-    (one,), joint = Contacts(ONE)(x), Contact(JOINT, x)
+    (one,), joint = Contacts(ONE)(x), Loads.of(JOINT, x)
     assert (one.pulled, one.filled, one.stiffness) == pytest.approx(
         (joint.pulled, joint.filled, joint.stiffness), rel=1e-12
     )

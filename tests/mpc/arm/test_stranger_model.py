@@ -93,7 +93,7 @@ def test_rest_lengths_and_options_of_a_joint_are_asked_for_in_one_sentence(model
 def test_actuators_with_states_are_no_hindrance_where_actuation_is_off(model):
     read = read_arm(model, named_muscle("sarosi-dmsp-20-400n"), 0.3, contraction=0.1375)
     assert read.model.na == 4
-    assert MujocoPlant(read.model, read.mechanism.muscles, 0.3, cable=read.cable).n == 2
+    assert MujocoPlant(read.model, read.mechanism.muscles, 0.3, cable=read.mechanism.routes.cable).n == 2
 
 
 def test_the_demonstration_of_an_exported_allocation_holds_itself(model, tmp_path):

@@ -10,9 +10,9 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from mpc.bench import dashboard
 from mpc.bench.device import DeviceLost
 from mpc.bench.devices.simulated import SimulatedDevice
-from mpc.bench.display import dashboard
 from mpc.bench.logs import read_log
 from mpc.bench.loop import Tracking
 from mpc.bench.rows import Row

@@ -14,7 +14,7 @@ from mpc.bench.device import CallableDevice, DeviceError, MonotonicClock, Readin
 from mpc.bench.devices.registry import kinds, open_device
 from mpc.bench.devices.simulated import STEP, SimulatedDevice
 from mpc.model.arm.model import Arm
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 
 
 def test_a_simulated_device_moves_as_its_plant_does(plant):

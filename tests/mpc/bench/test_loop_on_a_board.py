@@ -15,7 +15,7 @@ from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import Reason, SafeStop, SoftStart, Watchdog
 from mpc.export.serial.simulated import SimulatedBoard
 from mpc.model.arm.model import Arm
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm
 from mpc.observer.base import Differentiator
 from mpc.trials.motions.arm_trajectories import usual_stiffness
 from mpc.yardsticks.baselines import PIDControl

@@ -18,19 +18,15 @@ from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.loop import about
 from mpc.bench.measuring.driving import Driver, Search, Wave, room
 from mpc.bench.measuring.experiment import Experiment, Tones
-from mpc.bench.measuring.loops import tone_of
-from mpc.bench.measuring.picture import plot_measured
-from mpc.bench.measuring.result import MeasuredStiffness
-from mpc.bench.measuring.session import Told, encoder_step, measure, result_of
-from mpc.bench.measuring.simulation import driven
-from mpc.bench.measuring.springs import backbone, secant, stop
-from mpc.bench.measuring.strengths import Known, Load, solve
+from mpc.bench.measuring.loops import backbone, secant, stop, tone_of
+from mpc.bench.measuring.result import MeasuredStiffness, plot_measured
+from mpc.bench.measuring.session import Told, driven, encoder_step, measure, result_of
+from mpc.bench.measuring.strengths import Known, Load, Weight, solve
 from mpc.bench.measuring.update import combined, strengthened, update
-from mpc.bench.measuring.weighing import Weight
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 
 OPERATOR = PrandtlIshlinskii((0.7, 0.12, 0.1, 0.08), (0.5 * DEG, 1.5 * DEG, 4 * DEG), base=0.2)
 NOMINAL = replace(RealPlant.standard().nominal, inertia=0.045)
@@ -47,7 +43,7 @@ QUICK = Tones(series=(6 * DEG,))
 
 def loop_of(friction, way, t, f):
     """The tone of a way of the angle (n,), for which muscles take the torque of hysteresis alone."""
-    contact = Contact(NOMINAL, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]))
+    contact = Loads.of(NOMINAL, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]))
     memory = friction.begun(0.0)
     for _ in range(30):
         memory = friction.along(memory, np.concatenate([[0.0], way]), contact)[-1]
@@ -67,7 +63,7 @@ def test_secant_and_work_of_a_loop_do_not_ask_for_its_waveform(friction):
     assert two.losses[0] == pytest.approx(one.losses[0], rel=0.03)
     assert two.means[0] == pytest.approx(one.means[0], rel=0.01)
     secant = friction.loop.secant(A)
-    contact = Contact(NOMINAL, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]))
+    contact = Loads.of(NOMINAL, np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR]))
     state = contact.stiffness, contact.pulled, contact.filled
     assert one.secants[0] == pytest.approx(secant.added(*state), rel=0.03)
     assert one.losses[0] == pytest.approx(secant.work(*state) / (np.pi * A**2), rel=0.03)
@@ -211,7 +207,7 @@ def test_a_hidden_joint_is_measured_within_its_errors(measured):
     assert abs(m.K - K) < 3 * m.K_std
     assert m.K_std < 0.08 * K
     for f in m.felt:
-        contact = Contact(REAL, x)
+        contact = Loads.of(REAL, x)
         felt = K + REAL.friction.loop.secant(f.amplitude).added(K, contact.pulled, contact.filled)
         assert abs(f.K - felt) < 3 * f.K_std
     low, high = REAL.nominal.pressure_limits
@@ -317,10 +313,9 @@ def test_muscles_of_different_strengths_that_friction_held_are_told_apart():
 
 def like(strengths, covariance, theta=0.1):
     """A measurement that found these strengths."""
-    nothing = float("nan")
     P = 2.5 * BAR, 2.4 * BAR
     return MeasuredStiffness(
-        theta, P, strengths, np.array(covariance), 6.0, 0.1, 6.0, (), nothing, nothing, 0.0, None, 50.0, 1.5
+        theta, P, strengths, np.array(covariance), 6.0, 0.1, 6.0, age=0.0, duration=50.0, furthest=1.5
     )
 
 

@@ -10,7 +10,7 @@ from allocator.errors import InvalidFile, InvalidInput
 from mpc.bench.device import DeviceError, DeviceLost, NoAnswer, SimulatedClock
 from mpc.bench.devices.modbus import Entry, ModbusDevice, RegisterMap, open_modbus
 from mpc.bench.devices.simulated import SimulatedDevice
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from tests.mpc.bench.valve_terminal import HOST, ValveTerminal
 
 MAP = replace(RegisterMap.generic(), timeout=9.0)  # [s]: a busy machine is no silent device

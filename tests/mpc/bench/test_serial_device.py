@@ -22,7 +22,7 @@ from mpc.export.controller.demonstration import arm_at_rest
 from mpc.export.serial.check import examine
 from mpc.export.serial.firmware import Safety
 from mpc.export.serial.simulated import SimulatedBoard
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm
 from mpc.trials import circle
 from mpc.trials.motions.corrections import Correction, Owner
 

@@ -19,10 +19,9 @@ from mpc import Plant
 from mpc.bench.cycle import Cycle, Phase, Settings
 from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
-from mpc.bench.display.asking import Asking
 from mpc.bench.safety import Reason, SoftStart, Stopped
-from mpc.bench.sweep import Pace, Sweep, Visit, random_steps, visits_of, within
-from mpc.model.real_plant import RealPlant
+from mpc.bench.sweep import Asking, Pace, Sweep, Visit, random_steps, visits_of, within
+from mpc.model.real import RealPlant
 
 DT = 0.02
 JOINT = report_joint(SAROSI_DMSP_20_400N)

@@ -16,10 +16,10 @@ from allocator import report_joint
 from allocator.calculus import is_symbol
 from allocator.errors import InvalidInput
 from allocator.muscles import FunctionMuscle
-from mpc.codegen import c_text, python_text
+from mpc.codegen import text as printer
 from mpc.codegen.graphs import PYTHON, C, Untranslatable, operation_names
 from mpc.codegen.jit import merged
-from mpc.codegen.python_text import translated
+from mpc.codegen.text import translated
 from mpc.export import entry, export
 
 from ...rigs import toolchain as tools
@@ -64,7 +64,7 @@ CONSTANTS = function_of(math.inf, -math.inf, math.nan, -0.0, 0.1, 1e-300, ARGUME
 def by_numba(function, folder=None):
     """The translation of the CasADi `function`, compiled as in `mpc.tracking.compiled`."""
     source, names = translated("law", function), {}
-    exec(python_text.IMPORTS + source.text, names)
+    exec(printer.IMPORTS + source.text, names)
     law = merged(names["law"])
     called = njit(lambda x, y, c: law(x, y, c), error_model="numpy")
     return lambda x, y: np.array(called(x, y, source.c))
@@ -72,9 +72,9 @@ def by_numba(function, folder=None):
 
 def by_gcc(function, folder, single):
     """The C of the CasADi `function`, compiled as a shared library in `folder` without a warning."""
-    text = c_text.function(function, "all of them", single)
+    text = printer.c_function(function, "all of them", single)
     (folder / "antagonist_config.h").write_text("#define ANT_SINGLE\n" if single else "\n")
-    (folder / "model.c").write_text(f'#include "real.h"\n\n{c_text.prototype(function)};\n\n{text}\n')
+    (folder / "model.c").write_text(f'#include "real.h"\n\n{printer.c_prototype(function)};\n\n{text}\n')
     flags = *tools.STRICT, "-O2", "-shared", "-fPIC", f"-I{SOURCES}", f"-I{SOURCES / 'allocate'}"
     command = ["gcc", *flags, "model.c", "-lm", "-o", "model.so"]
     subprocess.run(command, cwd=folder, check=True)
@@ -169,7 +169,7 @@ def test_an_operation_without_translation_is_said_with_the_table(name):
     with pytest.raises(Untranslatable, match=f"the function error uses CasADi's {name}, .* table .* Python has not"):
         translated("law", function)
     with pytest.raises(InvalidInput, match=f"cannot be exported: .* uses CasADi's {name}, .* for C has not"):
-        c_text.function(function, "what cannot be", single=False)
+        printer.c_function(function, "what cannot be", single=False)
 
 
 def test_every_operation_that_casadi_counts_as_elementary_is_in_the_tables():
@@ -177,13 +177,13 @@ def test_every_operation_that_casadi_counts_as_elementary_is_in_the_tables():
 
 
 def test_a_function_that_is_too_long_to_compile_is_said(monkeypatch):
-    monkeypatch.setattr(python_text, "_LONGEST", 10)
+    monkeypatch.setattr(printer, "_LONGEST", 10)
     with pytest.raises(Untranslatable, match=r"law's function law has \d+ operations, more than the 10"):
         translated("law", ALL)
 
 
 def test_the_printer_follows_the_table(monkeypatch):
-    monkeypatch.setattr(python_text, "PYTHON", replace(PYTHON, operations={"OP_SIN": "float({0} > 0.0)"}))
+    monkeypatch.setattr(printer, "PYTHON", replace(PYTHON, operations={"OP_SIN": "float({0} > 0.0)"}))
     function = ca.Function("one", ARGUMENTS, [ca.sin(ARGUMENTS[0])], ["x", "y"], ["out"])
     assert "v0 = float(i0_0 > 0.0)" in translated("law", function).text
 

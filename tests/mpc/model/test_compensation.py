@@ -12,10 +12,10 @@ from allocator.errors import InvalidFile
 from allocator.machine_file import dumps
 from mpc import Rung, TrackingMPC, Weights, simulate, sine
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.plant import Plant
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.trials.metrics import metrics
 
@@ -79,7 +79,7 @@ def test_far_from_the_command_the_inverse_of_the_dead_band_is_exact(v, P):
 
 def test_jitter_of_the_angle_does_not_wear_the_friction_off():
     state = FrictionState(Friction(0.1))
-    contact = Contact(PLANT, PLANT.at_rest(0.0, 5.5))
+    contact = Loads.of(PLANT, PLANT.at_rest(0.0, 5.5))
     for theta in (0.0, 5 * DEG):
         state.follow(theta, contact)
     for theta in 5 * DEG + 0.02 * DEG * np.random.default_rng(0).choice([-1, 1], 1000):

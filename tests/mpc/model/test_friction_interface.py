@@ -14,10 +14,10 @@ from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
 from mpc.model.compensation import Compensation, FrictionState
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip, friction_of
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.cost import Weights
 from mpc.trials.loops import CONTROLLERS, Settings, loop
@@ -45,7 +45,7 @@ def followed(model, way):
     """Memories (n, ...) and torques (n,) along `way`, of angles [°] and pressures [bar], from 0 on."""
     memory, before, memories, torques = model.begun(0.0), 0.0, [], []
     for theta, P1, P2 in way:
-        contact = Contact(PLANT, np.array([theta * DEG, 0.0, P1 * BAR, P2 * BAR]))
+        contact = Loads.of(PLANT, np.array([theta * DEG, 0.0, P1 * BAR, P2 * BAR]))
         memory, before = model.moved(memory, (theta - before) * DEG, contact), theta
         memories.append(memory)
         torques.append(float(model.torque(memory, contact)))
@@ -58,8 +58,8 @@ def followed(model, way):
 def test_numbers_and_symbols_agree(name, way):
     model = MODELS[name]
     memory, motion, x = ca.SX.sym("memory", model.size), ca.SX.sym("motion"), ca.SX.sym("x", 4)
-    moved = model.moved(memory, motion, Contact(PLANT, x))
-    symbolic = ca.Function("moved", [memory, motion, x], [moved, model.torque(moved, Contact(PLANT, x))])
+    moved = model.moved(memory, motion, Loads.of(PLANT, x))
+    symbolic = ca.Function("moved", [memory, motion, x], [moved, model.torque(moved, Loads.of(PLANT, x))])
     state, before = model.begun(0.0), 0.0
     for (theta, P1, P2), torque in zip(way, followed(model, way)[1], strict=True):
         state, found = symbolic(state, (theta - before) * DEG, [theta * DEG, 0.0, P1 * BAR, P2 * BAR])
@@ -73,7 +73,7 @@ def test_numbers_and_symbols_agree(name, way):
 def test_a_preview_is_what_follows_sample_by_sample(name, angles):
     model, P = MODELS[name], REST[2:] / BAR
     one_by_one, torques = followed(model, [(a, *P) for a in angles])
-    contact = Contact(PLANT, np.array([0.0, 0.0, *REST[2:]]))
+    contact = Loads.of(PLANT, np.array([0.0, 0.0, *REST[2:]]))
     at_once = model.along(model.begun(0.0), np.array([0.0, *angles]) * DEG, contact)[1:]
     np.testing.assert_allclose(at_once, one_by_one, rtol=1e-9, atol=1e-12)
     if not getattr(model, "elastic", False) and name != "Dahl":  # whose torques do not depend on the angle
@@ -121,7 +121,7 @@ def test_a_plant_with_the_operator_rests_where_the_operator_says(gain):
 def test_pressures_that_fall_let_springs_slip_that_do_not_move():
     slip = MODELS["Maxwell slip"]
     state = FrictionState(slip)
-    full, low = (Contact(PLANT, np.array([0.0, 0.0, P * BAR, P * BAR])) for P in (3.0, 1.0))
+    full, low = (Loads.of(PLANT, np.array([0.0, 0.0, P * BAR, P * BAR])) for P in (3.0, 1.0))
     state.follow(0.0, full)
     held = state.follow(20 * DEG, full)
     np.testing.assert_allclose(state.follow(20 * DEG, low), held * slip.scale(2 * BAR) / slip.scale(6 * BAR))

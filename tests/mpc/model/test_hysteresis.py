@@ -14,16 +14,16 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Plant
-from mpc.model.friction.contact import Contact
+from mpc.model.friction.contact import Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)
 SLIP = MaxwellSlip.of_width(PLANT, 5 * DEG)
 K = np.array(SLIP.springs)
 _e, _motion, _filled = ca.SX.sym("e", SLIP.size), ca.SX.sym("m"), ca.SX.sym("c")
-_contact = Contact(PLANT, (0.0, 0.0, _filled / 2, _filled / 2))
+_contact = Loads.of(PLANT, (0.0, 0.0, _filled / 2, _filled / 2))
 _after = ca.Function("after", [_e, _motion, _filled], [SLIP.moved(_e, _motion, _contact), SLIP.torque(_e, _contact)])
 
 turns = st.lists(st.floats(-6, 6), min_size=1, max_size=12)  # [°]
@@ -107,7 +107,7 @@ def test_a_great_loop_costs_its_width_times_its_height_less_the_corners():
 def test_widths_grow_with_co_contraction_and_not_with_the_pull():
     for c, share in ((0.0, SLIP.base), (5 * BAR, 1.0), (10 * BAR, 2 - SLIP.base)):
         np.testing.assert_allclose(along([20 * DEG], filled=c)[-1], share * np.array(SLIP.widths), rtol=1e-12)
-        assert SLIP.most(Contact(PLANT, (0.0, 0.0, c / 2, c / 2))) == pytest.approx(share * (K * SLIP.widths).sum())
+        assert SLIP.most(Loads.of(PLANT, (0.0, 0.0, c / 2, c / 2))) == pytest.approx(share * (K * SLIP.widths).sum())
 
 
 @pytest.mark.slow

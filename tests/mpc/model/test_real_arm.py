@@ -10,7 +10,7 @@ from allocator import BAR, DEG, InvalidInput
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm
 
 DT = 0.01
 ARM = Arm.machine("arm26")

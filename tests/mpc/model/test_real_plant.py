@@ -14,8 +14,8 @@ from mpc import Plant
 from mpc.model.experiment import FINE
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
+from mpc.model.real import RealPlant
 from mpc.model.real_experiment import delayed, fine_steps
-from mpc.model.real_plant import RealPlant
 
 DT = 0.01
 PLANT = Plant(report_joint(SAROSI_DMSP_20_400N), lag=0.12)

@@ -9,7 +9,7 @@ from allocator import BAR, DEG, InvalidInput
 from mpc import Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, margins, simulate, sine
 from mpc.codegen.buffered import Buffered
 from mpc.model.experiment import FINE
-from mpc.model.regulator import each_way, pull, ratio
+from mpc.model.pressures import each_way, pull, ratio
 from mpc.trials.margins import linear_model
 
 from ...rigs.followed import missed

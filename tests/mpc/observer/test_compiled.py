@@ -309,7 +309,7 @@ def test_who_does_not_wait_gets_the_readable_observer_and_another_process_compil
 
     begun = []
     monkeypatch.setattr(beside, "begin", lambda *arguments: begun.append(arguments) or True)
-    monkeypatch.setattr("mpc.observer.compiled.whole.CompiledEstimate", not_kept)
+    monkeypatch.setattr("mpc.observer.compiled.factory.CompiledEstimate", not_kept)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         observer = KalmanObserver(MODEL, DT, compensation=TOLD, wait=False)

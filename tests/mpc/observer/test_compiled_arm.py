@@ -11,7 +11,7 @@ from mpc.model.arm.model import Arm
 from mpc.model.faults import BrokenCable, DriftingSensor, FrozenSensors, Leak, SilentSensors, StuckValve
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm
 
 from .test_compiled import DT, Pair
 

@@ -158,7 +158,7 @@ def test_a_coarse_encoder_s_step_is_learnt():
     assert pair[1].encoder_step == pytest.approx(0.5 * DEG)
 
 
-@pytest.mark.filterwarnings("ignore::mpc.observer.units.BadNumbers")
+@pytest.mark.filterwarnings("ignore::mpc.observer.base.BadNumbers")
 @pytest.mark.compiles
 @settings(max_examples=40, deadline=None)
 @given(storm=st.lists(st.lists(st.floats(), min_size=6, max_size=6), min_size=1, max_size=20))

@@ -13,6 +13,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, simulate, sine
 from mpc.model.faults import BrokenCable, DriftingSensor, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
+from mpc.observer import pressure_diagnosis, torque_diagnosis
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.gating import Verdict
 from mpc.observer.health import MUSCLES, SENSORS, FaultKind, Finding, Health, Part, Reaction, Suspect
@@ -234,6 +235,10 @@ SIGMA, USUAL = 0.02 * BAR, 3.5
 GAIN = 3.5 / BAR  # [N·m/Pa]
 
 
+def follow_torque(diagnosis, k, d, pulls):
+    torque_diagnosis.follow(diagnosis.numbers, DT, diagnosis.usual, k * DT, [d], pulls, diagnosis.m)
+
+
 class Muscle:
     """Two diagnoses, the course of whose pressures is given sample by sample; P2 follows its command of 1 bar."""
 
@@ -249,8 +254,11 @@ class Muscle:
         """
         for P, v in np.broadcast(course, command):
             noise = SIGMA * self.random.standard_normal(2)
-            self.own.follow(self.t, P * BAR + noise[0], v * BAR, GAIN, d(P), self.other, q, missing)
-            self.other.follow(self.t, other * BAR + noise[1], other * BAR, GAIN, d(P), self.own)
+            both = self.own.numbers, self.other.numbers
+            given = (P, v, q, missing), (other, other, 0.0, False)
+            for numbers, others, error, (read, told, fall, lacks) in zip(both, both[::-1], noise, given, strict=True):
+                known = self.own.sound, self.t, read * BAR + error, told * BAR, GAIN, d(P), fall, lacks
+                pressure_diagnosis.follow(numbers, others, *known)
             self.t += DT
         return self.own.suspected
 
@@ -376,7 +384,7 @@ def test_a_torque_that_the_missing_muscle_explains_is_a_load_if_it_stays_and_a_b
         for k in range(250):
             T1 = 4.0 + max(k - 200, 0) * 0.1  # the joint is thrown aside
             d = -(T1 if follows else 4.0) if k >= 200 else 0.0
-            torque.follow(k * DT, [d], [T1, -4.0, GAIN, -GAIN])
+            follow_torque(torque, k, d, [T1, -4.0, GAIN, -GAIN])
         assert torque.broken == (0 if follows else None)
 
 
@@ -387,14 +395,14 @@ def test_a_payload_that_swings_as_with_a_broken_cable_is_none_once_it_hangs():
         for k in range(300):
             t = max(k - 200, 0) * DT
             T1, d = 3.0 + 6.0 * t, -3.0 - 6.0 * min(t, hangs_after)
-            torque.follow(k * DT, [d if k >= 200 else 0.0], [T1, -4.0, GAIN, -GAIN])
+            follow_torque(torque, k, d if k >= 200 else 0.0, [T1, -4.0, GAIN, -GAIN])
         assert torque.broken == (None if hangs_after < 1 else 0)
 
 
 def test_a_load_of_three_fifths_of_a_muscle_s_torque_is_no_broken_cable():
     torque, grown = TorqueDiagnosis(DT, [3.4]), np.clip((np.arange(230) - 200) / 14, 0, 1)
     for k, share in enumerate(grown):  # a payload that a weak muscle holds, and that stretches it
-        torque.follow(k * DT, [1.15 * share], [1.15 - 0.7 * share, -1.05 - 0.9 * share, GAIN, -GAIN])
+        follow_torque(torque, k, 1.15 * share, [1.15 - 0.7 * share, -1.05 - 0.9 * share, GAIN, -GAIN])
     assert torque.broken is None
 
 

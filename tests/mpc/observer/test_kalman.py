@@ -16,12 +16,11 @@ from mpc.codegen.buffered import Buffered
 from mpc.model.compensation import Compensation
 from mpc.model.faults import FrozenSensors
 from mpc.model.friction.dahl import Friction
-from mpc.model.real_plant import RealPlant
-from mpc.observer.base import Differentiator
+from mpc.model.real import RealPlant
+from mpc.observer.base import BadNumbers, Differentiator
 from mpc.observer.filter import Belief, Noise
 from mpc.observer.gating import Verdict
 from mpc.observer.kalman import KalmanObserver
-from mpc.observer.units import BadNumbers
 
 pytestmark = pytest.mark.compiles
 

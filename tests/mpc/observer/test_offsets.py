@@ -9,7 +9,7 @@ from allocator import BAR, DEG, InvalidInput
 from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import KalmanObserver, Plant, Reference, TrackingMPC, simulate
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.filter import Noise
 from mpc.tracking.cost import Weights
 

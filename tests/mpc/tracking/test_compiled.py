@@ -11,14 +11,13 @@ from mpc import PlanStatus, Plant, TrackingMPC, Weights
 from mpc.tracking.compiled import module
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
+from mpc.tracking.cost import terminal_factor
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.condense import TrackingProblem, condense
-from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.solvers import QP, solver
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, certified
-from mpc.tracking.terminal import terminal_factor
 
 RNG = np.random.default_rng(8)
 DAQP, RICCATI = solver("daqp"), solver("riccati")
@@ -322,10 +321,10 @@ def test_the_compiled_feed_forward_is_the_readable_one(name, joints):
     far = 1.2 * joints[name].angle_range[1]
     for theta in (np.linspace(-0.2, 0.3, 9), np.linspace(0.0, far, 9)):  # within reach, and beyond
         for K in (np.linspace(5.0, 9.0, 9), np.full(9, 50.0)):
-            one, other = (inverse(theta, K, np.linspace(0.0, 1.0, 9)) for inverse in (compiled, readable))
-            for field in ("theta", "omega", "K", "P", "u", "moved"):
-                wanted = np.asarray(getattr(other, field))
-                np.testing.assert_allclose(getattr(one, field), wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
+            feeds = (inverse(theta, K, np.linspace(0.0, 1.0, 9)) for inverse in (compiled, readable))
+            columns = ((*feed.x.T, *feed.y.T, *feed.u.T, np.array(feed.moved)) for feed in feeds)
+            for found, wanted in zip(*columns, strict=True):
+                np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
 
 
 @pytest.mark.slow

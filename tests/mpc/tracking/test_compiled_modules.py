@@ -16,9 +16,10 @@ from allocator import BAR, Table
 from allocator.compilation import beside
 from allocator.files import atomic
 from mpc import CompilingBeside, PlanStatus, Plant, SlowStep, TrackingMPC
-from mpc.codegen import modules, python_text
+from mpc.codegen import modules
+from mpc.codegen import text as printer
 from mpc.codegen.graphs import PYTHON
-from mpc.codegen.python_text import translated
+from mpc.codegen.text import translated
 from mpc.tracking.compiled import module
 from mpc.tracking.compiled.factory import compile_step
 from mpc.tracking.linearise import Predictor
@@ -272,7 +273,7 @@ def test_an_edit_in_what_compiled_code_calls_is_seen(tmp_path):
 def evaluated(function, *values):
     """The outputs (n,) of the CasADi `function`, by CasADi and by its translation."""
     source, names = translated("law", function), {}
-    exec(python_text.IMPORTS + source.text, names)
+    exec(printer.IMPORTS + source.text, names)
     given = [ca.DM(function.sparsity_in(i), np.ravel(v)) for i, v in enumerate(values)]
     wanted = np.concatenate([v.nonzeros() for v in function.call(given)])
     return wanted, np.array(names["law"](*np.concatenate([np.ravel(v) for v in values]).tolist(), source.c))
@@ -305,7 +306,7 @@ def test_laws_too_long_to_compile_are_left_to_the_readable_step(joints):
 @pytest.mark.compiles
 def test_what_the_compiler_fails_at_is_left_to_the_readable_step(monkeypatch):
     wrong = {**PYTHON.operations, "OP_SIN": "float({0} > 0.0)"}  # which numba does not take
-    monkeypatch.setattr(python_text, "PYTHON", replace(PYTHON, operations=wrong))
+    monkeypatch.setattr(printer, "PYTHON", replace(PYTHON, operations=wrong))
     with pytest.warns(SlowStep, match="forty times as long: Failed in nopython mode") as said:
         mpc = TrackingMPC(Plant(gravity_torque=0.5), N=4)
     assert (mpc.implementation, len(said), said[0].filename) == ("readable", 1, __file__)

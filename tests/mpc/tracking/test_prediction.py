@@ -8,11 +8,11 @@ from allocator import BAR
 from mpc import Plant, Weights
 from mpc.codegen.buffered import Buffered
 from mpc.model.arm.model import Arm
+from mpc.tracking.cost import terminal_factor
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.condense import TrackingProblem, condense, increments, sensitivity
-from mpc.tracking.terminal import terminal_factor
 from mpc.trials.margins import usual_postures
 
 DT, N = 0.01, 6
@@ -28,7 +28,8 @@ def u():
 def linear_rollout(model, u):
     x = [model.x[0]]
     for k in range(len(u)):
-        x.append(model.A[k] @ x[k] + model.B[k] @ u[k] + model.c[k])
+        constant = model.x[k + 1] - model.A[k] @ model.x[k] - model.B[k] @ model.u[k]
+        x.append(model.A[k] @ x[k] + model.B[k] @ u[k] + constant)
     return np.array(x)
 
 
@@ -95,12 +96,12 @@ def test_the_qp_s_cost_is_the_cost_in_the_controller_s_docstring(u):
         K = model.K + np.sum(model.C * (x - model.x), axis=1)
         e = commands - feed.u
         rates = np.diff(np.vstack([u_last - u_star_last, e]), axis=0) / DT
-        x_star = [feed.theta[-1], feed.omega[-1], *feed.P[-1]]
+        x_star = feed.x[-1]
         xi = np.array([*(x[-1] - x_star), *e[-1]])
         inner = (
-            weights.theta * (x[1:N, 0] - feed.theta[1:N]) ** 2
-            + weights.omega * (x[1:N, 1] - feed.omega[1:N]) ** 2
-            + weights.K * (K[1:N] - feed.K[1:N]) ** 2
+            weights.theta * (x[1:N, 0] - feed.x[1:N, 0]) ** 2
+            + weights.omega * (x[1:N, 1] - feed.x[1:N, 1]) ** 2
+            + weights.K * (K[1:N] - feed.y[1:N, 0]) ** 2
         )
         s, s_F = z[-2:]
         squares = np.sum(inner) + weights.u * np.sum(e**2) + weights.rate * np.sum(rates**2) + np.sum((L @ xi) ** 2)
@@ -167,12 +168,12 @@ def test_feed_forward_commands_drive_the_lagged_pressures_through_the_allocation
     plant = Plant(lag=(0.05, 0.2), gas=False)
     t = DT * np.arange(N + 1)
     feed = InverseDynamics(plant, DT, N)(0.3 * np.sin(3 * t), 7.6 + 0.2 * t)
-    P = feed.P[0]
+    P = feed.x[0, 2:]
     for k in range(N):
         P = feed.u[k] + (P - feed.u[k]) * np.exp(-DT / np.array(plant.lags))
-        np.testing.assert_allclose(P, feed.P[k + 1], rtol=1e-10)
-    x = np.array([feed.theta, feed.omega, *feed.P.T])
-    accelerations = [plant.rate(x[:, k], feed.P[k])[1] for k in range(N + 1)]
+        np.testing.assert_allclose(P, feed.x[k + 1, 2:], rtol=1e-10)
+    x = feed.x.T
+    accelerations = [plant.rate(x[:, k], feed.x[k, 2:])[1] for k in range(N + 1)]
     np.testing.assert_allclose(accelerations, -0.3 * 9 * np.sin(3 * t), atol=2e-2)
     np.testing.assert_allclose(plant.stiffness(x), 7.6 + 0.2 * t, rtol=1e-9)
 
@@ -180,10 +181,10 @@ def test_feed_forward_commands_drive_the_lagged_pressures_through_the_allocation
 def test_what_cannot_be_reached_is_brought_to_the_nearest_that_can():
     plant = Plant()
     feed = InverseDynamics(plant, DT, N)(np.full(N + 1, 2.5), np.full(N + 1, 12.0))
-    assert feed.theta == pytest.approx(plant.joint.angle_range[1])
-    assert (feed.P <= plant.joint.pressure_limits[1]).all()
-    assert (feed.K < 12).all()
-    x = np.array([feed.theta, feed.omega, *feed.P.T])
+    assert feed.x[:, 0] == pytest.approx(plant.joint.angle_range[1])
+    assert (feed.x[:, 2:] <= plant.joint.pressure_limits[1]).all()
+    assert (feed.y[:, 0] < 12).all()
+    x = feed.x.T
     np.testing.assert_allclose(plant.torque(x), 0.0, atol=1e-9)  # torque comes first
 
 

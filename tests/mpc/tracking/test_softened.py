@@ -8,8 +8,7 @@ import pytest
 
 from mpc import Plant, TrackingMPC
 from mpc.tracking.qp.condense import softened
-from mpc.tracking.qp.programme import QP
-from mpc.tracking.qp.solvers import solver
+from mpc.tracking.qp.solvers import QP, solver
 from tests.mpc.tracking.hard_limits import hard_solutions
 
 pytestmark = pytest.mark.compiles

@@ -11,7 +11,7 @@ import pytest
 from allocator import DEG
 from mpc import PlanStatus, Rung, Weights, simulate
 from mpc.model.friction.dahl import Friction
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.trials.loops import Settings, loop
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.trajectories import LEAD, chirp, point_to_point, rested_sine, steps, stiffness_step

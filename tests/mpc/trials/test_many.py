@@ -13,10 +13,9 @@ from mpc.model.arm.model import Arm
 from mpc.model.faults import SilentSensors, WrongReadings
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
-from mpc.model.real_arm import RealArm
+from mpc.model.real import RealArm
 from mpc.trials.many.driving import driving
-from mpc.trials.many.entry import spread
-from mpc.trials.many.loop import Loop
+from mpc.trials.many.entry import Loop, spread
 from mpc.trials.many.plant import compiled_plant
 from mpc.trials.metrics import metrics
 from mpc.yardsticks.baselines import FeedForwardControl, PIDControl, PIDGains

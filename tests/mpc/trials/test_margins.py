@@ -11,8 +11,7 @@ from allocator.joint.antagonist import report_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Arm, Compensation, KalmanObserver, Plant, TrackingMPC
 from mpc.model.friction.dahl import Friction
-from mpc.model.real_arm import RealArm
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealArm, RealPlant
 from mpc.tracking.cost import Weights
 from mpc.trials.loops import Settings, loop, sliding_margins
 from mpc.trials.margins import LISTEN, Margins, margins, usual_postures

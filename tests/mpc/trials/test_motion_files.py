@@ -9,8 +9,7 @@ import pytest
 from allocator import InvalidFile, InvalidInput
 from allocator.units import DEG, MM
 from mpc.model.arm.model import Arm
-from mpc.trials.motions.columns import UnusedColumns
-from mpc.trials.motions.motion_files import load_motion
+from mpc.trials.motions.motion_files import UnusedColumns, load_motion
 
 ARM = Arm.machine("arm26")
 HAND = ARM.bodies.endpoint

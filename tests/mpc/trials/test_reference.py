@@ -6,7 +6,7 @@ import pytest
 from allocator import DEG, InvalidFile, InvalidInput, allocate
 from mpc import Plant, Reference, sine
 from mpc.trials.files import load, reference_called, save_reference
-from mpc.trials.motions.columns import UnusedColumns
+from mpc.trials.motions.motion_files import UnusedColumns
 from mpc.trials.motions.trajectories import LEAD, usual_stiffness
 
 HEADER = "t,theta_deg,stiffness\n"

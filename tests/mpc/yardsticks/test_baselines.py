@@ -6,7 +6,7 @@ from scipy.linalg import solve_discrete_are
 
 from allocator import BAR, DEG, InvalidInput, MissingBackend
 from mpc import PlanStatus, Reference, Rung, Weights, simulate, sine
-from mpc.model.real_plant import RealPlant
+from mpc.model.real import RealPlant
 from mpc.observer.base import Differentiator
 from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.linearise import Predictor
@@ -69,7 +69,7 @@ def test_the_lqr_takes_the_load_from_the_observer():
 
 
 def test_the_lqr_s_first_answer_is_the_riccati_equation_s():
-    """Written anew from the docstring of `mpc.tracking.terminal`, in units of bar."""
+    """Written anew from the docstring of `mpc.tracking.cost`, in units of bar."""
     weights, dt = Weights.calm(), 0.01
     middle = np.array([0.0, 0.0, 2.5 * BAR, 2.5 * BAR])
     model = Predictor(PLANT, dt, 1).linearise(middle, middle[None, 2:])

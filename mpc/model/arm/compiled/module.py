@@ -9,7 +9,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.lazy import Function
 from mpc.codegen.modules import imported, with_formulas
-from mpc.codegen.python_text import IMPORTS, filling
+from mpc.codegen.text import IMPORTS, filling
 from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
 

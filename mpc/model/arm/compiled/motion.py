@@ -17,7 +17,7 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined
-from mpc.model.integration import NODES, SHARES
+from mpc.model.experiment import NODES, SHARES
 
 FORMULAS: Any = None
 n = m = dynamics = dynamics_slopes = EXTERNAL = COLUMNS = FORMULAS

@@ -30,7 +30,7 @@ move = outputs = output_slopes = pressing = rigidity = FORMULAS
 
 @inlined_flat
 def press(c: Array, x: Array, loads: Array) -> None:
-    """Fill in the loads (n, 3) on the sliding surfaces: see `mpc.model.friction.contact.Pressed`."""
+    """Fill in the loads (n, 3) on the sliding surfaces: see `mpc.model.friction.contact.Loads`."""
     pressing(x, c, loads.reshape(-1))
 
 

@@ -163,7 +163,7 @@ def test_the_mpc_s_feed_forward_adds_what_the_fitted_friction_takes(all_twins):
         for known in (Compensation(), Compensation.of(joint))
     ]
     plain, helped = (InverseDynamics(plant, 0.02, 20)(task.theta, task.K, task.d) for task in tasks)
-    more = joint.torque(rising, *helped.P.T) - joint.torque(rising, *plain.P.T)
+    more = joint.torque(rising, *helped.x.T[2:]) - joint.torque(rising, *plain.x.T[2:])
     taken = joint.friction_torque(0.0, x[2], x[3], 1.0)  # as at present; Dahl: all of it after a few degrees
     assert more[0] == pytest.approx(0.0, abs=1e-6)
     assert more[-1] == pytest.approx(taken, rel=1e-3)

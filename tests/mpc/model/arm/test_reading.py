@@ -9,10 +9,10 @@ from allocator.errors import InvalidFile
 from allocator.mechanism import Endpoint, Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N as MUSCLE
 from mpc.model.arm.differences import Differences
-from mpc.model.arm.mechanics.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons, TendonJacobian
-from mpc.model.arm.mechanics.tree import TreeBodies
 from mpc.model.arm.model import Arm
+from mpc.model.arm.mujoco_mechanics import Mechanics, MujocoBodies, MujocoTendons, TendonJacobian
 from mpc.model.arm.reading import read_arm
+from mpc.model.arm.tree import TreeBodies
 from mpc.model.experiment import RESOLUTION
 from mpc.tracking.linearise import Predictor
 
@@ -98,7 +98,7 @@ def test_stacks_of_postures_and_slopes_of_gravity_are_those_of_single_ones():
 def test_what_mujoco_is_asked_for_is_what_the_formulas_say():
     read_ = read(STRAIGHT)
     mechanics, rng = Mechanics(read_.model), np.random.default_rng(2)
-    bodies, routes = MujocoBodies(mechanics), MujocoTendons.of(mechanics, 0.3, read_.cable)
+    bodies, routes = MujocoBodies(mechanics), MujocoTendons.of(mechanics, 0.3, read_.mechanism.routes.cable)
     assert not read_.asked_of_mujoco
     q, omega, alpha = rng.uniform(-0.6, 0.6, (3, 6, 2))
     np.testing.assert_allclose(bodies.torque_for(q, omega, alpha), read_.bodies.torque_for(q, omega, alpha), atol=1e-12)
@@ -123,7 +123,7 @@ def test_differences_find_the_motion_and_the_slopes_of_the_formulas(endpoint):
     mechanics = Mechanics(read_.model)
     other = replace(
         arm,
-        mechanism=replace(arm.mechanism, routes=MujocoTendons.of(mechanics, 0.3, read_.cable)),
+        mechanism=replace(arm.mechanism, routes=MujocoTendons.of(mechanics, 0.3, read_.mechanism.routes.cable)),
         bodies=MujocoBodies(mechanics),
     )
     assert not arm.unformulated

@@ -1,4 +1,4 @@
-"""Gas in the muscles of a plant: the change of their pressures by motion.
+"""Pressures in the muscles of a plant: the gas, which motion compresses, and the regulators.
 
 A muscle that shortens swells by dV = g dθ, g = ∂T/∂P being its torque gain (`allocator.muscles.volume`). With constant
 (P + p_a) V^κ its pressure falls by κ (P + p_a) g/V^eff per radian. That is the only change behind a shut valve;
@@ -11,7 +11,16 @@ several times as hard as its model therefore swells by the same factor.
 
 In a model that is not affine in the pressure, the volume may fall with growing pressure so steeply that no gas could
 fill it. Such a model is outside its range; V^eff is `STABLE` V there, the bound of the allocation.
+
+A regulator is of first order; its pressures rise and fall with different time constants.
+
+    P' = (u - P)/τ_up if u > P, else (u - P)/τ_down
+       = a e + b |e|,     e = u - P,     a, b = (1/τ_up ± 1/τ_down)/2
+
+The slope a at e = 0 is between those of both ways.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -49,3 +58,28 @@ def gas_of(name: str, given: object, own: Gas) -> Gas | None:
     if not (given is None or isinstance(given, bool)):
         raise InvalidInput(f"{name} = {checks.brief(given)} has to be a Gas(kappa, atmosphere), True or False")
     return own if given else None
+
+
+_ALIKE = 0.05  # relative difference of two lags below which one represents both
+
+
+def pull(e: Value, up: float, down: float) -> Value:
+    """Return the rate [Pa/s] of a pressure that is `e` [Pa] below its command, with the lags `up` and `down` [s].
+
+    `e` is a number, an array or a CasADi symbol.
+    """
+    return e / up if up == down else (1 / up + 1 / down) / 2 * e + (1 / up - 1 / down) / 2 * abs(e)
+
+
+def each_way(lags: Sequence[float], venting: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the lags [s] of rising and of falling pressures.
+
+    `lags` (m,) [s] are their means, and `venting` [-] is the ratio of the second to the first.
+    """
+    rising = tuple(2 * lag / (1 + venting) for lag in lags)
+    return rising, tuple(venting * lag for lag in rising)
+
+
+def ratio(up: float, down: float) -> float:
+    """Return the lag `down` of a falling pressure over the lag `up` of a rising one, or 1 for nearly equal ones."""
+    return 1.0 if abs(up - down) < _ALIKE * up else down / up

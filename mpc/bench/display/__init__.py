@@ -1,1 +1,0 @@
-"""Display of a running loop, in a process of its own."""
