@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allocator import checks
-from allocator.calculus import Array, Value, rising_roots
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint import gas as trapped
 from allocator.joint.felt import Loop, Secant, loss_factor
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked_gas
 from allocator.joint.geometry import Geometry, Pulley
-from allocator.joint.hysteresis import PrandtlIshlinskii
+from allocator.joint.hysteresis import PrandtlIshlinskii, after_history, nearest_equilibrium
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox, checked_supply
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
@@ -32,8 +32,6 @@ from allocator.muscles.base import Covariance
 from allocator.muscles.cabled import checked_cables
 from allocator.muscles.catalogue import TONDU_DMSP_20_400N
 from allocator.units import BAR, DEG
-
-_REGIONS = 64  # of the joint range, each searched for one equilibrium
 
 
 @dataclass(frozen=True)
@@ -324,29 +322,31 @@ class AntagonistJoint:
 
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
-    def equilibrium(self, P1: ArrayLike, P2: ArrayLike, T: ArrayLike = 0.0) -> Array:
+    def equilibrium(
+        self,
+        P1: ArrayLike,
+        P2: ArrayLike,
+        T: ArrayLike = 0.0,
+        *,
+        history: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> Array:
         """Return the stable (K > 0) angle [rad] with the torque `T` [N·m] at these pressures.
 
         NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),
         generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
+
+        With a `history` of earlier pressures (P1, P2) [Pa], rows (n,) in order, it is the angle after them, with the
+        joint's `hysteresis`, or else its `friction` μ (Dahl's, see `allocator.joint.hysteresis`). The history starts at
+        rest, without memory. P1 and P2, numbers or rows (m,), continue it in order; `T` is one number. With empty rows
+        it begins with P1, P2.
         """
+        if history is not None:
+            return after_history(self, history, P1, P2, checks.number("T", T, "N·m"))
         one, two = checks.pressures_or_symbols(P1, P2)
         flat = checks.broadcast(P1=one, P2=two, T=checks.real("T", T, "N·m"))
-        theta = self.tondu_pulley.equilibrium(*flat) if self.tondu_pulley else self._nearest_equilibrium(*flat)
+        theta = self.tondu_pulley.equilibrium(*flat) if self.tondu_pulley else nearest_equilibrium(self, *flat)
         left, right = self.angle_range
         return np.asarray(np.where((theta >= left) & (theta <= right), theta, np.nan))
-
-    def _nearest_equilibrium(self, P1: Array, P2: Array, T: Array) -> Array:
-        """Return the stable equilibrium [rad] nearest to 0 with the torque T [N·m] at pressures [Pa]; NaN for none."""
-
-        def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
-            agonist, antagonist = self.sides(theta)
-            return np.asarray(T - agonist.torque(P1) - antagonist.torque(P2))
-
-        left, right = (np.asarray(end) for end in self.angle_range)
-        found = rising_roots(lacking, left, right, P1, P2, T, pieces=_REGIONS)  # rising: K > 0
-        nearest = np.abs(np.where(np.isfinite(found), found, np.inf)).argmin(axis=0, keepdims=True)
-        return np.asarray(np.take_along_axis(found, nearest, 0)[0])
 
     @property
     def affine(self) -> bool:

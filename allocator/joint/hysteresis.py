@@ -1,4 +1,4 @@
-"""Hysteresis of a joint.
+"""Hysteresis of a joint, and its equilibrium angles without friction and after a history of pressures.
 
 The hysteresis is a Prandtl–Ishlinskii operator of the static angle, the equilibrium without hysteresis.
 
@@ -22,25 +22,35 @@ Journal of Control 9 (2003) 407–418.
 
 The weights are those at the `stiffness` K_0 if the stops of H⁻¹ have springs of their own, k_i = κ_i K_0, like friction
 in the sleeves of muscles; without it the springs are shares κ_i of K, so that the weights hold at any stiffness.
+
+A history of pressures is quasi-static: only the order counts, not the times. Its angles are H of the static angles.
+With springs of their own, or with friction μ alone, each angle is the root of
+
+    T(θ, P) - Σ k_i e_i = load,              e_i = max(-ρ_i, min(e_i0 + Δθ, ρ_i))
+    T(θ, P) - μ (a1 F1 + a2 F2) z = load,    z = s - (s - z_0) exp(-|Δθ|/δ),  s = sign(Δθ)          Dahl 1968
+
+with e_i0 or z_0 of the previous angle: exact for any rotation in one direction between two pressures.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from math import copysign, exp, inf
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator import checks
-from allocator.calculus import Array, Value, is_symbol
+from allocator.calculus import Array, Value, is_symbol, rising_roots
 from allocator.errors import InvalidInput
 from allocator.units import BAR, DEG
 
 FILLED = 5 * BAR  # P1 + P2 [Pa] of the given widths
 PRESLIDING = 0.5 * DEG  # δ of measured joints in slow sweeps [rad]
 NO_GAIN = 1e-12  # a smaller deviation of a gain from 1 is rounding
+_PIECES = 32  # of the way to the end of the joint range in the search for the nearest root
 
 
 class Slip(NamedTuple):
@@ -151,11 +161,11 @@ class PrandtlIshlinskii:
         plays = self.moved(plays, u, filled)
         return self.output(plays, u), plays
 
-    def run(self, u: ArrayLike, filled: ArrayLike = FILLED) -> Array:
+    def run(self, u: ArrayLike, filled: ArrayLike = FILLED, plays: Array | None = None) -> Array:
         """Return θ (m,) [rad] for the static angles `u` (m,) [rad] in order, with P1 + P2 = `filled` (m,) [Pa].
 
-        It begins at rest at the first angle. Raises `InvalidInput` unless angles and pressures are rows of finite
-        numbers.
+        It begins with `plays` (n,) [rad], by default at rest at the first angle. Raises `InvalidInput` unless angles
+        and pressures are rows of finite numbers.
         """
         u, filled = checks.broadcast(u=checks.real("u", u, "rad"), filled=checks.pressure("filled", filled))
         if u.ndim != 1:
@@ -166,8 +176,11 @@ class PrandtlIshlinskii:
             raise InvalidInput(
                 f"filled{checks.at(filled, wrong)} Pa leaves no width to the plays: P1 + P2 is too small"
             )
+        start = self.at_rest(u[0]) if plays is None else checks.real("plays", plays, "rad")
+        if start.shape != (self.size,):
+            raise InvalidInput(f"plays = {checks.brief(plays)} have to be {self.size} angles [rad], one for each play")
         passed = np.empty((self.size, u.size))
-        pass_plays(u.tolist(), self.scale(filled).tolist(), self.thresholds, self.at_rest(u[0]).tolist(), passed)
+        pass_plays(u.tolist(), self.scale(filled).tolist(), self.thresholds, start.tolist(), passed)
         return np.asarray(self.output(passed, u))
 
     # --- backwards --------------------------------------------------------------------------------------------------
@@ -231,7 +244,131 @@ def _clipped(x: Value, low: Value, high: Value) -> Value:
     return np.maximum(low, np.minimum(high, x))
 
 
+# --- after a history of pressures -----------------------------------------------------------------------------------
+
+
 def dahl(z: float, motion: float, presliding: float = PRESLIDING) -> float:
     """Return the state z [-] of Dahl's friction after a rotation by `motion` [rad] in one direction."""
     s = copysign(1.0, motion)
     return s - (s - z) * exp(-abs(motion) / presliding)
+
+
+def through_plays(H: PrandtlIshlinskii, u: Array, filled: Array) -> Array:
+    """Return θ (m,) [rad] for the static angles u (m,) [rad], NaN for NaN, which keeps the memory."""
+    theta, known = np.full(u.size, np.nan), np.isfinite(u)
+    theta[known] = H.run(u[known], filled[known])
+    return theta
+
+
+class Stops(NamedTuple):
+    """Stops with springs of their own; the memory is e_i [rad]."""
+
+    operator: PrandtlIshlinskii
+
+    @property
+    def begun(self) -> Array:
+        """Memory (n,) without a motion before."""
+        return np.zeros(self.operator.size)
+
+    def moved(self, memory: Array, motion: float, filled: float) -> Array:
+        """Return the memory after a rotation by `motion` [rad] in one direction at P1 + P2 = `filled` [Pa]."""
+        width = self.operator.scale(filled) * np.array(self.operator.slip.widths)
+        return np.clip(memory + motion, -width, width)
+
+    def torque(self, memory: Array, pull: float) -> float:
+        """Return Σ k_i e_i [N·m]."""
+        return float(np.dot(self.operator.slip.springs, memory))
+
+
+class Dahl(NamedTuple):
+    """Dahl's friction of the muscles; the memory is z (1,) [-]."""
+
+    mu: float  # μ [-]
+
+    @property
+    def begun(self) -> Array:
+        """Memory (1,) without a motion before."""
+        return np.zeros(1)
+
+    def moved(self, memory: Array, motion: float, filled: float) -> Array:
+        """Return the memory after a rotation by `motion` [rad] in one direction."""
+        return np.array([dahl(float(memory[0]), motion)])
+
+    def torque(self, memory: Array, pull: float) -> float:
+        """Return μ z times the `pull` a1 F1 + a2 F2 [N·m]."""
+        return self.mu * float(memory[0]) * pull
+
+
+def through_friction(joint: "AntagonistJoint", T: float, friction: Stops | Dahl, P1: Array, P2: Array) -> Array:
+    """Return θ (m,) [rad] with the load `T` [N·m] at the pressures P1, P2 (m,) [Pa] in order.
+
+    It begins at rest without friction. NaN where the joint would leave its range, which keeps the memory. Raises
+    `InvalidInput` if it rests nowhere at first.
+    """
+    theta, memory, found = float(joint.equilibrium(P1[0], P2[0], T)), friction.begun, np.full(P1.size, np.nan)
+    if np.isnan(theta):
+        raise InvalidInput("at the first pressures of the history the joint rests at no angle of its range")
+    for k, (one, two) in enumerate(zip(P1.tolist(), P2.tolist(), strict=True)):
+
+        def excess(at: float, one: float = one, two: float = two, memory: Array = memory, back: float = theta) -> float:
+            agonist, antagonist = joint.sides(at)
+            t1, t2 = agonist.torque(one), antagonist.torque(two)
+            return float(t1 + t2 - friction.torque(friction.moved(memory, at - back, one + two), t1 - t2) - T)
+
+        moved = _settled(excess, theta, joint.angle_range)
+        if np.isfinite(moved):
+            memory = friction.moved(memory, moved - theta, one + two)
+            found[k] = theta = moved
+    return found
+
+
+def _settled(balance: Callable[[float], float], theta: float, ends: tuple[float, float]) -> float:
+    """Return the first root [rad] of the falling `balance` from `theta` in the direction of the torque, else NaN."""
+    from scipy.optimize import brentq
+
+    here = balance(theta)
+    if here == 0:
+        return theta
+    way = np.linspace(theta, ends[1] if here > 0 else ends[0], _PIECES + 1)
+    for near, far in zip(way[:-1].tolist(), way[1:].tolist(), strict=True):
+        if balance(far) * here <= 0:
+            return float(brentq(balance, near, far, xtol=1e-12))
+    return float("nan")
+
+
+if TYPE_CHECKING:
+    from allocator.joint.antagonist import AntagonistJoint
+
+_REGIONS = 64  # of the joint range, each searched for one equilibrium
+
+
+def nearest_equilibrium(joint: "AntagonistJoint", P1: Array, P2: Array, T: Array) -> Array:
+    """Return the stable equilibrium [rad] nearest to 0 with the torque T [N·m] at pressures [Pa]; NaN for none."""
+
+    def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
+        agonist, antagonist = joint.sides(theta)
+        return np.asarray(T - agonist.torque(P1) - antagonist.torque(P2))
+
+    left, right = (np.asarray(end) for end in joint.angle_range)
+    found = rising_roots(lacking, left, right, P1, P2, T, pieces=_REGIONS)  # rising: K > 0
+    nearest = np.abs(np.where(np.isfinite(found), found, np.inf)).argmin(axis=0, keepdims=True)
+    return np.asarray(np.take_along_axis(found, nearest, 0)[0])
+
+
+def after_history(
+    joint: "AntagonistJoint", history: tuple[ArrayLike, ArrayLike], P1: ArrayLike, P2: ArrayLike, T: float
+) -> Array:
+    """Return the angles [rad] after the `history`, see `AntagonistJoint.equilibrium`."""
+    before = checks.broadcast(**checks.pressure_pair("history", history, ("history[0]", "history[1]")))
+    now = checks.broadcast(P1=checks.pressure("P1", P1), P2=checks.pressure("P2", P2))
+    if before[0].ndim > 1 or now[0].ndim > 1:
+        raise InvalidInput("a history, and the pressures after it, have to be numbers or rows, in their order")
+    one, two = (np.concatenate([np.atleast_1d(b), np.atleast_1d(n)]) for b, n in zip(before, now, strict=True))
+    H = joint.hysteresis
+    if H is not None and H.stiffness is None:
+        theta = through_plays(H, joint.equilibrium(one, two, T), one + two)
+    else:
+        theta = through_friction(joint, T, Dahl(joint.friction) if H is None else Stops(H), one, two)
+    left, right = joint.angle_range
+    theta = np.where((theta >= left) & (theta <= right), theta, np.nan)[-now[0].size :]
+    return np.asarray(theta.reshape(now[0].shape))

@@ -144,8 +144,16 @@ def test_hysteresis_that_would_push_is_no_friction():
     [
         (([0.0, 0.3], [3.0, 4.0]), "if bar was meant"),
         (([0.0, 0.3], -8e5), r"filled\[0\] = -800000 Pa leaves no width to the plays"),
+        (([0.0, 0.3], 5e5, np.zeros(3)), "have to be 2 angles"),
+        (([0.0, 0.3], 5e5, [np.nan, 0.0]), r"plays\[0\] = nan is not finite"),
     ],
 )
 def test_what_it_cannot_run_through_is_one_sentence(arguments, said):
     with pytest.raises(InvalidInput, match=said):
         PrandtlIshlinskii((0.6, 0.2, 0.2), (0.02, 0.06), base=0.2).run(*arguments)
+
+
+def test_a_history_that_is_no_pair_is_one_line():
+    with pytest.raises(InvalidInput, match=r"history = ndarray\(40, 3\) of float64 has to be two pressures") as refusal:
+        report_joint().equilibrium(2e5, 2e5, history=np.full((40, 3), 2e5))
+    assert "\n" not in str(refusal.value)
