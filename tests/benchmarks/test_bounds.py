@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allocator.units import DEG
-from benchmarks.strangers.bounds import DT, LOAD, THETA, K, achieved, least, plant_of
+from benchmarks.strangers.bounds import DT, LOAD, THETA, K, achieved, least, responses_of
 from benchmarks.strangers.runs import rms
 from mpc import Compensation, Plant
 from mpc.trials.loops import Settings
@@ -15,7 +15,7 @@ SETTINGS = Settings(Plant(inertia=0.04, gravity_torque=0.0), DT, compensation=Co
 
 @pytest.fixture(scope="module")
 def plant():
-    return plant_of(SETTINGS)
+    return responses_of(SETTINGS)
 
 
 @pytest.mark.parametrize("controller", ["mpc", "lqr", "predictive-pid", "pid"])
