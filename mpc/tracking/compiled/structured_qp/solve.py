@@ -1,7 +1,7 @@
 """Solution of the QP along a path, with its proof: a sweep, and an exchange of the limits that it holds wrongly.
 
-The sweep begins with the limits of the last QP. If these are far from right, or many are wrong, or an exchange takes
-long, a barrier chooses others.
+The sweep begins with the limits of the last QP. If these are far from right, or wrong in many places, or an exchange
+takes long, a barrier chooses others.
 """
 
 import numpy as np
@@ -18,9 +18,9 @@ from mpc.tracking.compiled.structured_qp.sizes import FREE, NU, NX, NXI
 from mpc.tracking.compiled.structured_qp.stage import curvature
 
 MOST = 16  # exchanges per decision, at most
-PATIENCE = 20  # exchanges, before the barrier chooses another set
+PATIENCE = 16  # exchanges, before the barrier chooses another set
 FAR = 10.0  # [bar] beyond a limit: with a change so far, it does at once; noise takes a set less far
-MANY, AWAY = 16, 1e-3  # changes, and [bar] beyond a limit: with so many, it does at once as well
+MANY, AWAY = 7, 1e-3  # runs of changes, and [bar] beyond a limit: with so many, it does at once as well
 CLOSE = 1.0  # [bar] beyond a limit: with no change farther, the barrier resumes from the last set
 
 
@@ -60,8 +60,8 @@ def solve(
     take_set(setting.starts, guess, sweep.held)
     take_charges(setting.cost, sweep)
     size = based(path, errors, setting, bounded, 0, at, sweep, a)
-    furthest, wrong = astray(bounded, sweep, at, a.r)
-    if limit == 0 or (furthest < FAR and wrong < MANY):
+    furthest, runs = astray(bounded, sweep, at, a.r)
+    if limit == 0 or (furthest < FAR and runs < MANY):
         first, final = min(PATIENCE, limit), limit <= PATIENCE
         solved, exchanges, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, first, final)
     if not solved and exchanges < limit:
@@ -77,16 +77,19 @@ def solve(
 @inlined_flat
 def astray(bounded: Bounded, sweep: Sweep, at: Point, r: Array) -> tuple[float, int]:
     """Return how far at most a free change is beyond its limits or a held one pushed away from them [bar], and how many
-    are.
+    runs of such changes there are: a few exchanges often correct a whole run.
     """
-    furthest, wrong = 0.0, 0
-    for k in range(at.v.shape[0]):
-        for i in range(NU):
+    furthest, runs = 0.0, 0
+    for i in range(NU):
+        before = 0
+        for k in range(at.v.shape[0]):
             v, w, held = at.v[k, i], at.xi[k + 1, NX + i], sweep.held[k, i]
             push = (1.0 if held > 0 else -1.0) * r[k, i] / curvature(sweep.D, k, i) if held != FREE else 0.0
             beyond = max(max(bounded.lower[k, i] - v, v - bounded.upper[k, i]), push)
             beyond = max(max(bounded.low[k, i] - w, w - bounded.high[k, i]), beyond)
             beyond = beyond if bounded.lower[k, i] < bounded.upper[k, i] else 0.0
             furthest = max(furthest, beyond)
-            wrong += 1 if beyond > AWAY else 0
-    return furthest, wrong
+            wrong = 1 if beyond > AWAY else 0
+            runs += wrong * (1 - before)
+            before = wrong
+    return furthest, runs
