@@ -109,10 +109,9 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
             search.prepare(int(np.prod(shape)) * len(setting.states))
         part = slice(start, start + step)
         a = allocate(theta[part, None, None], K[:, None], T, **asked)
-        for target, array in zip(out, (a.status, a.limits, a.P1, a.P2), strict=False):
+        answers = a.status, a.limits, a.P1, a.P2, *((2 * a.valves[0] + a.valves[1],) if free else ())
+        for target, array in zip(out, answers, strict=True):
             target[part] = array
-        if free:
-            out[-1][part] = 2 * a.valves[0] + a.valves[1]
     return out
 
 
