@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from mpc.tracking.plan import Rung as Rung
     from mpc.tracking.qp.step import CompilingBeside as CompilingBeside
     from mpc.tracking.qp.step import SlowStep as SlowStep
-    from mpc.trials.loops import robust_weights as robust_weights
     from mpc.trials.many.entry import simulate_many as simulate_many
     from mpc.trials.many.runs import Runs as Runs
     from mpc.trials.margins import margins as margins
@@ -32,10 +31,11 @@ if TYPE_CHECKING:
     from mpc.trials.motions.reference import Reference as Reference
     from mpc.trials.motions.reference import sine as sine
     from mpc.trials.pictures.plotting import tracking_figure as tracking_figure
+    from mpc.trials.robust import robust_weights as robust_weights
     from mpc.trials.simulation import Run as Run
     from mpc.trials.simulation import simulate as simulate
     from mpc.tuning.draws import Spreads as Spreads
     from mpc.tuning.search import tune as tune
-    from mpc.yardsticks.baselines import NonlinearMPC as NonlinearMPC
+    from mpc.yardsticks.nonlinear import NonlinearMPC as NonlinearMPC
 else:
     __all__, __getattr__, __dir__ = face(__name__, __file__)

@@ -154,7 +154,7 @@ def track(
     from mpc.trials.loops import loop, margins_in_words, robust, sliding_margins
     from mpc.trials.motions.corrections import Owner, compared
     from mpc.trials.pictures.animation import save_animation
-    from mpc.trials.pictures.plotting import plot_margins, write_run
+    from mpc.trials.pictures.report import plot_margins, write_run
     from mpc.trials.simulation import simulate
 
     console = Console()
@@ -270,7 +270,7 @@ def _muscles(plant: "Plant") -> str:
 def _report(run: "Run", nominal: "Plant", known: "Compensation", reference: "Reference", console: "Console") -> None:
     """Print the plant, the trajectory and the errors of the run."""
     from mpc.trials.metrics import metrics
-    from mpc.trials.pictures.plotting import limits_of_reference, table_of
+    from mpc.trials.pictures.report import limits_of_reference, table_of
 
     figures = metrics(run)
     say(console, f"plant: {nominal.summary}")
@@ -294,8 +294,9 @@ def _tested(
     Friction and regulators of the plant's file are simulated, and the controller knows them.
     """
     from mpc.model.compensation import Compensation
-    from mpc.model.real import RealPlant, other_plant
+    from mpc.model.real import RealPlant
     from mpc.trials.loops import Settings
+    from mpc.trials.other_plant import other_plant
 
     if kind not in _PLANTS:
         raise MissingBackend("plant", kind, _PLANTS)

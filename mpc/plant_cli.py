@@ -173,7 +173,7 @@ class PlantOptions(MachineOptions):
 
         Raises `InvalidInput` for a --tuning without one for this controller.
         """
-        from mpc.trials.loops import Tuning
+        from mpc.trials.tuned import Tuning
 
         file = self.tuning or self.file
         tuning = None if file is None else Tuning.load(file)

@@ -20,7 +20,9 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.presentation.tables import number
 from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
-from mpc.arm.learning.task import Reaching, Task, Variation, Wiping
+from mpc.arm.learning.task import Reaching, Task
+from mpc.arm.learning.variation import Variation
+from mpc.arm.learning.wiping import Wiping
 from mpc.model.arm.model import Arm
 
 POPULATION, ELITE, EPISODES, EXAMINED = 40, 8, 6, 256

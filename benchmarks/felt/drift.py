@@ -13,7 +13,7 @@ from benchmarks.felt.hidden import DT
 from mpc import RealPlant
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.result import MeasuredStiffness
-from mpc.bench.measuring.session import driven
+from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.measuring.update import update
 from mpc.model.friction.contact import Loads

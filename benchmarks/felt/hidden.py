@@ -18,7 +18,8 @@ from mpc import Plant, RealPlant
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.log import from_log
 from mpc.bench.measuring.result import MeasuredStiffness
-from mpc.bench.measuring.session import Shaking, driven
+from mpc.bench.measuring.shaking import Shaking
+from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.safety import Stopped
 from mpc.model.compensation import Compensation

@@ -14,7 +14,7 @@ from benchmarks.felt.hidden import DT, Hidden, hidden, truth
 from mpc import Plant
 from mpc.bench.measuring.log import Samples, from_log
 from mpc.bench.measuring.result import MeasuredStiffness
-from mpc.bench.measuring.session import Process
+from mpc.bench.measuring.simulation import Process
 from mpc.bench.measuring.strengths import Known
 
 Motion = Literal["steps", "noise", "sine"]

@@ -22,7 +22,7 @@ from benchmarks.strangers.plants import STRUCTURES, Stranger, drawn, gain, settl
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.log import from_log
 from mpc.bench.measuring.result import Felt, MeasuredStiffness
-from mpc.bench.measuring.session import driven
+from mpc.bench.measuring.simulation import driven
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.safety import Stopped
 from mpc.tuning.draws import Spreads

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from allocator.files.atomic import write_text
 from mpc import tune
-from mpc.trials.loops import TUNABLE, Settings, Tuning, robust
+from mpc.trials.loops import Settings, robust
+from mpc.trials.tuned import TUNABLE, Tuning
 from mpc.tuning.draws import Spreads
 
 EVALUATIONS, DRAWS, SEED = 30, 6, 0

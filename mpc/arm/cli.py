@@ -110,7 +110,7 @@ def track_arm(
     from rich.console import Console
 
     from mpc.arm.experiments import arriving
-    from mpc.arm.picture import SIZES, Film
+    from mpc.arm.film import SIZES, Film
     from mpc.model.arm.bodies import Bodies
     from mpc.repetition.practice import practise
     from mpc.trials.files import check_recordable
@@ -118,7 +118,7 @@ def track_arm(
     from mpc.trials.metrics import metrics
     from mpc.trials.motions.corrections import Owner, compared, digest_of
     from mpc.trials.pictures.animation import ENDINGS, check_film
-    from mpc.trials.pictures.plotting import limits_of_reference, plot_margins, table_of, write_run
+    from mpc.trials.pictures.report import limits_of_reference, plot_margins, table_of, write_run
     from mpc.trials.simulation import in_motion, simulate
 
     console = Console()

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from mpc.bench.devices.simulated import SimulatedDevice as SimulatedDevice
     from mpc.bench.loop import RealTimeLoop as RealTimeLoop
     from mpc.bench.loop import replay as replay
+    from mpc.bench.measuring.due import check_due as check_due
     from mpc.bench.measuring.experiment import Tones as Tones
     from mpc.bench.measuring.log import Samples as Samples
     from mpc.bench.measuring.log import from_log as from_log
@@ -22,14 +23,13 @@ if TYPE_CHECKING:
     from mpc.bench.measuring.result import MeasuredStiffness as MeasuredStiffness
     from mpc.bench.measuring.result import plot_measured as plot_measured
     from mpc.bench.measuring.session import Told as Told
-    from mpc.bench.measuring.session import driven as driven
     from mpc.bench.measuring.session import measure as measure
     from mpc.bench.measuring.session import shake as shake
+    from mpc.bench.measuring.simulation import driven as driven
     from mpc.bench.measuring.strengths import Known as Known
-    from mpc.bench.measuring.strengths import Weight as Weight
-    from mpc.bench.measuring.update import check_due as check_due
     from mpc.bench.measuring.update import combined as combined
     from mpc.bench.measuring.update import update as update
+    from mpc.bench.measuring.weighing import Weight as Weight
     from mpc.bench.safety import SafeStop as SafeStop
     from mpc.bench.safety import SoftStart as SoftStart
     from mpc.bench.safety import Watchdog as Watchdog

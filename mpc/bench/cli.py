@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from mpc.bench.cycle import Cycle
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
-    from mpc.bench.rows import Lateness, Row
+    from mpc.bench.record import Lateness
+    from mpc.bench.rows import Row
     from mpc.bench.safety import Ending
     from mpc.model.machine import Machine
     from mpc.trials.motions.reference import Reference
@@ -80,8 +81,8 @@ def run_command(
     """
     from rich.console import Console
 
-    from mpc.bench.logs import compared, finished, read, repeat
     from mpc.bench.loop import RealTimeLoop
+    from mpc.bench.repeating import compared, finished, read, repeat
     from mpc.repetition.learner import Course
     from mpc.repetition.response import responses
     from mpc.trials.files import check_recordable, reference_called
@@ -89,7 +90,7 @@ def run_command(
     from mpc.trials.loops import loop, margins_in_words, robust
     from mpc.trials.metrics import out_of_reach
     from mpc.trials.motions.corrections import Owner
-    from mpc.trials.pictures.plotting import reach_in_words
+    from mpc.trials.pictures.report import reach_in_words
 
     console = Console()
     finite("--settle", settle, "s")
@@ -323,7 +324,7 @@ def _write(record: "Record", files: list[Path], journal: Path | None, hand: "End
     """Write the other files, and remove a journal that --out does not name."""
     from mpc.bench.cycle import Phase
     from mpc.trials.files import is_recording
-    from mpc.trials.pictures.plotting import write_run
+    from mpc.trials.pictures.report import write_run
 
     settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
     for path in files:
@@ -337,9 +338,9 @@ def _write(record: "Record", files: list[Path], journal: Path | None, hand: "End
 
 def _report(record: "Record", console: "Console") -> None:
     """Print the ending, the errors, and whether the strengths need a check."""
-    from mpc.bench.measuring.update import check_due
+    from mpc.bench.measuring.due import check_due
     from mpc.model.plant import Plant
-    from mpc.trials.pictures.plotting import table_of_errors
+    from mpc.trials.pictures.report import table_of_errors
 
     say_ending(record.ending, record.lateness, console)
     if not (record.tracked and record.controlled):

@@ -26,7 +26,8 @@ from allocator.calculus import Value
 from allocator.errors import CannotWrite
 from allocator.identification.encoder import remark
 from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
-from mpc.bench.rows import Lateness, Pressures, Recorder, Row, Sheet
+from mpc.bench.record import Lateness, Recorder
+from mpc.bench.rows import Pressures, Row, Sheet
 from mpc.bench.safety import Action, Ending, Guard, Reason, RefusedStart, SafeStop, SoftStart, Stopped, Watchdog
 from mpc.bench.stops import Stops, said
 from mpc.model.machine import Machine

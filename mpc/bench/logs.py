@@ -3,16 +3,11 @@
 A log is the CSV of `mpc.bench.rows`, in SI units. `read_log` accepts one that ends in the middle of a line. The
 samples of a log under control make a `Run`, for the same metrics, pictures and recordings as those of simulations: its
 states are measured, or estimated if they are not measured.
-
-A motion is learned on a device with a safe stop between the repetitions. The first repetition is not recorded: it gives
-all others the same initial memory of the joint's hysteresis. Nothing is learned while a loop runs.
 """
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,13 +15,12 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.units import DEG
 from mpc.bench.cycle import Phase
-from mpc.bench.rows import INTEGERS, Column, Columns, Lateness, Sheet
-from mpc.bench.safety import Ending, Reason
+from mpc.bench.record import Lateness
+from mpc.bench.rows import INTEGERS, Column, Columns, Sheet
+from mpc.bench.safety import Ending
 from mpc.model.machine import Machine
-from mpc.repetition.learner import Course, Learner, Repetition
 from mpc.trials.files import save_recording
 from mpc.trials.metrics import Errors, errors_of
-from mpc.trials.motions.reference import Reference
 from mpc.trials.simulation import Run
 
 
@@ -160,63 +154,3 @@ def _numbers(path: str | Path, number: int, line: str, n: int, whole: list[int])
     if any(not abs(values[i]) < _MOST or values[i] % 1 for i in whole):
         raise InvalidFile(path, "has a phase, count or status that is no whole number", line=number)
     return values
-
-
-class Repeated(NamedTuple):
-    """Records of the first, the best and the last repetition; a loop that ended early is the last one."""
-
-    first: Record | None
-    best: Record | None
-    last: Record
-
-
-def repeat(
-    drive: Callable[[Reference], Record],
-    learner: Learner,
-    *,
-    age: float = 0.0,
-    progress: Callable[[Repetition], None] = lambda done: None,
-) -> Repeated:
-    """Repeat the motion of `learner` on a device until learning ends, or until a loop does not finish.
-
-    `drive` runs one loop along a reference and returns its record. `age` [s] is the age of the angle's readings.
-    `progress` is called after each recorded repetition.
-    """
-    last, first, best = drive(learner.reference), None, None
-    while finished(last) and not learner.done:
-        last = drive(learner.reference)
-        if not finished(last):
-            break
-        found = learner.learn(read(last, learner.course, age))
-        wanted = compared(last, learner.course)
-        first = wanted if first is None else first
-        best = wanted if best is None or found is learner.best else best
-        progress(found)
-    return Repeated(first, best, last)
-
-
-def finished(record: Record) -> bool:
-    """Return whether a loop reached the end of its reference."""
-    return record.ending.reason is Reason.FINISHED
-
-
-def read(record: Record, course: Course, age: float) -> Array:
-    """Return the angles (M,) [rad] at the samples of the reference, from readings that are `age` [s] old."""
-    t, late, at, theta = record.where("t", "late", "read_at", "theta", phases=(Phase.RUN,))
-    began = t[0] - late[0]
-    when = np.where(np.isfinite(at), at, t) - began
-    seen = np.isfinite(theta)
-    wanted = course.wanted.t[: course.count] - course.wanted.t[0]
-    return np.asarray(np.interp(wanted, when[seen] - age, theta[seen]))
-
-
-def compared(record: Record, course: Course) -> Record:
-    """Return the record with the desired angles in place of the corrected reference."""
-    columns = dict(record.columns)
-    here = np.isin(columns["phase"], (Phase.SETTLE, Phase.RUN))
-    running = columns["phase"] == Phase.RUN
-    due = columns["t"] - columns["late"]
-    began = due[running][0] if running.any() else np.inf
-    theta_ref = columns["theta_ref"].copy()
-    theta_ref[here] = np.interp(due[here] - began, course.wanted.t - course.wanted.t[0], course.wanted.theta)
-    return replace(record, columns=columns | {"theta_ref": theta_ref})

@@ -144,7 +144,7 @@ def _on_device(
     Return the measurements and the exit code. All rests are checked before the first motion.
     """
     from mpc.bench.measuring.session import Told, measure, shake
-    from mpc.bench.measuring.strengths import Weight
+    from mpc.bench.measuring.weighing import Weight
 
     settings, found = bench.settings(options), []
     opened = bench.opened(options)

@@ -61,7 +61,8 @@ class ControllerOptions(PlantOptions):
         from mpc.observer.kalman import KalmanObserver
         from mpc.tracking.controller import TrackingMPC
         from mpc.tracking.cost import CALM
-        from mpc.trials.loops import Settings, robust_weights
+        from mpc.trials.loops import Settings
+        from mpc.trials.robust import robust_weights
 
         if several := self.of_several:
             s = Settings(self.arm(), compensation=self.compensation_of_arm(), weights=CALM, noise=CALM_NOISE)
@@ -160,8 +161,8 @@ def fmu_command(
     ] = False,
 ) -> None:
     """Write plant.fmu and controller.fmu (FMI 3.0 co-simulation), for Simulink and other tools."""
+    from mpc.export.building import check
     from mpc.export.fmu import PLATFORMS, checked, export_controller_fmu, export_plant_fmu
-    from mpc.export.parts import check
 
     if source_only and platforms is not None:
         raise InvalidInput("--source-only and --platforms: give one of the two")

@@ -7,6 +7,7 @@ from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from mpc.export import text
+from mpc.export.building import check, write
 from mpc.export.controller.demonstration import allocation_lines, allocation_table, arm_readme, control_lines, readme
 from mpc.export.controller.model import arm_functions, joint_functions
 from mpc.export.controller.sizes import check_pair, control_files, sizes_of
@@ -18,7 +19,7 @@ from mpc.export.mechanism import (
     mechanism_lines,
     mechanism_sizes,
 )
-from mpc.export.parts import Files, allocation_files, check, copied, is_single, kernel_functions, model_files, write
+from mpc.export.parts import Files, allocation_files, copied, is_single, kernel_functions, model_files
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant

@@ -29,8 +29,9 @@ from allocator.compilation.printer import number
 from allocator.errors import InvalidInput
 from allocator.files.atomic import replacing
 from mpc.export import text
+from mpc.export.building import compile_c, write
 from mpc.export.entry import controller_files, pair
-from mpc.export.parts import Files, compile_c, copied, names_of, write
+from mpc.export.parts import Files, copied, names_of
 from mpc.export.plant import plant_files, real_machine, start_of
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant

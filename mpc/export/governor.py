@@ -9,7 +9,8 @@ from allocator.calculus import Array
 from allocator.compilation.printer import REAL, ArrayKind, Kind, Outside, StructKind, c_functions
 from allocator.errors import InvalidInput
 from mpc.export import text
-from mpc.export.parts import Files, build_words, check, copied, filled, is_single, machine_words, model_files, write
+from mpc.export.building import check, write
+from mpc.export.parts import Files, build_words, copied, filled, is_single, machine_words, model_files
 from mpc.governor import Interval, PressureGovernor, kernel
 from mpc.governor.model import ends
 

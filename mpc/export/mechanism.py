@@ -26,19 +26,9 @@ from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
 from allocator.mechanism.formulas import map_function
 from mpc.export import text
+from mpc.export.building import check, write
 from mpc.export.joint import C_NAMES, Numbers
-from mpc.export.parts import (
-    Files,
-    Functions,
-    build_words,
-    check,
-    copied,
-    filled,
-    is_single,
-    machine_words,
-    model_files,
-    write,
-)
+from mpc.export.parts import Files, Functions, build_words, copied, filled, is_single, machine_words, model_files
 
 _FREE = 4 * np.pi  # [rad] of a joint without end stops
 _SEED = 19  # of the demonstration's targets

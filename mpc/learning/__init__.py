@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from mpc.arm.learning.plant import Wall as Wall
     from mpc.arm.learning.task import Reaching as Reaching
     from mpc.arm.learning.task import Task as Task
-    from mpc.arm.learning.task import Variation as Variation
-    from mpc.arm.learning.task import Wiping as Wiping
+    from mpc.arm.learning.variation import Variation as Variation
+    from mpc.arm.learning.wiping import Wiping as Wiping
     from mpc.repetition.learner import Learner as Learner
     from mpc.repetition.learner import Reason as Reason
     from mpc.repetition.practice import Practice as Practice

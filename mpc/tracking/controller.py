@@ -53,7 +53,7 @@ from mpc.model.plant import Plant
 from mpc.tracking.base import BaseController, Optimised, Situation
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
-from mpc.tracking.cost import Weights, terminal_factor
+from mpc.tracking.cost import Weights
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import LONGEST_HORIZON
 from mpc.tracking.plan import Plan, PlanStatus, Rung
@@ -61,6 +61,7 @@ from mpc.tracking.qp.condense import NamedQP, TrackingProblem, condense, named, 
 from mpc.tracking.qp.solvers import Riccati, Solver
 from mpc.tracking.qp.solvers import solver as solver_of
 from mpc.tracking.qp.step import QPAnswer
+from mpc.tracking.terminal import terminal_factor
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.sample.whole import WholeStep  # which imports numba

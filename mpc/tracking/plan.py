@@ -3,8 +3,6 @@
 Each status has one origin: `BAD_INPUT` and `BLIND` from the inputs (`mpc.tracking.preview.Task.halted`), `RESTING` from
 the rest mode (`mpc.tracking.rest`), `OPTIMAL`, `UNSOLVED` and `REFUSED` from the QP's proof
 (`mpc.tracking.qp.step`), `LATE` from the clock; `status_of` combines them.
-
-Objects with attributes computed on first access, so a control step does not pay for unread results.
 """
 
 from collections.abc import Callable
@@ -17,7 +15,7 @@ from allocator.units import BAR
 
 
 class Deferred:
-    """Object that computes its deferred attributes on first access."""
+    """Object that computes its deferred attributes on first access, so a control step does not pay for unread ones."""
 
     _put_off: ClassVar[tuple[str, ...]] = ()  # names of the deferred attributes
 

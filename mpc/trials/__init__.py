@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from allocator.faces import face
 
 if TYPE_CHECKING:
-    from mpc.model.real import other_plant as other_plant
     from mpc.observer.filter import CALM_NOISE as CALM_NOISE
     from mpc.tracking.cost import CALM as CALM
     from mpc.trials.files import load_recording as load_recording
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from mpc.trials.motions.trajectories import rested_sine as rested_sine
     from mpc.trials.motions.trajectories import steps as steps
     from mpc.trials.motions.trajectories import usual_stiffness as usual_stiffness
+    from mpc.trials.other_plant import other_plant as other_plant
     from mpc.trials.pictures.plotting import save_tracking_figure as save_tracking_figure
     from mpc.trials.simulation import in_motion as in_motion
     from mpc.yardsticks.baselines import FeedForwardControl as FeedForwardControl

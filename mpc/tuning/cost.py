@@ -28,10 +28,11 @@ from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.units import BAR, DEG
 from mpc.model.real import Real
-from mpc.trials.loops import Settings, Tuning
+from mpc.trials.loops import Settings
 from mpc.trials.many.entry import Compiled, Loop, runs
 from mpc.trials.margins import ROBUST, Margins
 from mpc.trials.simulation import Run
+from mpc.trials.tuned import Tuning
 from mpc.tuning.draws import Spreads, draws, payloads
 from mpc.tuning.robustness import Listening, quick_loop
 from mpc.tuning.tour import Tour

@@ -10,7 +10,7 @@ from allocator.files.atomic import write_text
 from allocator.files.text import FilePath
 from allocator.files.toml import Table
 from allocator.presentation.tables import html_table
-from mpc.trials.loops import TABLE, Tuning
+from mpc.trials.tuned import TABLE, Tuning
 from mpc.tuning.cost import OF_DRAWS, Evaluation, Problem
 
 WORTH = 0.1  # share of the objective; a smaller gain on draws was a loss on joints of other structures

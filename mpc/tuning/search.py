@@ -19,8 +19,9 @@ from allocator.errors import InvalidInput, MissingBackend
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine, check_machine
-from mpc.trials.loops import Settings, Tuning, parameters_of, robust
+from mpc.trials.loops import Settings, robust
 from mpc.trials.margins import ROBUST
+from mpc.trials.tuned import Tuning, parameters_of
 from mpc.tuning.cost import Evaluation, Problem
 from mpc.tuning.draws import Spreads
 from mpc.tuning.result import Tuned

@@ -8,7 +8,8 @@ from benchmarks.strangers import tuned as kept
 from benchmarks.strangers.identified import data_sheet
 from benchmarks.strangers.plants import TUNING, drawn
 from mpc import tune
-from mpc.trials.loops import Settings, Tuning
+from mpc.trials.loops import Settings
+from mpc.trials.tuned import Tuning
 from mpc.tuning.draws import Spreads, draws, payloads
 
 K = 5.0

@@ -8,8 +8,8 @@ import pytest
 
 from allocator import BAR
 from mpc import Plant, Weights
-from mpc.tracking.cost import terminal_factor
 from mpc.tracking.feedforward import InverseDynamics
+from mpc.tracking.terminal import terminal_factor
 
 DEFAULT = Weights()
 

@@ -24,8 +24,9 @@ from benchmarks.speed.acados.library import MOST, TOLERANCE
 from mpc import PlanStatus, Plant, Rung, Weights
 from mpc.model.compensation import Compensation
 from mpc.tracking.base import BaseController, Optimised, Situation
-from mpc.tracking.cost import diagonal, terminal_factor
+from mpc.tracking.cost import diagonal
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
+from mpc.tracking.terminal import terminal_factor
 
 NX, NV = 6, 2
 CONDENSED = 4  # stages to one of the QP; at N = 20 the fastest of 1, 2, 4 and all, in a run each

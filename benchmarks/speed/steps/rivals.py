@@ -10,11 +10,11 @@ from allocator.calculus import Array
 from allocator.units import BAR
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import Plan, PlanStatus, Plant, Rung, Weights
-from mpc.tracking.cost import terminal_factor
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.plan import Times
-from mpc.tracking.qp.solvers import QP
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.terminal import terminal_factor
 
 _NAMES = ("theta", "omega", "K", "u1", "u2", "before1", "before2", "d")  # time-varying parameters
 _COST = 1e2  # [cost] per unit of do-mpc's objective: with more, IPOPT stops before small errors matter

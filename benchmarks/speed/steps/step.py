@@ -18,10 +18,11 @@ from benchmarks.speed.steps.loop import DT, Loop, closed_loop
 from benchmarks.speed.steps.rivals import CvxpyOSQP, DoMPC
 from benchmarks.speed.truth import BenchmarkFailure
 from mpc import Plant, TrackingMPC
-from mpc.tracking.qp.solvers import QP, solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
 from mpc.tracking.qp.step import certified
 from mpc.trials.simulation import Controller
-from mpc.yardsticks.baselines import NonlinearMPC
+from mpc.yardsticks.nonlinear import NonlinearMPC
 
 PART = "control"
 CLOSE = 2e-3 * BAR  # [Pa] tolerance of equal commands

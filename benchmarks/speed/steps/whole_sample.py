@@ -18,7 +18,7 @@ from benchmarks.speed.truth import BenchmarkFailure
 from mpc import KalmanObserver, RealPlant, TrackingMPC, simulate
 from mpc.tracking.plan import Plan
 from mpc.trials.simulation import Run
-from mpc.yardsticks.baselines import NonlinearMPC
+from mpc.yardsticks.nonlinear import NonlinearMPC
 
 PART, N = "sample", 20
 DURATION = 3.0  # [s]

@@ -25,7 +25,8 @@ from allocator.presentation.progress import waiting
 from allocator.units import BAR
 from mpc.arm.learning.actions import KINDS, Governor, governor_of, within
 from mpc.arm.learning.plant import ArmBatch, VariedArm
-from mpc.arm.learning.task import Batch, Reaching, Task, Wiping
+from mpc.arm.learning.task import Batch, Reaching, Task
+from mpc.arm.learning.wiping import Wiping
 
 if TYPE_CHECKING:
     from mpc.arm.picture import Camera

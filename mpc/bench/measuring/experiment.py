@@ -26,7 +26,8 @@ from allocator.units import BAR, DEG
 from mpc.bench.cycle import Decision, Phase, Tick
 from mpc.bench.measuring.driving import CAUTIOUS, QUICK, Driver, Late, Refused, Search, Wave, resting, room
 from mpc.bench.measuring.loops import Tone
-from mpc.bench.measuring.strengths import APART, USABLE, Weight
+from mpc.bench.measuring.strengths import APART, USABLE
+from mpc.bench.measuring.weighing import Weight
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 

@@ -42,8 +42,8 @@ from allocator.identification.recording import stretches
 from allocator.joint.felt import Loop
 from allocator.units import DEG
 from mpc.bench.logs import read_log
-from mpc.bench.measuring.loops import SPRINGS, solved, stop
 from mpc.bench.measuring.result import Felt, MeasuredStiffness
+from mpc.bench.measuring.springs import SPRINGS, solved, stop
 from mpc.bench.measuring.strengths import Known, why_implausible
 from mpc.model.plant import Plant
 

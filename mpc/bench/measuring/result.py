@@ -18,22 +18,20 @@ from allocator.presentation.plotting import legend_below, new_figure
 from allocator.units import BAR, DEG
 from mpc.bench.measuring.driving import Findings
 from mpc.bench.measuring.experiment import Tones
-from mpc.bench.measuring.loops import SPRINGS, Tone, backbone, secant
+from mpc.bench.measuring.loops import Tone
+from mpc.bench.measuring.springs import SPRINGS, backbone, secant
 from mpc.bench.measuring.strengths import (
     LOSSY,
     WIDER,
     Known,
     Load,
-    Scale,
     Solution,
-    disagreement,
-    scale_of,
     solve,
-    weighed,
     why_implausible,
     why_not,
     why_rubber,
 )
+from mpc.bench.measuring.weighing import Scale, disagreement, scale_of, weighed
 from mpc.model.plant import Plant
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ from allocator import allocate, stiffness_interval
 from allocator.calculus import Array
 from allocator.joint.antagonist import AntagonistJoint
 from mpc.export import text
-from mpc.export.controller.recursions import COMPILER, certificate, exchanges_in, items_in
+from mpc.export.controller.certificate import COMPILER, certificate
+from mpc.export.controller.recursions import exchanges_in, items_in
 from mpc.export.controller.tuning import tuning_numbers
 from mpc.export.parts import build_words, filled, machine_words
 from mpc.model.arm.model import Arm

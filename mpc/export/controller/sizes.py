@@ -21,6 +21,7 @@ from allocator.compilation.printer import (
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.export import text
+from mpc.export.controller.certificate import COMPILER, certificate
 from mpc.export.controller.demonstration import control_tables
 from mpc.export.controller.model import (
     check_frictions,
@@ -29,7 +30,7 @@ from mpc.export.controller.model import (
     friction_tables,
     variational_of,
 )
-from mpc.export.controller.recursions import COMPILER, certificate, items_in, recursion_files
+from mpc.export.controller.recursions import items_in, recursion_files
 from mpc.export.controller.tuning import tuning_constants, tuning_definition
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied

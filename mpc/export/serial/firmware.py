@@ -21,9 +21,10 @@ from allocator.units import BAR
 from mpc.bench.devices import serial_protocol as protocol
 from mpc.bench.devices.serial_protocol import Field, Sizes
 from mpc.export import text
+from mpc.export.building import check, write
 from mpc.export.entry import controller_files, pair
 from mpc.export.joint import Numbers
-from mpc.export.parts import Files, check, copied, filled, is_single, names_of, write
+from mpc.export.parts import Files, copied, filled, is_single, names_of
 from mpc.export.plant import plant_files, real_machine, start_of
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import AntagonistError, InvalidInput
-from mpc.export.parts import compile_c, write
+from mpc.export.building import compile_c, write
 from mpc.export.serial.firmware import Safety, board_files, simulated_machine
 from mpc.model.machine import Machine
 from mpc.model.real_experiment import RealMachine

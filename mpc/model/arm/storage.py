@@ -15,7 +15,7 @@ coulomb = [0.5, 0.2]           # [N·m]
 presliding = 0.0087            # [rad]
 
 and those of the regulators, the sensors and a tuning, as in the file of a joint (`mpc.model.storage`,
-`mpc.trials.loops`).
+`mpc.trials.tuned`).
 """
 
 from dataclasses import fields

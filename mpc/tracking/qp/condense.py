@@ -36,7 +36,7 @@ from mpc.tracking.cost import Rows, Weights, charged, diagonal
 from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Linearisation
-from mpc.tracking.qp.solvers import QP
+from mpc.tracking.qp.programme import QP
 
 SLACKS = 2  # s and s_F, the last decisions
 

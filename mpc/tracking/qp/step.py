@@ -22,7 +22,8 @@ from mpc.tracking.feedforward import FeedForward
 from mpc.tracking.linearise import Linearisation, Motion, Predictor
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.condense import SLACKS, TrackingProblem, condense
-from mpc.tracking.qp.solvers import QP, Riccati, Solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import Riccati, Solver
 
 if TYPE_CHECKING:
     from mpc.tracking.compiled.structured_qp.structured import StructuredQP

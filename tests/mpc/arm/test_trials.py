@@ -11,16 +11,17 @@ import pytest
 from allocator import BAR, allocate
 from allocator.errors import CannotWrite, InvalidInput, MissingBackend
 from allocator.mechanism import Endpoint
-from mpc.arm import picture as filming
+from mpc.arm import film as filming
+from mpc.arm.film import Film
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.picture import Film
 from mpc.model.arm.model import Arm
 from mpc.trials.files import save_run
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.arm_trajectories import circle, draw, reference, usual_stiffness
 from mpc.trials.pictures.animation import check_film
-from mpc.trials.pictures.plotting import limits_of_reference, tracking_figure
+from mpc.trials.pictures.plotting import tracking_figure
+from mpc.trials.pictures.report import limits_of_reference
 from mpc.trials.simulation import Run
 
 ARM = Arm.machine("arm26")

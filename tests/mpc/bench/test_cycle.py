@@ -403,7 +403,7 @@ def test_a_disk_that_fills_up_ends_the_loop_and_leaves_whole_lines(bench, tmp_pa
         return write(file, taken)
 
     loop = bench.loop(log=tmp_path / "log.csv")
-    monkeypatch.setattr("mpc.bench.rows.os.write", limited)
+    monkeypatch.setattr("mpc.bench.record.os.write", limited)
     record = loop.run()
     assert record.ending.reason is Reason.LOG
     ended_safely(bench)

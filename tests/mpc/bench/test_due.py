@@ -7,7 +7,7 @@ import pytest
 
 from allocator import DEG, InvalidInput, PrandtlIshlinskii
 from mpc import RealPlant, simulate
-from mpc.bench.measuring.update import check_due, imbalance
+from mpc.bench.measuring.due import check_due, imbalance
 from mpc.tracking.cost import CALM
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.reference import Reference

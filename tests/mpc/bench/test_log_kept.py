@@ -12,7 +12,8 @@ from allocator.errors import CannotWrite, InvalidInput
 from mpc.bench.device import DeviceLost, Reading
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log
-from mpc.bench.rows import Recorder, Row
+from mpc.bench.record import Recorder
+from mpc.bench.rows import Row
 from mpc.bench.safety import RefusedStart
 from mpc.cli import app
 
@@ -91,7 +92,7 @@ def test_a_disk_that_is_full_is_noticed_before_anything_moves_and_costs_no_log(b
     def full(file, data):
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr("mpc.bench.rows.os.write", full)
+    monkeypatch.setattr("mpc.bench.record.os.write", full)
     with pytest.raises(CannotWrite, match="No space left"):
         bench.loop(log=log, replace=True).run()
     assert (log.read_text(), bench.device.commands) == (OLD, [])

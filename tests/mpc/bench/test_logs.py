@@ -15,7 +15,8 @@ from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log, run_of
 from mpc.bench.loop import RealTimeLoop, Tracking, replay
 from mpc.bench.measuring.log import read_log_of_motion
-from mpc.bench.rows import JOINT, Lateness, Row, Sheet
+from mpc.bench.record import Lateness
+from mpc.bench.rows import JOINT, Row, Sheet
 from mpc.bench.safety import SoftStart, Watchdog
 from mpc.explorer.server import frames
 from mpc.model.arm.model import Arm

@@ -18,11 +18,14 @@ from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.loop import about
 from mpc.bench.measuring.driving import Driver, Search, Wave, room
 from mpc.bench.measuring.experiment import Experiment, Tones
-from mpc.bench.measuring.loops import backbone, secant, stop, tone_of
+from mpc.bench.measuring.loops import tone_of
 from mpc.bench.measuring.result import MeasuredStiffness, plot_measured
-from mpc.bench.measuring.session import Told, driven, encoder_step, measure, result_of
-from mpc.bench.measuring.strengths import Known, Load, Weight, solve
+from mpc.bench.measuring.session import Told, encoder_step, measure, result_of
+from mpc.bench.measuring.simulation import driven
+from mpc.bench.measuring.springs import backbone, secant, stop
+from mpc.bench.measuring.strengths import Known, Load, solve
 from mpc.bench.measuring.update import combined, strengthened, update
+from mpc.bench.measuring.weighing import Weight
 from mpc.model.friction.contact import Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip

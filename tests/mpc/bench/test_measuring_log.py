@@ -12,7 +12,8 @@ from mpc.bench.cycle import Phase, Tick
 from mpc.bench.device import Reading, SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.measuring.log import Samples, from_log, read_log_of_motion
-from mpc.bench.measuring.session import Shaking, Told, shake
+from mpc.bench.measuring.session import Told, shake
+from mpc.bench.measuring.shaking import Shaking
 from mpc.bench.measuring.strengths import Known
 from mpc.bench.measuring.update import combined
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from allocator.units import DEG
-from mpc.bench.logs import compared, finished, read, repeat
 from mpc.bench.loop import RealTimeLoop
+from mpc.bench.repeating import compared, finished, read, repeat
 from mpc.observer.base import Differentiator
 from mpc.repetition.learner import Learner
 from mpc.repetition.response import Response

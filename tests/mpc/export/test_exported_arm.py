@@ -10,7 +10,7 @@ from allocator import InvalidInput
 from allocator.units import BAR, DEG
 from mpc import Arm, Compensation, KalmanObserver, PlanStatus, Rung, TrackingMPC, Weights
 from mpc.export import export, export_controller_fmu
-from mpc.export.controller.recursions import certificate
+from mpc.export.controller.certificate import certificate
 from mpc.model.faults import FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip

@@ -13,7 +13,7 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc import Compensation, KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, sine
 from mpc.export import export
-from mpc.export.controller.recursions import certificate
+from mpc.export.controller.certificate import certificate
 from mpc.export.controller.sizes import check_pair
 from mpc.model.faults import Fault, FrozenSensors, Leak, SilentSensors, StuckValve, SupplyDrop, WrongReadings
 from mpc.model.friction.dahl import Friction

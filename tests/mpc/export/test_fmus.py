@@ -20,8 +20,8 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_200N, SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
 from mpc import Arm, KalmanObserver, Plant, RealPlant, TrackingMPC, Weights, sine
 from mpc.cli import app
+from mpc.export.building import compiler
 from mpc.export.fmu import PLATFORMS, export_controller_fmu, export_plant_fmu, this_machine
-from mpc.export.parts import compiler
 from mpc.model.faults import StuckValve
 from mpc.model.friction.dahl import Friction
 from mpc.model.real import RealArm

@@ -11,8 +11,8 @@ from mpc.model.friction.dahl import Friction
 from mpc.observer import ringing
 from mpc.observer.health import FaultKind, Part, Reaction, Suspect
 from mpc.tracking.cost import Weights
-from mpc.trials.loops import robust_weights
 from mpc.trials.motions.trajectories import jumps, point_to_point, rested_sine, steps
+from mpc.trials.robust import robust_weights
 
 DT = 0.01
 REAL = RealPlant.standard()

@@ -20,7 +20,8 @@ from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.condense import SLACKS, condense
-from mpc.tracking.qp.solvers import QP, solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
 from mpc.tracking.qp.step import certified
 
 _EDGE = 0.15  # from an end of the joint range [rad]

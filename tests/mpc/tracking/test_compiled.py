@@ -11,13 +11,14 @@ from mpc import PlanStatus, Plant, TrackingMPC, Weights
 from mpc.tracking.compiled import module
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
-from mpc.tracking.cost import terminal_factor
 from mpc.tracking.feedforward import FeedForward, InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.condense import TrackingProblem, condense
-from mpc.tracking.qp.solvers import QP, solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, certified
+from mpc.tracking.terminal import terminal_factor
 
 RNG = np.random.default_rng(8)
 DAQP, RICCATI = solver("daqp"), solver("riccati")

@@ -11,7 +11,8 @@ from mpc.export import export
 from mpc.model.plant import NU, NX
 from mpc.tracking import cost
 from mpc.tracking.cost import NY, Residual, Rows, charges, diagonal, residuals
-from mpc.tracking.qp.solvers import QP, solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
 
 from ...rigs import toolchain as tools
 from ...rigs.needs import needs

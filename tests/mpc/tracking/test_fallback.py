@@ -16,7 +16,8 @@ from mpc.codegen.buffered import Buffered
 from mpc.tracking.fallback import Ladder
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.preview import BadNumbers
-from mpc.tracking.qp.solvers import QP, solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
 from mpc.yardsticks.baselines import FeedForwardControl, LQRControl, PIDControl, PredictivePIDControl
 
 pytestmark = pytest.mark.compiles

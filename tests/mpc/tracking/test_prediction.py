@@ -8,11 +8,11 @@ from allocator import BAR
 from mpc import Plant, Weights
 from mpc.codegen.buffered import Buffered
 from mpc.model.arm.model import Arm
-from mpc.tracking.cost import terminal_factor
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
 from mpc.tracking.qp.condense import TrackingProblem, condense, increments, sensitivity
+from mpc.tracking.terminal import terminal_factor
 from mpc.trials.margins import usual_postures
 
 DT, N = 0.01, 6

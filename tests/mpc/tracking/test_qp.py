@@ -7,7 +7,8 @@ import qpsolvers
 from allocator import MissingBackend
 from mpc import PlanStatus, Rung, TrackingMPC
 from mpc.model.plant import Plant
-from mpc.tracking.qp.solvers import QP, solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
 
 from ...rigs.certificates import unexplained
 

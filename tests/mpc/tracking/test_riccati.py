@@ -9,7 +9,8 @@ from scipy.linalg import block_diag
 from allocator import BAR, InvalidInput, report_joint
 from allocator.muscles import PolynomialMcKibben
 from mpc import Plant, Weights
-from mpc.tracking.cost import diagonal, middle, regulator, semidefinite_factor, solve_riccati, terminal_factor
+from mpc.tracking.cost import diagonal
+from mpc.tracking.terminal import middle, regulator, semidefinite_factor, solve_riccati, terminal_factor
 from mpc.yardsticks.baselines import LQRControl
 
 # fitted to measured forces; its stiffness does not depend on the pressure: B. Tondu, arXiv 2104.13167, (13) and (14)

@@ -8,7 +8,8 @@ import pytest
 
 from mpc import Plant, TrackingMPC
 from mpc.tracking.qp.condense import softened
-from mpc.tracking.qp.solvers import QP, solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import solver
 from tests.mpc.tracking.hard_limits import hard_solutions
 
 pytestmark = pytest.mark.compiles

@@ -10,7 +10,8 @@ import pytest
 from allocator import BAR, DEG, InvalidInput, MissingBackend
 from mpc import NonlinearMPC, PlanStatus, Plant, TrackingMPC
 from mpc.solvers import DAQP, IPOPT, OSQP, SCS, Clarabel, Fatrop, Riccati
-from mpc.tracking.qp.solvers import QP, Installed, solver
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import Installed, solver
 
 PLANT, REST = Plant(), Plant().at_rest(0.0, 7.6)
 TIGHT = {"name": "osqp", "eps_abs": 1e-9}

@@ -6,7 +6,7 @@ import pytest
 from allocator import BAR, report_joint
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N
 from mpc import Plant
-from mpc.model.real import STIFFNESS_BAND, other_plant
+from mpc.trials.other_plant import STIFFNESS_BAND, other_plant
 
 
 @pytest.mark.parametrize("muscle", [MUSCLES["tondu-dmsp-20-400n"], SAROSI_DMSP_20_400N], ids=lambda m: type(m).__name__)

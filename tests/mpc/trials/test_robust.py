@@ -9,10 +9,11 @@ from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc import Compensation, KalmanObserver, Noise, Plant, TrackingMPC, robust_weights
 from mpc.model.friction.dahl import Friction
 from mpc.tracking.cost import Weights
-from mpc.trials.loops import SLOWEST, Settings, _root, margins_in_words, robust
+from mpc.trials.loops import Settings, margins_in_words, robust
 from mpc.trials.margins import margins, usual_postures
 from mpc.trials.motions.reference import Reference
-from mpc.trials.pictures.plotting import plot_margins
+from mpc.trials.pictures.report import plot_margins
+from mpc.trials.robust import SLOWEST, _root
 
 pytestmark = pytest.mark.compiles
 

@@ -20,8 +20,9 @@ from mpc.model.compensation import USUAL_DEAD_TIME, Compensation
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.plant_cli import PlantOptions
-from mpc.trials.loops import Settings, Tuning, loop
+from mpc.trials.loops import Settings, loop
 from mpc.trials.margins import margins
+from mpc.trials.tuned import Tuning
 from mpc.tuning.draws import Spreads, draws, payloads
 from mpc.tuning.result import with_tuning
 from mpc.tuning.tour import Tour

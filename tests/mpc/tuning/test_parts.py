@@ -9,8 +9,9 @@ import pytest
 from allocator import BAR, InvalidFile, InvalidInput
 from allocator.errors import MissingBackend
 from mpc import Compensation, Plant
-from mpc.trials.loops import TUNABLE, Settings, Tuning, loop
+from mpc.trials.loops import Settings, loop
 from mpc.trials.margins import Margins
+from mpc.trials.tuned import TUNABLE, Tuning
 from mpc.tuning.cost import Evaluation, Figures
 from mpc.tuning.draws import LEAST, Spreads, draws, payloads
 from mpc.tuning.result import Tuned, with_tuning

@@ -14,8 +14,9 @@ from allocator.errors import MissingBackend
 from mpc import Compensation, Plant, tune
 from mpc.cli import app
 from mpc.model.storage import save_plant
-from mpc.trials.loops import Settings, Tuning, loop
+from mpc.trials.loops import Settings, loop
 from mpc.trials.margins import linear, margins
+from mpc.trials.tuned import Tuning
 from mpc.tuning.cost import THROWN
 from mpc.tuning.picture import plot_tuned
 from mpc.tuning.robustness import Listening

@@ -16,7 +16,7 @@ from allocator.muscles.uncertainty import force_std
 from allocator.units import BAR
 from mpc.arm.learning.mujoco_batch import MujocoBatch
 from mpc.arm.learning.plant import ArmBatch, VariedArm
-from mpc.arm.learning.task import Variation
+from mpc.arm.learning.variation import Variation
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.tracking.qp.step import SlowStep

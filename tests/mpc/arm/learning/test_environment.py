@@ -13,7 +13,9 @@ from allocator.units import BAR
 from benchmarks.arm.unmodelled import machine
 from mpc.arm.learning.actions import BoxAndSlew, PostureAndStiffness, governor_of
 from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
-from mpc.arm.learning.task import Reaching, Task, Variation, Wiping
+from mpc.arm.learning.task import Reaching, Task
+from mpc.arm.learning.variation import Variation
+from mpc.arm.learning.wiping import Wiping
 from mpc.governor import PressureGovernor
 from mpc.model.arm.model import Arm
 

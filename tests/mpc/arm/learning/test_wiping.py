@@ -8,7 +8,8 @@ from allocator.mechanism.endpoint import Endpoint
 from mpc.arm.learning.actions import BoxAndSlew
 from mpc.arm.learning.environment import ArmEnvironment, ArmVectorEnvironment
 from mpc.arm.learning.plant import Wall
-from mpc.arm.learning.task import Variation, Wiping
+from mpc.arm.learning.variation import Variation
+from mpc.arm.learning.wiping import Wiping
 from mpc.model.arm.model import Arm
 
 pytestmark = pytest.mark.compiles

@@ -9,7 +9,7 @@ from mpc.model.arm.model import Arm
 from mpc.tracking import cost
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.controller import TrackingMPC, usual_blocks
-from mpc.tracking.cost import Weights, terminal_factor
+from mpc.tracking.cost import Weights
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.limits import Limits
 from mpc.tracking.linearise import Predictor
@@ -17,6 +17,7 @@ from mpc.tracking.plan import PlanStatus
 from mpc.tracking.qp.condense import TrackingProblem, condense
 from mpc.tracking.qp.solvers import DAQP, Riccati
 from mpc.tracking.qp.step import PreviousSample, ReadableQPStep, certified
+from mpc.tracking.terminal import terminal_factor
 
 pytestmark = pytest.mark.compiles
 

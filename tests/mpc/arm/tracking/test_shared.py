@@ -12,7 +12,8 @@ from mpc import Compensation, KalmanObserver, TrackingMPC
 from mpc.model.arm.model import Arm
 from mpc.model.friction.dahl import Friction
 from mpc.observer.gating import Verdict
-from mpc.tracking.qp.solvers import DAQP, QP
+from mpc.tracking.qp.programme import QP
+from mpc.tracking.qp.solvers import DAQP
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.arm_trajectories import hold
 from mpc.trials.simulation import simulate
