@@ -264,6 +264,13 @@ def test_changes_without_room_between_slew_and_supply_take_few_exchanges():
     assert found.unproved == 0
 
 
+def test_arcs_that_end_exactly_at_the_supply_take_few_exchanges():
+    """Their slews determine the last command, so that the supply holds with them instead of one of them."""
+    *_, found = hunted(2000, 20, seed=5)
+    assert max(found.exchanges) < 25  # 52, if the supply waits until the exchange lets it enter
+    assert found.unproved == 0
+
+
 BOUNDS_CHECKED = """
 import numpy as np
 from benchmarks.speed.worst_cases import arguments, hunted, random_situation

@@ -1,4 +1,4 @@
-"""Active set of the exchange, and the point at which it holds."""
+"""Active set of the exchange, the point at which it holds, and its changes: limits that enter and leave."""
 
 from typing import Annotated, NamedTuple
 
@@ -6,8 +6,18 @@ import numpy as np
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
+from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Path, Point, Setting, Signs
-from mpc.tracking.compiled.structured_qp.responses import Items, find_item, new_items, solve_items
+from mpc.tracking.compiled.structured_qp.responses import (
+    Items,
+    copy_item,
+    discard,
+    find_item,
+    new_items,
+    respond,
+    set_limit,
+    solve_items,
+)
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of, within
 from mpc.tracking.compiled.structured_qp.sizes import BOUND, FREE, GONE, HIGH, LOWER, NU, NX, NXI, RANGE, SPARE, UPPER
 from mpc.tracking.compiled.structured_qp.stage import advance
@@ -105,6 +115,85 @@ def walk(size: int, share: float, entering: float, a: Active) -> None:
         for i in range(NU):
             a.z[k, i] += share * a.dz[k, i]
             a.r[k, i] += share * a.dr[k, i]
+
+
+@inlined_flat
+def longest(bounded: Bounded, size: int, least: float, a: Active) -> tuple[int, int, int]:
+    """Set the last `step` to the length of the direction up to which no multiplier changes its sign; return the
+    blocking one: the number of an item, or -1 and a held change.
+    """
+    items, share, first, sample, muscle = a.items, HUGE, -1, 0, 0
+    for q in range(size):
+        step, multiplier = items.step[q], max(items.multiplier[q], 0.0)
+        if items.kind[q] != GONE and step < -least and multiplier < -share * step:
+            share, first = -multiplier / step, q
+    for k in range(a.r.shape[0]):
+        for i in range(NU):
+            if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
+                sign = 1.0 if a.held[k, i] < 0 else -1.0
+                pushed, change = max(sign * a.r[k, i], 0.0), sign * a.dr[k, i]
+                if change < -least and pushed < -share * change:
+                    share, first, sample, muscle = -pushed / change, -1, k, i
+    items.step[items.kind.size - 1] = share
+    return first, sample, muscle
+
+
+@inlined_flat
+def enter(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
+    """Let the entering item hold, and return the number of items then."""
+    items, last = a.items, a.items.kind.size - 1
+    kind, k, i, above = items.kind[last], items.sample[last], items.muscle[last], items.side[last]
+    if kind < RANGE and a.held[k, i] == FREE and abs(sweep.held[k, i]) == (UPPER if kind == BOUND else HIGH):
+        a.held[k, i] = above * (UPPER if kind == BOUND else HIGH)
+        a.r[k, i] = -above * items.multiplier[last]
+        if kind == BOUND:
+            a.z[k, i] = end_of(bounded, a.held[k, i], k, i)
+        return discard(size, find_item(GONE, k, i, size, items), items)
+    copy_item(last, size, size, items)
+    return size + 1
+
+
+@inlined_flat
+def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: int, a: Active) -> int:
+    """Release the item `q`, or for -1 the change `i` of the sample k; return the number of items."""
+    if q >= 0:
+        return discard(size, q, a.items)
+    add_gone(path, slack, sweep, k, i, size, a)
+    return size + 1
+
+
+@inlined_flat
+def release(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> int:
+    """Release a change of the base, move it to where it is not pushed, and return the number of items then."""
+    items = a.items
+    add_gone(path, slack, sweep, k, i, size, a)
+    for q in range(size + 1):
+        items.step[q] = -a.r[items.sample[q], items.muscle[q]] if items.kind[q] == GONE else 0.0
+    solve_items(size + 1, items)
+    direct(size + 1, False, a)
+    walk(size + 1, 1.0, 0.0, a)
+    return size + 1
+
+
+@inlined_flat
+def drop(size: int, q: int, a: Active) -> int:
+    """Remove a holding item while the others hold, and return the number of items then."""
+    items, last = a.items, a.items.kind.size - 1
+    copy_item(q, last, size, items)
+    size = discard(size, q, items)
+    find_step(size, a)
+    walk(size, -items.multiplier[last], -items.multiplier[last], a)
+    return size
+
+
+@inlined_flat
+def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> None:
+    """Release a change of the base, which becomes the next item."""
+    items = a.items
+    a.held[k, i] = FREE
+    set_limit(size, GONE, k, i, 0, items)
+    items.multiplier[size] = 0.0
+    respond(path, slack, sweep, size, size, items, a.xi)
 
 
 @inlined_flat

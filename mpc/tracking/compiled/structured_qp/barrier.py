@@ -226,12 +226,15 @@ def until(share: float, value: float, change: float) -> float:
 
 @inlined_flat
 def name_soft(least: float, sweep: Sweep, items: Items) -> int:
-    """Name items for the slacks that are not 0, and for the active soft rows; return their number."""
+    """Name items for the slacks that are not 0, and for the active soft rows, with their multipliers; return their
+    number.
+    """
     N, number, unit = sweep.v.shape[0], 0, width(BOUND)
     for j in range(2):
         wide = width(FORCE if j == 1 else RANGE) / unit
         if items.r[0, N, j] / items.z[0, N, j] * wide**2 <= least:
             set_limit(number, GONE, N, j, 0, items)
+            items.multiplier[number] = 0.0
             number += 1
     for k in range(N):
         for line in range(SIDES, LIMIT_LINES):
@@ -240,6 +243,7 @@ def name_soft(least: float, sweep: Sweep, items: Items) -> int:
                 there = kind < ALL and number < items.kind.size - SPARE
                 if there and items.r[line, k, i] / items.z[line, k, i] * (width(kind) / unit) ** 2 > least:
                     set_limit(number, kind, k, 0, 1, items)
+                    items.multiplier[number] = items.r[line, k, i]
                     number += 1
     return number
 
@@ -269,6 +273,7 @@ def hold_active(least: float, named: int, sweep: Sweep, items: Items) -> int:
             sweep.held[k, i] = slew * UPPER if slew != 0 else supply * HIGH
             if slew * supply > 0 and named < items.kind.size - SPARE:
                 set_limit(named, SUPPLY, k, i, supply, items)
+                items.multiplier[named] = items.r[2 if supply < 0 else 3, k, i]
                 named += 1
     return named
 

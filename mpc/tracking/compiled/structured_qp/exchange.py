@@ -1,7 +1,7 @@
 """Exchange of a sweep's held limits, one after the other, until they are those of the solution.
 
-First, the base takes the limits that it can hold, and items hold others that the barrier named. Of both, those that are
-pushed away from are released. Then violated limits enter, each with a multiplier t up to
+First, the base takes the limits that it can hold, and items hold others that the barrier named, with its multipliers.
+Those that are pushed away from are released. Then violated limits enter, each with a multiplier t up to
 
     full        that at which it holds:  t = violation / (-a·dz)
     partial     that at which another multiplier changes its sign: the other one leaves, and this one enters again
@@ -13,11 +13,24 @@ Optimization and Engineering 7, 2006). With CROWDED items, or before there is no
 present set as its base with the multipliers unchanged; only soft rows and slacks remain items.
 """
 
-from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
-from mpc.tracking.compiled.structured_qp.active import Active, direct, end, find_step, lead_on, take_base, walk
+from mpc.tracking.compiled.structured_qp.active import (
+    FLAT,
+    Active,
+    direct,
+    drop,
+    end,
+    enter,
+    find_step,
+    lead_on,
+    leave,
+    longest,
+    release,
+    take_base,
+    walk,
+)
 from mpc.tracking.compiled.structured_qp.certificate import (
     adjoint,
     gap,
@@ -31,7 +44,6 @@ from mpc.tracking.compiled.structured_qp.certificate import (
 from mpc.tracking.compiled.structured_qp.responses import (
     Items,
     copy_item,
-    discard,
     find_item,
     name_item,
     respond,
@@ -42,7 +54,7 @@ from mpc.tracking.compiled.structured_qp.responses import (
     solve_items,
     width,
 )
-from mpc.tracking.compiled.structured_qp.riccati import BREAKS, Sweep, backward, end_of, forward
+from mpc.tracking.compiled.structured_qp.riccati import BREAKS, Sweep, backward, forward
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUND, FREE, GONE, HIGH, NU, NX, RANGE, SUPPLY, UPPER
 from mpc.tracking.compiled.structured_qp.stage import curvature
 
@@ -50,6 +62,7 @@ CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
+REAL = 1e-6  # [-] of the multiplier of an item: a smaller change of another one is rounding
 ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells whether it is one
 
 
@@ -57,27 +70,51 @@ ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells wh
 def based(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, named: int, at: Point, sweep: Sweep, a: Active
 ) -> int:  # fmt: skip
-    """Make the changes that the sweep holds the base, let those of the `named` items hold that can, and return the
-    number of items.
+    """Make the changes that the sweep holds the base, let the `named` items hold with them, and return the number of
+    items.
     """
-    items, last, size = a.items, a.items.kind.size - 1, 0
+    N, items, last, size = path.A.shape[0], a.items, a.items.kind.size - 1, 0
     at.sigma[:], a.z[:], items.multiplier[last], items.known[0] = 0.0, 0.0, 0.0, 0
     set_limit(last, BOUND, 0, 0, 0, items)
-    swept(path, errors, setting, bounded, 0, at, sweep, a)
-    for q in range(named):
-        lead_on(path, at, a)
-        if items.kind[q] == GONE:
-            size = release(path, setting.slack, sweep, items.sample[q], items.muscle[q], size, a)
-            continue
-        name_item(q, last, items)
-        items.multiplier[last] = 0.0
-        respond(path, setting.slack, sweep, size, last, items, a.xi)
-        slope = find_step(size, a)
-        if slope > 0.0:
-            step = over(path, setting, bounded, last, items, at) / slope
-            walk(size, step, step, a)
-            copy_item(last, size, size, items)
-            size += 1
+    swept(path, errors, setting, bounded, named, at, sweep, a)
+    for q in range(named - 1, -1, -1):
+        if items.kind[q] >= RANGE:
+            a.r[N, slack_of(items.kind[q])] -= items.multiplier[q]
+        name_item(q, last - named + q, items)
+    for q in range(last - named, last):
+        size = admitted(path, setting, bounded, q, size, at, sweep, a)
+    return size
+
+
+@inlined
+def admitted(
+    path: Path, setting: Setting, bounded: Bounded, q: int, size: int, at: Point, sweep: Sweep, a: Active
+) -> int:  # fmt: skip
+    """Let the item `q` hold, and return the number of items then.
+
+    If what holds already determines it, such as the slews of an arc that ends exactly at the supply, one of these
+    leaves: the first whose multiplier becomes 0 while that of the item grows.
+    """
+    items, last = a.items, a.items.kind.size - 1
+    if items.kind[q] == GONE:
+        return release(path, setting.slack, sweep, items.sample[q], items.muscle[q], size, a)
+    name_item(q, last, items)
+    lead_on(path, at, a)
+    respond(path, setting.slack, sweep, size, last, items, a.xi)
+    slope, least = find_step(size, a), FLAT / setting.curvature
+    if slope <= least and size < q:
+        first, k, i = longest(bounded, size, REAL, a)
+        if items.step[last] < HUGE:  # the multiplier that becomes 0 may have the wrong sign: the barrier has rounded it
+            share = -a.r[k, i] / a.dr[k, i] if first < 0 else -items.multiplier[first] / items.step[first]
+            walk(size, share, share, a)
+            size = leave(path, setting.slack, sweep, size, first, k, i, a)
+            slope = find_step(size, a)
+    enters = slope > least and size <= q
+    step = over(path, setting, bounded, last, items, at) / slope if enters else -items.multiplier[last]
+    walk(size, step, step, a)
+    if enters:
+        copy_item(last, size, size, items)
+        size += 1
     items.multiplier[last] = 0.0
     return size
 
@@ -153,7 +190,7 @@ def stepped(
     """
     items, last = a.items, a.items.kind.size - 1
     slope = find_step(size, a)
-    q, k, i = longest(bounded, size, sweep, a)
+    q, k, i = longest(bounded, size, 0.0, a)
     share, full = items.step[last], violation / slope if slope > 0.0 else HUGE
     if not min(share, full) < HUGE:
         return -1, True, violation
@@ -254,40 +291,6 @@ def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Swe
 
 
 @inlined_flat
-def release(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> int:
-    """Release a change of the base, move it to where it is not pushed, and return the number of items then."""
-    items = a.items
-    add_gone(path, slack, sweep, k, i, size, a)
-    for q in range(size + 1):
-        items.step[q] = -a.r[items.sample[q], items.muscle[q]] if items.kind[q] == GONE else 0.0
-    solve_items(size + 1, items)
-    direct(size + 1, False, a)
-    walk(size + 1, 1.0, 0.0, a)
-    return size + 1
-
-
-@inlined_flat
-def drop(size: int, q: int, a: Active) -> int:
-    """Remove a holding item while the others hold, and return the number of items then."""
-    items, last = a.items, a.items.kind.size - 1
-    copy_item(q, last, size, items)
-    size = discard(size, q, items)
-    find_step(size, a)
-    walk(size, -items.multiplier[last], -items.multiplier[last], a)
-    return size
-
-
-@inlined_flat
-def add_gone(path: Path, slack: Array, sweep: Sweep, k: int, i: int, size: int, a: Active) -> None:
-    """Release a change of the base, which becomes the next item."""
-    items = a.items
-    a.held[k, i] = FREE
-    set_limit(size, GONE, k, i, 0, items)
-    items.multiplier[size] = 0.0
-    respond(path, slack, sweep, size, size, items, a.xi)
-
-
-@inlined_flat
 def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: Point, a: Active) -> float:
     """Set the entering item to the most violated bound, or row if there is none, and return the violation, 0.0 without
     any.
@@ -319,51 +322,6 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
                 violation, worst = broken, broken / wide
                 set_limit(last, kind, k, 0, 1, items)
     return violation
-
-
-@inlined_flat
-def longest(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> tuple[int, int, int]:
-    """Set the last `step` to the length of the direction up to which no multiplier changes its sign; return the
-    blocking one: the number of an item, or -1 and a held change.
-    """
-    items, share, first, sample, muscle = a.items, HUGE, -1, 0, 0
-    for q in range(size):
-        step, multiplier = items.step[q], max(items.multiplier[q], 0.0)
-        if items.kind[q] != GONE and step < 0.0 and multiplier < -share * step:
-            share, first = -multiplier / step, q
-    for k in range(a.r.shape[0]):
-        for i in range(NU):
-            if a.held[k, i] != FREE and bounded.lower[k, i] < bounded.upper[k, i]:
-                sign = 1.0 if a.held[k, i] < 0 else -1.0
-                pushed, change = max(sign * a.r[k, i], 0.0), sign * a.dr[k, i]
-                if change < 0.0 and pushed < -share * change:
-                    share, first, sample, muscle = -pushed / change, -1, k, i
-    items.step[items.kind.size - 1] = share
-    return first, sample, muscle
-
-
-@inlined_flat
-def enter(bounded: Bounded, size: int, sweep: Sweep, a: Active) -> int:
-    """Let the entering item hold, and return the number of items then."""
-    items, last = a.items, a.items.kind.size - 1
-    kind, k, i, above = items.kind[last], items.sample[last], items.muscle[last], items.side[last]
-    if kind < RANGE and a.held[k, i] == FREE and abs(sweep.held[k, i]) == (UPPER if kind == BOUND else HIGH):
-        a.held[k, i] = above * (UPPER if kind == BOUND else HIGH)
-        a.r[k, i] = -above * items.multiplier[last]
-        if kind == BOUND:
-            a.z[k, i] = end_of(bounded, a.held[k, i], k, i)
-        return discard(size, find_item(GONE, k, i, size, items), items)
-    copy_item(last, size, size, items)
-    return size + 1
-
-
-@inlined_flat
-def leave(path: Path, slack: Array, sweep: Sweep, size: int, q: int, k: int, i: int, a: Active) -> int:
-    """Release the item `q`, or for -1 the change `i` of the sample k; return the number of items."""
-    if q >= 0:
-        return discard(size, q, a.items)
-    add_gone(path, slack, sweep, k, i, size, a)
-    return size + 1
 
 
 @inlined
