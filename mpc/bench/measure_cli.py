@@ -182,11 +182,10 @@ def _read(
 
 def _in_log(samples: "Samples", options: PlantOptions, inertia_error: float, console: "Console") -> "MeasuredStiffness":
     from mpc.bench.measuring.log import from_log
-    from mpc.bench.measuring.strengths import Known
+    from mpc.bench.measuring.session import Told
 
-    plant, known = options.plant(), options.compensation()
-    told = Known(plant.inertia, inertia_error * PERCENT, known.reading_age)
-    return _shown(from_log(plant, known.friction.loop, samples, told), console)
+    told = Told(options.plant(), options.compensation(), inertia_error * PERCENT)
+    return _shown(from_log(told.plant, told.known.friction.loop, samples, told.prior), console)
 
 
 def _check_inertia(options: PlantOptions, otherwise: str) -> None:

@@ -195,7 +195,7 @@ def measured():
     e = Experiment(REAL.nominal, KNOWN, 0.1, 6.0, 0.01, QUICK)
     rows = driven(REAL, e, REAL.nominal, 0.1, seed=3)
     known = Known(REAL.nominal.inertia)
-    return rows, e, MeasuredStiffness.of(REAL.nominal, REAL.friction.loop, e.findings, QUICK, known, REAL.encoder)
+    return rows, e, MeasuredStiffness.of(REAL.nominal, REAL.friction.loop, e.findings, known, REAL.encoder)
 
 
 @pytest.mark.slow
@@ -260,7 +260,7 @@ def test_what_cannot_be_measured_is_refused():
     real = replace(REAL, friction=Friction(), encoder=0.1 * DEG)
     e = Experiment(REAL.nominal, replace(KNOWN, friction=Friction()), 0.1, 6.0, 0.01, tones)
     driven(real, e, REAL.nominal, 0.1, seed=3)
-    m = MeasuredStiffness.of(REAL.nominal, real.friction.loop, e.findings, tones, Known(0.045), real.encoder)
+    m = MeasuredStiffness.of(REAL.nominal, real.friction.loop, e.findings, Known(0.045), real.encoder)
     assert not m.success
     assert m.sentence.startswith("not measured, because")
     with pytest.raises(InvalidInput, match="nothing was measured"):
