@@ -198,7 +198,6 @@ def sweep_command(
 
     from allocator.identification.joint.planning.plan import plan_joint_experiment
     from mpc.bench.cycle import Cycle
-    from mpc.bench.loop import about
     from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of
     from mpc.bench.sweep import within as inside
 
@@ -224,9 +223,8 @@ def sweep_command(
     )
     watch = Watch(opened.plant, dt, bench)
     cycle = Cycle(
-        opened.device, source, opened.plant, settings, log=files[-1], replace=force,
-        about=about(dt, opened.plant), clock=opened.clock, watch=watch,
-    )  # fmt: skip
+        opened.device, source, opened.plant, settings, log=files[-1], replace=force, clock=opened.clock, watch=watch
+    )
     ending = _run(cycle, watch, console)
     with _exiting(ending):
         say_ending(ending, cycle.lateness, console)

@@ -10,7 +10,6 @@ import numpy as np
 from allocator import checks
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import Clock, Device
-from mpc.bench.loop import about
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.log import from_log
 from mpc.bench.measuring.result import MeasuredStiffness
@@ -64,9 +63,8 @@ def measure(
     tones = Tones() if tones is None else tones
     source = Experiment(told.plant, told.known, theta, K, dt, tones, weight)
     cycle = Cycle(
-        device, source, told.plant, settings or Settings(), log=log, replace=replace, about=about(dt, told.plant),
-        clock=clock, watch=watch,
-    )  # fmt: skip
+        device, source, told.plant, settings or Settings(), log=log, replace=replace, clock=clock, watch=watch
+    )
     ending = cycle.run()
     return result_of(source, told, ending, cycle.recorder.columns["theta"]), cycle
 
@@ -89,9 +87,7 @@ def shake(
     Other arguments, results and exceptions are those of `measure`.
     """
     source = Shaking(told.plant, theta, K, dt, amplitude, duration)
-    cycle = Cycle(
-        device, source, told.plant, settings or Settings(), about=about(dt, told.plant), clock=clock, watch=watch
-    )
+    cycle = Cycle(device, source, told.plant, settings or Settings(), clock=clock, watch=watch)
     ending = cycle.run()
     if ending.reason is not Reason.FINISHED:
         refusal = f"the loop ended: {ending}"

@@ -15,7 +15,6 @@ from mpc import Plant
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
-from mpc.bench.loop import about
 from mpc.bench.measuring.driving import Driver, Search, Wave, room
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.loops import tone_of
@@ -241,7 +240,7 @@ def test_a_weight_fixes_the_scale_where_the_inertia_is_hardly_known_and_checks_i
     wrong = replace(REAL.nominal, inertia=1.3 * REAL.nominal.inertia)
     weight, tones = Weight(1.0, device.hang), Tones(series=(8 * DEG,), longest=80.0)
     source = Experiment(wrong, KNOWN, 0.1, 6.0, 0.01, tones, weight)
-    cycle = Cycle(device, source, wrong, Settings(), about=about(0.01, wrong), clock=clock)
+    cycle = Cycle(device, source, wrong, Settings(), clock=clock)
     ending = cycle.run()
     found = {e: result_of(source, Told(wrong, KNOWN, e), ending, cycle.recorder.columns["theta"]) for e in (0.5, 0.02)}
     m = found[0.5]
