@@ -1,5 +1,6 @@
 """Command `antagonist measure`: the stiffness of a joint on a device, or in a log."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,7 @@ from allocator.identification.options import SkipRows, Topics, columns_option
 from allocator.shell.options import finite, grouped, row, within
 from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.units import BAR, DEG, PERCENT
-from mpc.bench.cli import Watch, exit_code, hanger, say_ending
+from mpc.bench.cli import exit_code, hanger, say_ending
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import PlantOptions
 
@@ -153,10 +154,10 @@ def _on_device(
         opened = bench.opened(options)
         say(console, f"about {theta / DEG:.3g}° and {K:.3g} N·m/rad, with the inertia {opened.plant.inertia:g} kg·m²")
         hung = Weight(weight, hanger(opened.device, console)) if weight else None
-        watch = Watch(opened.plant, dt, bench)
+        dashboard = bench.dashboard(opened.plant)
         told = Told(opened.plant, opened.known, inertia_error * PERCENT)
-        driven: dict[str, Any] = {"dt": dt, "settings": settings, "clock": opened.clock, "watch": watch}
-        with watch:
+        driven: dict[str, Any] = {"dt": dt, "settings": settings, "clock": opened.clock, "watch": dashboard}
+        with dashboard or nullcontext():
             if isinstance(method, float):
                 m, cycle = shake(opened.device, told, theta, K, method, **driven)
             else:
