@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
@@ -67,9 +68,9 @@ class Measured(NamedTuple):
         line = None if row is None else self.table.lines[row]
         return InvalidFile(self.table.path, sentence, line=line, column=self.columns[quantity].name)
 
-    def lines(self, rows: Mask) -> str:
-        """Return the lines of the marked rows (n,) in words."""
-        return listed([self.table.lines[i] for i in np.flatnonzero(rows)])
+    def lines(self, rows: Mask | NDArray[np.intp]) -> str:
+        """Return the lines of some rows, marked (n,) or by their indices, in words."""
+        return listed(np.array(self.table.lines)[rows].tolist())
 
     def where(self, keep: Mask, note: str) -> "Measured":
         """Return the rows marked in `keep`, with a note about the others."""
