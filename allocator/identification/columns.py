@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files import bags
-from allocator.files.cells import listed
+from allocator.files.cells import is_number, listed
 from allocator.files.csv_table import Table, read_table
 from allocator.files.text import FilePath
 from allocator.identification import encoder
@@ -207,7 +207,7 @@ def _choose(
     table: Table, groups: Sequence[tuple[str, ...]], n_wanted: int, mapping: Mapping[str, str], ignored: set[int]
 ) -> dict[str, Column]:
     """Choose the column of every group; the first `n_wanted` groups are required."""
-    if not mapping and all(_is_number(name) for name in table.names):
+    if not mapping and all(map(is_number, table.names)):
         examples = ", ".join(f"{quantity} [{_usual(quantity)}]" for quantity, *_ in groups[:n_wanted])
         raise _fault(table, f"has no column names: name them, such as {examples}; or leave lines out by --skip-rows")
     chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
@@ -342,14 +342,6 @@ def _usual(quantity: str) -> str:
 
 def _units(quantity: str) -> str:
     return ", ".join(unit for unit in UNITS[quantity] if unit)
-
-
-def _is_number(name: str) -> bool:
-    try:
-        float(name.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 # --- plausibility of units -------- ----------------------------------------------------------------------------------
