@@ -102,7 +102,7 @@ _FOLDS = 3
 _PIECES = 3  # of a log with few episodes, for each fit
 
 
-def fit_law(law: JointLaw, windows: Windows, start: Array | None = None) -> Array:
+def fit_law(law: JointLaw, windows: Windows) -> Array:
     """Return the parameters (n,) of a joint with the best prediction of the windows."""
     from scipy.optimize import least_squares
 
@@ -121,8 +121,7 @@ def fit_law(law: JointLaw, windows: Windows, start: Array | None = None) -> Arra
         slope = (rows[:n] - rows[n:]) / (2 * _DIFFERENCE * size[:, None])
         return np.concatenate([slope.T, np.diag(held)])
 
-    begin = first if start is None else start
-    fitted = least_squares(residual, begin, jacobian, x_scale=size, max_nfev=_ITERATIONS, ftol=1e-4)
+    fitted = least_squares(residual, first, jacobian, x_scale=size, max_nfev=_ITERATIONS, ftol=1e-4)
     return np.asarray(fitted.x)
 
 
