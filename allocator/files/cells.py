@@ -16,6 +16,7 @@ _MISSING_WORDS = (  # spellings of a missing value
     "-nan(ind) nan(ind) #wert! #value! #div/0!"
 )
 _MISSING = frozenset(_MISSING_WORDS.split())
+_MOST = 8  # lines that are listed
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d+)?\s*[^\W\d_°%]*[°%]?(/\w+)?")
 
@@ -76,12 +77,12 @@ def thousands(cells: Sequence[str]) -> int | None:
     return commas[0] if whole else None
 
 
-def listed(lines: Sequence[int], most: int = 8) -> str:
+def listed(lines: Sequence[int]) -> str:
     """Return the numbers of lines in words: `line 5`, `lines 5, 7 and 9`, `lines 5, 7, … and 12 more`."""
     if len(lines) == 1:
         return f"line {lines[0]}"
-    if len(lines) > most:
-        return f"lines {', '.join(map(str, lines[: most - 1]))} and {len(lines) - most + 1} more"
+    if len(lines) > _MOST:
+        return f"lines {', '.join(map(str, lines[: _MOST - 1]))} and {len(lines) - _MOST + 1} more"
     return f"lines {', '.join(map(str, lines[:-1]))} and {lines[-1]}"
 
 

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files import bags
-from allocator.files.cells import listed
+from allocator.files.cells import is_number, listed
 from allocator.files.csv_table import Table, read_table
 from allocator.files.text import FilePath
 from allocator.identification import encoder
@@ -67,9 +68,9 @@ class Measured(NamedTuple):
         line = None if row is None else self.table.lines[row]
         return InvalidFile(self.table.path, sentence, line=line, column=self.columns[quantity].name)
 
-    def lines(self, rows: Mask) -> str:
-        """Return the lines of the marked rows (n,) in words."""
-        return listed([self.table.lines[i] for i in np.flatnonzero(rows)])
+    def lines(self, rows: Mask | NDArray[np.intp]) -> str:
+        """Return the lines of some rows, marked (n,) or by their indices, in words."""
+        return listed(np.array(self.table.lines)[rows].tolist())
 
     def where(self, keep: Mask, note: str) -> "Measured":
         """Return the rows marked in `keep`, with a note about the others."""
@@ -206,7 +207,7 @@ def _choose(
     table: Table, groups: Sequence[tuple[str, ...]], n_wanted: int, mapping: Mapping[str, str], ignored: set[int]
 ) -> dict[str, Column]:
     """Choose the column of every group; the first `n_wanted` groups are required."""
-    if not mapping and all(_is_number(name) for name in table.names):
+    if not mapping and all(map(is_number, table.names)):
         examples = ", ".join(f"{quantity} [{_usual(quantity)}]" for quantity, *_ in groups[:n_wanted])
         raise _fault(table, f"has no column names: name them, such as {examples}; or leave lines out by --skip-rows")
     chosen = dict(_mapped(table, quantity, text) for quantity, text in mapping.items())
@@ -341,14 +342,6 @@ def _usual(quantity: str) -> str:
 
 def _units(quantity: str) -> str:
     return ", ".join(unit for unit in UNITS[quantity] if unit)
-
-
-def _is_number(name: str) -> bool:
-    try:
-        float(name.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 # --- plausibility of units -------- ----------------------------------------------------------------------------------

@@ -53,7 +53,7 @@ def in_time(measured: Measured) -> Measured:
     if begins is None:
         raise _disordered(measured, np.diff(t))
     if len(begins) > 1:
-        note = f"the clock begins anew in {_at(measured, np.array(begins[1:]))}: {len(begins)} recordings"
+        note = f"the clock begins anew in {measured.lines(np.array(begins[1:]))}: {len(begins)} recordings"
         t = np.concatenate(in_succession(np.split(t, begins[1:])))
         measured = measured._replace(values={**measured.values, "time": t}, notes=(*measured.notes, note))
     if late.any():
@@ -97,9 +97,9 @@ def _disordered(measured: Measured, steps: Array) -> InvalidFile:
     back, still = (np.flatnonzero(wrong) + 1 for wrong in (steps < 0, steps == 0))
     if back.size:
         reverse = back.size > steps.size / 2
-        what = "the rows run backwards in time" if reverse else f"time goes back in {_at(measured, back)}"
+        what = "the rows run backwards in time" if reverse else f"time goes back in {measured.lines(back)}"
         return measured.mistake("time", f"{what}: a log is in the order of time", int(back[0]))
-    what = f"time stands still in {_at(measured, still)}: the stamps are too coarse, or rows are there twice"
+    what = f"time stands still in {measured.lines(still)}: the stamps are too coarse, or rows are there twice"
     return measured.mistake("time", f"{what}; record finer stamps", int(still[0]))
 
 
@@ -126,7 +126,7 @@ def refuse_turns(measured: Measured) -> None:
     steps = np.abs(np.diff(measured.values["theta"], prepend=measured.values["theta"][:1]))
     turned = np.flatnonzero((steps > np.pi) & (np.diff(t, prepend=t[:1]) <= GAP))
     if turned.size:
-        what = f"{steps[turned[0]] / DEG:.3g}° from the row before, as in {_at(measured, turned)}"
+        what = f"{steps[turned[0]] / DEG:.3g}° from the row before, as in {measured.lines(turned)}"
         sentence = f"{what}: a wrap, or a missed reading; unwrap the angle (numpy.unwrap), or leave the rows out"
         raise measured.mistake("theta", sentence, int(turned[0]))
 
@@ -137,8 +137,8 @@ def describe_spikes(measured: Measured, found: dict[str, list[int]]) -> str:
     for quantity, rows in found.items():
         column, value = measured.columns[quantity], measured.values[quantity][rows[0]]
         shown = f"{(value + column.offset) / column.scale:.4g} {column.unit}"
-        lines = listed([measured.table.lines[i] for i in rows])
-        parts.append(f"column {measured.columns[quantity].name!r} in {lines} ({'the first ' * (len(rows) > 1)}{shown})")
+        first = "the first " * (len(rows) > 1)
+        parts.append(f"column {column.name!r} in {measured.lines(np.array(rows))} ({first}{shown})")
     return ", ".join(parts)
 
 
@@ -231,10 +231,6 @@ def _check_unit(measured: Measured, step: float, duration: float) -> None:
     if likely:
         say = f'--columns "time={column.name}:{likely[0]}"'
         raise measured.mistake("time", f"{what}; {likely[0]} for {unit}? If so, say {say}", 0)
-
-
-def _at(measured: Measured, rows: NDArray[np.intp]) -> str:
-    return listed([measured.table.lines[i] for i in rows])
 
 
 def pressure_spikes(t: Array, P: Array) -> Mask:

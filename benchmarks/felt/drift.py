@@ -54,7 +54,7 @@ def drifted(seed: int, directory: Path) -> tuple[tuple[float, float], tuple[floa
         e = Experiment(plant, told, theta, K, DT, Tones(series=()))
         driven(real, e, plant, theta, noise)
         known = Known(plant.inertia)
-        found.append(MeasuredStiffness.of(plant, told.friction.loop, e.findings, e.tones, known, real.encoder))
+        found.append(MeasuredStiffness.of(plant, told.friction.loop, e.findings, known, real.encoder))
     joint = update(path, found, plant.inertia) if any(m.success for m in found) else load_joint(path)
     return before, errors(joint, real), [f"strengths {gains[0]:.2f} {gains[1]:.2f}", *(m.sentence for m in found)]
 

@@ -109,7 +109,7 @@ def measured(h: Hidden, seed: int, tones: Tones | None = None, inertia_error: fl
     except (Stopped, InvalidInput) as ended:
         e.findings.refusal = e.findings.refusal or str(ended)
     known = Known(plant.inertia, inertia_error, h.told.reading_age)
-    return outcome(h, MeasuredStiffness.of(plant, h.told.friction.loop, e.findings, tones, known, h.real.encoder))
+    return outcome(h, MeasuredStiffness.of(plant, h.told.friction.loop, e.findings, known, h.real.encoder))
 
 
 def shaken(h: Hidden, seed: int, inertia_error: float = 0.0, J: float = 1.0) -> Outcome:

@@ -99,7 +99,7 @@ def measured(stranger: Stranger, model: Model, seed: int, theta: float = 0.0, K:
         driven(stranger, e, plant, theta, seed)
     except (Stopped, InvalidInput) as ended:
         e.findings.refusal = e.findings.refusal or str(ended)
-    return MeasuredStiffness.of(plant, told.friction.loop, e.findings, tones, Known(plant.inertia, 0.0, age),
+    return MeasuredStiffness.of(plant, told.friction.loop, e.findings, Known(plant.inertia, 0.0, age),
                                 stranger.sensors.step)  # fmt: skip
 
 

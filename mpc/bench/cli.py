@@ -1,10 +1,10 @@
 """Commands about hardware: `antagonist devices`, `run` and `sweep`; in degrees and bar."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,12 +23,11 @@ from mpc.repetition.options import RepeatOptions, progress, report
 if TYPE_CHECKING:
     from allocator.mechanism.endpoint import Endpoint
     from mpc.bench.cycle import Cycle
+    from mpc.bench.dashboard import Dashboard
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
     from mpc.bench.record import Lateness
-    from mpc.bench.rows import Row
     from mpc.bench.safety import Ending
-    from mpc.model.machine import Machine
     from mpc.trials.motions.reference import Reference
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
@@ -138,14 +137,15 @@ def run_command(
         learner = repeated.learner(reference, answers, at.dt, begun, limits, controller) if learned else None
 
     def drive(asked: "Reference") -> "Record":
-        watch = Watch(plant, at.dt, bench)
+        dashboard = bench.dashboard(plant)
         driven = RealTimeLoop(
             opened.device, driver, observer, asked, plant=plant, start=settings.start, stop=settings.stop,
             watchdog=settings.watchdog, overrun=settings.overrun, zero=settings.zero, log=journal,
-            replace=force or learner is not None, clock=opened.clock, watch=watch,
+            replace=force or learner is not None, clock=opened.clock, watch=dashboard,
         )  # fmt: skip
-        watch.health = lambda: "" if driven.tracking.health.well else driven.tracking.health
-        _run(driven.cycle, watch, console)
+        if dashboard is not None:
+            dashboard.health = lambda: "" if driven.tracking.health.well else str(driven.tracking.health)
+        _run(driven.cycle, dashboard, console)
         return driven.record
 
     for sentence in (*filter(None, [tuned]), *sentences):
@@ -198,7 +198,6 @@ def sweep_command(
 
     from allocator.identification.joint.planning.plan import plan_joint_experiment
     from mpc.bench.cycle import Cycle
-    from mpc.bench.loop import about
     from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of
     from mpc.bench.sweep import within as inside
 
@@ -222,12 +221,11 @@ def sweep_command(
         console,
         f"{len(source.visits)} visits of setpoints, {motion:g} s of random steps: {source.duration / 60:.1f} min",
     )
-    watch = Watch(opened.plant, dt, bench)
+    dashboard = bench.dashboard(opened.plant)
     cycle = Cycle(
-        opened.device, source, opened.plant, settings, log=files[-1], replace=force,
-        about=about(dt, opened.plant), clock=opened.clock, watch=watch,
-    )  # fmt: skip
-    ending = _run(cycle, watch, console)
+        opened.device, source, opened.plant, settings, log=files[-1], replace=force, clock=opened.clock, watch=dashboard
+    )
+    ending = _run(cycle, dashboard, console)
     with _exiting(ending):
         say_ending(ending, cycle.lateness, console)
         if source.restless:
@@ -247,12 +245,12 @@ def hanger(device: "Device", console: "Console") -> "Callable[[float], bool]":
     return Asking(lambda torque: say(console, f"\n{REQUEST.format(abs(torque), 'down' if torque > 0 else 'up')}"))
 
 
-def _run(cycle: "Cycle", watch: "Watch", console: "Console") -> "Ending":
+def _run(cycle: "Cycle", dashboard: "Dashboard | None", console: "Console") -> "Ending":
     """Run the cycle and return its ending; an exception of the device is an ending."""
     from mpc.bench.safety import Reason
 
     try:
-        with watch:
+        with dashboard or nullcontext():
             return cycle.run()
     except Exception as error:
         ending = cycle.ending
@@ -283,30 +281,6 @@ def _exiting(ending: "Ending") -> Iterator[None]:
         if not code or isinstance(error, AntagonistError) or error.filename is not None:
             raise
     raise typer.Exit(code)
-
-
-class Watch:
-    """Display of a loop's samples on a dashboard, unless it is quiet."""
-
-    def __init__(self, machine: "Machine", dt: float, bench: BenchOptions) -> None:
-        from mpc.bench.dashboard import Dashboard
-
-        self.health: Callable[[], object] = lambda: ""
-        self._dashboard = None if bench.quiet else Dashboard(machine, dt, plot=bench.plot)
-
-    def __enter__(self) -> Self:
-        if self._dashboard is not None:
-            self._dashboard.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._dashboard is not None:
-            self._dashboard.__exit__(*error)
-
-    def __call__(self, row: "Row") -> None:
-        """Show a row."""
-        if self._dashboard is not None:
-            self._dashboard.show(row, str(self.health()))
 
 
 def _journal(files: list[Path]) -> Path | None:

@@ -12,7 +12,7 @@ signal, a failure to write the log, or any exception of the device, the source o
 a ramp that fails becomes a vent, and a vent is tried several times. Then the exception is raised.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from enum import IntEnum
 from functools import partial
 from math import ceil, inf, isfinite, nan
@@ -27,7 +27,7 @@ from allocator.errors import CannotWrite
 from allocator.identification.encoder import remark
 from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
 from mpc.bench.record import Lateness, Recorder
-from mpc.bench.rows import Pressures, Row, Sheet
+from mpc.bench.rows import Pressures, Row, Sheet, head
 from mpc.bench.safety import Action, Ending, Guard, Reason, RefusedStart, SafeStop, SoftStart, Stopped, Watchdog
 from mpc.bench.stops import Stops, said
 from mpc.model.machine import Machine
@@ -127,7 +127,6 @@ class Cycle:
         *,
         log: str | Path | None = None,
         replace: bool = False,
-        about: Sequence[str] = (),
         clock: Clock | None = None,
         watch: Callable[[Row], None] | None = None,
     ) -> None:
@@ -135,7 +134,8 @@ class Cycle:
         checks.instance("device", device, Device, "a device, such as a SimulatedDevice")
         self.device, self.source, self.dt, self.settings = device, source, source.dt, settings
         self.clock: Clock = MonotonicClock() if clock is None else clock
-        self.recorder = Recorder(log, (*about, *settings.about), sheet=Sheet.of(machine), replace=replace)
+        comments = *head(self.dt, machine), *settings.about
+        self.recorder = Recorder(log, comments, sheet=Sheet.of(machine), replace=replace)
         self.ending: Ending | None = None
         self._watch = watch
         self._guard = Guard(machine, source.dt, settings.watchdog, settings.start.angle_margin)

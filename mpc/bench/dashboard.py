@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Self
 
 from allocator.lazy import Table
@@ -30,9 +30,9 @@ _SEVERAL = (  # lists of a state, and fields of `Row`
 
 
 class Dashboard:
-    """Dashboard as a context manager, which shows the states passed to it; `plot` also opens a window."""
+    """Dashboard as a context manager, which shows the rows that it is called with; `plot` also opens a window."""
 
-    def __init__(self, machine: "Machine", dt: float, *, plot: bool = False) -> None:
+    def __init__(self, machine: "Machine", *, plot: bool = False) -> None:
         from mpc.bench.rows import Sheet  # not in the dashboard's process, which begins at once
 
         self._sheet, one = Sheet.of(machine), machine.angle_shape == ()
@@ -43,7 +43,8 @@ class Dashboard:
             "unit": machine.stiffness_unit,
             "highest": machine.pressure_limits[1],
         }
-        self._dt, self._plot = dt, plot
+        self.health: Callable[[], str] = lambda: ""  # sentence about the joint's health, shown with a row
+        self._plot = plot
         self._last = float("-inf")
         self._late: list[float] = []
 
@@ -65,7 +66,7 @@ class Dashboard:
             self._process.kill()
             self._process.wait()
 
-    def show(self, row: "Row", health: str = "") -> None:
+    def __call__(self, row: "Row") -> None:
         """Show a `Row`, if the last one was shown long enough ago."""
         self._late.append(row.late)
         if row.t - self._last < _EVERY:
@@ -74,7 +75,7 @@ class Dashboard:
         cells = dict(zip(self._sheet.names, self._sheet.cells(row), strict=True))
         several = {name: [cells[column] for column in self._sheet.fields[field]] for name, field in _SEVERAL}
         one = {name: cells[name] for name in ("t", "phase", "took", "missed")}
-        state = {**one, **several, **self._constant, "late": max(self._late), "health": health}
+        state = {**one, **several, **self._constant, "late": max(self._late), "health": self.health()}
         self._late.clear()
         try:
             os.write(self._pipe, json.dumps(state).encode() + b"\n")

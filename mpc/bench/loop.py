@@ -218,9 +218,8 @@ class RealTimeLoop:
         _rehearse(self.plant, controller, observer, reference)
         self.tracking = Tracking(self.plant, controller, observer, reference, settings.start.settle, settings.watchdog)
         self.cycle = Cycle(
-            device, self.tracking, self.plant, settings, log=log, replace=replace,
-            about=about(controller.dt, self.plant), clock=clock, watch=watch,
-        )  # fmt: skip
+            device, self.tracking, self.plant, settings, log=log, replace=replace, clock=clock, watch=watch
+        )
 
     def run(self) -> Record:
         """Run to the end of the reference or an earlier ending; return the record.
@@ -242,20 +241,6 @@ class RealTimeLoop:
     def stop(self) -> None:
         """Request the safe stop, from any thread."""
         self.cycle.request_stop()
-
-
-def about(dt: float, machine: Machine) -> list[str]:
-    """Return the first lines of a log."""
-    head = f"antagonist log; dt = {dt!r} s; SI units; {{}}NaN: not measured"
-    if isinstance(machine, Plant):
-        return [head.format("muscle 1 is the agonist; ")]
-    parts = ("joints", machine.labels.angles), ("muscles", machine.labels.pressures)
-    return [head.format(""), *(f"{kind}: {_numbered(names)}" for kind, names in parts)]
-
-
-def _numbered(names: tuple[str, ...]) -> str:
-    """Return names on one line, each with its number in the names of the columns."""
-    return ", ".join(f"{i} {' '.join(name.split())}" for i, name in enumerate(names, 1))
 
 
 def _plant_of(controller: Controller) -> Machine:

@@ -1,7 +1,10 @@
 """Command `antagonist measure`: the stiffness of a joint on a device, or in a log."""
 
+from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import numpy as np
 import typer
@@ -12,7 +15,7 @@ from allocator.identification.options import SkipRows, Topics, columns_option
 from allocator.shell.options import finite, grouped, row, within
 from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.units import BAR, DEG, PERCENT
-from mpc.bench.cli import Watch, exit_code, hanger, say_ending
+from mpc.bench.cli import exit_code, hanger, say_ending
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import PlantOptions
 
@@ -20,10 +23,12 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from mpc.bench.measuring.experiment import Tones
+    from mpc.bench.cycle import Cycle
     from mpc.bench.measuring.log import Samples
     from mpc.bench.measuring.result import MeasuredStiffness
     from mpc.model.plant import Plant
+
+    Method: TypeAlias = Callable[..., tuple[MeasuredStiffness, Cycle]]  # `measure` or `shake`
 
 _NOT_MEASURED = 3  # exit code
 _HARDLY_KNOWN = 20  # [%] standard deviation of an inertia that a weight replaces
@@ -99,7 +104,7 @@ def measure_command(
     if samples is not None:
         found, code = [_in_log(samples, options, inertia_error, console)], 0
     else:
-        method = _tones(amplitude, series) if not shake else _shaken(shake, weight)
+        method = _by_noise(shake, weight) if shake else _by_tones(amplitude, series)
         found, code = _on_device(options, bench, around or [], method, inertia_error, weight, dt, console)
     good = [m for m in found if m.success]
     if as_json:
@@ -112,38 +117,41 @@ def measure_command(
         raise typer.Exit(code or _NOT_MEASURED)
 
 
-def _tones(amplitude: float, series: str) -> "Tones":
+def _by_tones(amplitude: float, series: str) -> "Method":
     from mpc.bench.measuring.experiment import Tones
+    from mpc.bench.measuring.session import measure
 
     within("--amplitude", amplitude, "°", 0.05, 20)
     given = [a for a in row("--series", series, "°") if a]
     for a in given:
         within("--series", a, "°", 0.05, 45)
-    return Tones(amplitude * DEG, series=tuple(a * DEG for a in given))
+    return partial(measure, tones=Tones(amplitude * DEG, series=tuple(a * DEG for a in given)))
 
 
-def _shaken(amplitude: float, weight: float) -> float:
+def _by_noise(amplitude: float, weight: float) -> "Method":
+    from mpc.bench.measuring.session import shake
+
     within("--shake", amplitude, "°", 1, 45)
     if weight:
         raise InvalidInput("--weight goes with tones: leave out --shake")
-    return amplitude * DEG
+    return partial(shake, amplitude=amplitude * DEG)
 
 
 def _on_device(
     options: PlantOptions,
     bench: BenchOptions,
     around: list[str],
-    method: "Tones | float",
+    method: "Method",
     inertia_error: float,
     weight: float,
     dt: float,
     console: "Console",
 ) -> "tuple[list[MeasuredStiffness], int]":
-    """Measure about every rest, by tones or by noise of an amplitude [rad], and stop after a failure.
+    """Measure about every rest, and stop after a failure.
 
     Return the measurements and the exit code. All rests are checked before the first motion.
     """
-    from mpc.bench.measuring.session import Told, measure, shake
+    from mpc.bench.measuring.session import Told
     from mpc.bench.measuring.weighing import Weight
 
     settings, found = bench.settings(options), []
@@ -152,15 +160,13 @@ def _on_device(
     for theta, K in rests:
         opened = bench.opened(options)
         say(console, f"about {theta / DEG:.3g}° and {K:.3g} N·m/rad, with the inertia {opened.plant.inertia:g} kg·m²")
-        hung = Weight(weight, hanger(opened.device, console)) if weight else None
-        watch = Watch(opened.plant, dt, bench)
+        hung = {"weight": Weight(weight, hanger(opened.device, console))} if weight else {}
+        dashboard = bench.dashboard(opened.plant)
         told = Told(opened.plant, opened.known, inertia_error * PERCENT)
-        driven: dict[str, Any] = {"dt": dt, "settings": settings, "clock": opened.clock, "watch": watch}
-        with watch:
-            if isinstance(method, float):
-                m, cycle = shake(opened.device, told, theta, K, method, **driven)
-            else:
-                m, cycle = measure(opened.device, told, theta, K, tones=method, weight=hung, **driven)
+        with dashboard or nullcontext():
+            m, cycle = method(
+                opened.device, told, theta, K, dt=dt, settings=settings, clock=opened.clock, watch=dashboard, **hung
+            )
         found.append(_shown(m, console))
         assert cycle.ending is not None
         if code := exit_code(cycle.ending):
@@ -182,11 +188,10 @@ def _read(
 
 def _in_log(samples: "Samples", options: PlantOptions, inertia_error: float, console: "Console") -> "MeasuredStiffness":
     from mpc.bench.measuring.log import from_log
-    from mpc.bench.measuring.strengths import Known
+    from mpc.bench.measuring.session import Told
 
-    plant, known = options.plant(), options.compensation()
-    told = Known(plant.inertia, inertia_error * PERCENT, known.reading_age)
-    return _shown(from_log(plant, known.friction.loop, samples, told), console)
+    told = Told(options.plant(), options.compensation(), inertia_error * PERCENT)
+    return _shown(from_log(told.plant, told.known.friction.loop, samples, told.prior), console)
 
 
 def _check_inertia(options: PlantOptions, otherwise: str) -> None:

@@ -13,6 +13,7 @@ from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:
     from mpc.bench.cycle import Settings
+    from mpc.bench.dashboard import Dashboard
     from mpc.bench.device import Clock, Device
     from mpc.model.arm.model import Arm
     from mpc.model.compensation import Compensation
@@ -100,6 +101,12 @@ class BenchOptions:
         start = SoftStart(self.start_rate * BAR, settle=settle, present=present)
         stop = SafeStop(Action(self.stop), self.stop_rate * BAR)
         return Settings(policies[self.overrun], start, stop=stop, zero=options.encoder_zero)
+
+    def dashboard(self, machine: "Machine") -> "Dashboard | None":
+        """Return the dashboard of a loop on this machine, None if it is quiet."""
+        from mpc.bench.dashboard import Dashboard
+
+        return None if self.quiet else Dashboard(machine, plot=self.plot)
 
     def _of_arm(self, arm: "Arm", known: "Compensation", clock: "Clock") -> "Device":
         """Return the device of an arm."""

@@ -155,6 +155,20 @@ class Sheet:
 JOINT = Sheet()  # columns of the log of a joint
 
 
+def head(dt: float, machine: Machine) -> list[str]:
+    """Return the first comments of a log of samples of `dt` [s]."""
+    text = f"antagonist log; dt = {dt!r} s; SI units; {{}}NaN: not measured"
+    if isinstance(machine, Plant):
+        return [text.format("muscle 1 is the agonist; ")]
+    parts = ("joints", machine.labels.angles), ("muscles", machine.labels.pressures)
+    return [text.format(""), *(f"{kind}: {_numbered(names)}" for kind, names in parts)]
+
+
+def _numbered(names: tuple[str, ...]) -> str:
+    """Return names on one line, each with its number in the names of the columns."""
+    return ", ".join(f"{i} {' '.join(name.split())}" for i, name in enumerate(names, 1))
+
+
 def _numbers(stem: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return the numbers 1, 2, … after `stem` in the names of columns."""
     return tuple(map(str, takewhile(lambda i: f"{stem}{i}" in names, count(1))))

@@ -16,7 +16,7 @@ from mpc.bench.device import Clock, MonotonicClock, SimulatedClock
 from mpc.bench.devices.serial_line import SerialDevice
 from mpc.bench.devices.simulated import simulated
 from mpc.bench.logs import Record
-from mpc.bench.loop import RealTimeLoop, about
+from mpc.bench.loop import RealTimeLoop
 from mpc.bench.safety import SoftStart, Watchdog
 from mpc.bench.sweep import Pace, Sweep, random_steps, visits_of, within
 from mpc.cli import app
@@ -54,7 +54,7 @@ class Afternoon:
             device, clock = self._device(board)
             source = Sweep(visits_of(plan, ROUGH.joint), steps, dt, board.hang, directory, Pace(motion=float(motion)))
             settings = Settings(watchdog=self._watchdog)
-            cycle = Cycle(device, source, ROUGH, settings, about=about(dt, ROUGH), clock=clock)
+            cycle = Cycle(device, source, ROUGH, settings, clock=clock)
             cycle.run()
         return cycle
 

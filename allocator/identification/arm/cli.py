@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -11,6 +10,7 @@ from rich.table import Table
 from allocator.identification.arm.episodes import Windows, read_arm_log
 from allocator.identification.arm.fit import ArmFit, fit_arm
 from allocator.identification.columns import parse_columns
+from allocator.identification.least_squares import rms
 from allocator.identification.options import SkipRows, Topics, clock, columns_option
 from allocator.shell.options import within
 from allocator.shell.outputs import AsJSON, print_json, say
@@ -91,8 +91,8 @@ def _joints(fit: ArmFit, windows: Windows) -> list[dict[str, object]]:
                 "lowered_by": down + 1,
                 "raised_by_t": float(t[up]),
                 "lowered_by_t": float(-t[down]),
-                "error_deg": float(np.sqrt(np.mean(error[..., j] ** 2))) / DEG,
-                "hold_deg": float(np.sqrt(np.mean(moved[..., j] ** 2))) / DEG,
+                "error_deg": rms(error[..., j]) / DEG,
+                "hold_deg": rms(moved[..., j]) / DEG,
                 "band_deg": float(half[:, j].mean()) / DEG,
                 "terms": list(fit.laws[j].terms),
             }

@@ -30,6 +30,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.identification.arm.episodes import Episode, Windows
 from allocator.identification.arm.law import TERMS, JointLaw, run
+from allocator.identification.least_squares import rms
 from allocator.units import DEG
 
 _MOVING = 0.05  # [rad/s]: slower rows stick, and contain no information on forces
@@ -101,7 +102,7 @@ _FOLDS = 3
 _PIECES = 3  # of a log with few episodes, for each fit
 
 
-def fit_law(law: JointLaw, windows: Windows, start: Array | None = None) -> Array:
+def fit_law(law: JointLaw, windows: Windows) -> Array:
     """Return the parameters (n,) of a joint with the best prediction of the windows."""
     from scipy.optimize import least_squares
 
@@ -109,7 +110,7 @@ def fit_law(law: JointLaw, windows: Windows, start: Array | None = None) -> Arra
     measured, held = windows.future[..., law.joint], _HELD * np.sqrt(len(windows.q)) / size
 
     def predicted(x: Array) -> Array:
-        return run({law.joint: (law, x)}, windows.q, windows.v, windows.p, windows.step)[law.joint]
+        return run({law.joint: (law, x)}, windows)[law.joint]
 
     def residual(x: Array) -> Array:
         return np.concatenate([((predicted(x[None])[0] - measured) / DEG).ravel(), held * (x - first)])
@@ -120,15 +121,13 @@ def fit_law(law: JointLaw, windows: Windows, start: Array | None = None) -> Arra
         slope = (rows[:n] - rows[n:]) / (2 * _DIFFERENCE * size[:, None])
         return np.concatenate([slope.T, np.diag(held)])
 
-    begin = first if start is None else start
-    fitted = least_squares(residual, begin, jacobian, x_scale=size, max_nfev=_ITERATIONS, ftol=1e-4)
+    fitted = least_squares(residual, first, jacobian, x_scale=size, max_nfev=_ITERATIONS, ftol=1e-4)
     return np.asarray(fitted.x)
 
 
 def joint_error(law: JointLaw, x: Array, windows: Windows) -> float:
     """Return the RMS error [rad] of the joint's free runs, its neighbours as measured."""
-    predicted = run({law.joint: (law, x[None])}, windows.q, windows.v, windows.p, windows.step)[law.joint][0]
-    return float(np.sqrt(np.mean((predicted - windows.future[..., law.joint]) ** 2)))
+    return rms(run({law.joint: (law, x[None])}, windows)[law.joint][0] - windows.future[..., law.joint])
 
 
 def folds(windows: Windows, count: int) -> list[NDArray[np.bool_]]:
@@ -150,7 +149,7 @@ def choose_terms(law: JointLaw, windows: Windows, tell: Callable[[str], object] 
         for out in folds(windows, _FOLDS):
             seen, unseen = windows.only(~out), windows.only(out)
             errors.append(joint_error(law, fit_law(law, seen), unseen))
-        return float(np.sqrt(np.mean(np.square(errors))))
+        return rms(errors)
 
     best, left = error(law), list(TERMS)
     while left:
@@ -227,7 +226,7 @@ class ArmFit:
 
         Of the windows' measured angles only the first two rows are used.
         """
-        runs = run(_members(self.laws, self.members), windows.q, windows.v, windows.p / self.full, windows.step)
+        runs = run(_members(self.laws, self.members), windows._replace(p=windows.p / self.full))
         predicted = np.stack([np.median(runs[j], axis=0) for j in range(len(self.laws))], axis=-1)
         return predicted, self.bands.around(predicted, windows.q[:, 1])
 
@@ -288,8 +287,6 @@ def _members(laws: Sequence[JointLaw], members: Sequence[Array]) -> dict[int, tu
 def _left_out(laws: Sequence[JointLaw], members: Sequence[Array], windows: Windows) -> Array:
     predicted = np.empty_like(windows.future)
     for i, out in enumerate(folds(windows, _MEMBERS)):
-        part = windows.only(out)
-        one = _members(laws, [x[i : i + 1] for x in members])
-        runs = run(one, part.q, part.v, part.p, part.step)
+        runs = run(_members(laws, [x[i : i + 1] for x in members]), windows.only(out))
         predicted[out] = np.stack([runs[j][0] for j in range(len(laws))], axis=-1)
     return predicted

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.calculus import Array
+from allocator.identification.arm.episodes import Windows
 
 TERMS = ("stops", "coupling", "speeds", "inertia", "tendons", "bearing", "curved")
 _LEAST_FRICTION = 0.05  # [rad/s²]
@@ -141,30 +142,20 @@ class JointLaw:
         return np.asarray(np.maximum(f, _LEAST_FRICTION))
 
 
-def run(laws: Mapping[int, tuple[JointLaw, Array]], q: Array, v: Array, p: Array, h: float) -> dict[int, Array]:
-    """Run joints freely; the others are as measured.
+def run(laws: Mapping[int, tuple[JointLaw, Array]], windows: Windows) -> dict[int, Array]:
+    """Return the angles (batch, w, steps) [rad] of joints that run freely; the others are as measured.
 
-    Parameters
-    ----------
-    laws
-        Law and parameters (batch, n) of every joint to run, by number.
-    q, v, p
-        Rows of `Windows` (w, steps + 2, …); the runs begin at row 1.
-    h
-        Time between rows [s].
-
-    Returns
-    -------
-        Angles (batch, w, steps) [rad] of each of these joints.
+    `laws` are the law and the parameters (batch, n) of every joint to run, by number.
     """
-    steps, joints = q.shape[1] - 2, range(q.shape[2])
+    q, v, p, h, _ = windows
+    joints = range(q.shape[2])
     named = {j: law.named(x) for j, (law, x) in laws.items()}
     batch = {j: np.zeros((len(x), 1)) for j, (_, x) in laws.items()}
     angle = {j: batch[j] + q[:, 1, j] for j in laws}
     speed = {j: batch[j] + v[:, 1, j] for j in laws}
     before = {j: batch[j] + v[:, 0, j] for j in laws}
-    out = {j: np.empty((*angle[j].shape, steps)) for j in laws}
-    for t in range(steps):
+    out = {j: np.empty((*angle[j].shape, windows.horizon)) for j in laws}
+    for t in range(windows.horizon):
         at = [angle.get(i, q[:, t + 1, i]) for i in joints]
         fast = [speed.get(i, v[:, t + 1, i]) for i in joints]
         turn = [(fast[i] - before.get(i, v[:, t, i])) / h for i in joints]

@@ -20,7 +20,7 @@ from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
 from allocator.shell.machine_options import MachineOptions
-from allocator.shell.options import grouped, within
+from allocator.shell.options import grouped, row, within
 from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.units import BAR, DEG, MM, PERCENT
 
@@ -121,7 +121,10 @@ def _sweeps(settings: list[str]) -> dict[float, float]:
     ways = assigned("--sweep", settings, "NUMBER=DIRECTION, such as 1=-1")
     if wrong := [f"{name}={way:g}" for name, way in ways.items() if abs(way) != 1]:
         raise InvalidInput(f"--sweep {wrong[0]}: the direction is +1 (θ rises) or -1 (θ falls)")
-    return {_numbers("--sweep", name, (1,))[0]: way for name, way in ways.items()}
+    try:
+        return {float(name): way for name, way in ways.items()}
+    except ValueError:
+        raise InvalidInput(f"--sweep {settings[0]}: expected NUMBER=DIRECTION, such as 1=-1") from None
 
 
 def _geometry(
@@ -139,9 +142,10 @@ def _geometry(
 
     def make(l0: float) -> Geometry:
         if lever is not None:
-            return Lever(l0, *_lengths("--lever", _numbers("--lever", lever, (2, 3)), signed=2))
-        radius, contraction = _numbers("--pulley", pulley or "", (2,))
-        return Pulley(l0, _lengths("--pulley", [radius])[0], contraction)
+            R, r, *offset = row("--lever", lever, "mm", {2: "R,r", 3: "R,r,offset"})
+            return Lever(l0, _length("--lever", R), _length("--lever", r), *(end * MM for end in offset))
+        radius, contraction = row("--pulley", pulley or "", "mm and a ratio", {2: "R,ε0"})
+        return Pulley(l0, _length("--pulley", radius), contraction)
 
     if rest_length is not None:
         return make(rest_length * MM), None
@@ -149,21 +153,10 @@ def _geometry(
     return {label: make(float(label) * MM) for label in dict.fromkeys(labels)}, labels
 
 
-def _lengths(option: str, lengths: list[float], signed: int | None = None) -> list[float]:
-    """Return lengths [mm] in metres; those from the index `signed` on may be zero or negative."""
-    for length in lengths[:signed]:
-        within(option, length, "mm", 1, 10_000)
-    return [length * MM for length in lengths]
-
-
-def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in counts:
-        raise InvalidInput(f"{option} {text}: expected {' or '.join(map(str, counts))} numbers, separated by commas")
-    return numbers
+def _length(option: str, length: float) -> float:
+    """Return a length [mm] in metres. Raises `InvalidInput` for one of no joint."""
+    within(option, length, "mm", 1, 10_000)
+    return length * MM
 
 
 def _describe_log(log: JointLog, console: Console) -> None:

@@ -152,12 +152,8 @@ class Drift(NamedTuple):
         if len(found) < 3 or not np.ptp(times):
             return cls(np.nan, np.nan, times, gains, errors)
         t = (times - np.average(times, weights=weights)) / _HOUR
-        X = np.stack([np.ones(t.size), t], axis=1)
-        information = X.T @ (weights[:, None] * X)
-        g, slope = np.linalg.solve(information, X.T @ (weights * gains))
-        rest = gains - X @ [g, slope]
-        variance = float(np.sum(weights * rest**2)) / (t.size - 2) * np.linalg.inv(information)[1, 1]
-        return cls(float(slope / g), float(np.sqrt(variance) / abs(g)), times, gains / g, errors)
+        (slope, g), covariance = np.polyfit(t, gains, 1, w=np.sqrt(weights), cov=True)
+        return cls(float(slope / g), float(np.sqrt(covariance[0, 0]) / abs(g)), times, gains / g, errors)
 
 
 class _Piece(NamedTuple):

@@ -23,10 +23,10 @@ own, f = 1/k. The gain of H is 1: any other gain belongs to the static angle. φ
 equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from allocator.identification.recording import even_times, evenly, stretches
 from allocator.joint.hysteresis import FILLED, PrandtlIshlinskii
 from allocator.units import BAR, DEG
 
+T = TypeVar("T")
 Static = Difference | Equilibrium
 Parts = Sequence[slice]
 _WHOLE = (slice(None),)
@@ -83,15 +84,7 @@ class MotionProblem:
     taper: float = 0.0  # relative reduction of widths at the ends of the range
     one_lag: bool = False  # whether pressures rise and fall with the lag of rising ones
     elastic: bool = True  # whether the stops' springs are shares of the stiffness
-    _last: dict[tuple[float, ...], tuple[Array, Array, Array]] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
-    _last_squeezed: dict[float, tuple[tuple[Array, Array], float]] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
-    _last_k: dict[tuple[int, int], tuple[Array, Array, Array]] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
+    _last: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def of(cls, log: MotionLog, static: Static) -> Self:
@@ -149,16 +142,21 @@ class MotionProblem:
     # --- the free run -----------------------------------------------------------------------------------------------
 
     def regulated(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return the muscle pressures P1, P2 (n,) [Pa], and φ (monomials, n) there.
-
-        The last result is cached: most differences of a Jacobian concern other unknowns.
-        """
+        """Return the muscle pressures P1, P2 (n,) [Pa], and φ (monomials, n) there."""
         log, lags = self.log, self._lags(x)
-        if lags not in self._last:
+
+        def regulated() -> tuple[Array, Array, Array]:
             P1, P2 = self.pressures(log.t, (log.P1, log.P2), log.theta, lags)
-            self._last.clear()
-            self._last[lags] = P1, P2, self.basis(P1, P2)
-        return self._last[lags]
+            return P1, P2, self.basis(P1, P2)
+
+        return self._kept("regulated", lags, regulated)
+
+    def _kept(self, name: str, key: object, compute: Callable[[], T]) -> T:
+        """Return the last result of this name if the key is the same: most differences of a Jacobian concern others."""
+        if name not in self._last or self._last[name][0] != key:
+            self._last[name] = key, compute()
+        value: T = self._last[name][1]
+        return value
 
     def pressures(
         self, t: Array, commands: tuple[Array, Array], theta: Array, lags: tuple[float, ...]
@@ -175,13 +173,10 @@ class MotionProblem:
         return one, two
 
     def _squeezed(self, theta: Array, volume: float) -> tuple[tuple[Array, Array], float]:
-        """Return the factors of both pressures. The last result for the angle of the log is cached."""
+        """Return the factors of both pressures."""
         if theta is not self.log.theta:
             return self.static.squeezed(theta, volume)
-        if volume not in self._last_squeezed:
-            self._last_squeezed.clear()
-            self._last_squeezed[volume] = self.static.squeezed(theta, volume)
-        return self._last_squeezed[volume]
+        return self._kept("squeezed", volume, lambda: self.static.squeezed(theta, volume))
 
     def _lags(self, x: Array) -> tuple[float, ...]:
         values = self.values(x)
@@ -223,12 +218,13 @@ class MotionProblem:
         return np.ones(k.size) if self.elastic else 1 / k
 
     def _stiffness(self, P1: Array, P2: Array) -> Array:
-        """Return k (n,) [-] over the usual stiffness. The last result is cached, as in `regulated`."""
-        which = id(P1), id(P2)  # the cache keeps them, so their ids are unique
-        if which not in self._last_k:
-            self._last_k.clear()
-            self._last_k[which] = P1, P2, np.maximum(self.static.stiffness(P1, P2) / self._usual, _LEAST_STIFF)
-        return self._last_k[which][2]
+        """Return k (n,) [-] over the usual stiffness."""
+        which = id(P1), id(P2)  # unique, since both are kept with the result
+
+        def stiffness() -> tuple[Array, Array, Array]:
+            return np.maximum(self.static.stiffness(P1, P2) / self._usual, _LEAST_STIFF), P1, P2
+
+        return self._kept("stiffness", which, stiffness)[0]
 
     def _scale(self, u: Array, P1: Array, P2: Array, x: Array) -> Array:
         base = self.values(x)["base"]

@@ -54,7 +54,6 @@ _LEAST_TURNS = 3
 _SPEED_OVER = 0.3  # [s] over which a speed is measured
 _SAME_SPEED = 0.9  # squared cosine between v and sign(v); 1 on ramps, 0.81 on a sine, less with steps
 _MEDIAN_OVER = 0.25  # [s]
-_SHOWN = 10  # spikes that are listed
 _WANTED = (("time",), ("theta",), ("pressure1",), ("pressure2",))
 _MEASURED = ("measured1", "measured2")
 
@@ -100,8 +99,10 @@ class MotionLog:
 
     def thinned(self, every: int) -> Self:
         """Return every n-th row."""
-        t, theta, P1, P2 = (a[::every].copy() for a in (self.t, self.theta, self.P1, self.P2))
-        return replace(self, t=t, theta=theta, P1=P1, P2=P2, every=every)
+        return replace(self._rows(slice(None, None, every)), every=every)
+
+    def _rows(self, which: slice | Mask) -> Self:
+        return replace(self, **{name: getattr(self, name)[which].copy() for name in ("t", "theta", "P1", "P2")})
 
     @property
     def n(self) -> int:
@@ -216,10 +217,8 @@ class MotionLog:
             return self
         keep = np.ones(self.n, bool)
         keep[[i for rows in spikes.values() for i in rows]] = False
-        more = f" and {len(wrong) - _SHOWN} more" if len(wrong) > _SHOWN else ""
-        note = f"rows with spikes were left out: {', '.join(wrong[:_SHOWN])}{more}"
-        t, theta, P1, P2 = (a[keep] for a in (self.t, self.theta, self.P1, self.P2))
-        return replace(self, t=t, theta=theta, P1=P1, P2=P2, notes=(*self.notes, note))
+        note = f"rows with spikes were left out: {some(wrong)}"
+        return replace(self._rows(keep), notes=(*self.notes, note))
 
     def _check_turns(self) -> None:
         """Refuse impossible angles: a revolution within a row."""

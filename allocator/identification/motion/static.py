@@ -155,16 +155,15 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
         with np.errstate(all="ignore"):
             return np.concatenate([agonist.force(P, eps), antagonist.force(P, eps)], axis=None)
 
-    def residual(x: Array) -> Array:
-        agonist, antagonist = muscles(x)
-        error = u - x[0] - _equilibrium(joint, agonist, antagonist, u - x[0], P1, P2)
-        changed = (forces(agonist, antagonist) - usual) / np.linalg.norm(usual)
-        return np.concatenate([error, _HOLD * np.sqrt(u.size) * np.append(changed, x[0] / _ZERO)]) / DEG
-
-    def torques(x: Array) -> Array:
-        error = _balance(joint, *muscles(x), u - x[0], P1, P2)[0] / firm
+    def held(error: Array, x: Array) -> Array:
         changed = (forces(*muscles(x)) - usual) / np.linalg.norm(usual)
         return np.concatenate([error, _HOLD * np.sqrt(u.size) * np.append(changed, x[0] / _ZERO)]) / DEG
+
+    def residual(x: Array) -> Array:
+        return held(u - x[0] - _equilibrium(joint, *muscles(x), u - x[0], P1, P2), x)
+
+    def torques(x: Array) -> Array:
+        return held(_balance(joint, *muscles(x), u - x[0], P1, P2)[0] / firm, x)
 
     usual = forces(joint.agonist, joint.antagonist)
     K = _balance(joint, joint.agonist, joint.antagonist, u, P1, P2)[1]

@@ -116,10 +116,10 @@ class MuscleProblem:
 
     def _search(self, x: Array, evaluations: int) -> Solution:
         if set(self.free) <= set(self.linear) and not np.isfinite([self.lower, self.upper]).any():
-            gradient = self.jacobian(x).T @ self.residual(x)
-            scale = np.linalg.norm(self.jacobian(x), axis=0) * np.linalg.norm(self.residual(x))
-            if (np.abs(gradient) <= 1e-8 * scale + 1e-300).all():  # the active set settled: this is the minimum
-                return Solution(x, float(self.residual(x) @ self.residual(x)), True)
+            J, r = self.jacobian(x), self.residual(x)
+            scale = np.linalg.norm(J, axis=0) * np.linalg.norm(r)
+            if (np.abs(J.T @ r) <= 1e-8 * scale + 1e-300).all():  # the active set settled: this is the minimum
+                return Solution(x, float(r @ r), True)
         from scipy.optimize import least_squares
 
         scale = 1 / self.samples.full_scale  # makes the cost of order one
@@ -134,7 +134,8 @@ class MuscleProblem:
             gtol=_TOLERANCE,
             max_nfev=evaluations,
         )
-        return Solution(found.x, float(self.residual(found.x) @ self.residual(found.x)), found.status > 0)
+        r = self.residual(found.x)
+        return Solution(found.x, float(r @ r), found.status > 0)
 
 
 def _inside(x: Array, lower: Array, upper: Array) -> Array:

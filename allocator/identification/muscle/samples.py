@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from allocator.errors import InvalidInput
 from allocator.identification.outliers import outlying, some
 from allocator.units import BAR
 
+_COLUMNS = ("contraction", "pressure", "force", "weights", "scatter", "direction", "file")
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _MOST_STRETCH = -0.25  # [-]
 _NOT_CONTRACTED, _FAR_STRETCHED = 0.01, -0.05  # [-]
@@ -128,11 +129,9 @@ class Samples:
 
     def where(self, keep: Mask) -> Self:
         """Return the samples marked in `keep`."""
-        eps, P, F, w = (_frozen(array[keep]) for array in (self.contraction, self.pressure, self.force, self.weights))
-        scatter = None if self.scatter is None else _frozen(self.scatter[keep])
-        way = None if self.direction is None else _frozen(self.direction[keep])
-        file = None if self.file is None else self.file[keep]
-        return replace(self, contraction=eps, pressure=P, force=F, weights=w, scatter=scatter, direction=way, file=file)
+        columns = {name: getattr(self, name) for name in _COLUMNS}
+        kept: dict[str, Any] = {name: _frozen(a[keep]) for name, a in columns.items() if a is not None}
+        return replace(self, **kept)
 
     @property
     def parts(self) -> dict[str, Self]:

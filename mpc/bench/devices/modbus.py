@@ -76,15 +76,11 @@ class Entry:
     kind: str = "input"
 
     def __post_init__(self) -> None:
-        units = UNITS[_QUANTITIES[self.quantity]]
         checks.count("register", self.register, least=0, most=_LAST)
-        for name, value, among in (
-            ("type", self.type, _FORMATS),
-            ("kind", self.kind, _KINDS),
-            ("unit", self.unit, units),
-        ):
-            if value not in among:
-                raise InvalidInput(f"{name} = {value!r} has to be one of {', '.join(filter(None, among))}")
+        choices = {"type": _FORMATS, "kind": _KINDS, "unit": UNITS[_QUANTITIES[self.quantity]]}
+        for name, known in choices.items():
+            if (value := getattr(self, name)) not in known:
+                raise InvalidInput(f"{name} = {value!r} has to be one of {', '.join(filter(None, known))}")
         for name in ("scale", "offset"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):

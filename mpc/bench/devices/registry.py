@@ -33,9 +33,8 @@ _OURS = {
 
 
 class Kind(NamedTuple):
-    """Kind of device: a name, and a function that makes one from an address."""
+    """Kind of device: the entry point of a function that makes one from an address."""
 
-    name: str
     entry: EntryPoint
     brought_by: str  # the distribution, "" for this one
 
@@ -43,24 +42,15 @@ class Kind(NamedTuple):
     def summary(self) -> str:
         """One line with its description, or the reason why it cannot be used."""
         try:
-            return (self.load().__doc__ or "").strip().partition("\n")[0]
+            return (self.entry.load().__doc__ or "").strip().partition("\n")[0]
         except (ImportError, AttributeError) as error:
             return f"cannot be loaded ({error})"
-
-    def load(self) -> Callable[[str], Device]:
-        """Return its function."""
-        module, _, name = self.entry.value.partition(":")
-        function: Callable[[str], Device] = getattr(import_module(module), name)
-        return function
 
 
 def kinds() -> Mapping[str, Kind]:
     """Return all kinds of devices by name; other packages cannot replace those of this project."""
-    brought = {
-        entry.name: Kind(entry.name, entry, entry.dist.name if entry.dist else "")
-        for entry in entry_points(group=GROUP)
-    }
-    return brought | {name: Kind(name, EntryPoint(name, value, GROUP), "") for name, value in _OURS.items()}
+    brought = {entry.name: Kind(entry, entry.dist.name if entry.dist else "") for entry in entry_points(group=GROUP)}
+    return brought | {name: Kind(EntryPoint(name, value, GROUP), "") for name, value in _OURS.items()}
 
 
 def open_device(spec: str) -> Device:
@@ -76,7 +66,7 @@ def open_device(spec: str) -> Device:
             return own_device(name, address, known)
         raise MissingBackend("device", name, [*known, "MODULE:FUNCTION"])
     try:
-        make = known[name].load()
+        make: Callable[[str], Device] = known[name].entry.load()
     except (ImportError, AttributeError) as error:
         raise InvalidInput(f"device {spec!r}: {known[name].entry.value} cannot be loaded ({error})") from None
     return make(address)

@@ -70,15 +70,13 @@ class Tones:
     longest: float = 60.0  # of the experiment without a weight [s]
 
     def __post_init__(self) -> None:
-        for name, unit in (
-            ("amplitude", "rad"),
-            ("low", "Hz"),
-            ("slow", "Hz"),
-            ("slowest", "Hz"),
-            ("settle", "s"),
-            ("longest", "s"),
-        ):
-            checks.positive(name, getattr(self, name), unit)
+        for unit, names in {
+            "rad": ("amplitude",),
+            "Hz": ("low", "slow", "slowest"),
+            "s": ("settle", "longest"),
+        }.items():
+            for name in names:
+                checks.positive(name, getattr(self, name), unit)
         checks.count("rounds", self.rounds, least=1)
         object.__setattr__(self, "series", tuple(np.ravel(checks.real("series", self.series, "rad")).tolist()))
         if any(not 0 < a < 1 for a in (self.amplitude, *self.series)):

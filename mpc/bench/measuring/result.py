@@ -17,7 +17,6 @@ from allocator.joint.felt import Loop
 from allocator.presentation.plotting import legend_below, new_figure
 from allocator.units import BAR, DEG
 from mpc.bench.measuring.driving import Findings
-from mpc.bench.measuring.experiment import Tones
 from mpc.bench.measuring.loops import Tone
 from mpc.bench.measuring.springs import SPRINGS, backbone, secant
 from mpc.bench.measuring.strengths import (
@@ -100,7 +99,6 @@ class MeasuredStiffness:
         plant: Plant,
         loop: Loop,
         findings: Findings,
-        tones: Tones,
         known: Known,
         step: float = 0.0,
         weight: float = 0.0,

@@ -10,7 +10,6 @@ import numpy as np
 from allocator import checks
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import Clock, Device
-from mpc.bench.loop import about
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.log import from_log
 from mpc.bench.measuring.result import MeasuredStiffness
@@ -33,6 +32,11 @@ class Told:
 
     def __post_init__(self) -> None:
         checks.not_negative("inertia_error", self.inertia_error, "-")
+
+    @property
+    def prior(self) -> Known:
+        """Prior knowledge in the equations of the strengths."""
+        return Known(self.plant.inertia, self.inertia_error, self.known.reading_age)
 
 
 def measure(
@@ -59,9 +63,8 @@ def measure(
     tones = Tones() if tones is None else tones
     source = Experiment(told.plant, told.known, theta, K, dt, tones, weight)
     cycle = Cycle(
-        device, source, told.plant, settings or Settings(), log=log, replace=replace, about=about(dt, told.plant),
-        clock=clock, watch=watch,
-    )  # fmt: skip
+        device, source, told.plant, settings or Settings(), log=log, replace=replace, clock=clock, watch=watch
+    )
     ending = cycle.run()
     return result_of(source, told, ending, cycle.recorder.columns["theta"]), cycle
 
@@ -84,17 +87,14 @@ def shake(
     Other arguments, results and exceptions are those of `measure`.
     """
     source = Shaking(told.plant, theta, K, dt, amplitude, duration)
-    cycle = Cycle(
-        device, source, told.plant, settings or Settings(), about=about(dt, told.plant), clock=clock, watch=watch
-    )
+    cycle = Cycle(device, source, told.plant, settings or Settings(), clock=clock, watch=watch)
     ending = cycle.run()
-    known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)
     if ending.reason is not Reason.FINISHED:
         refusal = f"the loop ended: {ending}"
     elif source.log is None:
         refusal = "the device gave too few readings of angle and pressures"
     else:
-        m = from_log(told.plant, told.known.friction.loop, source.log, known)
+        m = from_log(told.plant, told.known.friction.loop, source.log, told.prior)
         return dataclasses.replace(m, furthest=source.furthest), cycle
     P1, P2 = source.first
     return MeasuredStiffness(theta, (P1, P2), duration=duration, refusal=refusal), cycle
@@ -104,15 +104,9 @@ def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray)
     """Return the result of a finished experiment; `theta` (n,) [rad] are all readings of the angle."""
     if ending.reason is not Reason.FINISHED:
         source.findings.refusal = f"the loop ended: {ending}"
-    known = Known(told.plant.inertia, told.inertia_error, told.known.reading_age)
+    weight = 0.0 if source.weight is None else source.weight.torque
     return MeasuredStiffness.of(
-        told.plant,
-        told.known.friction.loop,
-        source.findings,
-        source.tones,
-        known,
-        encoder_step(theta),
-        0.0 if source.weight is None else source.weight.torque,
+        told.plant, told.known.friction.loop, source.findings, told.prior, encoder_step(theta), weight
     )
 
 

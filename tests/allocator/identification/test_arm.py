@@ -31,7 +31,7 @@ def episode(seed, n=90):
     knots = rng.uniform(0.1, 0.9, (8, 4))
     p = np.stack([np.interp(np.arange(n), np.linspace(0, n, 8), knots[:, i]) for i in range(4)], axis=1)
     rest = np.zeros((1, n, 2))
-    found = run(TRUTH, rest, rest, p[None], STEP)
+    found = run(TRUTH, Windows(rest, rest, p[None], STEP, np.array([""])))
     q = np.concatenate([np.zeros((2, 2)), np.stack([found[0][0, 0], found[1][0, 0]], axis=1)])
     v = np.diff(q, axis=0, prepend=q[:1]) / STEP
     return Episode(q, v, p, STEP, f"episode {seed}")

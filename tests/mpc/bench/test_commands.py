@@ -291,11 +291,11 @@ def test_a_dashboard_of_an_arm_names_its_joints_and_muscles(monkeypatch, capsys)
 
 def test_the_state_of_a_row_has_a_number_for_each_joint_and_muscle(monkeypatch):
     arm, sent = Arm.machine("arm26"), []
-    shown = dashboard.Dashboard(arm, 0.01)
+    shown = dashboard.Dashboard(arm)
     shown._pipe = 0
     monkeypatch.setattr(os, "write", lambda pipe, data: sent.append(json.loads(data)))
     P = tuple(1e5 * j for j in range(6))
-    shown.show(Row(0.0, np.array([0.1, 0.2]), P, P, 2, 0, 0.0, 0.0, K_ref=np.eye(2)))
+    shown(Row(0.0, np.array([0.1, 0.2]), P, P, 2, 0, 0.0, 0.0, K_ref=np.eye(2)))
     assert (sent[0]["theta"], sent[0]["P"], sent[0]["K_ref"]) == ([0.1, 0.2], list(P), [1.0, 0.0, 1.0])
     assert np.isnan(sent[0]["theta_ref"]).tolist() == [True, True]
     assert (sent[0]["joints"], sent[0]["muscles"][5]) == (["shoulder", "elbow"], "biarticular extensor")
@@ -320,8 +320,8 @@ def test_a_bar_is_as_long_as_its_value(value, full):
 
 @pytest.mark.slow
 def test_a_dashboard_is_a_process_of_its_own_and_its_death_is_no_harm(bench):
-    with dashboard.Dashboard(bench.plant, 0.01) as shown:
+    with dashboard.Dashboard(bench.plant) as shown:
         shown._process.kill()
         shown._process.wait()
-        record = bench.loop(watch=shown.show).run()
+        record = bench.loop(watch=shown).run()
     assert str(record.ending) == "finished"

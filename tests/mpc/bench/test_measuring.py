@@ -15,7 +15,6 @@ from mpc import Plant
 from mpc.bench.cycle import Cycle, Settings
 from mpc.bench.device import SimulatedClock
 from mpc.bench.devices.simulated import SimulatedDevice
-from mpc.bench.loop import about
 from mpc.bench.measuring.driving import Driver, Search, Wave, room
 from mpc.bench.measuring.experiment import Experiment, Tones
 from mpc.bench.measuring.loops import tone_of
@@ -195,7 +194,7 @@ def measured():
     e = Experiment(REAL.nominal, KNOWN, 0.1, 6.0, 0.01, QUICK)
     rows = driven(REAL, e, REAL.nominal, 0.1, seed=3)
     known = Known(REAL.nominal.inertia)
-    return rows, e, MeasuredStiffness.of(REAL.nominal, REAL.friction.loop, e.findings, QUICK, known, REAL.encoder)
+    return rows, e, MeasuredStiffness.of(REAL.nominal, REAL.friction.loop, e.findings, known, REAL.encoder)
 
 
 @pytest.mark.slow
@@ -241,7 +240,7 @@ def test_a_weight_fixes_the_scale_where_the_inertia_is_hardly_known_and_checks_i
     wrong = replace(REAL.nominal, inertia=1.3 * REAL.nominal.inertia)
     weight, tones = Weight(1.0, device.hang), Tones(series=(8 * DEG,), longest=80.0)
     source = Experiment(wrong, KNOWN, 0.1, 6.0, 0.01, tones, weight)
-    cycle = Cycle(device, source, wrong, Settings(), about=about(0.01, wrong), clock=clock)
+    cycle = Cycle(device, source, wrong, Settings(), clock=clock)
     ending = cycle.run()
     found = {e: result_of(source, Told(wrong, KNOWN, e), ending, cycle.recorder.columns["theta"]) for e in (0.5, 0.02)}
     m = found[0.5]
@@ -260,7 +259,7 @@ def test_what_cannot_be_measured_is_refused():
     real = replace(REAL, friction=Friction(), encoder=0.1 * DEG)
     e = Experiment(REAL.nominal, replace(KNOWN, friction=Friction()), 0.1, 6.0, 0.01, tones)
     driven(real, e, REAL.nominal, 0.1, seed=3)
-    m = MeasuredStiffness.of(REAL.nominal, real.friction.loop, e.findings, tones, Known(0.045), real.encoder)
+    m = MeasuredStiffness.of(REAL.nominal, real.friction.loop, e.findings, Known(0.045), real.encoder)
     assert not m.success
     assert m.sentence.startswith("not measured, because")
     with pytest.raises(InvalidInput, match="nothing was measured"):

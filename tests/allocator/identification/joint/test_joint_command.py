@@ -129,11 +129,12 @@ def test_steady_samples_are_picked_from_a_raw_log(tmp_path):
         (("--pulley", "20,0.11"), "give the rest length once"),
         (("--pulley", "20,0.11", "--machine", "joint.toml"), "give the mechanism once"),
         (("--machine", "joint.toml", "--rest-length", 300), "joint.toml has the rest length"),
-        (("--pulley", "20", "--rest-length", 300), "expected 2 numbers"),
-        (("--lever", "a,b", "--rest-length", 300), "expected 2 or 3 numbers"),
+        (("--pulley", "20", "--rest-length", 300), "expected 2 (R,ε0) numbers"),
+        (("--lever", "a,b", "--rest-length", 300), "expected 2 (R,r) or 3 (R,r,offset) numbers"),
         (("--lever", "0.25,0.03", "--rest-length", 300), "--lever 0.25: expected 1 to 10000 mm"),
         (("--pulley", "0.02,0.11", "--rest-length", 300), "--pulley 0.02: expected 1 to 10000 mm"),
         (("--pulley", "20,0.11", "--rest-length", 300, "--sweep", "1"), "expected NUMBER=DIRECTION"),
+        (("--pulley", "20,0.11", "--rest-length", 300, "--sweep", "up=1"), "expected NUMBER=DIRECTION"),
     ],
 )
 def test_what_is_missing_on_the_command_line_is_said(table, arguments, sentence):
