@@ -101,7 +101,7 @@ def admitted(
     name_item(q, last, items)
     lead_on(path, at, a)
     respond(path, setting.slack, sweep, size, last, items, a.xi)
-    slope, least = find_step(size, a), FLAT / setting.curvature
+    slope, least = find_step(size, a), FLAT / setting.curvature if items.kind[q] == SUPPLY else 0.0
     if slope <= least and size < q:
         first, k, i = longest(bounded, size, REAL, a)
         if items.step[last] < HUGE:  # the multiplier that becomes 0 may have the wrong sign: the barrier has rounded it
