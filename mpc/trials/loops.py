@@ -142,10 +142,13 @@ def sliding_margins(
 def margins_in_words(name: str, settings: Settings, reference: Reference, driver: Controller) -> list[str]:
     """Return sentences on the margins of the loop `name`, at the middle of a reference or of the joint, see `robust`.
 
-    There are none if the `driver`, the loop's controller, is slow: an NLP, or a step without compiled code.
+    There are none for an NLP, and for a `driver`, the loop's controller, without compiled code one that says so: their
+    short runs would take minutes.
     """
-    if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
+    if name == "nmpc":
         return []
+    if getattr(driver, "implementation", "compiled") != "compiled":
+        return ["margins of the loop are computed once its controller is compiled"]
     posture = _within_reach(settings.plant, reference) or usual_postures(settings.plant)[1]
     return sliding_margins(name, settings, [posture])[0].sentences
 
