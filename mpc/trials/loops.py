@@ -142,8 +142,8 @@ def sliding_margins(
 def margins_in_words(name: str, settings: Settings, reference: Reference, driver: Controller) -> list[str]:
     """Return sentences on the margins of the loop `name`, at the middle of a reference or of the joint, see `robust`.
 
-    There are none for an NLP, and for a `driver`, the loop's controller, without compiled code one that says so: their
-    short runs would take minutes.
+    Margins need many short runs. An NLP gets no sentence, as these would take minutes. If the `driver`, the loop's
+    controller, is not compiled, the only sentence reports that margins are left out.
     """
     if name == "nmpc":
         return []
