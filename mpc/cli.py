@@ -52,6 +52,7 @@ _SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap", ".gif", ".mp4")
 _OWN_NAMES = ("tracking.png", "tracking.csv")
 _OWN_FILM = "tracking.gif"  # for several joints
 _MPC = "mpc"
+_ANGLES = 61  # at which a joint's strength is computed
 _PUSH = 2.0  # [±°] whose felt stiffness is reported
 
 
@@ -198,6 +199,8 @@ def track(
     nominal = options.plant(**({"lag": _REAL_LAG} if plant == _REAL else {}))
     asked = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, nominal))
     asked.samples(at.dt)  # before anything is built
+    if payload:
+        _check_payload(payload, nominal)
     half_way = float(asked.t[-1] - asked.t[0]) / 2
     known = options.compensation()
     tested, settings, unknown = _tested(plant, nominal, known, ((half_way, payload),) if payload else ())
@@ -253,6 +256,19 @@ def track(
         files = [*files, margins]
     say(console, f"written: {', '.join(map(str, files))}")
     _show(files if show else [])
+
+
+def _check_payload(payload: float, plant: "Plant") -> None:
+    """Refuse a payload [N·m] that the joint cannot hold at any angle."""
+    import numpy as np
+
+    from allocator.feasibility.intervals import torque_interval
+
+    with warnings.catch_warnings(action="ignore"):  # the answers themselves report what is assumed
+        low, high = torque_interval(np.linspace(*plant.joint.angle_range, _ANGLES), joint=plant.joint)
+    strength = float(np.nanmax(np.abs([low, high])))
+    if abs(payload) > strength:
+        raise InvalidInput(f"--payload {payload:g}: the joint holds {strength:.3g} N·m at most")
 
 
 def _show(files: list[Path]) -> None:

@@ -10,7 +10,7 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.shell.machine_options import A_MUSCLE, OF_ONE_JOINT, MachineOptions
 from allocator.shell.options import numbers, within
-from allocator.shell.outputs import Force, claim
+from allocator.shell.outputs import Force, check_toml, claim
 from allocator.units import BAR
 
 if TYPE_CHECKING:
@@ -254,6 +254,7 @@ def init_command(
     from allocator.muscles.catalogue import named_muscle
 
     claim(file, inputs=(muscle,), force=force)
+    check_toml("FILE", file)
     law = None if muscle is None else named_muscle(muscle)
     if machine is not None:
         from mpc.model.arm.model import Arm

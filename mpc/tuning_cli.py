@@ -16,7 +16,7 @@ from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
 from allocator.lazy import Console
 from allocator.shell.options import grouped
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, check_toml, claim, print_json, say
 from mpc.plant_cli import LoopOptions, PlantOptions
 
 if TYPE_CHECKING:
@@ -88,6 +88,7 @@ def tune_command(
         raise InvalidInput(f"--in-place is for a TOML file, and --machine is {options.machine}; give --out FILE")
     copy = plant.with_name(plant.name + _KEPT) if in_place and plant is not None else None
     claim(out, plot, copy, inputs=options.files, force=force)
+    check_toml("--out", out)
     console = Console(stderr=as_json)
     model, known, spreads = _read(options, plant)
     if at.stiffness is not None and isinstance(model, Arm):

@@ -91,7 +91,7 @@ def map_command(
             "--targets is for several joints; one joint takes ranges of --theta, --stiffness and --torque"
         )
     axes = {
-        "theta": None if theta is None else _axis("--theta", theta, "°") * DEG,
+        "theta": None if theta is None else _angles(theta),
         "K": None if stiffness is None else _axis("--stiffness", stiffness, "N·m/rad"),
         "T": _torque(torque, theta, stiffness),
     }
@@ -143,6 +143,14 @@ def _axis(option: str, text: str, unit: str) -> "Array":
     return steps(option, low, high, given[2] if len(given) == 3 else abs(high - low) / _DEFAULT_STEPS or 1.0, unit)
 
 
+def _angles(text: str) -> "Array":
+    """Return one angle () or the angles of a range (n,) [rad]."""
+    found = _axis("--theta", text, "°")
+    if np.abs(found).max() > 360:
+        raise InvalidInput(f"--theta {text}: an angle is over a turn")
+    return found * DEG
+
+
 def _torque(torque: str | None, *others: str | None) -> "Array | float | None":
     """Return the requested torque; else 0, or None for all torques if the angle or the stiffness is a number."""
     if torque is not None:
@@ -175,9 +183,11 @@ def _ended_by(found: "FeasibilityMap") -> list[str]:
 
 def _sentence(name: str, found: "FeasibilityMap") -> str:
     """Return one line on the feasible set and one on the limits that bound it."""
+    if not found.share:
+        return f"{name}: none of {found.status.size} combinations exists, {found.kind.text}; take other ranges"
     return (
         f"{name}: {100 * found.share:.1f} % of {found.status.size} combinations exist, {found.kind.text}\n"
-        f"  bounded by: {', '.join(_ended_by(found)) or 'nothing exists'}" + (found.assumed and f"\n  {found.assumed}")
+        f"  bounded by: {', '.join(_ended_by(found))}" + (found.assumed and f"\n  {found.assumed}")
     )
 
 

@@ -168,6 +168,7 @@ def _compare(table: Table, model: type[Muscle], given: Mapping[str, object]) -> 
     """Refuse missing and surplus parameters."""
     wanted = model.number_fields()
     if missing := [name for name in wanted if name not in given]:
-        raise table.fault(f"{model.__name__} needs the parameter {', '.join(missing)}, which is missing")
+        those = "parameter {}, which is" if len(missing) == 1 else "parameters {}, which are"
+        raise table.fault(f"{model.__name__} needs the {those.format(', '.join(missing))} missing")
     if surplus := [name for name in given if name not in wanted]:
         raise table.fault(f"{model.__name__} has no parameter {', '.join(surplus)}; it has {', '.join(wanted)}")

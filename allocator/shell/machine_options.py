@@ -343,6 +343,8 @@ class MachineOptions:
             left, right = numbers("--stops", self.stops, 2, 2, "-90:90")
             for angle in (left, right):
                 within("--stops", angle, "degrees", -360, 360)
+            if not left < right:
+                raise InvalidInput(f"--stops {self.stops}: the first angle has to be below the second")
             changes["angle_limits"] = (left * DEG, right * DEG)
         if self.friction is not None:
             changes |= {"friction": self.friction, "hysteresis": None}  # one says all that the other would

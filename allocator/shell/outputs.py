@@ -70,6 +70,12 @@ def claim(
         seen.add(target)
 
 
+def check_toml(option: str, path: Path | None) -> None:
+    """Insist that `path` ends in .toml, by which --machine and --muscle know it; /dev/stdout and the like need not."""
+    if path is not None and not (path.is_char_device() or path.is_fifo()):
+        check_ending(option, path, (".toml",))
+
+
 def files_of_run(out: Iterable[Path], endings: tuple[str, ...], own: Iterable[str]) -> list[Path]:
     """Return the files of a run that --out names: each itself, or a directory's files of the `own` names."""
     files = []
@@ -83,4 +89,6 @@ def files_of_run(out: Iterable[Path], endings: tuple[str, ...], own: Iterable[st
 def check_ending(option: str, path: Path | None, endings: tuple[str, ...]) -> None:
     """Insist that the ending of `path` is one of these."""
     if path is not None and path.suffix.lower() not in endings:
-        raise InvalidInput(f"{option} {path}: the ending has to be one of {', '.join(endings)}")
+        raise InvalidInput(
+            f"{option} {path}: the ending has to be {'one of ' * (len(endings) > 1)}{', '.join(endings)}"
+        )

@@ -9,7 +9,7 @@ from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, within
-from allocator.shell.outputs import Force, claim, say
+from allocator.shell.outputs import Force, check_ending, claim, say
 
 if TYPE_CHECKING:
     from allocator import AntagonistJoint
@@ -45,6 +45,7 @@ def explore(
         raise InvalidInput("--run has its own joint: leave out the options of a joint")
     if save is not None:
         claim(save, inputs=(run, *options.files), force=force)
+        check_ending("--save", save, (".html", ".htm"))
     joint = options.joint() if run is None else joint_run(run).plant.joint
     played = None if run is None else frames(run)
     if save is not None:

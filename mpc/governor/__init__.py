@@ -6,9 +6,9 @@
     governor.warm_up()
     P_safe = governor(q, omega, P, command)
 
-J. Kolmanovsky, E. Garone and S. Di Cairano, "Reference and command governors: a tutorial on their theory and automotive
-applications", ACC 2014; E. Garone and M. M. Nicotra, "Explicit reference governor for constrained nonlinear systems",
-IEEE TAC 61(5), 2016: a command passes if its energy cannot reach the limit.
+A command passes if its energy cannot reach the limit (I. Kolmanovsky, E. Garone and S. Di Cairano, "Reference and
+command governors: a tutorial on their theory and automotive applications", ACC 2014; E. Garone and M. M. Nicotra,
+"Explicit reference governor for constrained nonlinear systems", IEEE TAC 61(5), 2016).
 """
 
 from mpc.governor.governor import Governed, GovernorStatus, PressureGovernor

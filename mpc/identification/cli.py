@@ -16,7 +16,7 @@ from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.options import SkipRows, Topics, clock, columns_option
 from allocator.machine_file import encoder_zero_in, joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, check_toml, claim, print_json, say
 from allocator.units import DEG
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ def fit_motion_command(
     """
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(*log, machine), force=force)
+    check_toml("--out", out)
     if out is not None and machine is None:
         raise InvalidInput("--out writes a plant with muscles: give its joint with --machine, a file of fit-joint")
     console = Console(stderr=as_json)

@@ -25,5 +25,5 @@ def sample_time(dt: object) -> float:
     """Return a checked sample time `dt` [s]. Raises `InvalidInput`."""
     found = checks.number("dt", dt, "s")
     if not _SHORTEST <= found < 1:
-        raise InvalidInput(f"dt = {found:g} s has to be a sample time between {_SHORTEST:g} and 1 s")
+        raise InvalidInput(f"dt = {found:g} s has to be a sample time from {_SHORTEST:g} s to below 1 s")
     return found

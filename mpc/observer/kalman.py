@@ -155,10 +155,14 @@ class KalmanObserver:
         """Return the state (2n + m,) and disturbance torque [N·m], (n,) of an arm, from `y` (2n + m,), NaN where
         unmeasured.
 
-        `u` (m,) [Pa] is the last command sent. Raises `InvalidInput` for wrong shapes. Warns (`BadNumbers`) if the
-        first pressures above 0 look like bar.
+        `u` (m,) [Pa] is the last command sent. Raises `InvalidInput` for wrong shapes and types. Warns (`BadNumbers`)
+        if the first pressures above 0 look like bar.
         """
-        y, u, compiled = np.asarray(y, float), np.asarray(u, float), self.compiled
+        compiled = self.compiled
+        try:
+            y, u = np.asarray(y, float), np.asarray(u, float)
+        except (TypeError, ValueError):  # tried first, as the check takes a microsecond
+            y, u = checks.floats("y", y, "rad, rad/s, Pa"), checks.floats("u", u, "Pa")
         if not self._units_shown and y.shape == (self.plant.size,):
             self._units_shown = units_shown("y", y[2 * self.plant.n :], stacklevel=2)
         if compiled is not None:

@@ -228,7 +228,7 @@ class Preview(Deferred):
 
     def _state(self, x: object) -> tuple[Array, Array]:
         """Return the initial state, and its measured entries (others NaN)."""
-        array = np.array(x, float)
+        array = np.array(checks.floats("x", x, "rad, rad/s, Pa"))
         if array.shape != self.lower.shape:
             raise InvalidInput(
                 f"x has the shape {array.shape}, not {self.lower.shape}: n = {self.n} angles [rad], as many velocities "

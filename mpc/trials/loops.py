@@ -142,10 +142,13 @@ def sliding_margins(
 def margins_in_words(name: str, settings: Settings, reference: Reference, driver: Controller) -> list[str]:
     """Return sentences on the margins of the loop `name`, at the middle of a reference or of the joint, see `robust`.
 
-    There are none if the `driver`, the loop's controller, is slow: an NLP, or a step without compiled code.
+    Margins need many short runs. An NLP gets no sentence, as these would take minutes. If the `driver`, the loop's
+    controller, is not compiled, the only sentence reports that margins are left out.
     """
-    if name == "nmpc" or getattr(driver, "implementation", "compiled") != "compiled":
+    if name == "nmpc":
         return []
+    if getattr(driver, "implementation", "compiled") != "compiled":
+        return ["margins of the loop are computed once its controller is compiled"]
     posture = _within_reach(settings.plant, reference) or usual_postures(settings.plant)[1]
     return sliding_margins(name, settings, [posture])[0].sentences
 

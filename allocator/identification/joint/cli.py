@@ -21,7 +21,7 @@ from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, row, within
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, check_toml, claim, print_json, say
 from allocator.units import BAR, DEG, MM, PERCENT
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def fit_joint_command(
     within("--dead-band", dead_band, "bar", 0, 100)
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(*log, machine), force=force)
+    check_toml("--out", out)
     console = Console(stderr=as_json)
     ways, read = _sweeps(sweep or []), parse_columns(columns)
     data = joined_logs(

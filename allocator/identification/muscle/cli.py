@@ -1,5 +1,6 @@
 """Command `antagonist fit`: a muscle from a table of measured forces."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +22,7 @@ from allocator.identification.options import SkipRows, Topics, assigned, columns
 from allocator.muscles import MODELS, Muscle
 from allocator.presentation.plotting import save_figure
 from allocator.shell.options import within
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, check_toml, claim, print_json, say
 from allocator.units import BAR, MM
 
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
@@ -73,6 +74,7 @@ def fit_command(
     check_ending("--plot", plot, IMAGES)
     files = data or [_DEFAULT]
     claim(out, plot, inputs=files, force=force)
+    check_toml("--out", out)
     console = Console(stderr=as_json)
     read = {name: _samples(str(one), rest_length, columns, skip_rows, topics) for name, one in short(files).items()}
     samples = joined(read)
@@ -87,7 +89,7 @@ def fit_command(
     )
     best = ranking.best
     if best is None:
-        raise InvalidInput("; ".join(f"{name}: {why}" for name, why in ranking.failures.items()))
+        raise InvalidInput(_none_fits(ranking.failures))
     if as_json:
         print_json(_values(ranking, best))
     else:
@@ -116,6 +118,12 @@ def _models(name: str | None) -> tuple[type[Muscle], ...]:
     if name not in MODELS:
         raise MissingBackend("model", name, MODELS)
     return (MODELS[name],)
+
+
+def _none_fits(failures: Mapping[str, str]) -> str:
+    """Return the sentence for samples that no model fits: the reason of the first one, which has few parameters."""
+    reason, *others = failures.values()
+    return f"no force law can be fitted: {reason}" if others else reason
 
 
 def _report(ranking: Ranking, console: Console) -> None:

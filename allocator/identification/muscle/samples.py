@@ -292,7 +292,7 @@ def _pressure_mistake(eps: Array, P: Array, F: Array) -> Mistake | None:
             int(np.argmax(empty)),
             "pressure",
             f"no force at {lowest / BAR:.4g} bar, the lowest pressure, and at the rest length: the pressure looks "
-            "absolute; subtract the atmosphere (about 1.013 bar), gauge pressure is expected",
+            "absolute; subtract the atmosphere (about 1.013 bar), or leave these rows out if it is a gauge pressure",
         )
     return None
 

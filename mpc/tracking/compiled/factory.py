@@ -114,10 +114,10 @@ def _tell(longer: str, failure: Exception) -> None:
 
 
 _BESIDE = (
-    "another process compiles the controller's step for the next run, {}; this run takes the readable "
-    "one, about {} times as slow (--wait, or wait=True, waits)"
+    "another process compiles the controller's step for the next run, {}; this run takes the one "
+    "that is not compiled, about {} times slower (--wait, or wait=True, waits)"
 )
-_FOR_ARMS, _FOR_JOINTS = ("a minute or two", "thirty"), ("some 30 seconds", "forty")
+_FOR_ARMS, _FOR_JOINTS = ("a minute or two", "thirty"), ("about 30 seconds", "forty")
 
 
 def compile_step(plant: Machine, dt: float) -> None:

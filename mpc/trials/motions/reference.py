@@ -62,7 +62,10 @@ class Reference:
         return float(self.t[-1] - self.t[0]) - self.tail
 
     def samples(self, dt: float) -> int:
-        """Return the number of samples of `dt` [s] after the first one. Raises `InvalidInput` for over a million."""
+        """Return the number of samples of `dt` [s] after the first one.
+
+        Raises `InvalidInput` for none or over a million.
+        """
         if not checks.number("dt", dt, "s") > 0:
             raise InvalidInput(f"dt = {dt:g} s has to be a sample time above 0 s")
         span = self.duration
@@ -72,12 +75,14 @@ class Reference:
                 f"the reference takes {span:.6g} s, which is {steps:.3g} samples of dt = {dt:g} s; at most "
                 f"{LONGEST:,} are taken"
             )
-        return max(int(steps), 1)
+        if steps < 1:
+            raise InvalidInput(f"the reference takes {span:.6g} s, which is less than one sample of dt = {dt:g} s")
+        return int(steps)
 
     def resampled(self, dt: float) -> Self:
-        """Return this reference every `dt` [s], from the first sample to the last one that fits; at least two samples.
+        """Return this reference every `dt` [s], from the first sample to the last one that fits.
 
-        Raises `InvalidInput` for over a million of them.
+        Raises `InvalidInput` for fewer than two samples and for over a million.
         """
         steps = self.samples(dt)
         ahead = int(self.tail / dt * (1 + 1e-12))
@@ -159,12 +164,13 @@ def sine(
     checks.number("amplitude", amplitude, "rad")
     for name, value in (("K", K), ("K_amplitude", K_amplitude)):
         checks.number(name, value, "N·m/rad")
-    for name, value in (("frequency", frequency), ("K_frequency", K_frequency)):
-        checks.number(name, value, "Hz")
     for name, value in (("duration", duration), ("ramp", ramp), ("dt", dt)):
         checks.number(name, value, "s")
     if not (duration > 0 and 0 <= 2 * ramp <= duration and 0 < dt <= duration):
         raise InvalidInput(f"duration = {duration:g} s has to cover two ramps of {ramp:g} s and a dt of {dt:g} s")
+    for name, value in (("frequency", frequency), ("K_frequency", K_frequency)):
+        if abs(checks.number(name, value, "Hz")) * dt >= 0.5:
+            raise InvalidInput(f"{name} = {value:g} Hz needs over two samples a period, and dt is {dt:g} s")
     t = times(duration, dt)
     rest = np.minimum(t, duration - t)  # time to the nearer end
     swell = min_jerk(rest / ramp) if ramp > 0 else np.ones_like(t)

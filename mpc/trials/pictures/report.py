@@ -21,6 +21,7 @@ from mpc.trials.simulation import Run
 _LOWEST = 0.2  # [Hz]
 _PLANE = 2.5  # of the plane around -1
 _CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
+_STEPS = {"REST": "steps at rest, commands held"}
 _WORTH_SAYING = 5.0  # [% of the steps] at the slew limit, below which nothing is reported
 
 
@@ -111,7 +112,7 @@ def table_of(run: Run, m: Metrics) -> "Table":
         table.add_row("implementation of the step", "", run.implementation)
     for rung, steps in m.rungs.items():
         if steps:
-            table.add_row(f"steps answered by {rung}", "", str(steps))
+            table.add_row(_STEPS.get(rung, f"steps answered by {rung}"), "", str(steps))
     return table
 
 

@@ -178,3 +178,9 @@ def test_limits_are_named_in_a_few_words():
     assert limit_text(Limit.AGONIST_SLACK | Limit.ANTAGONIST_SLACK) == "both slack"
     assert limit_text(Limit.P1_UPPER) == "P1 upper"
     assert limit_text(Limit.P1_UPPER | Limit.ANTAGONIST_SLACK) == "P1 upper + antagonist slack"
+
+
+def test_a_map_without_a_feasible_target_says_so(tmp_path):
+    result = run("--stiffness", "1e6:1e7", "--out", tmp_path / "map.csv")
+    assert "none of 40401 combinations exists" in result.output
+    assert "bounded by" not in result.output

@@ -30,6 +30,9 @@ FILES = {
     "nested.toml": f"x = {'[' * 3000}\n",
     "plant_int.toml": f"[plant]\ninertia = {BIG}\n",
     "plant_typo.toml": "[plant]\ninertja = 0.1\n",
+    "one_row.csv": "eps [%],p [bar],F [N]\n5,3,400\n",
+    "t_short.csv": "t,theta_deg,stiffness\n0,0,7\n1e-9,1,7\n",
+    "p_two.toml": 'model = "Hogan1984"\n[parameters]\nF_max = 1500.0\n',
     "afile": "x",
 }
 HELD = ("allocate", "--theta", "0", "--stiffness", "7")
@@ -54,6 +57,9 @@ CASES = {
     (*HELD, "--machine", "p_max.toml"): "is not a machine: the table [machine] is missing",
     ("track", "t.csv", "--machine", "own_int.toml"): "inertia = int is not a number",
     ("track", "t.csv", "--machine", "own_typo.toml"): "[plant] has no inertja; it has inertia, damping",
+    ("fit", "one_row.csv"): "no force law can be fitted: 1 taut samples cannot determine the 2 parameters of Hogan1984",
+    ("track", "t_short.csv"): "the reference takes 1e-09 s, which is less than one sample of dt = 0.01 s",
+    ("map", "--muscle", "p_two.toml"): "needs the parameters eps_max, P_max, which are missing",
     # numbers
     ("track", "t.csv", "--horizon", "100000"): "N = 100000 is over 1000",
     ("track", "t.csv", "--horizon", "1000000000"): "N = 1000000000 is over 1000",
@@ -74,6 +80,9 @@ CASES = {
     ("map", "--rest-length", "-5"): "--rest-length -5: expected 1 to 10000 mm",
     ("map", "--radius", "nan"): "--radius nan: expected",
     ("map", "--stops", "nan:90"): "--stops nan: expected -360 to 360 degrees",
+    ("map", "--stops", "10:-10"): "--stops 10:-10: the first angle has to be below the second",
+    ("map", "--theta", "400:500"): "--theta 400:500: an angle is over a turn",
+    ("track", "t.csv", "--payload", "20"): "--payload 20: the joint holds 18.1 N·m at most",
     ("map", "--torque", "0:1e-300"): "--torque from 0 to 1e-300 N·m is too narrow a range to be shown",
     ("map", "--initial-contraction", "13.75"): "a ratio, not percent",
     ("map", "--min-force", "nan"): "min_force",
@@ -98,6 +107,10 @@ CASES = {
     (*SAROSI, "--plot", "x.docx"): "--plot x.docx: the ending has to be one of .png",
     ("map", "--out", "afile/x.csv"): "afile/x.csv cannot be written",
     ("init", "directory"): "directory cannot be written (it is a directory)",
+    (*SAROSI, "--out", "x.csv"): "--out x.csv: the ending has to be .toml",
+    ("init", "x.txt"): "FILE x.txt: the ending has to be .toml",
+    ("tune", "--machine", "arm26", "--out", "x"): "--out x: the ending has to be .toml",
+    ("explore", "--save", "x.txt"): "--save x.txt: the ending has to be one of .html",
     ("export", "allocation", "--out", "afile/c"): "afile/c cannot be written",
     ("track", "t.csv", "--out", "afile/run.npz"): "afile/run.npz cannot be written",
 }

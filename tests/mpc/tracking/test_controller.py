@@ -281,6 +281,7 @@ def test_a_missing_measurement_is_replaced_by_the_prediction():
     ("arguments", "said"),
     [
         (([0, 0, 3e5], 0.0, 7.6), "x has the shape"),
+        (({}, 0.0, 7.6), "x = {} is not a number"),
         (([0, 0, 3e5, 3e5], np.zeros(5), 7.6), "theta_ref has the shape"),
         (([0, 0, 3e5, 3e5], "up", 7.6), "theta_ref = 'up' is not a number"),
         (([0, 0, 3e5, 3e5], 0.0, 1j), "K_ref = 1j is not a number"),

@@ -98,3 +98,12 @@ def test_the_picture_shows_each_posture(tmp_path):
         f"θ = {m.theta / DEG:.0f}°, K = {m.K:.1f} N·m/rad" for m in found
     ]
     assert (tmp_path / "margins.png").stat().st_size > 10_000
+
+
+def test_without_compiled_code_a_sentence_stands_for_the_margins():
+    class Slow:
+        implementation = "readable"
+
+    reference = Reference(DT * np.arange(3), np.zeros(3), np.full(3, 6.0))
+    said = margins_in_words("mpc", Settings(PLANT, DT), reference, Slow())
+    assert said == ["margins of the loop are computed once its controller is compiled"]

@@ -136,7 +136,7 @@ def test_the_filled_table_is_fitted_as_it_is_and_shows_where_cables_go_slack(tmp
         (("--weight", 1e6), "more than the joint holds"),
         (("--lowest", 9), "--lowest"),
         (("--setpoints", 1), "setpoints = 1 has to be a whole number, 2 or more"),
-        (("--out", "plan.png"), "the ending has to be one of .csv"),
+        (("--out", "plan.png"), "the ending has to be .csv"),
     ],
 )
 def test_wrong_input_is_one_sentence(arguments, sentence):
