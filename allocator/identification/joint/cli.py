@@ -80,6 +80,8 @@ def fit_joint_command(
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--dead-band", dead_band, "bar", 0, 100)
+    if group is not None and out is None:
+        raise InvalidInput("--group chooses the joint that --out writes: pass --out as well")
     check_ending("--plot", plot, IMAGES)
     claim(out, plot, inputs=(*log, machine), force=force)
     check_toml("--out", out)

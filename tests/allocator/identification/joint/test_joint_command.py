@@ -135,6 +135,7 @@ def test_steady_samples_are_picked_from_a_raw_log(tmp_path):
         (("--pulley", "0.02,0.11", "--rest-length", 300), "--pulley 0.02: expected 1 to 10000 mm"),
         (("--pulley", "20,0.11", "--rest-length", 300, "--sweep", "1"), "expected NUMBER=DIRECTION"),
         (("--pulley", "20,0.11", "--rest-length", 300, "--sweep", "up=1"), "expected NUMBER=DIRECTION"),
+        (("--pulley", "20,0.11", "--rest-length", 300, "--group", "3"), "pass --out as well"),
     ],
 )
 def test_what_is_missing_on_the_command_line_is_said(table, arguments, sentence):

@@ -132,6 +132,7 @@ def test_the_filled_table_is_fitted_as_it_is_and_shows_where_cables_go_slack(tmp
     [
         (("--accuracy", 0), "--accuracy"),
         (("--noise", -1), "--noise"),
+        (("--weight", "nan"), "positive torques"),
         (("--weight", -1), "positive torques"),
         (("--weight", 1e6), "more than the joint holds"),
         (("--lowest", 9), "--lowest"),
