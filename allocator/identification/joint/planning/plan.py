@@ -173,7 +173,7 @@ def plan_joint_experiment(
 def _weights(joint: AntagonistJoint, given: Iterable[float] | None) -> list[float]:
     if given is not None:
         weights = [float(w) for w in given]
-        if not weights or not all(w > 0 for w in weights):
+        if not weights or not all(0 < w < np.inf for w in weights):
             raise InvalidInput(f"weights = {weights} have to be positive torques [N·m]")
         return weights
     P = sum(joint.pressure_limits) / 2
