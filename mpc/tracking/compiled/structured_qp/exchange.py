@@ -238,8 +238,10 @@ def rebased(
     solve_items(size, items)
     direct(size, False, a)
     walk(size, 1.0, 0.0, a)
+    least = PUSHES * setting.accuracy * setting.curvature
     for q in range(size):
-        items.multiplier[q] = max(items.multiplier[q], 0.0)
+        if abs(items.multiplier[q]) < least:  # rounded; `let_go` releases the item of a negative one
+            items.multiplier[q] = max(items.multiplier[q], 0.0)
     lead_on(path, at, a)
     return size
 
