@@ -82,7 +82,7 @@ CASES = {
     ("map", "--stops", "nan:90"): "--stops nan: expected -360 to 360 degrees",
     ("map", "--stops", "10:-10"): "--stops 10:-10: the first angle has to be below the second",
     ("map", "--theta", "400:500"): "--theta 400:500: an angle is over a turn",
-    ("track", "t.csv", "--payload", "20"): "--payload 20: the joint holds 18.1 N·m at most",
+    ("track", "t.csv", "--payload", "40"): "--payload 40: the joint holds 26.1 N·m at most",
     ("map", "--torque", "0:1e-300"): "--torque from 0 to 1e-300 N·m is too narrow a range to be shown",
     ("map", "--initial-contraction", "13.75"): "a ratio, not percent",
     ("map", "--min-force", "nan"): "min_force",

@@ -61,6 +61,7 @@ STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the 
 COARSE, FINE = 1e-4, 1e-8  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows;
 # a greater one may hold a limit that is not active, and to release it may break a hundred others
 HELD = 0.001  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
+GIVEN = True  # whether items begin with its multipliers, which single precision rounds too much
 
 
 @inlined
@@ -243,7 +244,7 @@ def name_soft(least: float, sweep: Sweep, items: Items) -> int:
                 there = kind < ALL and number < items.kind.size - SPARE
                 if there and items.r[line, k, i] / items.z[line, k, i] * (width(kind) / unit) ** 2 > least:
                     set_limit(number, kind, k, 0, 1, items)
-                    items.multiplier[number] = items.r[line, k, i]
+                    items.multiplier[number] = items.r[line, k, i] if GIVEN else 0.0
                     number += 1
     return number
 
@@ -273,7 +274,7 @@ def hold_active(least: float, named: int, sweep: Sweep, items: Items) -> int:
             sweep.held[k, i] = slew * UPPER if slew != 0 else supply * HIGH
             if slew * supply > 0 and named < items.kind.size - SPARE:
                 set_limit(named, SUPPLY, k, i, supply, items)
-                items.multiplier[named] = items.r[2 if supply < 0 else 3, k, i]
+                items.multiplier[named] = items.r[2 if supply < 0 else 3, k, i] if GIVEN else 0.0
                 named += 1
     return named
 
