@@ -12,13 +12,7 @@ from mpc.model.machine import Machine
 _N, _AFTER, _BLOCKS = "ANT_HORIZON", "ANT_HORIZON + 1", "ANT_BLOCKS"
 _M, _X, _XI, _Y = "ANT_MUSCLES", "ANT_STATES", "ANT_XI", "ANT_OUTPUTS"
 _SIDE = "signed char"
-_SINGLE = {
-    "PUSHES": 0.5,
-    "BREAKS": 1e-6,
-    "ROW_BREAKS": 1e-5,
-    "FLAT": 1e-5,
-    "GIVEN": 0,
-}  # rounding tolerances of float32
+_SINGLE = {"PUSHES": 0.5, "BREAKS": 1e-6, "ROW_BREAKS": 1e-5, "FLAT": 1e-5, "FINE": 1e-4}  # rounding of float32
 _ITEMS = {True: 28, False: 16}  # by single precision; more would not fit into a microcontroller
 
 

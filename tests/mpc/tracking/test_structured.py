@@ -273,13 +273,17 @@ def test_arcs_that_end_exactly_at_the_supply_take_few_exchanges():
 
 BOUNDS_CHECKED = """
 import numpy as np
-from benchmarks.speed.worst_cases import arguments, hunted, random_situation
+from benchmarks.speed.worst_cases import Situation, arguments, hunted, random_situation
 from mpc import Plant, TrackingMPC
 for found in hunted(60, 20, seed=13):
     pass
-assert max(found.exchanges) >= 16, found.exchanges
 assert not found.unsolved
-least = TrackingMPC(Plant(), N=8, blocks=(8,))  # the fewest items
+least, hard = TrackingMPC(Plant(), N=8, blocks=(8,)), TrackingMPC(Plant(), N=40)  # the fewest items, many exchanges
+hard._qp_step.linearise(*arguments(hard, Situation(
+    np.array([0.555464, -0.149584, 533148.0, 432888.0]), np.array([400994.0, 382556.0]),
+    np.array([130231.0, 180665.0]), np.zeros(2), np.array([0.441247, 0.747849, 0.168059, 11.4529]), 0.0)))
+assert hard._qp_step.structured.solved()
+assert hard._qp_step.structured.exchanges > 40, hard._qp_step.structured.exchanges
 rng = np.random.default_rng(0)
 for _ in range(60):
     least._qp_step.linearise(*arguments(least, random_situation(rng, least.plant)))

@@ -61,7 +61,6 @@ STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the 
 COARSE, FINE = 1e-4, 1e-8  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows;
 # a greater one may hold a limit that is not active, and to release it may break a hundred others
 HELD = 0.001  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
-GIVEN = True  # whether items begin with its multipliers, which single precision rounds too much
 
 
 @inlined
@@ -84,7 +83,7 @@ def guessed(
         if wanted > lines:
             lines, centred = wanted, CENTRED
             product = placed(path, errors, setting, bounded, start, lines, at, sweep, a.items)
-        if product < enough(lines) * setting.curvature:
+        if product < enough(lines) * setting.curvature or not product < HUGE:
             break
         gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
         take_charges(setting.cost, sweep)
@@ -101,9 +100,10 @@ def guessed(
             break
         if not share > SHORT and stalls < STALLED:
             stalls = stalls + 1 if share > STUCK else STALLED
-    if not product < HUGE:
-        at.xi[:], at.v[:] = 0.0, 0.0
     take_charges(setting.cost, sweep)
+    if not product < HUGE:  # it has diverged: nothing is held
+        at.xi[:], at.v[:] = 0.0, 0.0
+        return 0
     least = HELD / enough(lines) * setting.curvature
     named = name_soft(least, sweep, a.items) if lines == LIMIT_LINES else 0
     return hold_active(least, named, sweep, a.items)
@@ -244,7 +244,7 @@ def name_soft(least: float, sweep: Sweep, items: Items) -> int:
                 there = kind < ALL and number < items.kind.size - SPARE
                 if there and items.r[line, k, i] / items.z[line, k, i] * (width(kind) / unit) ** 2 > least:
                     set_limit(number, kind, k, 0, 1, items)
-                    items.multiplier[number] = items.r[line, k, i] if GIVEN else 0.0
+                    items.multiplier[number] = items.r[line, k, i]
                     number += 1
     return number
 
@@ -274,7 +274,7 @@ def hold_active(least: float, named: int, sweep: Sweep, items: Items) -> int:
             sweep.held[k, i] = slew * UPPER if slew != 0 else supply * HIGH
             if slew * supply > 0 and named < items.kind.size - SPARE:
                 set_limit(named, SUPPLY, k, i, supply, items)
-                items.multiplier[named] = items.r[2 if supply < 0 else 3, k, i] if GIVEN else 0.0
+                items.multiplier[named] = items.r[2 if supply < 0 else 3, k, i]
                 named += 1
     return named
 
