@@ -17,6 +17,7 @@ from allocator.presentation.plotting import new_figure
 from allocator.presentation.progress import counted
 from allocator.units import BAR
 from mpc.arm.mujoco_plant import Kept, MujocoPlant
+from mpc.arm.picture import Camera
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.trials.pictures.animation import Picture, drawn, save_film
@@ -24,7 +25,6 @@ from mpc.trials.pictures.plotting import COLOURS
 
 if TYPE_CHECKING:
     from mujoco import MjvScene
-from mpc.arm.picture import Camera
 
 SIZES = {".gif": (640, 360), ".mp4": (1280, 720)}  # [pixels] by the ending of a file
 _DOTS = 80  # per inch, of drawings
