@@ -15,7 +15,7 @@ from allocator.presentation.progress import waiting
 from allocator.shell.options import finite, grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
 from allocator.units import BAR, PERCENT
-from mpc.arm.cli import HandOptions, asked_of_arm, described, refuse_options_of_one_joint
+from mpc.arm.options import HandOptions, asked_of_arm, described, refuse_options_of_one_joint
 from mpc.bench.options import BenchOptions
 from mpc.plant_cli import LoopOptions, PlantOptions
 from mpc.repetition.options import RepeatOptions, progress, report

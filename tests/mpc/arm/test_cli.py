@@ -11,13 +11,13 @@ from typer.testing import CliRunner
 from allocator import Gas, InvalidFile, save_machine
 from allocator.mechanism import machines
 from allocator.presentation import progress
-from mpc.arm.cli import _dry_friction
 from mpc.cli import app
 from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction
+from mpc.track_cli.arm import _dry_friction
 from mpc.tracking.qp.step import SlowStep
 from mpc.trials.files import load_recording
 from mpc.trials.motions import arm_trajectories as references
@@ -129,7 +129,7 @@ def test_a_loop_that_knows_half_of_the_dry_friction_says_so():
     known = Compensation(frictions=(Friction(coulomb=0.2), Friction(coulomb=0.1)))
     (said,) = _dry_friction([0.4, 0.2], known)
     assert said.endswith("up to 0.4 N·m per joint; controller and observer know 50% of it")
-    assert _dry_friction([0.2, 0.1], known) == _dry_friction([0.0, 0.0], Compensation()) == []
+    assert [*_dry_friction([0.2, 0.1], known), *_dry_friction([0.0, 0.0], Compensation())] == []
 
 
 def test_a_model_that_does_not_tell_its_muscles_lengths_is_asked_for_them(folder):

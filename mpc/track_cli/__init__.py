@@ -1,0 +1,1 @@
+"""Command `antagonist track`: a controller on a simulated joint or arm."""
