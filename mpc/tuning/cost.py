@@ -30,7 +30,7 @@ from allocator.units import BAR, DEG
 from mpc.model.real import Real
 from mpc.trials.loops import Settings
 from mpc.trials.many.entry import Compiled, Loop, runs
-from mpc.trials.margins import ROBUST, Margins
+from mpc.trials.margins import ROBUST, SLACK, Margins
 from mpc.trials.simulation import Run
 from mpc.trials.tuned import Tuning
 from mpc.tuning.draws import Spreads, draws, payloads
@@ -41,7 +41,6 @@ QUANTILE = 0.8  # of M_s over the draws
 CHATTER = 0.1  # [°] per bar/s
 STIFFNESS = 2.0  # [°] per 100 % of K
 OF_DRAWS = 1.5  # limit of M_s on draws, over that on the model
-SLACK = 0.1  # of M_s on the model
 BEYOND = 50.0  # [°]
 FAR = 1.5  # ratio of M_s to its limit from which a loop is not simulated
 THROWN = 45.0  # [°] greatest cost of a leg, for a joint that is thrown about
