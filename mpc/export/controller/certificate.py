@@ -40,7 +40,7 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     sizes |= {"STATES": 2 * plant.n + plant.m, "XI": 2 * plant.n + 2 * plant.m, "OUTPUTS": plant.stiffnesses + plant.m}
     sizes["ITEMS"] = items_in(plant.n, plant.m, blocks, single)
     # greatest values of the names that bound the solver's loops
-    most = {"N": N, "last": N, "size": sizes["ITEMS"] - 1, "known": 0, "left": plant.m}
+    most = {"N": N, "last": N, "size": sizes["ITEMS"] - 1, "known": 0, "first_line": 0, "left": plant.m}
     most |= {"lines": limit_lines(plant.n, plant.m), "named": max(2, sizes["ITEMS"] - spare(plant.n, plant.m))}
     most |= {f"ANT_{name}": size for name, size in sizes.items()}
     functions, kinds, exchanges = with_called(solver_of(plant)), kinds_of(plant), exchanges_in(plant.m * blocks)

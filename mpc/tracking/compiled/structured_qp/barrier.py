@@ -58,9 +58,10 @@ CENTRED = 0.1  # of the product in the first turn; later, the less the longer th
 LEAST_CENTRED, MOST_CENTRED = 0.01, 0.8
 KEPT = 0.99  # of the way to a limit, at most
 STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the present limits are taken
-COARSE, FINE = 1e-4, 1e-8  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows;
+COARSE, FINE = 1e-4, 1e-6  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows;
 # a greater one may hold a limit that is not active, and to release it may break a hundred others
 HELD = 0.001  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
+LATE = 12  # turns, after which violated soft rows join the others at the point; before, it begins anew with them
 
 
 @inlined
@@ -69,20 +70,23 @@ def guessed(
 ) -> int:  # fmt: skip
     """Set the held changes of the sweep to those that the barrier finds, and the point to its last one; name items for
     the other active limits, and return their number. `near` the solution the search resumes at the point and the held
-    changes. It begins anew, with soft rows, when one is violated, and when its steps are short.
+    changes. It begins anew with soft rows when one is violated, and when its steps are short.
     """
     lines, product, centred, stalls, start = 0, 0.0, CENTRED, 0, SHARE
     if near:
         lines, product = SIDES, resumed(path, setting, bounded, at, sweep, a)
     else:
         at.xi[:], at.v[:] = 0.0, 0.0
-    for _ in range(TURNS):
+    for turn in range(TURNS):
         wanted = LIMIT_LINES if lines == LIMIT_LINES or soften(path, setting, at) > 0.0 else SIDES
         if stalls == STALLED:
             lines, stalls, start = 0, STALLED + 1, WIDE
         if wanted > lines:
-            lines, centred = wanted, CENTRED
-            product = placed(path, errors, setting, bounded, start, lines, at, sweep, a.items)
+            first_line = SIDES if lines == SIDES and turn >= LATE else 0
+            if first_line == 0:
+                product, centred = begun(path, errors, setting, bounded, start, at, sweep), CENTRED
+            placed(path, setting, bounded, product, first_line, wanted, at, sweep, a.items)
+            lines = wanted
         if product < enough(lines) * setting.curvature or not product < HUGE:
             break
         gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
@@ -135,31 +139,42 @@ def resumed(path: Path, setting: Setting, bounded: Bounded, at: Point, sweep: Sw
 
 
 @inlined
-def placed(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, start: float, lines: int, at: Point, sweep: Sweep,
-    items: Items
+def begun(
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, start: float, at: Point, sweep: Sweep
 ) -> float:  # fmt: skip
-    """Set the point to the origin with its slacks, and its distances and multipliers; return their products, which are
-    `start` times the steepest gradient.
-    """
-    at.xi[:], at.v[:] = 0.0, 0.0
+    """Set the point to the origin, and release the changes; return `start` times the steepest gradient there."""
+    at.xi[:], at.v[:], steepest = 0.0, 0.0, 0.0
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
     adjoint(path, sweep.gx, sweep.gv, sweep.g)
-    soften(path, setting, at)
-    at.sigma[0], at.sigma[1] = max(at.sigma[0], width(RANGE)), max(at.sigma[1], width(FORCE))
-    N, steepest = at.v.shape[0], 0.0
-    for k in range(N):
+    for k in range(at.v.shape[0]):
         for i in range(NU):
             steepest = max(steepest, abs(sweep.g[k, i]))
             sweep.held[k, i] = FREE if bounded.lower[k, i] < bounded.upper[k, i] else LOWER
-    for k in range(N + 1 if lines == LIMIT_LINES else N):
-        for line in range(lines):
+    return start * steepest
+
+
+@inlined_flat
+def placed(
+    path: Path, setting: Setting, bounded: Bounded, product: float, first_line: int, lines: int, at: Point,
+    sweep: Sweep, items: Items
+) -> None:  # fmt: skip
+    """Set the distances of the lines from `first_line` on, at least so far that a step can be long, and the multipliers
+    that give this product with them. The slacks of soft rows that join later are those of the central path, with ρ as
+    their multipliers, or the least ones.
+    """
+    soften(path, setting, at)
+    N = at.v.shape[0]
+    for j in range(2):
+        least = 2.0 * width(FORCE if j == 1 else RANGE) if first_line == 0 else product / setting.slack[2 * j]
+        at.sigma[j] = max(at.sigma[j], least)
+        items.z[0, N, j], items.r[0, N, j] = at.sigma[j], product / at.sigma[j]
+    for k in range(N):
+        for line in range(first_line, lines):
             for i in range(NU):
                 if is_limit(sweep, line, k, i):
                     least = NEAR if line < SIDES else width(row_of(line, i))
                     items.z[line, k, i] = max(distance(path, setting, bounded, at, line, k, i), least)
-                    items.r[line, k, i] = start * steepest / items.z[line, k, i]
-    return start * steepest
+                    items.r[line, k, i] = product / items.z[line, k, i]
 
 
 @inlined_flat
