@@ -107,7 +107,7 @@ def _refuse_gravity(content: toml.Table | None) -> None:
     if content is not None and plant is not None and plant.entries.get("gravity_torque"):
         raise InvalidInput(
             f"{content.path}: gravity_torque = {plant.entries['gravity_torque']} N·m: fit-motion has no gravity; leave "
-            "the line out, and give a joint whose muscles contain the gravity (fit-joint without a column of its torque)"
+            "it out, and give a joint whose muscles contain the gravity (fit-joint without a column of its torque)"
         )
 
 

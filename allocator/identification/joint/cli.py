@@ -163,7 +163,7 @@ def _describe_gravity(machine: Path | None, console: Console) -> None:
     if plant is not None and (gravity := plant.entries.get("gravity_torque")):
         say(
             console,
-            f"{machine}: gravity_torque = {gravity} N·m is not used: the fitted muscles contain the gravity of the link",
+            f"{machine}: gravity_torque = {gravity} N·m is not used: the fitted muscles contain the link's gravity",
         )
 
 
